@@ -151,7 +151,8 @@ def header(exp: Experiment[Any]) -> HTML:
     """Return links to other pages, and the verdicts on an experiment's claims by committed logs.
 
     Links go to the first page, the previous and the next notebook, the ledger and the glossary.
-    They are relative to the notebook, or to its executed copy.
+    They are relative to the notebook, or to its executed copy. An experiment without a notebook has
+    no previous and next one.
     """
     from IPython.display import HTML
 
@@ -172,9 +173,12 @@ def header(exp: Experiment[Any]) -> HTML:
     top = os.path.relpath(project.root, Path(copy).parent if copy else None)
     links = [f'<a href="{top}/notebooks/{name}.ipynb">{text}</a>' for text, name in pages.items()]
     links.append(f'<a href="{top}/{GLOSSARY}">glossary</a>')
-    whole = ledger.compute_ledger(project, committed=True, only=exp.claims)
-    verdicts = f"<b>Verdicts</b> from the committed logs: {verdicts_html(whole, ', ')}"
-    return HTML(f"<p>{' | '.join(links)}</p><p>{verdicts}</p>")
+    text = f"<p>{' | '.join(links)}</p>"
+    if exp.claims:  # without claims, the ledger would have those of all experiments
+        whole = ledger.compute_ledger(project, committed=True, only=exp.claims)
+        verdicts = verdicts_html(whole, ", ")
+        text += f"<p><b>Verdicts</b> from the committed logs: {verdicts}</p>"
+    return HTML(text)
 
 
 def save_figures(run: Run[Any]) -> str:
@@ -235,13 +239,9 @@ def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str
         raise AssertionError(
             f"{run.experiment}: {', '.join(failed)}; expected {' or '.join(verdicts)}"
         )
-    is_one = len(held) == 1
-    count = "1 claim" if is_one else f"{len(held)} claims"
-    if {"reproduced", "better"}.issuperset(verdicts):
-        verb = "holds" if is_one else "hold"
-    else:
-        verb = f"{'is' if is_one else 'are'} {' or '.join(verdicts)}"
-    return "\n".join([f"by this run {count} {verb}: {', '.join(held)}", *reasons])
+    is_success = {"reproduced", "better"}.issuperset(verdicts)
+    verb = "hold" if is_success else f"are {' or '.join(verdicts)}"
+    return "\n".join([f"Claims that {verb} in this run: {', '.join(held) or 'none'}", *reasons])
 
 
 def _excuse(entry: Entry, run: Run[Any], may_deviate: Sequence[str]) -> str:

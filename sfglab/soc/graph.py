@@ -82,7 +82,7 @@ class Topic:
     publishers: tuple[str, ...]  #: Names of the nodes of E_pub^t.
     subscribers: tuple[str, ...] = ()  #: Names of the nodes of E_sub^t.
     type: str = ""  #: ROS type of the messages; empty if unknown.
-    size_bytes: int | None = between(None)  #: Size of a message; None if unknown.
+    size_bytes: int | None = between(None)  #: Size of a message; 0: it is empty; None: unknown.
     #: Messages per second of all publishers together; None if unknown.
     rate_hz: float | None = between(None)
     #: Implementation of the topic; software by default, as in the paper.

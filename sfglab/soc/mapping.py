@@ -13,8 +13,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Topic, TopicMapping, Vertex
-from sfglab.soc.memory import Judge, Setup, Side, Transport, judged_s, transfer_times
+from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Placement, Topic, TopicMapping, Vertex
+from sfglab.soc.memory import Receiver, Setup, Transport, received_s, transfer_times
 from sfglab.tables import html_table
 
 if TYPE_CHECKING:
@@ -159,30 +159,40 @@ _TRANSPORTS = {
 }
 
 
-def transfer_s(graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST) -> float:
+def transfer_s(graph: Graph, topic: Topic, *, receiver: Receiver = Receiver.LAST) -> float:
     """Return how long a message takes from its publisher to its subscribers as its topic is mapped, s.
 
-    The judge says which subscriber's time counts. If publishers are on both sides, the longer time counts.
+    The receiver says which subscriber's time counts. If publishers are on both sides, the longer time counts.
 
     Raises:
         InvalidValueError: The size of the messages is unknown.
     """
-    if topic.size_bytes is None:
-        key = ("topics", topic.name, "size_bytes")
-        raise InvalidValueError(key, None, "the size of a message, to know its time")
+    size_bytes = message_bytes(topic)
     placed = graph.in_hardware
     hardware = len(placed.intersection(topic.subscribers))
     longest_s = 0.0
     for publisher in topic.publishers:
         setup = Setup(
-            publisher=Side.HARDWARE if publisher in placed else Side.SOFTWARE,
+            publisher=Placement.HARDWARE if publisher in placed else Placement.SOFTWARE,
             transport=_TRANSPORTS[topic.mapping],
-            message_bytes=max(topic.size_bytes, 1),
+            message_bytes=size_bytes,
             hardware=hardware,
             software=len(topic.subscribers) - hardware,
         )
-        longest_s = max(longest_s, judged_s(transfer_times(setup), judge))
+        longest_s = max(longest_s, received_s(transfer_times(setup), receiver))
     return longest_s
+
+
+def message_bytes(topic: Topic) -> int:
+    """Return the size of a topic's messages for the memory model, B; an empty message takes as long as one byte.
+
+    Raises:
+        InvalidValueError: The size is unknown.
+    """
+    if topic.size_bytes is None:
+        key = ("topics", topic.name, "size_bytes")
+        raise InvalidValueError(key, None, "the size of a message, to know its time")
+    return max(topic.size_bytes, 1)
 
 
 def faster_by_gateway(graph: Graph, topic: Topic) -> bool:
@@ -201,8 +211,8 @@ def arrival_s(graph: Graph, edge: Edge) -> float:
     Raises:
         InvalidValueError: The size of the messages is unknown.
     """
-    judge = Judge.HARDWARE if edge.node in graph.in_hardware else Judge.SOFTWARE
-    return transfer_s(graph, graph.topic(edge.topic), judge=judge)
+    receiver = Receiver.HARDWARE if edge.node in graph.in_hardware else Receiver.SOFTWARE
+    return transfer_s(graph, graph.topic(edge.topic), receiver=receiver)
 
 
 def chain_s(graph: Graph, chain: Sequence[str]) -> dict[Edge, float]:

@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, bounds, check_bounds
+from sfglab.soc.graph import Placement
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -234,13 +235,6 @@ def with_values(costs: Costs, values: Mapping[str, float]) -> Costs:
 # --- Transfer times ---------------------------------------------------------------------------
 
 
-class Side(Enum):
-    """Where a node runs."""
-
-    SOFTWARE = "software"
-    HARDWARE = "hardware"
-
-
 class Transport(Enum):
     """Kind of a topic: what it is mapped to."""
 
@@ -258,7 +252,7 @@ class Setup:
             node is on a hardware-mapped topic.
     """
 
-    publisher: Side  #: Side of the publisher.
+    publisher: Placement  #: Side of the publisher.
     transport: Transport  #: Kind of the topic.
     message_bytes: int  #: Size of the message.
     hardware: int  #: Number of hardware subscribers.
@@ -268,7 +262,9 @@ class Setup:
         if self.message_bytes <= 0 or min(self.hardware, self.software) < 0:
             allowed = "a message and no negative number of subscribers"
             raise InvalidValueError("setup", self, allowed)
-        if self.transport is Transport.HMT and (self.publisher is Side.SOFTWARE or self.software):
+        if self.transport is Transport.HMT and (
+            self.publisher is Placement.SOFTWARE or self.software
+        ):
             raise InvalidValueError("setup", self, "only hardware nodes on a hardware-mapped topic")
 
 
@@ -304,7 +300,7 @@ def _over_smt(setup: Setup, costs: Costs) -> tuple[float, float]:
     size = setup.message_bytes
     subscribers = setup.hardware + setup.software
     published_s = costs.published_s(size)
-    if setup.publisher is Side.HARDWARE:
+    if setup.publisher is Placement.HARDWARE:
         published_s += costs.endpoint_s + costs.memory.write_s(size) + costs.delegate_s
     all_read_s = _all_read_s(setup.hardware, subscribers, size, costs)
     hardware_s = published_s + all_read_s + costs.endpoint_s
@@ -318,7 +314,7 @@ def _over_gateway(setup: Setup, costs: Costs) -> tuple[float, float]:
     """
     size = setup.message_bytes
     over_smt_s = costs.published_s(size) + _mean_delivery_s(setup.software + 1, size, costs)
-    if setup.publisher is Side.SOFTWARE:
+    if setup.publisher is Placement.SOFTWARE:
         forward_s = costs.delegate_s + costs.endpoint_s + costs.memory.memory_to_stream_s(size)
         return over_smt_s + forward_s + costs.endpoint_s, over_smt_s
     in_memory_s = costs.endpoint_s + costs.memory.stream_to_memory_s(size)
@@ -349,7 +345,7 @@ def _all_read_s(hardware: int, subscribers: int, message_bytes: int, costs: Cost
 LARGEST_BYTES = 1 << 30  #: Largest message of the search for a break-even size.
 
 
-class Judge(Enum):
+class Receiver(Enum):
     """Subscribers whose transfer time counts."""
 
     HARDWARE = "the last hardware subscriber"
@@ -357,31 +353,31 @@ class Judge(Enum):
     LAST = "the last subscriber"
 
 
-def judged_s(times: Times, judge: Judge) -> float:
-    """Return the transfer time that counts for a judge, s; 0 without such subscribers."""
+def received_s(times: Times, receiver: Receiver) -> float:
+    """Return the transfer time until the receiver has the message, s; 0 without such subscribers."""
     hardware_s = times.hardware_s or 0.0
     software_s = times.software_s or 0.0
-    if judge is Judge.HARDWARE:
+    if receiver is Receiver.HARDWARE:
         return hardware_s
-    if judge is Judge.SOFTWARE:
+    if receiver is Receiver.SOFTWARE:
         return software_s
     return max(hardware_s, software_s)
 
 
-def faster_transport(setup: Setup, judge: Judge = Judge.LAST) -> Transport:
-    """Return which is faster for a judge, gateway or software-mapped topic; the topic if equal.
+def faster_transport(setup: Setup, receiver: Receiver = Receiver.LAST) -> Transport:
+    """Return what is faster to a receiver, gateway or software-mapped topic; the topic if equal.
 
     The setup's own transport has no effect.
     """
-    judged: dict[Transport, float] = {}
+    times_s: dict[Transport, float] = {}
     for transport in (Transport.SMT, Transport.GATEWAY):
         over = replace(setup, transport=transport)
-        judged[transport] = judged_s(transfer_times(over), judge)
-    return min(judged, key=lambda transport: judged[transport])
+        times_s[transport] = received_s(transfer_times(over), receiver)
+    return min(times_s, key=lambda transport: times_s[transport])
 
 
-def break_even_bytes(setup: Setup, judge: Judge = Judge.LAST) -> int | None:
-    """Return the message size from which on a gateway is faster for a judge, in whole chunks.
+def break_even_bytes(setup: Setup, receiver: Receiver = Receiver.LAST) -> int | None:
+    """Return the message size from which on a gateway is faster to a receiver, in whole chunks.
 
     The setup's own transport and size have no effect. The search is a bisection: once a gateway is
     faster, it is also faster for all larger messages, because its time grows less per byte.
@@ -395,7 +391,7 @@ def break_even_bytes(setup: Setup, judge: Judge = Judge.LAST) -> int | None:
 
     def gateway_is_faster(size: int) -> bool:
         sized = replace(setup, message_bytes=size)
-        return faster_transport(sized, judge) is Transport.GATEWAY
+        return faster_transport(sized, receiver) is Transport.GATEWAY
 
     first = bisect_left(sizes, True, key=gateway_is_faster)
     return sizes[first] if first < len(sizes) else None

@@ -14,7 +14,8 @@ from itertools import product
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from sfglab.soc.memory import STORED, Costs, Setup, Side, Transport, transfer_times
+from sfglab.soc.graph import Placement
+from sfglab.soc.memory import STORED, Costs, Setup, Transport, transfer_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -34,14 +35,14 @@ class Panel(Enum):
     SOFTWARE_TO_SOFTWARE = "software to software"
 
     @property
-    def publisher(self) -> Side:
+    def publisher(self) -> Placement:
         """Side of the publisher."""
-        return Side(self.value.split()[0])
+        return Placement(self.value.split()[0])
 
     @property
-    def subscriber(self) -> Side:
+    def subscriber(self) -> Placement:
         """Side of the subscriber whose time is measured, the last one in hardware."""
-        return Side(self.value.split()[-1])
+        return Placement(self.value.split()[-1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +92,7 @@ def _time_s(panel: Panel, transport: Transport, count: int, size: int, costs: Co
         publisher=panel.publisher, transport=transport, message_bytes=size, hardware=count
     )
     times = transfer_times(setup, costs)
-    time_s = times.hardware_s if panel.subscriber is Side.HARDWARE else times.software_s
+    time_s = times.hardware_s if panel.subscriber is Placement.HARDWARE else times.software_s
     assert time_s is not None, "subscribers are on both sides"
     return time_s
 

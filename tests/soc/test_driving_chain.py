@@ -9,7 +9,7 @@ import pytest
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.soc import Placement, load_graph
 from sfglab.soc.driving import CHAIN, Chain
-from sfglab.soc.memory import STORED, Setup, Side, Transport, transfer_times
+from sfglab.soc.memory import STORED, Setup, Transport, transfer_times
 
 GRAPH = load_graph(Path(__file__).parents[2] / "data" / "graphs" / "driving.yaml")
 DRIVING = Chain(GRAPH)
@@ -19,7 +19,7 @@ FRAME_BYTES = 640 * 480 * 3
 def modelled_s(transport: Transport) -> float:
     """The time of the transfer model until the last of three hardware readers has the message."""
     setup = Setup(
-        publisher=Side.HARDWARE, transport=transport, message_bytes=FRAME_BYTES, hardware=3
+        publisher=Placement.HARDWARE, transport=transport, message_bytes=FRAME_BYTES, hardware=3
     )
     return transfer_times(setup, STORED).hardware_s
 

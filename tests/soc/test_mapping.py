@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from sfglab import soc
 from sfglab.errors import InvalidValueError
 from sfglab.soc.mapping import carriages_per_message, hardware_parts
-from sfglab.soc.memory import Judge, Setup, Side, Transport, break_even_bytes, transfer_times
+from sfglab.soc.memory import Receiver, Setup, Transport, break_even_bytes, transfer_times
 
 KINDS = tuple(soc.TopicMapping)
 SOME = settings(max_examples=60, deadline=None)
@@ -108,19 +108,19 @@ def test_the_rule_of_sizes_changes_where_the_model_breaks_even():
     small = soc.map_communication(sized(100), gateway=rule).gateways
     assert small.mapped_to(soc.TopicMapping.GATEWAY) == ()
     assert small.mapped_to(soc.TopicMapping.HARDWARE) == ("B",)
-    sides = {"publisher": Side.SOFTWARE, "hardware": 2, "software": 0}
+    sides = {"publisher": SW, "hardware": 2, "software": 0}
     setup = Setup(transport=Transport.SMT, message_bytes=1, **sides)
-    size_bytes = break_even_bytes(setup, Judge.LAST)
+    size_bytes = break_even_bytes(setup, Receiver.LAST)
     assert rule(sized(size_bytes), sized(size_bytes).topic("E"))
     assert not rule(sized(size_bytes - 256), sized(size_bytes - 256).topic("E"))
 
 
 def test_the_time_of_a_topic_is_the_model_s_for_its_nodes_and_one_of_unknown_size_is_refused():
     mapped = FIGURE_8.gateways
-    sides = {"publisher": Side.HARDWARE, "hardware": 2, "software": 1}
+    sides = {"publisher": HW, "hardware": 2, "software": 1}
     times = transfer_times(Setup(transport=Transport.GATEWAY, message_bytes=1_000_000, **sides))
-    assert soc.transfer_s(mapped, mapped.topic("A"), judge=Judge.HARDWARE) == times.hardware_s
-    assert soc.transfer_s(mapped, mapped.topic("A"), judge=Judge.SOFTWARE) == times.software_s
+    assert soc.transfer_s(mapped, mapped.topic("A"), receiver=Receiver.HARDWARE) == times.hardware_s
+    assert soc.transfer_s(mapped, mapped.topic("A"), receiver=Receiver.SOFTWARE) == times.software_s
     with pytest.raises(InvalidValueError, match=r"topics\.A\.size_bytes: nothing is given"):
         soc.map_communication(sized(None), gateway=soc.faster_by_gateway)
 

@@ -9,18 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
+from sfglab.soc import Placement
 from sfglab.soc.memory import (
     LARGEST_BYTES,
     STORED,
-    Judge,
     MemoryInterface,
+    Receiver,
     Setup,
-    Side,
     Times,
     Transport,
     break_even_bytes,
     faster_transport,
-    judged_s,
+    received_s,
     round_robin_s,
     shared_s,
     transfer_times,
@@ -29,10 +29,10 @@ from sfglab.soc.paper_values import MESSAGE_BYTES
 
 MEMIF = MemoryInterface()
 CHUNK_BYTES = MEMIF.chunk_bytes
-SIDES = st.sampled_from(Side)
+SIDES = st.sampled_from(Placement)
 
 
-def setup(publisher=Side.HARDWARE, transport=Transport.SMT, size=1_000_000, **nodes):
+def setup(publisher=Placement.HARDWARE, transport=Transport.SMT, size=1_000_000, **nodes):
     nodes = {"hardware": 4, **nodes}
     return Setup(publisher=publisher, transport=transport, message_bytes=size, **nodes)
 
@@ -60,7 +60,7 @@ def test_the_last_of_several_nodes_ends_with_the_busy_period_whatever_the_turns(
 @pytest.mark.parametrize("size", MESSAGE_BYTES)
 @pytest.mark.parametrize(("hardware", "software"), [(1, 1), (4, 1), (8, 1), (3, 3), (5, 0)])
 def test_mean_places_stand_for_all_orders_of_deliveries(hardware, software, size):
-    found = times(Side.SOFTWARE, Transport.SMT, size, hardware=hardware, software=software)
+    found = times(Placement.SOFTWARE, Transport.SMT, size, hardware=hardware, software=software)
     orders = itertools.combinations(range(1, hardware + software + 1), hardware)
     each_s, read_s = STORED.delivery_s(size), STORED.memory.read_s(size)
     exact_s = fmean(shared_s([place * each_s for place in order], read_s) for order in orders)
@@ -72,11 +72,11 @@ def test_mean_places_stand_for_all_orders_of_deliveries(hardware, software, size
 def test_over_a_software_mapped_topic_each_hardware_subscriber_adds_a_reading():
     few, many = (times(size=10_000_000, hardware=n).hardware_s for n in (4, 8))
     assert many - few == pytest.approx(4 * STORED.memory.read_s(10_000_000), rel=0.01)
-    stream = times(Side.HARDWARE, Transport.HMT, software=0).hardware_s
-    assert stream < times(Side.HARDWARE, Transport.GATEWAY).hardware_s < times().hardware_s
+    stream = times(Placement.HARDWARE, Transport.HMT, software=0).hardware_s
+    assert stream < times(Placement.HARDWARE, Transport.GATEWAY).hardware_s < times().hardware_s
 
 
-@pytest.mark.parametrize("publisher", Side)
+@pytest.mark.parametrize("publisher", Placement)
 def test_through_a_gateway_the_number_of_hardware_subscribers_has_no_effect(publisher):
     few, many = (times(publisher, Transport.GATEWAY, hardware=n) for n in (2, 8))
     assert few == many
@@ -88,7 +88,7 @@ def test_a_gateway_costs_a_software_subscriber_the_cancellation_and_no_subscribe
     assert transfer_times(through).software_s - free == pytest.approx(STORED.cancel_s)
     nobody = setup(hardware=0, software=0)
     assert transfer_times(nobody) == Times(hardware_s=None, software_s=None)
-    assert judged_s(transfer_times(nobody), Judge.LAST) == 0.0
+    assert received_s(transfer_times(nobody), Receiver.LAST) == 0.0
     assert faster_transport(nobody) is Transport.SMT
 
 
@@ -112,14 +112,15 @@ def test_larger_messages_and_more_subscribers_never_arrive_earlier(
 
 def test_break_even_sizes_fall_with_the_number_of_subscribers_and_depend_on_the_judge():
     sizes = [
-        break_even_bytes(setup(Side.SOFTWARE, hardware=n), Judge.HARDWARE) for n in (1, 2, 4, 8)
+        break_even_bytes(setup(Placement.SOFTWARE, hardware=n), Receiver.HARDWARE)
+        for n in (1, 2, 4, 8)
     ]
     assert sizes == [None, 301_056, 60_928, 11_264]
-    by_judge = {judge: break_even_bytes(setup(), judge) for judge in Judge}
+    by_judge = {judge: break_even_bytes(setup(), judge) for judge in Receiver}
     assert by_judge == {
-        Judge.HARDWARE: CHUNK_BYTES,
-        Judge.SOFTWARE: None,
-        Judge.LAST: 27_392,
+        Receiver.HARDWARE: CHUNK_BYTES,
+        Receiver.SOFTWARE: None,
+        Receiver.LAST: 27_392,
     }
 
 
@@ -127,7 +128,7 @@ def test_break_even_sizes_fall_with_the_number_of_subscribers_and_depend_on_the_
     publisher=SIDES,
     hardware=st.integers(1, 8),
     software=st.integers(0, 3),
-    judge=st.sampled_from(Judge),
+    judge=st.sampled_from(Receiver),
     size=st.integers(1, LARGEST_BYTES),
 )
 def test_below_the_break_even_the_topic_is_faster_and_above_it_the_gateway(
@@ -147,7 +148,7 @@ def test_below_the_break_even_the_topic_is_faster_and_above_it_the_gateway(
         (lambda: MemoryInterface(width_bytes=0), "width_bytes: given 0, allowed: above zero"),
         (lambda: replace(STORED, cancel_s=-1.0), "cancel_s: given -1.0, allowed: from 0"),
         (lambda: setup(size=0), "allowed: a message and no negative number"),
-        (lambda: setup(Side.HARDWARE, Transport.HMT), "only hardware nodes"),
+        (lambda: setup(Placement.HARDWARE, Transport.HMT), "only hardware nodes"),
     ],
 )
 def test_impossible_values_are_refused_by_name(make, message):

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from html import escape
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from sfglab.errors import SfglabError
 from sfglab.lab.explore.press import Pressed, part
 from sfglab.soc import mapping
 from sfglab.soc.graph import EdgeKind, Graph, Placement, TopicMapping
 from sfglab.soc.graph_drawing import CROSSING, FRAME, LEGEND_WIDTH, draw_graph, draw_legend
-from sfglab.soc.graph_layout import layered_layout
+from sfglab.soc.graph_layout import Box, layered_layout
 from sfglab.soc.mapping import map_communication
 from sfglab.soc.placement import Platform, assess, check_fixed, place_nodes, topic_load
 from sfglab.view.widgets import button, widgets
@@ -21,16 +24,19 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 _MS = 1e3
 _CYCLE = (TopicMapping.SOFTWARE, TopicMapping.GATEWAY, TopicMapping.HARDWARE)
 _NOTE: dict[str, Any] = {
     "ha": "center",
-    "fontsize": 6.5,
+    "fontsize": 7,
     "linespacing": 1.0,
     "zorder": 5,
     "bbox": {"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8},
 }
+_NOTE_LETTER = 0.06  # width of a letter of a note, inches
+_NOTE_LINE = 0.12  # height of a line of a note, inches
 _OTHER = {Placement.SOFTWARE: Placement.HARDWARE, Placement.HARDWARE: Placement.SOFTWARE}
 
 
@@ -157,36 +163,43 @@ class PressedMapping(Pressed):
         drawn = draw_graph(ax, self.graph, layout=self._layout)
         for (kind, name), artists in drawn.items():
             part(f"{kind}:{name}", *artists)
-        self._note_times(ax)
-        self._note_carriages(ax)
+        self._note_times(ax, self._note_carriages(ax))
         figure.suptitle(self._cost(), fontsize="medium")
         draw_legend(figure)
 
-    def _note_times(self, ax: Axes) -> None:
-        """Write how long a message takes to each subscriber on the middle of its edge."""
-        along = mapping.chain_s(self.graph, self._chain)
-        crossing = mapping.crossing_edges(self.graph)
-        for edge, line in self._layout.lines.items():
-            if edge.kind is EdgeKind.PUBLISH or self.graph.topic(edge.topic).size_bytes is None:
-                continue
-            text = f"{_MS * mapping.arrival_s(self.graph, edge):.2g} ms"
-            if edge in along:
-                text += f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f}"
-            x, y = line[len(line) // 2]
-            color = CROSSING if edge in crossing else FRAME
-            ax.text(x, y, text, color=color, va="center", **_NOTE)
-
-    def _note_carriages(self, ax: Axes) -> None:
-        """Write how often a topic's messages are carried below the topic."""
+    def _note_carriages(self, ax: Axes) -> list[Box]:
+        """Write how often a topic's messages are carried below the topic; return the room of the texts."""
+        taken = []
         for topic in self.graph.topics:
             times = mapping.carriages_per_message(self.graph, topic)
             if not times:
                 continue
             text = f"carried {times:g}x"
             if self._platform:
-                text += f", {_MS * topic_load(self.graph, topic):.2g} ms/s"
-            box = self._layout.boxes["topic", topic.name]
-            ax.text(box.x, box.y - box.height / 2 - 0.03, text, color=FRAME, va="top", **_NOTE)
+                text += f"\n{_MS * topic_load(self.graph, topic):.2g} ms/s"
+            frame = self._layout.boxes["topic", topic.name]
+            top = frame.y - frame.height / 2 - 0.03
+            ax.text(frame.x, top, text, color=FRAME, va="top", **_NOTE)
+            note = _note(text)
+            taken.append(replace(note, x=frame.x, y=top - note.height / 2))
+        return taken
+
+    def _note_times(self, ax: Axes, taken: list[Box]) -> None:
+        """Write how long a message takes to each subscriber on its edge, where there is room."""
+        along = mapping.chain_s(self.graph, self._chain)
+        crossing = mapping.crossing_edges(self.graph)
+        taken = [*self._layout.boxes.values(), *taken]
+        for edge, line in self._layout.lines.items():
+            if edge.kind is EdgeKind.PUBLISH or self.graph.topic(edge.topic).size_bytes is None:
+                continue
+            text = f"{_MS * mapping.arrival_s(self.graph, edge):.2g} ms"
+            if edge in along:
+                text += f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f} ms"
+            others = [points for other, points in self._layout.lines.items() if other != edge]
+            note = _free_place(_note(text), line, taken, np.vstack([*others, line[:0]]))
+            taken.append(note)
+            color = CROSSING if edge in crossing else FRAME
+            ax.text(note.x, note.y, text, color=color, va="center", **_NOTE)
 
     def _cost(self) -> str:
         titles = []
@@ -215,3 +228,37 @@ class PressedMapping(Pressed):
             text = f"{topic.name} is mapped to {topic.mapping.value}: press for the next"
             found[f"topic:{topic.name}"] = text
         return found
+
+
+def _note(text: str) -> Box:
+    """Return the room that a note takes, about."""
+    lines = text.split("\n")
+    width = _NOTE_LETTER * max(map(len, lines))
+    return Box(text=text, width=width, height=_NOTE_LINE * len(lines))
+
+
+def _free_place(
+    note: Box, line: NDArray[np.float64], taken: Sequence[Box], others: NDArray[np.float64]
+) -> Box:
+    """Return a note on its edge, where it covers the fewest frames, notes and other edges, near the middle.
+
+    Args:
+        note: Room of the note.
+        line: Curve of its edge, shape (n, 2).
+        taken: Frames and notes.
+        others: Points of other edges, shape (m, 2).
+    """
+    middle = len(line) / 2
+    found = []
+    for place, (x, y) in enumerate(line.tolist()):
+        here = replace(note, x=x, y=y)
+        covered = sum(_overlap(here, other) for other in taken)
+        near = np.abs(others - (x, y)) < (note.width / 2, note.height / 2)
+        crossed = int(near.all(axis=1).sum())
+        found.append((covered, crossed, abs(place - middle), here))
+    return min(found, key=itemgetter(0, 1, 2))[3]
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    beside = abs(one.x - other.x) >= (one.width + other.width) / 2
+    return not beside and abs(one.y - other.y) < (one.height + other.height) / 2

@@ -24,7 +24,7 @@ function render({ model, el }) {
     box.innerHTML = model.get("svg");
     const figure = svg();
     figure.dataset.whole = figure.getAttribute("viewBox");
-    figure.style.maxWidth = figure.getAttribute("width").replace("pt", "px");
+    figure.style.maxWidth = figure.getAttribute("width"); // in points: texts have their size
     figure.setAttribute("aria-label", model.get("alt"));
     figure.removeAttribute("width");
     figure.removeAttribute("height");

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
 from sfglab.soc.graph import TopicMapping
-from sfglab.soc.mapping import arrival_s, link, map_communication
+from sfglab.soc.mapping import arrival_s, link, map_communication, message_bytes
 from sfglab.soc.memory import STORED, round_robin_s
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class Chain:
         """Return when each hardware subscriber of A has read its message, s after its publication."""
         memory = STORED.memory
         topic = self._shared
-        size_bytes = topic.size_bytes or 0
+        size_bytes = message_bytes(topic)
         written_s = STORED.endpoint_s + memory.write_s(size_bytes) + STORED.delegate_s
         published_s = written_s + STORED.published_s(size_bytes)
         # The ports of the memory interface have the order of the graph.

@@ -35,6 +35,8 @@ from sfglab.soc.prediction import predictions
 from sfglab.tables import field_rows
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -265,20 +267,21 @@ def process_count(run: Run[Config]) -> int:
 # --- Figures ----------------------------------------------------------------------------------
 
 STYLES: dict[int, dict[str, Any]] = {
-    2: {"color": "#E69F00", "marker": "o", "linestyle": ":"},
-    4: {"color": COLORS["fourth"], "marker": "s", "linestyle": "--"},
-    8: {"color": COLORS["third"], "marker": "^", "linestyle": "-"},
+    2: {"color": "0.62", "marker": "o", "linestyle": ":"},
+    4: {"color": "0.38", "marker": "s", "linestyle": "--"},
+    8: {"color": "0.1", "marker": "^", "linestyle": "-"},
 }
-"""Properties of lines by number of hardware subscribers."""
+"""Properties of lines by number of hardware subscribers; colours are left for the kinds of topic."""
 TOPICS = {
     "smt": ("software-mapped topic", COLORS["standard"]),
     "gateway": ("gateway", COLORS["proxy"]),
 }
 """Labels and colours by kind of topic."""
+_KEY = (14, 1)  # heights of the panels and of the legend
 _RATIO_TICKS = (0.125, 0.25, 0.5, 1, 2, 4, 8, 16, 32)
 
 
-@exp.figure("transfer", size=(10, 6.6), measured=False)
+@exp.figure("transfer", size=(10, 6.9), measured=False)
 def draw_transfer(figure: Figure, run: Run[Config]) -> None:
     """Draw the model's transfer times and speed-ups (Fig. 6, 7), with RTL and the paper's numbers."""
     for times, ratios, panel in draw_panels(figure, bars(run)):
@@ -288,6 +291,8 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> None:
         draw_stated(ratios, panel)
         ratios.set_ylim(0.3, 16)
         times.set_title(panel.value)
+    hollow = {"marker": "o", "markersize": 9, "mfc": "none", "linestyle": "", "color": "0.38"}
+    draw_key(figure, SUBSCRIBERS, {"by the cycles of simulated hardware (RTL)": hollow})
     title = (
         "A gateway pays for large messages and many hardware subscribers,\n"
         f"and costs time towards software (paper's numbers within {worst_fit(run):.1%})"
@@ -296,7 +301,7 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> None:
     note(
         figure,
         f"memory model, {len(FITTED)} constants fitted to the dashed numbers of the paper; "
-        "hollow: with the cycles of simulated hardware (RTL)",
+        "a gateway takes the same time for 2, 4 and 8",
     )
 
 
@@ -312,7 +317,7 @@ def draw_stated(axes: Axes, panel: Panel) -> None:
         paper_line(axes, value, at=0.55 if is_largest else 1, below=not is_largest)
 
 
-@exp.figure("transfer_live", size=(10, 6.6), when=lambda run: not run["crossing"].empty)
+@exp.figure("transfer_live", size=(10, 6.9), when=lambda run: not run["crossing"].empty)
 def draw_live(figure: Figure, run: Run[Config]) -> None:
     """Draw transfer times and speed-ups between processes, with the model's speed-ups as thin lines."""
     table = live_bars(run)
@@ -322,6 +327,8 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
         model = by_size(table, panel, "model")
         lines(ratios, model, STYLES, linestyle="-", marker="", linewidth=0.9, alpha=0.7)
         times.set_title(panel.value)
+    thin = {"linestyle": "-", "linewidth": 0.9, "alpha": 0.7, "color": "0.38"}
+    draw_key(figure, sorted(set(table["subscribers"])), {"the model's speed-ups": thin})
     decided = table[(table["low"] > 1) | (table["high"] < 1)]
     same = (decided["ratio"] > 1) == (decided["model"] > 1)
     title = (
@@ -329,8 +336,10 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
         f"{same.sum()} of them in the model's direction"
     )
     figure.suptitle(title)
-    what = "medians; error bars: 95 % CI; thin lines: the model"
-    note(figure, f"measured live, {what}; up to {process_count(run)} processes at once")
+    note(
+        figure,
+        f"measured live, medians; error bars: 95 % CI; up to {process_count(run)} processes at once",
+    )
 
 
 def draw_intervals(
@@ -349,12 +358,13 @@ def draw_intervals(
 
 
 def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Axes, Panel]]:
-    """Draw the transfer times of each panel, and prepare axes for its speed-ups below.
+    """Draw the transfer times of each panel, and prepare axes for its speed-ups and room for a legend below.
 
     Returns:
         For each panel the axes of the times and of the speed-ups.
     """
-    grid = figure.subplots(2, len(Panel), sharex=True, sharey="row")
+    figure.subfigures(2, 1, height_ratios=_KEY)
+    grid = figure.subfigs[0].subplots(2, len(Panel), sharex=True, sharey="row")
     for times, ratios, panel in zip(*grid, Panel, strict=True):
         for topic, (_, color) in TOPICS.items():
             lines(times, by_size(table, panel, f"{topic}_ms"), STYLES, color=color, markersize=4)
@@ -365,14 +375,29 @@ def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Axes, P
         ratios.set_yticks(_RATIO_TICKS, [f"{tick:g}" for tick in _RATIO_TICKS])
     grid[0, 0].set_ylabel("transfer time (ms)")
     grid[1, 0].set_ylabel("speed-up by the gateway (times)")
-    for label, color in TOPICS.values():
-        grid[0, -1].plot([], [], color=color, label=label)
-    grid[0, -1].legend(loc="upper left", fontsize="small")
-    for count in sorted(set(table["subscribers"])):
-        label = f"{count} hardware subscribers"
-        grid[1, 1].plot([], [], label=label, **STYLES.get(count, {}))
-    grid[1, 1].legend(loc="upper left", fontsize="small")
     return list(zip(*grid, Panel, strict=True))
+
+
+def draw_key(
+    figure: Figure, counts: Iterable[int], others: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """Draw the one legend of all panels.
+
+    Args:
+        figure: Figure with panels by `draw_panels`.
+        counts: Numbers of hardware subscribers; their markers are the same in both rows.
+        others: Properties of further lines by label.
+    """
+    from matplotlib.lines import Line2D
+
+    looks: dict[str, Mapping[str, Any]] = {}
+    for label, color in TOPICS.values():
+        looks[f"time with a {label}"] = {"color": color, "linewidth": 2.5}
+    for count in counts:
+        looks[f"{count} hardware subscribers"] = STYLES.get(count, {})
+    looks.update(others)
+    handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
+    figure.subfigs[1].legend(handles=handles, loc="center", ncols=3, fontsize="small")
 
 
 # --- Explorer ---------------------------------------------------------------------------------
