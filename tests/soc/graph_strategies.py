@@ -3,6 +3,7 @@
 from itertools import pairwise
 from pathlib import Path
 
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.soc import (
@@ -21,6 +22,7 @@ FIGURE_8 = map_communication(load_graph(GRAPHS / "figure_8.yaml"))
 HW, SW = Placement.HARDWARE, Placement.SOFTWARE
 
 names = st.text(st.characters(categories=("L", "N", "P", "S", "Zs")), min_size=1, max_size=8)
+texts = st.text(st.characters(exclude_categories=("Cs",)), max_size=30)
 numbers = st.floats(0, 1e12, allow_nan=False)
 wholes = st.integers(0, 10**12)
 implementations = st.builds(Implementation, lut=wholes, bram=numbers, time_s=numbers)
@@ -29,22 +31,16 @@ implementations = st.builds(Implementation, lut=wholes, bram=numbers, time_s=num
 @st.composite
 def graphs(draw, most_nodes=8, most_topics=6, names=names):
     """Graphs of all kinds, also with names that YAML would take for numbers, and with mapped topics."""
-    nodes = draw(
-        st.lists(
-            st.builds(
-                Node,
-                name=names,
-                placement=st.sampled_from(Placement),
-                rate_hz=numbers,
-                software_s=numbers,
-                hardware=st.none() | implementations,
-            ),
-            min_size=1,
-            max_size=most_nodes,
-            unique_by=lambda node: node.name,
-        )
+    node = st.builds(
+        Node,
+        name=names,
+        placement=st.sampled_from(Placement),
+        rate_hz=numbers,
+        software_s=numbers,
+        hardware=st.none() | implementations,
     )
-    known = {node.name: node for node in nodes}
+    several = st.lists(node, min_size=1, max_size=most_nodes, unique_by=lambda node: node.name)
+    known = {node.name: node for node in draw(several)}
     member = st.sampled_from(list(known))
     some, any_number = (st.lists(member, min_size=n, unique=True).map(tuple) for n in (1, 0))
     topics = []
@@ -63,26 +59,25 @@ def graphs(draw, most_nodes=8, most_topics=6, names=names):
                 mapping=draw(st.sampled_from(allowed)),
             )
         )
-    text = st.text(st.characters(exclude_categories=("Cs",)), max_size=30)
-    return Graph(nodes=tuple(nodes), topics=tuple(topics), name=draw(text), description=draw(text))
+    described = {"name": draw(texts), "description": draw(texts)}
+    return Graph(nodes=tuple(known.values()), topics=tuple(topics), **described)
+
+
+def for_every_graph(*more, count=60, **bounds):
+    """Run a test with random graphs, and with values of more strategies."""
+
+    def decorated(test):
+        return settings(max_examples=count, deadline=None)(given(graphs(**bounds), *more)(test))
+
+    return decorated
 
 
 def chain(*placements, topic_mapping=TopicMapping.SOFTWARE):
     """A graph of nodes a, b, ... in a row, with topics ab, bc, ... of 1 MB at 10 Hz between them."""
-    letters = "abcdefghijklmnopqrstuvwxyz"[: len(placements)]
-    return Graph(
-        nodes=tuple(
-            Node(name=name, placement=p) for name, p in zip(letters, placements, strict=True)
-        ),
-        topics=tuple(
-            Topic(
-                name=one + other,
-                publishers=(one,),
-                subscribers=(other,),
-                size_bytes=1_000_000,
-                rate_hz=10.0,
-                mapping=topic_mapping,
-            )
-            for one, other in pairwise(letters)
-        ),
-    )
+    letters = "abcdef"[: len(placements)]
+    nodes = [Node(name=name, placement=at) for name, at in zip(letters, placements, strict=True)]
+    traffic = {"size_bytes": 1_000_000, "rate_hz": 10.0, "mapping": topic_mapping}
+    topics = []
+    for one, other in pairwise(letters):
+        topics.append(Topic(name=one + other, publishers=(one,), subscribers=(other,), **traffic))
+    return Graph(nodes=tuple(nodes), topics=tuple(topics))

@@ -4,8 +4,8 @@ import re
 from contextlib import suppress
 
 import pytest
-from graph_strategies import GRAPHS, HW, SW, chain, graphs
-from hypothesis import example, given, settings
+from graph_strategies import GRAPHS, HW, SW, chain, for_every_graph
+from hypothesis import example
 from hypothesis import strategies as st
 
 from sfglab import soc
@@ -17,8 +17,7 @@ def read(text):
     return Document(text, "g.yaml").read(soc.Graph)
 
 
-@settings(max_examples=60, deadline=None)
-@given(graphs())
+@for_every_graph()
 @example(
     soc.Graph(
         nodes=(soc.Node(name="1"), soc.Node(name="no")), description="a\x85b\u2028c\u2029d\ne"
@@ -36,12 +35,9 @@ def test_the_graphs_of_this_repository_are_written_as_they_stand_in_their_files(
 
 
 def test_what_stands_in_a_file_once_has_its_default_elsewhere():
-    graph = read("nodes: {a: {}}\ntopics: {t: {publishers: [a]}}")
-    assert graph == soc.Graph(
-        nodes=(soc.Node(name="a"),), topics=(soc.Topic(name="t", publishers=("a",)),)
-    )
-    assert graph.topics[0].mapping is soc.TopicMapping.SOFTWARE
-    assert graph.nodes[0].placement is SW
+    topic = soc.Topic(name="t", publishers=("a",), mapping=soc.TopicMapping.SOFTWARE)
+    graph = soc.Graph(nodes=(soc.Node(name="a", placement=SW),), topics=(topic,))
+    assert read("nodes: {a: {}}\ntopics: {t: {publishers: [a]}}") == graph
 
 
 MISTAKES = [
@@ -77,8 +73,7 @@ def test_a_mistake_is_named_with_file_key_what_is_given_and_what_is_allowed(text
         read(text)
 
 
-@settings(max_examples=60, deadline=None)
-@given(graphs(), st.data())
+@for_every_graph(st.data())
 def test_no_change_of_a_word_makes_another_error_than_ours(graph, data):
     text = soc.graph_text(graph)
     start = data.draw(st.integers(0, len(text)))
@@ -88,25 +83,38 @@ def test_no_change_of_a_word_makes_another_error_than_ours(graph, data):
         read(text[:start] + put + text[end:])
 
 
-def test_the_graph_itself_refuses_what_its_file_would():
-    with pytest.raises(
-        InvalidValueError, match=r"nodes: given 'a', allowed: each name once, .* 2 times"
-    ):
-        soc.Graph(nodes=(soc.Node(name="a"), soc.Node(name="a", placement=HW)))
-    with pytest.raises(InvalidValueError, match=r"topics: given 't', allowed: each name once"):
-        soc.Graph(nodes=(soc.Node(name="a"),), topics=(soc.Topic(name="t", publishers=("a",)),) * 2)
-    with pytest.raises(InvalidValueError, match="none at all"):
-        soc.Graph(nodes=(), topics=(soc.Topic(name="t", publishers=("a",)),))
+INSIDE = chain(HW, HW, topic_mapping=soc.TopicMapping.HARDWARE)
+PLACED = INSIDE.with_placements({"b": SW})
 
 
-def test_what_is_not_there_is_named_and_placing_anew_takes_topics_back_to_software():
-    graph = chain(HW, HW, topic_mapping=soc.TopicMapping.HARDWARE)
-    with pytest.raises(InvalidValueError, match=r"nodes: given 'z', allowed: one of a, b"):
-        graph.with_placements({"z": HW})
-    with pytest.raises(InvalidValueError, match=r"topics: given 'bb', allowed: one of ab"):
-        graph.with_mappings({"bb": soc.TopicMapping.GATEWAY})
-    placed = graph.with_placements({"b": SW})
-    assert placed.in_hardware == {"a"}
-    assert placed.mapped_to(soc.TopicMapping.SOFTWARE) == ("ab",)
-    with pytest.raises(InvalidValueError, match="'b' is placed in software"):
-        placed.with_mappings({"ab": soc.TopicMapping.HARDWARE})
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (
+            lambda: soc.Graph(nodes=INSIDE.nodes[:1] * 2),
+            "nodes: given 'a', allowed: each name once, .* 2 times",
+        ),
+        (
+            lambda: soc.Graph(nodes=INSIDE.nodes, topics=INSIDE.topics * 2),
+            "topics: given 'ab', allowed: each name once",
+        ),
+        (lambda: soc.Graph(nodes=(), topics=INSIDE.topics), "none at all"),
+        (lambda: INSIDE.with_placements({"z": HW}), "nodes: given 'z', allowed: one of a, b"),
+        (
+            lambda: INSIDE.with_mappings({"bb": soc.TopicMapping.GATEWAY}),
+            "topics: given 'bb', allowed: one of ab",
+        ),
+        (
+            lambda: PLACED.with_mappings({"ab": soc.TopicMapping.HARDWARE}),
+            "'b' is placed in software",
+        ),
+    ],
+)
+def test_the_graph_itself_refuses_what_its_file_would_and_names_that_are_not_there(make, said):
+    with pytest.raises(InvalidValueError, match=said):
+        make()
+
+
+def test_placing_anew_takes_topics_back_to_software():
+    assert PLACED.in_hardware == {"a"}
+    assert PLACED.mapped_to(soc.TopicMapping.SOFTWARE) == ("ab",)

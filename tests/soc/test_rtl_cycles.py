@@ -5,27 +5,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.soc.memory import MemoryInterface, round_robin_s, shared_s
+from sfglab.soc.memory import MemoryInterface, round_robin_s
 from sfglab.soc.paper_values import MESSAGE_BYTES
 
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
 
 ChunkNode = rtl.bench.ChunkNode
 OUT, IN, _, WRITE = rtl.MemoryPath
-QUICK = rtl.Delays(read=0, write=1)
-CHUNKS = 12
+SIZE = 256 * 12
 
 
-@pytest.mark.parametrize("delays", [None, QUICK], ids=["default", "quick"])
+@pytest.mark.parametrize("delays", [None, rtl.Delays(read=0, write=1)], ids=["default", "quick"])
 @pytest.mark.parametrize("nodes", [1, 2, 4, 8])
 @pytest.mark.parametrize("path", rtl.MemoryPath)
 def test_hardware_takes_the_cycles_of_the_memory_model_and_one_for_a_publisher_s_id(
     path, nodes, delays
 ):
     model = rtl.cycle_model(path, nodes, delays)
-    size = 256 * CHUNKS
-    assert rtl.simulated_cycles(path, nodes, size, delays) == model.cycles(size)
-    for message_bytes in (size, *MESSAGE_BYTES):
+    assert rtl.simulated_cycles(path, nodes, SIZE, delays) == model.cycles(SIZE)
+    for message_bytes in (SIZE, *MESSAGE_BYTES):
         expected = rtl.memory_model_cycles(path, nodes, message_bytes, delays)
         assert model.cycles(message_bytes) == pytest.approx(expected + (path in (OUT, IN)))
 
@@ -34,8 +32,8 @@ def test_hardware_takes_the_cycles_of_the_memory_model_and_one_for_a_publisher_s
 def test_an_incomplete_last_chunk_takes_less_than_a_whole_one(path):
     model = rtl.cycle_model(path, 2)
     for more_bytes in (8, 232):
-        cycles = rtl.simulated_cycles(path, 2, 2560 + more_bytes)
-        assert model.cycles(2560) < cycles < model.cycles(2561)
+        cycles = rtl.simulated_cycles(path, 2, SIZE + more_bytes)
+        assert model.cycles(SIZE) < cycles < model.cycles(SIZE + 256)
 
 
 @settings(max_examples=8, deadline=None)
@@ -46,37 +44,23 @@ def test_each_reader_ends_in_the_model_s_cycle_whenever_it_starts(starts, chunks
     ends = rtl.cycles.simulate_nodes(readers, words, rtl.Delays(read=latency))
     chunk_cycles = MemoryInterface(read_latency_cycles=latency).read_cycles
     assert ends == round_robin_s(starts, chunks, chunk_cycles)
-    assert max(ends) == shared_s(starts, chunks * chunk_cycles)
 
 
-def test_readers_read_what_another_node_has_written_over_the_same_interface():
-    written = 10 * MemoryInterface().write_cycles
-    writer = ChunkNode(320, writes=True)
-    readers = [ChunkNode(320, start_cycle=int(written) + later) for later in (0, 40, 2000)]
-    ends = rtl.cycles.simulate_nodes([writer, *readers], 320, rtl.Delays())
-    assert ends[0] == written
-
-
-def test_a_wrong_word_is_noticed(monkeypatch):
-    monkeypatch.setattr(rtl.bench, "WORD_FACTOR", 2)  # of the writer, not of the expected words
-    monkeypatch.setattr(rtl.cycles, "message_words", lambda *_: [0, 3])
-    with pytest.raises(SfglabError, match="memory, word 1: 0x2, must be 0x3"):
-        rtl.simulated_cycles(WRITE, 1, 512)
-
-
-def test_a_bench_that_is_not_done_is_an_error(monkeypatch):
+def test_a_wrong_word_and_a_bench_that_is_not_done_are_errors(monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(rtl.bench, "WORD_FACTOR", 2)  # of the writer, not of the expected words
+        patch.setattr(rtl.cycles, "message_words", lambda *_: [0, 3])
+        with pytest.raises(SfglabError, match="memory, word 1: 0x2, must be 0x3"):
+            rtl.simulated_cycles(WRITE, 1, 512)
     monkeypatch.setattr(rtl.cycles, "cycle_limit", lambda *_: 50)
     with pytest.raises(SfglabError, match="GatewayBench: not done after 50 cycles"):
         rtl.simulated_cycles(OUT, 1, 512)
 
 
-@pytest.mark.parametrize(("nodes", "message_bytes"), [(0, 64), (1, 0), (1, 12)])
-def test_a_message_that_cannot_be_simulated_is_refused(nodes, message_bytes):
-    for path in rtl.MemoryPath:
-        with pytest.raises(InvalidValueError, match=r"given .*, allowed: "):
-            rtl.simulated_cycles(path, nodes, message_bytes)
-
-
-def test_a_response_takes_at_least_one_cycle():
+@pytest.mark.parametrize(
+    ("nodes", "message_bytes", "write_cycles"), [(0, 64, 1), (1, 0, 1), (1, 12, 1), (1, 64, 0)]
+)
+@pytest.mark.parametrize("path", rtl.MemoryPath)
+def test_what_cannot_be_simulated_is_refused(path, nodes, message_bytes, write_cycles):
     with pytest.raises(InvalidValueError, match=r"given .*, allowed: "):
-        rtl.Delays(write=0)
+        rtl.simulated_cycles(path, nodes, message_bytes, rtl.Delays(write=write_cycles))

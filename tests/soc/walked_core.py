@@ -1,23 +1,23 @@
 """The gateway core's table as a program, against which the hardware is compared, and a simulation."""
 
-from sfglab.soc.gateway import TABLE, Input, Register, State, Transition
+from sfglab.soc.gateway import TABLE, Input, Register, Row, State, Transition
 
 
-def mutated(state: State, given: Input, target: State):
+def mutated(state, given, target, table=TABLE):
     """The table in which an input in one state leads to another state."""
-    row = TABLE[state]
+    row = table[state]
     changed = Transition(target, row.transitions[given].loads)
-    return {**TABLE, state: type(row)(row.action, {**row.transitions, given: changed})}
+    return {**table, state: Row(row.action, {**row.transitions, given: changed})}
 
 
 class Core:
     """A core, first at `START`; an input that its state does not wait for changes nothing."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.state = State.START
         self.output = self.held = 0
 
-    def feed(self, given: Input, value: int = 0) -> None:
+    def feed(self, given: Input, value=0):
         transition = TABLE[self.state].transitions.get(given)
         if transition is None:
             return
@@ -28,11 +28,13 @@ class Core:
             self.held = value
 
 
-def simulate(hardware, bench):
-    """Run hardware with a clock beside a coroutine function of the simulation's context, until that ends."""
+def simulate(hardware, bench, background=()):
+    """Run hardware with a clock until a coroutine function of the simulation's context ends."""
     from amaranth.sim import Simulator
 
     simulator = Simulator(hardware)
     simulator.add_clock(1e-8)
+    for process in background:
+        simulator.add_testbench(process, background=True)
     simulator.add_testbench(bench)
     simulator.run()
