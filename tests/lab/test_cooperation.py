@@ -1,6 +1,7 @@
 """The experiment on cooperation: its settings, its reference log, the live lap, and the explorer."""
 
 import asyncio
+from contextlib import closing
 from dataclasses import asdict
 from types import SimpleNamespace
 
@@ -15,6 +16,8 @@ from sfglab.arp.hallway.simulation import LAP_DEPTHS, ROBOTS, LapSettings
 from sfglab.arp.robots import RATES_HZ
 from sfglab.lab.experiments import cooperation
 from sfglab.lab.experiments.cooperation import drawn, exp, experiment, explorer, live, results
+from sfglab.lab.explore import explore
+from sfglab.lab.explore.interactive import argument_texts
 
 REFERENCE = reference(exp)
 
@@ -120,6 +123,16 @@ def test_three_robots_set_off_together_and_no_process_is_left(monkeypatch):
 
 
 # --- Explorer ---------------------------------------------------------------------------------
+
+
+def test_the_explorer_s_form_has_a_control_for_each_parameter_and_follows_the_time():
+    pytest.importorskip("altair", reason="the extra view is not installed")
+    with closing(explore(exp)) as shown:
+        shown.form.controls["shown_s"].value = 4.0
+        assert shown.wait(60)
+        assert "At 4.0 s" in shown.picture.said
+        assert len(shown._figure.rows["path0"]) > 50
+        assert set(shown.form.controls) == set(argument_texts(cooperation.hallway_lap))
 
 
 def test_the_explorer_shows_the_lap_s_beginning_first_and_simulates_nothing_twice(monkeypatch):

@@ -54,7 +54,7 @@ _TIME = pictures.Axis("time", "s", 0, LIMIT_S, si=True)
 _WRONG_FOR = pictures.Axis("station wrong for", "s", 0, 8)
 _FAR_M = 99.0  # stands for infinity: no echo, or no value yet
 _CHUNK_S = 1.0  # simulated time between two looks at the clock
-_COARSE_S = 0.08  # computing time of the first picture
+_COARSE_S = 0.06  # computing time of the first picture
 _EVERY = 4  # turns of the LIDAR between two points of a line
 _LOCK = Lock()  # a kept lap may be driven by the explorer's thread and by a cell
 

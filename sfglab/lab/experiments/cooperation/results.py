@@ -233,6 +233,7 @@ def _draw_counts(axes: Axes, cells: pd.DataFrame) -> None:
 def draw_tracks(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the robots' tracks in a lap that was completed (Fig. 17) and one that failed (Fig. 18)."""
     examples: dict[str, Any] = run.metadata("examples")
+    figure.set_layout_engine("constrained", h_pad=0.1)  # inches, between axes and note
     panels = figure.subplots(1, max(1, len(examples)), squeeze=False)[0]
     tracks = run["track"]
     sentences = []
