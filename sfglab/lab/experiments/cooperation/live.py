@@ -69,7 +69,7 @@ class LiveLap:
 
     def __init__(self) -> None:
         self.tracks: list[TrackRow] = []  #: Pose of every robot at each turn of its LIDAR.
-        #: How the lap ended; None before, or when the time was over.
+        #: End of the lap; None before, and if the time was over.
         self.verdict: hallway.Verdict | None = None
         self._last: dict[str, Report] = {}
         self._stopped_by: int | None = None

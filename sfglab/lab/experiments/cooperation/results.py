@@ -31,7 +31,7 @@ ENDINGS = {
     End.STOP: "meets an obstacle after",
     End.TIMEOUT: "the lap is given up after",
 }
-"""How a lap ended, as the part of a sentence before its duration."""
+"""Ends of a lap, as the part of a sentence before its duration."""
 NO_ROBOT = "no single robot"  #: Failure of a lap that was given up.
 ROBOT_COLORS = dict(zip(ROBOTS, (COLORS["proxy"], "#E69F00", "black"), strict=True))
 _SHARE_COLORS = {End.SUCCESS.value: COLORS["third"], **ROBOT_COLORS, NO_ROBOT: COLORS["network"]}
