@@ -31,7 +31,7 @@ from sfglab.lab.workers.flowplay import PartsConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 from sfglab.qos import QoSProfile
 from sfglab.rtps import Fate, Flow, FlowOutcome, Medium, Outcome, Scenario
-from sfglab.rtps.model import data_bytes
+from sfglab.rtps.frames import data_bytes
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:

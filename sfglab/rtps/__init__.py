@@ -5,7 +5,8 @@ A run is given by `model` and `vendors`, its outcome is in `session` and `frames
 
 from __future__ import annotations
 
-from sfglab.rtps.model import Flow, Medium, Scenario
+from sfglab.rtps.channel import Medium
+from sfglab.rtps.model import Flow, Scenario
 from sfglab.rtps.session import AirFrame, FlowOutcome, Outcome, Session, run, trace
 from sfglab.rtps.state import Drop, Fate, Frame
 from sfglab.rtps.vendors import (

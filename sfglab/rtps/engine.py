@@ -1,6 +1,7 @@
 """RELIABLE and BEST_EFFORT writers and readers with KEEP_LAST or KEEP_ALL, compiled: RTPS 2.5, clause 8.4.
 
-One event after the other: publications, frames, heartbeats, requests, repairs, and executors that take samples.
+One event after the other: publications, frames, heartbeats, requests, retransmissions, and executors that
+take samples.
 """
 
 from __future__ import annotations
@@ -8,7 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 from sfglab.rtps.medium import arrived_frame, sent_frame
-from sfglab.rtps.model import BURST_ROOM
 from sfglab.rtps.reader import (
     drop_overflow,
     hear_gap,
@@ -17,129 +17,109 @@ from sfglab.rtps.reader import (
     is_whole,
     request,
 )
-from sfglab.rtps.state import Count, D, Event, Fate, FlowColumn, Frame, R, S, TimingColumn, W
+from sfglab.rtps.state import Count, Event, Fate, Frame
 from sfglab.rtps.world import compiled, pop, push
 from sfglab.rtps.writer import hear_acknack, heartbeat, repair, send_unsent, write
 
-# --- The executor -------------------------------------------------------------------------------------------
+# --- The executor ------------------------------------------------------------------------------
 
 
 @compiled
-def _serve(world: Any, now: int, server: int) -> None:
+def _serve(world: Any, now: int, number: int) -> None:
     """Take one sample of the next flow that has any, in turn as an executor does."""
-    if world.server[server, S.BUSY] or world.server[server, S.WAITING] == 0:
+    server = world.server[number]
+    if server.busy or server.waiting == 0:
         return
-    world.server[server, S.WAITING] -= 1
     flows = world.flows.shape[0]
-    flow = world.server[server, S.NEXT] - 1
+    flow = server.next
     for _ in range(flows):
-        flow += 1
         if flow == flows:
             flow = 0
-        if (
-            world.flows[flow, FlowColumn.SERVER] != server
-            or world.reader[flow, R.HEAD] >= world.reader[flow, R.TAIL]
-        ):
-            continue
-        sample = world.order[flow, world.reader[flow, R.HEAD]]
-        world.reader[flow, R.HEAD] += 1
-        same = world.value[flow, sample] == world.reader[flow, R.VALUE]
-        compare = world.flows[flow, FlowColumn.COMPARE_NS]
-        skips = same and compare >= 0
-        world.counts[Count.COMPARED if skips else Count.PROCESSED] += 1
-        world.reader[flow, R.VALUE] = world.value[flow, sample]
-        world.server[server, S.BUSY] = 1
-        world.server[server, S.SKIPS], world.server[server, S.SAME] = skips, same
-        world.server[server, S.FLOW] = flow
-        world.server[server, S.SAMPLE] = sample
-        world.server[server, S.NEXT] = 0 if flow + 1 == flows else flow + 1
-        cost = compare if skips else world.flows[flow, FlowColumn.SERVICE_NS]
-        push(world.heap, world.heap_sizes, now + cost, Event.SERVED, server)
-        return
+        reader = world.reader[flow]
+        if world.flows[flow].server == number and reader.head < reader.tail:
+            break
+        flow += 1
+    settings = world.flows[flow]
+    sample = world.order[flow, reader.head]
+    value = world.value[flow, sample]
+    server.same = value == reader.value
+    server.skips = server.same and settings.compare_ns >= 0
+    world.counts[Count.COMPARED if server.skips else Count.PROCESSED] += 1
+    reader.head += 1
+    reader.value = value
+    server.waiting -= 1
+    server.busy = 1
+    server.flow = flow
+    server.sample = sample
+    server.next = flow + 1
+    cost = settings.compare_ns if server.skips else settings.service_ns
+    push(world.heap, world.heap_sizes, now + cost, Event.SERVED, number)
 
 
 @compiled
-def _served(world: Any, now: int, server: int) -> None:
-    flow, sample = world.server[server, S.FLOW], world.server[server, S.SAMPLE]
-    world.server[server, S.BUSY] = 0
+def _served(world: Any, now: int, number: int) -> None:
+    """Deliver the sample that an executor is done with, and let it take the next one."""
+    server = world.server[number]
+    flow, sample = server.flow, server.sample
+    server.busy = 0
     world.fate[flow, sample] = Fate.DELIVERED
     world.received_ns[flow, sample] = now
-    if world.watched[flow] > world.server[server, S.SAME]:
-        delivery, skipped = world.delivery, world.server[server, S.SKIPS]
-        delivery[D.FRESH], delivery[D.FLOW], delivery[D.SAMPLE], delivery[D.SKIPPED] = (
-            1,
-            flow,
-            sample,
-            skipped,
-        )
-    chain = world.flows[flow, FlowColumn.CHAIN]
+    if world.watched[flow] > server.same:
+        world.delivery.fresh = 1
+        world.delivery.flow = flow
+        world.delivery.sample = sample
+        world.delivery.skipped = server.skips
+    chain = world.flows[flow].chain
     if chain >= 0:
-        world.writer[chain, W.VALUE] = world.value[flow, sample] - 1
+        world.writer[chain].value = world.value[flow, sample] - 1
         write(world, now, chain)
-    _serve(world, now, server)
+    _serve(world, now, number)
 
 
-# --- The world ----------------------------------------------------------------------------------------------
-
-
-@compiled
-def _heartbeat_of(world: Any, frame: Any) -> tuple[int, int]:
-    """Return a frame's heartbeat, first and last sample, zeros if there is none, and note what it asks."""
-    kind, flow, riding = frame[0], frame[1], frame[3]
-    if kind == Frame.DATA:
-        if riding == 1:
-            world.reader[flow, R.ASKED] = 1
-        return (frame[4], frame[5]) if riding else (0, 0)
-    if (kind == Frame.GAP and frame[5] == 0) or (kind == Frame.BURST and riding < BURST_ROOM):
-        return 0, 0
-    world.reader[flow, R.ASKED] = 1
-    if kind == Frame.HEARTBEAT:
-        return frame[4], frame[5]
-    world.reader[flow, R.REPAIRED] = 1
-    if kind == Frame.GAP:
-        return frame[4], frame[5]
-    depth, last = world.flows[flow, FlowColumn.DEPTH], riding // BURST_ROOM // BURST_ROOM
-    return (max(1, last - depth + 1) if depth else 1), last
+# --- The world ---------------------------------------------------------------------------------
 
 
 @compiled
 def _hear(world: Any, now: int, frame: Any) -> None:
-    kind, flow = frame[0], frame[1]
-    if kind == Frame.ACKNACK:
+    """Let the reader receive a frame, or the writer an ACKNACK."""
+    flow = frame.flow
+    if frame.kind == Frame.ACKNACK:
         hear_acknack(world, now, frame)
         return
-    if kind in (Frame.FRAGMENT, Frame.BURST) and not is_whole(world, frame):
+    if frame.kind in (Frame.FRAGMENT, Frame.BURST) and not is_whole(world, frame):
         return
-    if kind in (Frame.DATA, Frame.BURST):
+    if frame.kind in (Frame.DATA, Frame.BURST):
         hear_samples(world, frame)
-    elif kind == Frame.GAP:
+    elif frame.kind == Frame.GAP:
         hear_gap(world, frame)
-    first, last = _heartbeat_of(world, frame)
-    if last:
-        hear_heartbeat(world, now, flow, first, last)
-    if world.timing[TimingColumn.REORDER_MOST]:
+    if frame.heartbeats:
+        hear_heartbeat(world, now, frame)
+    if world.timing.reorder_most:
         drop_overflow(world, flow)
-    _serve(world, now, world.flows[flow, FlowColumn.SERVER])
+    _serve(world, now, world.flows[flow].server)
 
 
 @compiled
-def _step(world: Any, now: int, kind: int, argument: int, frame: Any) -> None:
+def _step(world: Any, now: int, kind: int, argument: int) -> None:
+    """Let one event happen."""
+    frame = world.scratch[0]
     if kind == Event.SENT:
-        host = world.on_air[argument, 10]
-        if sent_frame(world, now, argument, frame):
+        sender = world.transmitter[argument]
+        host = sender.host
+        if sent_frame(world, now, argument):
             _hear(world, now, frame)
-        send_unsent(world, now, world.on_air[argument, 10] if world.on_air[argument, 0] else host)
+        send_unsent(world, now, sender.host if sender.busy else host)
     elif kind == Event.ARRIVED:
-        arrived_frame(world, argument, frame)
+        arrived_frame(world, argument)
         _hear(world, now, frame)
     elif kind == Event.SERVED:
         _served(world, now, argument)
     elif kind == Event.PUBLISH:
         write(world, now, argument)
-        again = now + world.flows[argument, FlowColumn.PERIOD_NS]
+        again = now + world.flows[argument].period_ns
         push(world.heap, world.heap_sizes, again, Event.PUBLISH, argument)
     elif kind == Event.ACKNACK:
-        world.reader[argument, R.ARMED] = 0
+        world.reader[argument].armed = 0
         request(world, now, argument)
     elif kind == Event.HEARTBEAT:
         heartbeat(world, now, argument)
@@ -153,16 +133,14 @@ def advance(world: Any, until: int) -> int:
 
     Publications end with the run's duration. Events at `until`, in nanoseconds, are left for the next call.
     """
-    frame = world.scratch[0]
-    end = world.timing[TimingColumn.DURATION_NS]
     while world.heap_sizes[0] > 0 and world.heap[0, 0] < until:
         now, kind, argument = pop(world.heap, world.heap_sizes)
-        if now >= end and kind == Event.PUBLISH:
+        if now >= world.timing.duration_ns and kind == Event.PUBLISH:
             continue
         world.counts[Count.EVENTS] += 1
-        _step(world, now, kind, argument, frame)
-        if world.delivery[D.FRESH]:
-            world.delivery[D.FRESH] = 0
+        _step(world, now, kind, argument)
+        if world.delivery.fresh:
+            world.delivery.fresh = 0
             return int(now)
     return -1
 
@@ -171,6 +149,6 @@ def advance(world: Any, until: int) -> int:
 def publish(world: Any, now: int, flow: int, value: int) -> bool:
     """Publish a value, by its number, at `now` ns, and return whether the local cache let it pass."""
     held = world.counts[Count.HELD]
-    world.writer[flow, W.VALUE] = value
+    world.writer[flow].value = value
     write(world, now, flow)
     return bool(world.counts[Count.HELD] == held)

@@ -1,7 +1,7 @@
-"""The medium in compiled code: queues of frames at hosts, airtime, contention, loss and latency.
+"""The medium in compiled code: queues of frames at hosts, frames on air, in flight and lost.
 
-All hosts share a half-duplex medium, as Wi-Fi is, or each has its sender, as an Ethernet port is. `model` has
-sizes, airtime and turns. Knows frames only by size and way.
+The rules are those of `channel`, the sizes those of `frames`; a frame is a record of `state.FrameFields`. In
+all functions `world` is the run and `now` is nanoseconds.
 """
 
 from __future__ import annotations
@@ -10,20 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from sfglab.rtps.model import (
-    BURST_ROOM,
-    INFO_DST_BYTES,
-    NETWORK_BYTES,
-    QUEUE_RULES,
-    after_stall_ns,
-    airtime_ns,
-    fragments,
-    frame_bytes,
-    is_lost,
-    next_sender,
-)
-from sfglab.rtps.state import Count, Drop, Event, FlowColumn, Frame, TimingColumn, TraceColumn
+from sfglab.rtps import channel, frames
+from sfglab.rtps.channel import BLOCK, DISPLACES, JOINS
+from sfglab.rtps.frames import INFO_DST_BYTES, NETWORK_BYTES
+from sfglab.rtps.state import BITMAP, BITMAP_WORDS, Count, Drop, Event, Frame
 from sfglab.rtps.world import compiled, push
+
+_airtime_ns = compiled(channel.airtime_ns)
+_next_sender = compiled(channel.next_sender)
+_admission = compiled(channel.admission)
+_stays_blocked = compiled(channel.stays_blocked)
+_after_stall_ns = compiled(channel.after_stall_ns)
+_is_lost = compiled(channel.is_lost)
+_frame_bytes = compiled(frames.frame_bytes)
+fragments = compiled(frames.fragments)
 
 
 @compiled
@@ -37,185 +37,215 @@ def uniform(random: Any) -> float:
     return float(z >> np.uint64(11)) / 9007199254740992.0
 
 
-_frame_bytes, _airtime_ns, _next_sender = (
-    compiled(frame_bytes),
-    compiled(airtime_ns),
-    compiled(next_sender),
-)
-fragment_count = compiled(fragments)
-_after_stall_ns, _is_lost = compiled(after_stall_ns), compiled(is_lost)
-_TAIL, _HEAD, _BLOCK = range(len(QUEUE_RULES))
-
-
 @compiled
 def message_bytes(size: int) -> int:
-    """Return what Fast DDS counts of a sample's RTPS message: all but statistics, which it puts behind it."""
-    return int(_frame_bytes(Frame.DATA, size, 0) - NETWORK_BYTES + INFO_DST_BYTES)
+    """Return what Fast DDS counts of a sample's RTPS message: all but the statistics behind it."""
+    return int(_frame_bytes(Frame.DATA, size, 1, 0) - NETWORK_BYTES + INFO_DST_BYTES)
 
 
 @compiled
 def burst_most(size: int, message_bytes: int) -> int:
-    """Return how many samples of a size fit into a message of repairs with a heartbeat."""
-    one = _frame_bytes(Frame.BURST, size, 1)
-    around = _frame_bytes(Frame.BURST, size, BURST_ROOM) - NETWORK_BYTES
-    return max(1, (message_bytes - around) // (one - _frame_bytes(Frame.BURST, size, 0)))
+    """Return how many samples of a size fit into a message of retransmissions with a heartbeat."""
+    around = _frame_bytes(Frame.BURST, size, 0, 1) - NETWORK_BYTES
+    one = _frame_bytes(Frame.BURST, size, 1, 0) - _frame_bytes(Frame.BURST, size, 0, 0)
+    return max(1, (message_bytes - around) // one)
 
 
 @compiled
-def note_drop(world: Any, frame: Any, where: int) -> None:
-    """Note of a frame's samples that they were lost here, if never before; a BURST's were, but for a queue."""
-    flow, alone = frame[1], frame[0] == Frame.DATA
-    if not alone and (frame[0] != Frame.BURST or not world.timing[TimingColumn.QUEUES]):
-        return
-    for i in range(1 if alone else 256):
-        sample = frame[2] + i
-        asked = alone or (frame[4 + i // 64] >> (i % 64)) & 1
-        if asked and world.dropped[flow, sample] == 0 and world.arrived[flow, sample] == 0:
-            world.dropped[flow, sample] = where
+def copy_frame(target: Any, frame: Any) -> None:
+    """Copy a frame into a place for one; Numba's own assignment of records copies byte by byte."""
+    target.kind = frame.kind
+    target.flow = frame.flow
+    target.sample = frame.sample
+    target.samples = frame.samples
+    target.heartbeats = frame.heartbeats
+    target.final = frame.final
+    target.oldest = frame.oldest
+    target.newest = frame.newest
+    for word in range(BITMAP_WORDS):
+        target.bits[word] = frame.bits[word]
+
+
+@compiled
+def new_frame(world: Any, kind: int, flow: int) -> Any:
+    """Return an empty frame of a kind and flow; it is valid until the next one is made."""
+    frame = world.scratch[1]
+    copy_frame(frame, world.scratch[3])
+    frame.kind = kind
+    frame.flow = flow
+    return frame
+
+
+@compiled
+def has_bit(bits: Any, place: int) -> bool:
+    """Return whether a bitmap has a sample, by its place."""
+    return bool((bits[place // 64] >> (place % 64)) & 1)
+
+
+@compiled
+def set_bit(bits: Any, place: int) -> None:
+    """Add a sample to a bitmap."""
+    bits[place // 64] |= np.int64(1) << (place % 64)
+
+
+@compiled
+def note_drop(world: Any, flow: int, sample: int, where: int) -> None:
+    """Note where a sample was lost, if it never was lost before and has not arrived."""
+    if world.dropped[flow, sample] == 0 and world.arrived[flow, sample] == 0:
+        world.dropped[flow, sample] = where
+
+
+@compiled
+def note_drops(world: Any, frame: Any, where: int) -> None:
+    """Note where a frame's samples were lost; only an asynchronous writer's BURST has samples of first use."""
+    if frame.kind == Frame.DATA:
+        note_drop(world, frame.flow, frame.sample, where)
+    elif frame.kind == Frame.BURST and world.timing.asynchronous:
+        for place in range(BITMAP):
+            if has_bit(frame.bits, place):
+                note_drop(world, frame.flow, frame.sample + place, where)
 
 
 @compiled
 def has_room(world: Any, host: int) -> bool:
-    """Return whether a host's queue lets who sends go on: once full, when half has left (sock_writeable)."""
-    if world.timing[TimingColumn.QUEUE_RULE] != _BLOCK:
+    """Return whether a host's queue lets its writers send."""
+    if world.timing.queue_rule != BLOCK:
         return True
-    ends, most = world.queue_ends, world.timing[TimingColumn.QUEUE_FRAMES]
-    ends[host, 2] = ends[host, 1] >= most or (ends[host, 2] and 2 * ends[host, 1] > most)
-    return not ends[host, 2]
+    blocked = world.blocked[host] != 0
+    world.blocked[host] = _stays_blocked(blocked, world.waiting[host], world.timing.queue_frames)
+    return not world.blocked[host]
 
 
 @compiled
 def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
-    """Put a frame at the end of a host's queue, unless that is full, and send if the medium is free.
+    """Put a frame into a host's queue, and send if the medium is free.
 
-    A full one drops it, or what came first; one that blocks was asked before (`has_room`), but for the access
-    point's, which cannot block and drops.
-
-    A frame is eight words: kind, flow, two arguments, four more. Arguments of DATA: sample, and whether a
-    heartbeat rides along, 1 to be answered, 2 FINAL; of BURST: first sample of its bitmap, and what
-    `BURST_ROOM` says. The sixth word of GAP is not 0 if a heartbeat rides along.
+    Writers ask `has_room` before. Frames that nobody asks for, such as heartbeats and acknowledgements, have
+    room beyond the bound of a queue that blocks; an access point has none, and drops them.
     """
-    ends = world.queue_ends
     capacity = world.queue.shape[1]
-    most = capacity
-    if host == world.timing[TimingColumn.ACCESS_POINT]:
-        most = world.timing[TimingColumn.QUEUE_FRAMES]
-    if ends[host, 1] == most:
+    room = world.timing.queue_frames if host == world.timing.access_point else capacity
+    result = _admission(world.timing.queue_rule, world.waiting[host], room)
+    if result != JOINS:
         world.counts[Count.QUEUE_FULL] += 1
-        if world.timing[TimingColumn.QUEUE_RULE] != _HEAD:
-            note_drop(world, frame, Drop.QUEUE)
+        if result != DISPLACES:
+            note_drops(world, frame, Drop.QUEUE)
             return
-        note_drop(world, world.queue[host, ends[host, 0]], Drop.QUEUE)
-        ends[host, 0] = 0 if ends[host, 0] + 1 == capacity else ends[host, 0] + 1
-        ends[host, 1] -= 1
-    place = ends[host, 0] + ends[host, 1]
-    ends[host, 1] += 1
+        note_drops(world, world.queue[host, world.head[host]], Drop.QUEUE)
+        _remove_oldest(world, host)
+    place = world.head[host] + world.waiting[host]
     if place >= capacity:
         place -= capacity
-    for k in range(8):
-        world.queue[host, place, k] = frame[k]
-    _send_next(world, now, 0 if world.timing[TimingColumn.SHARED] else host)
+    world.waiting[host] += 1
+    copy_frame(world.queue[host, place], frame)
+    _send_next(world, now, 0 if world.timing.shared else host)
+
+
+@compiled
+def _remove_oldest(world: Any, host: int) -> None:
+    place = world.head[host] + 1
+    world.head[host] = 0 if place == world.queue.shape[1] else place
+    world.waiting[host] -= 1
 
 
 @compiled
 def _choose_host(world: Any, transmitter: int) -> tuple[int, int]:
-    """Return whose turn it is, -1 for nobody's, and how many have something to send."""
-    if not world.timing[TimingColumn.SHARED]:
-        waiting = world.queue_ends[transmitter, 1]
-        return (transmitter if waiting else -1), 1
-    chosen, contenders = _next_sender(world.queue_ends[:, 1], world.next_host[0])
-    if contenders > 1 and world.timing[TimingColumn.RANDOM_TURNS]:
-        for _ in range(int(uniform(world.random) * contenders)):
-            chosen = _next_sender(world.queue_ends[:, 1], chosen + 1)[0]
-    if chosen >= 0:
-        world.next_host[0] = chosen + 1
-    return chosen, contenders
+    """Return the host that sends next, -1 for none, and how many contend."""
+    if not world.timing.shared:
+        return (transmitter if world.waiting[transmitter] else -1), 1
+    medium = world.transmitter[0]
+    host, contenders = _next_sender(world.waiting, medium.turn, 0)
+    if contenders > 1 and world.timing.random_turns:
+        passed = int(uniform(world.random) * contenders)
+        host = _next_sender(world.waiting, medium.turn, passed)[0]
+    if host >= 0:
+        medium.turn = host + 1
+    return host, contenders
 
 
 @compiled
 def _send_next(world: Any, now: int, transmitter: int) -> None:
     """Send the next host's oldest frame, if the medium is free."""
-    air = world.on_air
-    if air[transmitter, 0]:
+    sender, timing, rates = world.transmitter[transmitter], world.timing, world.rates
+    if sender.busy:
         return
     host, contenders = _choose_host(world, transmitter)
     if host < 0:
         return
-    place = world.queue_ends[host, 0]
-    for k in range(8):
-        air[transmitter, 1 + k] = world.queue[host, place, k]
-    world.queue_ends[host, 0] = 0 if place + 1 == world.queue.shape[1] else place + 1
-    world.queue_ends[host, 1] -= 1
-    kind, flow, timing = air[transmitter, 1], air[transmitter, 2], world.timing
-    size = _frame_bytes(kind, world.flows[flow, FlowColumn.SIZE_BYTES], air[transmitter, 4])
-    size += timing[TimingColumn.EXTRA_BYTES]
-    near = host  # the end of this crossing that is not the access point
-    if host == timing[TimingColumn.ACCESS_POINT]:
-        near = world.flows[flow, FlowColumn.SOURCE if kind == Frame.ACKNACK else FlowColumn.TARGET]
-    overhead = timing[TimingColumn.OVERHEAD_NS]
-    airtime = _airtime_ns(size, contenders, overhead, world.host_bps[near], world.rates[1])
+    frame = world.queue[host, world.head[host]]
+    copy_frame(world.on_air[transmitter], frame)
+    _remove_oldest(world, host)
+    size = _frame_bytes(
+        frame.kind, world.flows[frame.flow].size_bytes, frame.samples, frame.heartbeats
+    )
+    size += timing.extra_bytes
+    airtime = _airtime_ns(size, contenders, timing.overhead_ns, rates.rate_bps, rates.contention)
     world.counts[Count.BYTES] += size
     world.counts[Count.AIRTIME_NS] += airtime
-    begin = _after_stall_ns(now, timing[TimingColumn.STALL_EVERY_NS], timing[TimingColumn.STALL_NS])
-    air[transmitter, 0], air[transmitter, 9], air[transmitter, 10] = 1, begin, host
-    push(world.heap, world.heap_sizes, begin + airtime, Event.SENT, transmitter)
+    sender.busy = 1
+    sender.host = host
+    sender.began_ns = _after_stall_ns(now, timing.stall_every_ns, timing.stall_ns)
+    push(world.heap, world.heap_sizes, sender.began_ns + airtime, Event.SENT, transmitter)
 
 
 @compiled
 def _traced(world: Any, now: int, transmitter: int, drawn: bool) -> bool:  # noqa: FBT001 - compiled
-    """Note a frame that leaves the air, and return whether it is lost: as drawn, if nobody wished otherwise."""
-    row = world.trace[world.trace_end[0]]
+    """Note a frame that leaves the air, and return whether it is lost: as drawn, or as wished from outside."""
+    number = world.trace_end[0]
     world.trace_end[0] += 1
-    for k in range(8):
-        row[k] = world.on_air[transmitter, 1 + k]
-    lost = row[TraceColumn.WISH] == 1 or (drawn and row[TraceColumn.WISH] == 0)
-    row[TraceColumn.BEGAN], row[TraceColumn.ENDED] = world.on_air[transmitter, 9], now
-    row[TraceColumn.LOST] = lost
+    copy_frame(world.traced[number], world.on_air[transmitter])
+    row = world.trace[number]
+    lost = row.wish == 1 or (drawn and row.wish == 0)
+    row.began_ns = world.transmitter[transmitter].began_ns
+    row.ended_ns = now
+    row.lost = lost
     return bool(lost)
 
 
 @compiled
-def sent_frame(world: Any, now: int, transmitter: int, frame: Any) -> bool:
-    """Take a frame off the air into `frame`, and return whether it is there: neither lost nor under way."""
-    air = world.on_air
-    for k in range(8):
-        frame[k] = air[transmitter, 1 + k]
-    air[transmitter, 0] = 0
+def sent_frame(world: Any, now: int, transmitter: int) -> bool:
+    """Take a frame off the air into the first scratch, and return whether it is there: not lost nor in flight."""
+    sender, frame = world.transmitter[transmitter], world.scratch[0]
+    copy_frame(frame, world.on_air[transmitter])
+    sender.busy = 0
     there = False
-    host = air[transmitter, 10]
-    lost = _is_lost(world.bad[host] != 0, uniform(world.random), world.rates[0], world.rates[2])
+    host = sender.host
+    bad = world.bad[host] != 0
+    lost = _is_lost(bad, uniform(world.random), world.rates.loss, world.rates.burst_frames)
     world.bad[host] = lost
-    first_crossing = 0 <= world.timing[TimingColumn.ACCESS_POINT] != host
+    is_first_hop = 0 <= world.timing.access_point != host
     if world.trace_end[0] < world.trace.shape[0]:
         lost = _traced(world, now, transmitter, lost)
     if lost:
         world.counts[Count.LOST] += 1
-        note_drop(world, frame, Drop.MEDIUM)
-    elif first_crossing:
-        enqueue(world, now, world.timing[TimingColumn.ACCESS_POINT], frame)
-    elif world.timing[TimingColumn.LATENCY_NS] == 0:
+        note_drops(world, frame, Drop.MEDIUM)
+    elif is_first_hop:
+        enqueue(world, now, world.timing.access_point, frame)
+    elif world.timing.latency_ns == 0:
         there = True
     else:
-        ends = world.flight_ends
-        capacity = world.flight.shape[1]
-        place = (ends[transmitter, 0] + ends[transmitter, 1]) % capacity
-        if ends[transmitter, 1] == capacity:
-            raise IndexError("more frames under way than the state has room for")
-        for k in range(8):
-            world.flight[transmitter, place, k] = frame[k]
-        ends[transmitter, 1] += 1
-        arrives = now + world.timing[TimingColumn.LATENCY_NS]
-        push(world.heap, world.heap_sizes, arrives, Event.ARRIVED, transmitter)
+        _fly(world, now, transmitter, frame)
     _send_next(world, now, transmitter)
     return there
 
 
 @compiled
-def arrived_frame(world: Any, transmitter: int, frame: Any) -> None:
-    """Take the oldest frame under way into `frame`; latency is constant, so none overtakes another."""
-    ends = world.flight_ends
-    place = ends[transmitter, 0]
-    for k in range(8):
-        frame[k] = world.flight[transmitter, place, k]
-    ends[transmitter, 0] = (place + 1) % world.flight.shape[1]
-    ends[transmitter, 1] -= 1
+def _fly(world: Any, now: int, transmitter: int, frame: Any) -> None:
+    """Let a frame arrive after the latency."""
+    sender, capacity = world.transmitter[transmitter], world.flight.shape[1]
+    if sender.in_flight == capacity:
+        raise IndexError("more frames in flight than the state has room for")
+    place = (sender.flight_head + sender.in_flight) % capacity
+    copy_frame(world.flight[transmitter, place], frame)
+    sender.in_flight += 1
+    arrives = now + world.timing.latency_ns
+    push(world.heap, world.heap_sizes, arrives, Event.ARRIVED, transmitter)
+
+
+@compiled
+def arrived_frame(world: Any, transmitter: int) -> None:
+    """Take the oldest frame in flight into the first scratch; latency is constant, so none overtakes another."""
+    sender = world.transmitter[transmitter]
+    copy_frame(world.scratch[0], world.flight[transmitter, sender.flight_head])
+    sender.flight_head = (sender.flight_head + 1) % world.flight.shape[1]
+    sender.in_flight -= 1

@@ -1,40 +1,29 @@
-"""Runs of a scenario: at once, or in steps beside nodes that set values and hear deliveries; their outcome.
+"""Runs of a scenario: at once, or in steps beside nodes that set values and receive deliveries; their outcome.
 
 A *simulation*, with a virtual clock and a seed; it runs compiled (`engine`). Flows go by name and values by
 number: equal numbers are equal values, to the local cache and to cache control. A trace has every frame that
-was on air, under a name that stays when others are lost; a frame may be told to be lost or to pass. An outcome
-tells how old what a reader has is, and for how long it is what the sensor says now.
+was on air, under a name that stays when others are lost; a frame may be told to be lost or to pass.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.errors import InvalidValueError
+from sfglab.qos import Reliability
 from sfglab.rtps.model import (
-    BURST_ROOM,
     Flow,
     Scenario,
     compile_scenario,
+    end_ns,
     most_samples,
     scheduled_samples,
 )
-from sfglab.rtps.state import (
-    SET,
-    Count,
-    D,
-    Drop,
-    Fate,
-    FlowColumn,
-    Frame,
-    TimingColumn,
-    TraceColumn,
-    W,
-)
+from sfglab.rtps.state import BITMAP, SET, Count, Drop, Fate, Frame
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -42,9 +31,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sfglab.rtps.state import Params, State
+    from sfglab.rtps.state import State
 
-_MOST_ANSWERS = 200_000
+_ANSWERS_MOST = 200_000
+_TRACE_FRAMES = 1024
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,27 +42,27 @@ class FlowOutcome:
     """One flow's samples, in the order of their sequence numbers."""
 
     name: str  #: The flow.
-    published_ns: NDArray[np.int64]  #: When each was published, shape (n,).
-    #: When the application was done with it, 0 where it never was, shape (n,).
+    published_ns: NDArray[np.int64]  #: Time of publication, shape (n,).
+    #: Time when the application was done with a sample, 0 where it never was, shape (n,).
     received_ns: NDArray[np.int64]
-    value: NDArray[np.int32]  #: Number of the value that it carries, shape (n,).
-    fate: NDArray[np.int8]  #: A `Fate` each, shape (n,).
-    dropped: NDArray[np.int8]  #: A `Drop` each: where its first frame was lost, shape (n,).
+    value: NDArray[np.int32]  #: Number of the value that a sample carries, shape (n,).
+    fate: NDArray[np.int8]  #: A `Fate` per sample, shape (n,).
+    dropped: NDArray[np.int8]  #: A `Drop` per sample: where its first frame was lost, shape (n,).
     deadline_ns: int | None = None  #: The agreed longest gap between samples; None: none.
 
     @property
     def delivered(self) -> NDArray[np.bool_]:
-        """Which samples the application had, shape (n,)."""
+        """Which samples the application received, shape (n,)."""
         return np.equal(self.fate, Fate.DELIVERED)
 
     @property
     def loss(self) -> float:
-        """Share of samples that the application never had; NaN without samples."""
+        """Share of samples that the application never received; NaN without samples."""
         return float(1 - self.delivered.mean()) if len(self.fate) else float("nan")
 
     @property
     def latency_ns(self) -> NDArray[np.int64]:
-        """From publication to application, of those delivered, shape (delivered,)."""
+        """Time from publication to the application, of the delivered samples, shape (delivered,)."""
         return (self.received_ns - self.published_ns)[self.delivered]
 
     def deadlines_missed(self) -> int:
@@ -87,29 +77,29 @@ class FlowOutcome:
 class Outcome:
     """A whole run."""
 
-    flows: dict[str, FlowOutcome]  #: By name.
+    flows: dict[str, FlowOutcome]  #: Outcome per flow, by name.
     #: What the protocol and the medium did, by `Count`'s names in lower case.
     counts: dict[str, int]
 
 
-def outcome_of(flows: Sequence[Flow], params: Params, state: State) -> Outcome:
-    """Return what a state came to."""
+def outcome_of(flows: Sequence[Flow], state: State) -> Outcome:
+    """Return the outcome of a state; a best-effort sample that was lost is never retransmitted."""
     results = {}
     for i, flow in enumerate(flows):
-        samples = slice(1, int(state.writer[i, W.LAST]) + 1)
+        samples = slice(1, int(state.writer[i].last) + 1)
+        dropped = state.dropped[i, samples]
         fate = state.fate[i, samples].copy()
-        open_ = fate == Fate.NEVER_SENT
-        best_effort = not params.flows[i, FlowColumn.RELIABLE]
-        lost = open_ & best_effort & (state.dropped[i, samples] != Drop.NOT)
-        fate[open_] = Fate.UNDERWAY
-        fate[lost] = Fate.NOT_REPAIRED
+        is_open = fate == Fate.NEVER_SENT
+        fate[is_open] = Fate.UNDERWAY
+        if flow.qos.reliability is Reliability.BEST_EFFORT:
+            fate[is_open & (dropped != Drop.NOT)] = Fate.NOT_REPAIRED
         results[flow.name] = FlowOutcome(
             name=flow.name,
             published_ns=state.published_ns[i, samples],
             received_ns=state.received_ns[i, samples],
             value=state.value[i, samples],
             fate=fate,
-            dropped=state.dropped[i, samples],
+            dropped=dropped,
             deadline_ns=flow.qos.deadline_ns,
         )
     return Outcome(flows=results, counts={c.name.lower(): int(state.counts[c]) for c in Count})
@@ -117,34 +107,43 @@ def outcome_of(flows: Sequence[Flow], params: Params, state: State) -> Outcome:
 
 def run(scenario: Scenario, *, seed: int) -> Outcome:
     """Simulate a scenario; the same seed, of losses and values, gives the same outcome to the bit."""
+    return outcome_of(scenario.flows, _state_at_end(scenario, seed, 0, {}))
+
+
+def _state_at_end(scenario: Scenario, seed: int, room: int, wishes: Mapping[int, bool]) -> State:
+    """Return the state after a run with room for so many frames of a trace, some of which have a wish."""
     from sfglab.rtps.engine import advance
     from sfglab.rtps.world import World
 
-    params, state = compile_scenario(scenario, samples=most_samples(scenario), seed=seed)
-    advance(
-        World(params, state),
-        int(params.timing[[TimingColumn.DURATION_NS, TimingColumn.DRAIN_NS]].sum()),
-    )
-    return outcome_of(scenario.flows, params, state)
+    samples = most_samples(scenario)
+    params, state = compile_scenario(scenario, samples=samples, seed=seed, trace=room)
+    for number, is_lost in wishes.items():
+        state.trace["wish"][number] = 1 if is_lost else 2
+    advance(World(params, state), end_ns(scenario))
+    return state
+
+
+# --- In steps ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """A sample in the application's hands."""
+    """A sample that the application receives."""
 
-    flow: str  #: Whose.
+    flow: str  #: Name of the flow.
     value: int  #: Number of its value.
-    published_ns: int  #: When it was published.
-    now_ns: int  #: When the executor was done with it.
-    repeated: bool  #: Whether cache control found it equal to the one before, and discarded it.
+    published_ns: int  #: Time of publication.
+    now_ns: int  #: Time when the executor was done with it.
+    repeated: bool  #: Whether cache control found it equal to the sample before, and discarded it.
 
 
 class Session:
     """A run in steps.
 
     Args:
-        scenario: What; flows with a rate publish by themselves, the others when told to. No value changes so.
-        seed: Of losses; the same seed and the same calls give the same run to the bit.
+        scenario: Flows with a rate publish by themselves, the others when told to. Values change only from
+            outside.
+        seed: Seed of losses; the same seed and the same calls give the same run to the bit.
         watched: Flows whose deliveries are returned; None: all.
         news_only: Whether a delivery of the same value as the one before in its flow is not returned.
 
@@ -162,27 +161,26 @@ class Session:
     ) -> None:
         from sfglab.rtps.world import World
 
-        self._scenario = scenario
+        self._flows = scenario.flows
         self._names = [flow.name for flow in scenario.flows]
-        self._numbers = {name: i for i, name in enumerate(self._names)}
-        self._params, self._state = compile_scenario(scenario, samples=_room(scenario), seed=seed)
+        params, self._state = compile_scenario(scenario, samples=_room(scenario), seed=seed)
         followed = {flow.then for flow in scenario.flows}
-        for name, number in self._numbers.items():
+        for number, name in enumerate(self._names):
             if name not in followed:
-                self._params.flows[number, FlowColumn.CHANGE_NS] = SET
+                params.flows["change_ns"][number] = SET
         for name in self._names if watched is None else watched:
             self._state.watched[self._number(name)] = 1 if news_only else 2
-        self._world = World(self._params, self._state)
+        self._world = World(params, self._state)
         self._now_ns = 0
 
     @property
     def now_ns(self) -> int:
-        """Return the time that everything has come to."""
+        """Time that the run has reached."""
         return self._now_ns
 
     def set_value(self, flow: str, value: int) -> None:
         """Set the value, by its number from 0, that a flow with a rate publishes from now on."""
-        self._state.writer[self._number(flow), W.VALUE] = value
+        self._state.writer["value"][self._number(flow)] = value
 
     def publish(self, flow: str, value: int) -> bool:
         """Publish a value, by its number from 0, in a flow without a rate; False if a local cache holds it."""
@@ -201,43 +199,48 @@ class Session:
             self._now_ns = until_ns
             return None
         self._now_ns = reached
-        last = self._state.delivery
-        flow, sample = int(last[D.FLOW]), int(last[D.SAMPLE])
+        _fresh, flow, sample, skipped = self._state.delivery.item()
         return Delivery(
             flow=self._names[flow],
             value=int(self._state.value[flow, sample]),
             published_ns=int(self._state.published_ns[flow, sample]),
             now_ns=reached,
-            repeated=bool(last[D.SKIPPED]),
+            repeated=bool(skipped),
         )
 
     def outcome(self) -> Outcome:
         """Return what has become of every sample so far."""
-        return outcome_of(self._scenario.flows, self._params, self._state)
+        return outcome_of(self._flows, self._state)
 
     def _number(self, flow: str) -> int:
-        if flow not in self._numbers:
+        if flow not in self._names:
             raise InvalidValueError("session: flow", flow, ", ".join(self._names))
-        return self._numbers[flow]
+        return self._names.index(flow)
 
 
 def _room(scenario: Scenario) -> int:
     """Return how many samples a flow can have: its own schedule's, or answers to what others deliver."""
     scheduled = [scheduled_samples(scenario, flow) for flow in scenario.flows]
-    return max(2, *scheduled, min(sum(scheduled), _MOST_ANSWERS))
+    return max(2, *scheduled, min(sum(scheduled), _ANSWERS_MOST))
+
+
+# --- With a trace ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirFrame:
     """One frame on air."""
 
-    #: Flow, kind and number, as in ``a/HEARTBEAT/2``; of DATA its sample's, and which repair: ``a/DATA/7.1``.
+    #: Flow, kind and number, as in ``a/HEARTBEAT/2``; of DATA the sample, and which retransmission:
+    #: ``a/DATA/7.1``.
     name: str
-    kind: Frame  #: Which submessages it carries.
-    began_ns: int  #: When it went on air.
-    ended_ns: int  #: When it left the air.
+    kind: Frame  #: Kind of the frame.
+    began_ns: int  #: Time when it went on air.
+    ended_ns: int  #: Time when it left the air.
     lost: bool  #: Whether the medium lost it then.
-    samples: tuple[int, ...]  #: Those it carries, asks for or declares to be gone, counted from 1.
+    samples: tuple[
+        int, ...
+    ]  #: Samples that it carries, requests or declares to be gone, counted from 1.
     newest: int  #: Newest sample that its heartbeat announces, or ACKNACK acknowledges; 0: neither.
     repairs: bool  #: Whether its samples were on air before.
 
@@ -246,68 +249,72 @@ def trace(
     scenario: Scenario, *, seed: int, lost: Mapping[str, bool] | None = None
 ) -> tuple[Outcome, tuple[AirFrame, ...]]:
     """Simulate as `run` does, but for the `lost` frames' fate, and return every frame as it left the air."""
+    wanted = lost or {}
     wishes: dict[int, bool] = {}
     # A wish changes what follows, so that each is granted where its frame turns up: the earliest first.
     while True:
-        outcome, frames = _run(scenario, seed, wishes)
-        ungranted = [i for i, f in enumerate(frames) if (lost or {}).get(f.name, f.lost) != f.lost]
+        state = _traced_state(scenario, seed, wishes)
+        frames = tuple(_frames(state, [flow.name for flow in scenario.flows]))
+        ungranted = [i for i, f in enumerate(frames) if wanted.get(f.name, f.lost) != f.lost]
         if not ungranted:
-            return outcome, frames
+            return outcome_of(scenario.flows, state), frames
         wishes[ungranted[0]] = not frames[ungranted[0]].lost
 
 
-def _run(
-    scenario: Scenario, seed: int, wishes: Mapping[int, bool]
-) -> tuple[Outcome, tuple[AirFrame, ...]]:
-    from sfglab.rtps.engine import advance
-    from sfglab.rtps.world import World
-
-    room = 1024
+def _traced_state(scenario: Scenario, seed: int, wishes: Mapping[int, bool]) -> State:
+    """Return the state after a run with a trace of all its frames."""
+    room = _TRACE_FRAMES
     while True:
-        params, state = compile_scenario(
-            scenario, samples=most_samples(scenario), seed=seed, trace=room
-        )
-        for number, is_lost in wishes.items():
-            state.trace[number, TraceColumn.WISH] = 1 if is_lost else 2
-        until_ns = params.timing[[TimingColumn.DURATION_NS, TimingColumn.DRAIN_NS]].sum()
-        advance(World(params, state), int(until_ns))
+        state = _state_at_end(scenario, seed, room, wishes)
         if state.trace_end[0] < room:
-            rows, names = state.trace[: state.trace_end[0]], [flow.name for flow in scenario.flows]
-            return outcome_of(scenario.flows, params, state), tuple(_frames(rows, names))
+            return state
         room *= 8
 
 
-def _frames(rows: NDArray[np.int64], flows: Sequence[str]) -> Iterator[AirFrame]:
+def _frames(state: State, flows: Sequence[str]) -> Iterator[AirFrame]:
     before: Counter[str] = Counter()
-    for row in rows.tolist():
-        kind, flow = Frame(row[0]), flows[row[1]]
-        is_data = kind is Frame.DATA
-        name = f"{flow}/{kind.name}" + (f"/{row[2]}" if is_data else "")
-        number = before[name]
+    for number in range(state.trace_end[0]):
+        row, frame = state.trace[number], state.traced[number]
+        kind = Frame(frame.kind)
+        name = f"{flows[frame.flow]}/{kind.name}"
+        if kind is Frame.DATA:
+            name = f"{name}/{frame.sample}"
+        earlier = before[name]
         before[name] += 1
-        samples, newest = _said(kind, row)
+        if kind is not Frame.DATA:
+            full_name = f"{name}/{earlier + 1}"
+        else:
+            full_name = f"{name}.{earlier}" if earlier else name
         yield AirFrame(
-            name=(f"{name}.{number}" if number else name) if is_data else f"{name}/{number + 1}",
+            name=full_name,
             kind=kind,
-            began_ns=row[TraceColumn.BEGAN],
-            ended_ns=row[TraceColumn.ENDED],
-            lost=bool(row[TraceColumn.LOST]),
-            samples=samples,
-            newest=newest,
-            repairs=kind is Frame.BURST or (is_data and number > 0),
+            began_ns=int(row.began_ns),
+            ended_ns=int(row.ended_ns),
+            lost=bool(row.lost),
+            samples=_samples(kind, frame),
+            newest=_newest(kind, frame),
+            repairs=kind is Frame.BURST or (kind is Frame.DATA and earlier > 0),
         )
 
 
-def _said(kind: Frame, row: Sequence[int]) -> tuple[tuple[int, ...], int]:
-    """Return the samples that a frame, as `medium.enqueue` has it, is about, and `AirFrame.newest`."""
-    asked = tuple(row[2] + i for i in range(256) if row[4 + i // 64] >> i % 64 & 1)
+def _samples(kind: Frame, frame: Any) -> tuple[int, ...]:
+    first = int(frame.sample)
+    if kind is Frame.FRAGMENT:
+        return ()
+    if kind in {Frame.ACKNACK, Frame.BURST}:
+        words = frame.bits.tolist()
+        places = [i for i in range(BITMAP) if words[i // 64] >> i % 64 & 1]
+        return tuple(first + i for i in places)
+    return tuple(range(first, first + int(frame.samples)))
+
+
+def _newest(kind: Frame, frame: Any) -> int:
     if kind is Frame.ACKNACK:
-        return asked, row[2] - 1
-    if kind is Frame.BURST:
-        return asked, row[3] // BURST_ROOM // BURST_ROOM
-    if kind is Frame.DATA:
-        return (row[2],), row[5] if row[3] else 0
-    return tuple(range(row[2], row[3])), row[5]  # a heartbeat's is empty
+        return int(frame.sample) - 1
+    return int(frame.newest) if frame.heartbeats else 0
+
+
+# --- What a run was worth ----------------------------------------------------------------------
 
 
 def age_ms(outcome: FlowOutcome, *, duration_s: float) -> float:

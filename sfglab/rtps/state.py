@@ -1,11 +1,14 @@
-"""State of the compiled engine, and its parameters: named tuples of arrays.
+"""State of the compiled engine, and its parameters: named tuples of arrays, many of them of records.
 
-Indices are flow, host, transmitter, server (a node's executor) or sample, counted from 1 as in RTPS.
+Indices are flow, host, transmitter, server (a node's executor) or sample, counted from 1 as in RTPS. Times
+are nanoseconds. A record's fields are those of a class below, each a whole number of 64 bits, so that
+compiled code reads them as attributes (``world.writer[flow].last``).
 """
 
 from __future__ import annotations
 
 from enum import IntEnum
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,24 +34,24 @@ class Frame(IntEnum):
     ACKNACK = 2
     GAP = 3
     BURST = 4  #: Several samples that travel together; counted as one DATA.
+    #: A full frame of a BURST that IP fragments, before the last one, which has the rest and the words.
     FRAGMENT = 5
-    """A full frame of a BURST that IP cuts, before the last one, which has the rest and the words."""
 
 
 class Fate(IntEnum):
-    """What became of a sample."""
+    """Delivery outcome of a sample."""
 
     NEVER_SENT = 0
     DELIVERED = 1
-    #: Lost on the way, and pushed out of the writer's history before it could be repaired.
+    #: Lost on the way, and overwritten in the writer's history before it could be repaired.
     OVERWRITTEN = 2
-    LATE = 3  #: Arrived, and pushed out of the reader's history before the application took it.
-    UNDERWAY = 4  #: Neither delivered nor given up when time was over.
+    LATE = 3  #: Arrived, and overwritten in the reader's history before the application took it.
+    UNDERWAY = 4  #: Neither delivered nor given up at the end of the run.
     NOT_REPAIRED = 5  #: Lost on the way, best effort.
 
 
 class Drop(IntEnum):
-    """Where a sample's first frame was lost."""
+    """Place where a sample's first frame was lost."""
 
     NOT = 0
     MEDIUM = 1
@@ -62,83 +65,207 @@ class Count(IntEnum):
     HEARTBEAT = 1
     ACKNACK = 2
     GAP = 3
-    REPEATED = 4  #: DATA that repairs.
-    DUPLICATE = 5  #: DATA that the reader had already.
+    REPEATED = 4  #: Samples that were retransmitted.
+    DUPLICATE = 5  #: Samples that the reader had already.
     LOST = 6  #: Frames that the medium lost.
     QUEUE_FULL = 7  #: Frames that found the sender's queue full.
     BYTES = 8
     AIRTIME_NS = 9
-    HELD = 10  #: Values that the local cache held back.
-    #: Publications that a KEEP_ALL writer refused because too much was unacknowledged.
+    HELD = 10  #: Values that the local cache suppressed.
+    #: Publications that a writer refused because its history or the host's queue was full.
     THROTTLED = 11
     EVENTS = 12
     PROCESSED = 13  #: Samples that cost the application its full time.
     COMPARED = 14  #: Samples that cache control discarded after a comparison.
 
 
-class FlowColumn(IntEnum):
-    """Columns of `Params.flows`."""
+class FlowFields(NamedTuple):
+    """One flow, as the engine needs it."""
 
-    SOURCE = 0
-    TARGET = 1
-    SERVER = 2
-    PERIOD_NS = 3  #: 0: published by a chain only.
-    PHASE_NS = 4
-    SIZE_BYTES = 5
-    DEPTH = 6  #: 0: KEEP_ALL.
-    READER_DEPTH = 7
-    RELIABLE = 8
-    CHAIN = 9  #: Flow that is published when a sample of this one was processed; -1: none.
+    source: int  #: Host of the writer.
+    target: int  #: Host of the reader.
+    server: int
+    period_ns: int  #: 0: published by a chain only.
+    phase_ns: int
+    size_bytes: int  #: CDR size of a sample.
+    depth: int  #: History of the writer; 0: KEEP_ALL.
+    reader_depth: int  #: History of the reader; 0: KEEP_ALL.
+    reliable: int
+    chain: int  #: Flow that is published when a sample of this one was processed; -1: none.
     #: Mean time between changes of the value; 0: every sample differs; `SET`: set from outside.
-    CHANGE_NS = 10
-    CACHED = 11
-    SILENCE_NS = 12  #: Longest silence of the local cache; 0: none.
-    SERVICE_NS = 13
-    COMPARE_NS = 14  #: What a repeated value costs the server; -1: as much as any.
-    #: Whether acknowledged samples stay in the writer's history, for late joiners.
-    KEEPS_ACKED = 15
+    change_ns: int
+    cached: int  #: 1: a local cache suppresses repeated values.
+    silence_ns: int  #: Maximum silence of the local cache; 0: none.
+    service_ns: int
+    compare_ns: int  #: Time that a repeated value costs the server; -1: as much as any.
+    keeps_acked: int  #: 1: acknowledged samples stay in the writer's history, for late joiners.
 
 
-class TimingColumn(IntEnum):
-    """Entries of `Params.timing`."""
+class TimingFields(NamedTuple):
+    """Parameters of the vendor, the medium and the run; most have the name of a field there."""
 
-    HEARTBEAT_NS = 0
-    HEARTBEAT_MAX_NS = 1
-    PIGGYBACK_WHEN_FULL = 2
-    BURST_BYTES = 3
-    NACK_DELAY_NS = 4
-    ACK_DELAY_NS = 5
-    NACK_RESPONSE_NS = 6
-    NACK_MOST = 7
-    SHARED = 8  #: 1: one half-duplex medium for all hosts.
-    LATENCY_NS = 9
-    OVERHEAD_NS = 10
-    DURATION_NS = 11
-    UNACKED_MOST = 12
-    DRAIN_NS = 13  #: How long repairs go on after the last publication.
-    PROMPT = 14
-    FINAL_NS = 15
-    REORDER_MOST = 16
-    PIGGYBACK_BYTES = 17
-    SENT_BEFORE = 18  #: -1: a sample adds its own bytes only.
-    QUEUES = 19  #: 1: the history is the queue of what is not sent yet.
-    EXTRA_BYTES = 20
-    QUEUE_FRAMES = 21
-    QUEUE_RULE = 22  #: Place in `model.QUEUE_RULES`.
-    ACCESS_POINT = 23  #: Its number among the hosts; -1: there is none.
-    STALL_EVERY_NS = 24
-    STALL_NS = 25
-    RANDOM_TURNS = 26
-    GAPS = 27  #: 1: a request for what has left the history is answered by a GAP.
+    heartbeat_ns: int
+    heartbeat_max_ns: int
+    piggyback_when_full: int
+    burst_bytes: int
+    nack_delay_ns: int
+    ack_delay_ns: int
+    nack_response_ns: int
+    nack_most: int
+    prompt: int
+    final_within_ns: int
+    reorder_most: int
+    piggyback_bytes: int
+    sent_before: int  #: `Vendor.sent_before_bytes`; -1: a sample adds its own bytes only.
+    asynchronous: int
+    extra_bytes: int
+    gap_for_gone: int
+    shared: int
+    latency_ns: int
+    overhead_ns: int
+    queue_frames: int
+    queue_rule: int  #: Index in `channel.QUEUE_RULES`.
+    random_turns: int
+    stall_every_ns: int
+    stall_ns: int
+    access_point: int  #: Its number among the hosts; -1: there is none.
+    duration_ns: int
+    drain_ns: int
+    unacked_most: int
+
+
+class Rates(NamedTuple):
+    """Parameters of the medium that are real numbers."""
+
+    loss: float
+    burst_frames: float
+    contention: float
+    rate_bps: float
+
+
+class FrameFields(NamedTuple):
+    """One frame on the medium."""
+
+    kind: int  #: A `Frame`.
+    flow: int
+    #: Sample of DATA; first sample of a BURST's bitmap, of an ACKNACK's and of a GAP; number of a FRAGMENT.
+    sample: int
+    samples: int  #: Samples that the frame carries, or that a GAP declares to be gone.
+    heartbeats: int  #: Heartbeats in the frame; BURST: one behind each of several samples.
+    final: int  #: 1: the heartbeat asks for no answer.
+    oldest: int  #: Oldest sample that the heartbeat announces.
+    newest: int  #: Newest sample that the heartbeat announces.
+    bits: (
+        int  #: Bitmap of `BITMAP_WORDS` words: samples of a BURST, requested samples of an ACKNACK.
+    )
+
+
+class Trace(NamedTuple):
+    """What a trace has of a frame beside the frame itself."""
+
+    began_ns: int
+    ended_ns: int
+    lost: int
+    wish: int  #: Set from outside: 0 as drawn, 1 lost, 2 not lost.
+
+
+class Writer(NamedTuple):
+    """State of one writer."""
+
+    last: int  #: Newest sample.
+    acked: int  #: Newest sample up to which all are acknowledged.
+    armed: int  #: 1: the periodic heartbeat is scheduled.
+    interval_ns: int  #: Period until the next periodic heartbeat.
+    heartbeat_ns: int  #: Time of the last heartbeat.
+    acked_at_heartbeat: int  #: `acked` at the last periodic heartbeat.
+    value: int  #: Number of the value that the sensor has now.
+    change_ns: int  #: Time of the value's next change.
+    sent_value: int  #: Value that was published last.
+    sent_ns: int  #: Time of the last publication.
+    data_ns: int  #: Time of the last DATA frame.
+    queued: int  #: Newest sample that has left the history for the host's queue.
+    unshown_bytes: int  #: Bytes since the last heartbeat.
+    sent_bytes: int  #: Bytes that the sending thread has sent in all.
+
+
+class Reader(NamedTuple):
+    """State of one reader."""
+
+    next: int  #: Next sample in order.
+    first: int  #: Oldest sample that the writer still has.
+    known: int  #: Newest sample that is known to exist.
+    armed: int  #: 1: an answer is scheduled.
+    head: int  #: Samples that have left the history.
+    tail: int  #: Samples that have entered the history.
+    value: int  #: Value of the last sample that was processed.
+    waiting: int  #: Samples that wait behind a gap.
+    oldest: int  #: No sample that waits behind a gap is older.
+    newest: int  #: Newest sample that has arrived.
+    nacked: int  #: First sample after the last request. This field and those below serve prompt readers.
+    nacked_ns: int  #: Time of the last request.
+    again: int  #: 1: the last request was for the same samples again.
+    acked: int  #: `next` at the last answer.
+    acked_ns: int  #: Time of the last answer.
+    asked: int  #: 1: an answer is asked for.
+    repaired: int  #: 1: a heartbeat after repairs asks for it.
+    fragments: int  #: Frames of the current message that have arrived; -1: one of them is lost.
+
+
+class Server(NamedTuple):
+    """State of one executor."""
+
+    busy: int
+    flow: int  #: Flow whose sample is being processed.
+    sample: int
+    next: int  #: Flow whose turn is next.
+    waiting: int  #: Samples in the histories that it serves.
+    skips: int  #: 1: cache control discards the sample.
+    same: int  #: 1: the sample's value is that of the sample before.
+
+
+class Transmitter(NamedTuple):
+    """State of what sends one frame at a time: the shared medium, or one host."""
+
+    busy: int
+    began_ns: int
+    host: int  #: Host whose frame is on air.
+    turn: int  #: Host whose turn is next.
+    flight_head: int
+    in_flight: int
+
+
+class Delivery(NamedTuple):
+    """The last delivery that is watched."""
+
+    fresh: int  #: 1: not yet returned.
+    flow: int
+    sample: int
+    skipped: int  #: 1: cache control discarded it.
+
+
+BITMAP_WORDS = 4
+BITMAP = (
+    64 * BITMAP_WORDS
+)  #: Samples that one request or BURST can name (RTPS 2.5, clause 9.4.2.6).
+
+
+@cache
+def record(fields: Any) -> np.dtype[Any]:
+    """Return the NumPy type of records with the fields of a class above; ``bits`` is a bitmap."""
+    columns: list[tuple[Any, ...]] = []
+    for name in fields._fields:
+        kind = np.float64 if fields is Rates else np.int64
+        shape = BITMAP_WORDS if name == "bits" else ()
+        columns.append((name, kind, shape))
+    return np.dtype((np.record, np.dtype(columns, align=True)))
 
 
 class Params(NamedTuple):
-    """What does not change: flows, timing, rates (loss, contention, mean burst), bits a second of each host."""
+    """What does not change."""
 
-    flows: Any
-    timing: Any
-    rates: Any
-    host_bps: Any
+    flows: Any  # (F,) of FlowFields
+    timing: Any  # () of TimingFields
+    rates: Any  # () of Rates
 
 
 class State(NamedTuple):
@@ -155,79 +282,28 @@ class State(NamedTuple):
     dropped: Any  # (F, N + 1) see Drop
     arrived: Any  # (F, N + 1) 1 received, 2 declared irrelevant
     order: Any  # (F, N + 1) samples as the reader's history received them
-    writer: Any  # (F, 14) see W
-    reader: Any  # (F, 18) see R
-    repair: Any  # (F, 5) base and bitmap of the request that waits
-    queue: Any  # (H, Q, 8) frames
-    queue_ends: Any  # (H, 3) head, length, whether somebody waits for room
-    on_air: Any  # (T, 11) busy, frame, since when, whose
+    writer: Any  # (F,) of Writer
+    reader: Any  # (F,) of Reader
+    request: Any  # (F,) of FrameFields: ACKNACK that waits for retransmissions; its sample is 0 without any
+    queue: Any  # (H, Q) of FrameFields, a ring
+    head: Any  # (H,) place of the oldest frame in the queue
+    waiting: Any  # (H,) frames in the queue
+    blocked: Any  # (H,) whether a queue that blocks lets nobody send
     bad: Any  # (H,) whether a host's frames are in a burst of losses
-    trace: Any  # (K, 12) see TraceColumn; frames as they left the air; K is 0 where nobody looks
-    trace_end: Any  # (1,) how many there are
-    next_host: Any  # (T,)
-    flight: Any  # (T, K, 8) frames that are under way
-    flight_ends: Any  # (T, 2)
-    server: Any  # (S, 7) see S
+    transmitter: Any  # (T,) of Transmitter
+    on_air: Any  # (T,) of FrameFields
+    flight: Any  # (T, K) of FrameFields: frames that have left the air and not arrived, a ring
+    trace: Any  # (K,) of Trace; K is 0 without a trace
+    traced: Any  # (K,) of FrameFields
+    trace_end: Any  # (1,) number of frames in the trace
+    server: Any  # (S,) of Server
     watched: Any  # (F,) `advance` returns at: 0 none of the flow's deliveries, 1 those of a new value, 2 each
-    delivery: Any  # (4,) see D; the last one
-    scratch: Any  # (3, 8) the frame that is heard, one that is made, and one that goes before it
-
-
-class W(IntEnum):
-    """Columns of `State.writer`; HB is a heartbeat."""
-
-    (
-        LAST,
-        ACKED,
-        ARMED,
-        INTERVAL,
-        LAST_HB,
-        ACKED_AT_HB,
-        VALUE,
-        CHANGE_AT,
-        SENT,
-        SENT_AT,
-        WROTE_AT,
-    ) = range(11)
-    # Newest sample that has left the history for the host's queue; bytes since the last heartbeat, and in all.
-    QUEUED, UNSHOWN, BYTES = range(11, 14)
-
-
-class R(IntEnum):
-    """Columns of `State.reader`."""
-
-    # Next sample in order, first that the writer still has, last that is known to exist. Those that wait behind
-    # a gap are counted in WAITING, and none of them is older than OLDEST.
-    NEXT, FIRST, KNOWN, ARMED, HEAD, TAIL, VALUE, WAITING, OLDEST = range(9)
-    # Of a prompt reader: the newest sample that has arrived; where the last request ended, when it was sent and
-    # whether it was for the same again; what was acknowledged last and when; whether an answer is asked for,
-    # and whether by a heartbeat after repairs.
-    NEWEST, NACKED, NACKED_AT, AGAIN, ACKED, ACKED_AT, ASKED, REPAIRED = range(9, 17)
-    FRAGMENTS = 17  # how many of the message that comes are here; -1: one of them is lost
-
-
-class S(IntEnum):
-    """Columns of `State.server`."""
-
-    BUSY, FLOW, SAMPLE, NEXT, WAITING, SKIPS, SAME = range(7)
-
-
-class TraceColumn(IntEnum):
-    """Columns of `State.trace` behind a frame's words; WISH, set from outside: 0 as drawn, 1 lost, 2 not."""
-
-    BEGAN, ENDED, LOST, WISH = range(8, 12)
-
-
-class D(IntEnum):
-    """Entries of `State.delivery`; FRESH: it was watched, and not yet returned."""
-
-    FRESH, FLOW, SAMPLE, SKIPPED = range(4)
+    delivery: Any  # () of Delivery
+    scratch: Any  # (4,) of FrameFields: the frame that is received, the one that is made, a fragment, an empty one
 
 
 SET = -1
 LONG_AGO = -(10**18)
-
-_FRAME_FIELDS = 8
 
 
 class Sizes(NamedTuple):
@@ -237,7 +313,7 @@ class Sizes(NamedTuple):
     servers: int
     samples: int  #: Most of one flow.
     queue: int  #: Frames that a host's queue holds.
-    flight: int  #: Most frames under way at once from one transmitter.
+    flight: int  #: Most frames in flight at once from one transmitter.
     trace: int = 0  #: Frames of which a trace is kept.
 
 
@@ -257,43 +333,49 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
     """Return the state at time 0, with each periodic flow's first publication scheduled."""
     from sfglab.rtps.world import new_heap, push  # Numba takes its time to import
 
-    flows = len(params.flows)
-    transmitters = 1 if params.timing[TimingColumn.SHARED] else sizes.hosts
+    flows, hosts = len(params.flows), sizes.hosts
+    transmitters = 1 if params.timing["shared"] else hosts
+    frame = record(FrameFields)
+    per_sample = (flows, sizes.samples + 1)
     room = 8 * flows + 4 * (transmitters + sizes.servers) + transmitters * sizes.flight + 16
     heap, heap_sizes = new_heap(room)
-    per_sample = (flows, sizes.samples + 1)
-    reader = np.zeros((flows, len(R)), np.int64)
-    writer = np.zeros((flows, len(W)), np.int64)
-    writer[:, W.SENT] = -1
-    reader[:, R.NEXT] = reader[:, R.FIRST] = 1
-    reader[:, R.VALUE] = -1
-    reader[:, R.ACKED] = 1
-    reader[:, [R.NACKED_AT, R.ACKED_AT]] = writer[:, W.WROTE_AT] = LONG_AGO
-    for flow, row in enumerate(params.flows):
-        if row[FlowColumn.PERIOD_NS]:
-            push(heap, heap_sizes, row[FlowColumn.PHASE_NS], int(Event.PUBLISH), flow)
-    return State(
+    state = State(
         heap=heap,
         heap_sizes=heap_sizes,
         random=np.array([_scattered(seed)], np.uint64),
         counts=np.zeros(len(Count), np.int64),
-        **{name: np.zeros(per_sample, np.int64) for name in ("published_ns", "received_ns")},
-        **{name: np.zeros(per_sample, np.int32) for name in ("value", "order")},
-        **{name: np.zeros(per_sample, np.int8) for name in ("fate", "dropped", "arrived")},
-        writer=writer,
-        reader=reader,
-        repair=np.zeros((flows, 5), np.int64),
-        queue=np.zeros((sizes.hosts, sizes.queue, _FRAME_FIELDS), np.int64),
-        queue_ends=np.zeros((sizes.hosts, 3), np.int64),
-        on_air=np.zeros((transmitters, 3 + _FRAME_FIELDS), np.int64),
-        bad=np.zeros(sizes.hosts, np.int8),
-        trace=np.zeros((sizes.trace, _FRAME_FIELDS + len(TraceColumn)), np.int64),
+        published_ns=np.zeros(per_sample, np.int64),
+        received_ns=np.zeros(per_sample, np.int64),
+        value=np.zeros(per_sample, np.int32),
+        fate=np.zeros(per_sample, np.int8),
+        dropped=np.zeros(per_sample, np.int8),
+        arrived=np.zeros(per_sample, np.int8),
+        order=np.zeros(per_sample, np.int32),
+        writer=np.zeros(flows, record(Writer)),
+        reader=np.zeros(flows, record(Reader)),
+        request=np.zeros(flows, frame),
+        queue=np.zeros((hosts, sizes.queue), frame),
+        head=np.zeros(hosts, np.int64),
+        waiting=np.zeros(hosts, np.int64),
+        blocked=np.zeros(hosts, np.int8),
+        bad=np.zeros(hosts, np.int8),
+        transmitter=np.zeros(transmitters, record(Transmitter)),
+        on_air=np.zeros(transmitters, frame),
+        flight=np.zeros((transmitters, sizes.flight), frame),
+        trace=np.zeros(sizes.trace, record(Trace)),
+        traced=np.zeros(sizes.trace, frame),
         trace_end=np.zeros(1, np.int64),
-        next_host=np.zeros(transmitters, np.int64),
-        flight=np.zeros((transmitters, sizes.flight, _FRAME_FIELDS), np.int64),
-        flight_ends=np.zeros((transmitters, 2), np.int64),
-        server=np.zeros((sizes.servers, len(S)), np.int64),
+        server=np.zeros(sizes.servers, record(Server)),
         watched=np.zeros(flows, np.int8),
-        delivery=np.zeros(len(D), np.int64),
-        scratch=np.zeros((3, _FRAME_FIELDS), np.int64),
+        delivery=np.zeros((), record(Delivery)),
+        scratch=np.zeros(4, frame),
     )
+    state.writer["sent_value"] = -1
+    state.writer["data_ns"] = LONG_AGO
+    state.reader["next"] = state.reader["first"] = state.reader["acked"] = 1
+    state.reader["value"] = -1
+    state.reader["nacked_ns"] = state.reader["acked_ns"] = LONG_AGO
+    for flow, row in enumerate(params.flows):
+        if row["period_ns"]:
+            push(heap, heap_sizes, row["phase_ns"], int(Event.PUBLISH), flow)
+    return state

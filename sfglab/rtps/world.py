@@ -1,11 +1,13 @@
 """The run as one value for compiled functions, a pointer to where the arrays are; and its heap of events.
 
-Numba passes a tuple of arrays by value, some two hundred words a call, and counts a reference to each; its own
-mutable structure (`structref`) counts one at each access to a field. Here a call passes a plain pointer to a
-block of words: for each array its address and shape. Nobody owns an array in there, so functions of a world are
-compiled without reference counting (`_nrt=False`, Numba's own option), and may not make arrays. Only Python
-writes the block, beforehand, so a function may read a word once. Against `structref` that is 1.4 to 1.8 times
-as many events a second of processor time, on five cells of the transmission experiment.
+Numba passes a tuple of arrays by value, some two hundred words per call, and counts a reference to each; its
+own mutable structure (`structref`) counts one at each access to a field. Here a call passes a plain pointer to
+a block of words: for each array its address and shape. Nobody owns an array in there, so functions of a world
+are compiled without reference counting (`_nrt=False`, Numba's own option), and may not make arrays. Only Python
+writes the block, beforehand, so a function may read a word once. Compared with `structref`, a second of
+processor time has 1.4 to 1.8 times as many events, on five cells of the transmission experiment.
+
+An array of records gives records, whose fields are attributes; an array of no dimensions is its one record.
 """
 
 # What Numba gives to its extensions has no types.
@@ -32,6 +34,7 @@ from numba.extending import (
     unbox,
 )
 from numba.np.arrayobj import get_itemsize, make_array, populate_array
+from numba.np.numpy_support import from_dtype
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,23 +73,32 @@ class World:
         words = [word for a in self._arrays.values() for word in (a.ctypes.data, *a.shape)]
         self._block = np.array(words, np.int64)
         self.address = self._block.ctypes.data  #: Of the block, for compiled code.
-        # Where Numba looks, without a call of Python.
-        self._numba_type_ = _WorldType(
-            tuple((name, nb.typeof(a)) for name, a in self._arrays.items())
-        )
+        fields = tuple((name, a.dtype, a.ndim) for name, a in self._arrays.items())
+        self._numba_type_ = _world_type(fields)  # where Numba looks, without a call of Python
+
+
+@functools.cache
+def _world_type(fields: tuple[tuple[str, Any, int], ...]) -> _WorldType:
+    kinds = {}
+    for name, dtype, dimensions in fields:
+        item = from_dtype(dtype)
+        kinds[name] = types.Array(item, dimensions, "C") if dimensions else item
+    return _WorldType(kinds)
 
 
 class _WorldType(types.Type):
-    """Numba's type of a world: its fields and their types, which must be those of contiguous arrays."""
+    """Numba's type of a world: its fields and their types, of contiguous arrays or of one record each."""
 
-    def __init__(self, fields: tuple[tuple[str, Any], ...]) -> None:
-        self.fields = dict(fields)
-        super().__init__(f"World({', '.join(f'{name}: {kind}' for name, kind in fields)})")
-
-    def place(self, name: str) -> int:
-        """Return the word where a field begins."""
-        before = list(self.fields)[: list(self.fields).index(name)]
-        return sum(1 + self.fields[field].ndim for field in before)
+    def __init__(self, fields: dict[str, Any]) -> None:
+        self.fields = fields
+        self.places: dict[str, int] = {}  #: Word of the block where each field begins.
+        words = 0
+        for name, kind in fields.items():
+            self.places[name] = words
+            words += 1 + getattr(kind, "ndim", 0)
+        # Names of functions contain this one, so it is short; records have long ones.
+        text = repr([(name, str(kind)) for name, kind in fields.items()])
+        super().__init__(f"World({hashlib.sha256(text.encode()).hexdigest()})")
 
 
 register_model(_WorldType)(models.OpaqueModel)
@@ -111,7 +123,7 @@ class _Fields(AttributeTemplate):
 @lower_getattr_generic(_WorldType)
 def _borrow(context: Any, builder: Any, world: Any, pointer: Any, name: str) -> Any:
     """Generate what makes an array of an address and a shape; what is not used of it leaves no trace."""
-    kind, place = world.fields[name], world.place(name)
+    kind, place = world.fields[name], world.places[name]
     word = context.get_value_type(types.intp)
     unchanging = builder.module.add_metadata([])
 
@@ -122,6 +134,8 @@ def _borrow(context: Any, builder: Any, world: Any, pointer: Any, name: str) -> 
         value.set_metadata("invariant.load", unchanging)
         return value
 
+    if isinstance(kind, types.Record):
+        return load(0, context.get_value_type(kind))
     data = load(0, context.get_data_type(kind.dtype).as_pointer())
     shape = [load(1 + axis, word) for axis in range(kind.ndim)]
     strides = [context.get_constant(types.intp, get_itemsize(context, kind))]

@@ -231,7 +231,7 @@ def arrivals_of(air: Air, offers) -> list[tuple[int, int]]:
     arrived = []
     for t_ns, host, frame, size_bytes in sorted(offers):
         arrived += air.advance(t_ns)
-        air.offer(host, frame, size_bytes=size_bytes, now_ns=t_ns, target=1)
+        air.offer(host, frame, size_bytes=size_bytes, now_ns=t_ns)
     while (next_ns := air.next_ns()) is not None:
         arrived += air.advance(next_ns)
     return [(sent.frame, sent.due_ns) for sent in arrived]
@@ -245,12 +245,11 @@ def arrivals_of(air: Air, offers) -> list[tuple[int, int]]:
     queue_frames=st.sampled_from([1, 3, 200]),
     queue_rule=st.sampled_from(["tail", "head"]),
     stall_s=st.sampled_from([0.0, 0.02]),
-    far=st.booleans(),
 )
-def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, far, **given):
+def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, **given):
     medium = Medium(
         rate_bps=3e6, loss=0.0, shared=shared is not False, overhead_s=4e-4, access_point=shared == "twice",
-        stall_every_s=0.1, distances_m={"h1": 30.0, "sink": 20.0} if far else {}, **given,
+        stall_every_s=0.1, **given,
     )  # fmt: skip
     qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=1000)
     flows = tuple(

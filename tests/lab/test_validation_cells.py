@@ -19,7 +19,7 @@ from sfglab.lab.experiments.transmission import live, results
 from sfglab.lab.live_flows import MODES
 from sfglab.processes import ProcessFailedError
 from sfglab.rtps import PRESETS, Medium
-from sfglab.rtps.model import data_bytes
+from sfglab.rtps.frames import data_bytes
 
 SEED, COUNT = 18, 40
 

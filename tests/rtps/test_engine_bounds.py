@@ -25,7 +25,7 @@ from sfglab.rtps import (
     world,
     writer,
 )
-from sfglab.rtps.model import QUEUE_RULES
+from sfglab.rtps.channel import QUEUE_RULES
 
 MODULES = (engine, medium, reader, world, writer)
 
@@ -60,9 +60,8 @@ def interpreted():
 
 
 def checked_world(*parts):
-    return SimpleNamespace(
-        **{n: a.view(Checked) for part in parts for n, a in part._asdict().items()}
-    )
+    arrays = {name: array for part in parts for name, array in part._asdict().items()}
+    return SimpleNamespace(**{n: a.view(Checked) if a.ndim else a[()] for n, a in arrays.items()})
 
 
 qos = st.builds(
@@ -119,7 +118,6 @@ def scenarios(draw):
             burst_frames=draw(st.sampled_from([0.0, 4.0])),
             stall_every_s=0.05,
             stall_s=draw(st.sampled_from([0.0, 0.02])),
-            distances_m=draw(st.sampled_from([{}, {"robot1": 25.0}])),
         ),
         vendor=draw(st.sampled_from(list(PRESETS.values()))),
         duration_s=draw(st.sampled_from([0.05, 0.3])),

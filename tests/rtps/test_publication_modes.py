@@ -10,7 +10,8 @@ from sfglab.arp.hello import GridCell
 from sfglab.lab.experiments.transmission.experiment import exp, simulate_cell
 from sfglab.qos import QoSProfile, Reliability
 from sfglab.rtps import PRESETS, Flow, Frame, Medium, Scenario, run
-from sfglab.rtps.model import fragments, frame_bytes, is_lost, rate_share
+from sfglab.rtps.channel import is_lost
+from sfglab.rtps.frames import fragments, frame_bytes
 
 LOSSLESS = Medium(loss=0.0)
 SLOW = Medium(loss=0.0, overhead_s=1.5e-3, queue_frames=50)  # carries some 600 samples a second
@@ -126,9 +127,10 @@ def test_a_message_that_ip_cuts_is_lost_with_any_of_its_frames():
     assert small.flows["a"].loss < 0.05
     assert cut.flows["a"].loss > 0.2
     assert (
-        frame_bytes(Frame.BURST, 24, 24) + frame_bytes(Frame.FRAGMENT, 24, 0) == 78 + 24 * 60 + 34
+        frame_bytes(Frame.BURST, 24, 24, 0) + frame_bytes(Frame.FRAGMENT, 24, 0, 0)
+        == 78 + 24 * 60 + 34
     )
-    assert [fragments(24, n) for n in (1, 23, 24, 256)] == [0, 0, 1, 10]
+    assert [fragments(24, n, 0) for n in (1, 23, 24, 256)] == [0, 0, 1, 10]
 
 
 def test_best_effort_loses_what_the_medium_loses_and_an_access_point_costs_and_loses_twice():
@@ -142,7 +144,7 @@ def test_best_effort_loses_what_the_medium_loses_and_an_access_point_costs_and_l
 
 
 def test_an_access_point_drops_where_hosts_block():
-    medium = replace(SLOW, queue_rule="block", access_point=True, distances_m={"station": 100.0})
+    medium = replace(SLOW, queue_rule="block", access_point=True)
     counts = outcome("fast_dds_async", medium, depth=100, rate_hz=1000, duration_s=3.0).counts
     assert counts["queue_full"] > 0
 
@@ -180,12 +182,3 @@ def test_losses_come_in_bursts_of_their_mean_length(burst):
     starts = np.flatnonzero(np.diff([0, *lost]) == 1)
     assert np.mean(lost) == pytest.approx(0.05, rel=0.1)
     assert np.sum(lost) / len(starts) == pytest.approx(max(burst, 1.0), rel=0.1)
-
-
-def test_far_hosts_are_slower():
-    assert [rate_share(m) for m in (0, 10, 30, 1000)] == [1.0, 1.0, 0.2, 0.1]
-    far = Medium(loss=0.0, distances_m={"robot": 30.0})
-    near_ns, far_ns = (
-        outcome("fast_dds", m, depth=1).counts["airtime_ns"] for m in (LOSSLESS, far)
-    )
-    assert far_ns > 1.2 * near_ns

@@ -4,10 +4,10 @@ Takes every frame that a host sends (packet(7)), lets the medium say when it arr
 receivers then. A frame to a group reaches every other host and is on air once; a loss is drawn for each
 receiver. It ends when its control socket does.
 
-The medium is a pure machine of frames at times, in nanoseconds of the caller's clock. Its rules are those of
-the model of RTPS, frame for frame, airtime and turns its very functions; a queue that blocks is the kernel's
-(`wiring`). The relay's own slowness adds delay, which it counts, and lowers no rate: a frame's end follows from
-the end of the one before.
+The medium is a pure machine of frames at times, in nanoseconds of the caller's clock. Its rules are the functions
+of `sfglab.rtps.channel`, which the model of RTPS uses, too; a queue that blocks is the kernel's (`wiring`). The
+relay's own slowness adds delay, which it counts, and lowers no rate: a frame's end follows from the end of the one
+before.
 """
 
 from __future__ import annotations
@@ -27,7 +27,17 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from sfglab.lab.hosts.radio import RadioHost
 from sfglab.rtps import Medium
-from sfglab.rtps.model import is_lost, next_sender
+from sfglab.rtps.channel import (
+    BLOCK,
+    DISPLACES,
+    JOINS,
+    REFUSED,
+    admission,
+    after_stall_ns,
+    airtime_ns,
+    is_lost,
+    next_sender,
+)
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -60,7 +70,6 @@ class _Waiting(NamedTuple, Generic[F]):
     size_bytes: int
     frame: F
     sender: int
-    target: int | None
 
 
 @dataclass(slots=True)
@@ -97,16 +106,13 @@ class Air(Generic[F]):
         groups = [everybody] if medium.shared else [(host,) for host in everybody]
         state.transmitters = [_Transmitter(group, free_ns=free_ns) for group in groups]
         self._medium = medium
-        self._rates_bps = [medium.rate_of(host) for host in self._hosts]
         self.use = [RadioHost() for _ in everybody]
         for transmitter in state.transmitters:
             self._start(transmitter)
 
-    def offer(
-        self, host: int, frame: F, *, size_bytes: int, now_ns: int, target: int | None = None
-    ) -> bool:
-        """Put a frame into a host's queue now, for a group without a target; False when one is dropped."""
-        took = self._queue(host, _Waiting(now_ns, size_bytes, frame, host, target))
+    def offer(self, host: int, frame: F, *, size_bytes: int, now_ns: int) -> bool:
+        """Put a frame into a host's queue now; False when a frame is dropped."""
+        took = self._queue(host, _Waiting(now_ns, size_bytes, frame, host))
         for transmitter in self._state.transmitters:
             # A frame that finds the medium free is on air at once and takes no place in the queue.
             if host in transmitter.hosts and transmitter.on_air is None:
@@ -114,16 +120,16 @@ class Air(Generic[F]):
         return took
 
     def _queue(self, host: int, waiting: _Waiting[F]) -> bool:
-        queue = self._state.queues[host]
-        full = len(queue) >= self._medium.queue_frames
-        if full:
+        queue, medium = self._state.queues[host], self._medium
+        result = admission(medium.rule, len(queue), medium.queue_frames)
+        if result != JOINS:
             self.use[host].queue_full += 1
-            if self._medium.queue_rule == "tail":
-                return False
-            if self._medium.queue_rule == "head":
-                queue.popleft()
-        queue.append(waiting)
-        return not full
+        if result == DISPLACES:
+            queue.popleft()
+        # The kernel makes senders wait for a queue that blocks, so nothing that it lets pass is dropped.
+        if result != REFUSED or medium.rule == BLOCK:
+            queue.append(waiting)
+        return result == JOINS
 
     def advance(self, until_ns: int) -> list[Sent[F]]:
         """Return the frames that have arrived until a time, this time included, in order."""
@@ -151,33 +157,32 @@ class Air(Generic[F]):
 
     def _start(self, transmitter: _Transmitter[F]) -> None:
         """Put the next frame on air: of the host whose turn it is among those that wait by then."""
-        queues = self._state.queues
+        queues, medium = self._state.queues, self._medium
         waiting = [host for host in transmitter.hosts if queues[host]]
         if not waiting:
             return
         start_ns = max(transmitter.free_ns, min(queues[host][0].since_ns for host in waiting))
         ready = {host for host in waiting if queues[host][0].since_ns <= start_ns}
-        host, contenders = next_sender(
-            [host in ready for host in range(len(queues))], transmitter.next_
-        )
-        if self._medium.random_turns:
-            host = self._chance.choice(sorted(ready))
+        contends = [host in ready for host in range(len(queues))]
+        host, contenders = next_sender(contends, transmitter.next_, 0)
+        if contenders > 1 and medium.random_turns:
+            passed = int(self._chance.random() * contenders)
+            host, _ = next_sender(contends, transmitter.next_, passed)
         entry = queues[host].popleft()
-        # Of the access point's frames to a group, nobody's distance counts.
-        near = host if host != self._access_point else entry.target
-        rate_bps = None if near is None else self._rates_bps[near]
-        airtime_ns = self._medium.airtime_ns(entry.size_bytes, contenders, rate_bps)
-        transmitter.next_ = host + 1
-        transmitter.free_ns = self._medium.begin_ns(start_ns) + airtime_ns
-        transmitter.on_air = Sent(
-            transmitter.free_ns + self._medium.latency_ns, entry.sender, entry.frame
+        on_air_ns = airtime_ns(
+            entry.size_bytes, contenders, medium.overhead_ns, medium.rate_bps, medium.contention
         )
-        first = self._medium.access_point and host != self._access_point
-        transmitter.relayed = entry._replace(since_ns=transmitter.free_ns) if first else None
+        transmitter.next_ = host + 1
+        began_ns = after_stall_ns(start_ns, medium.stall_every_ns, medium.stall_ns)
+        transmitter.free_ns = began_ns + on_air_ns
+        due_ns = transmitter.free_ns + medium.latency_ns
+        transmitter.on_air = Sent(due_ns, entry.sender, entry.frame)
+        is_first_hop = medium.access_point and host != self._access_point
+        transmitter.relayed = entry._replace(since_ns=transmitter.free_ns) if is_first_hop else None
         use = self.use[host]
         use.frames += 1
         use.bytes_ += entry.size_bytes
-        use.airtime_ns += airtime_ns
+        use.airtime_ns += on_air_ns
 
 
 # linux/if_ether.h, linux/if_packet.h, asm-generic/socket.h, linux/prctl.h
@@ -323,15 +328,8 @@ class _Relay:
             return  # the medium is not set yet: there is none
         for arrival in arrivals:
             self._deliver(air, air.advance(arrival.t_ns))
-            target = None if arrival.frame[0] & _GROUP_BIT else self._host_of.get(arrival.frame[:6])
             size_bytes = len(arrival.frame)
-            air.offer(
-                arrival.host,
-                arrival.frame,
-                size_bytes=size_bytes,
-                now_ns=arrival.t_ns,
-                target=target,
-            )
+            air.offer(arrival.host, arrival.frame, size_bytes=size_bytes, now_ns=arrival.t_ns)
         self._deliver(air, air.advance(time.time_ns()))
 
     def _deliver(self, air: Air[bytes], sent: list[Sent[bytes]]) -> None:

@@ -27,7 +27,7 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sfglab.rtps.model import QueueRule
+    from sfglab.rtps.channel import QueueRule
 
 MODES = ("fast_dds_sync", "fast_dds_async", "fast_dds_foxy", "cyclone_dds")
 QUEUE_FRAMES = 277

@@ -1,0 +1,182 @@
+"""The wireless channel: what describes it, and its rules, one plain function each.
+
+This is the only place with these rules. `medium` compiles the functions for the model of RTPS; the radio
+between test hosts (`sfglab.lab.hosts.radio_relay`) calls them as they are, without Numba, whose import takes
+longer than a relay may take to start. So each function uses numbers and sequences only, and calls no other.
+
+Hosts share a half-duplex medium, as Wi-Fi is, or each has a sender of its own, as an Ethernet port is. A
+frame waits in its host's queue, is on air when its host's turn comes, and is lost or arrives. Without an
+access point it is on air once, else twice. Times are nanoseconds, sizes bytes with the Ethernet header.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from sfglab.errors import InvalidValueError
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+QueueRule = Literal["tail", "head", "block"]
+QUEUE_RULES: tuple[QueueRule, ...] = get_args(QueueRule)
+TAIL, HEAD, BLOCK = range(len(QUEUE_RULES))
+
+JOINS, DISPLACES, REFUSED = range(3)
+"""Results of `admission`."""
+
+# --- The rules ---------------------------------------------------------------------------------
+
+
+def airtime_ns(
+    size_bytes: int, contenders: int, overhead_ns: int, rate_bps: float, contention: float
+) -> int:
+    """Return how long a frame is on air while so many hosts have something to send.
+
+    Each host beyond the first stretches it by the share `contention`; the rest as `Medium` has it.
+    """
+    stretch = 1.0 + contention * (contenders - 1)
+    return int((overhead_ns + size_bytes * 8e9 / rate_bps) * stretch)
+
+
+def next_sender(waiting: Sequence[Any], turn: int, passed: int) -> tuple[int, int]:
+    """Return the host that sends next, -1 for none, and how many hosts contend.
+
+    Args:
+        waiting: For each host, whether it has something to send.
+        turn: Host whose turn it is; the others follow in order.
+        passed: How many contending hosts are passed over: 0 where hosts take turns; the whole part of
+            a draw from [0, 1) times their number where chance decides, as with Wi-Fi's backoff.
+    """
+    hosts = len(waiting)
+    chosen, contenders = -1, 0
+    host = turn - 1
+    for _ in range(hosts):
+        host += 1
+        if host == hosts:
+            host = 0
+        if waiting[host]:
+            if contenders == passed:
+                chosen = host
+            contenders += 1
+    return chosen, contenders
+
+
+def admission(rule: int, waiting: int, room: int) -> int:
+    """Return what becomes of a frame that comes to a queue with so many frames and so much room.
+
+    It `JOINS` while there is room. A full queue of the rule `HEAD` drops its oldest frame
+    (`DISPLACES`), any other one the frame that comes (`REFUSED`).
+    """
+    if waiting < room:
+        return JOINS
+    return DISPLACES if rule == HEAD else REFUSED
+
+
+def stays_blocked(blocked: bool, waiting: int, room: int) -> bool:  # noqa: FBT001 - compiled
+    """Return whether a queue of the rule `BLOCK` lets nobody send.
+
+    A queue that was full lets go once half has left (Linux, net/core/sock.c, `sock_writeable`).
+    """
+    return waiting >= room or (blocked and 2 * waiting > room)
+
+
+def after_stall_ns(now_ns: int, every_ns: int, stall_ns: int) -> int:
+    """Return when a frame can begin that is ready now: the medium stalls as each period begins."""
+    if stall_ns == 0 or now_ns % every_ns >= stall_ns:
+        return now_ns
+    return now_ns + stall_ns - now_ns % every_ns
+
+
+def is_lost(bad: bool, draw: float, loss: float, burst_frames: float) -> bool:  # noqa: FBT001 - compiled
+    """Return whether a frame is lost, given the fate of the sender's frame before and a draw from [0, 1).
+
+    Losses come in bursts of `burst_frames` frames in the mean (E. N. Gilbert, Capacity of a Burst-Noise
+    Channel, 1960, with every frame lost in the bad state); below 1 each frame is drawn by itself.
+    """
+    if burst_frames < 1:
+        return draw < loss
+    return draw >= 1 / burst_frames if bad else draw < loss / ((1 - loss) * burst_frames)
+
+
+# --- The description -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Medium:
+    """A channel that carries the frames.
+
+    Raises:
+        InvalidValueError: A field is out of its range, or two fields contradict each other.
+    """
+
+    rate_bps: float = 20e6  #: Bits per second.
+    loss: float = 0.01  #: Share of frames that are lost, after whatever the medium itself repeats.
+    #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
+    shared: bool = True
+    #: Airtime overhead per frame, seconds: preamble, gaps, acknowledgement.
+    overhead_s: float = 300e-6
+    #: Share by which each further host that has something to send stretches a frame.
+    contention: float = 0.15
+    latency_s: float = 0.0  #: From the end of sending to arrival, seconds.
+    queue_frames: int = 500  #: Frames that a host's queue holds.
+    #: Rule of a full queue. ``tail`` drops the frame that comes last, as a driver or an access point does.
+    #: ``head`` drops the oldest frame, as CoDel does, Ubuntu's default. ``block`` makes the sender wait, as
+    #: Linux does where the socket's buffer is smaller than the queue. A test host's radio can block only
+    #: where hosts share nothing.
+    queue_rule: QueueRule = "tail"
+    #: Whether frames pass an access point, one more host that contends: they are on air twice.
+    access_point: bool = False
+    #: Whether chance decides which of the contending hosts sends next, as Wi-Fi's backoff does; else hosts
+    #: take turns. In turns one host wins each free place in a full access point's queue.
+    random_turns: bool = False
+    #: Mean length of a burst of losses, frames; below 1: each frame is lost by itself.
+    burst_frames: float = 0.0
+    stall_every_s: float = (
+        0.0  #: Period of channel stalls, seconds: scans, power saving, neighbours.
+    )
+    stall_s: float = 0.0  #: Length of a stall, seconds: no frame begins in it.
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.loss < 1 or self.rate_bps <= 0 or self.queue_frames < 1:
+            allowed = "0 <= loss < 1, rate_bps > 0, queue_frames >= 1"
+            raise InvalidValueError("medium", self, allowed)
+        extras = self.overhead_s, self.contention, self.latency_s, self.burst_frames, self.stall_s
+        if min(extras) < 0:
+            allowed = "overhead_s, contention, burst_frames, stall_s and latency_s from 0"
+            raise InvalidValueError("medium", self, allowed)
+        if self.queue_rule not in QUEUE_RULES:
+            raise InvalidValueError("medium: queue_rule", self.queue_rule, ", ".join(QUEUE_RULES))
+        if self.access_point and not self.shared:
+            raise InvalidValueError("medium: access_point", True, "only on a shared medium")
+        if self.stall_s and self.stall_s >= self.stall_every_s:
+            given = self.stall_s, self.stall_every_s
+            allowed = "stall_s < stall_every_s"
+            raise InvalidValueError("medium: stall_s, stall_every_s", given, allowed)
+
+    @property
+    def rule(self) -> int:
+        """Index of `queue_rule` in `QUEUE_RULES`."""
+        return QUEUE_RULES.index(self.queue_rule)
+
+    @property
+    def overhead_ns(self) -> int:
+        """`overhead_s` in nanoseconds."""
+        return round(self.overhead_s * NS_PER_S)
+
+    @property
+    def latency_ns(self) -> int:
+        """`latency_s` in nanoseconds."""
+        return round(self.latency_s * NS_PER_S)
+
+    @property
+    def stall_every_ns(self) -> int:
+        """`stall_every_s` in nanoseconds."""
+        return round(self.stall_every_s * NS_PER_S)
+
+    @property
+    def stall_ns(self) -> int:
+        """`stall_s` in nanoseconds."""
+        return round(self.stall_s * NS_PER_S)

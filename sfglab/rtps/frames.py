@@ -1,0 +1,51 @@
+"""Sizes of RTPS messages on the medium (RTPS 2.5, clause 9.4), plain functions that `medium` compiles.
+
+A frame has the headers of Ethernet, IPv4, UDP and RTPS, then submessages: INFO_DST 16, INFO_TS 12, DATA 24
+and the payload, padded as CDR is, HEARTBEAT 32, ACKNACK 28 and a bitmap of 32, GAP 32 bytes. Sizes are bytes.
+"""
+
+from __future__ import annotations
+
+from sfglab.rtps.state import Frame
+
+NETWORK_BYTES = 14 + 20 + 8  #: Ethernet, IPv4 and UDP headers of a frame.
+LEAST_BYTES = NETWORK_BYTES + 20  #: The same with the header of RTPS.
+INFO_DST_BYTES = 16
+_HEARTBEAT_BYTES = 32
+IP_BYTES = 14 + 20  #: Ethernet and IPv4 headers, which each fragment has.
+IP_PAYLOAD_BYTES = 1480  #: What a frame carries of an IP packet (RFC 894, RFC 791).
+
+
+def frame_bytes(kind: int, size_bytes: int, samples: int, heartbeats: int) -> int:
+    """Return the size of a frame; of a BURST that IP fragments, that of its last frame.
+
+    Args:
+        kind: A `Frame`.
+        size_bytes: CDR size of the flow's samples.
+        samples: Samples in a BURST.
+        heartbeats: Heartbeats that travel with DATA or in a BURST.
+    """
+    sample = 12 + 24 + (size_bytes + 3) // 4 * 4
+    if kind == Frame.DATA:
+        return LEAST_BYTES + sample + heartbeats * _HEARTBEAT_BYTES
+    if kind == Frame.FRAGMENT:
+        return IP_BYTES + IP_PAYLOAD_BYTES
+    if kind == Frame.BURST:
+        whole = LEAST_BYTES + INFO_DST_BYTES + heartbeats * _HEARTBEAT_BYTES + samples * sample
+        return IP_BYTES + (whole - IP_BYTES - 1) % IP_PAYLOAD_BYTES + 1
+    return LEAST_BYTES + INFO_DST_BYTES + (28 + 32 if kind == Frame.ACKNACK else 32)
+
+
+def fragments(size_bytes: int, samples: int, heartbeats: int) -> int:
+    """Return how many full frames precede the last frame of a BURST; arguments as `frame_bytes`."""
+    sample = 12 + 24 + (size_bytes + 3) // 4 * 4
+    whole = LEAST_BYTES + INFO_DST_BYTES + heartbeats * _HEARTBEAT_BYTES + samples * sample
+    return (whole - IP_BYTES - 1) // IP_PAYLOAD_BYTES
+
+
+def data_bytes(size_bytes: int, *, with_heartbeat: bool) -> int:
+    """Return the size of a frame with one sample of `size_bytes` in CDR."""
+    return frame_bytes(Frame.DATA, size_bytes, 1, int(with_heartbeat))
+
+
+ACKNACK_BYTES = frame_bytes(Frame.ACKNACK, 0, 0, 0)  #: Size of an acknowledgement's frame.
