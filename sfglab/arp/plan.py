@@ -1,8 +1,8 @@
-"""Plan of the QoS: rate and depth of each topic, what the link's arithmetic expects of them, the best depths.
+"""Plan of the QoS: rate and depth of each topic, and what the link's arithmetic expects of them.
 
-Whoever found the rates, they are judged alike: share of the medium, latency, and the share of time in which the
-reader holds a value that is still true. Histories are as shallow as the allowed loss lets them be, because what
-is deeper waits longer. Arrays have an entry for each topic, shape (n,).
+Plans of every method are judged alike: share of the medium, latency, and the share of time in which the reader
+holds a value that is still true. Histories are as shallow as the allowed loss lets them be, because what is
+deeper waits longer. Arrays have one entry per topic, shape (n,).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from sfglab.arp.balancing import BalanceInput, balance
 from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s, waits_s
-from sfglab.arp.repairs import CANDIDATES, batch_loss, one_repair_loss, random_batch_loss
+from sfglab.arp.repairs import failing_share
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import between, check_bounds
 from sfglab.qos import SENSOR_DATA, QoSProfile
@@ -27,6 +27,22 @@ if TYPE_CHECKING:
 
     from sfglab.arp.topics import Topic, TopicFile
     from sfglab.rtps import Medium, Vendor
+
+    Floats = NDArray[np.float64]
+    Depths = NDArray[np.int64]
+
+BATCH_DEPTH = 4
+"""Depth where heartbeats come once in `depth` samples: a deeper history holds up more behind each loss, and
+with a shallower one a retransmission that is lost itself comes too late."""
+_BATCH_DEPTH_LEAST = 2  # one sample alone is overwritten before it can be retransmitted
+
+_DURING_MOST = 1e6  #: Samples during retransmissions that are reckoned with at most.
+_ROUNDS_MOST = 8  #: Rounds of retransmissions; more leave nothing that matters.
+_WAITS_PER_ROUND = 2  #: Waits in queues on the ways of a request and its retransmission.
+#: Mean waits in queues that a retransmission may meet on its three ways before it is too late.
+_SLACK = 4.0
+_RATE_MARGIN = 0.99  #: Share of the highest rate that is used, as depths and waits differ a little.
+_HALVINGS = 40  #: Steps of a bisection over a share.
 
 
 class InfeasiblePlanError(SfglabError, ValueError):
@@ -69,110 +85,90 @@ class Limits:
         check_bounds(self)
 
 
-_MOST = 1e6
-
-
-def depths_for(
-    link: Link, rates_hz: NDArray[np.float64], *, residual_loss: float
-) -> NDArray[np.int64]:
+def depths_for(link: Link, rates_hz: Floats, *, residual_loss: float) -> Depths:
     """Return how deep histories should be at these rates.
 
-    Where a heartbeat rides with every sample, what is published while a sample waits for k repairs must fit
-    beside it: k samples until their heartbeats, and r times the delays, with twice the queue's wait each; k
-    follows from the losses (`rounds_needed`). No deeper: that repairs what nobody wants any more, before what
-    is newer.
-
-    Where heartbeats come once in `depth` samples, depth delays repairs. Of a few candidates the one with the
-    least expected latency is taken among those that keep to the allowed loss; if none does, among those that
-    lose no more than one repair of every loss would leave; if none does, the one that loses least. Behind a
-    local cache what a newer state has replaced is no loss: the wait for the next counts as its latency.
-    Best-effort topics get the depth of rmw's profile for sensors.
+    Where a heartbeat rides with every sample, what is published while a sample waits for k retransmissions must
+    fit beside it: k samples until their heartbeats, and r times the delays, with twice the queue's wait each; k
+    follows from the losses (`rounds_needed`). A deeper history retransmits what nobody wants any more, before
+    what is newer. Where heartbeats come once in `depth` samples, histories have `BATCH_DEPTH`, or what comes in
+    a heartbeat's period if that is less. Best-effort topics get the depth of rmw's profile for sensors.
     """
     rounds = np.array([rounds_needed(float(loss), residual_loss) for loss in link.loss])
-    during = np.minimum(link.sent_hz(rates_hz) * _rounds_s(link, rates_hz, rounds), _MOST)
-    steady = np.ceil(during) + 1
-    depths = np.where(link.reliable, steady, SENSOR_DATA.depth).astype(np.int64)
-    if link.batching.any():
-        depths[link.batching] = _batch_depths(link, rates_hz, residual_loss)[link.batching]
-    return depths
-
-
-def expected_losses(
-    link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return which share of each topic's samples never comes because the medium loses frames."""
     sent_hz = link.sent_hz(rates_hz)
-    losses = link.loss.copy()
-    during = np.minimum(sent_hz * (link.round_s + _SLACK * waits_s(link, rates_hz)), _MOST)
+    during = np.minimum(sent_hz * _rounds_s(link, rates_hz, rounds), _DURING_MOST)
+    in_batches = np.clip(np.floor(sent_hz * link.period_s), _BATCH_DEPTH_LEAST, BATCH_DEPTH)
+    depths = np.where(link.batching, in_batches, np.ceil(during) + 1)
+    return np.where(link.reliable, depths, SENSOR_DATA.depth).astype(np.int64)
+
+
+def expected_losses(link: Link, depths: Depths, rates_hz: Floats) -> Floats:
+    """Return the share of each topic's samples that is never delivered because the medium loses frames.
+
+    Where heartbeats come in batches, as many samples at the head of each batch are lost for good as are
+    published during a retransmission; of the others, those whose one retransmission fails.
+    """
+    sent_hz = link.sent_hz(rates_hz)
     rounds = np.zeros(len(depths))
-    for k in range(1, 9):  # more rounds than that leave nothing that matters
+    for k in range(1, _ROUNDS_MOST + 1):
         rounds[depths > sent_hz * _rounds_s(link, rates_hz, k)] = k
     failing = 1 - (1 - link.loss) ** 2
-    for i in np.flatnonzero(link.reliable):
-        depth = int(depths[i])
-        if not link.batching[i]:
-            losses[i] *= failing[i] ** rounds[i]
-        elif np.isfinite(link.change_most_hz[i]):
-            losses[i] = random_batch_loss(depth, during[i], float(link.loss[i]))
-        else:
-            losses[i] = batch_loss(depth, int(during[i]), float(link.loss[i]))
-    return losses
+    steady = link.loss * failing**rounds
+    during = np.minimum(sent_hz * _repair_s(link, waits_s(link, rates_hz)), _DURING_MOST)
+    # Periodic samples are published during a retransmission in whole numbers, changes at random in the mean.
+    overwritten = np.where(link.cached, during, np.floor(during)) / depths
+    in_batches = link.loss * np.minimum(1.0, overwritten + failing_share(link.loss))
+    repaired = np.where(link.batching, in_batches, steady)
+    return np.where(link.reliable, repaired, link.loss)
 
 
-def rates_most_hz(link: Link, *, utilisation: float) -> NDArray[np.float64]:
-    """Return up to which rates the allowed loss can be kept, infinite where any can.
+def rates_most_hz(link: Link, highest_hz: Floats, *, utilisation_max: float) -> Floats:
+    """Return the highest rates at which the allowed loss can be kept, on a link `at_depths` of batches.
 
-    Where heartbeats come in batches, a sample that is published during a repair is one that is lost for good at
-    the head of every batch, so there must be none: r c < 1. Behind a local cache that is no loss
-    (`depths_for`). The share of each sender's time that is taken, at most, decides how long frames wait.
+    Where heartbeats come in batches, a sample that is published during a retransmission is lost for good, so
+    there must be none: r c < 1. Behind a local cache a newer state has replaced it. How long frames wait
+    follows from the rates themselves, so the utilisation at which both agree is found by bisection.
     """
-    bounded = link.batching & ~np.isfinite(link.change_most_hz) & (link.loss > 0)
-    wait_s = queue_wait_s(np.full(len(link.senders), utilisation), link, inverse=np.reciprocal)[
-        link.sender
-    ]
-    return np.where(bounded, (1 - 1e-9) / (link.round_s + _SLACK * wait_s), math.inf)
+    bounded = link.batching & ~link.cached & (link.loss > 0)
+    if not bounded.any():
+        return highest_hz
+    low, high = 0.0, utilisation_max
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        if link.utilisation(_rates_at_hz(link, highest_hz, middle, bounded)).max() > middle:
+            low = middle
+        else:
+            high = middle
+    return _rates_at_hz(link, highest_hz, high, bounded)
+
+
+def _rates_at_hz(
+    link: Link, highest_hz: Floats, utilisation: float, bounded: NDArray[np.bool_]
+) -> Floats:
+    """Return the highest rates on a link that is so busy."""
+    busy = np.full(len(link.senders), utilisation)
+    wait_s = queue_wait_s(busy, link, inverse=np.reciprocal)[link.sender]
+    most_hz = np.minimum(highest_hz, _RATE_MARGIN / _repair_s(link, wait_s))
+    return np.where(bounded, most_hz, highest_hz)
+
+
+def _repair_s(link: Link, wait_s: Floats) -> Floats:
+    """Return how long a retransmission takes after the heartbeat, with slack for longer queues."""
+    return link.round_s + _SLACK * wait_s
 
 
 def rounds_needed(loss: float, residual_loss: float) -> int:
-    """Return how many repairs a sample must await: loss (1 - (1 - loss)^2)^k <= residual loss, 1 at least."""
+    """Return how many retransmissions a sample must await: loss (1 - (1 - loss)^2)^k <= residual loss, 1 at least."""
     if loss <= residual_loss:
         return 1
     return max(1, math.ceil(math.log(residual_loss / loss) / math.log(1 - (1 - loss) ** 2)))
 
 
-#: Mean waits in queues that a repair may meet on its three ways before it is too late.
-_SLACK = 4.0
-
-
-def _rounds_s(
-    link: Link, rates_hz: NDArray[np.float64], count: int | NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Return how long so many repairs, one after the other, take where heartbeats are steady."""
+def _rounds_s(link: Link, rates_hz: Floats, count: int | Depths) -> Floats:
+    """Return how long so many rounds, one after the other, take where heartbeats ride with every sample."""
     shown_s = np.minimum(1 / link.sent_hz(rates_hz), link.period_s)
-    each = shown_s + link.round_s + 2 * waits_s(link, rates_hz)
-    return np.asarray(count * each + (count - 1) * link.again_s)
-
-
-def _batch_depths(
-    link: Link, rates_hz: NDArray[np.float64], residual_loss: float
-) -> NDArray[np.int64]:
-    """Return the best candidate for each topic, shape (n,)."""
-    sent_hz = link.sent_hz(rates_hz)
-    losses, delays = [], []
-    for depth in CANDIDATES:
-        depths = np.full(len(rates_hz), depth)
-        losses.append(expected_losses(link, depths, rates_hz))
-        delays.append(
-            repair_delay_s(at_depths(link, depths, rates_hz), sent_hz, inverse=np.reciprocal)
-        )
-    loss, delay_s = np.array(losses), np.array(delays)
-    states = np.isfinite(link.change_most_hz)
-    chosen = np.argmin(delay_s + loss / sent_hz, axis=0)
-    for i in np.flatnonzero(~states):
-        limits = [residual_loss, one_repair_loss(float(link.loss[i])), float(loss[:, i].min())]
-        allowed = next(a for limit in limits if (a := loss[:, i] <= limit * (1 + 1e-9)).any())
-        chosen[i] = np.argmin(np.where(allowed, delay_s[:, i], math.inf))
-    return np.asarray(np.array(CANDIDATES)[chosen])
+    each_s = shown_s + link.round_s + _WAITS_PER_ROUND * waits_s(link, rates_hz)
+    return np.asarray(count * each_s + (count - 1) * link.again_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,26 +1,21 @@
 """Programme of our own QoS balancing: convex, with the link in sight, and its Pareto front.
 
-The problem that paper B prints (`balancing`) knows neither link nor messages, and has no trade-off. This one
-has one. Sending more often keeps the reader's value truer; it also takes airtime, fills queues, and puts more
-samples behind each gap: latency grows. With rates r, times between changes t and weights w of the topics:
+The problem that paper B publishes (`balancing`) knows neither link nor messages, and has no trade-off. This
+one has a trade-off: sending more often keeps the reader's value truer, but takes airtime, fills queues, and puts
+more samples behind each gap, so latency grows. With rates r, times between changes t and weights w of the topics:
 
     maximise    sum_i w_i [ 1 - 1 / (1 + r_i t_i) - price * latency_i(r, u) ] / sum_i w_i
     subject to  airtime_s(r) <= u_s <= utilisation_max     for every sender s
-                rate_min_i <= r_i <= rate_max_i, and <= what the allowed loss lets through
+                rate_min_i <= r_i <= rate_max_i, and <= the rate at which the allowed loss can be kept
 
 The utility r t / (1 + r t) is the share of time in which the value sent last is still true when changes and
-samples come at random: it saturates for what changes slowly, so such topics leave the air to others; samples
-at even times do a little better, which a finished plan says (`Plan.up_to_date`). Latency (`link`) is the way,
-the queue's wait, convex in u, and the hold-up by repairs, convex in r at given depths.
+samples come at random. It saturates for values that change slowly, so such topics leave the medium to others;
+samples at even times do a little better, which a finished plan includes (`Plan.up_to_date`). Latency (`link`)
+is the way, the queue's wait, convex in u, and the delay by retransmissions, convex in r at given depths.
 
-Depths and rates depend on each other where heartbeats come once in `depth` samples, as with a VOLATILE writer
-of Fast DDS: a deeper history loses less and acknowledges less, but repairs later. So the two alternate: rates
-by the convex programme, then depths by trying a few (`depths_for`), and again, until nothing gets better. Each
-programme is solved to its optimum; of the rounds, the best is kept. That need not be the best of all pairs.
-
-There, samples that are published during a repair are lost for good, so the allowed loss bounds the rates; by
-how much depends on how long repairs queue (`rates_most_hz`). So a few bounds of u are tried, each with the
-rates that it permits: emptier air lets a topic be faster. Where losses bound no rate there is one, the given.
+Depths and the answers that heartbeats ask for depend on the rates. So the two alternate: rates from the convex
+programme, then depths (`depths_for`), and again, until nothing gets better. Each programme is solved to its
+optimum; of the rounds, the best is kept. That need not be the best of all pairs.
 """
 
 from __future__ import annotations
@@ -32,7 +27,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s
-from sfglab.arp.plan import InfeasiblePlanError, Limits, Plan, assess, depths_for, rates_most_hz
+from sfglab.arp.plan import (
+    BATCH_DEPTH,
+    InfeasiblePlanError,
+    Limits,
+    Plan,
+    assess,
+    depths_for,
+    rates_most_hz,
+)
 from sfglab.errors import InvalidValueError, SfglabError
 
 if TYPE_CHECKING:
@@ -49,8 +52,8 @@ millisecond costing all of it."""
 
 _ALTERNATIONS_MOST = 4
 _GAIN_LEAST = 1e-6
-_LEVELS = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)
 _TAKEN_MORE = 1e-6  # a solver's tolerance
+_LOWERINGS = 51  # shares of the way from the lowest rates that are tried
 
 
 def plan(
@@ -113,38 +116,23 @@ class _Planner:
     ) -> None:
         self._topics, self._medium, self._vendor, self._limits = topics, medium, vendor, limits
         self._bare = link_of(topics, medium, vendor)
-        self._lowest = np.array([t.rate_min_hz for t in topics])
-        self._highest = np.array([t.rate_max_hz for t in topics])
+        self._lowest = np.array([topic.rate_min_hz for topic in topics])
+        highest = np.array([topic.rate_max_hz for topic in topics])
+        in_batches = at_depths(self._bare, np.full(len(topics), BATCH_DEPTH), highest)
+        most_hz = rates_most_hz(in_batches, highest, utilisation_max=limits.utilisation_max)
+        self._highest = np.maximum(most_hz, self._lowest)
         self._programmes: dict[bytes, Programme] = {}
-        middle_hz = np.sqrt(self._lowest * self._ceiling_hz(0.0))
+        middle_hz = np.sqrt(self._lowest * self._highest)
         self._first = at_depths(self._bare, self._depths(self._bare, middle_hz), middle_hz)
-        needed = _check_feasible(topics, self._first, limits)
-        bounded = bool(np.isfinite(rates_most_hz(self._bare, utilisation=0.0)).any())
-        shares = np.array(_LEVELS if bounded else (1.0,))
-        levels = limits.utilisation_max * shares
-        self._levels = levels[(shares == 1) | (levels > needed)]
+        _check_feasible(topics, self._first, limits)
 
     def plan(self, price: float) -> Plan:
-        """Return the plan at a price of latency: the best of those with the air as full as each level."""
-        best = self._plan_at(price, float(self._levels[0]))
-        for level in self._levels[1:]:
-            found = self._plan_at(price, float(level))
-            if _worth(found) < _worth(best):
-                break
-            best = found
-        return best
-
-    def _plan_at(self, price: float, level: float) -> Plan:
-        """Return the best plan of the rounds, in which rates and depths alternate."""
+        """Return the plan at a price of latency: the best of the rounds."""
         link, best = self._first, None
         for _ in range(_ALTERNATIONS_MOST):
             programme = self._programme(link)
-            programme.ceiling.value = self._ceiling_hz(level) / self._highest
-            programme.level.value = level
             rates_hz, airtime_price = solve(programme, link, price)
-            rates_hz, depths = self._within_capacity(
-                link, np.minimum(rates_hz, self._ceiling_hz(level))
-            )
+            rates_hz, depths = self._within_capacity(link, rates_hz)
             found = assess(
                 self._topics,
                 self._medium,
@@ -154,10 +142,9 @@ class _Planner:
                 method="ours",
             )
             found = replace(found, latency_price_hz=price, airtime_price=airtime_price)
-            if best is None or _worth(found) > _worth(best) + _GAIN_LEAST:
-                best = found
-            else:
+            if best is not None and _worth(found) <= _worth(best) + _GAIN_LEAST:
                 break
+            best = found
             link = at_depths(self._bare, depths, rates_hz)
             if self._programme(link) is programme:
                 break
@@ -168,7 +155,7 @@ class _Planner:
         self, link: Link, rates_hz: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return rates with their depths, lowered where they take more than was reckoned with."""
-        for share in np.linspace(1, 0, 51):
+        for share in np.linspace(1, 0, _LOWERINGS):
             lowered_hz = self._lowest + share * (rates_hz - self._lowest)
             depths = self._depths(link, lowered_hz)
             taken = at_depths(self._bare, depths, lowered_hz).utilisation(lowered_hz)
@@ -180,42 +167,41 @@ class _Planner:
         return depths_for(link, rates_hz, residual_loss=self._limits.residual_loss)
 
     def _programme(self, link: Link) -> Programme:
-        key = (
-            link.held.round(9).tobytes()
-            + link.acknack_share.tobytes()
-            + link.acknack_most_hz.tobytes()
-        )
+        """Return the programme for a link, which depends on its depths only by three arrays."""
+        parts = link.held.round(9), link.acknack_share, link.acknack_most_hz
+        key = b"".join(part.tobytes() for part in parts)
         if key not in self._programmes:
-            self._programmes[key] = build_programme(self._topics, link, self._limits)
+            bounds_hz = self._lowest, self._highest
+            self._programmes[key] = build_programme(self._topics, link, bounds_hz, self._limits)
         return self._programmes[key]
-
-    def _ceiling_hz(self, level: float) -> NDArray[np.float64]:
-        return np.clip(rates_most_hz(self._bare, utilisation=level), self._lowest, self._highest)
 
 
 def _worth(found: Plan) -> float:
     return found.freshness - (found.latency_price_hz or 0.0) * found.latency_s
 
 
-def _check_feasible(topics: Sequence[Topic], link: Link, limits: Limits) -> float:
-    """Return which share of a sender's time the minimal rates take."""
-    sent_hz = np.minimum(np.array([t.rate_min_hz for t in topics]), link.change_most_hz)
+def _check_feasible(topics: Sequence[Topic], link: Link, limits: Limits) -> None:
+    """Raise an InfeasiblePlanError if the minimal rates take more of a sender's time than is allowed."""
+    sent_hz = np.minimum([topic.rate_min_hz for topic in topics], link.change_most_hz)
     needed = link.load(sent_hz)
     worst = int(needed.argmax())
     if needed[worst] <= limits.utilisation_max:
-        return float(needed[worst])
-    acknacks = np.minimum(link.acknack_share * sent_hz, link.acknack_most_hz)
-    taken = link.data_s[worst] * sent_hz + link.acknack_s[worst] * acknacks
+        return
+    acknacks_s = link.acknack_s[worst] * link.acknacks_hz(sent_hz)
+    taken = link.data_s[worst] * sent_hz + acknacks_s
     largest = tuple(topics[i].name for i in np.argsort(-taken, kind="stable")[:3])
     raise InfeasiblePlanError(
         link.senders[worst], float(needed[worst]), limits.utilisation_max, largest
     )
 
 
-_ROUNDS_MOST = 12
+_BRANCHINGS_MOST = 12
 
 _TOLERANCES = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7)
 """Ten times the solver's own: where a topic is worth next to nothing more, it would not come closer."""
+
+Bounds = tuple["NDArray[np.float64]", "NDArray[np.float64]"]
+"""Least and largest rates, Hz, each of shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -224,66 +210,55 @@ class Programme:
 
     problem: Any  #: CVXPY's problem; DCP, and DPP in its parameters.
     rates: Any  #: Expression, shape (n,), Hz.
-    #: Least and largest rates, each of shape (n,); a solver keeps to them within its tolerance.
-    bounds_hz: tuple[NDArray[np.float64], NDArray[np.float64]]
-    #: Parameter: share of the largest rate up to which the allowed loss can be kept, shape (n,).
-    ceiling: Any
-    level: Any  #: Parameter: the most of each sender's time that may be taken.
+    bounds_hz: Bounds  #: Least and largest rates; a solver keeps to them within its tolerance.
     price: Any  #: Parameter: what a second of mean latency costs.
-    #: Parameters, each of shape (n,): of samples that travel, how many a reading and how many a second, in the
-    #: branch that bounds them; then the same of acknowledgements.
+    #: Parameters, each of shape (n,): of samples that travel, how many per reading and how many per second, in
+    #: the branch that bounds them; then the same of acknowledgements.
     branches: tuple[Any, ...]
     capacity: Any  #: The constraint whose dual value is the price of airtime.
 
 
-def build_programme(topics: Sequence[Topic], link: Link, limits: Limits) -> Programme:
+def build_programme(
+    topics: Sequence[Topic], link: Link, bounds_hz: Bounds, limits: Limits
+) -> Programme:
     """Return the programme, unsolved; `link` is what the topics cost, from `at_depths`."""
     import cvxpy as cp
     from cvxpy.atoms.affine.binary_operators import multiply
 
     n = len(topics)
-    lowest, highest, change_s, weights = (
-        np.array([getattr(t, key) for t in topics])
-        for key in ("rate_min_hz", "rate_max_hz", "change_s", "weight")
-    )
+    lowest, highest = bounds_hz
+    change_s = np.array([topic.change_s for topic in topics])
+    weights = np.array([topic.weight for topic in topics])
     weights = weights / weights.sum()
-    middle, sent_most = np.sqrt(lowest * highest), np.minimum(highest, link.change_most_hz)
-    shares, busy = (
-        cp.Variable(n, name="rate_share"),
-        cp.Variable(len(link.senders), name="utilisation"),
-    )
-    rates = multiply(highest, shares)  # of the largest rates: numbers of one size suit the solver
-    price, branches = cp.Parameter(nonneg=True), [cp.Parameter(n, nonneg=True) for _ in range(4)]
-    ceiling = cp.Parameter(n, nonneg=True, value=np.ones(n))
-    level = cp.Parameter(nonneg=True, value=limits.utilisation_max)
+    middle = np.sqrt(lowest * highest)
+    sent_most = np.minimum(highest, link.change_most_hz)
+    shares = cp.Variable(n, name="rate_share")
     # A variable of its own, as a product of parameters would not do (DPP).
     sent_shares = cp.Variable(n, name="sent_share")
+    busy = cp.Variable(len(link.senders), name="utilisation")
+    price = cp.Parameter(nonneg=True)
+    branches = [cp.Parameter(n, nonneg=True) for _ in range(4)]
+    per_reading, per_second, acknacks_per_reading, acknacks_per_second = branches
+    rates = multiply(highest, shares)  # of the largest rates: numbers of one size suit the solver
     sent = multiply(sent_most, sent_shares)
-    acknacks = multiply(branches[2], rates) + branches[3]
+    read_shares = multiply(per_reading, multiply(highest / sent_most, shares))
+    acknacks = multiply(acknacks_per_reading, rates) + acknacks_per_second
     stale = _inverse_at(1 + change_s * middle)(1 + multiply(change_s * link.arriving, rates))
+    usual_sent = np.minimum(middle, sent_most)
+    latency_s = _mean_latency_s(link, sent, busy, weights, usual_sent)
     capacity = link.data_s @ sent + link.acknack_s @ acknacks <= busy
-    problem = cp.Problem(
-        cp.Maximize(
-            1
-            - weights @ stale
-            - price * _mean_latency_s(link, sent, busy, weights, np.minimum(middle, sent_most))
-        ),
-        [
-            capacity,
-            busy <= level,
-            shares >= lowest / highest,
-            shares <= ceiling,
-            sent_shares
-            == multiply(branches[0], multiply(highest / sent_most, shares))
-            + multiply(1 / sent_most, branches[1]),
-        ],
-    )
+    constraints = [
+        capacity,
+        busy <= limits.utilisation_max,
+        shares >= lowest / highest,
+        shares <= 1,
+        sent_shares == read_shares + multiply(1 / sent_most, per_second),
+    ]
+    problem = cp.Problem(cp.Maximize(1 - weights @ stale - price * latency_s), constraints)
     return Programme(
         problem=problem,
         rates=rates,
-        bounds_hz=(lowest, highest),
-        ceiling=ceiling,
-        level=level,
+        bounds_hz=bounds_hz,
         price=price,
         branches=tuple(branches),
         capacity=capacity,
@@ -293,13 +268,11 @@ def build_programme(topics: Sequence[Topic], link: Link, limits: Limits) -> Prog
 def _mean_latency_s(
     link: Link, sent: Any, busy: Any, weights: NDArray[np.float64], usual: NDArray[np.float64]
 ) -> Any:
+    """Return the mean by weight of the topics' latencies, as an expression."""
     carried = np.bincount(link.sender, weights, minlength=len(link.senders))
     waits = carried @ queue_wait_s(busy, link, inverse=_inverse_at(np.ones(len(link.senders))))
-    return (
-        waits
-        + weights @ repair_delay_s(link, sent, inverse=_inverse_at(usual))
-        + weights @ link.way_s
-    )
+    repairs = weights @ repair_delay_s(link, sent, inverse=_inverse_at(usual))
+    return waits + repairs + weights @ link.way_s
 
 
 def _inverse_at(usual: NDArray[np.float64]) -> Callable[[Any], Any]:
@@ -313,25 +286,25 @@ def _inverse_at(usual: NDArray[np.float64]) -> Callable[[Any], Any]:
 def solve(programme: Programme, link: Link, price: float) -> tuple[NDArray[np.float64], float]:
     """Return rates and the capacity's dual value at a price of latency, after the branches have settled.
 
-    The programme's other parameters are set; `link` is what it was built with. Raises SfglabError where the
-    solver ends without an optimum.
+    Samples and acknowledgements that travel grow with the readings up to a bound: in one branch they are a
+    share of the readings, in the other the bound. `link` is what the programme was built with.
+
+    Raises:
+        SfglabError: The solver ended without an optimum.
     """
     programme.price.value = price
-    rates_hz, chosen = programme.bounds_hz[0], None
-    # At most so many samples travel, and so many acknowledgements, however often is read.
+    rates_hz, before = programme.bounds_hz[0], None
     shares = np.ones_like(link.acknack_share), link.acknack_share
-    most = (
-        link.change_most_hz,
-        np.minimum(link.acknack_share * link.change_most_hz, link.acknack_most_hz),
-    )
-    for _ in range(_ROUNDS_MOST):
-        flat = [share * rates_hz > ceiling for share, ceiling in zip(shares, most, strict=True)]
-        if chosen is not None and np.array_equal(flat, chosen):
+    changes_hz = link.change_most_hz
+    most_hz = changes_hz, link.acknacks_hz(changes_hz)
+    for _ in range(_BRANCHINGS_MOST):
+        is_bound = [share * rates_hz > most for share, most in zip(shares, most_hz, strict=True)]
+        if before is not None and np.array_equal(is_bound, before):
             break
-        chosen = flat
-        for i, (there, share, ceiling) in enumerate(zip(flat, shares, most, strict=True)):
-            programme.branches[2 * i].value = np.where(there, 0.0, share)
-            programme.branches[2 * i + 1].value = np.where(there, ceiling, 0.0)
+        before = is_bound
+        for i, bound in enumerate(is_bound):
+            programme.branches[2 * i].value = np.where(bound, 0.0, shares[i])
+            programme.branches[2 * i + 1].value = np.where(bound, most_hz[i], 0.0)
         problem = programme.problem
         problem.solve(solver="CLARABEL", **_TOLERANCES)
         if problem.status != "optimal":

@@ -19,46 +19,35 @@ from sfglab.messages import message_type, serialize
 class Sensor:
     """One row of Table 1."""
 
-    name: str  #: Of the device, as topics name it.
-    model: str  #: Maker and model (section 3.1).
+    name: str  #: Name of the device in topics.
     type: str  #: ROS type of its messages.
-    #: A value that it sends; of the paper's two texts, that of Table 1's size.
+    #: A value that it sends; of the paper's two texts, the one of Table 1's size.
     example: float | bool | str
     table_bytes: int  #: Size in Table 1.
     #: Mean time between changes of its value, seconds, while objects move around it.
     change_s: float
-    why: str  #: Where `change_s` comes from.
 
 
 _FLOAT, _BOOL, _STRING = "std_msgs/msg/Float32", "std_msgs/msg/Bool", "std_msgs/msg/String"
-_LIDAR = "turns 10 times a second (data sheet), so one direction has a new range as often"
-_FLAME = "a threshold switch; a flame or a lamp now and then is assumed"
-_DHT11 = "one reading a second, whole degrees (data sheet); a new one every ten seconds is assumed"
-_IMU = "1000 readings a second (data sheet), and noise makes each of them differ"
-_PIR = "holds its output for 3 s at least (data sheet)"
-_LIGHT = "a threshold switch; somebody passing every ten seconds is assumed"
 
-SENSORS = {
-    sensor.name: sensor
-    for sensor in (
-        Sensor("lidar", "SLAMTEC A2M8", _FLOAT, 1.25, 24, 0.1, _LIDAR),
-        Sensor("flame", "AYNEF flame sensor module", _BOOL, False, 28, 30.0, _FLAME),
-        Sensor("dht11", "HiLetgo DHT11", _FLOAT, 22.0, 24, 10.0, _DHT11),
-        Sensor("imu", "HiLetgo MPU-6050", _FLOAT, 0.02, 24, 0.001, _IMU),
-        Sensor(
-            "ultrasonic",
-            "ELEGOO HC-SR04",
-            _FLOAT,
-            0.73,
-            24,
-            0.06,
-            "one measurement takes 60 ms (data sheet)",
-        ),
-        Sensor("pir", "HiLetgo HC-SR501", _STRING, "not detect", 59, 3.0, _PIR),
-        Sensor("light", "VKLSVAN photosensitive sensor module", _STRING, "light", 54, 10.0, _LIGHT),
-    )
-}
-"""Paper B, Table 1, by name."""
+_SENSORS = (
+    # SLAMTEC A2M8: it turns 10 times per second (data sheet), so one direction has a new range as often.
+    Sensor("lidar", _FLOAT, 1.25, 24, 0.1),
+    # AYNEF flame sensor module, a threshold switch: a flame or a lamp now and then is assumed.
+    Sensor("flame", _BOOL, False, 28, 30.0),
+    # HiLetgo DHT11: one reading per second, whole degrees (data sheet); a new one every ten seconds is assumed.
+    Sensor("dht11", _FLOAT, 22.0, 24, 10.0),
+    # HiLetgo MPU-6050: 1000 readings per second (data sheet), and noise makes each of them differ.
+    Sensor("imu", _FLOAT, 0.02, 24, 0.001),
+    # ELEGOO HC-SR04: one measurement takes 60 ms (data sheet).
+    Sensor("ultrasonic", _FLOAT, 0.73, 24, 0.06),
+    # HiLetgo HC-SR501: it holds its output for 3 s at least (data sheet).
+    Sensor("pir", _STRING, "not detect", 59, 3.0),
+    # VKLSVAN photosensitive sensor module, a threshold switch: somebody passing every ten seconds is assumed.
+    Sensor("light", _STRING, "light", 54, 10.0),
+)
+SENSORS = {sensor.name: sensor for sensor in _SENSORS}
+"""Paper B, Table 1, by name; makers and models as in section 3.1."""
 
 ROBOTS = {
     "robot1": ("lidar", "light", "flame", "dht11", "imu", "pir"),
