@@ -1,8 +1,8 @@
-"""QoS balancing as paper B prints it: section 2.4, Eq. 1 to 6, and its closed form.
+"""QoS balancing as published in paper B: section 2.4, Eq. 1 to 6, and its closed form.
 
-Topics per agent in, a rate R (the paper's DEADLINE, in hertz) and a depth D out. The printed problem has no
-trade-off: D's bound rises with R, so one point is best in both whatever the weights, and the closed form
-beside the solver shows it. Knows the problem; refuses to know links and losses.
+The input is the number of topics per agent, the result a rate R (the paper's DEADLINE, in hertz) and a depth D.
+The published problem has no trade-off: the bound of D rises with R, so one point is best in both with any
+weights. The closed form shows this. The problem contains neither links nor losses.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ DEPTH_MAX = 5000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BalanceInput:
-    """What the printed problem is given."""
+    """Input of the published problem."""
 
-    #: Topics of each agent, T_a of Eq. 1: those it sends sensor data on and those it hears results on.
+    #: Topics of each agent, T_a of Eq. 1: topics of its sensors and of the results that it receives.
     topics: tuple[int, ...]
     rate_max_hz: float  #: Rmax, the rate at which a single topic could be sent.
     rate_min_hz: float = 1.0  #: Rmin; the paper does not state its value.
@@ -41,21 +41,21 @@ class BalanceInput:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Balance:
-    """A solution of the printed problem."""
+    """A solution of the published problem."""
 
     rate_hz: float  #: R, at which each topic is sent.
     #: D, the history's depth; a real number as the problem has it, to be rounded down.
     depth: float
-    solver: str  #: What found it.
+    solver: str  #: Solver, or ``closed form``.
 
 
 class InfeasibleBalanceError(SfglabError, ValueError):
-    """No rate and depth satisfy the printed constraints."""
+    """No rate and depth satisfy the published constraints."""
 
     def __init__(self, constraint: str, lacking: float, *, advice: str, status: str = "") -> None:
         self.constraint = constraint  #: The equation that fails.
-        self.lacking = lacking  #: By how much, in the constraint's unit.
-        self.status = status  #: What the solver said; empty when the closed form found it.
+        self.lacking = lacking  #: Amount that is lacking, in the constraint's unit.
+        self.status = status  #: Status of the solver; empty for the closed form.
         super().__init__(f"QoS balancing has no solution: {constraint} lacks {lacking:g}; {advice}")
 
 
@@ -114,11 +114,11 @@ def build_problem(given: BalanceInput, *, weight: float = 0.5) -> tuple[Any, Any
 def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL") -> Balance:
     """Solve Eq. 6 with CVXPY, as the paper does; see `build_problem`.
 
-    Raises InfeasibleBalanceError, which says what fails by how much, or SfglabError with the solver's status.
+    Raises InfeasibleBalanceError, which names the constraint that fails and the lacking amount, or SfglabError with the solver's status.
     """
     problem, rate, depth = build_problem(given, weight=weight)
     problem.solve(solver=solver)
     if problem.status != "optimal":
-        balance_closed_form(given)  # says which constraint fails, and by how much
+        balance_closed_form(given)  # raises with the constraint that fails, and by how much
         raise SfglabError(f"QoS balancing: solver {solver} ended with status {problem.status!r}")
     return Balance(rate_hz=float(rate.value), depth=float(depth.value), solver=solver)

@@ -1,10 +1,10 @@
-"""Local cache and cache control: a value that repeats is held back once, before the network or before planning.
+"""Local cache and cache control: both suppress a value that repeats, before the network or before planning.
 
-The local cache stands in the robot, before the publisher (paper B, section 2.2, Fig. 3), cache control in the
-station, between subscriber and planning (section 2.3, Fig. 5): one rule at two boundaries, "the same value in a
-row", of scalars, strings, NumPy arrays and ROS messages, field by field. Beyond the paper: a tolerance, and a
-longest silence after which a value passes although it has not changed, without which the loss of the one
-message with a change leaves a stale value for ever. Pure: values and `now_ns` in, a decision out.
+The local cache is in the robot, before the publisher (paper B, section 2.2, Fig. 3). Cache control is in the
+station, between subscriber and planning (section 2.3, Fig. 5). Both have the same rule, "the same value in a
+row", for scalars, strings, NumPy arrays and ROS messages, field by field. A tolerance and a maximum silence go
+beyond the paper. After the maximum silence a value passes although it has not changed; without it, the loss of
+the one message with a change leaves a stale value indefinitely. Pure: values and `now_ns` in, a decision out.
 """
 
 from __future__ import annotations
@@ -89,11 +89,11 @@ def _arrays_equal(first: Any, second: Any, tolerance: float) -> bool:
 
 
 class Decision(Enum):
-    """What happens to a value that is offered."""
+    """Decision on a value that is offered."""
 
     CHANGED = "changed"  #: It differs from the last one that passed, or is the first: it passes.
     REFRESHED = "refreshed"  #: It is the same, and the longest silence is over: it passes.
-    HELD = "held"  #: It is the same: it is held back.
+    HELD = "held"  #: It is the same: it is suppressed.
 
     @property
     def passes(self) -> bool:
@@ -103,12 +103,12 @@ class Decision(Enum):
 
 @dataclass(slots=True)
 class CacheCounters:
-    """What a cache has done."""
+    """Counts of a cache's decisions."""
 
     changed: int = 0  #: Values that passed because they differed.
     refreshed: int = 0  #: Values that passed because the silence had lasted long enough.
-    held: int = 0  #: Values that were held back.
-    held_bytes: int = 0  #: Their size, where the caller says it.
+    held: int = 0  #: Values that were suppressed.
+    held_bytes: int = 0  #: Their size, where the caller gives it.
 
     @property
     def offered(self) -> int:
@@ -126,10 +126,10 @@ class _Entry:
 class _ChangeFilter:
     """Passes a topic's value when it changes."""
 
-    equal: Equality = exactly_equal  #: When two values are the same; exact by default.
+    equal: Equality = exactly_equal  #: Comparison of two values; exact by default.
     #: After this long without passing anything a topic's value passes anyway; None: never, as in the paper.
     max_silence_ns: int | None = None
-    #: What it has done, all topics together.
+    #: Counts of all topics together.
     counters: CacheCounters = field(default_factory=CacheCounters)
     _entries: dict[str, _Entry] = field(default_factory=dict, repr=False)
 

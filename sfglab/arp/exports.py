@@ -3,10 +3,10 @@
 Fast DDS: one writer and one reader profile a topic, elements as in its own schemas
 (`resources/xsd/fastRTPS_profiles.xsd` of generation 2, ROS 2 Humble and Jazzy; `fastdds_profiles.xsd` of
 generation 3, from Kilted, which renamed the times). Which profile an endpoint takes follows from its topic's
-name; that, and when the XML counts at all, stands in rmw_fastrtps's README.
+name; rmw_fastrtps's README describes that, and when the XML is used at all.
 
-Cyclone DDS: its XML configures domains, not endpoints (docs/manual/options.md): heartbeats and delays can be
-said there, depths and deadlines cannot. They go into the ROS 2 parameter file, which both vendors' nodes read;
+Cyclone DDS: its XML configures domains, not endpoints (docs/manual/options.md): it has
+heartbeats and delays, but neither depths nor deadlines. They go into the ROS 2 parameter file, which both vendors' nodes read;
 names and types as rclcpp (`detail/qos_parameters.hpp`) and rclpy (`qos_overriding_options.py`) declare them:
 durations are whole nanoseconds.
 """
@@ -217,7 +217,7 @@ class Export(NamedTuple):
 
     file: str  #: Usual name of the file.
     render: Callable[[Plan], str]  #: Returns a plan as the file's text.
-    vendor: Vendor | None  #: Whose timing the plan must have; None: anybody's.
+    vendor: Vendor | None  #: Vendor whose timing the plan must have; None: any vendor.
 
 
 EXPORTS = {

@@ -37,9 +37,9 @@ _UTILISATION_MOST = 1 - 1e-9
 class Link:
     """Topics on a medium, as arrays."""
 
-    #: What sends one frame at a time: the medium where it is shared, else each host.
+    #: Names of the senders: the medium where it is shared, else each host. Each sends one frame at a time.
     senders: tuple[str, ...]
-    sender: NDArray[np.intp]  #: Which of them carries a topic's samples, shape (n,).
+    sender: NDArray[np.intp]  #: Sender that carries a topic's samples, shape (n,).
     #: Time of a sender that one sample costs with all hosts contending, with repeats, seconds, shape (S, n).
     data_s: Floats
     #: Time of a sender that one acknowledgement costs alike, seconds, shape (S, n).
@@ -56,7 +56,7 @@ class Link:
     way_s: Floats
     #: Time from the heartbeat that shows a gap to the retransmission's arrival, seconds, shape (n,).
     round_s: Floats
-    again_s: float  #: What a reader waits besides before it asks for the same again, seconds.
+    again_s: float  #: Time that a reader waits besides before it requests the same again, seconds.
     period_s: float  #: Period of heartbeats that travel alone, seconds.
     final_within_s: (
         float  #: A heartbeat that follows a sample sooner than this asks for no answer, seconds.
@@ -120,7 +120,7 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
     loss = np.where(frames == 1, medium.loss, 1 - (1 - medium.loss) ** frames)
     spacing_s = 0.0 if vendor.prompt or vendor.piggyback_when_full else vendor.heartbeat_ns / 1e9
     bundled_s = 0.0 if vendor.prompt else max(vendor.ack_delay_ns / 1e9, spacing_s)
-    # What a retransmission costs beside its way: a prompt reader waits only before it asks a second time.
+    # Time of a retransmission beside its way; a prompt reader waits only before its second request.
     answer_ns = (0 if vendor.prompt else vendor.nack_delay_ns) + vendor.nack_response_ns
     frames_s = np.concatenate([data_s, acknack_s], axis=1)
     link = Link(
@@ -208,7 +208,7 @@ def queue_wait_s(utilisation: Any, link: Link, *, inverse: Callable[[Any], Any])
 
     Frames of one length at random times wait s u / (2 (1 - u)) (M/D/1), u being the utilisation, below 1.
     Contention makes them longer the busier the medium is, s = f (1 + k u), and so the frame itself:
-    f [(1 + k) (1 / (1 - u) - 1) + k u] / 2 in all; f is the time of a frame that nobody contends with.
+    f [(1 + k) (1 / (1 - u) - 1) + k u] / 2 in all; f is the time of a frame without contention.
     `inverse` is 1 / x for positive x, of the kind of `utilisation`.
     """
     k = link.contention

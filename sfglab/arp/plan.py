@@ -51,7 +51,9 @@ class InfeasiblePlanError(SfglabError, ValueError):
     def __init__(
         self, sender: str, needed: float, allowed: float, largest: tuple[str, ...]
     ) -> None:
-        self.sender = sender  #: Whose time it is: the medium's where it is shared, else a host's.
+        self.sender = (
+            sender  #: Sender whose time is lacking: the medium where it is shared, else a host.
+        )
         self.needed = needed  #: Share of its time that the minimal rates take.
         self.allowed = allowed  #: Share that may be planned.
         self.largest = largest  #: Names of the topics that take most, the most first.
@@ -73,7 +75,7 @@ class InfeasiblePlanError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a plan must keep to."""
+    """Limits of a plan."""
 
     #: The most of a sender's time to be taken.
     utilisation_max: float = between(0.9, 0, 1, without=(0, 1))
@@ -90,8 +92,8 @@ def depths_for(link: Link, rates_hz: Floats, *, residual_loss: float) -> Depths:
 
     Where a heartbeat rides with every sample, what is published while a sample waits for k retransmissions must
     fit beside it: k samples until their heartbeats, and r times the delays, with twice the queue's wait each; k
-    follows from the losses (`rounds_needed`). A deeper history retransmits what nobody wants any more, before
-    what is newer. Where heartbeats come once in `depth` samples, histories have `BATCH_DEPTH`, or what comes in
+    follows from the losses (`rounds_needed`). A deeper history retransmits samples that are out of date,
+    before newer ones. Where heartbeats come once in `depth` samples, histories have `BATCH_DEPTH`, or what comes in
     a heartbeat's period if that is less. Best-effort topics get the depth of rmw's profile for sensors.
     """
     rounds = np.array([rounds_needed(float(loss), residual_loss) for loss in link.loss])
@@ -176,7 +178,7 @@ class TopicPlan:
     """One topic's part of a plan."""
 
     topic: Topic  #: The topic.
-    rate_hz: float  #: How often it is sent.
+    rate_hz: float  #: Samples per second, Hz.
     depth: int  #: History of its writer and of its reader.
     #: Mean time from publication to delivery, expected; infinite on an overloaded medium.
     latency_s: float
@@ -186,10 +188,10 @@ class TopicPlan:
 
     @property
     def deadline_ns(self) -> int | None:
-        """The longest gap to agree on: the history's length in time, depth / rate; None behind a local cache.
+        """DEADLINE, the longest agreed gap, ns: the history's length in time; None behind a local cache.
 
-        A DEADLINE of one period would be missed by every jitter and every repair; after depth / rate a missing
-        sample comes no more. What a cache holds back leaves gaps of any length.
+        Any jitter and any retransmission would exceed a DEADLINE of one period. After depth / rate a missing
+        sample does not arrive any more. A local cache leaves gaps of any length.
         """
         if self.topic.cached:
             return None
@@ -211,21 +213,21 @@ class Plan:
     """Rates and depths of all topics."""
 
     topics: tuple[TopicPlan, ...]  #: Each topic's part, in the order given.
-    method: str  #: Who found it.
+    method: str  #: Method that found it.
     medium: Medium  #: The link that was reckoned with.
     vendor: Vendor  #: The timing that was reckoned with.
     #: Largest share of a sender's time that is taken, repeats and acknowledgements included; above 1, queues
     #: grow without end.
     utilisation: float
-    #: What the programme maximises: mean by weight of r t / (1 + r t), the share of time in which the value
+    #: Objective without latency: mean by weight of r t / (1 + r t), the share of time in which the value
     #: sent last is still true, t being the mean time between changes.
     freshness: float
     latency_s: float  #: Mean by weight of the topics' latencies.
     up_to_date: float  #: Mean by weight of the topics' shares.
-    #: What a second of mean latency cost, in freshness; None where no programme was solved.
+    #: Freshness that one second of mean latency costs; None where no programme was solved.
     latency_price_hz: float | None = None
-    #: What one more share of a sender's time would have brought, in the objective: the capacity's dual value;
-    #: None where no programme was solved.
+    #: Gain of the objective per additional share of a sender's time: the capacity's dual value; None where no
+    #: programme was solved.
     airtime_price: float | None = None
 
     def __getitem__(self, name: str) -> TopicPlan:

@@ -1,8 +1,9 @@
 """Programme of our own QoS balancing: convex, with the link in sight, and its Pareto front.
 
 The problem that paper B publishes (`balancing`) knows neither link nor messages, and has no trade-off. This
-one has a trade-off: sending more often keeps the reader's value truer, but takes airtime, fills queues, and puts
-more samples behind each gap, so latency grows. With rates r, times between changes t and weights w of the topics:
+programme has one. A higher rate keeps the reader's value truer. It also takes airtime, fills queues, and puts
+more samples behind each gap, so latency grows. With rates r, times between changes t and weights w of the
+topics:
 
     maximise    sum_i w_i [ 1 - 1 / (1 + r_i t_i) - price * latency_i(r, u) ] / sum_i w_i
     subject to  airtime_s(r) <= u_s <= utilisation_max     for every sender s

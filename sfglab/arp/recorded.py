@@ -1,8 +1,8 @@
-"""Topics of a recorded log or bag as a plan of QoS wants them, and the file of topics that says them.
+"""Topics of a recorded log or bag for a plan of QoS, and the file of topics with them.
 
-A recording knows names, sizes, rates and how often values change; who runs where it does not say, so hosts
-follow from names, as in the naming schema (A 4.1): of a node its namespace, of a topic its agent or first
-segment. What a topic is worth, and what the link is, only its user knows: the written file is where both go.
+A recording has names, sizes, rates and how often values change. Hosts follow from names, as in
+the naming schema (A 4.1): the namespace of a node, the agent or first segment of a topic. Only the user knows
+the link and the weight of a topic; both belong in the written file.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sfglab.record import LogReader
 
 _ROBOT, _STATION = "robot", "station"
-"""Hosts of topics whose names say none, and of readers that nobody recorded."""
+"""Hosts of topics whose names contain none, and of readers that were not recorded."""
 
 _SCOPES = frozenset({"global", "local"})
 
@@ -75,14 +75,14 @@ def _topic(found: Traffic, source: str, targets: tuple[str, ...]) -> Topic:
 
 
 def host_of(name: str) -> str:
-    """Return the host that a full name speaks of, of ``/global/go2/camera`` go2; empty where it names none."""
+    """Return the host in a full name, go2 for ``/global/go2/camera``; empty without one."""
     parts = [part for part in name.split("/") if part]
     parts = parts[1:] if parts and parts[0] in _SCOPES else parts
     return parts[0] if len(parts) > 1 else ""
 
 
 def topics_text(topics: Iterable[Topic], origin: str) -> str:
-    """Return a file of topics, ready to be edited: link and worth are left to be said."""
+    """Return a file of topics, ready to be edited: link and weights are left to the user."""
     import yaml
 
     link = Medium()

@@ -48,9 +48,8 @@ def riding_held(batch: int, round_s: float, again_s: float, loss: float) -> Held
     """Return by how much one loss holds up others where a heartbeat rides with one sample in `batch`.
 
     Rounds follow each other until one succeeds, so that their number N is geometric:
-    T = N m / r + N c + (N - 1) a, with m samples until the heartbeat, c from the heartbeat to the
-    retransmission's arrival (`round_s`), and a what the reader waits besides before it asks for the same
-    again (`again_s`).
+    T = N m / r + N c + (N - 1) a. A heartbeat comes after m samples, the retransmission c after the heartbeat
+    (`round_s`). The reader waits a longer before it requests the same again (`again_s`).
     """
     succeeds = (1 - loss) ** 2
     n = 1 / succeeds

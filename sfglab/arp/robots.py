@@ -1,8 +1,8 @@
 """Paper B's robots: the sensors of Table 1 with what they send, the seven methods, the options of Table 2.
 
-Table 1's sizes are those of the values as Python objects, as `sys.getsizeof` says (24 for a float, 28 for
-a truth value, 49 and one a letter for a text), not of what travels: with header and padding the CDR of the same
-values has 8, 8 and 20 or 16 bytes. Both are here. Pure.
+Table 1 has the sizes of the values as Python objects, as `sys.getsizeof` returns them: 24 bytes for a float, 28
+for a truth value, 49 and one per letter for a text. The CDR of the same values, which travels, has 8, 8 and 20
+or 16 bytes with header and padding. Both are here. Pure.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _SENSORS = (
     Sensor("ultrasonic", _FLOAT, 0.73, 24, 0.06),
     # HiLetgo HC-SR501: it holds its output for 3 s at least (data sheet).
     Sensor("pir", _STRING, "not detect", 59, 3.0),
-    # VKLSVAN photosensitive sensor module, a threshold switch: somebody passing every ten seconds is assumed.
+    # VKLSVAN photosensitive sensor module, a threshold switch: a person passing every ten seconds is assumed.
     Sensor("light", _STRING, "light", 54, 10.0),
 )
 SENSORS = {sensor.name: sensor for sensor in _SENSORS}
@@ -54,7 +54,7 @@ ROBOTS = {
     "robot2": ("flame", "pir", "ultrasonic", "dht11", "light"),
     "robot3": ("flame", "pir", "ultrasonic", "dht11", "light"),
 }
-"""Which robot has which sensors: paper B, section 3.1."""
+"""Sensors of each robot: paper B, section 3.1."""
 
 
 def object_bytes(sensor: Sensor) -> int:
@@ -105,7 +105,7 @@ RATES_HZ = (100, 200, 500, 1000)  #: Table 2, DEADLINE: the values of Rmax.
 DEPTHS = (1, 5, 10, 100, 1000, 5000)  #: Table 2, DEPTH, beside the optimum of Eq. 6.
 
 TAKE_S = 60e-6
-"""Time that taking a message and comparing it costs a node of the station: assumed, the paper says nothing."""
+"""Time that taking a message and comparing it costs a node of the station: assumed, as the paper has no value."""
 
 PLAN_S = 60e-6
 """Time that planning costs for each value it gets: assumed alike. Both together are within what one callback of

@@ -25,7 +25,7 @@ _NAME = re.compile(r"/.*[^/]", re.DOTALL)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
-    """One topic: who sends what to whom, and what it is worth."""
+    """One topic: its hosts, size, rates and weight."""
 
     #: Full name, with its leading slash.
     name: Annotated[str, Matching(_NAME, "a full topic name, such as '/robot1/lidar'")]
@@ -34,11 +34,13 @@ class Topic:
     target: str | tuple[str, ...] = field(metadata=named("to"))
     #: CDR size of a message; large ones take several frames.
     size_bytes: int = field(metadata=bounds(0))
-    rate_min_hz: float = between(1.0, without=(0,))  #: Below this it is of no use.
-    rate_max_hz: float = between(1000.0, without=(0,))  #: The most that it could be sent.
+    rate_min_hz: float = between(1.0, without=(0,))  #: Lowest rate that is of use, Hz.
+    rate_max_hz: float = between(1000.0, without=(0,))  #: Highest rate that is possible, Hz.
     #: Mean time between changes of its value; what a higher rate is worth follows from it.
     change_s: float = between(1.0, without=(0,))
-    weight: float = between(1.0, without=(0,))  #: What it is worth beside the others.
+    weight: float = between(
+        1.0, without=(0,)
+    )  #: Weight in the objective, compared with the other topics.
     #: Whether a local cache holds repeated values back (paper B, section 2.2): then only changes travel, and
     #: the rate is that of the readings.
     cached: bool = False
@@ -93,11 +95,11 @@ _MILLISECONDS = bounds(without=(0,))
 class _Timing:
     """Times of the DDS implementation that are not its vendor's own."""
 
-    #: Between two heartbeats.
+    #: Time between two heartbeats.
     heartbeat_ms: float | None = field(default=None, metadata=_MILLISECONDS)
-    #: From a loss to its request.
+    #: Time from a loss to its request.
     nack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)
-    #: From a heartbeat to its answer.
+    #: Time from a heartbeat to its answer.
     ack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)
 
 

@@ -76,7 +76,7 @@ def admission(rule: int, waiting: int, room: int) -> int:
 
 
 def stays_blocked(blocked: bool, waiting: int, room: int) -> bool:  # noqa: FBT001 - compiled
-    """Return whether a queue of the rule `BLOCK` lets nobody send.
+    """Return whether a queue of the rule `BLOCK` accepts no frame.
 
     A queue that was full lets go once half has left (Linux, net/core/sock.c, `sock_writeable`).
     """
@@ -113,14 +113,14 @@ class Medium:
     """
 
     rate_bps: float = 20e6  #: Bits per second.
-    loss: float = 0.01  #: Share of frames that are lost, after whatever the medium itself repeats.
+    loss: float = 0.01  #: Share of frames that are lost, after the medium's own retransmissions.
     #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
     shared: bool = True
     #: Airtime overhead per frame, seconds: preamble, gaps, acknowledgement.
     overhead_s: float = 300e-6
     #: Share by which each further host that has something to send stretches a frame.
     contention: float = 0.15
-    latency_s: float = 0.0  #: From the end of sending to arrival, seconds.
+    latency_s: float = 0.0  #: Time from the end of sending to arrival, seconds.
     queue_frames: int = 500  #: Frames that a host's queue holds.
     #: Rule of a full queue. ``tail`` drops the frame that comes last, as a driver or an access point does.
     #: ``head`` drops the oldest frame, as CoDel does, Ubuntu's default. ``block`` makes the sender wait, as

@@ -13,7 +13,7 @@ LEAST_BYTES = NETWORK_BYTES + 20  #: The same with the header of RTPS.
 INFO_DST_BYTES = 16
 _HEARTBEAT_BYTES = 32
 IP_BYTES = 14 + 20  #: Ethernet and IPv4 headers, which each fragment has.
-IP_PAYLOAD_BYTES = 1480  #: What a frame carries of an IP packet (RFC 894, RFC 791).
+IP_PAYLOAD_BYTES = 1480  #: Bytes of an IP packet that one frame carries (RFC 894, RFC 791).
 
 
 def frame_bytes(kind: int, size_bytes: int, samples: int, heartbeats: int) -> int:

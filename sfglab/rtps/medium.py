@@ -10,20 +10,29 @@ from typing import Any
 
 import numpy as np
 
-from sfglab.rtps import channel, frames
-from sfglab.rtps.channel import BLOCK, DISPLACES, JOINS
-from sfglab.rtps.frames import INFO_DST_BYTES, NETWORK_BYTES
+from sfglab.rtps.channel import (
+    BLOCK,
+    DISPLACES,
+    JOINS,
+    admission,
+    after_stall_ns,
+    airtime_ns,
+    is_lost,
+    next_sender,
+    stays_blocked,
+)
+from sfglab.rtps.frames import INFO_DST_BYTES, NETWORK_BYTES, fragments, frame_bytes
 from sfglab.rtps.state import BITMAP, BITMAP_WORDS, Count, Drop, Event, Frame
 from sfglab.rtps.world import compiled, push
 
-_airtime_ns = compiled(channel.airtime_ns)
-_next_sender = compiled(channel.next_sender)
-_admission = compiled(channel.admission)
-_stays_blocked = compiled(channel.stays_blocked)
-_after_stall_ns = compiled(channel.after_stall_ns)
-_is_lost = compiled(channel.is_lost)
-_frame_bytes = compiled(frames.frame_bytes)
-fragments = compiled(frames.fragments)
+_airtime_ns = compiled(airtime_ns)
+_next_sender = compiled(next_sender)
+_admission = compiled(admission)
+_stays_blocked = compiled(stays_blocked)
+_after_stall_ns = compiled(after_stall_ns)
+_is_lost = compiled(is_lost)
+_frame_bytes = compiled(frame_bytes)
+fragment_count = compiled(fragments)
 
 
 @compiled
@@ -120,7 +129,7 @@ def has_room(world: Any, host: int) -> bool:
 def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
     """Put a frame into a host's queue, and send if the medium is free.
 
-    Writers ask `has_room` before. Frames that nobody asks for, such as heartbeats and acknowledgements, have
+    Writers ask `has_room` before. Periodic heartbeats and acknowledgements have
     room beyond the bound of a queue that blocks; an access point has none, and drops them.
     """
     capacity = world.queue.shape[1]

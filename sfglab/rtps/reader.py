@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sfglab.rtps.medium import enqueue, fragments, has_bit, new_frame, note_drops, set_bit
+from sfglab.rtps.medium import enqueue, fragment_count, has_bit, new_frame, note_drops, set_bit
 from sfglab.rtps.state import BITMAP, Count, Drop, Event, Fate, Frame
 from sfglab.rtps.world import compiled, push
 
@@ -129,7 +129,7 @@ def is_whole(world: Any, frame: Any) -> bool:
         follows = frame.sample in (0, reader.fragments)
         reader.fragments = frame.sample + 1 if follows else -1
         return False
-    before = fragments(world.flows[flow].size_bytes, frame.samples, frame.heartbeats)
+    before = fragment_count(world.flows[flow].size_bytes, frame.samples, frame.heartbeats)
     if before and reader.fragments != before:
         note_drops(world, frame, Drop.MEDIUM)
         return False

@@ -78,7 +78,7 @@ class Outcome:
     """A whole run."""
 
     flows: dict[str, FlowOutcome]  #: Outcome per flow, by name.
-    #: What the protocol and the medium did, by `Count`'s names in lower case.
+    #: Counters of the protocol and the medium, by `Count`'s names in lower case.
     counts: dict[str, int]
 
 

@@ -161,7 +161,7 @@ class FrameFields(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What a trace has of a frame beside the frame itself."""
+    """Entries of a trace beside the frame itself."""
 
     began_ns: int
     ended_ns: int
@@ -261,7 +261,7 @@ def record(fields: Any) -> np.dtype[Any]:
 
 
 class Params(NamedTuple):
-    """What does not change."""
+    """Parameters of a run."""
 
     flows: Any  # (F,) of FlowFields
     timing: Any  # () of TimingFields
@@ -269,7 +269,7 @@ class Params(NamedTuple):
 
 
 class State(NamedTuple):
-    """What changes. Shapes: F flows, N + 1 samples, H hosts, T transmitters, Q frames, S servers."""
+    """State of a run. Shapes: F flows, N + 1 samples, H hosts, T transmitters, Q frames, S servers."""
 
     heap: Any
     heap_sizes: Any
@@ -288,7 +288,7 @@ class State(NamedTuple):
     queue: Any  # (H, Q) of FrameFields, a ring
     head: Any  # (H,) place of the oldest frame in the queue
     waiting: Any  # (H,) frames in the queue
-    blocked: Any  # (H,) whether a queue that blocks lets nobody send
+    blocked: Any  # (H,) whether a queue that blocks accepts no frame
     bad: Any  # (H,) whether a host's frames are in a burst of losses
     transmitter: Any  # (T,) of Transmitter
     on_air: Any  # (T,) of FrameFields

@@ -12,7 +12,7 @@ from sfglab.units import NS_PER_MS, NS_PER_S
 class Vendor:
     """How one DDS implementation times its reliability protocol (RTPS 2.5, clause 8.4)."""
 
-    name: str  #: Of the implementation.
+    name: str  #: Name of the implementation.
     heartbeat_ns: int  #: Period of heartbeats while something is unacknowledged.
     #: The period doubles with each heartbeat that brings no progress, up to this; equal to `heartbeat_ns` where
     #: it does not.
@@ -20,9 +20,9 @@ class Vendor:
     #: A heartbeat travels with each sample while the writer's history is full: of samples that are
     #: unacknowledged, and with TRANSIENT_LOCAL durability of any.
     piggyback_when_full: bool
-    nack_delay_ns: int  #: From the first heartbeat that shows a gap to the reader's request.
-    ack_delay_ns: int  #: From a heartbeat that shows no gap to the reader's acknowledgement.
-    nack_response_ns: int  #: From a request to the writer's repair.
+    nack_delay_ns: int  #: Time from the first heartbeat that shows a gap to the reader's request.
+    ack_delay_ns: int  #: Time from a heartbeat that shows no gap to the reader's acknowledgement.
+    nack_response_ns: int  #: Time from a request to the writer's retransmission.
     #: Samples that one request can ask for: a bitmap has 256 bits (RTPS 2.5, clause 9.4.2.6).
     nack_most: int = 256
     #: A heartbeat travels with every sample. The reader answers each at once: with a request if it lacks
@@ -41,14 +41,15 @@ class Vendor:
     burst_bytes: int = 0
     #: A heartbeat travels along once so many bytes of samples were sent since the last one; 0: however many.
     piggyback_bytes: int = 0
-    #: What a sample that a thread of the middleware sends adds to these bytes: its own size (None), or all that
-    #: this thread has sent so far, of which so many bytes before the run. Repairs are always sent by it.
+    #: Bytes that the sending thread of the middleware has sent before the run. Each sample that this thread
+    #: sends adds all of its bytes so far. None: a sample adds its own size only. This thread always sends the
+    #: retransmissions.
     sent_before_bytes: int | None = None
     #: Samples are sent by that thread too: where the host's queue blocks, they wait in the history, and travel
     #: together later; who publishes waits once that is full.
     asynchronous: bool = False
-    extra_bytes: int = 0  #: What each RTPS message has beside what RTPS asks for.
-    #: A request for what has left the history is answered by a GAP; else the next heartbeat says it is gone.
+    extra_bytes: int = 0  #: Bytes of each RTPS message beyond those that RTPS requires.
+    #: A request for what has left the history is answered by a GAP; else the next heartbeat shows that it is gone.
     gap_for_gone: bool = True
 
     @property
@@ -110,9 +111,9 @@ CYCLONE_DDS = Vendor(
 """Cyclone DDS with its default settings."""
 
 SEND_BUFFER_BYTES = 212_992
-"""What Linux gives a socket by default to send from (net.core.wmem_default)."""
+"""Default size of a socket's send buffer on Linux (net.core.wmem_default)."""
 _SHOWN_BYTES = SEND_BUFFER_BYTES // 2
-"""What Fast DDS takes for that: Asio halves it, as Linux doubles what is asked for.
+"""Size that Fast DDS takes for it: Asio halves it, as Linux doubles the requested size.
 
 Measured without losses (2.14 and 3.2): a heartbeat rides with sample 807 of 60 B, 392 of 200 B, 226 of 400 B,
 100 of 1000 B.

@@ -2,7 +2,7 @@
 
 Numba passes a tuple of arrays by value, some two hundred words per call, and counts a reference to each; its
 own mutable structure (`structref`) counts one at each access to a field. Here a call passes a plain pointer to
-a block of words: for each array its address and shape. Nobody owns an array in there, so functions of a world
+a block of words: for each array its address and shape. The block owns no array, so functions of a world
 are compiled without reference counting (`_nrt=False`, Numba's own option), and may not make arrays. Only Python
 writes the block, beforehand, so a function may read a word once. Compared with `structref`, a second of
 processor time has 1.4 to 1.8 times as many events, on five cells of the transmission experiment.
@@ -65,14 +65,14 @@ def _folder_digest(folder: Path) -> str:
 
 
 class World:
-    """What compiled code takes: the fields of `Params` and `State`, tuples of contiguous arrays."""
+    """Argument of compiled code: the fields of `Params` and `State`, tuples of contiguous arrays."""
 
     def __init__(self, *parts: NamedTuple) -> None:
         # Held here, borrowed by compiled code.
         self._arrays = {name: array for part in parts for name, array in part._asdict().items()}
         words = [word for a in self._arrays.values() for word in (a.ctypes.data, *a.shape)]
         self._block = np.array(words, np.int64)
-        self.address = self._block.ctypes.data  #: Of the block, for compiled code.
+        self.address = self._block.ctypes.data  #: Address of the block, for compiled code.
         fields = tuple((name, a.dtype, a.ndim) for name, a in self._arrays.items())
         self._numba_type_ = _world_type(fields)  # where Numba looks, without a call of Python
 

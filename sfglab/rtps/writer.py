@@ -12,7 +12,7 @@ from sfglab.rtps.medium import (
     burst_most,
     copy_frame,
     enqueue,
-    fragments,
+    fragment_count,
     has_bit,
     has_room,
     message_bytes,
@@ -168,7 +168,7 @@ def _send_burst(world: Any, now: int, frame: Any) -> None:
     settings, before = world.flows[frame.flow], world.scratch[2]
     before.kind = Frame.FRAGMENT
     before.flow = frame.flow
-    for number in range(fragments(settings.size_bytes, frame.samples, frame.heartbeats)):
+    for number in range(fragment_count(settings.size_bytes, frame.samples, frame.heartbeats)):
         before.sample = number
         enqueue(world, now, settings.source, before)
     world.counts[Count.DATA] += 1

@@ -1,106 +1,90 @@
-"""The stepwise run: it is the same model, and somebody outside gives values, hears deliveries and answers."""
+"""The stepwise run: it is the same model; values, deliveries and answers come from outside."""
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from sfglab.errors import InvalidValueError
 from sfglab.qos import QoSProfile
 from sfglab.rtps import Flow, Medium, Scenario, Session, run
+from sfglab.rtps.session import age_ms
 
 MS = 1_000_000
 S = 1_000_000_000
-ROBOTS = ("robot1", "robot2", "robot3")
+LOSSLESS = Medium(loss=0.0)
+UP = Flow(name="up", source="robot", target="station", rate_hz=200, qos=QoSProfile(depth=10))
+BEAMS = tuple(
+    replace(UP, name=name, executor="robot", phase_s=i * 1e-4) for i, name in enumerate("abcd")
+)
 
 
-def beams(**changes):
-    flow = Flow(
-        name="", source="", target="station", rate_hz=200, qos=QoSProfile(depth=10), **changes
-    )
-    return tuple(
-        replace(flow, name=f"{robot}/{i}", source=robot, executor=robot, phase_s=i * 1e-4)
-        for robot in ROBOTS
-        for i in range(4)
-    )
+def session_of(*flows, medium=LOSSLESS, **given):
+    return Session(Scenario(flows=flows, medium=medium, duration_s=2), seed=7, **given)
 
 
 def drive(session, until_ns, step_ns=50 * MS):
-    heard = []
+    received = []
     while session.now_ns < until_ns:
         delivery = session.advance(min(session.now_ns // step_ns * step_ns + step_ns, until_ns))
         if delivery is not None:
-            heard.append(delivery)
-    return heard
+            received.append(delivery)
+    return received
 
 
 def test_in_steps_it_is_the_same_run_as_at_once():
-    scenario = Scenario(flows=beams(), medium=Medium(loss=0.05), duration_s=3)
-    session = Session(scenario, seed=7)
-    heard = drive(session, 13 * S)
-    at_once, stepwise = run(scenario, seed=7), session.outcome()
-    assert at_once.counts == stepwise.counts
+    medium = Medium(loss=0.05)
+    session = session_of(*BEAMS, medium=medium)
+    received = drive(session, 12 * S)
+    at_once = run(Scenario(flows=BEAMS, medium=medium, duration_s=2), seed=7)
+    assert at_once.counts == session.outcome().counts
     for name, flow in at_once.flows.items():
-        assert np.array_equal(flow.received_ns, stepwise.flows[name].received_ns)
-        assert [d.now_ns for d in heard if d.flow == name] == flow.received_ns[
-            flow.delivered
-        ].tolist()
+        times_ns = [delivery.now_ns for delivery in received if delivery.flow == name]
+        assert times_ns == flow.received_ns[flow.delivered].tolist()
 
 
-def test_values_set_from_outside_are_what_arrives_and_what_the_cache_compares():
-    scenario = Scenario(flows=beams(cached=True), medium=Medium(loss=0.0), duration_s=2)
-    session = Session(scenario, seed=0)
-    heard = []
+def test_values_from_outside_are_delivered_and_compared_by_both_caches():
+    cached = replace(UP, cached=True)
+    controlled = replace(UP, name="cc", compare_s=1e-5, service_s=1e-4)
+    session, news = (session_of(cached, controlled, news_only=only) for only in (False, True))
+    received = []
     for value in range(4):
-        for flow in scenario.flows:
-            session.set_value(flow.name, value)
-        heard += drive(session, (value + 1) * S // 2, step_ns=S)
-    heard += drive(session, 3 * S)
-    for flow in scenario.flows:
-        assert [d.value for d in heard if d.flow == flow.name] == [0, 1, 2, 3]
+        for each in (session, news):
+            each.set_value("up", value)
+            each.set_value("cc", value)
+        received += drive(session, (value + 1) * S // 2)
+    assert [d.value for d in received if d.flow == "up"] == [0, 1, 2, 3]
+    assert [d.value for d in received if d.flow == "cc" and not d.repeated] == [0, 1, 2, 3]
+    assert len(received) > 300
+    assert [d.value for d in drive(news, 2 * S)] == [3, 3], "its values were set before it ran"
 
 
 def test_an_answer_is_published_now_and_arrives():
-    up = Flow(name="up", source="robot1", target="station", rate_hz=10)
-    down = Flow(name="down", source="station", target="robot1")
-    session = Session(Scenario(flows=(up, down), medium=Medium(loss=0.0), duration_s=2), seed=0)
-    answered, heard = [], []
-    while session.now_ns < 3 * S:
-        delivery = session.advance(3 * S)
-        if delivery is None:
-            break
+    down = Flow(name="down", source="station", target="robot", cached=True)
+    session = session_of(replace(UP, rate_hz=10), down)
+    answered, received = [], []
+    while (delivery := session.advance(3 * S)) is not None:
         if delivery.flow == "up":
             assert session.publish("down", len(answered))
+            assert not session.publish("down", len(answered)), "the cache suppresses it"
             answered.append(delivery.now_ns)
         else:
-            heard.append(delivery)
-    assert len(answered) == 20
-    assert [d.value for d in heard] == list(range(20))
-    assert [d.published_ns for d in heard] == answered
+            received.append(delivery)
+    assert [d.value for d in received] == list(range(20))
+    assert [d.published_ns for d in received] == answered
 
 
-def test_cache_control_says_what_it_discarded():
-    scenario = Scenario(
-        flows=beams(compare_s=1e-5, service_s=1e-4), medium=Medium(loss=0.0), duration_s=1
-    )
-    session = Session(scenario, seed=0)
-    for flow in scenario.flows:
-        session.set_value(flow.name, 5)
-    heard = drive(session, 2 * S)
-    assert sum(not d.repeated for d in heard) == len(scenario.flows)
-    assert len(heard) == 200 * len(scenario.flows)
-    news = Session(scenario, seed=0, news_only=True)
-    for flow in scenario.flows:
-        news.set_value(flow.name, 5)
-    assert drive(news, 2 * S) == [d for d in heard if not d.repeated]
+def test_the_age_of_information_grows_until_the_next_sample_arrives():
+    """At 10 Hz and without delay it grows from 0 to 100 ms, again and again."""
+    flow = run(Scenario(flows=(replace(UP, rate_hz=10),), medium=LOSSLESS, duration_s=2), seed=0)
+    assert age_ms(flow.flows["up"], duration_s=2.0) == pytest.approx(50, abs=1)
 
 
 def test_bad_calls_are_refused_with_the_place():
-    session = Session(Scenario(flows=beams(), duration_s=1), seed=0)
+    session = session_of(UP)
     session.advance(10 * MS)
     with pytest.raises(InvalidValueError, match="until_ns"):
         session.advance(0)
     with pytest.raises(InvalidValueError, match="given 'x'"):
         session.set_value("x", 1)
     with pytest.raises(InvalidValueError, match="given 'x'"):
-        Session(Scenario(flows=beams(), duration_s=1), seed=0, watched=("x",))
+        session_of(UP, watched=("x",))

@@ -26,7 +26,7 @@ HALF_WIDTH_M = 0.5
 WAYPOINTS = ((0.0, 4.0), (3.0, 4.0), (3.0, 2.0), (5.0, 2.0), (5.0, 0.0), (0.0, 0.0))
 """Corners of the corridors' middle line, clockwise, as the robots drive."""
 
-#: Where robots start and return to: x, y and heading; half a metre behind a corner.
+#: Place where robots start and return to: x, y and heading; half a metre behind a corner.
 HOME = (1.0, 4.0, 0.0)
 
 _PIVOT = (1.5, 1.0)  # inside the ring, and seen from everywhere on the middle line
@@ -38,7 +38,7 @@ _BOX_LONG_M, _BOX_DEEP_M = 0.3, 0.2
 class Box:
     """A cardboard box at a wall, 0.3 m along it and 0.2 m deep."""
 
-    leg: int  #: Which corridor: the one that begins at this waypoint.
+    leg: int  #: Number of the corridor, which is that of the waypoint where it begins.
     along_m: float  #: Its middle, from that waypoint.
     side: str  #: ``left`` or ``right``, as robots drive.
 
@@ -58,8 +58,8 @@ class Box:
 class Area:
     """One robot's hallway."""
 
-    robot: str  #: Whose.
-    boxes: tuple[Box, ...] = ()  #: What stands in it.
+    robot: str  #: Name of the robot.
+    boxes: tuple[Box, ...] = ()  #: Boxes in it.
 
     @cached_property
     def segments(self) -> NDArray[np.float64]:

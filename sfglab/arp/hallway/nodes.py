@@ -63,7 +63,7 @@ _TURN_OFFSET = 1 << 14
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What a robot is told: to move or not, and how fast to turn."""
+    """Command to a robot: to move or not, and how fast to turn."""
 
     moving: bool  #: At the constant velocity, or not at all.
     turn_mrad_s: int = 0  #: Milliradians a second, to the left.
@@ -136,7 +136,7 @@ class View:
     heading_left_rad: float | None
     #: The same (positive is still to the left) from the wall on the right.
     heading_right_rad: float | None
-    #: How far left of the middle, from the straight walls; None without any.
+    #: Distance to the left of the middle, from the straight walls; None without any.
     offset_m: float | None
     obstacle: bool  #: Whether something ahead is closer than is safe.
 
@@ -152,7 +152,7 @@ class LocalisationNode:
 
     def __init__(self) -> None:
         self._steps: list[int | None] = [None] * len(BEAMS_DEG)
-        #: What each beam measured last, as far as is known here.
+        #: Last range of each beam that is known here.
         self.ranges_m = [math.inf] * len(BEAMS_DEG)
         self.view: View | None = None
 

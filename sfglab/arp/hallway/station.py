@@ -18,7 +18,7 @@ TURN_MRAD_S = round(1000 * SPEED_M_S / HALF_WIDTH_M)
 
 
 class Manoeuvre(Enum):
-    """What all robots do."""
+    """Manoeuvre of all robots."""
 
     FORWARD = "forward"
     TURN_LEFT = "turn left"
@@ -27,7 +27,7 @@ class Manoeuvre(Enum):
 
 
 class Sight(Enum):
-    """What of the leader's view makes a difference."""
+    """Features of the leader's view that change the manoeuvre."""
 
     CORNER_LEFT = "corner to the left"
     CORNER_RIGHT = "corner to the right"
@@ -47,7 +47,7 @@ TRANSITIONS: dict[tuple[Manoeuvre, Sight], Manoeuvre] = {
     (Manoeuvre.TURN_LEFT, Sight.OPEN): Manoeuvre.FORWARD,
     (Manoeuvre.TURN_RIGHT, Sight.OPEN): Manoeuvre.FORWARD,
 }
-"""What a sight changes; any other pair changes nothing."""
+"""Changes of the manoeuvre by a sight; any other pair changes nothing."""
 
 # An arc begins half a corridor before the corner's middle, and the wall is half a corridor behind it.
 _CORNER_M = 2 * HALF_WIDTH_M
@@ -69,7 +69,7 @@ _EVADE_RAD_S = 0.2
 class PlanningNode:
     """Robot 1's planning."""
 
-    manoeuvre: Manoeuvre = Manoeuvre.FORWARD  #: What it has decided last.
+    manoeuvre: Manoeuvre = Manoeuvre.FORWARD  #: Last decision.
     _turns: int = field(default=0, repr=False)
     _home_m: float | None = field(default=None, repr=False)
 
@@ -109,7 +109,7 @@ class PlanningNode:
 
 
 def command_for(manoeuvre: Manoeuvre, view: View) -> Command:
-    """Return what one robot is told: the common manoeuvre, and along a corridor its own correction."""
+    """Return the command of one robot: the common manoeuvre, and along a corridor its own correction."""
     if manoeuvre is Manoeuvre.STOP:
         return Command(moving=False)
     if manoeuvre is Manoeuvre.FORWARD:
@@ -132,19 +132,19 @@ def _correction_mrad_s(view: View) -> int:
     return max(-most, min(most, round(1000 * turn)))
 
 
-LEADER = 0  #: Whose planning moves all.
+LEADER = 0  #: Robot that plans for all.
 
 
 class Station:
     """The nodes at the station, for so many robots; the first one leads."""
 
     def __init__(self, robots: int = 3) -> None:
-        self.localisations = [LocalisationNode() for _ in range(robots)]  #: One a robot.
+        self.localisations = [LocalisationNode() for _ in range(robots)]  #: One per robot.
         self._planning = PlanningNode()
-        self.commands = [STOP] * robots  #: What each robot is told at present.
+        self.commands = [STOP] * robots  #: Present command of each robot.
         #: Robot whose localisation was the last to see an obstacle and stop all; None: none has.
         self.stopped_by: int | None = None
-        self.manoeuvre = Manoeuvre.STOP  #: What was released last.
+        self.manoeuvre = Manoeuvre.STOP  #: Manoeuvre that was released last.
 
     def hear(self, robot: int, beam: int, step: int) -> bool:
         """Take the value of a robot's beam in `BEAMS_DEG`; return whether any command is another one now."""

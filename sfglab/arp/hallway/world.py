@@ -2,7 +2,7 @@
 
 Each is a TurtleBot3 Burger: differential drive, radius 0.105 m, wheels 0.160 m apart, 0.22 m/s at most (ROBOTIS
 e-manual). Wheels differ a little and slip a little, and robots are put down by hand; a seed draws both. A run
-is one round without contact and without a stop for an obstacle. Refuses to know messages and decisions.
+is one lap without contact and without a stop for an obstacle. Refuses to know messages and decisions.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-RADIUS_M = 0.105  #: Of the robot's body; closer to a wall is a contact.
+RADIUS_M = 0.105  #: Radius of the robot's body; closer to a wall is a contact.
 
 STEP_NS = 20_000_000  #: One step: the controller board sets the motors 50 times a second.
 
@@ -34,7 +34,7 @@ _ANGLES = np.radians(BEAMS_DEG)
 
 
 class World:
-    """The physics of one run, an area a robot; the seed draws first places, wheels and slip."""
+    """The physics of one run, one area per robot; the seed draws first places, wheels and slip."""
 
     def __init__(self, *, seed: int, areas: Sequence[Area] = AREAS) -> None:
         self._random = np.random.default_rng(seed)
@@ -50,7 +50,7 @@ class World:
         #: x, y (metres) and heading (radians) of each robot, shape (robots, 3).
         self.poses: NDArray[np.float64] = np.array(HOME) + put
         self._scale = 1.0 + self._random.normal(size=(robots, 2)) * _WHEEL_SIGMA
-        #: From each robot's middle to the nearest wall, shape (robots,).
+        #: Distance from each robot's middle to the nearest wall, metres, shape (robots,).
         self.clearance_m = np.empty(robots)
         self._ranges = np.empty(len(_ANGLES))
         self._wound = [winding_rad(x, y) for x, y, _ in self.poses.tolist()]
@@ -72,7 +72,7 @@ class World:
         return [step_from_range(range_m) for range_m in self._ranges.tolist()]
 
     def wound_rad(self) -> list[float]:
-        """Return how far around the ring each robot has come; to call four times a round."""
+        """Return how far around the ring each robot has come; to call four times per lap."""
         for robot, (x, y, _) in enumerate(self.poses.tolist()):
             self._wound[robot] += math.remainder(winding_rad(x, y) - self._wound[robot], math.tau)
         return self._wound.copy()
@@ -85,7 +85,7 @@ class World:
             )
 
 
-LIMIT_S = 120.0  #: When a run is given up: the round takes 77 s at the constant velocity.
+LIMIT_S = 120.0  #: Time limit of a run; the lap takes 77 s at the constant velocity.
 
 _HOME_RAD = 0.1  # around the ring; 0.3 m at home
 
@@ -103,8 +103,8 @@ class End(Enum):
 class Verdict:
     """The end of a run."""
 
-    end: End  #: How.
-    robot: int = -1  #: Index of who failed; -1: nobody, or nobody alone.
+    end: End  #: Kind of the end.
+    robot: int = -1  #: Index of the robot that failed; -1: none, or none alone.
 
 
 def judge(

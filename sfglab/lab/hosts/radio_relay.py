@@ -5,7 +5,7 @@ receivers then. A frame to a group reaches every other host and is on air once; 
 receiver. It ends when its control socket does.
 
 The medium is a pure machine of frames at times, in nanoseconds of the caller's clock. Its rules are the functions
-of `sfglab.rtps.channel`, which the model of RTPS uses, too; a queue that blocks is the kernel's (`wiring`). The
+of `sfglab.rtps.channel`, which the model of RTPS uses as well; a queue that blocks is the kernel's (`wiring`). The
 relay's own slowness adds delay, which it counts, and lowers no rate: a frame's end follows from the end of the one
 before.
 """
@@ -49,20 +49,20 @@ F = TypeVar("F")
 class Sent(NamedTuple, Generic[F]):
     """A frame that arrives."""
 
-    due_ns: int  #: When it arrives.
-    host: int  #: Who sent it.
+    due_ns: int  #: Time of arrival.
+    host: int  #: Host that sent it.
     frame: F  #: The frame.
 
 
 @dataclass(slots=True)
 class _Transmitter(Generic[F]):
-    """What sends one frame at a time; its hosts take turns."""
+    """A sender of one frame at a time; its hosts take turns."""
 
     hosts: tuple[int, ...]
     next_: int = 0
     free_ns: int = 0
     on_air: Sent[F] | None = None
-    relayed: _Waiting[F] | None = None  #: What the access point has to send then.
+    relayed: _Waiting[F] | None = None  #: Frame that the access point sends next.
 
 
 class _Waiting(NamedTuple, Generic[F]):
@@ -91,7 +91,7 @@ class Air(Generic[F]):
         chance: random.Random | None = None,
     ) -> None:
         self._hosts, self._lose, self._chance = tuple(hosts), lose, chance or random.Random()
-        #: What each host has done with it; losses are the caller's to count.
+        #: Use of the medium per host; the caller counts losses.
         self.use = [RadioHost() for _ in hosts]
         self._access_point = len(self.use)  # last, and without a part where the medium has none
         self._state: _State[F] = _State([deque() for _ in range(len(hosts) + 1)])

@@ -1,0 +1,150 @@
+"""The wireless channel: each rule by itself, and what full queues, losses and turns do to samples."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sfglab.errors import InvalidValueError
+from sfglab.qos import QoSProfile, Reliability
+from sfglab.rtps import FAST_DDS, PRESETS, Flow, Frame, Medium, Scenario, run
+from sfglab.rtps.channel import (
+    BLOCK,
+    DISPLACES,
+    HEAD,
+    JOINS,
+    REFUSED,
+    TAIL,
+    admission,
+    after_stall_ns,
+    airtime_ns,
+    is_lost,
+    next_sender,
+    stays_blocked,
+)
+from sfglab.rtps.frames import fragments, frame_bytes
+
+SLOW = Medium(loss=0.0, overhead_s=1.5e-3, queue_frames=50)  # carries some 600 samples per second
+BEST_EFFORT = QoSProfile(depth=1, reliability=Reliability.BEST_EFFORT)
+BUSY = {"rate_hz": 1000.0, "duration_s": 3.0}
+
+
+def played(medium, qos, *, vendor=FAST_DDS, rate_hz=100.0, duration_s=9.0):
+    flow = Flow(name="a", source="robot", target="station", rate_hz=rate_hz, qos=qos)
+    scenario = Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=duration_s)
+    return run(scenario, seed=1)
+
+
+# --- The rules ---------------------------------------------------------------------------------
+
+
+def test_a_frame_takes_its_bits_and_the_overhead_and_more_with_others():
+    assert airtime_ns(1000, 1, 300_000, 8e6, 0.15) == 1_300_000
+    assert airtime_ns(1000, 3, 300_000, 8e6, 0.15) == 1_690_000
+
+
+def test_hosts_take_turns_or_chance_passes_some_over():
+    waiting = [1, 0, 2, 1]
+    assert [next_sender(waiting, turn, 0)[0] for turn in range(5)] == [0, 2, 2, 3, 0]
+    assert [next_sender(waiting, 1, passed) for passed in range(3)] == [(2, 3), (3, 3), (0, 3)]
+    assert next_sender([0, 0], 1, 0) == (-1, 0)
+
+
+def test_a_full_queue_drops_its_oldest_frame_or_the_one_that_comes():
+    for rule, full in ((TAIL, REFUSED), (HEAD, DISPLACES), (BLOCK, REFUSED)):
+        assert [admission(rule, waiting, 5) for waiting in (4, 5)] == [JOINS, full]
+
+
+def test_a_queue_that_blocks_lets_go_once_half_has_left():
+    waiting = [9, 10, 9, 6, 5, 9]
+    blocked, seen = False, []
+    for frames in waiting:
+        blocked = stays_blocked(blocked, frames, 10)
+        seen.append(blocked)
+    assert seen == [False, True, True, True, False, False]
+
+
+def test_nothing_begins_while_the_medium_stalls():
+    times = [0, 19, 20, 99, 100, 105]
+    assert [after_stall_ns(now, 100, 20) for now in times] == [20, 20, 20, 99, 120, 120]
+    assert after_stall_ns(5, 0, 0) == 5
+
+
+@pytest.mark.parametrize("burst", [0.0, 1.0, 5.0])
+def test_losses_come_in_bursts_of_their_mean_length(burst):
+    bad, lost = False, []
+    for draw in np.random.default_rng(3).random(200_000).tolist():
+        bad = is_lost(bad, draw, 0.05, burst)
+        lost.append(bad)
+    starts = np.flatnonzero(np.diff([0, *lost]) == 1)
+    assert np.mean(lost) == pytest.approx(0.05, rel=0.1)
+    assert np.sum(lost) / len(starts) == pytest.approx(max(burst, 1.0), rel=0.1)
+
+
+def test_sizes_of_frames_are_those_of_rtps():
+    """Ethernet 14, IPv4 20, UDP 8, RTPS 20; a sample 12 + 24 and 24; a message that IP fragments is whole."""
+    kinds = (Frame.HEARTBEAT, Frame.ACKNACK, Frame.GAP)
+    assert [frame_bytes(kind, 24, 0, 1) for kind in kinds] == [110, 138, 110]
+    assert [frame_bytes(Frame.DATA, 21, 1, rides) for rides in (0, 1)] == [122, 154]
+    whole = frame_bytes(Frame.BURST, 24, 24, 0) + frame_bytes(Frame.FRAGMENT, 24, 0, 0)
+    assert whole == 78 + 24 * 60 + 34
+    assert [fragments(24, samples, 0) for samples in (1, 23, 24, 256)] == [0, 0, 1, 10]
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"loss": 1.0}, "loss"),
+        ({"latency_s": -1.0}, "latency_s from 0"),
+        ({"queue_rule": "middle"}, "queue_rule: given 'middle', allowed: tail, head, block"),
+        ({"access_point": True, "shared": False}, "access_point"),
+        ({"stall_s": 0.2, "stall_every_s": 0.1}, "stall_s < stall_every_s"),
+    ],
+)
+def test_a_bad_medium_is_refused_with_the_place(values, message):
+    with pytest.raises(InvalidValueError, match=message):
+        Medium(**values)
+
+
+# --- What they do to samples -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("preset", "rule", "depth", "loss", "throttled"),
+    [
+        # A full history waits for the thread that sends.
+        ("fast_dds_async", "block", 1, (0.0, 0.0), True),
+        ("fast_dds_async", "block", 4000, (0.0, 0.0), False),  # what waits there travels together
+        ("fast_dds_sync", "block", 1, (0.0, 0.0), True),  # the publishing thread waits
+        ("fast_dds_async", "tail", 1, (0.3, 0.6), False),
+    ],
+)
+def test_what_a_crowded_medium_costs_depends_on_who_waits(preset, rule, depth, loss, throttled):
+    medium, vendor = replace(SLOW, queue_rule=rule), PRESETS[preset]
+    done = played(medium, QoSProfile(depth=depth), vendor=vendor, **BUSY)
+    assert loss[0] <= done.flows["a"].loss <= loss[1]
+    assert (done.counts["throttled"] > 0) == throttled
+
+
+def test_best_effort_loses_as_often_as_it_is_on_air_and_an_access_point_costs_twice():
+    media = [Medium(loss=0.1, access_point=relayed) for relayed in (False, True)]
+    once, twice = (played(medium, BEST_EFFORT, duration_s=40.0) for medium in media)
+    assert twice.counts["airtime_ns"] == pytest.approx(1.9 * once.counts["airtime_ns"], rel=0.02)
+    assert once.flows["a"].loss == pytest.approx(0.1, abs=0.02)
+    assert twice.flows["a"].loss == pytest.approx(0.19, abs=0.02)
+    assert once.counts["heartbeat"] == once.counts["acknack"] == once.counts["repeated"] == 0
+
+
+@pytest.mark.parametrize(("chance", "least", "most"), [(True, 0.25, 0.34), (False, 0.0, 0.05)])
+def test_at_a_full_access_point_all_get_a_share_by_chance_and_one_host_everything_in_turns(
+    chance, least, most
+):
+    medium = replace(SLOW, queue_rule="block", access_point=True, random_turns=chance)
+    flow = Flow(name="", source="", target="station", rate_hz=500.0, qos=QoSProfile(depth=10))
+    flows = tuple(replace(flow, name=name, source=name) for name in "abc")
+    vendor = PRESETS["fast_dds_sync"]
+    scenario = Scenario(flows=flows, medium=medium, vendor=vendor, duration_s=10.0, drain_s=0)
+    done = run(scenario, seed=0)
+    arrived = [int(flow.delivered.sum()) for flow in done.flows.values()]
+    assert done.counts["queue_full"] > 0, "it drops where hosts block"
+    assert least <= min(arrived) / sum(arrived) <= most
