@@ -74,7 +74,7 @@ def drawn(number: int, preset: str | None = None) -> Scenario:
     flows = []
     for i, name in enumerate(names):
         source, target = draw.sample(HOSTS, 2)
-        then = draw.choice([None, *names[i + 1 :]])  # a ring would publish for ever
+        then = draw.choice([None, *names[i + 1 :]])  # a ring would publish without end
         values = picked(draw, FLOWS) | {"qos": QoSProfile(**picked(draw, QOS))}
         flows.append(Flow(name=name, source=source, target=target, then=then, **values))
     shared, relayed = draw.choice(SHARING)
