@@ -255,28 +255,28 @@ def assess(  # noqa: PLR0913 - a plan's parts, by keyword
     """Return rates and depths, which a method found, with what the link's arithmetic expects of them."""
     rates_hz = np.asarray(rates_hz, float)
     link = at_depths(link_of(topics, medium, vendor), depths, rates_hz)
+    change_s = np.array([topic.change_s for topic in topics])
+    weights = np.array([topic.weight for topic in topics])
     latency_s = _latency_s(link, depths, rates_hz)
     losses = expected_losses(link, depths, rates_hz)
-    per_change = rates_hz * link.arriving * np.array([t.change_s for t in topics])
-    true_when_sent = per_change * -np.expm1(
-        -1 / per_change
-    )  # periodic samples, changes at random times
-    up_to_date = true_when_sent * np.exp(-latency_s / np.array([t.change_s for t in topics]))
-    weights = np.array([t.weight for t in topics])
+    per_change = rates_hz * link.arriving * change_s
+    # Samples are periodic and changes come at random times.
+    true_when_sent = per_change * -np.expm1(-1 / per_change)
+    up_to_date = true_when_sent * np.exp(-latency_s / change_s)
+    columns = [column.tolist() for column in (rates_hz, depths, latency_s, up_to_date, losses)]
+    parts = []
+    for topic, rate, depth, latency, share, loss in zip(topics, *columns, strict=True):
+        part = TopicPlan(
+            topic=topic,
+            rate_hz=rate,
+            depth=depth,
+            latency_s=latency,
+            up_to_date=share,
+            loss=loss,
+        )
+        parts.append(part)
     return Plan(
-        topics=tuple(
-            TopicPlan(
-                topic=t,
-                rate_hz=float(r),
-                depth=int(d),
-                latency_s=float(s),
-                up_to_date=float(u),
-                loss=float(p),
-            )
-            for t, r, d, s, u, p in zip(
-                topics, rates_hz, depths, latency_s, up_to_date, losses, strict=True
-            )
-        ),
+        topics=tuple(parts),
         method=method,
         medium=medium,
         vendor=vendor,

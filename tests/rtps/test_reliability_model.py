@@ -147,6 +147,7 @@ def test_a_reader_of_cyclone_dds_acknowledges(rate_hz, frames):
     ("build", "message"),
     [
         (lambda: Scenario(flows=(A_FLOW, A_FLOW)), "different names"),
+        (lambda: Scenario(flows=(A_FLOW,), duration_s=0), "duration_s"),
         (lambda: Scenario(flows=(replace(A_FLOW, then="b"),)), "then: given 'b'"),
         (lambda: Scenario(flows=(replace(A_FLOW, rate_hz=2e9),)), "up to 1e9"),
         (lambda: Scenario(flows=(replace(A_FLOW, compare_s=-1),)), "compare_s: given -1"),
