@@ -52,7 +52,7 @@ CELLS = [
 ASKED_RATIO, ASKED_S = 30, 5
 NS = 1e9
 DATA, HEARTBEAT, ACKNACK, GAP = range(4)
-# Bytes before the payload, as in sfglab.rtps.medium.
+# Bytes before the payload, as in sfglab.rtps.frames.
 SIZES = {DATA: 98, HEARTBEAT: 110, ACKNACK: 138, GAP: 110}
 PIGGYBACK_BYTES = 32
 RECEIVED, IRRELEVANT = 1, 2

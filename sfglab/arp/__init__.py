@@ -1,7 +1,7 @@
 """Paper B: aggregated robot processing, its caches (2.2, 2.3) and its balanced QoS (2.4).
 
-Robots sense and act, a station localises and plans; what crosses between them is held back when it repeats.
-Beside the QoS problem that the paper prints stands our own (`programme.plan`), which sees the link.
+Robots sense and act, a station localises and plans; caches suppress values that repeat between them. The QoS
+problem as published is in `balancing`. Our own (`programme.plan`) includes the link.
 """
 
 from sfglab.arp.cache import CacheControl, LocalCache

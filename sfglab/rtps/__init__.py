@@ -1,6 +1,8 @@
 """RELIABLE and KEEP_LAST over a lossy medium: one model of writer, reader and medium, with vendors' timing.
 
-A run is given by `model` and `vendors`, its outcome is in `session` and `frames`; the rest is compiled.
+`model` describes flows and scenarios, `channel` the medium with its rules, `vendors` the timing of DDS
+implementations; `session` runs a scenario. The rest is compiled: `state` has the records, `engine` the events,
+`writer` and `reader` the protocol, `medium` the queues and frames, `world` the access to the arrays.
 """
 
 from __future__ import annotations
