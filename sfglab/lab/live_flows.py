@@ -261,7 +261,6 @@ def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> 
         value=source[f"{flow.name} written value"].astype(np.int32),
         fate=fate,
         dropped=np.zeros(len(sent_ns), np.int8),
-        deadline_ns=flow.qos.deadline_ns,
     )
 
 

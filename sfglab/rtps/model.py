@@ -57,7 +57,7 @@ class Flow:
     size_bytes: int = 24  #: CDR size of a sample.
     rate_hz: float = 0.0  #: Samples per second; 0: published only when a chain publishes it.
     phase_s: float = 0.0  #: Time of the first publication, seconds.
-    qos: QoSProfile = DEFAULT  #: QoS of the writer. Its deadline is monitored, not enforced.
+    qos: QoSProfile = DEFAULT  #: QoS of the writer. The model has no deadline.
     reader_depth: int | None = None  #: History of the reader; 0: KEEP_ALL; None: as the writer's.
     #: Name of the executor that takes the samples, one at a time; None: one for this flow only.
     executor: str | None = None

@@ -48,7 +48,6 @@ class FlowOutcome:
     value: NDArray[np.int32]  #: Number of the value that a sample carries, shape (n,).
     fate: NDArray[np.int8]  #: A `Fate` per sample, shape (n,).
     dropped: NDArray[np.int8]  #: A `Drop` per sample: where its first frame was lost, shape (n,).
-    deadline_ns: int | None = None  #: The agreed longest gap between samples; None: none.
 
     @property
     def delivered(self) -> NDArray[np.bool_]:
@@ -64,13 +63,6 @@ class FlowOutcome:
     def latency_ns(self) -> NDArray[np.int64]:
         """Time from publication to the application, of the delivered samples, shape (delivered,)."""
         return (self.received_ns - self.published_ns)[self.delivered]
-
-    def deadlines_missed(self) -> int:
-        """Return how often the reader waited beyond the deadline for the next sample (DDS 1.4, 2.2.3.7)."""
-        if self.deadline_ns is None:
-            return 0
-        gaps = np.diff(np.sort(self.received_ns[self.delivered]))
-        return int((gaps // self.deadline_ns).sum())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,7 +92,6 @@ def outcome_of(flows: Sequence[Flow], state: State) -> Outcome:
             value=state.value[i, samples],
             fate=fate,
             dropped=dropped,
-            deadline_ns=flow.qos.deadline_ns,
         )
     return Outcome(flows=results, counts={c.name.lower(): int(state.counts[c]) for c in Count})
 
@@ -330,35 +321,3 @@ def age_ms(outcome: FlowOutcome, *, duration_s: float) -> float:
     since = np.concatenate(([0.0], newest_s))
     area = ((times[1:] - since) ** 2 - (times[:-1] - since) ** 2).sum() / 2
     return float(1e3 * area / duration_s)
-
-
-def up_to_date(flow: Flow, outcome: FlowOutcome, *, duration_s: float) -> float:
-    """Return the share of time in which the reader has the value that the sensor has now.
-
-    At a reading the sensor's value is known: that of the last sample published, held back or not. Until the
-    next reading it stays with probability exp(-t / change_s), as changes come at random; that is integrated.
-    """
-    # In whole nanoseconds, as the model schedules: rounding adds up, and a reading must not precede its sample.
-    first_ns, period_ns = round(flow.phase_s * NS_PER_S), round(NS_PER_S / flow.rate_hz)
-    readings = np.arange(first_ns, round(duration_s * NS_PER_S), period_ns) / NS_PER_S
-    received = outcome.received_ns[outcome.delivered] / NS_PER_S
-    times = np.unique(np.concatenate([readings, received[received < duration_s], [duration_s]]))
-    starts, ends = times[:-1], times[1:]
-    read_at = readings[np.maximum(np.searchsorted(readings, starts, side="right") - 1, 0)]
-    # Nanoseconds are rounded where the model schedules; half of one is far below any period.
-    published = outcome.published_ns / NS_PER_S - 1 / NS_PER_S
-    true = _last(outcome.value, published, read_at)
-    known = _last(outcome.value[outcome.delivered], received, starts)
-    since, until = starts - read_at, ends - read_at
-    stays = flow.change_s * (np.exp(-since / flow.change_s) - np.exp(-until / flow.change_s))
-    return float(stays[(true == known) & (known >= 0)].sum() / duration_s)
-
-
-def _last(
-    values: NDArray[np.int32], since: NDArray[np.float64], at: NDArray[np.float64]
-) -> NDArray[np.int64]:
-    """Return the value at each time; -1 before the first."""
-    place = np.searchsorted(since, at, side="right") - 1
-    if not len(values):
-        return np.full(len(at), -1)
-    return np.where(place >= 0, values[place], -1)
