@@ -19,6 +19,7 @@ from sfglab.lab.experiments.transmission import live, results
 from sfglab.lab.live_flows import MODES
 from sfglab.processes import ProcessFailedError
 from sfglab.rtps import PRESETS, Medium
+from sfglab.rtps.channel import airtime_ns
 from sfglab.rtps.frames import data_bytes
 
 SEED, COUNT = 18, 40
@@ -110,8 +111,11 @@ def test_cells_of_the_grid_are_slowed_where_python_is_too_slow():
     assert factors == {100: 2, 200: 4, 500: 10, 1000: 20}
     fast, slow = (replace(cells[-1], slowed=factor).scenario(8.0) for factor in (1.0, 20.0))
     assert slow.flows[0].rate_hz == pytest.approx(fast.flows[0].rate_hz / 20)
-    airtime_ns = 20 * fast.medium.airtime_ns(100, 1)
-    assert slow.medium.airtime_ns(100, 1) == pytest.approx(airtime_ns, rel=1e-6)
+    airtimes_ns = [
+        airtime_ns(100, 1, medium.overhead_ns, medium.rate_bps, medium.contention)
+        for medium in (fast.medium, slow.medium)
+    ]
+    assert airtimes_ns[1] == pytest.approx(20 * airtimes_ns[0], rel=1e-6)
     assert live.validation_cells(transmission.exp.config("quick")) == {}
 
 
