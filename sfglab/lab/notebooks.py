@@ -37,7 +37,12 @@ if TYPE_CHECKING:
 INDEX = "00_index"
 SETTINGS = "settings"
 #: New names of notebooks by their former names.
-RENAMED = {"10_cooperation": "10_hallway", "11_gateways": "11_mapping_and_gateway"}
+RENAMED = {
+    "09_transmission": "09_loss",
+    "10_cooperation": "10_hallway",
+    "11_gateways": "11_mapping_and_gateway",
+    "19_phases": "09_loss",
+}
 #: Environment variable of a kernel: path of the executed copy that its outputs go to.
 COPY_VARIABLE = "SFGLAB_NOTEBOOK_COPY"
 _EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")

@@ -52,7 +52,7 @@ def width_inches(svg):
 # What a narrower page still makes too small; a notebook shows every figure's letters large enough.
 LARGE_ENOUGH = {
     "notebook": {svg.stem for svg in FIGURES},
-    "book": {"balancing_caches", "deployment_checks", "transmission_beyond"},
+    "book": {"balancing_caches", "deployment_checks"},
     "print": {"deployment_checks"},
 }
 

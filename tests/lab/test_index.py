@@ -26,7 +26,7 @@ def test_the_index_has_every_notebook_under_its_paper_with_figure_and_verdicts()
     assert [paper.count("<tr>") for paper in papers] == [11, 4, 3, 1]
     assert html.count("<img alt=") == len(EXPERIMENTS)
     assert html.count(">not yet<") == len(ledger)
-    assert 'href="09_transmission.ipynb"' in papers[1]
+    assert 'href="09_loss.ipynb"' in papers[1]
     assert papers[0].index("05_lifecycle") < papers[0].index("02_depth_codecs"), "by section"
 
 

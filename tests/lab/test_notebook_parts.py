@@ -11,7 +11,7 @@ from nbformat.v4 import new_code_cell, new_notebook, new_output
 from sfglab.lab import notebook
 from sfglab.lab.experiments import experiment
 from sfglab.lab.notebook_outputs import normalise
-from sfglab.lab.notebooks import COPY_VARIABLE, NotebookError, find_notebooks
+from sfglab.lab.notebooks import COPY_VARIABLE, RENAMED, NotebookError, find_notebooks
 from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[2]
@@ -77,9 +77,11 @@ def test_links_from_a_copy_become_those_from_the_folder_of_notebooks(monkeypatch
     assert made.cells[0].outputs[0].data["text/html"] == here != copy
 
 
-def test_a_notebook_that_was_renamed_is_refused_with_its_new_name():
-    with pytest.raises(NotebookError, match="11_gateways is now called 11_mapping_and_gateway"):
-        find_notebooks(PROJECT, ["notebooks/11_gateways.ipynb"])
+@pytest.mark.parametrize(("former", "name"), RENAMED.items())
+def test_a_notebook_that_was_renamed_is_refused_with_its_new_name(former, name):
+    with pytest.raises(NotebookError, match=f"{former} is now called {name}"):
+        find_notebooks(PROJECT, [f"notebooks/{former}.ipynb"])
+    assert find_notebooks(PROJECT, [name])
 
 
 @pytest.mark.parametrize(("count", "shown"), [(0, 0), (10, 10), (11, 10)])

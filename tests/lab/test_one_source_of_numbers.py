@@ -156,12 +156,12 @@ def test_a_runs_own_verdict_stands_below_the_ledgers_with_the_reason(name, ledge
             assert heads[heads.index(entry.claim.id) + 1] == f"this run: {each.own_reason}"
 
 
-def test_b_loss_is_judged_in_notebook_19(ledger):
+def test_b_loss_is_judged_by_its_criterion(ledger):
     claims = own_ledger(PROJECT, reference(experiment("transmission")))
     [loss] = [each for each in claims if each.claim.id == "B-LOSS"]
     assert loss.verdict.value == ledger["B-LOSS"].verdict.value == "reproduced"
     assert loss.own.verdict.value == "deviates"
-    assert "19_phases" in loss.own_reason
+    assert "09_loss" in loss.own_reason
     lines = [line for line in render(claims).splitlines() if "deviates" in line]
     assert any(line.startswith("  this run ") for line in lines)
 

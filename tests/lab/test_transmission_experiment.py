@@ -17,6 +17,7 @@ from sfglab.arp import hello
 from sfglab.lab.experiments.transmission import exp, results
 from sfglab.lab.experiments.transmission.experiment import grid, simulate_cell
 from sfglab.lab.experiments.transmission.live import GROUPS, compare, live_cells, measure
+from sfglab.lab.explore import interactive
 from sfglab.lab.hosts import RadioCounters
 from sfglab.lab.live_flows import Played, hosts_of, live_hosts
 from sfglab.lab.workers.flowplay import Player, _Executor, text_of, value_of
@@ -206,13 +207,15 @@ async def test_flows_caches_and_chains_run_live_as_in_the_model():
 def test_the_explorer_shows_a_coarse_picture_and_then_the_whole_one():
     found = [picture for picture in results.hello_over_depth(rate_max_hz=50) if picture]
     coarse, whole = found
-    assert "simulated for 2 s" in coarse.said
+    assert "simulated for 1 s" in coarse.said
     assert "simulated for 20 s" in whole.said
     titles = [[panel.title for panel in picture.panels] for picture in found]
     assert titles[0] == titles[1]
     used = whole.at("channel utilisation", 10).set_index("series")["y"]
     assert used["both (OPT+LC)"] < used["balanced QoS (OPT)"] < used["no method"]
-    assert results.hello_over_depth.__name__ in exp.explorers
+    assert set(interactive.argument_texts(exp.explorers["hello_over_depth"])) == {
+        *vars(interactive.setting_of(results.hello_over_depth))
+    }
 
 
 def test_an_explorer_that_is_left_simulates_no_further_cell(monkeypatch):

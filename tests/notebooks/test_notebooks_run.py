@@ -12,7 +12,7 @@ from sfglab.lab.checks import trees
 from sfglab.lab.experiments import EXPERIMENTS, decode_once, experiment, mocap, visualisation
 from sfglab.lab.experiments.latency import analysis
 from sfglab.lab.experiments.latency.stage import PATHS
-from sfglab.lab.notebooks import find_notebooks, run_notebooks
+from sfglab.lab.notebooks import experiments_of, find_notebooks, read_notebook, run_notebooks
 from sfglab.lab.paths import Project
 from sfglab.record import LogReader
 from sfglab.spatial.frames.buffer import FrameBuffer
@@ -22,13 +22,13 @@ from sfglab.spatial.frames.listener import fill_from_log
 ROOT = Path(__file__).parents[2]
 INDEX = "00_index"
 SHOWN = "data/reference/cooperation.mcap"
-TRANSMISSION = ("beyond", "fates", "latency", "live", "loss", "validation")
+LOSS = ("latency", "live", "loss", "validation")
 # What the notebooks draw in a smoke test.
 FIGURES_ANYWHERE = {
     "01_naming": {"naming_schema"},
     "02_depth_codecs": {"depth_codecs"},
     "08_caches_and_qos": {"balancing_caches", "balancing_qos"},
-    "09_transmission": {f"transmission_{what}" for what in TRANSMISSION},
+    "09_loss": {"phases", *(f"transmission_{what}" for what in LOSS)},
     "10_hallway": {"cooperation", "cooperation_tracks"},
     "11_mapping_and_gateway": {"gateway_core", "graph_mapping"},
     "12_transfer": {"transfer", "transfer_live"},
@@ -36,7 +36,6 @@ FIGURES_ANYWHERE = {
     "15_planning": {"planning_interpolation", "planning_scene"},
     "17_deployment": {"deployment_checks", "deployment_layers"},
     "18_ros2": {"ros2_features"},
-    "19_phases": {"phases", "phases_cells"},
 }
 # The same for those that mean little without hosts of their own.
 FIGURES_OF_HOSTS = {
@@ -85,7 +84,10 @@ def run_through(project, name):
 
 def test_every_notebook_is_known_and_the_index_reports_on_all():
     assert [path.stem for path in find_notebooks(Project(root=ROOT))] == [*sorted(FIGURES), INDEX]
-    assert len(FIGURES) == len(EXPERIMENTS)
+    run = []
+    for path in find_notebooks(Project(root=ROOT)):
+        run += experiments_of(read_notebook(path))
+    assert sorted(run) == sorted(EXPERIMENTS)
 
 
 def frames_are_whole(run):
@@ -146,11 +148,13 @@ LIVE_RUNS = {
 @pytest.mark.parametrize("name", NAMES)
 def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(project, name):
     run_through(project, name)
-    (log,) = project.runs.glob("logs/*/*.mcap")
-    assert log.parent.name in EXPERIMENTS
+    logs = sorted(project.runs.glob("logs/*/*.mcap"))
+    experiments = experiments_of(read_notebook(ROOT / "notebooks" / f"{name}.ipynb"))
+    assert [log.parent.name for log in logs] == sorted(experiments)
     assert not project.figures.exists(), "a smoke test replaces no figure"
     assert {p.stem for p in (project.runs / "figures").rglob("*.svg")} == FIGURES[name]
-    LIVE_RUNS.get(name, lambda _: None)(experiment(log.parent.name).load(log))
+    for log in logs:
+        LIVE_RUNS.get(name, lambda _: None)(experiment(log.parent.name).load(log))
 
 
 @pytest.mark.slow
