@@ -35,7 +35,7 @@ SEEDED = {
     "balancing": {"Table 1", "caches", "Eq. 6"},
     "transmission": {"cell"},
     "cooperation": {"course", "drawn runs"},
-    "phases": {"cell", "course", "refine"},
+    "phases": {"cell", "course"},
     "gateways": {"exploration", "mapping"},
     "transfer": {"law", "cycles", "model", "curves", "node mapping", "hardware"},
     "driving": {"lap", "chain", "drawn lap"},

@@ -10,7 +10,7 @@ import pandas as pd
 
 from sfglab.arp.hello import BEST
 from sfglab.lab.experiments import decode_once, discovery, experiment
-from sfglab.lab.experiments.phases import answers, verdicts
+from sfglab.lab.experiments.phases import results
 from sfglab.lab.figures import drawn, file_sha256, save_figure, series
 from sfglab.lab.index import COLORS
 from sfglab.lab.ledger import compute_ledger
@@ -67,9 +67,9 @@ def _losing(run: Run[Any]) -> pd.DataFrame:
 
     Without the proxy it is that of the history depth with the lowest loss.
     """
-    tables = verdicts.judged(run)
+    tables = results.judged(run)
     assert tables is not None, "the committed log has every plausible condition"
-    lost = answers.summary(tables[0])
+    lost = results.summary(tables[0])
     mean = lost.groupby(["method", "depth", "rate_max_hz"])["lost"].mean()
     best = mean[BEST].groupby("rate_max_hz").min()
     plain = mean["none"].groupby("rate_max_hz").min()

@@ -1,11 +1,10 @@
-"""Phases: in which mode of publication, over which air and by which queue paper B's conclusions hold.
+"""Phases: with which middleware, wireless channel and queues the conclusions of paper B hold.
 
-In each condition all is run that the criteria of B-LAT, B-LOSS and B-COOP compare (``data/claims.yaml``). Near
-borders between unlike answers more conditions follow. The criteria's own are among them, so that a run judges.
+In each condition everything is simulated that the criteria of B-LAT, B-LOSS and B-COOP compare
+(``data/claims.yaml``). The conditions of the criteria are among them, so that a run is judged.
 """
 
-from sfglab.lab.experiments.phases.answers import ANSWERS
 from sfglab.lab.experiments.phases.experiment import exp
-from sfglab.lab.experiments.phases.verdicts import phases, shares
+from sfglab.lab.experiments.phases.results import ANSWERS, phases, press_map, shares
 
-__all__ = ["ANSWERS", "exp", "phases", "shares"]
+__all__ = ["ANSWERS", "exp", "phases", "press_map", "shares"]

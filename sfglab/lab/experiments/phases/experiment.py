@@ -1,28 +1,29 @@
-"""Conditions of the map, what is run in each, and where more of them are added.
+"""Configuration, conditions and sweeps of the map of paper B's conclusions.
 
-Seeds of a cell are run together, as the criteria ask for the median over all of their "Hello"s.
+In each condition everything is simulated that the criteria of B-LAT, B-LOSS and B-COOP compare
+(``data/claims.yaml``). Seeds of a cell are run together, because the criteria ask for the median
+over all of their "Hello"s.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from itertools import pairwise, product
+import math
+from dataclasses import dataclass, fields
+from itertools import product
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import pandas as pd
 
 from sfglab.arp.hallway.simulation import LAP_DEPTHS, OPTIMUM, LapSettings, SimulatedLap
 from sfglab.arp.hello import BEST, HELLO_UP, OPT_DEPTH, GridCell, hello_times_ms, scenario_of
 from sfglab.arp.robots import DEPTHS, RATES_HZ
 from sfglab.fields import between
-from sfglab.lab.bench import Bench, rows_of
+from sfglab.lab.claims import Criterion, load_claims
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
-from sfglab.lab.experiments.phases.answers import ANSWERS, PLACE, Place, answers, middle, plausible
-from sfglab.lab.sweep import Workers, sweep
+from sfglab.lab.paths import find_project
+from sfglab.lab.sweep import Workers
 from sfglab.rtps import Medium, run
 from sfglab.rtps.session import age_ms
-from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,27 +32,47 @@ if TYPE_CHECKING:
 
 MODES = ("fast_dds_sync", "fast_dds_async", "fast_dds_foxy", "cyclone_dds")
 QUEUE_FRAMES = 277
-"""Small frames that fit into Linux's default socket buffer, 212,992 B: each takes 768 B there (an skb)."""
-#: How often the air stalls where it does: assumed; the criterion gives for how long.
+"""Small frames that fit into Linux's default socket buffer, 212,992 B: each takes 768 B (an skb)."""
 STALL_EVERY_S = 1.0
+"""Time between channel stalls where there are any, s. Assumed; the criterion gives their length."""
 CELLS = (
     *((method, str(depth)) for method in ("none", "CC") for depth in DEPTHS),
     ("OPT+CC", OPT_DEPTH),
     (BEST, OPT_DEPTH),
 )
-"""Method and depth of everything that the criteria compare."""
-COURSES = (*(("none", depth) for depth in LAP_DEPTHS), (BEST, OPTIMUM))
+"""Methods and depths that the criteria of B-LAT and B-LOSS compare."""
+LAPS = (*(("none", depth) for depth in LAP_DEPTHS), (BEST, OPTIMUM))
+"""Methods and depths that the criterion of B-COOP compares."""
+
+
+# --- Conditions -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """A place on the map."""
+
+    preset: str  #: Mode of publication, a name in `sfglab.rtps.PRESETS`.
+    #: Share of frames lost on each of the two wireless hops to and from the access point.
+    loss: float
+    frame_us: float  #: Airtime of a frame on each hop beside its bits, us.
+    queue_rule: str = "block"  #: Rule of a host's full queue.
+    stall_ms: float = 0.0  #: Length of a channel stall, once in `STALL_EVERY_S`, ms.
+    rate_max_hz: int  #: Rmax, Hz.
+
+
+PLACE = [one.name for one in fields(Place)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition(Place):
-    """A place that is run."""
+    """A place that is simulated."""
 
-    duration_s: float = 10.0  #: How long is published, simulated seconds.
-    seeds: int = 1  #: With how many seeds each cell is run.
+    duration_s: float = 10.0  #: Simulated time of publication, s.
+    seeds: int = 1  #: Number of seeds of each cell.
 
     def medium(self) -> Medium:
-        """Return its air."""
+        """Return the wireless channel."""
         return Medium(
             loss=self.loss,
             overhead_s=self.frame_us / 1e6,
@@ -64,22 +85,45 @@ class Condition(Place):
         )
 
 
+def criterion() -> Criterion:
+    """Return the criterion of B-LAT. Those of B-LOSS and B-COOP have the same modes and region."""
+    [claim] = (claim for claim in load_claims(find_project().claims) if claim.id == "B-LAT")
+    assert claim.criterion is not None, "it has one"
+    return claim.criterion
+
+
+def plausible() -> list[tuple[Any, ...]]:
+    """Return the places of the criteria in the order of `PLACE`: 27 for each mode and Rmax."""
+    asked = criterion()
+    axes = []
+    for name in ("loss", "frame_us", "stall_ms"):
+        low, high = asked.region[name]
+        axes.append((low, round(middle(low, high), 6), high))
+    places = []
+    for preset, loss, frame_us, stall_ms, rate_hz in product(asked.modes, *axes, RATES_HZ):
+        places.append((preset, loss, frame_us, "block", stall_ms, rate_hz))
+    return places
+
+
+def middle(low: float, high: float) -> float:
+    """Return the geometric mean, or half of the highest value where the lowest is 0."""
+    return math.sqrt(low * high) if low else high / 2
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
     """The whole run."""
 
     presets: tuple[str, ...] = MODES  #: Modes of publication.
-    losses: tuple[float, ...] = (0.0001, 0.0017, 0.03)  #: Shares of frames lost on each crossing.
-    #: Costs of a frame on each crossing, microseconds.
-    frames_us: tuple[float, ...] = (50.0, 250.0, 1200.0)
-    queue_rules: tuple[str, ...] = ("block",)  #: What full queues do.
-    rates_hz: tuple[int, ...] = (500,)  #: Values of Rmax.
-    refined: int = 12  #: How many conditions are added near borders.
-    #: Whether all conditions of the criteria are run, at every Rmax of Table 2.
+    losses: tuple[float, ...] = (0.0001, 0.0017, 0.03)  #: Shares of frames lost on each hop.
+    frames_us: tuple[float, ...] = (50.0, 250.0, 1200.0)  #: Airtimes of a frame on each hop, us.
+    queue_rules: tuple[str, ...] = ("block",)  #: Rules of full queues.
+    rates_hz: tuple[int, ...] = (500,)  #: Values of Rmax, Hz.
+    #: Whether all conditions of the criteria are simulated, at every Rmax of Table 2.
     criterion: bool = True
-    duration_s: float = between(10.0, 0.5, 60.0)  #: Simulated seconds of a cell.
-    seeds: int = 6  #: How many seeds each cell is run with.
-    course_seeds: int = 2  #: How many times each hallway is driven.
+    duration_s: float = between(10.0, 0.5, 60.0)  #: Simulated time of a cell, s.
+    seeds: int = 6  #: Number of seeds of each cell.
+    course_seeds: int = 2  #: Number of laps for each method and depth.
     seed: int = 0  #: The first seed.
 
 
@@ -92,7 +136,6 @@ exp = Experiment(
         "losses": (0.0017,),
         "frames_us": (50.0, 1200.0),
         "queue_rules": ("block",),
-        "refined": 1,
         "criterion": False,
         "duration_s": 1.0,
         "seeds": 1,
@@ -103,97 +146,78 @@ exp = Experiment(
         "frames_us": (50.0, 100.0, 200.0, 350.0, 600.0, 1200.0),
         "queue_rules": ("block", "tail", "head"),
         "rates_hz": RATES_HZ,
-        "refined": 0,
         "course_seeds": 6,
     },
     actors=(
-        Actor(
-            "robot1",
-            host="robot1",
-            does="sensing and actuation; robot2 and robot3 alike",
-            count="3",
-        ),
-        Actor("air", host="access point", does="loses, stalls, queues"),
-        Actor("station", host="station", does="localisation and planning"),
+        Actor("robot1", "robot1", "sensing and actuation; robot2 and robot3 alike", count="3"),
+        Actor("wireless channel", "access point", "loses frames, stalls, queues"),
+        Actor("station", "station", "localisation and planning"),
     ),
     links=(
-        Link("robot1", "air", "sensors' values"),
-        Link("air", "station", "the same", boundary="second crossing"),
+        Link("robot1", "wireless channel", "sensors' values", boundary="first hop"),
+        Link("wireless channel", "station", "the same", boundary="second hop"),
     ),
+    removed={"refined": {"smoke": 1, "quick": 12, "paper": 0}},
 )
 
 
-# --- Conditions -----------------------------------------------------------------------------------------------
-
-
 def conditions(config: Config) -> list[Condition]:
-    """Return the map's conditions before any is refined, and if asked those of the criteria, each once."""
-    axes = (
-        config.presets,
-        config.losses,
-        config.frames_us,
-        config.queue_rules,
-        (0.0,),
-        config.rates_hz,
-    )
-    places = dict.fromkeys([*product(*axes), *(plausible() if config.criterion else ())])
-    how: dict[str, Any] = {"duration_s": config.duration_s, "seeds": config.seeds}
-    return [Condition(**dict(zip(PLACE, place, strict=True)), **how) for place in places]
+    """Return the conditions of the map and, if the configuration says so, those of the criteria."""
+    axes = (config.presets, config.losses, config.frames_us, config.queue_rules)
+    places = [*product(*axes, (0.0,), config.rates_hz)]
+    if config.criterion:
+        places += plausible()
+    chosen = []
+    for place in dict.fromkeys(places):
+        values: dict[str, Any] = dict(zip(PLACE, place, strict=True))
+        chosen.append(Condition(**values, duration_s=config.duration_s, seeds=config.seeds))
+    return chosen
 
 
-def midpoints(table: pd.DataFrame, config: Config, most: int) -> list[Condition]:
-    """Return conditions between neighbours with unlike `ANSWERS`, the widest gaps first, none twice."""
-    gaps: dict[Condition, float] = {}
-    how: dict[str, Any] = {"duration_s": config.duration_s, "seeds": config.seeds}
-    for axis in ("loss", "frame_us"):
-        for _, line in table.groupby([name for name in PLACE if name != axis], sort=False):
-            rows = line.sort_values(axis)
-            unlike = rows[list(ANSWERS)].round().diff().abs().any(axis=1).to_numpy()[1:]
-            for (low, high), differs in zip(pairwise(rows[axis]), unlike, strict=True):
-                place: dict[str, Any] = {
-                    **rows[PLACE].iloc[0],
-                    axis: float(f"{middle(low, high):.3g}"),
-                }
-                if differs and low < place[axis] < high:
-                    gaps.setdefault(Condition(**place, **how), high / low)
-    return sorted(gaps, key=lambda condition: -gaps[condition])[:most]
-
-
-# --- In one condition -----------------------------------------------------------------------------------------
+# --- Sweeps -----------------------------------------------------------------------------------
 
 
 @exp.table("cell")
 class MethodRow(Place):
     """A method at a depth in one condition with one seed, simulated."""
 
-    method: str  #: The method.
-    depth: str  #: DEPTH as Table 2 has it.
-    seed: int  #: The seed.
-    published: int  #: "Hello"s that were published.
-    arrived: int  #: Those that reached actuation.
-    p50_ms: float  #: Median time to actuation, one that never arrived counting as infinite.
-    pooled_ms: float  #: The same of all seeds together.
-    age_ms: float  #: Age of the newest "Hello" that the station has, mean over time.
+    method: str  #: Name of the method.
+    depth: str  #: DEPTH as in Table 2.
+    seed: int  #: Number of the seed.
+    published: int  #: Number of "Hello"s.
+    arrived: int  #: Number of "Hello"s that reached actuation.
+    p50_ms: float  #: Median time to actuation, ms; a "Hello" that never arrived is infinitely late.
+    pooled_ms: float  #: Median over the "Hello"s of all seeds together, ms.
+    age_ms: float  #: Mean age of the newest "Hello" at the station, ms.
 
 
 @exp.sweep(
     "cell", over=conditions, seeds=lambda config: [config.seed], workers=Workers(threads=True)
 )
 def simulate(condition: Condition, seed: int) -> tuple[dict[str, Any], ...]:
-    """Run what the criteria compare in a condition, with all its seeds from this one on."""
-    return tuple(row for method, depth in CELLS for row in _cell(condition, method, depth, seed))
+    """Simulate what the criteria compare in a condition, with all of its seeds from this one on."""
+    rows = []
+    for method, depth in CELLS:
+        rows += _cell_rows(condition, method, depth, range(seed, seed + condition.seeds))
+    return tuple(rows)
 
 
-def _cell(condition: Condition, method: str, depth: str, first: int) -> list[dict[str, Any]]:
-    of: dict[str, Any] = {"rate_max_hz": condition.rate_max_hz, "vendor": condition.preset}
-    of["duration_s"] = condition.duration_s
-    point = GridCell(depth=depth, method=method, hop=True, **of)
-    seeds, medium = range(first, first + condition.seeds), condition.medium()
-    outcomes = [run(scenario_of(point, seed=seed, medium=medium), seed=seed) for seed in seeds]
+def _cell_rows(condition: Condition, method: str, depth: str, seeds: range) -> list[dict[str, Any]]:
+    cell = GridCell(
+        rate_max_hz=condition.rate_max_hz,
+        depth=depth,
+        method=method,
+        duration_s=condition.duration_s,
+        vendor=condition.preset,
+        hop=True,
+    )
+    medium = condition.medium()
+    outcomes = [run(scenario_of(cell, seed=seed, medium=medium), seed=seed) for seed in seeds]
     times_ms = [hello_times_ms(outcome) for outcome in outcomes]
     pooled_ms = _median(np.concatenate(times_ms))
-    return [
-        {
+    rows = []
+    for seed, outcome, times in zip(seeds, outcomes, times_ms, strict=True):
+        row = {
             "method": method,
             "depth": depth,
             "seed": seed,
@@ -203,8 +227,8 @@ def _cell(condition: Condition, method: str, depth: str, first: int) -> list[dic
             "pooled_ms": pooled_ms,
             "age_ms": age_ms(outcome.flows[HELLO_UP], duration_s=condition.duration_s),
         }
-        for seed, outcome, times in zip(seeds, outcomes, times_ms, strict=True)
-    ]
+        rows.append(row)
+    return rows
 
 
 def _median(times_ms: NDArray[np.float64]) -> float:
@@ -212,50 +236,29 @@ def _median(times_ms: NDArray[np.float64]) -> float:
 
 
 @exp.table("course")
-class HallwayRow(Place):
-    """A hallway driven in one condition with one seed, simulated."""
+class LapRow(Place):
+    """A lap of the hallway in one condition with one seed, simulated."""
 
-    method: str  #: The method.
+    method: str  #: Name of the method.
     depth: int  #: DEPTH; 0: that of Eq. 6.
-    seed: int  #: The seed.
-    end: str  #: An `End`.
-    robot: str  #: Who met an obstacle; empty: nobody, or nobody alone.
-    ended_s: float  #: When.
+    seed: int  #: Number of the seed.
+    end: str  #: End of the lap, an `End`.
+    robot: str  #: Robot that met an obstacle; empty: none, or several.
 
 
 @exp.sweep("course", over=conditions, seeds=lambda config: seeded(config, config.course_seeds))
 def drive(condition: Condition, seed: int) -> tuple[dict[str, Any], ...]:
-    """Drive the hallway in a condition without any method, at three depths, and with OPT+LC."""
-    air: dict[str, Any] = {"vendor": condition.preset, "medium": condition.medium()}
-    air["rate_max_hz"] = condition.rate_max_hz
+    """Drive a lap in a condition without a method, at three depths, and with OPT+LC."""
     rows = []
-    for method, depth in COURSES:
-        lap = SimulatedLap(LapSettings(method=method, depth=depth, **air), seed).run()
-        end = {"end": lap.end.value, "robot": lap.robot, "ended_s": lap.ended_ns / NS_PER_S}
+    for method, depth in LAPS:
+        settings = LapSettings(
+            method=method,
+            depth=depth,
+            vendor=condition.preset,
+            medium=condition.medium(),
+            rate_max_hz=condition.rate_max_hz,
+        )
+        lap = SimulatedLap(settings, seed).run()
+        end = {"end": lap.end.value, "robot": lap.robot}
         rows.append({"method": method, "depth": depth, **end})
     return tuple(rows)
-
-
-@exp.part("refine", total=lambda config: config.refined, timed=False)
-def refine(bench: Bench[Config]) -> None:
-    """Add conditions between neighbours whose answers are unlike, round by round, until there are enough."""
-    config, folder = bench.config, bench.folder("refined")
-    rows = {table: list(bench.rows.get(table, ())) for table in ("cell", "course")}
-    left = config.refined
-    while left and all(rows.values()):
-        tables = [pd.DataFrame(map(asdict, rows[table])) for table in ("cell", "course")]
-        chosen = midpoints(answers(*tables), config, left)
-        if not chosen:
-            return
-        for one in exp.sweeps:
-            journal, workers = folder / f"{one.table}-{left}", bench.options.workers or one.workers
-            seeds = one.seeds(config)
-            results = sweep(one.task, chosen, seeds, journal=journal, workers=workers)
-            for (condition, seed), result in zip(product(chosen, seeds), results, strict=True):
-                rows[one.table] += rows_of(
-                    bench.row_classes[one.table], result, {"seed": seed}, condition
-                )
-                bench.write_all(one.table, rows[one.table][-len(result) :])
-        left -= len(chosen)
-        for _ in chosen:
-            bench.advance("refined")

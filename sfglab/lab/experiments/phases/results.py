@@ -1,0 +1,427 @@
+"""Answers in each condition, verdicts on B-LAT, B-LOSS and B-COOP, and the map.
+
+Where the criteria (``data/claims.yaml``) leave a choice, this is their literal reading. The median
+is over the "Hello"s of all seeds; one that never arrives is infinitely late, and a condition in
+which the median of OPT+LC is infinite does not agree. Intervals reach from the lowest seed's median
+to the highest: of six seeds, that contains the median with 97 %.
+
+Only a finished run is judged that has every plausible condition of every mode at every Rmax, with
+six seeds or more. Of the modes that can stand for the paper's middleware, the lowest value counts.
+"""
+
+from __future__ import annotations
+
+import shlex
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from sfglab.arp.hallway import End
+from sfglab.arp.hello import BEST, OPT_DEPTH, SMALL_DEPTH, TIE
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.phases.experiment import (
+    CELLS,
+    LAPS,
+    PLACE,
+    Config,
+    criterion,
+    exp,
+    plausible,
+)
+from sfglab.lab.figures import note
+from sfglab.lab.runs import COMPLETION, Run, derived, lines_of
+from sfglab.lab.stats import Estimate, difference_of, share_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sfglab.lab.explore import Pressed
+
+LEAST_SEEDS = 6  #: Number of seeds that the criteria ask for.
+MOST_RATES = 3  #: Number of the four Rmax at which OPT+LC has to be lowest.
+FAST_HZ = (
+    500,
+    1000,
+)  #: Values of Rmax at one of which a small depth has to be worse than a deep one.
+DEEP = 100  #: Lowest depth that is deep by the criteria.
+LOSS_POINT = 0.01  #: Share that OPT+LC may lose more than the lowest and still agree.
+_CONDITION = [name for name in PLACE if name != "rate_max_hz"]
+_CELL = [*PLACE, "method", "depth"]
+_ROBOT2 = "robot2"
+
+
+# --- Answers ----------------------------------------------------------------------------------
+
+ANSWERS = {
+    "lc_lowest": "Do balanced QoS (OPT) and\nlocal cache (LC) have the\nlowest latency and loss?",
+    "small_worst": "Without a method, is a small\nhistory depth (DEPTH) worse\nin latency and loss?",
+    "completed": "Do the robots complete the\nhallway with OPT and LC?",
+    "completed_none": "Do the robots complete the\nhallway without a method?",
+}
+"""Questions about each condition by the column of their answers, shares from 0, no, to 1, yes."""
+
+
+def summary(cells: pd.DataFrame) -> pd.DataFrame:
+    """Return latency, loss and age of each condition, method and depth.
+
+    Columns are ``p50_ms``, the median of all seeds' "Hello"s together, with the range of the seeds'
+    medians, ``_low`` and ``_high``; ``lost`` of all seeds with Wilson's interval; and the median of
+    the seeds' ``age_ms``.
+    """
+    grouped = cells.groupby(_CELL, sort=False)
+    table = grouped.agg(
+        p50_ms=("pooled_ms", "first"),
+        p50_ms_low=("p50_ms", "min"),
+        p50_ms_high=("p50_ms", "max"),
+        age_ms=("age_ms", "median"),
+        published=("published", "sum"),
+        arrived=("arrived", "sum"),
+    )
+    lost = []
+    for row in lines_of(table):
+        share = share_of(row.published - row.arrived, row.published, unit="1")
+        lost.append((share.value, share.low, share.high))
+    table[["lost", "lost_low", "lost_high"]] = lost
+    return table.drop(columns=["published", "arrived"]).reset_index()
+
+
+def answers(cells: pd.DataFrame, laps: pd.DataFrame) -> pd.DataFrame:
+    """Return the answers in each condition at each Rmax.
+
+    Columns are those of `PLACE`; the questions of B-LAT and B-LOSS: ``latency_lowest``,
+    ``loss_lowest``, ``latency_small``, ``loss_small``; the ages of OPT+LC, ``age_ms``, and the
+    lowest of the rest, ``age_lowest_ms``; and the columns of `ANSWERS`.
+    """
+    found = _compared(summary(cells))
+    done = (laps["end"] == End.SUCCESS.value).astype(float)
+    is_best = laps["method"] == BEST
+    table = laps.assign(completed=done.where(is_best), completed_none=done.mask(is_best))
+    shares = table.groupby(PLACE)[["completed", "completed_none"]].mean()
+    return found.merge(shares.reset_index(), on=PLACE)
+
+
+def _compared(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the answers of B-LAT and B-LOSS from a `summary`."""
+    depth = pd.to_numeric(table["depth"], errors="coerce")
+    is_best = (table["method"] == BEST) & (table["depth"] == OPT_DEPTH)
+    none = table["method"] == "none"
+    best = table[is_best].set_index(PLACE)
+    lowest = table[~is_best].groupby(PLACE, sort=False)[["p50_ms", "lost", "age_ms"]].min()
+    small = table[none & (depth <= SMALL_DEPTH)].groupby(PLACE)[["p50_ms_low", "lost_low"]].max()
+    deep = table[none & (depth >= DEEP)].groupby(PLACE)[["p50_ms_high", "lost_high"]].min()
+    near_ms = lowest["p50_ms"] * (1 + TIE)
+    found = pd.DataFrame(index=best.index)
+    found["latency_lowest"] = np.isfinite(best["p50_ms"]) & (best["p50_ms"] <= near_ms)
+    found["loss_lowest"] = best["lost"] <= lowest["lost"] + LOSS_POINT
+    found["latency_small"] = small["p50_ms_low"] > deep["p50_ms_high"]
+    found["loss_small"] = small["lost_low"] > deep["lost_high"]
+    found["lc_lowest"] = found[["latency_lowest", "loss_lowest"]].mean(axis=1)
+    found["small_worst"] = found[["latency_small", "loss_small"]].mean(axis=1)
+    return found.assign(age_ms=best["age_ms"], age_lowest_ms=lowest["age_ms"]).reset_index()
+
+
+@derived
+def phases(run: Run[Config]) -> pd.DataFrame:
+    """Return the answers in a run's conditions."""
+    return answers(run["cell"], run["course"])
+
+
+@derived
+def shares(run: Run[Config]) -> pd.DataFrame:
+    """Return the mean answers by preset and queue rule, over all conditions and over the region."""
+    table = phases(run)
+    is_inside = [table[name].between(*ends) for name, ends in criterion().region.items()]
+    parts = {"all": table, "region": table[np.all(is_inside, axis=0)]}
+    found = []
+    for name, part in parts.items():
+        groups = part.groupby(["preset", "queue_rule"], sort=False)
+        means = groups[list(ANSWERS)].mean()
+        found.append(means.assign(of=name, conditions=groups.size()))
+    return pd.concat(found).reset_index()
+
+
+# --- Claims -----------------------------------------------------------------------------------
+
+
+@derived
+def judged(run: Run[Config]) -> tuple[pd.DataFrame, pd.DataFrame] | None:
+    """Return the cells and laps in the plausible conditions alone; None if some are missing."""
+    places = pd.DataFrame(plausible(), columns=PLACE)
+    tables = run["cell"].merge(places, on=PLACE), run["course"].merge(places, on=PLACE)
+    wanted = (len(CELLS), LEAST_SEEDS), (len(LAPS), run.config.course_seeds)
+    for table, (lines, seeds) in zip(tables, wanted, strict=True):
+        counts = table.groupby(_CELL)["seed"].nunique()
+        if len(counts) < lines * len(places) or counts.min() < seeds:
+            return None
+    return tables if run.metadata(COMPLETION) else None
+
+
+@exp.claim("B-LAT", how=How.SIMULATED)
+def latency_order(run: Run[Config]) -> Finding | None:
+    """Return the share of plausible conditions that agree in latency."""
+    return agreement_finding(run, "latency")
+
+
+@exp.claim("B-LOSS", how=How.SIMULATED)
+def loss_order(run: Run[Config]) -> Finding | None:
+    """Return the share of plausible conditions that agree in loss."""
+    return agreement_finding(run, "loss")
+
+
+def agreement_finding(run: Run[Config], of: str) -> Finding | None:
+    """Return the share of plausible conditions in which the criterion of B-LAT or B-LOSS holds.
+
+    Args:
+        run: The run.
+        of: ``latency`` or ``loss``.
+    """
+    tables = judged(run)
+    if tables is None:
+        return None
+    table = run.once("plausible", lambda: answers(*tables))
+    found = agreement(table, of)
+    values: dict[str, Estimate] = {}
+    details: dict[str, str] = {}
+    for mode in criterion().modes:
+        part = found[found["preset"] == mode]
+        values[mode] = share_of(
+            int(part["agrees"].sum()), len(part), unit="share of plausible conditions"
+        )
+        ages = table[table["preset"] == mode][["age_ms", "age_lowest_ms"]].median()
+        details |= {
+            f"{mode}, agree": f"{values[mode]}: {part['agrees'].sum()} of {len(part)}",
+            f"{mode}, {BEST} lowest": f"in {part['lowest'].sum()} of {len(part)}",
+            f"{mode}, a small depth worse": f"in {part['small'].sum()} of {len(part)}",
+            f"{mode}, age at the station": f"{BEST} {ages.iloc[0]:.3g} ms, "
+            f"lowest other {ages.iloc[1]:.3g} ms",
+        }
+    mode = lowest_mode(values)
+    lowest = details[f"{mode}, {BEST} lowest"]
+    small = details[f"{mode}, a small depth worse"]
+    where = by_axis(found[found["preset"] == mode], "agrees")
+    reason = (
+        f"as {mode}, {BEST} lowest {lowest}; a small depth worse {small}; agree {where} "
+        "(map: figure phases, notebook 19)"
+    )
+    return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
+
+
+def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
+    """Return where the criterion of B-LAT (``latency``) or B-LOSS (``loss``) holds.
+
+    Returns:
+        One row per condition: the columns of `PLACE` except Rmax; ``lowest`` (OPT+LC is lowest at
+        three Rmax or more), ``small`` (a small depth is worse than a deep one at 500 or 1000 Hz),
+        and ``agrees``: both.
+    """
+    fast = table[table["rate_max_hz"].isin(FAST_HZ)]
+    lowest = table.groupby(_CONDITION, sort=False)[f"{of}_lowest"].sum() >= MOST_RATES
+    small = fast.groupby(_CONDITION, sort=False)[f"{of}_small"].any()
+    found = pd.DataFrame({"lowest": lowest, "small": small})
+    return found.assign(agrees=found["lowest"] & found["small"]).reset_index()
+
+
+@exp.claim("B-COOP", how=How.SIMULATED)
+def laps_completed(run: Run[Config]) -> Finding | None:
+    """Return the success rate of OPT+LC minus that without a method, over plausible conditions.
+
+    All conditions have as many laps, so a share over all is the mean that the criterion asks for.
+    """
+    tables = judged(run)
+    if tables is None:
+        return None
+    laps = tables[1].assign(done=tables[1]["end"] == End.SUCCESS.value)
+    values: dict[str, Estimate] = {}
+    details: dict[str, str] = {}
+    for mode in criterion().modes:
+        part = laps[laps["preset"] == mode]
+        rates = []
+        for method in (BEST, "none"):
+            done = part[part["method"] == method]["done"]
+            rates.append(share_of(int(done.sum()), len(done), unit="success rate"))
+        values[mode] = difference_of(*rates, unit="success rate difference")
+        none = part[part["method"] == "none"]
+        details |= {
+            f"{mode}, {BEST} less none": f"{rates[0]} less {rates[1]}: {values[mode]}",
+            f"{mode}, none: who meets an obstacle": obstacles(none),
+        }
+    mode = lowest_mode(values)
+    best = laps[(laps["preset"] == mode) & (laps["method"] == BEST)]
+    where = by_axis(best, "done")
+    reason = f"as {mode}, {BEST} completes {where} (map: figure phases, notebook 19)"
+    return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
+
+
+def lowest_mode(values: Mapping[str, Estimate]) -> str:
+    """Return the mode with the lowest value, by which a criterion is judged."""
+    return min(values, key=lambda mode: values[mode].value)
+
+
+def obstacles(laps: pd.DataFrame) -> str:
+    """Return how often robot 2 and how often any robot met an obstacle, and how often none did."""
+    met = laps["end"].isin([End.STOP.value, End.CONTACT.value])
+    second = met & (laps["robot"] == _ROBOT2)
+    given_up = laps["end"] == End.TIMEOUT.value
+    return (
+        f"{_ROBOT2} in {second.sum()}, anyone in {met.sum()}, "
+        f"nobody (given up) in {given_up.sum()} of {len(laps)} rounds"
+    )
+
+
+def by_axis(table: pd.DataFrame, column: str) -> str:
+    """Return the mean of a column for each value of each axis of the region, as a text."""
+    texts = []
+    for axis in criterion().region:
+        means = table.groupby(axis)[column].mean()
+        shares_of = ", ".join(f"{value:g}: {share:.0%}" for value, share in means.items())
+        texts.append(f"by {axis} {shares_of}")
+    return "; ".join(texts)
+
+
+# --- Map --------------------------------------------------------------------------------------
+
+PRESETS = {
+    "fast_dds_sync": "Fast DDS, synchronous",
+    "fast_dds_async": "Fast DDS, asynchronous",
+    "fast_dds_foxy": "Fast DDS of ROS 2 Foxy",
+    "cyclone_dds": "Cyclone DDS",
+}
+"""Names of the modes of publication by preset."""
+QUEUES = {
+    "block": "a full queue blocks",
+    "tail": "a full queue drops the newest",
+    "head": "a full queue drops the oldest",
+}
+"""Texts for the rules of a host's full queue."""
+_SQUARE: dict[str, Any] = {"marker": "s", "cmap": "cividis", "vmin": 0, "vmax": 1, "ec": "black"}
+_WIDTH, _ROW_HEIGHT = 10.5, 2.2
+
+
+@derived
+def mapped(run: Run[Config]) -> pd.DataFrame:
+    """Return the mean answers over Rmax in the conditions without stalls."""
+    table = phases(run)
+    keys = ["queue_rule", "preset", "loss", "frame_us"]
+    without_stalls = table[table["stall_ms"] == 0].groupby(keys, sort=False)
+    return without_stalls[list(ANSWERS)].mean().reset_index()
+
+
+@exp.figure("phases", size=(_WIDTH, 9.6))
+def draw_map(figure: Figure, run: Run[Config]) -> None:
+    """Draw where the paper's conclusions hold: by airtime and loss of a frame, one row per middleware."""
+    rows = list(mapped(run).groupby(["queue_rule", "preset"], sort=False))
+    figure.set_size_inches(_WIDTH, _ROW_HEIGHT * len(rows) + 1.4)
+    grid = figure.subplots(len(rows), len(ANSWERS), sharex=True, sharey=True, squeeze=False)
+    for panels, ((rule, preset), part) in zip(grid, rows, strict=True):
+        name = PRESETS.get(str(preset), str(preset))
+        panels[0].set_ylabel(f"{name},\n{QUEUES[str(rule)]}\nframe loss (%)", fontsize=8)
+        squares = draw_row(panels, part)
+    places = pd.DataFrame(plausible(), columns=PLACE)
+    inside = phases(run).merge(places[places["stall_ms"] == 0])[list(ANSWERS)].mean()
+    for top, bottom, (answer, question) in zip(grid[0], grid[-1], ANSWERS.items(), strict=True):
+        share = "" if np.isnan(inside[answer]) else f"\nplausible region: {inside[answer]:.0%} yes"
+        top.set_title(question + share, fontsize=8.5)
+        bottom.set_xlabel("airtime of a frame (us)", fontsize=8)
+    figure.colorbar(
+        squares, ax=grid, shrink=0.5, aspect=40, label="answer: 0 no, 1 yes, otherwise partly"
+    )
+    figure.suptitle(
+        f"Plausible conditions: with balanced QoS and local cache {inside['completed']:.0%} of the "
+        f"laps are completed, without a method {inside['completed_none']:.0%}"
+    )
+    modes = " and ".join(PRESETS[mode] for mode in criterion().modes)
+    note(
+        figure,
+        f"simulated without channel stalls, {run.config.seeds} seeds; one square per simulated "
+        f"condition, mean over its Rmax and over latency and loss\nshares are those of {modes}",
+    )
+
+
+def draw_row(panels: Sequence[Axes], table: pd.DataFrame) -> Any:
+    """Draw the simulated conditions of one middleware, one panel per question; return the last squares."""
+    from matplotlib.patches import Rectangle
+
+    low, high = criterion().region["loss"]
+    least_us, most_us = criterion().region["frame_us"]
+    for axes, answer in zip(panels, ANSWERS, strict=True):
+        size = (most_us - least_us, 100 * (high - low))
+        region = Rectangle((least_us, 100 * low), *size, color="0.85", zorder=0)
+        axes.add_patch(region)
+        axes.text(least_us, 80 * low, "plausible", fontsize=8, va="top")
+        squares = axes.scatter(table["frame_us"], 100 * table["loss"], 36, table[answer], **_SQUARE)
+        axes.set(xscale="log", yscale="log")
+        axes.set_xticks([50, 200, 600, 1200], ["50", "200", "600", "1200"], fontsize=8)
+        axes.set_yticks([0.01, 0.1, 1], ["0.01", "0.1", "1"])
+        axes.minorticks_off()
+    return squares
+
+
+def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
+    """Return the map of one middleware; a click on a condition prints its cells and its command.
+
+    Raises:
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+    from sfglab.lab.explore import Pressed, part
+    from sfglab.view.widgets import widgets
+
+    class ConditionMap(Pressed):
+        """Simulated conditions of one middleware with the answers to four questions, to click."""
+
+    table = mapped(run)[mapped(run)["preset"] == preset]
+    rows = {str(row.Index): row for row in lines_of(table)}
+    printed = widgets().HTML(
+        "<p>Yellow: yes; dark blue: no. Click a square to print its cells.</p>"
+    )
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(1, len(ANSWERS), sharey=True)
+        draw_row(panels, table)
+        panels[0].set_ylabel("frame loss (%)")
+        figure.supxlabel("airtime of a frame (us)", fontsize=8)
+        for axes, question in zip(panels, ANSWERS.values(), strict=True):
+            axes.set_title(question, fontsize=8.5)
+            for name, row in rows.items():
+                # Nearly invisible, for the mouse.
+                part(name, *axes.plot(row.frame_us, 100 * row.loss, "s", ms=9, alpha=0.02))
+
+    def press(name: str) -> None:
+        cells = cells_at(run, rows[name]).to_html(float_format="{:.3g}".format)
+        printed.value = f"<pre>{escape(command_of(run, rows[name]))}</pre>{cells}"
+
+    titles = dict.fromkeys(rows, "print the cells and the command")
+    return ConditionMap(
+        draw, size=(_WIDTH, 3.2), press=press, titles=lambda: titles, above=[printed]
+    )
+
+
+def cells_at(run: Run[Config], place: Any) -> pd.DataFrame:
+    """Return latency and loss in one row of `mapped`, by method, depth and Rmax."""
+    cells = run["cell"][run["cell"]["stall_ms"] == 0]
+    for name in ("preset", "queue_rule", "loss", "frame_us"):
+        cells = cells[cells[name] == getattr(place, name)]
+    table = summary(cells).rename(columns={"p50_ms": "median latency (ms)", "lost": "loss"})
+    return table.pivot_table(
+        index=["method", "depth"],
+        columns="rate_max_hz",
+        values=["median latency (ms)", "loss"],
+        sort=False,
+    )
+
+
+def command_of(run: Run[Config], place: Any) -> str:
+    """Return the command that simulates the condition of one row of `mapped` again."""
+    values = {
+        "presets": place.preset,
+        "losses": place.loss,
+        "frames_us": place.frame_us,
+        "queue_rules": place.queue_rule,
+        "rates_hz": ", ".join(map(str, cells_at(run, place)["loss"].columns)),
+    }
+    words = [f"{name}=[{value}]" for name, value in values.items()]
+    return shlex.join(["sfglab", "try", "phases", *words, "criterion=false"])
