@@ -206,7 +206,7 @@ def agreement_finding(run: Run[Config], of: str) -> Finding | None:
     where = by_axis(found[found["preset"] == mode], "agrees")
     reason = (
         f"as {mode}, {BEST} lowest {lowest}; a small depth worse {small}; agree {where} "
-        "(map: figure phases, notebook 19)"
+        "(map: figure phases, notebook 09)"
     )
     return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
 
@@ -253,7 +253,7 @@ def laps_completed(run: Run[Config]) -> Finding | None:
     mode = lowest_mode(values)
     best = laps[(laps["preset"] == mode) & (laps["method"] == BEST)]
     where = by_axis(best, "done")
-    reason = f"as {mode}, {BEST} completes {where} (map: figure phases, notebook 19)"
+    reason = f"as {mode}, {BEST} completes {where} (map: figure phases, notebook 09)"
     return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
 
 
