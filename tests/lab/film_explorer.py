@@ -20,11 +20,11 @@ from sfglab.lab.paths import find_project
 CELL = """from sfglab.lab.experiments import transmission
 from sfglab.lab.explore import explore
 explore(transmission.exp)"""
-PICTURE = "document.querySelector('.jp-OutputArea img')?.naturalWidth > 0"
-SOURCE = "document.querySelector('.jp-OutputArea img').src"
+PICTURE = "document.querySelector('.sfglab-vega svg')?.clientWidth > 300"
+SOURCE = "document.querySelector('.sfglab-vega [role=status]').textContent"
 PLACE = """(() => { const b = document.querySelector('.jp-OutputArea').getBoundingClientRect();
   return [b.x, b.y, b.width, b.height]; })()"""
-MOVES = (("loss", (0.25, 0.45, 0.65)), ("depths", (0.1, 0.5)))
+MOVES = (("rate max hz", (0.55, 0.7, 0.85)), ("loss", (0.25, 0.5)))
 WIDTH, HEIGHT, BAR, WIDEST_PX = 1180, 900, 30, 860
 LATEST_S, SETTLES_S = 15, 2.0
 
