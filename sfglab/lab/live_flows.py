@@ -2,7 +2,7 @@
 
 Each host is a namespace with one process, the air is a radio with the model's medium, the middleware is Cyclone
 DDS or a real ROS 2 node's Fast DDS; what comes back is an `Outcome` too. Endpoints match over a quiet medium
-before time begins. `play_missing` plays many cells and goes on behind those that a broken run has finished.
+before time begins.
 """
 
 from __future__ import annotations
@@ -11,34 +11,29 @@ import asyncio
 import os
 import tempfile
 import time
-from collections import Counter
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfglab import component
 from sfglab.bus.address import BusAddress
 from sfglab.lab import workers
-from sfglab.lab.experiment import C, Experiment, F, SkippedPartError
-from sfglab.lab.hosts import Host, HostsError, HostsUnavailableError, Network, RadioCounters
-from sfglab.lab.ros2 import RosMember, RosMissingError
-from sfglab.lab.sweep import journal as journaled
+from sfglab.lab.hosts import Host, Network, RadioCounters
+from sfglab.lab.ros2 import RosMember
 from sfglab.lab.workers.flowplay import PartsConfig
-from sfglab.processes import Member, ProcessFailedError, ProcessGroup
+from sfglab.processes import Member, ProcessGroup
 from sfglab.qos import QoSProfile
 from sfglab.rtps import Fate, Flow, FlowOutcome, Medium, Outcome, Scenario
 from sfglab.rtps.frames import data_bytes
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+    from collections.abc import AsyncIterator, Sequence
 
     from sfglab.component import Report
-    from sfglab.lab.bench import Bench
 
 Arrays = dict[str, NDArray[np.int64]]
 
@@ -55,7 +50,6 @@ SETTLE_S = {True: 0.3, False: 1.5}
 PROBE_S = 2.0  #: How long a topic is published that shows the hosts' own delay.
 _SELDOM = Path(workers.__file__).with_name("quiet_participants.xml")
 
-_TRIES = 2
 _STAMP_SLACK_NS = 2  # RTPS counts time in units of 2**-32 s (RTPS 2.5, clause 9.3.2)
 
 RosMode = Literal["SYNCHRONOUS", "ASYNCHRONOUS"]
@@ -264,11 +258,6 @@ def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> 
     )
 
 
-def cells_part(exp: Experiment[C], name: str, total: Callable[[C], int]) -> Callable[[F], F]:
-    """Declare an experiment's part of `play_missing`, skipped where there are no test hosts or no ROS 2."""
-    return exp.part(name, total=total, skips=(HostsUnavailableError, RosMissingError), timed=False)
-
-
 def slowed(scenario: Scenario, factor: float) -> Scenario:
     """Return a scenario of which flows and air are slower by a factor; how long it takes stays."""
     flows = (
@@ -282,73 +271,3 @@ def slowed(scenario: Scenario, factor: float) -> Scenario:
     medium = scenario.medium
     slow = replace(medium, rate_bps=medium.rate_bps / factor, overhead_s=medium.overhead_s * factor)
     return replace(scenario, flows=tuple(flows), medium=slow)
-
-
-async def play_missing(  # noqa: PLR0913 - options
-    bench: Bench[Any],
-    table: str,
-    cells: Mapping[Any, Scenario],
-    repeats: Mapping[Any, int],
-    rows: Callable[[LiveHosts, Any, int], Awaitable[Any]],
-    *,
-    at_once: int = len(MODES),
-) -> None:
-    """Play cells as often as `repeats` says, with their presets' nodes; write a table of them.
-
-    So many presets are played beside each other, each on hosts of its own, one cell at a time: where the air is
-    slow, nodes mostly wait. What is finished stands in the part's journal at once; a run that was broken off
-    goes on behind it. What fails is tried once more with new hosts, then noted in the metadata of the table's
-    name. `rows` plays a cell, whose ``preset`` is one of `MODES`, for a repetition, and gives a row or a tuple
-    of them.
-
-    Raises:
-        HostsUnavailableError: This machine has no test hosts.
-        RosMissingError: This machine has no ROS 2.
-    """
-    if not any(repeats.values()):
-        raise SkippedPartError("not asked for")
-    todo = list(cells)
-    rounds = range(max(repeats.values()))
-    jobs = [
-        (number, repeat)
-        for repeat in rounds
-        for number, cell in enumerate(todo)
-        if repeat < repeats[cell]
-    ]
-    failed: Counter[tuple[int, int]] = Counter()
-    reasons: dict[str, str] = {}
-    path = bench.stack.enter_context(
-        journaled.journals(bench.log.path, f"{bench.experiment}-{bench.config.profile}")
-    )
-    with journaled.open_journal(
-        path(table), journaled.identity_of(play_missing, [bench.config, *todo])
-    ) as journal:
-        turn = asyncio.Semaphore(at_once)
-
-        async def play(preset: str) -> None:
-            own = [job for job in jobs if todo[job[0]].preset == preset]
-            while missing := [
-                job for job in own if job not in journal.finished and failed[job] < _TRIES
-            ]:
-                job = missing[0]
-                try:
-                    async with (
-                        turn,
-                        live_hosts(*hosts_of(cells[todo[job[0]]]), ros=MODES[preset]) as hosts,
-                    ):
-                        for job in missing:
-                            cell, repeat = todo[job[0]], job[1]
-                            made = await rows(hosts, cell, repeat)
-                            journal.add(*job, journaled.text_from_result(made))
-                            bench.advance(f"{preset}, repetition {repeat}")
-                except (ProcessFailedError, HostsError, TimeoutError) as error:
-                    failed[job] += 1
-                    reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
-
-        async with component.beside(
-            *map(play, dict.fromkeys(cell.preset for cell in todo))
-        ) as played:
-            await asyncio.gather(*played)
-        for made in (journal.finished[job] for job in jobs if job in journal.finished):
-            bench.write_all(table, made if isinstance(made, tuple) else (made,))
-    bench.metadata(table, {"hindrance": "", "failed": reasons})

@@ -24,7 +24,7 @@ PICTURE = "document.querySelector('.sfglab-vega svg')?.clientWidth > 300"
 SOURCE = "document.querySelector('.sfglab-vega [role=status]').textContent"
 PLACE = """(() => { const b = document.querySelector('.jp-OutputArea').getBoundingClientRect();
   return [b.x, b.y, b.width, b.height]; })()"""
-MOVES = (("rate max hz", (0.55, 0.7, 0.85)), ("loss", (0.25, 0.5)))
+MOVES = (("rate max", (0.55, 0.7, 0.85)), ("loss", (0.25, 0.5)))
 WIDTH, HEIGHT, BAR, WIDEST_PX = 1180, 900, 30, 860
 LATEST_S, SETTLES_S = 15, 2.0
 

@@ -174,7 +174,7 @@ def test_a_figure_follows_the_sliders_that_a_reader_drags(run, browser):
     run(EXPLORER)
     before = browser.wait_for(PICTURE, ANSWER_S)
     for share in (0.3, 0.6):
-        slide(browser, "noise mm", share)
+        slide(browser, "noise", share)
         before = browser.wait_for(f"(s => s !== {before!r} && s)({PICTURE})", ANSWER_S)
     browser.press("Copy as code")
     assert "noise_mm=" in browser.wait_for(
