@@ -162,7 +162,7 @@ exp = Experiment(
 
 
 def conditions(config: Config) -> list[Condition]:
-    """Return the conditions of the map and, if the configuration says so, those of the criteria."""
+    """Return the conditions of the map and, if `Config.criterion` is set, those of the criteria."""
     axes = (config.presets, config.losses, config.frames_us, config.queue_rules)
     places = [*product(*axes, (0.0,), config.rates_hz)]
     if config.criterion:

@@ -387,7 +387,7 @@ def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
         for axes, question in zip(panels, ANSWERS.values(), strict=True):
             axes.set_title(question, fontsize=8.5)
             for name, row in rows.items():
-                # Nearly invisible, for the mouse.
+                # Nearly invisible: the mouse needs an area.
                 part(name, *axes.plot(row.frame_us, 100 * row.loss, "s", ms=9, alpha=0.02))
 
     def press(name: str) -> None:
