@@ -276,7 +276,7 @@ def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, **give
 
 @pytest.mark.parametrize("random_turns", [False, True])
 def test_chance_lets_every_host_through_a_full_access_point_where_turns_let_one(random_turns):
-    """As in the model: tests/rtps/test_publication_modes.py."""
+    """As in the model: tests/rtps/test_channel.py."""
     medium = Medium(access_point=True, queue_frames=50, random_turns=random_turns, loss=0.0)
     air: Air = Air(["h0", "h1", "h2", "sink"], medium, chance=Random(1))
     offers = [

@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import json
 from dataclasses import replace
+from pathlib import Path
 from random import Random
 from types import SimpleNamespace
 
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 from numba.core.registry import CPUDispatcher
 
+from sfglab.arp.hello import GridCell
+from sfglab.lab.experiments.transmission.experiment import exp, simulate_cell
 from sfglab.qos import Durability, History, QoSProfile, Reliability
 from sfglab.rtps import (
     PRESETS,
@@ -181,3 +184,11 @@ DIGESTS = {
 def test_outcomes_are_those_of_the_committed_logs(preset):
     """A change of the model on purpose changes them, and asks for new logs."""
     assert digest(preset) == DIGESTS[preset]
+
+
+def test_committed_cells_are_what_they_were():
+    rows = exp.load(Path(__file__).parents[2] / "data/reference/transmission.mcap")["cell"]
+    for row in rows[rows["rate_max_hz"] == 100].iloc[::37].itertuples():
+        cell = GridCell(rate_max_hz=100, depth=row.depth, method=row.method, duration_s=60.0)
+        again = simulate_cell(cell, row.seed)
+        assert {name: getattr(row, name) for name in again} == pytest.approx(again, nan_ok=True)
