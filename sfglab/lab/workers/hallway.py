@@ -95,8 +95,7 @@ class _Robot:
     def _tell(self, now_ns: int, wound_rad: float) -> None:
         pose = {"pose": self._world.poses[self._number].tolist(), "wound_rad": wound_rad}
         pose["clearance_m"] = float(self._world.clearance_m[self._number])
-        cache = {"held": self._cache.counters.held, "offered": self._cache.counters.offered}
-        self._report({"is": "pose", "t_s": now_ns / 1e9, **pose, **cache})
+        self._report({"is": "pose", "t_s": now_ns / 1e9, **pose})
 
     def _publish(self, beam: int) -> None:
         step = self._sensing.value(beam)
