@@ -26,7 +26,7 @@ PLACE = """(() => { const b = document.querySelector('.jp-OutputArea').getBoundi
   return [b.x, b.y, b.width, b.height]; })()"""
 MOVES = (("rate max", (0.55, 0.7, 0.85)), ("loss", (0.25, 0.5)))
 WIDTH, HEIGHT, BAR, WIDEST_PX = 1180, 900, 30, 860
-LATEST_S, SETTLES_S = 15, 2.0
+LATEST_S, SETTLES_S = 15, 4.0
 
 
 def shoot(browser, frames, pointer):
@@ -73,7 +73,7 @@ def write(frames, to):
         p.resize((int(p.width * size), int(p.height * size)), Image.Resampling.LANCZOS)
         for _, p in kept
     ]
-    first = small[0].quantize(64)
+    first = small[-1].quantize(64)
     pictures = [p.quantize(palette=first, dither=Image.Dither.NONE) for p in small]
     pictures[0].save(
         to, save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=True
