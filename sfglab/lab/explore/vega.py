@@ -138,7 +138,7 @@ def _channel(channel: Any, axis: Axis) -> Any:
     kind = "log" if axis.log else "linear"
     scale = channel.scale(type=kind, domain=[axis.low, axis.high], nice=False)
     ticks = {"values": list(axis.ticks)} if axis.ticks else {}
-    return scale.axis(format="~s" if axis.si else ".4~g", **ticks).title(axis.label)
+    return scale.axis(format="~s" if axis.si else ".6~g", **ticks).title(axis.label)
 
 
 # --- The page and the still -------------------------------------------------------------------
