@@ -81,7 +81,7 @@ async def run_cells(  # noqa: PLR0913 - options
                             cell, repeat = todo[job[0]], job[1]
                             rows = await play(processes, cell, repeat)
                             journal.add(*job, journaled.text_from_result(rows))
-                            bench.advance(f"{stage}, repetition {repeat}")
+                            bench.advance(f"cell {job[0] + 1} of {len(todo)}, repetition {repeat}")
                 except (ProcessFailedError, HostsError, TimeoutError) as error:
                     failed[job] += 1
                     reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
