@@ -2,9 +2,9 @@
 
 The local cache is in the robot, before the publisher (paper B, section 2.2, Fig. 3). Cache control is in the
 station, between subscriber and planning (section 2.3, Fig. 5). Both have the same rule, "the same value in a
-row", for scalars, strings, NumPy arrays and ROS messages, field by field. A tolerance and a maximum silence go
+row", for scalars, strings, NumPy arrays and messages of `sfglab.messages`, field by field. A tolerance and a maximum silence go
 beyond the paper. After the maximum silence a value passes although it has not changed; without it, the loss of
-the one message with a change leaves a stale value indefinitely. Pure: values and `now_ns` in, a decision out.
+the one message with a change leaves a stale value indefinitely. Both work without I/O and without a clock.
 """
 
 from __future__ import annotations
@@ -24,15 +24,14 @@ Equality = Callable[[Any, Any], bool]
 
 
 def exactly_equal(first: Any, second: Any, *, ignore: frozenset[str] = frozenset()) -> bool:
-    """Return whether two values are the same to the bit (NaN as NaN), but for `ignore`, such as ``header``."""
+    """Return whether two values are equal, NaN to NaN, without the fields `ignore`, such as ``header``."""
     return _equal(first, second, 0.0, ignore)
 
 
 def nearly_equal(tolerance: float, *, ignore: frozenset[str] = frozenset()) -> Equality:
     """Return a comparison that takes numbers for equal that differ by no more than a tolerance, in their unit.
 
-    It compares with the last value *sent*, so a slow drift cannot creep away unseen. Texts and truth values
-    stay exact. A tolerance below 0 is an InvalidValueError.
+    Texts and truth values stay exact. A tolerance below 0 is an InvalidValueError.
     """
     if not tolerance >= 0.0:
         raise InvalidValueError("cache tolerance", tolerance, "0 and more")
@@ -140,7 +139,11 @@ class _ChangeFilter:
             )
 
     def offer(self, topic: str, value: Any, *, now_ns: int, size_bytes: int = 0) -> Decision:
-        """Decide on a topic's value, not changed afterwards, of `size_bytes` to count; remember what passes."""
+        """Decide whether a topic's value passes, and remember it if so.
+
+        The last value that passed is compared, so a slow drift passes once it exceeds the tolerance. The
+        caller must not change the value afterwards. `size_bytes` is only counted in `held_bytes`.
+        """
         entry = self._entries.get(topic)
         decision = self._decide(entry, value, now_ns)
         if decision is Decision.HELD:
@@ -163,11 +166,11 @@ class _ChangeFilter:
 
 
 class LocalCache(_ChangeFilter):
-    """In the robot, between sensor and publisher: paper B, section 2.2, Fig. 3."""
+    """Suppresses repeated values of sensors before they are published (paper B, section 2.2, Fig. 3)."""
 
 
 class CacheControl(_ChangeFilter):
-    """In the station, between subscriber and planning: paper B, section 2.3, Fig. 5."""
+    """Suppresses repeated values in the station before planning (paper B, section 2.3, Fig. 5)."""
 
     def current(self, topic: str) -> Any:
         """Return the value that planning works with; None before the first."""

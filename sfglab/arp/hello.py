@@ -50,7 +50,7 @@ class GridCell:
     duration_s: float  #: Duration of publishing, s.
     loss: float = Medium().loss  #: Share of frames that the air loses.
     vendor: str = "fast_dds"  #: One of `PRESETS`.
-    #: Whether robot 3's localisation, by which "Hello" goes, is on its machine (Fig. 9).
+    #: Whether robot 3's localisation, over which "Hello" goes, runs on robot 3 (Fig. 9), not in the station.
     hop: bool = False
 
     def __post_init__(self) -> None:
@@ -160,6 +160,9 @@ def hello_latency_ms(outcome: Outcome) -> NDArray[np.float64]:
 
 
 def hello_times_ms(outcome: Outcome) -> NDArray[np.float64]:
-    """Return the time of each "Hello" to actuation, ms, infinite if it never arrived, shape (published,)."""
+    """Return latencies of all "Hello"s, ms, shape (published,): first those that arrived, then infinity for others.
+
+    The order is not that of publication.
+    """
     arrived = hello_latency_ms(outcome)
     return np.append(arrived, [np.inf] * (len(outcome.flows[HELLO_UP].fate) - len(arrived)))

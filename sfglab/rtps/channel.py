@@ -6,7 +6,8 @@ longer than a relay may take to start. So each function uses numbers and sequenc
 
 Hosts share a half-duplex medium, as Wi-Fi is, or each has a sender of its own, as an Ethernet port is. A
 frame waits in its host's queue, is on air when its host's turn comes, and is lost or arrives. Without an
-access point it is on air once, else twice. Times are nanoseconds, sizes bytes with the Ethernet header.
+access point it is on air once, else twice. Times of the rules are nanoseconds, those of `Medium` seconds; sizes
+are bytes with the Ethernet header.
 """
 
 from __future__ import annotations
@@ -47,8 +48,9 @@ def next_sender(waiting: Sequence[Any], turn: int, passed: int) -> tuple[int, in
     Args:
         waiting: For each host, whether it has something to send.
         turn: Host whose turn it is; the others follow in order.
-        passed: How many contending hosts are passed over: 0 where hosts take turns; the whole part of
-            a draw from [0, 1) times their number where chance decides, as with Wi-Fi's backoff.
+        passed: Place of the chosen host among those that contend, in order from `turn`. 0: hosts take
+            turns. For a random host the caller asks for the number of contenders first, and then with
+            the whole part of a draw from [0, 1) times this number, as with Wi-Fi's backoff.
     """
     hosts = len(waiting)
     chosen, contenders = -1, 0
@@ -75,7 +77,7 @@ def admission(rule: int, waiting: int, room: int) -> int:
     return DISPLACES if rule == HEAD else REFUSED
 
 
-def stays_blocked(blocked: bool, waiting: int, room: int) -> bool:  # noqa: FBT001 - compiled
+def is_blocked(blocked: bool, waiting: int, room: int) -> bool:  # noqa: FBT001 - compiled
     """Return whether a queue of the rule `BLOCK` accepts no frame.
 
     A queue that was full lets go once half has left (Linux, net/core/sock.c, `sock_writeable`).
@@ -90,15 +92,21 @@ def after_stall_ns(now_ns: int, every_ns: int, stall_ns: int) -> int:
     return now_ns + stall_ns - now_ns % every_ns
 
 
-def is_lost(bad: bool, draw: float, loss: float, burst_frames: float) -> bool:  # noqa: FBT001 - compiled
-    """Return whether a frame is lost, given the fate of the sender's frame before and a draw from [0, 1).
+def is_lost(lost_before: bool, draw: float, loss: float, burst_frames: float) -> bool:  # noqa: FBT001 - compiled
+    """Return whether a frame is lost.
 
-    Losses come in bursts of `burst_frames` frames in the mean (E. N. Gilbert, Capacity of a Burst-Noise
-    Channel, 1960, with every frame lost in the bad state); below 1 each frame is drawn by itself.
+    Args:
+        lost_before: Whether the sender's frame before it was lost.
+        draw: Random number from [0, 1).
+        loss: Share of frames that are lost.
+        burst_frames: Mean length of a burst of losses, frames; below 1 each frame is drawn by itself.
+
+    Losses come in bursts as of E. N. Gilbert, Capacity of a Burst-Noise Channel, 1960, with every frame
+    lost in the bad state.
     """
     if burst_frames < 1:
         return draw < loss
-    return draw >= 1 / burst_frames if bad else draw < loss / ((1 - loss) * burst_frames)
+    return draw >= 1 / burst_frames if lost_before else draw < loss / ((1 - loss) * burst_frames)
 
 
 # --- The description -----------------------------------------------------------------------------
@@ -124,13 +132,14 @@ class Medium:
     queue_frames: int = 500  #: Frames that a host's queue holds.
     #: Rule of a full queue. ``tail`` drops the frame that comes last, as a driver or an access point does.
     #: ``head`` drops the oldest frame, as CoDel does, Ubuntu's default. ``block`` makes the sender wait, as
-    #: Linux does where the socket's buffer is smaller than the queue. A test host's radio can block only
-    #: where hosts share nothing.
+    #: Linux does where the socket's buffer is smaller than the queue. The radio of test hosts offers this
+    #: only with ``shared=False``, because its relay cannot make a sender wait for another host's frame.
     queue_rule: QueueRule = "tail"
     #: Whether frames pass an access point, one more host that contends: they are on air twice.
     access_point: bool = False
     #: Whether chance decides which of the contending hosts sends next, as Wi-Fi's backoff does; else hosts
-    #: take turns. In turns one host wins each free place in a full access point's queue.
+    #: take turns. Behind an access point turns starve hosts: the same one always takes the free place of a
+    #: full queue.
     random_turns: bool = False
     #: Mean length of a burst of losses, frames; below 1: each frame is lost by itself.
     burst_frames: float = 0.0
@@ -147,6 +156,10 @@ class Medium:
         if min(extras) < 0:
             allowed = "overhead_s, contention, burst_frames, stall_s and latency_s from 0"
             raise InvalidValueError("medium", self, allowed)
+        if self.burst_frames >= 1 and self.loss > self.burst_frames / (1 + self.burst_frames):
+            given = self.loss, self.burst_frames
+            allowed = "loss <= burst_frames / (1 + burst_frames), or a single frame arrives between bursts"
+            raise InvalidValueError("medium: loss, burst_frames", given, allowed)
         if self.queue_rule not in QUEUE_RULES:
             raise InvalidValueError("medium: queue_rule", self.queue_rule, ", ".join(QUEUE_RULES))
         if self.access_point and not self.shared:

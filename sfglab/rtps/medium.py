@@ -17,9 +17,9 @@ from sfglab.rtps.channel import (
     admission,
     after_stall_ns,
     airtime_ns,
+    is_blocked,
     is_lost,
     next_sender,
-    stays_blocked,
 )
 from sfglab.rtps.frames import INFO_DST_BYTES, NETWORK_BYTES, fragments, frame_bytes
 from sfglab.rtps.state import BITMAP, BITMAP_WORDS, Count, Drop, Event, Frame
@@ -28,7 +28,7 @@ from sfglab.rtps.world import compiled, push
 _airtime_ns = compiled(airtime_ns)
 _next_sender = compiled(next_sender)
 _admission = compiled(admission)
-_stays_blocked = compiled(stays_blocked)
+_is_blocked = compiled(is_blocked)
 _after_stall_ns = compiled(after_stall_ns)
 _is_lost = compiled(is_lost)
 _frame_bytes = compiled(frame_bytes)
@@ -121,7 +121,7 @@ def has_room(world: Any, host: int) -> bool:
     if world.timing.queue_rule != BLOCK:
         return True
     blocked = world.blocked[host] != 0
-    world.blocked[host] = _stays_blocked(blocked, world.waiting[host], world.timing.queue_frames)
+    world.blocked[host] = _is_blocked(blocked, world.waiting[host], world.timing.queue_frames)
     return not world.blocked[host]
 
 

@@ -1,6 +1,7 @@
 """The reader, compiled: samples, heartbeats and gaps that arrive, and its answers (RTPS 2.5, clause 8.4.12).
 
-In all functions `world` is the run, `now` is nanoseconds, and `flow` is the reader's flow.
+In all functions `world` is the state of the run, `now` is nanoseconds, and `flow` is the reader's flow. A prompt
+vendor, such as Cyclone DDS, answers a heartbeat at once, others after a delay (`Vendor.prompt`).
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from sfglab.rtps.medium import enqueue, fragment_count, has_bit, new_frame, note_drops, set_bit
-from sfglab.rtps.state import BITMAP, Count, Drop, Event, Fate, Frame
+from sfglab.rtps.state import BITMAP, Arrival, Count, Drop, Event, Fate, Frame
 from sfglab.rtps.world import compiled, push
 
 
@@ -32,27 +33,27 @@ def _drop_oldest(world: Any, flow: int) -> None:
 
 @compiled
 def _make_room(world: Any, flow: int) -> None:
-    """Drop the oldest sample of a reader's history that is over its bound, in order or behind a gap."""
+    """Drop the oldest sample of a history over its depth, where samples behind a gap count in the depth."""
     reader = world.reader[flow]
     depth = world.flows[flow].reader_depth
     held = reader.tail - reader.head
-    if depth == 0 or held + reader.waiting <= depth:
+    if depth == 0 or held + reader.behind_gap <= depth:
         return
     if held > 0:
         _drop_oldest(world, flow)
         return
     oldest = max(reader.oldest, reader.next)
-    while world.arrived[flow, oldest] != 1:
+    while world.arrived[flow, oldest] != Arrival.HERE:
         oldest += 1
     reader.oldest = oldest + 1
-    reader.waiting -= 1
-    world.arrived[flow, oldest] = 2
+    reader.behind_gap -= 1
+    world.arrived[flow, oldest] = Arrival.GONE
     world.fate[flow, oldest] = Fate.LATE
 
 
 @compiled
 def drop_overflow(world: Any, flow: int) -> None:
-    """Drop the oldest samples of a reader's history: what waited behind a gap comes all at once."""
+    """Drop the oldest samples of a history over its depth, after a gap has closed and all behind it came."""
     reader, depth = world.reader[flow], world.flows[flow].reader_depth
     while depth and reader.tail - reader.head > depth:
         _drop_oldest(world, flow)
@@ -62,15 +63,15 @@ def drop_overflow(world: Any, flow: int) -> None:
 def _advance(world: Any, flow: int) -> None:
     """Deliver in order what is there, and give up what the writer no longer has."""
     reader = world.reader[flow]
-    last = world.writer[flow].last
+    last = world.writer[flow].last  # bounds the loop; the reader decides nothing by it
     sample = reader.next
     while sample <= last:
         arrived = world.arrived[flow, sample]
-        if arrived == 1:
-            reader.waiting -= 1
+        if arrived == Arrival.HERE:
+            reader.behind_gap -= 1
             _keep(world, flow, sample)
-        elif arrived == 2 or sample < reader.first:
-            if world.fate[flow, sample] == 0:
+        elif arrived == Arrival.GONE or sample < reader.writer_oldest:
+            if world.fate[flow, sample] == Fate.NEVER_SENT:
                 world.fate[flow, sample] = Fate.OVERWRITTEN
         else:
             break
@@ -82,14 +83,14 @@ def _advance(world: Any, flow: int) -> None:
 def _make_room_behind_gap(world: Any, flow: int, sample: int) -> bool:
     """Return whether a sample can be kept; where too many wait behind a gap, the newest of all is dropped."""
     reader = world.reader[flow]
-    if sample == reader.next or reader.waiting < world.timing.reorder_most:
+    if sample == reader.next or reader.behind_gap < world.timing.reorder_most:
         return True
     newest = reader.newest
     if sample > newest:
         return False
-    world.arrived[flow, newest] = 0
-    reader.waiting -= 1
-    while newest > sample and world.arrived[flow, newest] != 1:
+    world.arrived[flow, newest] = Arrival.MISSING
+    reader.behind_gap -= 1
+    while newest > sample and world.arrived[flow, newest] != Arrival.HERE:
         newest -= 1
     reader.newest = newest
     return True
@@ -100,18 +101,18 @@ def _hear_sample(world: Any, flow: int, sample: int) -> None:
     """Take one sample, once."""
     reader = world.reader[flow]
     apart = world.timing.reorder_most != 0
-    if world.arrived[flow, sample] or sample < reader.next:
+    if world.arrived[flow, sample] != Arrival.MISSING or sample < reader.next:
         world.counts[Count.DUPLICATE] += 1
         return
     if apart and not _make_room_behind_gap(world, flow, sample):
         return
-    world.arrived[flow, sample] = 1
+    world.arrived[flow, sample] = Arrival.HERE
     reader.newest = max(reader.newest, sample)
     if not world.flows[flow].reliable:
         _keep(world, flow, sample)
         reader.next = sample + 1
     else:
-        reader.waiting += 1
+        reader.behind_gap += 1
         if sample == reader.next:
             _advance(world, flow)
         elif sample < reader.oldest:  # retransmitted, and older than what was dropped before
@@ -122,7 +123,7 @@ def _hear_sample(world: Any, flow: int, sample: int) -> None:
 
 @compiled
 def is_whole(world: Any, frame: Any) -> bool:
-    """Note a FRAGMENT, and return whether there are samples: of a BURST, whether all frames before it came."""
+    """Return whether a frame brings samples; a BURST does if all FRAGMENTs before it have arrived."""
     flow = frame.flow
     reader = world.reader[flow]
     if frame.kind == Frame.FRAGMENT:
@@ -152,8 +153,8 @@ def hear_gap(world: Any, frame: Any) -> None:
     """Give up what the writer no longer has."""
     flow = frame.flow
     for sample in range(max(frame.sample, world.reader[flow].next), frame.sample + frame.samples):
-        if world.arrived[flow, sample] == 0:
-            world.arrived[flow, sample] = 2
+        if world.arrived[flow, sample] == Arrival.MISSING:
+            world.arrived[flow, sample] = Arrival.GONE
     _advance(world, flow)
 
 
@@ -166,14 +167,16 @@ def hear_heartbeat(world: Any, now: int, frame: Any) -> None:
         reader.asked = 1
     if frame.kind in (Frame.GAP, Frame.BURST):
         reader.repaired = 1
-    reader.first = max(reader.first, frame.oldest)
-    reader.known = max(reader.known, frame.newest)
+    reader.writer_oldest = max(reader.writer_oldest, frame.oldest)
+    reader.writer_newest = max(reader.writer_newest, frame.newest)
     _advance(world, flow)
     if timing.prompt:
         _answer(world, now, flow)
     elif not reader.armed:
         reader.armed = 1
-        delay_ns = timing.nack_delay_ns if reader.next <= reader.known else timing.ack_delay_ns
+        delay_ns = (
+            timing.nack_delay_ns if reader.next <= reader.writer_newest else timing.ack_delay_ns
+        )
         push(world.heap, world.heap_sizes, now + delay_ns, Event.ACKNACK, flow)
 
 
@@ -181,9 +184,9 @@ def hear_heartbeat(world: Any, now: int, frame: Any) -> None:
 def request(world: Any, now: int, flow: int) -> None:
     """Acknowledge everything before the next sample, and request what is known to exist and is not here."""
     reader, frame = world.reader[flow], new_frame(world, Frame.ACKNACK, flow)
-    most = min(world.timing.nack_most, reader.known - reader.next + 1)
+    most = min(world.timing.nack_most, reader.writer_newest - reader.next + 1)
     for place in range(most):
-        if world.arrived[flow, reader.next + place] == 0:
+        if world.arrived[flow, reader.next + place] == Arrival.MISSING:
             set_bit(frame.bits, place)
     _acknowledge(world, now, frame)
 
@@ -201,22 +204,23 @@ def _answer(world: Any, now: int, flow: int) -> None:
     """Answer a heartbeat as a prompt reader does, or not at all.
 
     Samples that no request has covered yet are requested at once. The same samples are requested again after
-    the vendor's `nack_delay_ns`, or once when retransmissions have come without them. An acknowledgement is
-    sent only when the writer asks for it, and the same one again after `ack_delay_ns`.
+    the vendor's `nack_delay_ns`. They are also requested again when retransmissions have arrived without them,
+    unless the last request was such a repetition after `nack_delay_ns`. An acknowledgement is sent only when the
+    writer asks for it, and the same one again after `ack_delay_ns`.
     """
     reader, timing = world.reader[flow], world.timing
-    if reader.next <= reader.known:
+    if reader.next <= reader.writer_newest:
         fresh = reader.next >= reader.nacked
         waited = now >= reader.nacked_ns + timing.nack_delay_ns
-        in_vain = reader.repaired and (waited or not reader.again)
+        in_vain = reader.repaired and (waited or not reader.repeated)
         if fresh or in_vain or waited:
-            reader.again = 0 if fresh or in_vain else 1
-            reader.nacked = min(reader.known + 1, reader.next + timing.nack_most)
+            reader.repeated = 0 if fresh or in_vain else 1
+            reader.nacked = min(reader.writer_newest + 1, reader.next + timing.nack_most)
             reader.nacked_ns = now
             _note_answer(world, now, flow)
             request(world, now, flow)
             return
-    is_new = reader.next > reader.acked or now >= reader.acked_ns + timing.ack_delay_ns
+    is_new = reader.next > reader.answered_next or now >= reader.answered_ns + timing.ack_delay_ns
     if reader.asked and is_new:
         _note_answer(world, now, flow)
         _acknowledge(world, now, new_frame(world, Frame.ACKNACK, flow))
@@ -227,5 +231,5 @@ def _note_answer(world: Any, now: int, flow: int) -> None:
     reader = world.reader[flow]
     reader.asked = 0
     reader.repaired = 0
-    reader.acked = reader.next
-    reader.acked_ns = now
+    reader.answered_next = reader.next
+    reader.answered_ns = now

@@ -38,6 +38,14 @@ class Frame(IntEnum):
     FRAGMENT = 5
 
 
+class Arrival(IntEnum):
+    """State of a sample at the reader."""
+
+    MISSING = 0
+    HERE = 1
+    GONE = 2  #: It will not arrive: the writer has it no longer, or the reader has dropped it.
+
+
 class Fate(IntEnum):
     """Delivery outcome of a sample."""
 
@@ -176,15 +184,15 @@ class Writer(NamedTuple):
     acked: int  #: Newest sample up to which all are acknowledged.
     armed: int  #: 1: the periodic heartbeat is scheduled.
     interval_ns: int  #: Period until the next periodic heartbeat.
-    heartbeat_ns: int  #: Time of the last heartbeat.
+    last_heartbeat_ns: int  #: Time of the last heartbeat.
     acked_at_heartbeat: int  #: `acked` at the last periodic heartbeat.
     value: int  #: Number of the value that the sensor has now.
-    change_ns: int  #: Time of the value's next change.
+    next_change_ns: int  #: Time of the value's next change.
     sent_value: int  #: Value that was published last.
     sent_ns: int  #: Time of the last publication.
     data_ns: int  #: Time of the last DATA frame.
-    queued: int  #: Newest sample that has left the history for the host's queue.
-    unshown_bytes: int  #: Bytes since the last heartbeat.
+    last_queued: int  #: Newest sample that has left the history for the host's queue.
+    bytes_since_heartbeat: int  #: Bytes since the last heartbeat.
     sent_bytes: int  #: Bytes that the sending thread has sent in all.
 
 
@@ -192,20 +200,20 @@ class Reader(NamedTuple):
     """State of one reader."""
 
     next: int  #: Next sample in order.
-    first: int  #: Oldest sample that the writer still has.
-    known: int  #: Newest sample that is known to exist.
+    writer_oldest: int  #: Oldest sample that the writer still has.
+    writer_newest: int  #: Newest sample that is known to exist.
     armed: int  #: 1: an answer is scheduled.
     head: int  #: Samples that have left the history.
     tail: int  #: Samples that have entered the history.
     value: int  #: Value of the last sample that was processed.
-    waiting: int  #: Samples that wait behind a gap.
+    behind_gap: int  #: Number of samples that wait behind a gap.
     oldest: int  #: No sample that waits behind a gap is older.
     newest: int  #: Newest sample that has arrived.
     nacked: int  #: First sample after the last request. This field and those below serve prompt readers.
     nacked_ns: int  #: Time of the last request.
-    again: int  #: 1: the last request was for the same samples again.
-    acked: int  #: `next` at the last answer.
-    acked_ns: int  #: Time of the last answer.
+    repeated: int  #: 1: the last request was repeated because its time was over.
+    answered_next: int  #: `next` at the last answer.
+    answered_ns: int  #: Time of the last answer.
     asked: int  #: 1: an answer is asked for.
     repaired: int  #: 1: a heartbeat after repairs asks for it.
     fragments: int  #: Frames of the current message that have arrived; -1: one of them is lost.
@@ -280,7 +288,7 @@ class State(NamedTuple):
     value: Any  # (F, N + 1) number of the value that a sample carries
     fate: Any  # (F, N + 1)
     dropped: Any  # (F, N + 1) see Drop
-    arrived: Any  # (F, N + 1) 1 received, 2 declared irrelevant
+    arrived: Any  # (F, N + 1) of Arrival
     order: Any  # (F, N + 1) samples as the reader's history received them
     writer: Any  # (F,) of Writer
     reader: Any  # (F,) of Reader
@@ -372,9 +380,9 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
     )
     state.writer["sent_value"] = -1
     state.writer["data_ns"] = LONG_AGO
-    state.reader["next"] = state.reader["first"] = state.reader["acked"] = 1
+    state.reader["next"] = state.reader["writer_oldest"] = state.reader["answered_next"] = 1
     state.reader["value"] = -1
-    state.reader["nacked_ns"] = state.reader["acked_ns"] = LONG_AGO
+    state.reader["nacked_ns"] = state.reader["answered_ns"] = LONG_AGO
     for flow, row in enumerate(params.flows):
         if row["period_ns"]:
             push(heap, heap_sizes, row["phase_ns"], int(Event.PUBLISH), flow)

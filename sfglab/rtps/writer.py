@@ -1,6 +1,8 @@
 """The writer, compiled: its publications, heartbeats and retransmissions (RTPS 2.5, clause 8.4.9).
 
-In all functions `world` is the run, `now` is nanoseconds, and `flow` is the writer's flow.
+In all functions `world` is the state of the run, `now` is nanoseconds, and `flow` is the writer's flow. A prompt
+vendor, such as Cyclone DDS, sends a heartbeat with each sample (`Vendor.prompt`). A BURST is one RTPS message with
+several samples; where IP fragments it, FRAGMENTs go before it.
 """
 
 from __future__ import annotations
@@ -44,11 +46,11 @@ def _sample_value(world: Any, now: int, flow: int) -> int:
     writer = world.writer[flow]
     if mean_ns == 0:
         writer.value += 1
-    elif mean_ns != SET:
-        while now >= writer.change_ns:
+    elif mean_ns != SET:  # `SET`: a session or a chain sets the value
+        while now >= writer.next_change_ns:
             writer.value += 1
             wait_ns = -math.log(1.0 - uniform(world.random)) * mean_ns
-            writer.change_ns += max(1, int(wait_ns))
+            writer.next_change_ns += max(1, int(wait_ns))
     return int(writer.value)
 
 
@@ -63,18 +65,19 @@ def _is_suppressed(world: Any, now: int, flow: int, value: int) -> bool:
 
 @compiled
 def _is_full(world: Any, flow: int) -> bool:
-    """Return whether a history of KEEP_LAST has no place for one more sample."""
+    """Return whether one more sample would overwrite one that is not acknowledged, or with BEST_EFFORT not sent."""
     settings, writer = world.flows[flow], world.writer[flow]
-    kept = writer.last - (writer.acked if settings.reliable else writer.queued)
+    kept = writer.last - (writer.acked if settings.reliable else writer.last_queued)
     return bool(0 < settings.depth <= kept)
 
 
 @compiled
 def _is_refused(world: Any, flow: int, room: bool, sends: bool) -> bool:  # noqa: FBT001 - compiled
-    """Return whether a writer cannot publish: its thread waits, or a history of KEEP_ALL is full.
+    """Return whether a publication is skipped, because the real writer would still wait in its last one.
 
-    A synchronous writer waits until the sample before has left. An asynchronous one waits for the sending
-    thread, but only if its history is full, since only then the oldest sample must go.
+    A synchronous writer waits until its last sample has left the history. An asynchronous one waits for the
+    sending thread, but only if its history is full, since only then the oldest sample must go. With KEEP_ALL
+    both wait for acknowledgements.
     """
     settings, writer = world.flows[flow], world.writer[flow]
     if not sends and not world.timing.asynchronous:
@@ -95,7 +98,7 @@ def write(world: Any, now: int, flow: int) -> None:
         world.counts[Count.HELD] += 1
         return
     room = has_room(world, world.flows[flow].source)
-    sends = room and writer.queued == writer.last
+    sends = room and writer.last_queued == writer.last
     if _is_refused(world, flow, room, sends):
         world.counts[Count.THROTTLED] += 1
         return
@@ -108,7 +111,7 @@ def write(world: Any, now: int, flow: int) -> None:
     world.published_ns[flow, sample] = now
     world.value[flow, sample] = value
     if sends:
-        writer.queued = sample
+        writer.last_queued = sample
         _send_data(world, now, flow, sample)
     if reliable and not writer.armed:
         writer.interval_ns = world.timing.heartbeat_ns
@@ -136,20 +139,20 @@ def send_unsent(world: Any, now: int, host: int) -> None:
     oldest_ns = 0
     for other in range(world.flows.shape[0]):
         writer = world.writer[other]
-        if world.flows[other].source == host and writer.queued < writer.last:
-            since_ns = world.published_ns[other, writer.queued + 1]
+        if world.flows[other].source == host and writer.last_queued < writer.last:
+            since_ns = world.published_ns[other, writer.last_queued + 1]
             if flow < 0 or since_ns < oldest_ns:
                 flow = other
                 oldest_ns = since_ns
     if flow < 0 or not has_room(world, host):
         return
     writer, timing = world.writer[flow], world.timing
-    first = max(writer.queued + 1, _first_kept(world, flow))
-    for sample in range(writer.queued + 1, first):
+    first = max(writer.last_queued + 1, _first_kept(world, flow))
+    for sample in range(writer.last_queued + 1, first):
         note_drop(world, flow, sample, Drop.QUEUE)
     most = burst_most(world.flows[flow].size_bytes, timing.burst_bytes)
     count = min(writer.last - first + 1, most, BITMAP)
-    writer.queued = first + count - 1
+    writer.last_queued = first + count - 1
     if count == 1:
         _send_data(world, now, flow, first)
         return
@@ -195,22 +198,26 @@ def _shows_each(world: Any, flow: int) -> bool:
 
 @compiled
 def _heartbeats(world: Any, now: int, flow: int, samples: int, retransmits: bool) -> int:  # noqa: FBT001 - compiled
-    """Return how many heartbeats travel with so many samples, one behind each at most, and note them."""
+    """Count the heartbeats that travel with samples, at most one behind each, and restart their count of bytes.
+
+    Asynchronous Fast DDS adds all bytes that its sending thread has sent, not the sample's own, so that its
+    heartbeats become more frequent during a run (`Vendor.sent_before_bytes`).
+    """
     writer, timing = world.writer[flow], world.timing
     if not world.flows[flow].reliable:
         return 0
     each, count = _shows_each(world, flow), 0
     own = message_bytes(world.flows[flow].size_bytes)
-    adds_up = timing.sent_before >= 0 and (retransmits or timing.asynchronous)
+    counts_all_bytes = timing.sent_before >= 0 and (retransmits or timing.asynchronous)
     for _ in range(samples):
         sent = own
-        if adds_up:
+        if counts_all_bytes:
             writer.sent_bytes += own
             sent = timing.sent_before + writer.sent_bytes
-        writer.unshown_bytes += sent
-        if each or writer.unshown_bytes > timing.piggyback_bytes > 0:
-            writer.heartbeat_ns = now
-            writer.unshown_bytes = 0
+        writer.bytes_since_heartbeat += sent
+        if each or writer.bytes_since_heartbeat > timing.piggyback_bytes > 0:
+            writer.last_heartbeat_ns = now
+            writer.bytes_since_heartbeat = 0
             count += 1
     return count
 
@@ -236,12 +243,12 @@ def heartbeat(world: Any, now: int, flow: int) -> None:
     writer.armed = 0
     if writer.acked >= writer.last:
         return
-    due = writer.heartbeat_ns + timing.heartbeat_ns
+    due = writer.last_heartbeat_ns + timing.heartbeat_ns
     if timing.prompt and now < due:
         _schedule_heartbeat(world, flow, due)
         return
-    writer.heartbeat_ns = now
-    writer.unshown_bytes = 0
+    writer.last_heartbeat_ns = now
+    writer.bytes_since_heartbeat = 0
     frame = new_frame(world, Frame.HEARTBEAT, flow)
     _add_heartbeats(world, frame, 1)
     world.counts[Count.HEARTBEAT] += 1
@@ -277,7 +284,7 @@ def repair(world: Any, now: int, flow: int) -> None:
     """Send again what the last request asked for, and declare what is gone."""
     request, kept = world.request[flow], _first_kept(world, flow)
     base = request.sample
-    first, end = max(base, kept), min(base + BITMAP, world.writer[flow].queued + 1)
+    first, end = max(base, kept), min(base + BITMAP, world.writer[flow].last_queued + 1)
     left = 0
     for sample in range(first, end):
         left += has_bit(request.bits, sample - base)

@@ -18,9 +18,9 @@ from sfglab.rtps.channel import (
     admission,
     after_stall_ns,
     airtime_ns,
+    is_blocked,
     is_lost,
     next_sender,
-    stays_blocked,
 )
 from sfglab.rtps.frames import fragments, frame_bytes
 
@@ -59,7 +59,7 @@ def test_a_queue_that_blocks_lets_go_once_half_has_left():
     waiting = [9, 10, 9, 6, 5, 9]
     blocked, seen = False, []
     for frames in waiting:
-        blocked = stays_blocked(blocked, frames, 10)
+        blocked = is_blocked(blocked, frames, 10)
         seen.append(blocked)
     assert seen == [False, True, True, True, False, False]
 
@@ -99,6 +99,7 @@ def test_sizes_of_frames_are_those_of_rtps():
         ({"queue_rule": "middle"}, "queue_rule: given 'middle', allowed: tail, head, block"),
         ({"access_point": True, "shared": False}, "access_point"),
         ({"stall_s": 0.2, "stall_every_s": 0.1}, "stall_s < stall_every_s"),
+        ({"loss": 0.6, "burst_frames": 1.0}, "loss <= burst_frames"),
     ],
 )
 def test_a_bad_medium_is_refused_with_the_place(values, message):
