@@ -3,6 +3,8 @@
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -16,16 +18,11 @@ from sfglab.qos import Reliability
 
 DATA = Path(__file__).parents[2] / "data" / "qos"
 PAPER_B = load_topics(DATA / "paper_b.yaml")
-WAREHOUSE = load_topics(DATA / "warehouse.yaml")
 
 
 # Elements of what we write, in the schemas that Fast DDS ships (resources/xsd: generation 2,
 # fastRTPS_profiles.xsd; generation 3, fastdds_profiles.xsd).
 NAMES = {
-    "dds",
-    "profiles",
-    "data_writer",
-    "data_reader",
     "topic",
     "qos",
     "times",
@@ -44,139 +41,122 @@ NAMES = {
     "sec",
     "nanosec",
 }
+LIMITS = ("max_samples", "max_instances", "max_samples_per_instance")
 TIMES = {
-    2: {"heartbeatPeriod", "nackResponseDelay", "heartbeatResponseDelay"},
-    3: {"heartbeat_period", "nack_response_delay", "heartbeat_response_delay"},
+    2: ("heartbeatPeriod", "nackResponseDelay", "heartbeatResponseDelay"),
+    3: ("heartbeat_period", "nack_response_delay", "heartbeat_response_delay"),
 }
 
 
-@pytest.fixture(scope="module")
-def fast():
-    return plan_file(PAPER_B)
+CHANGED = {"cached": True, "reliability": Reliability.BEST_EFFORT}
+PLANS = {
+    "Fast DDS": (plan_file, PAPER_B),
+    "deep": (plan_as_printed, PAPER_B.limited_to(500)),
+    "cached": (plan_file, replace(PAPER_B, topics=(replace(PAPER_B.topics[0], **CHANGED),))),
+    "Cyclone DDS": (plan_file, load_topics(DATA / "warehouse.yaml")),
+}
 
 
-@pytest.fixture(scope="module")
-def cyclone():
-    return plan_file(WAREHOUSE)
+@cache
+def planned(name: str):
+    method, given = PLANS[name]
+    return method(given)
 
 
 def local(element: ET.Element) -> str:
     return element.tag.rpartition("}")[2]
 
 
-def profiles(text: str) -> dict[tuple[str, str], ET.Element]:
-    top = next(iter(ET.fromstring(text)))  # noqa: S314 - our own text
-    return {(local(p), p.get("profile_name", "")): p for p in top}
-
-
-def leaves(element: ET.Element) -> dict[str, str]:
-    """Return a profile's texts by path."""
+def texts(element: ET.Element) -> dict[str, str]:
+    """Return the texts in an element by their path, without those of the first level."""
     found = {}
     for inner in element:
-        below = leaves(inner)
-        found |= {f"{local(inner)}/{k}": v for k, v in below.items()} or {
-            local(inner): inner.text or ""
-        }
+        found[local(inner)] = inner.text or ""
+        for path, text in texts(inner).items():
+            found[f"{local(inner)}/{path}"] = text
     return found
 
 
+def profiles(text: str) -> dict[tuple[str, str], dict[str, str]]:
+    """Return the texts of each profile, by its kind and topic."""
+    top = ET.fromstring(text)[-1]  # noqa: S314 - our own text
+    return {(local(profile), profile.get("profile_name", "")): texts(profile) for profile in top}
+
+
+@pytest.mark.parametrize("name", ["Fast DDS", "deep", "cached"])
 @pytest.mark.parametrize("generation", [2, 3])
-def test_fast_dds_profiles_say_the_plan_with_names_of_the_schema(fast, generation):
-    text = fast_dds_xml(fast, generation=generation)
-    elements = ET.fromstring(text).iter()  # noqa: S314 - our own text
-    assert {local(element) for element in elements} <= NAMES | TIMES[generation]
-    found = profiles(text)
-    assert len(found) == 2 * len(fast.topics)
-    for part in fast.topics:
-        for kind in ("data_writer", "data_reader"):
-            said = leaves(found[kind, part.topic.name])
-            assert said["topic/historyQos/kind"] == "KEEP_LAST"
-            assert int(said["topic/historyQos/depth"]) == part.depth
-            assert said["qos/reliability/kind"] == "RELIABLE"
+def test_fast_dds_profiles_say_the_plan_with_names_of_the_schema(name, generation):
+    """Best-effort topics have no times, those behind a cache no deadline; deep histories raise the limits."""
+    plan = planned(name)
+    found = profiles(fast_dds_xml(plan, generation=generation))
+    assert len(found) == 2 * len(plan.topics)
+    for part, kind in product(plan.topics, ("data_writer", "data_reader")):
+        said = found[kind, part.topic.name]
+        assert set("/".join(said).split("/")) <= NAMES.union(TIMES[generation])
+        assert said["topic/historyQos/kind"] == "KEEP_LAST"
+        assert int(said["topic/historyQos/depth"]) == part.depth
+        limits = [int(said.get(f"topic/resourceLimitsQos/{name}", 0)) for name in LIMITS]
+        assert limits == ([part.depth, 1, part.depth] if part.depth > 400 else [0, 0, 0])
+        assert said["qos/reliability/kind"] == part.topic.reliability.name
+        assert ("times" in said) == part.topic.reliable
+        assert ("qos/deadline" in said) == (not part.topic.cached)
+        if not part.topic.cached:
             deadline_ns = int(said["qos/deadline/period/sec"]) * 10**9
             assert deadline_ns + int(said["qos/deadline/period/nanosec"]) == part.deadline_ns
-        heartbeat = "heartbeatPeriod" if generation == 2 else "heartbeat_period"
-        assert leaves(found["data_writer", part.topic.name])[f"times/{heartbeat}/sec"] == "3"
+    heartbeat_s = found["data_writer", "/robot1/lidar"].get(f"times/{TIMES[generation][0]}/sec")
+    assert heartbeat_s == ("3" if name != "cached" else None)
 
 
-def test_best_effort_profiles_have_no_times():
-    topics = (replace(PAPER_B.topics[0], reliability=Reliability.BEST_EFFORT),)
-    for profile in profiles(fast_dds_xml(plan_file(replace(PAPER_B, topics=topics)))).values():
-        assert not any(path.startswith("times") for path in leaves(profile))
-        assert leaves(profile)["qos/reliability/kind"] == "BEST_EFFORT"
+@pytest.mark.parametrize(
+    ("export", "name", "message"),
+    [
+        (partial(fast_dds_xml, generation=1), "Fast DDS", "given 1, allowed: 2 and 3"),
+        (fast_dds_xml, "Cyclone DDS", r"given 'Cyclone DDS', .* the timing of Fast DDS"),
+        (cyclone_xml, "Fast DDS", r"given 'Fast DDS', .* the timing of Cyclone DDS"),
+    ],
+)
+def test_an_unknown_generation_and_a_plan_for_another_vendor_are_refused(export, name, message):
+    with pytest.raises(InvalidValueError, match=message):
+        export(planned(name))
 
 
-def test_topics_behind_a_cache_have_no_deadline():
-    cached = plan_file(
-        replace(PAPER_B, topics=tuple(replace(t, cached=True) for t in PAPER_B.topics))
-    )
-    assert "deadline" not in ros2_parameters(cached).partition("/**:")[2]
-    assert not any(
-        "deadline" in p for x in profiles(fast_dds_xml(cached)).values() for p in leaves(x)
-    )
-
-
-def test_a_history_beyond_fast_dds_limits_raises_them():
-    said = leaves(
-        profiles(fast_dds_xml(plan_as_printed(PAPER_B.limited_to(500))))["data_writer", "/hello"]
-    )
-    depth = int(said["topic/historyQos/depth"])
-    limits = {k.rpartition("/")[2]: int(v) for k, v in said.items() if "resourceLimits" in k}
-    assert depth > 400
-    assert limits["max_samples_per_instance"] >= depth
-    assert limits["max_samples"] >= limits["max_instances"] * limits["max_samples_per_instance"]
-
-
-def test_an_unknown_generation_and_a_plan_for_another_vendor_are_refused(fast, cyclone):
-    with pytest.raises(InvalidValueError, match="given 1, allowed: 2 and 3"):
-        fast_dds_xml(fast, generation=1)
-    with pytest.raises(InvalidValueError, match=r"given 'Cyclone DDS', .* the timing of Fast DDS"):
-        fast_dds_xml(cyclone)
-    with pytest.raises(InvalidValueError, match=r"given 'Fast DDS', .* the timing of Cyclone DDS"):
-        cyclone_xml(fast)
-
-
-def run_cyclone(path: Path) -> subprocess.CompletedProcess[str]:
+def run_cyclone(path: Path, text: str) -> subprocess.CompletedProcess[str]:
+    path.write_text(text)
     code = "import sys; from cyclonedds.domain import Domain; Domain(231, open(sys.argv[1]).read())"
     command = [sys.executable, "-c", code, str(path)]
     return subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
 
 
-def test_cyclone_dds_itself_accepts_its_configuration_which_has_the_planned_timing(
-    cyclone, tmp_path
-):
-    good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
-    good.write_text(cyclone_xml(cyclone))
-    bad.write_text(cyclone_xml(cyclone).replace("NackDelay", "NackDelays"))
-    assert run_cyclone(good).returncode == 0, run_cyclone(good).stderr
-    assert run_cyclone(good).stderr == ""
-    assert run_cyclone(bad).returncode != 0, "Cyclone would notice what it does not know"
-    root = ET.fromstring(cyclone_xml(cyclone))  # noqa: S314 - our own text
-    said = {local(e): (e.text, e.attrib) for e in root.iter() if e.text and e.text.strip()}
-    assert said["NackDelay"][0] == said["AckDelay"][0] == "10 ms"
-    assert said["HeartbeatInterval"] == (
-        "100 ms",
-        {"min": "5 ms", "minsched": "20 ms", "max": "8000 ms"},
-    )
+def test_cyclone_dds_itself_accepts_its_configuration_which_has_the_planned_timing(tmp_path):
+    text = cyclone_xml(planned("Cyclone DDS"))
+    done = run_cyclone(tmp_path / "good.xml", text)
+    assert (done.returncode, done.stderr) == (0, "")
+    bad = run_cyclone(tmp_path / "bad.xml", text.replace("NackDelay", "NackDelays"))
+    assert bad.returncode != 0, "Cyclone would notice what it does not know"
+    internal = ET.fromstring(text).find("*/{*}Internal")  # noqa: S314 - our own text
+    assert texts(internal) == {
+        "HeartbeatInterval": "100 ms",
+        "NackDelay": "10 ms",
+        "AckDelay": "10 ms",
+    }
+    assert internal[0].attrib == {"min": "5 ms", "minsched": "20 ms", "max": "8000 ms"}
 
 
-def test_the_ros_2_file_is_a_parameter_file_with_overrides_of_both_sides_and_names_the_rates(
-    cyclone, fast
-):
-    text = ros2_parameters(cyclone)
-    overrides = yaml.safe_load(text)["/**"]["ros__parameters"]["qos_overrides"]
-    assert list(overrides) == [part.topic.name for part in cyclone.topics]
-    for part in cyclone.topics:
-        sides = overrides[part.topic.name]
-        deadline = {} if part.deadline_ns is None else {"deadline": part.deadline_ns}
+@pytest.mark.parametrize("name", PLANS)
+def test_the_ros_2_file_has_overrides_of_both_sides_and_names_the_rates(name):
+    plan = planned(name)
+    text = ros2_parameters(plan)
+    expected = {}
+    for part in plan.topics:
         policies = {
             "reliability": part.topic.reliability.value,
             "durability": part.topic.durability.value,
             "history": "keep_last",
             "depth": part.depth,
         }
-        assert sides == {"publisher": policies | deadline, "subscription": policies | deadline}
-    assert "&" not in text, "rcl's parser knows no anchors"
-    assert "*id" not in text
-    text = ros2_parameters(fast)
-    assert f"#   /hello: {fast['/hello'].rate_hz:.4g} Hz" in text
+        if not part.topic.cached:
+            policies["deadline"] = part.deadline_ns
+        expected[part.topic.name] = {"publisher": policies, "subscription": policies}
+        assert f"#   {part.topic.name}: {part.rate_hz:.4g} Hz" in text
+    assert yaml.safe_load(text) == {"/**": {"ros__parameters": {"qos_overrides": expected}}}
+    assert "&id" not in text, "rcl's parser knows no anchors"
