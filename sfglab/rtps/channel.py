@@ -48,9 +48,9 @@ def next_sender(waiting: Sequence[Any], turn: int, passed: int) -> tuple[int, in
     Args:
         waiting: For each host, whether it has something to send.
         turn: Host whose turn it is; the others follow in order.
-        passed: Place of the chosen host among those that contend, in order from `turn`. 0: hosts take
-            turns. For a random host the caller asks for the number of contenders first, and then with
-            the whole part of a draw from [0, 1) times this number, as with Wi-Fi's backoff.
+        passed: Place of the chosen host among those that contend, in order from `turn`; 0 if hosts take
+            turns. For a random host, as with Wi-Fi's backoff, it is a draw from [0, 1) times the number
+            of contenders, rounded down; a first call returns this number.
     """
     hosts = len(waiting)
     chosen, contenders = -1, 0

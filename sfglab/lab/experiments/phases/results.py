@@ -351,7 +351,7 @@ def draw_row(panels: Sequence[Axes], table: pd.DataFrame) -> Any:
         size = (most_us - least_us, 100 * (high - low))
         region = Rectangle((least_us, 100 * low), *size, color="0.85", zorder=0)
         axes.add_patch(region)
-        axes.text(least_us, 80 * low, "plausible", fontsize=7, va="top")
+        axes.text(least_us, 80 * low, "plausible", fontsize=8, va="top")
         squares = axes.scatter(table["frame_us"], 100 * table["loss"], 36, table[answer], **_SQUARE)
         axes.set(xscale="log", yscale="log")
         axes.set_xticks([50, 200, 1000], ["50", "200", "1000"], fontsize=8)
