@@ -241,8 +241,8 @@ def test_a_drawn_figure_follows_a_drag_with_the_values_of_python(run, browser):
         f"all {len(moves)} inputs: median {all_inputs:.0f} ms"
     )
     # Alone on two cores: 10 updates/s and 100 ms; here other tests may run beside it.
-    assert rate > 1
-    assert median < 1000
+    assert rate > 3
+    assert median < 400
 
     # A press prints the values and the call that repeats them, a theme and the cell's width are followed.
     dot = f"{DOTS}[0].getBoundingClientRect()"
