@@ -68,7 +68,9 @@ def test_definitions_are_what_rosbag2_writes_and_are_read_back_as_the_same_types
         "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     )
     for name in messages.message_types():
-        if "/msg/" not in name:  # rosbags looks for a type without a package beside an action's
+        # Other tests load types of test_msgs. In their actions rosbags takes a type without a package
+        # for one of the actions', not of the messages.
+        if "/srv/" in name or name.startswith("test_msgs/action/"):
             continue
         for read, fields in get_types_from_msg(messages.definition(name), name).items():
             # rosbags gives empty messages their octet only when it registers them.
