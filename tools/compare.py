@@ -36,9 +36,15 @@ TOOLS = Path(__file__).resolve().parent
 ROOT = TOOLS.parent
 TOLERANCE = 1e-12  #: Relative; re-associating one sum changes the last bit.
 REASONS: dict[str, str] = {
+    "claims/B-COOP by *": "the same numbers in plain words; contrasts and live values are no details",
+    "claims/B-LAT by transmission *": "plain words; the air without losses is no detail",
+    "claims/B-LOSS by *": "plain words; the air without losses is no detail",
+    "claims/B-TAB2 by transmission details *": "plain words",
     "claims/C-DRIVE* by driving details *": "only other sources of the same number are kept",
     "claims/C-DRIVE* by driving reason": "in plain words",
     "figures/driving_*": "drawn from tidy tables; note and sidecar come from the run",
+    "rows/cooperation.course.csv *": "columns that nothing reads went",
+    "rows/transmission.cell.csv *": "columns that nothing reads went",
     "rows/driving.chain.csv order": "no result reads it",
     "rows/driving.chain.csv place": "no result reads it",
     "rows/driving.lap.csv *": "the town has no buildings, and fields went that no result reads",
@@ -46,6 +52,9 @@ REASONS: dict[str, str] = {
     "rows/driving.track.csv *": "the town has no buildings, and fields went that no result reads",
     "rows/driving.transfer.csv*": "topic A is in the table chain, and the second set of constants went",
     "figures/discovery_*.sha256": "titles and axes in plain words",
+    "commands/map*.txt": "a column is narrower by two blanks",
+    "figures/cooperation*": "drawn from tidy tables; three figures went; sidecar from the run",
+    "figures/transmission_*": "drawn from tidy tables; two figures went; sidecar from the run",
     "figures/phases*": "squares where something was simulated; phases_cells went; sidecar from the run",
     "claims/B-LAT by phases *": "the count of conditions without a median went",
     "claims/B-LOSS by phases details*": "the count of conditions without a median went",
