@@ -106,7 +106,7 @@ def test_robots_that_are_told_nothing_stay_and_straight_ahead_they_slip_by_milli
     np.testing.assert_allclose(way_m, 2 * SPEED_M_S, rtol=0.02)
 
 
-# --- The nodes, and how late messages may be.
+# --- The nodes.
 
 
 def view_at(*pose):

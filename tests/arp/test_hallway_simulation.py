@@ -35,6 +35,14 @@ def test_over_a_dead_channel_no_robot_moves(method):
     assert all(np.isinf(snapshot.believed_m).all() for snapshot in lap.snapshots)
 
 
+@pytest.mark.parametrize(
+    ("delay_s", "ends"), [(0.25, {End.SUCCESS}), (1.0, {End.CONTACT, End.STOP})]
+)
+def test_late_messages_end_a_lap_and_slightly_late_ones_do_not(delay_s, ends):
+    late = replace(PERFECT, rate_bps=1e8, latency_s=delay_s)
+    assert SimulatedLap(settings("none", depth=1000, medium=late), 0).run().end in ends
+
+
 def test_a_seed_gives_the_same_lap_also_in_pauses_and_another_seed_another():
     laps = [SimulatedLap(settings("none", depth=1), seed, record=True) for seed in (3, 3, 4)]
     while not laps[0].drive(laps[0].time_s + 0.33):
