@@ -27,7 +27,12 @@ import numpy as np
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import bounds, check_bounds
 from sfglab.soc.graph import Graph, Implementation, Placement, Topic, TopicMapping
-from sfglab.soc.mapping import activation_s, carriages_per_message, map_communication
+from sfglab.soc.mapping import (
+    activation_s,
+    carriages_per_message,
+    map_communication,
+    message_bytes,
+)
 from sfglab.soc.memory import STORED
 
 if TYPE_CHECKING:
@@ -128,15 +133,12 @@ def carriage_load(topic: Topic, mapping: TopicMapping) -> float:
     Raises:
         InvalidValueError: The topic's size or rate is unknown.
     """
-    path = ("topics", topic.name)
-    if topic.size_bytes is None:
-        allowed = "the size of a message, to know its cost"
-        raise InvalidValueError((*path, "size_bytes"), None, allowed)
+    size_bytes = message_bytes(topic)
     if topic.rate_hz is None:
-        allowed = "messages per second, to know their cost"
-        raise InvalidValueError((*path, "rate_hz"), None, allowed)
+        key = ("topics", topic.name, "rate_hz")
+        raise InvalidValueError(key, None, "messages per second, to know their cost")
     fixed_s = _GATEWAY_S if mapping is TopicMapping.GATEWAY else _CARRIAGE_S
-    return topic.rate_hz * (fixed_s + topic.size_bytes / _BYTES_PER_S)
+    return topic.rate_hz * (fixed_s + size_bytes / _BYTES_PER_S)
 
 
 _MS = 1e3  # The programme counts in milliseconds: numbers near 1 suit the solver's tolerances.

@@ -100,6 +100,37 @@ def test_the_load_is_the_sum_of_work_and_of_carriages_at_the_memory_interface_s_
     assert load.communication_s == pytest.approx(10 * (one_s + extra_s), rel=1e-3)
 
 
+@pytest.mark.parametrize(("spare", "topics"), [(0, ("t",)), (-1, ())])
+def test_a_gateway_that_pays_is_taken_if_its_last_table_fits(spare, topics):
+    part = soc.Implementation(lut=100)
+    work = {"rate_hz": 10.0, "software_s": 1.0, "hardware": part}
+    heard = ("h0", "h1", "h2")
+    nodes = [soc.Node(name="s"), *[soc.Node(name=name, **work) for name in heard]]
+    traffic = {"size_bytes": 20_500, "rate_hz": 10.0}
+    topic = soc.Topic(name="t", publishers=("s",), subscribers=heard, **traffic)
+    platform = soc.Platform(name="p", lut=300 + GATEWAY_LUT + spare, bram=0.0)
+    found = soc.place_nodes(soc.Graph(nodes=tuple(nodes), topics=(topic,)), platform)
+    assert found.graph.in_hardware == set(heard)
+    assert found.graph.mapped_to(soc.TopicMapping.GATEWAY) == topics
+
+
+def test_an_empty_message_loads_the_interface_as_one_byte_does():
+    graph = chain(SW, HW)
+    loads = []
+    for size_bytes in (0, 1, 2):
+        sized = replace(graph, topics=(replace(graph.topics[0], size_bytes=size_bytes),))
+        loads.append(soc.assess(sized).communication_s)
+    assert loads[0] == loads[1] < loads[2]
+
+
+def test_an_empty_graph_is_placed_and_work_beyond_all_numbers_is_refused():
+    empty = soc.place_nodes(soc.Graph(nodes=()), soc.ZCU104)
+    assert (empty.load.total_s, empty.gap, empty.optimal) == (0, 0, True)
+    endless = soc.Graph(nodes=(soc.Node(name="a", rate_hz=1e12, software_s=1e300),))
+    with pytest.raises(SfglabError, match="node mapping: HiGHS failed: Problem data contains"):
+        soc.place_nodes(endless, soc.ZCU104)
+
+
 @pytest.mark.parametrize("key", ["size_bytes", "rate_hz"])
 def test_a_topic_of_unknown_size_or_rate_is_refused_by_name(key):
     graph = chain(SW, HW)
