@@ -88,7 +88,7 @@ class Action(Enum):
     COMPARE_HELD = auto()  #: Compare the publisher ID of the held message with the core's own.
     COMPARE_PORT = auto()  #: Compare the publisher ID at the port with the core's own.
     CLAIM_HMT = auto()  #: Request the HMT from its arbiter, and look at the port meanwhile.
-    MEMORY_TO_HMT = auto()  #: Send the held message to the HMT, and discard its echo at the port.
+    MEMORY_TO_HMT = auto()  #: Send the held message to the HMT. Its echo stays at the port.
     HMT_TO_MEMORY = auto()  #: Take the message at the port and write it to the output message.
     HMT_TO_NOWHERE = auto()  #: Take the message at the port and discard it.
 

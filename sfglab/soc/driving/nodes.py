@@ -238,9 +238,8 @@ class LightDetector:
         self.active = True
 
 
-_SPEED_MPS = (
-    0.9  #: Speed on a straight lane. This and the next three are chosen here; the paper gives none.
-)
+#: Speed on a straight lane. This and the next three are chosen here; the paper gives none.
+_SPEED_MPS = 0.9
 _LOOKAHEAD_M = 0.9  #: Distance of the point that the car drives towards.
 _LATERAL_MPS2 = 0.35  #: Largest lateral acceleration, which limits the speed in bends.
 _ARRIVED_M = 0.3  #: Distance at which a remembered point counts as reached.
