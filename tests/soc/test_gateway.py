@@ -1,12 +1,13 @@
 """The gateway core's table (paper C, section 3, Fig. 4): complete, as the text describes it, and drawn whole."""
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 from walked_core import Core
 
 from sfglab.soc.gateway import TABLE, Action, Input, Register, State, transitions
-from sfglab.soc.gateway_drawing import draw_core, positions
+from sfglab.soc.gateway_drawing import DETOURS, draw_core, positions
 
 POSSIBLE = {
     "LISTEN": "LOCATED EMPTY ANSWERED CANCELLED PUBLISHED",
@@ -63,6 +64,19 @@ def test_the_core_behaves_as_the_paper_s_text_says(inputs, actions):
         found.append(TABLE[core.state].action.name)
     assert found[2:] == actions.split()
     assert core.held == (0xBEEF if "ANSWERED" in inputs else 0)
+
+
+def test_a_straight_arrow_passes_over_no_state_but_for_those_with_corners():
+    centres = {state: np.array(centre) for state, centre in positions().items()}
+    passing = set()
+    for (source, _), target in transitions().items():
+        start, way = centres[source], centres[target] - centres[source]
+        for state in set(State) - {source, target}:
+            along = (centres[state] - start) @ way / (way @ way)
+            nearest = start + np.clip(along, 0, 1) * way
+            if np.hypot(*(centres[state] - nearest)) < 0.3:
+                passing.add((source, target))
+    assert passing == set(DETOURS)
 
 
 def test_every_state_and_every_transition_is_drawn_once():

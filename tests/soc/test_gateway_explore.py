@@ -47,6 +47,7 @@ def test_within_the_bound_every_interleaving_delivers_everything_once_in_order_w
         ("PUBLISH_WAIT", "PUBLISHED", "PUBLISH", "publishes an output message that nobody wrote"),
         ("TO_HMT", "DONE", "POLL_OSIF", "deadlock"),
         ("TO_MEMORY", "DONE", "POLL_OSIF", "overwrites 1.0 before it is published"),
+        ("POLL_HMT", "OFFERED", "POLL_OSIF", "livelock"),
         ("DROP_HMT", "DONE", "REQUEST", "asked for a message while a request is outstanding"),
     ],
 )
