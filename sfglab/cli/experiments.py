@@ -181,11 +181,13 @@ def _counted(
     from sfglab.lab.experiments import experiment
     from sfglab.lab.ledger import compute_ledger
 
+    if all_claims:
+        return render(compute_ledger(project, profile=profile))
     only: set[str] = set()
-    if not all_claims:
-        for outcome in outcomes:
-            only.update(*(experiment(name).claims for name in outcome.logs))
-    return render(compute_ledger(project, profile=profile, only=only))
+    for outcome in outcomes:
+        only.update(*(experiment(name).claims for name in outcome.logs))
+    ledger = compute_ledger(project, profile=profile, only=only)
+    return render(ledger) if ledger else "No claim of the ledger was measured."
 
 
 def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:

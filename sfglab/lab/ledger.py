@@ -96,7 +96,7 @@ def compute_ledger(
     *,
     profile: str | None = None,
     committed: bool = False,
-    only: Collection[str] = (),
+    only: Collection[str] | None = None,
 ) -> Ledger:
     """Return the claims with our values and verdicts, from logs.
 
@@ -106,10 +106,12 @@ def compute_ledger(
         project: The checkout.
         profile: Profile whose runs are preferred.
         committed: Whether only the committed logs count, and not the user's runs.
-        only: Ids of the claims; empty: all.
+        only: Ids of the claims; None: all.
     """
     cache = FindingsCache(project)
-    claims = [claim for claim in load_claims(project.claims) if not only or claim.id in only]
+    claims = load_claims(project.claims)
+    if only is not None:
+        claims = [claim for claim in claims if claim.id in only]
     sources: list[list[_Source]] = []
     for name in _experiments_of(claims):
         log = find_log(project, name, profile=profile, committed=committed)
@@ -242,8 +244,6 @@ def own_ledger(project: Project, run: Run[Any]) -> Ledger:
     runs, with the committed logs where there is no run.
     """
     own = {entry.claim.id: entry for entry in entries_of(project, run)}
-    if not own:
-        return Ledger()
     committed = project.relative(run.log).startswith(COMMITTED_LOGS)
     ledger = Ledger()
     for entry in compute_ledger(project, profile=run.profile, committed=committed, only=own):

@@ -174,7 +174,7 @@ def header(exp: Experiment[Any]) -> HTML:
     links = [f'<a href="{top}/notebooks/{name}.ipynb">{text}</a>' for text, name in pages.items()]
     links.append(f'<a href="{top}/{GLOSSARY}">glossary</a>')
     text = f"<p>{' | '.join(links)}</p>"
-    if exp.claims:  # without claims, the ledger would have those of all experiments
+    if exp.claims:
         whole = ledger.compute_ledger(project, committed=True, only=exp.claims)
         verdicts = verdicts_html(whole, ", ")
         text += f"<p><b>Verdicts</b> from the committed logs: {verdicts}</p>"

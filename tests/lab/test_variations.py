@@ -17,6 +17,7 @@ from sfglab.lab.experiment import SMOKE_TITLE
 from sfglab.lab.experiments import experiment
 from sfglab.lab.experiments.decode_once.analysis import Slopes
 from sfglab.lab.experiments.decode_once.figures import _saving
+from sfglab.lab.notebooks import Outcome
 from sfglab.lab.stats import Estimate, exactly
 
 ROOT = Path(__file__).parents[2]
@@ -82,6 +83,20 @@ def test_a_try_has_notebook_log_figures_and_summary_in_a_folder_of_its_own(check
     assert again.returncode == 1
     said = "sfglab: --name: given 'few', allowed: a name that no finished try has\n"
     assert again.stderr == said
+
+
+@pytest.mark.parametrize(
+    ("name", "claims"), [("01_naming", ["A-FQN"]), ("18_ros2", []), ("", ["A-FQN", "B-COOP"])]
+)
+def test_the_claims_of_the_notebooks_that_ran_are_printed_and_no_others(
+    checkout, monkeypatch, name, claims
+):
+    logs = {name.partition("_")[2]: checkout / "a.mcap"} if name else {}
+    done = Outcome(name=name, error="", notebook=checkout / "a.ipynb", logs=logs)
+    monkeypatch.setattr("sfglab.lab.notebooks.run_notebooks", lambda *_, **__: [done])
+    printed = called("reproduce", *filter(None, [name]))
+    assert [claim for claim in ("A-FQN", "B-COOP") if claim in printed] == claims
+    assert ("No claim of the ledger was measured." in printed) is not bool(claims)
 
 
 @pytest.mark.parametrize(
