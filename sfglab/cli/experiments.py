@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _Profile = Annotated[
     Literal["smoke", "quick", "paper"],
     Option(
-        help="Size of runs: smoke takes minutes for all notebooks, quick under half an hour, paper hours."
+        help="Size of runs: smoke takes minutes for all notebooks, quick up to 45 minutes, paper hours."
     ),
 ]
 

@@ -40,7 +40,7 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 QUICK, PAPER = "quick", "paper"
-#: Names of the profiles. All notebooks together take minutes with the first, under half an hour with
+#: Names of the profiles. All notebooks together take minutes with the first, up to 45 minutes with
 #: the second, and hours with the third, which has the papers' full counts.
 PROFILES = (SMOKE, QUICK, PAPER)
 SMOKE_TITLE = "smoke test: too short for a conclusion"
