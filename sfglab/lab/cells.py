@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sfglab.component import beside
 from sfglab.lab.experiment import SkippedPartError
 from sfglab.lab.hosts import HostsError
+from sfglab.lab.runs import FAILED_CELLS
 from sfglab.lab.sweep import journal as journaled
 from sfglab.processes import ProcessFailedError
 
@@ -41,7 +42,8 @@ async def run_cells(  # noqa: PLR0913 - options
 ) -> None:
     """Play cells and write their rows into a table, repetition by repetition.
 
-    The metadata of the table's name lists under ``failed`` the cells that failed twice, with the reason.
+    The metadata of the table's name lists under `FAILED_CELLS` the cells that failed twice, with the
+    reason. A run with such cells counts for no claim.
 
     Args:
         bench: Context of the run.
@@ -92,4 +94,4 @@ async def run_cells(  # noqa: PLR0913 - options
         for job in jobs:
             rows = journal.finished.get(job, ())
             bench.write_all(table, rows if isinstance(rows, tuple | list) else (rows,))
-    bench.metadata(table, {"hindrance": "", "failed": reasons})
+    bench.metadata(table, {"hindrance": "", FAILED_CELLS: reasons})

@@ -30,6 +30,8 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 COMPLETION = "completion"  #: Metadata that a finished run's log ends with.
+#: Key of a part's metadata with the cells that failed, and why. Such a run counts for no claim.
+FAILED_CELLS = "failed"
 PART_SUFFIX = ".part"
 SMOKE = "smoke"
 _NOTHING = object()
@@ -198,22 +200,30 @@ class Standing:
 
 
 def standing(log: Path) -> Standing:
-    """Return whether a run's log speaks for claims: finished, no smoke test, nothing changed, not explored."""
+    """Return whether a run's log counts for claims.
+
+    It counts if it is finished, no smoke test, not explored, and no field is changed and no cell failed.
+    """
     if log.name.endswith(PART_SUFFIX):
         return Standing(profile="", why_not="it is not finished")
     try:
         with LogReader(log) as reader:
-            done = reader.metadata(COMPLETION) if COMPLETION in reader.metadata_names else {}
+            records = {name: reader.metadata(name) for name in reader.metadata_names}
     except SfglabError as error:
         return Standing(profile="", why_not=str(error))
-    return Standing(profile=str(done.get("profile", "")), why_not=_why_not(done))
+    profile = str(records.get(COMPLETION, {}).get("profile", ""))
+    return Standing(profile=profile, why_not=_why_not(records))
 
 
-def _why_not(done: Mapping[str, Any]) -> str:
+def _why_not(records: Mapping[str, Mapping[str, Any]]) -> str:
+    done = records.get(COMPLETION)
     if not done:
         return "it has no completion record"
     if done["explored"]:
         return "it was explored"
     if done["profile"] == SMOKE:
         return "it is a smoke test"
-    return f"changed: {', '.join(done['changed'])}" if done["changed"] else ""
+    if done["changed"]:
+        return f"changed: {', '.join(done['changed'])}"
+    failed = [part for part, record in records.items() if record.get(FAILED_CELLS)]
+    return f"cells failed: {', '.join(failed)}" if failed else ""

@@ -17,7 +17,9 @@ from sfglab.lab.experiment import SkippedPartError
 from sfglab.lab.experiments import transmission
 from sfglab.lab.experiments.transmission import live, results
 from sfglab.lab.live_flows import MODES
+from sfglab.lab.runs import COMPLETION, standing
 from sfglab.processes import ProcessFailedError
+from sfglab.record import LogWriter
 from sfglab.rtps import PRESETS, Medium
 from sfglab.rtps.channel import airtime_ns
 from sfglab.rtps.frames import data_bytes
@@ -130,7 +132,9 @@ class Cell:
     stage: str = "a"
 
 
-def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_twice_is_left_out(tmp_path):
+def test_a_run_that_is_broken_off_goes_on_and_one_whose_cell_fails_twice_counts_for_no_claim(
+    tmp_path,
+):
     cells, played, started = [Cell(0), Cell(1), Cell(2, "b"), Cell(3)], [], []
     config, log = SimpleNamespace(profile="quick"), SimpleNamespace(path=tmp_path / "a.mcap")
     bench = Mock(experiment="made", config=config, log=log)
@@ -166,5 +170,10 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_twice_is_left_ou
     assert {"a", "b"} == set(started)
     assert played[before:].count((0, 0)) == 0, "it is in the journal"
     assert not list(tmp_path.iterdir()), "a finished run leaves no journal"
+    completion = {"profile": "quick", "changed": [], "explored": False}
+    with LogWriter(log.path) as made:
+        made.write_metadata(*bench.metadata.call_args.args)
+        made.write_metadata(COMPLETION, completion)
+    assert standing(log.path).why_not == "cells failed: made"
     with pytest.raises(SkippedPartError, match="not asked for"):
         run(0)
