@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 SMALL, LARGE = MESSAGE_BYTES[0], MESSAGE_BYTES[-1]
 MANY = SUBSCRIBERS[-1]
@@ -284,7 +284,8 @@ _RATIO_TICKS = (0.125, 0.25, 0.5, 1, 2, 4, 8, 16, 32)
 @exp.figure("transfer", size=(10, 6.9), measured=False)
 def draw_transfer(figure: Figure, run: Run[Config]) -> None:
     """Draw the model's transfer times and speed-ups (Fig. 6, 7), with RTL and the paper's numbers."""
-    for times, ratios, panel in draw_panels(figure, bars(run)):
+    (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=_KEY)
+    for times, ratios, panel in draw_panels(upper, bars(run)):
         lines(ratios, by_size(bars(run), panel), STYLES, markersize=4)
         rtl = by_size(bars(run, RTL), panel)
         lines(ratios, rtl, STYLES, markersize=9, mfc="none", linestyle="")
@@ -292,7 +293,7 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> None:
         ratios.set_ylim(0.3, 16)
         times.set_title(panel.value)
     hollow = {"marker": "o", "markersize": 9, "mfc": "none", "linestyle": "", "color": "0.38"}
-    draw_key(figure, SUBSCRIBERS, {"by the cycles of simulated hardware (RTL)": hollow})
+    draw_key(lower, SUBSCRIBERS, {"by the cycles of simulated hardware (RTL)": hollow})
     title = (
         "A gateway pays for large messages and many hardware subscribers,\n"
         f"and costs time towards software (paper's numbers within {worst_fit(run):.1%})"
@@ -321,14 +322,15 @@ def draw_stated(axes: Axes, panel: Panel) -> None:
 def draw_live(figure: Figure, run: Run[Config]) -> None:
     """Draw transfer times and speed-ups between processes, with the model's speed-ups as thin lines."""
     table = live_bars(run)
-    for times, ratios, panel in draw_panels(figure, table):
+    (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=_KEY)
+    for times, ratios, panel in draw_panels(upper, table):
         for place, count in enumerate(sorted(set(table["subscribers"]))):
             draw_intervals(ratios, table, panel, count, shift=1.15 ** (place - 1))
         model = by_size(table, panel, "model")
         lines(ratios, model, STYLES, linestyle="-", marker="", linewidth=0.9, alpha=0.7)
         times.set_title(panel.value)
     thin = {"linestyle": "-", "linewidth": 0.9, "alpha": 0.7, "color": "0.38"}
-    draw_key(figure, sorted(set(table["subscribers"])), {"the model's speed-ups": thin})
+    draw_key(lower, sorted(set(table["subscribers"])), {"the model's speed-ups": thin})
     decided = table[(table["low"] > 1) | (table["high"] < 1)]
     same = (decided["ratio"] > 1) == (decided["model"] > 1)
     title = (
@@ -357,14 +359,13 @@ def draw_intervals(
     )
 
 
-def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Axes, Panel]]:
-    """Draw the transfer times of each panel, and prepare axes for its speed-ups and room for a legend below.
+def draw_panels(figure: SubFigure, table: pd.DataFrame) -> list[tuple[Axes, Axes, Panel]]:
+    """Draw the transfer times of each panel, and prepare axes for its speed-ups.
 
     Returns:
         For each panel the axes of the times and of the speed-ups.
     """
-    figure.subfigures(2, 1, height_ratios=_KEY)
-    grid = figure.subfigs[0].subplots(2, len(Panel), sharex=True, sharey="row")
+    grid = figure.subplots(2, len(Panel), sharex=True, sharey="row")
     for times, ratios, panel in zip(*grid, Panel, strict=True):
         for topic, (_, color) in TOPICS.items():
             lines(times, by_size(table, panel, f"{topic}_ms"), STYLES, color=color, markersize=4)
@@ -379,12 +380,12 @@ def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Axes, P
 
 
 def draw_key(
-    figure: Figure, counts: Iterable[int], others: Mapping[str, Mapping[str, Any]]
+    figure: SubFigure, counts: Iterable[int], others: Mapping[str, Mapping[str, Any]]
 ) -> None:
     """Draw the one legend of all panels.
 
     Args:
-        figure: Figure with panels by `draw_panels`.
+        figure: Empty part of the figure.
         counts: Numbers of hardware subscribers; their markers are the same in both rows.
         others: Properties of further lines by label.
     """
@@ -397,7 +398,7 @@ def draw_key(
         looks[f"{count} hardware subscribers"] = STYLES.get(count, {})
     looks.update(others)
     handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
-    figure.subfigs[1].legend(handles=handles, loc="center", ncols=3, fontsize="small")
+    figure.legend(handles=handles, loc="center", ncols=3, fontsize="small")
 
 
 # --- Explorer ---------------------------------------------------------------------------------
