@@ -39,6 +39,7 @@ def test_over_a_dead_channel_no_robot_moves(method):
     ("delay_s", "ends"), [(0.25, {End.SUCCESS}), (1.0, {End.CONTACT, End.STOP})]
 )
 def test_late_messages_end_a_lap_and_slightly_late_ones_do_not(delay_s, ends):
+    # A beam and the command that follows it are late by this much each.
     late = replace(PERFECT, rate_bps=1e8, latency_s=delay_s)
     assert SimulatedLap(settings("none", depth=1000, medium=late), 0).run().end in ends
 
