@@ -42,6 +42,12 @@ BAD = {
         json.dumps({"cells": [{"cell_type": "markdown", "source": ["Nobody subscribes."]}]}),
         ["5 verbs"],
     ),
+    "i.ipynb": (
+        json.dumps(
+            {"cells": [{"cell_type": "markdown", "source": ["# It\n", "\n", "Who asks.\n"]}]}
+        ),
+        ["1 subject"],
+    ),
 }
 GOOD = {
     "a.md": "A late joiner receives the last sample.\n\n```\nWho joins late\n```\n",

@@ -71,9 +71,8 @@ def texts_of(name: str, source: str) -> Iterator[Text]:
     if name.endswith(".ipynb"):
         for number, cell in enumerate(json.loads(source)["cells"]):
             if cell["cell_type"] == "markdown":
-                # Rows of tables are no sentences.
-                lines = [line for line in cell["source"] if not line.startswith("|")]
-                yield Text(number, "markdown", "".join(lines))
+                for text in _paragraphs("".join(cell["source"])):
+                    yield text._replace(line=number)
     elif name.endswith(".md"):
         yield from _paragraphs(source)
     elif name.endswith(".py"):
