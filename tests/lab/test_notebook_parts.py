@@ -16,8 +16,11 @@ from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[2]
 PROJECT = Project(root=ROOT)
-# Notebooks of chapter C, which have headers, and their neighbours.
+# Experiments of chapters B and C, whose notebooks have headers, and the notebooks before and after.
 CHAPTER = {
+    "balancing": ("07_latency", "09_loss"),
+    "transmission": ("08_caches_and_qos", "10_hallway"),
+    "cooperation": ("09_loss", "11_mapping_and_gateway"),
     "gateways": ("10_hallway", "12_transfer"),
     "transfer": ("11_mapping_and_gateway", "13_driving"),
     "driving": ("12_transfer", "14_mocap"),

@@ -27,9 +27,9 @@ ROOT = Path(__file__).parents[2]
 PIXEL = cv2.imencode(".png", np.zeros((1, 1), np.uint8))[1].tobytes()
 # A line that runs an experiment: variable and name.
 RUN = re.compile(r"^(\w+) = await notebook\.run\((\w+)\.exp.*\n?", re.MULTILINE)
-# What runs something, draws a film or waits for a reader; and what says where files are.
+# What runs something or waits for a reader; and what says where files are.
 ELSEWHERE = re.compile(
-    r"await |live\.session|(setup|explore|video|Viewer|PressedMapping|press_core|press_map|Replay|save_figures)\("
+    r"await |live\.session|(setup|explore|Viewer|PressedMapping|press_core|press_map|save_figures)\("
 )
 
 
