@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.arp.balancing import Balance, BalanceInput, balance_closed_form
-from sfglab.arp.robots import METHODS, PLAN_S, ROBOTS, SENSORS, TAKE_S
+from sfglab.arp.robots import METHODS, PLAN_S, ROBOTS, SENSORS, TAKE_S, topic_qos
 from sfglab.errors import InvalidValueError
-from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Outcome, Scenario, Vendor
-from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-BEST = "OPT+LC"  #: The paper's winner in latency and loss (section 3.1).
+    from sfglab.qos import QoSProfile
+
 OPT_DEPTH = "opt"  #: DEPTH as Eq. 6 gives it, beside the numbers of Table 2.
 SMALL_DEPTH = 10  #: A DEPTH up to this is small: the lower half of Table 2.
 TIE = 0.05  #: Latencies that differ by less than this share count as equal.
@@ -82,7 +81,7 @@ def scenario_of(
     The seed is that of the phases, as nodes do not start together.
     """
     rate_hz, depth = rate_and_depth(cell)
-    qos = QoSProfile(depth=depth, deadline_ns=round(NS_PER_S / rate_hz))
+    qos = topic_qos(rate_hz, depth)
     phases = np.random.default_rng(seed).uniform(0, 1 / rate_hz, sum(map(len, ROBOTS.values())) + 1)
     flows = _sensor_flows(cell, rate_hz, qos, phases)
     return Scenario(

@@ -13,6 +13,8 @@ from typing import Annotated, Any
 
 from sfglab.fields import Bounds
 from sfglab.messages import message_type, serialize
+from sfglab.qos import QoSProfile
+from sfglab.units import NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,11 +100,19 @@ METHODS = {
 }
 """Paper B, section 3, by name."""
 
+BEST = "OPT+LC"  #: Method with the lowest latency and loss by the paper, and with which the lap is completed.
+
 Rate = Annotated[int, Bounds(10, 1000, log=True)]  #: A value of Rmax.
 Depth = Annotated[int, Bounds(1, 5000, log=True)]  #: A depth of a history.
 RATES_HZ = (100, 200, 500, 1000)  #: Table 2, DEADLINE: the values of Rmax.
 
 DEPTHS = (1, 5, 10, 100, 1000, 5000)  #: Table 2, DEPTH, beside the optimum of Eq. 6.
+
+
+def topic_qos(rate_hz: float, depth: int) -> QoSProfile:
+    """Return the QoS of Table 2: RELIABLE, KEEP_LAST with a depth, and the period of a rate, Hz, as DEADLINE."""
+    return QoSProfile(depth=depth, deadline_ns=round(NS_PER_S / rate_hz))
+
 
 TAKE_S = 60e-6
 """Time that taking a message and comparing it costs a node of the station: assumed, as the paper has no value."""

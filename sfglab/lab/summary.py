@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from sfglab.arp.hello import BEST
+from sfglab.arp.robots import BEST
 from sfglab.lab.experiments import decode_once, discovery, experiment
 from sfglab.lab.experiments.phases import results
 from sfglab.lab.figures import drawn, file_sha256, save_figure, series

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sfglab.arp.hallway import BEAMS_DEG, End, Manoeuvre, simulation
-from sfglab.arp.hallway.simulation import LAP_DEPTHS, OPTIMUM, ROBOTS, LapSettings, SimulatedLap
+from sfglab.arp.hallway import BEAMS_DEG, ROBOTS, End, Manoeuvre, simulation
+from sfglab.arp.hallway.simulation import LAP_DEPTHS, OPTIMUM, LapSettings, SimulatedLap
 from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.messages import default_message, serialized_size
 from sfglab.rtps import Medium

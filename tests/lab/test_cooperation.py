@@ -12,7 +12,8 @@ import pytest
 from made_logs import ran, reference
 
 from sfglab.arp import hallway
-from sfglab.arp.hallway.simulation import LAP_DEPTHS, ROBOTS, LapSettings
+from sfglab.arp.hallway import ROBOTS
+from sfglab.arp.hallway.simulation import LAP_DEPTHS, LapSettings
 from sfglab.arp.robots import RATES_HZ
 from sfglab.lab.experiments import cooperation
 from sfglab.lab.experiments.cooperation import drawn, exp, experiment, explorer, live, results

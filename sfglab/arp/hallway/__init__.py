@@ -7,7 +7,15 @@ because it loads that model). Decisions are pure; `sfglab.lab.workers.hallway` r
 
 from __future__ import annotations
 
-from sfglab.arp.hallway.course import AREAS, HALF_WIDTH_M, HOME, WAYPOINTS, Area, course_length_m
+from sfglab.arp.hallway.course import (
+    AREAS,
+    HALF_WIDTH_M,
+    HOME,
+    ROBOTS,
+    WAYPOINTS,
+    Area,
+    course_length_m,
+)
 from sfglab.arp.hallway.nodes import (
     BEAMS_DEG,
     SCAN_HZ,
@@ -19,7 +27,16 @@ from sfglab.arp.hallway.nodes import (
     step_from_range,
 )
 from sfglab.arp.hallway.station import Manoeuvre, Station
-from sfglab.arp.hallway.world import LIMIT_S, RADIUS_M, STEP_NS, End, Verdict, World, judge
+from sfglab.arp.hallway.world import (
+    LIMIT_S,
+    RADIUS_M,
+    SCAN_STEPS,
+    STEP_NS,
+    End,
+    Verdict,
+    World,
+    judge,
+)
 
 __all__ = [
     "AREAS",
@@ -28,7 +45,9 @@ __all__ = [
     "HOME",
     "LIMIT_S",
     "RADIUS_M",
+    "ROBOTS",
     "SCAN_HZ",
+    "SCAN_STEPS",
     "STEP_NS",
     "STOP",
     "WAYPOINTS",

@@ -98,6 +98,7 @@ AREAS = (
     Area(robot="robot3", boxes=(Box(3, 1.0, "right"), Box(4, 2.6, "left"), Box(5, 2.3, "right"))),
 )
 """The three areas. Each has three boxes that leave 0.8 m, at places of its own."""
+ROBOTS = tuple(area.robot for area in AREAS)  #: Names of the robots.
 
 
 @nb.njit(cache=True, nogil=True)

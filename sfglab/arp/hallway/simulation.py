@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.arp.balancing import Balance, BalanceInput, balance
-from sfglab.arp.hallway.course import AREAS
+from sfglab.arp.hallway.course import AREAS, ROBOTS
 from sfglab.arp.hallway.nodes import (
     BEAMS_DEG,
-    SCAN_HZ,
     STOP,
     ActuationNode,
     Command,
@@ -26,9 +25,8 @@ from sfglab.arp.hallway.nodes import (
     range_from_step,
 )
 from sfglab.arp.hallway.station import Manoeuvre, Station
-from sfglab.arp.hallway.world import LIMIT_S, STEP_NS, End, Verdict, World, judge
-from sfglab.arp.robots import METHODS, PLAN_S, TAKE_S
-from sfglab.qos import QoSProfile
+from sfglab.arp.hallway.world import LIMIT_S, SCAN_STEPS, STEP_NS, End, Verdict, World, judge
+from sfglab.arp.robots import METHODS, PLAN_S, TAKE_S, topic_qos
 from sfglab.rtps import PRESETS, Flow, Medium, Outcome, Scenario, Session
 from sfglab.units import NS_PER_S
 
@@ -36,8 +34,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
-
-ROBOTS = tuple(area.robot for area in AREAS)  #: Names of the robots.
 
 LAP_DEPTHS = (1, 10, 1000)
 """Values of DEPTH that laps without OPT have. The paper does not give the depth of Fig. 16, so the
@@ -48,15 +44,12 @@ OPTIMUM = 0  #: Value of `LapSettings.depth` that selects the depth of Eq. 6.
 TABLE_BEAM_BYTES = 24
 """Size of a beam's value as paper B counts a float (Table 1 and section 3.2)."""
 
-CDR_BEAM_BYTES = 8  #: Size of a float in CDR, with its header.
-
 COMMAND_BYTES = 52  #: Size of a geometry_msgs/msg/Twist in CDR: six doubles and the header.
 
 ROBOT_TOPICS = (len(BEAMS_DEG) + 1,) * len(AREAS)
 """T_a of Eq. 1 in the hallway: eight beams and one command per robot."""
 
 _RELAY = ROBOTS[2]
-_SCAN_STEPS = round(NS_PER_S / SCAN_HZ / STEP_NS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,7 +147,7 @@ def _beams(settings: LapSettings, phases_s: Iterator[float]) -> Iterator[Flow]:
                 size_bytes=settings.beam_bytes,
                 rate_hz=rate_hz,
                 phase_s=next(phases_s),
-                qos=_qos(rate_hz, depth),
+                qos=topic_qos(rate_hz, depth),
                 executor=f"{robot}/localisation",
                 service_s=settings.compute_scale * (TAKE_S + PLAN_S),
                 compare_s=take_s if method.cache_control else None,
@@ -173,7 +166,7 @@ def _commands(settings: LapSettings, phases_s: Iterator[float]) -> Iterator[Flow
             size_bytes=COMMAND_BYTES,
             rate_hz=rate_hz,
             phase_s=next(phases_s),
-            qos=_qos(rate_hz, depth),
+            qos=topic_qos(rate_hz, depth),
             executor=robot,
             service_s=TAKE_S,
         )
@@ -198,10 +191,6 @@ def _relayed(command: Flow) -> Iterator[Flow]:
 
 def _relay_flow(robot: str) -> str:
     return f"{robot}/release"
-
-
-def _qos(rate_hz: float, depth: int) -> QoSProfile:
-    return QoSProfile(depth=depth, deadline_ns=round(NS_PER_S / rate_hz))
 
 
 class SimulatedLap:
@@ -277,7 +266,7 @@ class SimulatedLap:
 
     def _step(self, limit_s: float) -> None:
         """Drive for `STEP_NS`."""
-        if self._steps % _SCAN_STEPS == 0:
+        if self._steps % SCAN_STEPS == 0:
             self._scan()
         self._steps += 1
         self._exchange(self._steps * STEP_NS)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.arp.hallway.course import AREAS, HOME, Area, clearances, drive, scan, winding_rad
-from sfglab.arp.hallway.nodes import BEAMS_DEG, Command, step_from_range
+from sfglab.arp.hallway.nodes import BEAMS_DEG, SCAN_HZ, Command, step_from_range
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 RADIUS_M = 0.105  #: Radius of the robot's body; closer to a wall is a contact.
 
 STEP_NS = 20_000_000  #: One step: the controller board sets the motors 50 times a second.
+SCAN_STEPS = round(1e9 / SCAN_HZ / STEP_NS)  #: Number of steps in one turn of the LIDARs.
 
 _BASE_M = 0.160
 _WHEEL_SIGMA = 0.005  # wheels of one robot differ by tyres and wear

@@ -25,8 +25,6 @@ from sfglab.qos import QoSProfile
 
 STATION = "station"
 BEAM, COMMAND = "std_msgs/msg/Float32", "geometry_msgs/msg/Twist"
-ROBOTS = tuple(area.robot for area in hallway.AREAS)
-_SCAN_STEPS = round(1e9 / hallway.SCAN_HZ / hallway.STEP_NS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +60,7 @@ class _Robot:
 
     def __init__(self, node: Node, config: HallwayConfig, report: Reporter) -> None:
         self._node, self._config, self._report = node, config, report
-        self._number = ROBOTS.index(config.role)
+        self._number = hallway.ROBOTS.index(config.role)
         # The whole world, of which only this robot moves: its slips are those of the simulated run.
         self._world = hallway.World(seed=config.seed)
         self._sensing, self._actuation = hallway.SensingNode(), hallway.ActuationNode()
@@ -80,12 +78,12 @@ class _Robot:
         for beam in range(len(hallway.BEAMS_DEG)):
             self._node.create_timer(1 / self._config.rate_hz, partial(self._publish, beam))
         while True:
-            commands = [hallway.STOP] * len(ROBOTS)
+            commands = [hallway.STOP] * len(hallway.ROBOTS)
             commands[self._number] = self._actuation.command
             self._world.step(commands)
             steps += 1
             wound = self._world.wound_rad()
-            if steps % _SCAN_STEPS == 0:
+            if steps % hallway.SCAN_STEPS == 0:
                 self._sensing.turned(self._world.scan(self._number))
                 self._tell(steps * hallway.STEP_NS, float(wound[self._number]))
             early_ns = start_ns + steps * hallway.STEP_NS - clock.now_ns()
@@ -119,20 +117,21 @@ class _Station:
 
     def __init__(self, node: Node, config: HallwayConfig, report: Reporter) -> None:
         self._node, self._config, self._report = node, config, report
-        self._station = hallway.Station(len(ROBOTS))
+        self._station = hallway.Station(len(hallway.ROBOTS))
         self._cache = CacheControl()
         self._said = self._station.manoeuvre
         self.publishers = [
-            node.create_publisher(COMMAND, command_topic(name), config.qos) for name in ROBOTS
+            node.create_publisher(COMMAND, command_topic(name), config.qos)
+            for name in hallway.ROBOTS
         ]
-        for robot, name in enumerate(ROBOTS):
+        for robot, name in enumerate(hallway.ROBOTS):
             for beam in range(len(hallway.BEAMS_DEG)):
                 hear = partial(self._hear, robot, beam)
                 node.create_subscription(BEAM, beam_topic(name, beam), hear, config.qos)
 
     async def run(self) -> None:
         """Command until cancelled."""
-        for robot in range(len(ROBOTS)):
+        for robot in range(len(hallway.ROBOTS)):
             self._node.create_timer(1 / self._config.rate_hz, partial(self._publish, robot))
         await asyncio.Event().wait()
 

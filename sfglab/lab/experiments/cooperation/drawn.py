@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp import hallway
-from sfglab.arp.hallway.simulation import ROBOTS, SimulatedLap
+from sfglab.arp.hallway import ROBOTS
+from sfglab.arp.hallway.simulation import SimulatedLap
+from sfglab.arp.robots import BEST
 from sfglab.lab.experiments.cooperation.experiment import (
-    BEST,
     NONE,
     Config,
     CourseRow,

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
+from sfglab.arp.hallway import ROBOTS
 from sfglab.arp.hallway.simulation import (
     LAP_DEPTHS,
     OPTIMUM,
-    ROBOTS,
     LapResult,
     LapSettings,
     SimulatedLap,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 MethodName = Literal["none", "OPT", "CC", "LC", "OPT+CC", "OPT+LC", "OPT+LC+CC"]
-BEST = "OPT+LC"  #: Method with which paper B completes the lap.
 NONE = "none"  #: Name of a lap without any method.
 
 _MEDIUM = Medium()

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
-from sfglab.arp.hallway import AREAS, BEAMS_DEG, LIMIT_S, SCAN_HZ, WAYPOINTS, Area
-from sfglab.arp.hallway.simulation import OPTIMUM, ROBOTS, LapSettings, SimulatedLap
+from sfglab.arp.hallway import AREAS, BEAMS_DEG, LIMIT_S, ROBOTS, SCAN_HZ, WAYPOINTS, Area
+from sfglab.arp.hallway.simulation import OPTIMUM, LapSettings, SimulatedLap
 from sfglab.arp.robots import METHODS
 from sfglab.fields import Bounds
 from sfglab.lab import pictures

@@ -10,18 +10,18 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from sfglab.arp import hallway
+from sfglab.arp.hallway import ROBOTS
 from sfglab.arp.hallway.simulation import (
     OPTIMUM,
-    ROBOTS,
     LapSettings,
     SimulatedLap,
     rate_and_depth,
 )
-from sfglab.arp.robots import METHODS
+from sfglab.arp.robots import BEST, METHODS
 from sfglab.bus.address import BusAddress
 from sfglab.lab.experiment import SkippedPartError
 from sfglab.lab.experiments.cooperation.drawn import write_tracks
-from sfglab.lab.experiments.cooperation.experiment import BEST, Config, TrackRow, exp, track_rows
+from sfglab.lab.experiments.cooperation.experiment import Config, TrackRow, exp, track_rows
 from sfglab.lab.hosts import Host, Network, RadioCounters
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
 from sfglab.processes import Member, ProcessGroup

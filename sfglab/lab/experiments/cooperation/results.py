@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.arp.hallway import AREAS, HOME, RADIUS_M, Area, End
-from sfglab.arp.hallway.simulation import OPTIMUM, ROBOTS
-from sfglab.arp.robots import METHODS
+from sfglab.arp.hallway import AREAS, HOME, RADIUS_M, ROBOTS, Area, End
+from sfglab.arp.hallway.simulation import OPTIMUM
+from sfglab.arp.robots import BEST, METHODS
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.cooperation.experiment import BEST, NONE, Config, exp
+from sfglab.lab.experiments.cooperation.experiment import NONE, Config, exp
 from sfglab.lab.experiments.cooperation.live import LIVE, LIVE_SETTINGS, SIMULATED
 from sfglab.lab.figures import COLORS, default_sidecar, note
 from sfglab.lab.runs import Run, derived, lines_of

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from sfglab.arp.hallway.simulation import LAP_DEPTHS, OPTIMUM, LapSettings, SimulatedLap
-from sfglab.arp.hello import BEST, HELLO_UP, OPT_DEPTH, GridCell, hello_times_ms, scenario_of
-from sfglab.arp.robots import DEPTHS, RATES_HZ
+from sfglab.arp.hello import HELLO_UP, OPT_DEPTH, GridCell, hello_times_ms, scenario_of
+from sfglab.arp.robots import BEST, DEPTHS, RATES_HZ
 from sfglab.fields import between
 from sfglab.lab.claims import Criterion, load_claims
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded

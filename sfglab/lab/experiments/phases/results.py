@@ -19,7 +19,8 @@ import numpy as np
 import pandas as pd
 
 from sfglab.arp.hallway import End
-from sfglab.arp.hello import BEST, OPT_DEPTH, SMALL_DEPTH, TIE
+from sfglab.arp.hello import OPT_DEPTH, SMALL_DEPTH, TIE
+from sfglab.arp.robots import BEST
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.phases.experiment import (
     CELLS,

@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 
 from sfglab.arp.hello import (
-    BEST,
     OPT_DEPTH,
     SMALL_DEPTH,
     TIE,
@@ -19,7 +18,7 @@ from sfglab.arp.hello import (
     rate_and_depth,
     scenario_of,
 )
-from sfglab.arp.robots import DEPTHS, METHODS, RATES_HZ
+from sfglab.arp.robots import BEST, DEPTHS, METHODS, RATES_HZ
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
@@ -50,10 +49,17 @@ _MEASURED = ["loss_live", "loss_model", "p50_live_ms", "p50_model_ms"]
 
 
 @derived
+def losses(run: Run[Config]) -> pd.DataFrame:
+    """Return the table ``cell`` with the share of "Hello"s that never arrived, ``loss``."""
+    return run["cell"].assign(loss=1 - run["cell"]["arrived"] / run["cell"]["published"])
+
+
+@derived
 def cells(run: Run[Config], column: str) -> pd.DataFrame:
     """Return median, lowest and highest over seeds of a column or of ``loss``, one row per cell."""
-    rows = run["cell"].assign(loss=1 - run["cell"]["arrived"] / run["cell"]["published"])
-    return rows.groupby(_CELL, sort=False)[column].agg(["median", "min", "max"]).reset_index()
+    return (
+        losses(run).groupby(_CELL, sort=False)[column].agg(["median", "min", "max"]).reset_index()
+    )
 
 
 @derived
@@ -105,7 +111,7 @@ def causes(run: Run[Config]) -> pd.DataFrame:
 
     Per second of the cell: frames that full queues dropped, and retransmissions.
     """
-    rows = run["cell"].assign(loss=1 - run["cell"]["arrived"] / run["cell"]["published"])
+    rows = losses(run)
     chosen = rows[rows["method"].isin(LABELS) & rows["depth"].isin(["10", OPT_DEPTH])]
     groups = chosen.groupby(_CELL, sort=False)
     means = groups[["loss", "air_share", "queue_full", "repeated"]].mean()
