@@ -226,4 +226,4 @@ def _why_not(records: Mapping[str, Mapping[str, Any]]) -> str:
     if done["changed"]:
         return f"changed: {', '.join(done['changed'])}"
     failed = [part for part, record in records.items() if record.get(FAILED_CELLS)]
-    return f"cells failed: {', '.join(failed)}" if failed else ""
+    return f"cells failed in {', '.join(failed)}" if failed else ""

@@ -174,6 +174,6 @@ def test_a_run_that_is_broken_off_goes_on_and_one_whose_cell_fails_twice_counts_
     with LogWriter(log.path) as made:
         made.write_metadata(*bench.metadata.call_args.args)
         made.write_metadata(COMPLETION, completion)
-    assert standing(log.path).why_not == "cells failed: made"
+    assert standing(log.path).why_not == "cells failed in made"
     with pytest.raises(SkippedPartError, match="not asked for"):
         run(0)
