@@ -22,10 +22,8 @@ from sfglab.names.agent import (
 from sfglab.names.fqn import (
     RosFqn,
     RosFqnBuilder,
-    SchemaNode,
     all_standard_fqns,
     parse,
-    schema_table,
 )
 from sfglab.names.grammar import (
     TF,
@@ -58,7 +56,6 @@ __all__ = [
     "ResourceKind",
     "RosFqn",
     "RosFqnBuilder",
-    "SchemaNode",
     "Scope",
     "Stream",
     "Suffixed",
@@ -75,7 +72,6 @@ __all__ = [
     "ros_name_from_dds",
     "router_hazards",
     "sanitize_agent",
-    "schema_table",
     "validate_agent",
     "validate_ros_name",
 ]

@@ -14,7 +14,6 @@ an action does not stand in a name, so `parse` is told.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sfglab.names.agent import default_agent, validate_agent
@@ -68,11 +67,12 @@ class RosFqn:
     resource: ResourceSegment  #: What is published, called or commanded.
 
     def __post_init__(self) -> None:
-        _check_types(self)
+        if not isinstance(self.scope, Scope):
+            raise FqnError("scope", self.scope, "Scope.LOCAL or Scope.GLOBAL")
         _check_chain(self)
         if self.agent is not None:
             validate_agent(self.agent)
-        _check_customs(self)
+        _check_sets(self)
         _check_constraint(self)
         if self.is_global and self.kind is not ResourceKind.TOPIC:
             _check_routable(self)
@@ -96,7 +96,8 @@ class RosFqn:
     @property
     def kind(self) -> ResourceKind:
         """Whether the resource is a topic, a service or an action."""
-        return _base(self.resource).kind
+        kind: ResourceKind = _base(self.resource).kind
+        return kind
 
     @property
     def preceding(self) -> After:
@@ -164,22 +165,8 @@ def _read_resource(text: str, kind: ResourceKind | None) -> ResourceSegment:
     return resource
 
 
-def _base(resource: ResourceSegment) -> Resource | Custom:
-    return resource.base if isinstance(resource, Suffixed) else resource
-
-
-def _check_types(fqn: RosFqn) -> None:
-    if not isinstance(fqn.scope, Scope):
-        raise FqnError("scope", fqn.scope, "Scope.LOCAL or Scope.GLOBAL")
-    if not isinstance(fqn.agent, str | None):
-        raise FqnError("agent", fqn.agent, "a string or None")
-    for label, values in _SETS.items():
-        value = getattr(fqn, label)
-        standard = value.base if isinstance(value, Suffixed) else value
-        if not isinstance(standard, (values, Custom)) and (
-            value is not None or label == "resource"
-        ):
-            raise FqnError(label, value, f"a {values.__name__}, one with a suffix, or Custom")
+def _base(segment: Any) -> Any:
+    return segment.base if isinstance(segment, Suffixed) else segment
 
 
 def _check_chain(fqn: RosFqn) -> None:
@@ -191,16 +178,17 @@ def _check_chain(fqn: RosFqn) -> None:
         )
 
 
-def _check_customs(fqn: RosFqn) -> None:
+def _check_sets(fqn: RosFqn) -> None:
     for label, values in _SETS.items():
         value = getattr(fqn, label)
-        if not isinstance(value, Custom):
-            continue
-        check_unmistakable(label, value.text, own=values)
-        if label != "resource" and value.kind is not ResourceKind.TOPIC:
-            raise FqnError(
-                label, value.text, f"no kind (here {value.kind.value}): only a resource has one"
-            )
+        base = _base(value)
+        if isinstance(base, Custom):
+            check_unmistakable(label, base.text, own=values)
+            if label != "resource" and base.kind is not ResourceKind.TOPIC:
+                allowed = f"no kind (here {base.kind.value}): only a resource has one"
+                raise FqnError(label, base.text, allowed)
+        elif not isinstance(base, values) and (value is not None or label == "resource"):
+            raise FqnError(label, value, f"a {values.__name__}, one with a suffix, or Custom")
 
 
 def _check_constraint(fqn: RosFqn) -> None:
@@ -287,48 +275,6 @@ class RosFqnBuilder:
         return builder
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SchemaNode:
-    """One kind of segment."""
-
-    name: str  #: scope, agent, component, stream or resource.
-    mandatory: bool  #: Whether every name has it.
-    extensible: bool  #: Whether it takes suffixes and `Custom`.
-    #: The standard values; none for the agent, which is resolved at run time.
-    values: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SchemaEdge:
-    """One step from a segment to the next."""
-
-    source: str  #: Name of the node it leaves.
-    target: str  #: Name of the node it enters.
-    #: The constraint on a path into the resource; None on the other steps.
-    after: After | None = None
-    #: Standard resources that it permits; none on other steps.
-    resources: tuple[Resource, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SchemaTable:
-    """The graph of Fig. 2: its nodes in the order of a name, and its edges."""
-
-    nodes: tuple[SchemaNode, ...]
-    edges: tuple[SchemaEdge, ...]
-
-
-def schema_table() -> SchemaTable:
-    """Return the structural syntax of the schema, from which paper A, Fig. 2 can be drawn."""
-    chain = [flag.name.lower() for flag in After if flag.name]
-    steps = [SchemaEdge(source=a, target=b) for a, b in pairwise(chain)]
-    ends = [
-        SchemaEdge(source=source, target="resource", after=flag, resources=_permitted(flag))
-        for source, flag in zip(chain, After, strict=True)
-    ]
-    return SchemaTable(nodes=_nodes(), edges=(*steps, *ends))
-
-
 def all_standard_fqns(agent: str) -> Iterator[RosFqn]:
     """Yield every name that standard values without suffix can make for one agent, each once.
 
@@ -356,22 +302,3 @@ def all_standard_fqns(agent: str) -> Iterator[RosFqn]:
 
 def _permitted(flag: After) -> tuple[Resource, ...]:
     return tuple(resource for resource in Resource if flag in resource.after)
-
-
-def _nodes() -> tuple[SchemaNode, ...]:
-    rows = (
-        ("scope", True, False, Scope),
-        ("agent", False, False, ()),
-        ("component", False, True, Component),
-        ("stream", False, True, Stream),
-        ("resource", True, True, Resource),
-    )
-    return tuple(
-        SchemaNode(
-            name=name,
-            mandatory=mandatory,
-            extensible=extensible,
-            values=tuple(str(value.value) for value in values),
-        )
-        for name, mandatory, extensible, values in rows
-    )

@@ -6,6 +6,7 @@ Exact, not measured: the log holds one row for each property, as `sfglab.lab.che
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
     from sfglab.lab.runs import Run
-    from sfglab.names import RosFqn, SchemaNode
+    from sfglab.names import Resource, RosFqn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,49 +72,60 @@ def draw_naming(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return {"permitted": permitted, "held": held, "checked": checked}
 
 
-def draw_schema(axes: Axes, fqn: RosFqn | None = None) -> dict[str, Any]:
-    """Draw Fig. 2 from the schema's own table; return how many standard resources each way permits.
+SEGMENTS = ("scope", "agent", "component", "stream", "resource")  #: In the order of a name.
+MANDATORY = frozenset({"scope", "resource"})  #: Segments that every name has.
+EXTENSIBLE = frozenset({"component", "stream", "resource"})  #: They take suffixes and `Custom`.
 
-    A name stands in its segments, which can be pressed, and the way that it takes is lit; None: none does.
+
+def permitted() -> dict[str, list[Resource]]:
+    """Return the standard resources that may follow each segment, by the segment: Fig. 2."""
+    found: dict[str, list[Resource]] = {}
+    for segment, flag in zip(SEGMENTS, names.After, strict=False):
+        found[segment] = [resource for resource in names.Resource if flag in resource.after]
+    return found
+
+
+def draw_schema(axes: Axes, fqn: RosFqn | None = None) -> dict[str, Any]:
+    """Draw Fig. 2; return the standard resources that may follow each segment.
+
+    The segments of a given name can be pressed, and the edge that the name takes is highlighted.
     """
-    table = names.schema_table()
-    places = {node.name: 2.2 * i for i, node in enumerate(table.nodes)}
-    ways = [edge for edge in table.edges if edge.after is not None]
-    for node in table.nodes:
-        _draw_segment(axes, node, places[node.name], fqn)
-    for edge in table.edges:
-        if edge.after is None:
-            _arrow(axes, places[edge.source] + 0.75, places[edge.target] - 0.75, height=0.0)
-    for lane, edge in enumerate(ways):
-        label = f"after {edge.source}: {len(edge.resources)} resources"
-        taken = fqn is not None and fqn.preceding is edge.after
+    places = {label: 2.2 * i for i, label in enumerate(SEGMENTS)}
+    ways = permitted()
+    for label, x in places.items():
+        _draw_segment(axes, label, x, fqn)
+    for source, target in pairwise(ways):
+        _arrow(axes, places[source] + 0.75, places[target] - 0.75, height=0.0)
+    for lane, (source, resources) in enumerate(ways.items()):
+        taken = fqn is not None and fqn.segments[-2][0] == source
         height = 1.1 + 0.45 * (len(ways) - lane)
-        _arrow(axes, places[edge.source], places["resource"], height=height, taken=taken)
-        axes.text(places[edge.source] + 0.1, height + 0.06, label, fontsize=8)
+        _arrow(axes, places[source], places["resource"], height=height, taken=taken)
+        label = f"after {source}: {len(resources)} resources"
+        axes.text(places[source] + 0.1, height + 0.06, label, fontsize=8)
     axes.set(xlim=(-1, places["resource"] + 1), ylim=(-1.6, 3.3))
     axes.axis("off")
-    return {edge.source: [resource.value for resource in edge.resources] for edge in ways}
+    return {source: [resource.value for resource in found] for source, found in ways.items()}
 
 
-def _draw_segment(axes: Axes, node: SchemaNode, x: float, fqn: RosFqn | None) -> None:
-    style = "solid" if node.mandatory else "dashed"
+def _draw_segment(axes: Axes, label: str, x: float, fqn: RosFqn | None) -> None:
+    text = dict(fqn.segments).get(label) if fqn else None
+    is_solid = text or label in MANDATORY
     box = {
         "boxstyle": "round,pad=0.5",
         "facecolor": "white",
-        "edgecolor": "black",
-        "linestyle": style,
+        "edgecolor": COLORS["standard"] if text else "black",
+        "linestyle": "solid" if is_solid else "dashed",
     }
-    text = dict(fqn.segments).get(node.name) if fqn else None
+    content = fill(text, 16) if text else f"<{label}>"
+    shown = axes.text(x, 0, content, ha="center", va="center", bbox=box)
+    values = _SETS.get(label)
+    if values and fqn:
+        part(label, shown)
+    below = f"{len(values)} values" if values else "SFG_AGENT_NAME,\nelse host name"
+    if label in EXTENSIBLE:
+        below += "\n+ suffix, Custom"
     if text:
-        box |= {"edgecolor": COLORS["standard"], "linestyle": "solid"}
-    shown = axes.text(
-        x, 0, fill(text, 16) if text else f"<{node.name}>", ha="center", va="center", bbox=box
-    )
-    if node.values and fqn:
-        part(node.name, shown)
-    values = f"{len(node.values)} values" if node.values else "SFG_AGENT_NAME,\nelse host name"
-    more = "\n+ suffix, Custom" if node.extensible else ""
-    below = f"{node.name}: {_origin(getattr(fqn, node.name))}" if text else values + more
+        below = f"{label}: {_origin(getattr(fqn, label))}"
     axes.text(x, -0.55, below, ha="center", va="top", fontsize=8)
 
 
