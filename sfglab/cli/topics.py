@@ -267,7 +267,7 @@ def pub(
       sfglab topic pub -r 10 /pose geometry_msgs/msg/PoseStamped '{header: auto, pose: {position: {x: 1}}}'
     """
     from sfglab.bus import BusTimeoutError
-    from sfglab.messages.text import as_rclpy_shows, message_from_yaml
+    from sfglab.messages.text import message_from_yaml, to_yaml, values_of
 
     if once and times:
         raise SfglabError("--once and --times exclude each other: give one of them")
@@ -292,7 +292,7 @@ def pub(
             message = message_from_yaml(name, values, "VALUES")
             number += 1
             if print_ and number % print_ == 0:
-                typer.echo(f"publishing #{number}: {as_rclpy_shows(message)}\n")
+                typer.echo(f"publishing #{number}:\n{to_yaml(values_of(message))}")
             publisher.publish(message)
         await asyncio.sleep(keep_alive)
 

@@ -5,6 +5,7 @@ Knows the encapsulation header (RTPS 2.5, clause 10.2) and its padding. Refuses 
 
 from __future__ import annotations
 
+import functools
 import re
 import struct
 from collections.abc import Callable, Sequence
@@ -26,6 +27,7 @@ from sfglab.messages.store import (
 )
 
 if TYPE_CHECKING:
+    from rosbags.interfaces import Msgdef
     from rosbags.interfaces.typing import FieldDesc
     from rosbags.typesys.store import Typestore
     from typing_extensions import Buffer
@@ -52,44 +54,26 @@ class CdrError(MessageError):
 def _scalar_misfit(value: Any, base: str) -> str | None:
     if base == "string":
         return None if isinstance(value, str) else f": given {value!r}, allowed is text"
-    if not isinstance(value, _WHOLE if numpy_dtype(base).kind in "iub" else _NUMBERS):
+    dtype = numpy_dtype(base)
+    if not isinstance(value, _NUMBERS if dtype.kind == "f" else _WHOLE):
         return f": given {value!r}, allowed is {base}"
-    if numpy_dtype(base).kind in "iu":
-        limits = np.iinfo(numpy_dtype(base))
+    if dtype.kind in "iu":
+        limits = np.iinfo(dtype)
         if not limits.min <= value <= limits.max:
             return f": given {value!r}, allowed are {limits.min} to {limits.max}"
     return None
 
 
-def _array_misfit(value: Any, base: str) -> str | None:
+def _array_misfit(value: Any, base: str) -> str:
+    """Return why a value is no array of numbers of a type; empty if it is one."""
     wanted = numpy_dtype(base)
     if not isinstance(value, np.ndarray):
         return f": given {type(value).__name__}, allowed is a NumPy array of {wanted}"
     if value.dtype != wanted:
         return f": given an array of {value.dtype}, allowed is {wanted}"
-    if value.ndim != 1 or not value.flags.c_contiguous:
-        return f": given an array of shape {value.shape}, allowed is one contiguous dimension: ravel() it"
-    return None
-
-
-def _message_misfit(store: Typestore, value: Any, name: str) -> str | None:
-    for field, desc in store.get_msgdef(name).fields:
-        if not hasattr(value, field):
-            return f": given {type(value).__name__}, allowed is {name}"
-        if reason := _misfit(store, getattr(value, field), desc):
-            return f".{field}{reason}"
-    return None
-
-
-def _list_misfit(
-    store: Typestore, value: Any, element: FieldDesc, length: int | None
-) -> str | None:
-    if not isinstance(value, Sequence) or isinstance(value, str):
-        return f": given {type(value).__name__}, allowed is a list"
-    if length is not None and len(value) != length:
-        return f": given {len(value)} elements, allowed are {length}"
-    found = ((i, _misfit(store, item, element)) for i, item in enumerate(value))
-    return next((f"[{i}]{reason}" for i, reason in found if reason), None)
+    is_plain = value.ndim == 1 and value.flags.c_contiguous
+    allowed = "allowed is one contiguous dimension: ravel() it"
+    return "" if is_plain else f": given an array of shape {value.shape}, {allowed}"
 
 
 def _misfit(store: Typestore, value: Any, desc: FieldDesc) -> str | None:
@@ -98,16 +82,41 @@ def _misfit(store: Typestore, value: Any, desc: FieldDesc) -> str | None:
 
     if desc[0] == Nodetype.BASE:
         return _scalar_misfit(value, desc[1][0])
-    if desc[0] == Nodetype.NAME:
-        return _message_misfit(store, value, desc[1])
-    element, length = desc[1]
+    parts = _parts_of(store, value, desc)
+    if isinstance(parts, str):
+        return parts
+    for step, part, part_desc in parts:
+        if reason := _misfit(store, part, part_desc):
+            return step + reason
+    return None
+
+
+def _parts_of(store: Typestore, value: Any, desc: FieldDesc) -> list[tuple[str, Any, Any]] | str:
+    """Return step, value and type of each part of a message or list, or why it is none."""
+    from rosbags.interfaces import Nodetype
+
+    kind = desc[0]
+    inner: Any = desc[1]
+    if kind == Nodetype.NAME:
+        if getattr(value, "__msgtype__", None) != inner:
+            return f": given {type(value).__name__}, allowed is {inner}"
+        fields = store.get_msgdef(inner).fields
+        return [(f".{name}", getattr(value, name), part) for name, part in fields]
+    element, length = inner
     if element[0] == Nodetype.BASE and element[1][0] != "string":
-        return _array_misfit(value, element[1][0])
-    return _list_misfit(store, value, element, length if desc[0] == Nodetype.ARRAY else None)
+        return _array_misfit(value, element[1][0]) or []
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        return f": given {type(value).__name__}, allowed is a list"
+    if kind == Nodetype.ARRAY and len(value) != length:
+        return f": given {len(value)} elements, allowed are {length}"
+    return [(f"[{index}]", part, element) for index, part in enumerate(value)]
 
 
-def _write_error(name: str, message: Any, cause: Exception) -> CdrError:
-    reason = _message_misfit(type_store(), message, name)
+def _write_error(message: Any, cause: Exception) -> CdrError:
+    from rosbags.interfaces import Nodetype
+
+    name = type_name(type(message))
+    reason = _misfit(type_store(), message, (Nodetype.NAME, name))
     return CdrError(name, reason.lstrip(".: ") if reason else str(cause))
 
 
@@ -117,6 +126,13 @@ def _writing_errors() -> tuple[type[Exception], ...]:
     return (SerdeError, struct.error, ValueError, TypeError, AttributeError, OverflowError)
 
 
+@functools.cache
+def _known(message_class: Any) -> tuple[Msgdef[Any], Typestore]:
+    """Return how rosbags writes a type, and its store; looked up once per type."""
+    store = type_store()
+    return store.get_msgdef(type_name(message_class)), store
+
+
 def serialized_size(message: Any) -> int:
     """Return how many bytes `serialize` and `serialize_into` produce, with the 4-byte header and the padding.
 
@@ -124,24 +140,22 @@ def serialized_size(message: Any) -> int:
         CdrError: A field holds something of the wrong kind.
         UnknownTypeError: Not a message.
     """
-    name = type_name(type(message))
-    store = type_store()
+    definition, store = _known(message.__class__)
     try:
-        end = store.get_msgdef(name).getsize_cdr(0, message, store)
+        end = definition.getsize_cdr(0, message, store)
     except _writing_errors() as exc:
-        raise _write_error(name, message, exc) from exc
+        raise _write_error(message, exc) from exc
     return int(len(_HEADER) + end + -end % _ALIGNMENT)
 
 
 def _write(message: Any, view: memoryview) -> None:
     """Fill zeroed memory of exactly the right size."""
-    name = type_name(type(message))
-    store = type_store()
+    definition, store = _known(message.__class__)
     view[:4] = _HEADER
     try:
-        store.get_msgdef(name).serialize_cdr_le(view[4:], 0, message, store)
+        definition.serialize_cdr_le(view[4:], 0, message, store)
     except _writing_errors() as exc:
-        raise _write_error(name, message, exc) from exc
+        raise _write_error(message, exc) from exc
 
 
 def serialize(message: Any) -> bytes:
@@ -200,19 +214,20 @@ def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
     return decoded
 
 
-_decoders: dict[str, Callable[[Buffer], Any]] = {}
+_decoders: dict[type[Any] | str, Callable[[Buffer], Any]] = {}
 
 
 def decoder(type_or_name: type[Any] | str) -> Callable[[Buffer], Any]:
-    """Return `deserialize` for one message type or its name, for those who decode many messages of it.
+    """Return `deserialize` for one message type or its name; the type is looked up once.
 
     Raises:
         UnknownTypeError: There is no such type.
     """
-    name = type_name(type_or_name)
-    if name not in _decoders:
-        _decoders[name] = _decoder(type_store(), name)
-    return _decoders[name]
+    found = _decoders.get(type_or_name)
+    if found is None:
+        name = type_name(type_or_name)
+        found = _decoders[type_or_name] = _decoder(type_store(), name)
+    return found
 
 
 def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import functools
-import itertools
 import logging
 import os
 import re
@@ -399,28 +398,28 @@ def definition(type_or_name: type[Any] | str) -> str:
     """
     name = type_name(type_or_name)
     message_type(name)
-    if inner := _action_fields(name):
-        # The definition of what carries an action's part; rosbags refuses to write the part's name.
-        rule = f"{RULE}\n"
-        blocks = [
-            f"MSG: {type_.replace('/msg/', '/')}\n{definition(type_)}".split(rule)
-            for type_ in inner
-        ]
-        return rule.join([_sources[name], *dict.fromkeys(itertools.chain.from_iterable(blocks))])
-    dependencies: dict[str, tuple[str, str]] = {}
-    text, _ = type_store().gendefhash(name, dependencies, ros_version=2)
-    parts = [_sources.get(name, text)]
-    for dependency, (generated, _) in dependencies.items():
-        short = dependency.replace("/msg/", "/")
-        parts.append(f"{RULE}\nMSG: {short}\n{_sources.get(dependency, generated)}")
-    return "".join(part.rstrip("\n") + "\n" for part in parts)
+    dependencies: dict[str, str] = {}
+    _add_dependencies(name, dependencies)
+    parts = [_text_of(name)]
+    for dependency, text in dependencies.items():
+        parts.append(f"{RULE}\nMSG: {dependency.replace('/msg/', '/')}\n{text}")
+    return "".join([part.rstrip("\n") + "\n" for part in parts])
 
 
-def _action_fields(name: str) -> list[str]:
-    """Return the types of a type's message fields if an action's part is among them, else nothing."""
-    fields = type_store().fielddefs[name][1] if "/action/" in name else []
-    inner = [str(desc[1]) for _, desc in fields if isinstance(desc[1], str)]
-    return inner if any("/action/" in type_ for type_ in inner) else []
+def _add_dependencies(name: str, texts: dict[str, str]) -> None:
+    """Add the text of each type that a type uses, and of those that they use, in order of first use."""
+    for _, inner in _used(type_store().fielddefs[name]):
+        if inner not in texts:
+            texts[inner] = _text_of(inner)
+            _add_dependencies(inner, texts)
+
+
+def _text_of(name: str) -> str:
+    """Return the text of a type as it was given, with its comments; rosbags keeps none."""
+    if name in _sources:
+        return _sources[name]
+    text, _ = type_store().gendefhash(name, {}, ros_version=2)
+    return text
 
 
 def numpy_dtype(base: str) -> np.dtype[Any]:
@@ -447,16 +446,11 @@ def _defaults_of(name: str) -> dict[str, str]:
     return {field[1]: field[2] for field in _DEFAULT.finditer(_sources.get(name, ""))}
 
 
-def _literal(text: str) -> Any:
-    import yaml
-
-    return yaml.safe_load(text)
-
-
 def _default_value(store: Typestore, desc: FieldDesc, text: str | None) -> Any:
+    import yaml
     from rosbags.interfaces import Nodetype
 
-    given = None if text is None else _literal(text)
+    given = None if text is None else yaml.safe_load(text)
     match desc:
         case (Nodetype.BASE, (base, _)):
             if base == "string":

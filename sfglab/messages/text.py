@@ -1,4 +1,4 @@
-"""Messages as text in the forms of ROS 2's tools: YAML as they print and read it, and rclpy's `repr`.
+"""Messages as YAML, as ROS 2's tools print and read it.
 
 Knows fields and their values. Refuses to know where a message is from.
 """
@@ -118,25 +118,6 @@ def value_at(values: Any, way: str, place: str) -> Any:
                 place, way, f"a way to a value; there is {', '.join(there)}"
             ) from error
     return found
-
-
-def as_rclpy_shows(message: Any) -> str:
-    """Return a message as its `repr` is in rclpy."""
-    package, kind, name = message.__msgtype__.split("/")
-    fields = ", ".join(
-        f"{n}={_shown(value, type_)}" for n, type_, value in fields_with_types(message)
-    )
-    return f"{package}.{kind}.{name}({fields})"
-
-
-def _shown(value: Any, type_: Any) -> str:
-    if hasattr(value, "__msgtype__"):
-        return as_rclpy_shows(value)
-    if isinstance(value, list):
-        return f"[{', '.join(_shown(one, type_[1][0]) for one in value)}]"
-    if isinstance(value, np.ndarray):
-        return repr(value) if _is_array(type_) else repr(value.tolist())
-    return repr(value)
 
 
 def message_from_yaml(type_name: str, text: str, place: str) -> Any:

@@ -9,7 +9,6 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).parent))
 
 import service_peer
-from rclpy.serialization import deserialize_message
 from rclpy_peer import interface, report
 
 
@@ -30,13 +29,6 @@ class Peer(service_peer.Peer):
                 ]
                 for topic in topics
             },
-        )
-
-    def shown(self, kind, cdr):
-        """Report messages as rclpy shows them."""
-        report(
-            "shown",
-            texts=[repr(deserialize_message(bytes.fromhex(one), interface(kind))) for one in cdr],
         )
 
     def beat(self, hz, seconds):
