@@ -1,6 +1,6 @@
 """H.264 and RVL, and the ROS messages that carry them (paper A, section 4.3).
 
-Functions and values only: no nodes, no clocks, no message classes. `sfglab.codecs.rvl`, which compiles code,
+Functions and values only: no nodes, no message classes. `sfglab.codecs.rvl`, which compiles code,
 is imported with the first depth image, or on purpose to have that behind you.
 """
 
@@ -17,7 +17,7 @@ from sfglab.codecs.carriers import (
 from sfglab.codecs.depth import DepthFormat, decode_depth, encode_depth, parse_depth_format
 from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, CodecUnavailableError
 from sfglab.codecs.h264 import H264Decoder, H264Encoder
-from sfglab.codecs.libav import TABLE_2, EncodedFrame, H264Settings
+from sfglab.codecs.libav import TABLE_2, EncodedPacket, H264Settings
 from sfglab.codecs.probe import CodecProbe, available_decoders, available_encoders
 
 __all__ = [
@@ -31,7 +31,7 @@ __all__ = [
     "CodecProbe",
     "CodecUnavailableError",
     "DepthFormat",
-    "EncodedFrame",
+    "EncodedPacket",
     "H264Decoder",
     "H264Encoder",
     "H264Settings",

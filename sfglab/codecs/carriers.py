@@ -1,7 +1,7 @@
-"""Messages that carry compressed images: their fields as plain values, and the way from a message to a picture.
+"""Messages that carry compressed images: their fields as plain values, and decoders from messages to images.
 
 Knows ffmpeg_image_transport_msgs/FFMPEGPacket, sensor_msgs/CompressedImage and foxglove_msgs/CompressedVideo,
-headers left out, by their attributes. Refuses to know nodes and clocks.
+headers left out, by their attributes.
 
 Source: ffmpeg_image_transport 3; image_transport_plugins (format strings); foxglove-sdk (CompressedVideo).
 """
@@ -22,7 +22,9 @@ from sfglab.codecs.depth import (
     parse_depth_format,
 )
 from sfglab.codecs.errors import MAX_PIXELS, CodecError, CodecUnavailableError, kind_of
-from sfglab.codecs.h264 import H264Decoder, VideoDecoder
+from sfglab.codecs.h264 import H264Decoder
+from sfglab.codecs.libav import VideoDecoder
+from sfglab.messages.packets import PacketOrder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
     from av import VideoFrame
     from numpy.typing import NDArray
 
-    from sfglab.codecs.libav import EncodedFrame, H264Settings
+    from sfglab.codecs.libav import EncodedPacket, H264Settings
 
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
@@ -44,7 +46,7 @@ VIDEO_CODECS = {
     **dict.fromkeys(("hevc", "h265", "libx265"), "hevc"),
 }
 """Codecs by the names that messages and FFmpeg encoders use; ``h264_...`` and ``hevc_...`` come on top."""
-_CODEC_PREFIXES = ("h264", "hevc")
+_VIDEO = ("h264", "hevc")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,28 +66,28 @@ class FfmpegPacketFields:
 class CompressedImageFields:
     """The fields of CompressedImage without its header."""
 
-    format: str  #: What `data` is, in the words of the transport that reads it.
+    format: str  #: Format of `data`, as the transport that reads it names it.
     data: bytes  #: The compressed image.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FfmpegEncoding:
-    """What the `encoding` field of FFMPEGPacket says."""
+    """Content of the `encoding` field of FFMPEGPacket."""
 
-    codec: str  #: ``"h264"``, ``"hevc"``, or whatever else was named.
+    codec: str  #: ``"h264"``, ``"hevc"``, or another name.
     ros_encoding: str  #: Encoding of the image before compression; empty in older packets.
 
 
-def ffmpeg_packet_fields(frame: EncodedFrame, settings: H264Settings) -> FfmpegPacketFields:
-    """Return one frame of `H264Encoder.encode`, of these settings, as ffmpeg_image_transport 3 publishes it."""
+def ffmpeg_packet_fields(packet: EncodedPacket, settings: H264Settings) -> FfmpegPacketFields:
+    """Return a packet of `H264Encoder.encode`, of these settings, as ffmpeg_image_transport 3 publishes it."""
     return FfmpegPacketFields(
         width=settings.width,
         height=settings.height,
         encoding="h264;yuv420p;bgr8;bgr8",
-        pts=frame.pts,
-        flags=_AV_PKT_FLAG_KEY if frame.is_key else 0,
+        pts=packet.pts,
+        flags=_AV_PKT_FLAG_KEY if packet.is_key else 0,
         is_bigendian=False,
-        data=frame.data,
+        data=packet.data,
     )
 
 
@@ -118,10 +120,8 @@ def compressed_image_fields(
     from sfglab.codecs.still import encode_jpeg, encode_png
 
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
-        given = kind_of(image_bgr)
-        raise CodecError(
-            f"colour image: given {given}, allowed is uint8 of shape (height, width, 3)"
-        )
+        allowed = "allowed is uint8 of shape (height, width, 3)"
+        raise CodecError(f"colour image: given {kind_of(image_bgr)}, {allowed}")
     if codec == "jpeg":
         data = encode_jpeg(image_bgr)
     elif codec == "png":
@@ -135,21 +135,27 @@ def parse_ffmpeg_encoding(text: str) -> FfmpegEncoding:
     """Read FFMPEGPacket's `encoding`: four values, or an encoder's name, which becomes its codec if known."""
     name, *rest = [part.strip() for part in text.split(";")]
     ros_encoding = rest[2] if len(rest) >= 3 else ""
-    known = next((codec for codec in _CODEC_PREFIXES if name.lower().startswith(f"{codec}_")), name)
+    prefix = name.lower().partition("_")[0]
+    known = prefix if prefix in _VIDEO else name
     return FfmpegEncoding(codec=VIDEO_CODECS.get(known.lower(), known), ros_encoding=ros_encoding)
 
 
-_HINTS = ("h264", "hevc", "jpeg", "png", "rvl")
-_VIDEO = ("h264", "hevc")
-_LOADED_WITH = {
-    codec: f"sfglab.codecs.{module}"
-    for codec, module in (("jpeg", "still"), ("png", "still"), ("rvl", "rvl"))
+_HINTS = (*_VIDEO, "jpeg", "png", "rvl")
+_MODULES = {"jpeg": "still", "png": "still", "rvl": "rvl"}  # others are imported here already
+_FORMATS = {
+    "h264": "h264",
+    "h265": "hevc",
+    "hevc": "hevc",
+    "jpeg": "jpeg",
+    "jpg": "jpeg",
+    "png": "png",
 }
+"""Codecs by the words that the formats of CompressedImage hold."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecodedImage:
-    """One picture."""
+    """One image."""
 
     array: NDArray[Any]  #: Pixels, contiguous, shape (rows, columns) or (rows, columns, channels).
     encoding: str  #: ROS image encoding of `array`, such as ``"bgr8"``, ``"16UC1"`` or ``"32FC1"``.
@@ -171,7 +177,7 @@ def image_decoder(
         codec_hint: Expected codec: ``"h264"``, ``"hevc"``, ``"jpeg"``, ``"png"`` or ``"rvl"``; empty or None
             for none. The codec is loaded here, so that the first message does not wait for it (0.1 s for
             H.264, up to 2 s for depth). It is used for messages that name no known codec.
-        most_pixels: Largest number of pixels. A larger picture is refused before memory is allocated.
+        most_pixels: Largest number of pixels. A larger image is refused before memory is allocated.
 
     Raises:
         CodecUnavailableError: If messages of this type hold no readable images, or the hint is no codec.
@@ -181,24 +187,21 @@ def image_decoder(
         COMPRESSED_IMAGE: _read_compressed_image,
         COMPRESSED_VIDEO: _read_compressed_video,
     }
-    reader = readers.get(type_name)
-    if reader is None:
-        raise CodecUnavailableError(
-            type_name, reason=f"no images in it; allowed are {', '.join(readers)}"
-        )
+    if type_name not in readers:
+        reason = f"no images in it; allowed are {', '.join(readers)}"
+        raise CodecUnavailableError(type_name, reason=reason)
     hint = VIDEO_CODECS.get(codec_hint or "", codec_hint or "")
     if hint and hint not in _HINTS:
-        raise CodecUnavailableError(
-            hint, reason=f"not a known codec; allowed are {', '.join(_HINTS)}"
-        )
-    if hint in _LOADED_WITH:
-        importlib.import_module(_LOADED_WITH[hint])
-    return ImageDecoder(reader, hint, most_pixels)
+        reason = f"not a known codec; allowed are {', '.join(_HINTS)}"
+        raise CodecUnavailableError(hint, reason=reason)
+    if hint in _MODULES:
+        importlib.import_module(f"sfglab.codecs.{_MODULES[hint]}")
+    return ImageDecoder(readers[type_name], hint, most_pixels)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Content:
-    """What a message holds: the codec as the message names it, and what else matters for that codec."""
+    """Content of a message: its bytes, the codec as the message names it, and values for that codec."""
 
     codec: str
     data: bytes
@@ -209,69 +212,56 @@ class _Content:
 
 def _read_ffmpeg_packet(message: Any) -> _Content:
     encoding = parse_ffmpeg_encoding(message.encoding)
-    if any(width in encoding.ros_encoding for width in ("16", "32")):
-        reason = (
-            "pictures of more than 8 bits in video are not decoded, because BGR would drop the rest"
-        )
+    if "16" in encoding.ros_encoding or "32" in encoding.ros_encoding:
+        reason = "video of more than 8 bits is not decoded, because BGR would drop the rest"
         raise CodecUnavailableError(message.encoding, reason=reason)
     return _Content(codec=encoding.codec, data=bytes(message.data), pts=int(message.pts))
 
 
 def _read_compressed_video(message: Any) -> _Content:
-    return _Content(
-        codec=VIDEO_CODECS.get(message.format.lower(), message.format), data=bytes(message.data)
-    )
+    codec = VIDEO_CODECS.get(message.format.lower(), message.format)
+    return _Content(codec=codec, data=bytes(message.data))
 
 
 def _read_compressed_image(message: Any) -> _Content:
     text, data = message.format.lower(), bytes(message.data)
     if "compresseddepth" in text:
         return _Content(codec="depth", data=data, depth_format=parse_depth_format(message.format))
-    names = {
-        "h264": "h264",
-        "h265": "hevc",
-        "hevc": "hevc",
-        "jpeg": "jpeg",
-        "jpg": "jpeg",
-        "png": "png",
-    }
-    codec = next((codec for name, codec in names.items() if name in text), message.format)
+    named = [codec for word, codec in _FORMATS.items() if word in text]
+    codec = named[0] if named else message.format
     return _Content(codec=codec, data=data, ros_encoding=message.format.partition(";")[0].strip())
 
 
 class ImageDecoder:
-    """A decoder from the messages of one stream, whatever their type, to pictures; see `image_decoder`."""
+    """A decoder from the messages of one stream, of any of the three types, to images."""
 
     def __init__(self, read: Callable[[Any], _Content], codec_hint: str, most_pixels: int) -> None:
         self._read = read
         self._hint = codec_hint
         self._most_pixels = most_pixels
-        self._video: VideoDecoder | None = (
-            self._video_decoder(codec_hint) if codec_hint in _VIDEO else None
-        )
-        self._next_pts: int | None = None
-        self._intact = True
+        self._video: VideoDecoder | None = None
+        if codec_hint in _VIDEO:
+            self._video = self._video_decoder(codec_hint)
+        self.reset()
 
     def feed(self, message: Any) -> tuple[DecodedImage, ...]:
-        """Decode one message to pictures, which come at once or never; CodecError for this one alone."""
+        """Decode one message to images, which come at once or never; CodecError for this one alone."""
         content = self._read(message)
         codec = self._codec(content)
         if codec in _VIDEO:
             return self._decode_video(codec, content)
         if codec in ("depth", "rvl"):
             depth_format = content.depth_format or DepthFormat(encoding="", codec="rvl")
-            array, encoding = decode_depth(
-                content.data, depth_format, most_pixels=self._most_pixels
-            )
-        elif codec in ("jpeg", "png"):
-            array, encoding = _decode_still(content, self._most_pixels)
+            pixels = decode_depth(content.data, depth_format, most_pixels=self._most_pixels)
+        elif codec in _HINTS:
+            pixels = _decode_still(content, self._most_pixels)
         else:
             reason = f"a message names it, but known are {', '.join(_HINTS)}; if it is one of them, hint it"
             raise CodecUnavailableError(content.codec, reason=reason)
-        return (DecodedImage(array=array, encoding=encoding, is_key=True, intact=True),)
+        return (DecodedImage(array=pixels[0], encoding=pixels[1], is_key=True, intact=True),)
 
     def skip(self, message: Any) -> None:
-        """Take one message whose picture nobody wants, so that the next ones can be decoded.
+        """Take one message whose image is not wanted, so that the next ones can be decoded.
 
         Cheaper than `feed`: nothing is converted to pixels, and a still image is passed over unread.
 
@@ -285,7 +275,8 @@ class ImageDecoder:
 
     def reset(self) -> None:
         """Forget the stream's past, as after a pause: the reference frames and the count of packets."""
-        self._next_pts, self._intact = None, True
+        self._order = PacketOrder()
+        self._intact = True
         if self._video is not None:
             self._video.reset()
 
@@ -294,12 +285,12 @@ class ImageDecoder:
 
     def _decode_video(self, codec: str, content: _Content) -> tuple[DecodedImage, ...]:
         video, frames = self._decode_packet(codec, content)
-        return tuple(
-            DecodedImage(
-                array=video.bgr(frame), encoding="bgr8", is_key=frame.key_frame, intact=self._intact
-            )
-            for frame in frames
-        )
+        images = []
+        for frame in frames:
+            pixels, is_key = video.bgr(frame), frame.key_frame
+            image = DecodedImage(array=pixels, encoding="bgr8", is_key=is_key, intact=self._intact)
+            images.append(image)
+        return tuple(images)
 
     def _decode_packet(
         self, codec: str, content: _Content
@@ -307,10 +298,10 @@ class ImageDecoder:
         if self._video is None or self._video.codec != codec:
             self._video = self._video_decoder(codec)
         if content.pts is not None:
-            self._intact &= self._next_pts in (None, content.pts)
-            self._next_pts = content.pts + 1
+            self._intact &= not self._order.missing(content.pts)
         frames = self._video.decode(content.data)
-        self._intact |= any(frame.key_frame for frame in frames)
+        for frame in frames:
+            self._intact |= frame.key_frame
         return self._video, frames
 
     def _video_decoder(self, codec: str) -> VideoDecoder:

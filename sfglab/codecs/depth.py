@@ -36,7 +36,7 @@ _ALLOWED = "'png' or 'rvl'"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthFormat:
-    """What the `format` field of a compressed depth message says."""
+    """Content of the `format` field of a compressed depth message."""
 
     encoding: str  #: ROS image encoding such as ``"16UC1"``; empty if an old writer left it out.
     codec: str  #: ``"png"`` or ``"rvl"``.
@@ -133,7 +133,7 @@ def _quantisers(depth_max_m: float) -> tuple[float, float]:
 def _quantised(
     depth_m: NDArray[np.float32], quant_a: float, quant_b: float, depth_max_m: np.float32
 ) -> NDArray[np.uint16]:
-    """Return the whole part of A / d + B; holes where d is too far, too near for 16 bits, or no depth."""
+    """Return the whole part of A / d + B; holes where d is out of range or no depth."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         inverse = np.float32(quant_a) / depth_m + np.float32(quant_b)
         usable = (depth_m > 0) & (depth_m < depth_max_m) & (inverse < 65536)

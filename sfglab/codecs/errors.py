@@ -1,7 +1,4 @@
-"""The errors of every codec and the size that no decoder exceeds.
-
-Knows what can be wrong with media bytes. Refuses to know any codec.
-"""
+"""The errors of all codecs and the size that no decoder exceeds."""
 
 from __future__ import annotations
 
@@ -21,8 +18,8 @@ class CodecUnavailableError(CodecError):
     """No usable encoder or decoder of the wanted name, or for the wanted format."""
 
     def __init__(self, wanted: str, *, reason: str) -> None:
-        self.wanted = wanted  #: What was asked for.
-        self.reason = reason  #: Why it cannot be had.
+        self.wanted = wanted  #: Name of the codec or format.
+        self.reason = reason  #: Reason.
         super().__init__(f"codec {wanted!r}: {reason}")
 
 
@@ -31,8 +28,8 @@ class BitstreamError(CodecError):
 
     def __init__(self, codec: str, *, reason: str, size_bytes: int) -> None:
         self.codec = codec  #: The format that was being read, such as ``"h264"`` or ``"png"``.
-        self.reason = reason  #: What is wrong with the bytes.
-        self.size_bytes = size_bytes  #: How many bytes were given.
+        self.reason = reason  #: Reason.
+        self.size_bytes = size_bytes  #: Size of the input in bytes.
         super().__init__(f"{codec} frame of {size_bytes} bytes: {reason}")
 
 

@@ -1,9 +1,9 @@
-"""H.264 and H.265 bytes: entry points of Annex B streams, and one opened FFmpeg encoder or decoder.
+"""One FFmpeg encoder or decoder for a video stream, and the NAL units of Annex B streams.
 
-Knows the options that make each encoder give one packet per frame at a constant bit rate, and the cheapest way
-from planes to BGR. Refuses to choose a codec (`probe`) and to keep a stream's state (`h264`).
+An encoder gives one packet per frame, at a constant bit rate, and a decoder one frame per packet. `probe`
+chooses among them.
 
-Source: ITU-T H.264, Annex B and table 7-1; ITU-T H.265, Annex B and table 7-1.
+Source: ITU-T H.264, Annex B and table 7-1; ITU-T H.265, Annex B and table 7-1; paper A, section 4.3, table 2.
 """
 
 from __future__ import annotations
@@ -11,16 +11,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NoReturn, cast
 
 import av
 import numpy as np
+from av.codec.codec import UnknownCodecError
 from av.codec.context import Flags, ThreadType
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import PictureType
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
-from sfglab.codecs.errors import MAX_PIXELS, CodecError, kind_of
+from sfglab.codecs.errors import (
+    MAX_PIXELS,
+    BitstreamError,
+    CodecError,
+    CodecUnavailableError,
+    kind_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -47,26 +54,22 @@ class H264Settings:
     #: ``"auto"``, or an FFmpeg encoder such as ``"libx264"`` or ``"h264_nvenc"``.
     encoder: str = "auto"
     #: Size of the rate control's buffer, in frames of average size. 1 gives packets of equal size; 15 to 30
-    #: give better pictures, key frames of about three times the average and bursts.
+    #: give better frames, key frames of about three times the average and bursts.
     vbv_frames: float = 1.0
 
     def __post_init__(self) -> None:
+        size = f"{self.width} x {self.height}"
         if min(self.width, self.height) < 2 or self.width % 2 or self.height % 2:
-            raise CodecError(
-                f"H.264 size: given {self.width} x {self.height}, allowed are even sides from 2"
-            )
+            raise CodecError(f"H.264 size: given {size}, allowed are even sides from 2")
         if self.width * self.height > MAX_PIXELS:
-            raise CodecError(
-                f"H.264 size: {self.width} x {self.height} exceeds {MAX_PIXELS} pixels"
-            )
+            raise CodecError(f"H.264 size: {size} exceeds {MAX_PIXELS} pixels")
         for name in ("fps", "bitrate_bps", "gop"):
             value = getattr(self, name)
             if not 0 < value < math.inf:
                 raise CodecError(f"H.264 {name}: given {value}, allowed are positive numbers")
         if not 1 <= self.vbv_frames < math.inf:
-            raise CodecError(
-                f"H.264 vbv_frames: given {self.vbv_frames}, allowed are numbers from 1"
-            )
+            given = f"given {self.vbv_frames}, allowed are numbers from 1"
+            raise CodecError(f"H.264 vbv_frames: {given}")
 
     @property
     def vbv_bits(self) -> int:
@@ -79,7 +82,7 @@ TABLE_2 = H264Settings(width=640, height=360, fps=30, bitrate_bps=4_000_000, gop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EncodedFrame:
+class EncodedPacket:
     """One access unit of H.264."""
 
     data: bytes  #: Annex B bytes; key frames hold the parameter sets.
@@ -87,35 +90,31 @@ class EncodedFrame:
     is_key: bool  #: Whether a decoder may start here.
 
 
-def _private_options(name: str, settings: H264Settings) -> dict[str, str]:
-    """Return the encoder's own options for no look-ahead, forced IDR frames and constant rate."""
-    if name == "libx264":
-        # superfast keeps CABAC and the loop filter, as camera hardware does, so decoding costs what it does
-        # in the field; ultrafast drops both and makes decoding three times cheaper than it really is.
-        params = f"nal-hrd=cbr:scenecut=0:min-keyint={settings.gop}"
-        return {
-            "preset": "superfast",
-            "tune": "zerolatency",
-            "forced-idr": "1",
-            "x264-params": params,
-        }
-    return {
-        "h264_nvenc": {
-            "tune": "ull",
-            "zerolatency": "1",
-            "delay": "0",
-            "rc": "cbr",
-            "forced-idr": "1",
-        },
-        "h264_qsv": {"async_depth": "1", "forced_idr": "1", "low_delay_brc": "1"},
-        "h264_vaapi": {"async_depth": "1", "rc_mode": "CBR"},
-        "h264_amf": {
-            "usage": "ultralowlatency",
-            "rc": "cbr",
-            "forced_idr": "1",
-            "filler_data": "1",
-        },
-    }.get(name, {})
+# The encoders' own options for no look-ahead, forced IDR frames and a constant rate.
+_OPTIONS = {
+    # superfast keeps CABAC and the loop filter, as camera hardware does, so decoding costs what it does
+    # in the field; ultrafast drops both and makes decoding three times cheaper than it really is.
+    "libx264": {"preset": "superfast", "tune": "zerolatency", "forced-idr": "1"},
+    "h264_nvenc": {
+        "tune": "ull",
+        "zerolatency": "1",
+        "delay": "0",
+        "rc": "cbr",
+        "forced-idr": "1",
+    },
+    "h264_qsv": {"async_depth": "1", "forced_idr": "1", "low_delay_brc": "1"},
+    "h264_vaapi": {"async_depth": "1", "rc_mode": "CBR"},
+    "h264_amf": {"usage": "ultralowlatency", "rc": "cbr", "forced_idr": "1", "filler_data": "1"},
+}
+
+
+def why(error: BaseException) -> str:
+    """Return FFmpeg's reason without its call and options."""
+    if isinstance(error, UnknownCodecError):
+        return "not in this build of FFmpeg"
+    if isinstance(error, av.FFmpegError):
+        return f"{error.strerror} ({type(error).__name__})"
+    return str(error)
 
 
 def _context(name: str, mode: str) -> VideoCodecContext:
@@ -125,64 +124,74 @@ def _context(name: str, mode: str) -> VideoCodecContext:
     return context
 
 
-class EncoderSession:
-    """An FFmpeg encoder opened by name for a stream; av.FFmpegError, or ValueError for an unknown name."""
+class VideoEncoder:
+    """An FFmpeg encoder of one stream, by its name; CodecError where it cannot be opened."""
 
     def __init__(self, name: str, settings: H264Settings) -> None:
-        context = _context(name, "w")
-        formats = [entry.name for entry in context.codec.video_formats or ()]
-        self._format = "yuv420p" if not formats or "yuv420p" in formats else "nv12"
-        rate = Fraction(settings.fps).limit_denominator(1001)
-        context.width, context.height, context.pix_fmt = (
-            settings.width,
-            settings.height,
-            self._format,
-        )
-        context.framerate, context.time_base = rate, 1 / rate
-        context.bit_rate, context.gop_size, context.max_b_frames = (
-            settings.bitrate_bps,
-            settings.gop,
-            0,
-        )
-        context.color_range, context.colorspace = _RANGE, _MATRIX
-        context.color_primaries = context.color_trc = _MATRIX
-        context.thread_count = 1
-        rate_bps = str(settings.bitrate_bps)
-        context.options = {
-            "maxrate": rate_bps,
-            "minrate": rate_bps,
-            "bufsize": str(settings.vbv_bits),
-            **_private_options(name, settings),
-        }
-        context.open()
-        self._context = context
+        self.settings = settings  #: As given.
+        self.encoder_name = name  #: The FFmpeg encoder that was opened.
         self._reformatter = VideoReformatter()
         self._shape = (settings.height, settings.width, 3)
         self._next_pts = 0
+        try:
+            self._context = self._opened()
+        except (av.FFmpegError, ValueError) as error:
+            reason = f"H.264 encoder {name!r} refuses {settings}: {why(error)}"
+            raise CodecError(reason) from error
 
     def encode(
         self, image_bgr: NDArray[np.uint8], *, force_key: bool = False
-    ) -> tuple[EncodedFrame, ...]:
-        """Encode one image (height, width, 3), uint8, to the frames let go; CodecError if it does not fit."""
+    ) -> tuple[EncodedPacket, ...]:
+        """Encode one image (height, width, 3), BGR, uint8, into exactly one packet.
+
+        With `force_key` it is a key frame out of turn; the next regular one comes a GOP later. Raises
+        CodecError where the image does not fit the settings, or the encoder keeps it back or fails.
+        """
         if image_bgr.shape != self._shape or image_bgr.dtype != np.uint8:
-            given = kind_of(image_bgr)
-            raise CodecError(
-                f"H.264 encoder: given {given}, allowed is uint8 of shape {self._shape}"
-            )
+            allowed = f"allowed is uint8 of shape {self._shape}"
+            raise CodecError(f"H.264 encoder: given {kind_of(image_bgr)}, {allowed}")
         frame = self._planes(np.ascontiguousarray(image_bgr))
         frame.pts, frame.time_base = self._next_pts, self._context.time_base
         frame.pict_type = PictureType.I if force_key else PictureType.NONE
         self._next_pts += 1
-        return tuple(
-            EncodedFrame(data=bytes(packet), pts=packet.pts or 0, is_key=packet.is_keyframe)
-            for packet in self._context.encode(frame)
-        )
+        try:
+            packets = self._context.encode(frame)
+        except av.FFmpegError as error:
+            raise CodecError(f"H.264 encoder {self.encoder_name!r} failed: {why(error)}") from error
+        if len(packets) != 1:
+            reason = f"gave {len(packets)} packets for one frame, wanted 1 at once"
+            raise CodecError(f"H.264 encoder {self.encoder_name!r} {reason}")
+        (packet,) = packets
+        data = bytes(packet)
+        return (EncodedPacket(data=data, pts=packet.pts or 0, is_key=packet.is_keyframe),)
+
+    def _opened(self) -> VideoCodecContext:
+        settings, name = self.settings, self.encoder_name
+        context = _context(name, "w")
+        formats = [entry.name for entry in context.codec.video_formats or ()]
+        context.pix_fmt = "yuv420p" if not formats or "yuv420p" in formats else "nv12"
+        context.width, context.height = settings.width, settings.height
+        context.framerate = Fraction(settings.fps).limit_denominator(1001)
+        context.time_base = 1 / context.framerate
+        context.bit_rate, context.gop_size = settings.bitrate_bps, settings.gop
+        context.max_b_frames = 0
+        context.color_range, context.colorspace = _RANGE, _MATRIX
+        context.color_primaries = context.color_trc = _MATRIX
+        context.thread_count = 1
+        rate = str(settings.bitrate_bps)
+        options = {"maxrate": rate, "minrate": rate, "bufsize": str(settings.vbv_bits)}
+        options |= _OPTIONS.get(name, {})
+        if name == "libx264":
+            options["x264-params"] = f"nal-hrd=cbr:scenecut=0:min-keyint={settings.gop}"
+        context.options = options
+        context.open()
+        return context
 
     def _planes(self, image_bgr: NDArray[np.uint8]) -> av.VideoFrame:
         # Accurate rounding halves the colour error; it costs the sender 0.3 ms and the receivers nothing.
         return self._reformatter.reformat(
             av.VideoFrame.from_numpy_buffer(image_bgr, "bgr24"),
-            format=self._format,
+            format=self._context.pix_fmt,
             dst_colorspace=Colorspace.ITU601,
             dst_color_range=_RANGE,
             interpolation=Interpolation.BILINEAR | Interpolation.ACCURATE_RND,
@@ -190,55 +199,121 @@ class EncoderSession:
         )
 
 
-class DecoderSession:
-    """An FFmpeg decoder, opened by its name, for frames of at most so many pixels.
+class VideoDecoder:
+    """An FFmpeg decoder of one H.264 or H.265 stream that starts, also after a fault, at a key frame.
 
-    Raises:
-        av.FFmpegError: If FFmpeg cannot open it here.
-        ValueError: If FFmpeg does not know it.
+    A missing packet is not noticed here: libavcodec goes on from the wrong reference frame and marks nothing
+    until the next key frame. `sfglab.codecs.carriers` counts packets where their messages do. Streams with B
+    frames are refused, because their frames come later than the packets and would get wrong time stamps.
+
+    The codec is ``"h264"`` or ``"hevc"``, the decoder FFmpeg's name; CodecError where it cannot be opened.
     """
 
-    def __init__(self, name: str, most_pixels: int = MAX_PIXELS) -> None:
-        context = _context(name, "r")
-        # A second thread rarely pays below full HD, and never at 640 x 360.
-        context.thread_type, context.thread_count = ThreadType.SLICE, 1
-        context.flags |= Flags.low_delay
-        context.options = {"max_pixels": str(most_pixels), "err_detect": "explode"}
-        # Wrappers of hardware decoders do not all take the generic options; that is no reason to refuse them.
-        context.open(strict=False)
-        self._context = context
+    def __init__(self, codec: str, *, decoder: str, most_pixels: int = MAX_PIXELS) -> None:
+        self.codec = codec  #: As given.
+        self.decoder_name = decoder  #: The FFmpeg decoder that was opened.
+        self.waiting = True  #: Whether packets are skipped until the next key frame.
+        self.refused_packets = 0  #: Packets that were skipped while waiting for a key frame.
+        self.broken_packets = 0  #: Packets in which a fault was found.
+        self._most_pixels = most_pixels
         self._reformatter = VideoReformatter()
+        self._context = self._opened()
 
     def decode(self, data: bytes) -> tuple[av.VideoFrame, ...]:
-        """Feed one packet, not empty, and return the frames that come out; av.FFmpegError for a fault in it."""
-        return tuple(self._context.decode(av.Packet(data)))
+        """Decode one packet, an access unit in Annex B, to its frame.
 
-    def flush(self) -> None:
-        """Forget all reference frames but not the parameter sets."""
-        self._context.flush_buffers()
-
-    def bgr(self, frame: av.VideoFrame) -> NDArray[np.uint8]:
-        """Convert a decoded frame to BGR by the matrix and range that the stream names (BT.601 if none).
-
-        Pixels have the shape (height, width, 3), uint8; rows may be padded, the memory is the caller's own. One
-        reformatter, bilinear, one thread: a quarter or less of what ``frame.to_ndarray(format="bgr24")`` costs,
-        which builds a new context each time. Raises av.FFmpegError where swscale cannot.
+        There is none while waiting for a key frame or for a packet of parameter sets alone. Raises
+        BitstreamError where the packet is broken; the decoder then waits for the next key frame.
         """
-        bgr = self._reformatter.reformat(
-            frame, format="bgr24", interpolation=Interpolation.BILINEAR, threads=1
-        )
-        plane = bgr.planes[0]
+        if not has_start_code(data):
+            self._fail(data, NO_START_CODE)
+        if self.waiting and not is_entry_point(data, codec=self.codec):
+            self.refused_packets += 1
+            if self.refused_packets % _MANY == 0:
+                self._fail(data, f"{self.refused_packets} packets were skipped before a key frame")
+            return ()
+        try:
+            frames = self._context.decode(av.Packet(data))
+            if not frames and has_key_frame(data, self.codec):
+                # An earlier packet made libavcodec expect B frames: it would lag from now on.
+                self._context = self._opened()
+                frames = self._context.decode(av.Packet(data))
+        except av.FFmpegError as error:
+            self._fail(data, f"libavcodec: {why(error)}")
+        if not frames and self._context.has_b_frames:
+            self._context = self._opened()
+            self._fail(data, B_FRAMES)
+        if any(frame.is_corrupt for frame in frames):
+            self._fail(data, "slices are damaged")
+        self.waiting &= not frames
+        return tuple(frames)
+
+    def decode_bgr(
+        self, data: bytes, out: NDArray[np.uint8] | None = None
+    ) -> tuple[NDArray[np.uint8], ...]:
+        """Decode one packet to the pixels of its frame; see `decode` and `bgr`."""
+        return tuple([self.bgr(frame, out) for frame in self.decode(data)])
+
+    def bgr(self, frame: av.VideoFrame, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        """Convert a frame to BGR (height, width, 3), uint8, contiguous, in `out` or new memory.
+
+        The colour matrix and range are those that the stream names, BT.601 if none. One reformatter, bilinear,
+        one thread: a quarter or less of what ``frame.to_ndarray(format="bgr24")`` costs, which builds a new
+        context each time. Raises CodecError where `out` does not fit or swscale cannot convert.
+        """
+        try:
+            image = self._reformatter.reformat(
+                frame, format="bgr24", interpolation=Interpolation.BILINEAR, threads=1
+            )
+        except (av.FFmpegError, ValueError) as error:
+            reason = f"not convertible: {why(error)}"
+            raise CodecUnavailableError(frame.format.name, reason=reason) from error
+        plane = image.planes[0]
         rows = np.frombuffer(cast("memoryview", plane), np.uint8).reshape(-1, plane.line_size)
-        return rows[: frame.height, : 3 * frame.width].reshape(frame.height, frame.width, 3)
+        shape = (frame.height, frame.width, 3)
+        pixels = rows[: frame.height, : 3 * frame.width].reshape(shape)
+        if out is None:
+            return np.ascontiguousarray(pixels)
+        if out.shape != shape or out.dtype != np.uint8:
+            both = f"the frame is {kind_of(pixels)}; given for it is {kind_of(out)}"
+            raise CodecError(f"decoded pixels: {both}")
+        np.copyto(out, pixels)
+        return out
+
+    def reset(self) -> None:
+        """Forget the reference frames, not the parameter sets, and wait for a key frame again."""
+        self._context.flush_buffers()
+        self.waiting = True
+
+    def _opened(self) -> VideoCodecContext:
+        try:
+            context = _context(self.decoder_name, "r")
+            # A second thread rarely pays below full HD, and never at 640 x 360.
+            context.thread_type, context.thread_count = ThreadType.SLICE, 1
+            context.flags |= Flags.low_delay
+            context.options = {"max_pixels": str(self._most_pixels), "err_detect": "explode"}
+            # Wrappers of hardware decoders do not all take the generic options; that is no reason to refuse them.
+            context.open(strict=False)
+        except (av.FFmpegError, ValueError) as error:
+            reason = f"decoder {self.decoder_name!r} cannot be opened: {why(error)}"
+            raise CodecError(reason) from error
+        return context
+
+    def _fail(self, data: bytes, reason: str) -> NoReturn:
+        self.broken_packets += 1
+        self.reset()
+        raise BitstreamError(self.codec, reason=reason, size_bytes=len(data))
 
 
-_H264_ENTRY = frozenset({5, 7})  # IDR slice, sequence parameter set
-_H265_ENTRY = frozenset({*range(16, 24), 32, 33})  # IRAP slices, video and sequence parameter sets
-_KEY_PICTURES = {"h264": frozenset({5}), "hevc": frozenset(range(16, 24))}  # IDR and IRAP slices
+NO_START_CODE = "no Annex B start code (0 0 1 or 0 0 0 1) in front; AVCC is not supported"
+B_FRAMES = "the stream has B frames, which are not supported: encode without them"
+_MANY = 300  # more packets than the longest group of pictures has
+_KEY_SLICES = {"h264": frozenset({5}), "hevc": frozenset(range(16, 24))}  # IDR and IRAP slices
+_PARAMETER_SETS = {"h264": frozenset({7}), "hevc": frozenset({32, 33})}  # sequence and video
 
 
 def has_start_code(data: bytes) -> bool:
-    """Return whether the bytes start as Annex B demands, and not with a length as in MP4 files."""
+    """Return whether the bytes start as Annex B demands, and not with a length as AVCC in MP4 files."""
     return data.startswith((b"\0\0\1", b"\0\0\0\1"))
 
 
@@ -252,11 +327,11 @@ def nal_unit_types(data: bytes, *, codec: str) -> Iterator[int]:
 
 
 def is_entry_point(data: bytes, *, codec: str) -> bool:
-    """Return whether a decoder may start here: at a slice without references, or parameter sets, sent apart."""
-    wanted = _H264_ENTRY if codec == "h264" else _H265_ENTRY
-    return any(kind in wanted for kind in nal_unit_types(data, codec=codec))
+    """Return whether a decoder may start here: at a key frame, or at parameter sets that are sent apart."""
+    wanted = _KEY_SLICES[codec] | _PARAMETER_SETS[codec]
+    return not wanted.isdisjoint(nal_unit_types(data, codec=codec))
 
 
-def holds_key_picture(data: bytes, *, codec: str) -> bool:
-    """Return whether this access unit has a slice, and not parameter sets alone, with which one may start."""
-    return any(kind in _KEY_PICTURES[codec] for kind in nal_unit_types(data, codec=codec))
+def has_key_frame(data: bytes, codec: str) -> bool:
+    """Return whether this access unit has a slice, and not parameter sets alone, of a key frame."""
+    return not _KEY_SLICES[codec].isdisjoint(nal_unit_types(data, codec=codec))

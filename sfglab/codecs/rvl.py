@@ -38,7 +38,7 @@ class RvlError(BitstreamError):
     """Bytes that no RVL encoder writes."""
 
     def __init__(self, *, reason: str, size_bytes: int, offset_bytes: int) -> None:
-        self.offset_bytes = offset_bytes  #: Where the word starts in which the fault was noticed.
+        self.offset_bytes = offset_bytes  #: Offset of the word in which the fault was noticed.
         super().__init__("rvl", reason=f"at byte {offset_bytes}, {reason}", size_bytes=size_bytes)
 
 

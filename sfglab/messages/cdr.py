@@ -44,7 +44,7 @@ class CdrError(MessageError):
     def __init__(self, type_name: str, reason: str, *, size_bytes: int | None = None) -> None:
         self.type_name = type_name  #: The type in question.
         self.size_bytes = size_bytes  #: Length of the bytes; None when serialising.
-        self.reason = reason  #: What is wrong.
+        self.reason = reason  #: Reason.
         what = (
             "cannot serialise" if size_bytes is None else f"not in these {size_bytes} bytes of CDR"
         )

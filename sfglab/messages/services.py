@@ -1,4 +1,4 @@
-"""Requests and replies as rmw_cyclonedds frames them: 16 bytes that say who asked, in front of the fields.
+"""Requests and replies with the service header of rmw_cyclonedds, 16 bytes in front of the fields.
 
 The frame is `cdds_request_header_t`; rmw_fastrtps has none, so the two do not understand each other's services.
 """
@@ -31,8 +31,8 @@ _FRAME = {
 class ServiceFrame(NamedTuple):
     """One request or reply, taken apart."""
 
-    client_guid: int  #: Which client asked; a reply repeats it.
-    sequence: int  #: Which of its requests; a reply repeats it.
+    client_guid: int  #: Id of the client; a reply repeats it.
+    sequence: int  #: Number of the request; a reply repeats it.
     cdr: bytes  #: The request or response alone, as `deserialize` takes it.
 
 
@@ -70,12 +70,12 @@ class ActionType:
     """An action as message types, all dataclasses with `__msgtype__`."""
 
     name: str  #: Such as `sfglab_interfaces/action/FollowTrajectory`.
-    goal: type[Any]  #: What is to be done.
-    result: type[Any]  #: What came of it.
-    feedback: type[Any]  #: How far it has come.
+    goal: type[Any]  #: Type of goals.
+    result: type[Any]  #: Type of results.
+    feedback: type[Any]  #: Type of feedback.
     send_goal: ServiceType  #: The service that asks for a goal.
     get_result: ServiceType  #: The service that waits for its result.
-    feedback_message: type[Any]  #: What is published: a goal's id and its feedback.
+    feedback_message: type[Any]  #: Type of the feedback topic: a goal's id and its feedback.
 
 
 def action_type(name: str) -> ActionType:

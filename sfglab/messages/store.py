@@ -48,7 +48,7 @@ class UnknownTypeError(SfglabError, LookupError):
     """A type that the store does not hold."""
 
     def __init__(self, name: object, *, near: tuple[str, ...] = ()) -> None:
-        self.name = name  #: What was asked for.
+        self.name = name  #: The unknown name.
         self.near = near  #: Names of types that look similar, best first.
         own = "names look like std_msgs/msg/String; types of your own: register_interfaces, --interfaces"
         hint = f"did you mean {', '.join(near)}?" if near else own
@@ -121,7 +121,7 @@ def _shipped_texts() -> Iterator[tuple[str, str]]:
 
 
 def _types_of() -> str:
-    """Return the distribution of ROS 2 whose types we have; later than Humble only where ROS_DISTRO says so."""
+    """Return the distribution of ROS 2 whose types are used: that of ROS_DISTRO, at least Humble."""
     named = os.environ.get("ROS_DISTRO", "")
     return named if named in {"iron", "jazzy", "kilted", "lyrical"} else "humble"
 
@@ -529,7 +529,7 @@ def action_texts(name: str, text: str) -> dict[str, str]:
 EMPTY = "structure_needs_at_least_one_member"
 """The octet that rosbags gives a message without fields, when it is registered (rosidl's rule)."""
 _SUFFIXES = ("msg", "srv", "action")
-_WSTRING = "/wstring"  #: How the name of the type that rosbags takes `wstring` for ends.
+_WSTRING = "/wstring"  #: Suffix of the type that rosbags takes `wstring` for.
 _SECONDS = range(-(2**31), 2**31)
 
 

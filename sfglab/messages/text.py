@@ -19,7 +19,7 @@ from sfglab.messages.store import EMPTY, default_message, numpy_dtype, stamp_fro
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-#: Of the way to a value: a name, a number in brackets, or a dot.
+#: One step of a path to a value: a name, a number in brackets, or a dot.
 STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")
 _IDL_NAMES = {
     "float64": "double",

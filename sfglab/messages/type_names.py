@@ -10,7 +10,7 @@ import re
 from sfglab.messages.store import MessageError
 
 # rosidl_adapter's rules for packages and messages (Humble); services add _Request, _Response and _Event.
-_PACKAGE = r"[a-z](?:_?[a-z0-9])*"  # one way only to read any name: strangers' are read, too
+_PACKAGE = r"[a-z](?:_?[a-z0-9])*"  # unambiguous, so that matching takes linear time: names of unknown peers are matched
 _NAME = r"[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*"
 _ROS = re.compile(rf"(?P<package>{_PACKAGE})/(?P<kind>msg|srv|action)/(?P<name>{_NAME})")
 _DDS = re.compile(rf"(?P<package>{_PACKAGE})::(?P<kind>msg|srv|action)::dds_::(?P<name>{_NAME})_")

@@ -35,7 +35,7 @@ def packets(stream, start=0, stop=None):
 
 
 def test_an_ffmpeg_packet_has_the_fields_of_version_3_and_depth_its_format_and_payload():
-    frame = codecs.EncodedFrame(data=b"\0\0\1\x65", pts=7, is_key=True)
+    frame = codecs.EncodedPacket(data=b"\0\0\1\x65", pts=7, is_key=True)
     assert asdict(codecs.ffmpeg_packet_fields(frame, codecs.TABLE_2)) == {
         "width": 640,
         "height": 360,
@@ -45,7 +45,7 @@ def test_an_ffmpeg_packet_has_the_fields_of_version_3_and_depth_its_format_and_p
         "is_bigendian": False,
         "data": b"\0\0\1\x65",
     }
-    other = codecs.EncodedFrame(data=b"", pts=8, is_key=False)
+    other = codecs.EncodedPacket(data=b"", pts=8, is_key=False)
     assert codecs.ffmpeg_packet_fields(other, codecs.TABLE_2).flags == 0
     fields = codecs.compressed_depth_fields(np.array([[0, 0, 5, 6, 6]], np.uint16))
     assert fields.format == "16UC1; compressedDepth rvl"

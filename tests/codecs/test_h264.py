@@ -3,6 +3,7 @@ import os
 import time
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -20,7 +21,7 @@ from sfglab.codecs import (
     h264,
     probe,
 )
-from sfglab.codecs.libav import EncoderSession, has_start_code, is_entry_point, nal_unit_types
+from sfglab.codecs.libav import VideoEncoder, has_start_code, is_entry_point, nal_unit_types
 
 SMALL = codecs.H264Settings(width=320, height=192, fps=30, bitrate_bps=2_000_000, gop=10)
 
@@ -298,30 +299,42 @@ def test_every_candidate_gets_a_verdict_with_a_reason():
     assert probe.probe_encoder("libx264") is probe.probe_encoder("libx264"), "reached once"
 
 
+@pytest.mark.parametrize("count", [0, 2])
+def test_an_encoder_that_keeps_a_frame_back_or_gives_more_is_found_out(count):
+    encoder = VideoEncoder("libx264", SMALL)
+    opened = encoder._context
+    encoder._context = SimpleNamespace(
+        encode=lambda frame: opened.encode(frame) * count,
+        pix_fmt=opened.pix_fmt,
+        time_base=opened.time_base,
+    )
+    with pytest.raises(CodecError, match=f"gave {count} packets for one frame, wanted 1 at once"):
+        encoder.encode(np.zeros((192, 320, 3), np.uint8))
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda frames: frames[1:], "wanted 1 at once"),
-        (lambda frames: frames * 2, "wanted 1 at once"),
-        (lambda frames: tuple(replace(f, is_key=True) for f in frames), "forced key"),
-        (lambda frames: tuple(replace(f, data=f.data[4:]) for f in frames), "Annex B"),
-        (lambda frames: tuple(replace(f, data=f.data[:40]) for f in frames), ""),
+        (lambda packet: replace(packet, is_key=True), "forced key"),
+        (lambda packet: replace(packet, data=packet.data[4:]), "Annex B"),
+        (lambda packet: replace(packet, data=packet.data[:40]), ""),
+        (lambda packet: replace(packet, data=b"\0\0\1\x06"), "gave 0 frames"),
     ],
-    ids=["none", "two", "all key", "no start code", "cut"],
+    ids=["all key", "no start code", "cut", "no key frame"],
 )
 def test_an_encoder_that_opens_but_misbehaves_is_found_out(monkeypatch, change, reason):
-    class Broken(EncoderSession):
+    class Broken(VideoEncoder):
         def encode(self, image_bgr, *, force_key=False):
-            return change(super().encode(image_bgr, force_key=force_key))
+            return tuple(map(change, super().encode(image_bgr, force_key=force_key)))
 
-    monkeypatch.setattr(probe, "EncoderSession", Broken)
+    monkeypatch.setattr(probe, "VideoEncoder", Broken)
     verdict = probe.probe_encoder.__wrapped__("libx264")
     assert not verdict.works
     assert reason in verdict.reason
 
 
 def test_wrong_pictures_are_found_out(monkeypatch):
-    monkeypatch.setattr(probe.DecoderSession, "bgr", lambda *_: probe._trial_images()[0] * 0)
+    monkeypatch.setattr(probe.VideoDecoder, "bgr", lambda *_: probe._trial_images()[0] * 0)
     verdict = probe.probe_encoder.__wrapped__("libx264")
     assert "dB" in verdict.reason
     assert not verdict.works
@@ -346,8 +359,7 @@ def working(monkeypatch):
 )
 def test_auto_takes_the_first_that_works_and_says_what_it_passed_over(working, first, passed_over):
     working(first, "libx264")
-    choice = probe.choose_encoder("auto", fallback=False)
-    assert (choice.name, choice.fallback_reason) == (first, passed_over)
+    assert probe.choose_encoder("auto", fallback=False) == (first, passed_over)
 
 
 def test_without_an_encoder_every_reason_is_named_and_the_software_decoder_taken_untried(working):
@@ -359,7 +371,7 @@ def test_without_an_encoder_every_reason_is_named_and_the_software_decoder_taken
     working()
     probe.probe_decoder.cache_clear()
     try:
-        assert probe.choose_decoder("auto").name == "h264"
+        assert probe.choose_decoder("auto") == "h264"
         assert "no software encoder" in probe.probe_decoder("h264_cuvid").reason
     finally:
         probe.probe_decoder.cache_clear()

@@ -1,0 +1,39 @@
+"""Order of the packets of a video stream, by the `pts` of FFMPEGPacket."""
+
+from __future__ import annotations
+
+MOST_LOST = 256  #: Largest step that is taken for lost packets: the longest group of pictures.
+
+
+class PacketOrder:
+    """Finds missing packets of one stream.
+
+    ffmpeg_image_transport numbers packets, so each step but 1 means that packets are missing. Other drivers
+    write a time (nanoseconds, 90 kHz) or always 0. A loss in such a stream cannot be noticed.
+    """
+
+    def __init__(self) -> None:
+        self.is_time = (
+            False  #: Whether the latest step is one of a time or a constant, not of a number.
+        )
+        self.is_reordered = (
+            False  #: Whether the latest packet has a smaller `pts`, as before a B frame.
+        )
+        self._last: int | None = None
+        self._is_number = False
+        self._repeats = 0
+
+    def missing(self, pts: int) -> bool:
+        """Take the next packet's `pts` and return whether packets before it are missing."""
+        last, self._last = self._last, pts
+        if last is None:
+            return False
+        step = pts - last
+        self._is_number |= step == 1
+        self._repeats = self._repeats + 1 if step == 0 else 0
+        is_far = abs(step) > MOST_LOST
+        self.is_time = not self._is_number and (is_far or self._repeats > 1)
+        self.is_reordered = step < 0
+        if self._is_number:
+            return step != 1
+        return step != 0 and not is_far
