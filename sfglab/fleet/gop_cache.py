@@ -23,6 +23,7 @@ from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
 from sfglab.component import Reporter, beside, run_component, steady_ns
 from sfglab.errors import InvalidValueError
 from sfglab.machine import Machine
+from sfglab.messages.packets import PacketOrder
 from sfglab.names import FqnError, Resource, ResourceKind, Suffixed, dds_names, parse
 from sfglab.qos import COMPRESSED_STREAM, Durability, QoSProfile, incompatibilities
 
@@ -82,7 +83,7 @@ class GopCache(Generic[M]):
         self.overflows = 0  #: How often a group outgrew the limits.
         self._limits = limits or Limits()
         self._packets: list[M] = []
-        self._next_pts = 0
+        self._order = PacketOrder()
 
     def __len__(self) -> int:
         return len(self._packets)
@@ -93,12 +94,13 @@ class GopCache(Generic[M]):
         return tuple(self._packets)
 
     def add(self, packet: M, *, pts: int, is_key: bool, size_bytes: int) -> bool:
-        """Take the next packet, numbered by `pts` without gaps; return whether it is kept."""
+        """Take the next packet, in the order of `PacketOrder`; return whether it is kept."""
+        is_missing = self._order.missing(pts)
         if is_key:
             self._clear()
         elif not self._packets:
             return False
-        elif pts != self._next_pts:
+        elif is_missing:
             self.gaps += 1
             self._clear()
             return False
@@ -111,7 +113,6 @@ class GopCache(Generic[M]):
             return False
         self._packets.append(packet)
         self.size_bytes += size_bytes
-        self._next_pts = pts + 1
         return True
 
     def _clear(self) -> None:

@@ -2,6 +2,7 @@
 
 import pytest
 from cameras import FFMPEG, STREAM, Camera
+from foreign_video import CLOCKS
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -38,6 +39,15 @@ def test_what_is_kept(numbers, packets, dropped, gaps):
         10 * len(packets),
     )
     assert cache.gaps == gaps
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_the_group_of_a_stream_without_numbers_is_kept(clock):
+    cache: gop_cache.GopCache[int] = gop_cache.GopCache()
+    for number in range(13):
+        pts = CLOCKS[clock](number)
+        assert cache.add(number, pts=pts, is_key=number % 5 == 0, size_bytes=10)
+    assert (cache.packets, cache.gaps) == ((10, 11, 12), 0)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 import pytest
 from cameras import rolled
+from foreign_video import CLOCKS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -140,6 +141,27 @@ def test_a_gap_in_the_replay_is_closed_by_the_live_stream_or_not_at_all():
     assert stuck.take(LIVE, 10, 11).decode().decoded == [5, 6, 10, 11], (
         "no packet without its references"
     )
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+@pytest.mark.parametrize("replayed", [0, 3])
+def test_a_stream_without_numbers_is_joined_at_a_live_key_frame_and_then_shown_whole(
+    clock, replayed
+):
+    splicer: Splicer[int] = Splicer(replay=True)
+    decoded = []
+    for number in range(3):
+        if number < replayed:
+            pts = CLOCKS[clock](number)
+            splicer.take(number, REPLAY, pts=pts, is_key=number == 0, shown=False)
+    for number in range(3, 40):
+        pts = CLOCKS[clock](number)
+        splicer.take(number, LIVE, pts=pts, is_key=number % 10 == 0)
+        while (step := splicer.next()) is not None:
+            decoded.append(step.packet)
+    assert splicer.done
+    live = [number for number in decoded if number >= 3]
+    assert live == list(range(10, 40))
 
 
 @st.composite

@@ -6,16 +6,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from foreign_video import CLOCKS, COUNT, avcc, clocked, ffmpeg_packet
+from foreign_video import packets as foreign_packets
 from seen import cloud, heartbeat
 
 from sfglab.bus import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.codecs import (
     TABLE_2,
+    CodecError,
     compressed_depth_fields,
     compressed_image_fields,
     ffmpeg_packet_fields,
 )
 from sfglab.codecs.h264 import H264Encoder
+from sfglab.codecs.libav import has_key_frame
 from sfglab.errors import InvalidValueError
 from sfglab.lab.checks.fleet_scene import camera_info
 from sfglab.lab.checks.recordings import read_recording
@@ -29,7 +33,7 @@ from sfglab.view.session import BUILT_IN, Session, find
 from sfglab.view.stage import replay
 from sfglab.view.sync import PATIENCE
 from sfglab.view.visualizer import TopicHealth
-from sfglab.view.visualizers.images import has_key_frame, image_plane
+from sfglab.view.visualizers.images import image_plane
 
 rr = pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 S = 1_000_000_000
@@ -132,12 +136,50 @@ def ffmpeg_message(frame, settings):
     return message_type("ffmpeg_image_transport_msgs/msg/FFMPEGPacket")(header=header, **fields)
 
 
+def complaints(visualizer, shown, paper) -> list[str]:
+    """Show one update, and return why it cannot be shown, if it cannot."""
+    try:
+        visualizer.show(shown, paper)
+    except CodecError as error:
+        return [str(error)]
+    return []
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_packets_with_a_time_instead_of_a_number_are_all_shown(paper, update, clock):
+    visualizer = made("ffmpeg_video")
+    for message in clocked(clock):
+        visualizer.show(update(video=message), paper)
+    assert len([d for d in paper.drawn if not d.static]) == COUNT
+
+
+def test_video_that_cannot_be_shown_is_refused_with_its_cause(paper, update):
+    b_frames = [ffmpeg_packet(packet) for packet in foreign_packets(12, b_frames=2)]
+    no_key = [ffmpeg_packet(packet) for packet in foreign_packets()[1:5]]
+    lengths = [avcc(packet) for packet in foreign_packets()]
+    cases = (
+        ("ffmpeg_video", b_frames, "B frames, which are not supported", 1),
+        ("ffmpeg_video", no_key, "no key frame since the start", 0),
+        ("compressed_video", lengths, "AVCC is not supported", 0),
+    )
+    for kind, messages, reason, shown in cases:
+        visualizer, paper.drawn = made(kind), []
+        refused = []
+        for message in messages:
+            refused += complaints(visualizer, update(video=message), paper)
+        assert len(refused) == len(messages) - shown
+        assert reason in refused[-1]
+        assert len([d for d in paper.drawn if not d.static]) == shown
+
+
 def test_after_a_lost_packet_nothing_is_shown_until_the_next_key_frame(paper, update):
     settings, frames = packets()
     visualizer = made("ffmpeg_video")
+    refused = []
     for frame in frames:
         if frame.pts != 1:
-            visualizer.show(update(video=ffmpeg_message(frame, settings)), paper)
+            refused += complaints(visualizer, update(video=ffmpeg_message(frame, settings)), paper)
+    assert ["no key frame since" in reason for reason in refused] == [True] * 2
     shown = [d for d in paper.drawn if not d.static]
     assert [frame.is_key for frame in frames] == [True, False, False, False] * 2
     assert len(shown) == 1 + 4
@@ -145,12 +187,14 @@ def test_after_a_lost_packet_nothing_is_shown_until_the_next_key_frame(paper, up
 
 def test_foxglove_video_starts_with_a_key_frame_and_waits_for_one_after_a_drop(paper, update):
     _, frames = packets()
-    visualizer = made("compressed_video")
+    visualizer, refused = made("compressed_video"), []
     for frame in frames[1:]:  # begins in the middle of a group
         message = coded(
             SimpleNamespace(format="h264", data=frame.data), "foxglove_msgs/msg/CompressedVideo"
         )
-        visualizer.show(update(video=message, lost=1 if frame.pts == 6 else 0), paper)
+        lost = 1 if frame.pts == 6 else 0
+        refused += complaints(visualizer, update(video=message, lost=lost), paper)
+    assert len(refused) == 3 + 2
     assert len([d for d in paper.drawn if not d.static]) == 2  # frames 4 and 5
     assert [has_key_frame(f.data, "h264") for f in frames] == [f.is_key for f in frames]
 

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Generic, TypeVar
 
+from sfglab.messages.packets import PacketOrder
+
 M = TypeVar("M")
 
 #: Packets that wait for one that is missing; beyond that it will not come any more.
@@ -67,6 +69,7 @@ class Splicer(Generic[M]):
         self._key_needed = False
         self._after = after
         self._shown_one = False
+        self._order = PacketOrder()  # of the live stream
 
     @property
     def done(self) -> bool:
@@ -81,8 +84,16 @@ class Splicer(Generic[M]):
     def take(
         self, packet: M, source: Source, *, pts: int, is_key: bool, shown: bool = True
     ) -> None:
-        """Take a packet of a source, numbered by `pts` without gaps; a decoder may start where `is_key`."""
+        """Take a packet of a source, numbered by `pts` without gaps; a decoder may start where `is_key`.
+
+        A live stream whose `pts` are no numbers passes as it comes, from its next key frame on.
+        """
         taken = _Packet(pts, is_key, shown, packet)
+        if source is Source.LIVE:
+            self._order.missing(pts)
+            if self._order.is_time and (self.needs_replay or self._start is not None):
+                self._ahead.clear()
+                self._start, self._key_needed, self.phase = None, True, Phase.FOLLOWING
         if self.phase is Phase.JOINING:
             self._take_joining(taken, source)
         elif source is Source.LIVE:
@@ -120,6 +131,7 @@ class Splicer(Generic[M]):
             self._begin(packet)
             if source is Source.LIVE:
                 # The stream itself begins here; what is missing before it does not matter any more.
+                self._start = None
                 self._connect()
                 return
         elif beyond:

@@ -13,13 +13,15 @@ from sfglab.codecs import (
     COMPRESSED_IMAGE,
     COMPRESSED_VIDEO,
     FFMPEG_PACKET,
+    CodecError,
     decode_depth,
     parse_depth_format,
     parse_ffmpeg_encoding,
 )
-from sfglab.codecs.libav import nal_unit_types
+from sfglab.codecs.libav import B_FRAMES, NO_START_CODE, has_key_frame, has_start_code
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.gop_cache import FLAG_KEY
+from sfglab.messages.packets import PacketOrder
 from sfglab.qos import COMPRESSED_STREAM, LATCHED
 from sfglab.view.geometry import DEPTH_ENCODINGS, pinhole_matrix, pixels
 from sfglab.view.rerunning import rr
@@ -143,14 +145,8 @@ def _depth(array: NDArray[Any], encoding: str, max_m: float) -> Any:
     )
 
 
-_CODECS = {"h264": "H264", "hevc": "H265", "h265": "H265", "av1": "AV1"}
-_IDR = {"h264": {5}, "h265": set(range(16, 22))}
-"""NAL unit types that a decoder can start with: ITU-T H.264, table 7-1; H.265, table 7-1."""
-
-
-def has_key_frame(data: bytes, codec: str) -> bool:
-    """Return whether an Annex B access unit, ``h264`` or ``h265``, holds a picture to start decoding with."""
-    return not _IDR[codec].isdisjoint(nal_unit_types(data, codec=codec))
+_CODECS = {"h264": "H264", "hevc": "H265", "av1": "AV1"}
+_ANNEX_B = ("h264", "hevc")
 
 
 class _Video(Visualizer):
@@ -171,9 +167,12 @@ class _Video(Visualizer):
     def _sample(
         self, update: Update, canvas: Canvas, codec: str, *, is_key: bool, frame: str
     ) -> None:
-        """Pass one access unit on, if what it refers to was passed on as well."""
+        """Pass one access unit on; CodecError if it, or one that it refers to, cannot be shown."""
         if codec not in _CODECS:
             raise InvalidValueError("video codec", codec, f"{', '.join(_CODECS)}")
+        data = bytes(update.only.data)
+        if codec in _ANNEX_B and not has_start_code(data):
+            raise CodecError(f"{codec} packet: {NO_START_CODE}")
         if codec != self._codec:
             self._codec, self._complete = codec, False
             canvas.log(
@@ -181,12 +180,9 @@ class _Video(Visualizer):
             )
         self._complete = is_key or (self._complete and not update.lost)
         if not self._complete and self["wait_for_key"]:
-            return
+            raise CodecError(f"{codec} packet: no key frame since the start or a lost packet")
         canvas.place(self.entity, image_plane(frame, self.topics["video"]))
-        canvas.log(
-            self.entity,
-            rr.VideoStream.from_fields(sample=bytes(update.only.data), is_keyframe=is_key),
-        )
+        canvas.log(self.entity, rr.VideoStream.from_fields(sample=data, is_keyframe=is_key))
 
 
 class FfmpegVideo(_Video):
@@ -197,16 +193,19 @@ class FfmpegVideo(_Video):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._next_pts: int | None = None
+        self._order = PacketOrder()
+        self._has_b_frames = False
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Pass one packet on."""
         message = update.only
-        if self._next_pts not in (None, message.pts):
-            self._complete = False
-        self._next_pts = message.pts + 1
         codec = parse_ffmpeg_encoding(message.encoding).codec
         is_key = bool(message.flags & FLAG_KEY)
+        if self._order.missing(message.pts):
+            self._complete = False
+        self._has_b_frames = not is_key and (self._has_b_frames or self._order.is_reordered)
+        if self._has_b_frames:
+            raise CodecError(f"{codec} packet: {B_FRAMES}")
         self._sample(update, canvas, codec, is_key=is_key, frame=message.header.frame_id)
 
 
@@ -219,8 +218,10 @@ class FoxgloveVideo(_Video):
     def show(self, update: Update, canvas: Canvas) -> None:
         """Pass one access unit on."""
         message = update.only
-        codec = "h265" if message.format.lower() == "hevc" else message.format.lower()
-        is_key = has_key_frame(bytes(message.data), codec) if codec in _IDR else not update.lost
+        text = message.format.lower()
+        codec = "hevc" if text == "h265" else text
+        data = bytes(message.data)
+        is_key = has_key_frame(data, codec) if codec in _ANNEX_B else not update.lost
         self._sample(update, canvas, codec, is_key=is_key, frame=message.frame_id)
 
 
@@ -240,4 +241,4 @@ class CompressedImageVideo(_Video):
             self._sample(update, canvas, codec, is_key=is_key, frame=message.header.frame_id)
 
 
-_FORMATS = {"h264": "h264", "h265": "h265", "hevc": "h265"}
+_FORMATS = {"h264": "h264", "h265": "hevc", "hevc": "hevc"}
