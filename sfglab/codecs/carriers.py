@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.codecs.depth import (
-    PNG_LEVEL,
     DepthFormat,
     decode_depth,
     encode_depth,
@@ -91,21 +90,13 @@ def ffmpeg_packet_fields(packet: EncodedPacket, settings: H264Settings) -> Ffmpe
     )
 
 
-def compressed_depth_fields(
-    depth: NDArray[Any],
-    codec: str = "rvl",
-    *,
-    depth_max_m: float | None = None,
-    png_level: int = PNG_LEVEL,
-) -> CompressedImageFields:
+def compressed_depth_fields(depth: NDArray[Any], codec: str = "rvl") -> CompressedImageFields:
     """Return a depth image as compressed_depth_image_transport publishes it; see `encode_depth`.
 
     Raises:
         CodecError: If the image or the codec is of another kind.
     """
-    depth_format, data = encode_depth(
-        depth, codec=codec, depth_max_m=depth_max_m, png_level=png_level
-    )
+    depth_format, data = encode_depth(depth, codec=codec)
     return CompressedImageFields(format=str(depth_format), data=data)
 
 

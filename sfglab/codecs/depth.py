@@ -1,7 +1,7 @@
 """Depth images as compressed_depth_image_transport writes them: a 12-byte header, then PNG or RVL.
 
-16-bit depth is lossless: unlike the ROS plugin, which by default turns everything beyond 10 m into holes,
-nothing is cut unless asked. 32-bit depth is quantised to 16 bits as the plugin does it, bit by bit.
+16-bit depth is lossless and keeps all distances; the ROS plugin turns those beyond 10 m into holes by default.
+32-bit depth is quantised to 16 bits as the plugin does it, bit by bit.
 
 Source: image_transport_plugins, compressed_depth_image_transport: codec.cpp, compression_common.h.
 """
@@ -24,22 +24,29 @@ PNG_LEVEL = 9
 """The plugin's default (``png_level``), which takes 20 to 50 times as long as level 1 to
 save a tenth to a fifth of the bytes."""
 
-DEPTH_MAX_M = 10.0  #: The plugin's default (``depth_max``) for 32-bit depth, in metres.
+DEPTH_MAX_M = 10.0
+"""Depth in metres from which pixels of 32-bit depth become holes: the plugin's default (``depth_max``)."""
 
-_QUANTIZATION = np.float32(100.0)  # the plugin's default (depth_quantization)
+# A = z0 (z0 + 1) and B = 1 - A / z_max, in the single precision that the plugin uses (depth_quantization).
+_Z0 = np.float32(100.0)
+_QUANT_A = _Z0 * (_Z0 + np.float32(1))
+_QUANT_B = np.float32(1) - _QUANT_A / np.float32(DEPTH_MAX_M)
 _HEADER = struct.Struct("<iff")  # format, depthQuantA, depthQuantB
 _INV_DEPTH = 0
 _SIZE = struct.Struct("<II")  # columns, rows; PNG says them itself
-_CODECS = ("png", "rvl")
-_ALLOWED = "'png' or 'rvl'"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthFormat:
-    """Content of the `format` field of a compressed depth message."""
+    """Content of the `format` field of a compressed depth message; CodecError for another codec."""
 
     encoding: str  #: ROS image encoding such as ``"16UC1"``; empty if an old writer left it out.
     codec: str  #: ``"png"`` or ``"rvl"``.
+
+    def __post_init__(self) -> None:
+        if self.codec not in ("png", "rvl"):
+            allowed = "allowed are 'png' or 'rvl'"
+            raise CodecError(f"codec of compressedDepth: given {self.codec!r}, {allowed}")
 
     def __str__(self) -> str:
         return f"{self.encoding}; compressedDepth {self.codec}"
@@ -48,56 +55,37 @@ class DepthFormat:
 def parse_depth_format(text: str) -> DepthFormat:
     """Read a format string in any case, PNG by default; CodecError for none, or for another codec."""
     encoding, _, transport = text.rpartition(";")
-    words = transport.split()
-    codec = words[1].lower() if len(words) == 2 else "png"
-    if not words or len(words) > 2 or words[0].lower() != "compresseddepth" or codec not in _CODECS:
-        allowed = f"'<encoding>; compressedDepth' followed by {_ALLOWED}"
+    words = transport.lower().split()
+    if len(words) not in (1, 2) or words[0] != "compresseddepth":
+        allowed = "'<encoding>; compressedDepth' followed by 'png' or 'rvl'"
         raise CodecError(f"depth format: given {text!r}, allowed is {allowed}")
+    codec = words[1] if len(words) == 2 else "png"
     return DepthFormat(encoding=encoding.strip(), codec=codec)
 
 
 def encode_depth(
-    depth: NDArray[Any],
-    *,
-    codec: str = "rvl",
-    depth_max_m: float | None = None,
-    png_level: int = PNG_LEVEL,
+    depth: NDArray[Any], *, codec: str = "rvl", png_level: int = PNG_LEVEL
 ) -> tuple[DepthFormat, bytes]:
-    """Compress a depth image.
+    """Compress a depth image to its format and payload.
 
     Args:
         depth: Shape (rows, columns); uint16 in millimetres with 0 for holes, or float32 in metres with NaN.
         codec: ``"rvl"`` or ``"png"``.
-        depth_max_m: Depth in metres beyond which (uint16) or from which (float32) pixels become holes. None
-            keeps all of a uint16 image, and is `DEPTH_MAX_M` for float32, which cannot do without.
         png_level: Effort of zlib for PNG, from 0 to 9.
-
-    Returns:
-        The format, and the payload.
 
     Raises:
         CodecError: If the image or the codec is of another kind.
     """
     if depth.ndim != 2 or depth.dtype not in (np.uint16, np.float32):
         raise CodecError(f"depth image: given {kind_of(depth)}, allowed are 2-D uint16 and float32")
-    if depth_max_m is not None and not 0 < depth_max_m < math.inf:
-        raise CodecError(f"depth_max_m: given {depth_max_m}, allowed are positive metres or None")
     if depth.dtype == np.float32:
-        quant_a, quant_b = _quantisers(DEPTH_MAX_M if depth_max_m is None else depth_max_m)
-        pixels = _quantised(depth, quant_a, quant_b, np.float32(depth_max_m or DEPTH_MAX_M))
         depth_format = DepthFormat(encoding="32FC1", codec=codec)
-    else:
-        # The plugin leaves both unset here and ignores them; a viewer may take anything but 0 as quantised.
-        quant_a = quant_b = 0.0
-        pixels = (
-            depth
-            if depth_max_m is None
-            else np.where(depth > depth_max_m * 1000, 0, depth).astype(np.uint16)
-        )
-        depth_format = DepthFormat(encoding="16UC1", codec=codec)
-    return depth_format, _HEADER.pack(_INV_DEPTH, quant_a, quant_b) + _compressed(
-        pixels, codec, png_level
-    )
+        header = _HEADER.pack(_INV_DEPTH, _QUANT_A, _QUANT_B)
+        return depth_format, header + _compressed(_quantised(depth), codec, png_level)
+    # The plugin leaves A and B unset here and ignores them; a viewer may take anything but 0 as quantised.
+    depth_format = DepthFormat(encoding="16UC1", codec=codec)
+    header = _HEADER.pack(_INV_DEPTH, 0.0, 0.0)
+    return depth_format, header + _compressed(depth, codec, png_level)
 
 
 def decode_depth(
@@ -117,26 +105,17 @@ def decode_depth(
     if not quantised:
         return pixels, depth_format.encoding or "16UC1"
     if not (0 < quant_a < math.inf and math.isfinite(quant_b)):
-        reason = (
-            f"quantised with A = {quant_a}, B = {quant_b}; allowed are a positive A and a finite B"
-        )
+        allowed = "allowed are a positive A and a finite B"
+        reason = f"quantised with A = {quant_a}, B = {quant_b}; {allowed}"
         raise BitstreamError("compressedDepth", reason=reason, size_bytes=len(data))
     return _metres(pixels, quant_a, quant_b), depth_format.encoding or "32FC1"
 
 
-def _quantisers(depth_max_m: float) -> tuple[float, float]:
-    """Return A = z0 (z0 + 1) and B = 1 - A / z_max, in the single precision that the plugin uses."""
-    quant_a = _QUANTIZATION * (_QUANTIZATION + np.float32(1))
-    return float(quant_a), float(np.float32(1) - quant_a / np.float32(depth_max_m))
-
-
-def _quantised(
-    depth_m: NDArray[np.float32], quant_a: float, quant_b: float, depth_max_m: np.float32
-) -> NDArray[np.uint16]:
-    """Return the whole part of A / d + B; holes where d is out of range or no depth."""
+def _quantised(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Return the whole part of A / d + B; holes where d is too far, too near for 16 bits, or no depth."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        inverse = np.float32(quant_a) / depth_m + np.float32(quant_b)
-        usable = (depth_m > 0) & (depth_m < depth_max_m) & (inverse < 65536)
+        inverse = _QUANT_A / depth_m + _QUANT_B
+        usable = (depth_m > 0) & (depth_m < np.float32(DEPTH_MAX_M)) & (inverse < 65536)
     return np.where(usable, inverse, 0).astype(np.uint16)
 
 
@@ -148,13 +127,7 @@ def _metres(pixels: NDArray[np.uint16], quant_a: float, quant_b: float) -> NDArr
     return depth_m
 
 
-def _check_codec(codec: str) -> None:
-    if codec not in _CODECS:
-        raise CodecError(f"depth codec: given {codec!r}, allowed are {_ALLOWED}")
-
-
 def _compressed(pixels: NDArray[np.uint16], codec: str, png_level: int) -> bytes:
-    _check_codec(codec)
     if codec == "png":
         from sfglab.codecs.still import encode_png
 
@@ -165,7 +138,6 @@ def _compressed(pixels: NDArray[np.uint16], codec: str, png_level: int) -> bytes
 
 
 def _decompressed(body: memoryview, codec: str, most_pixels: int) -> NDArray[np.uint16]:
-    _check_codec(codec)
     if codec == "rvl":
         return _from_rvl(body, most_pixels)
     from sfglab.codecs.still import decode_still

@@ -248,18 +248,16 @@ class VideoDecoder:
         self.waiting &= not frames
         return tuple(frames)
 
-    def decode_bgr(
-        self, data: bytes, out: NDArray[np.uint8] | None = None
-    ) -> tuple[NDArray[np.uint8], ...]:
+    def decode_bgr(self, data: bytes) -> tuple[NDArray[np.uint8], ...]:
         """Decode one packet to the pixels of its frame; see `decode` and `bgr`."""
-        return tuple([self.bgr(frame, out) for frame in self.decode(data)])
+        return tuple(map(self.bgr, self.decode(data)))
 
-    def bgr(self, frame: av.VideoFrame, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """Convert a frame to BGR (height, width, 3), uint8, contiguous, in `out` or new memory.
+    def bgr(self, frame: av.VideoFrame) -> NDArray[np.uint8]:
+        """Convert a frame to BGR (height, width, 3), uint8, contiguous; CodecError where swscale cannot.
 
         The colour matrix and range are those that the stream names, BT.601 if none. One reformatter, bilinear,
         one thread: a quarter or less of what ``frame.to_ndarray(format="bgr24")`` costs, which builds a new
-        context each time. Raises CodecError where `out` does not fit or swscale cannot convert.
+        context each time.
         """
         try:
             image = self._reformatter.reformat(
@@ -270,15 +268,8 @@ class VideoDecoder:
             raise CodecUnavailableError(frame.format.name, reason=reason) from error
         plane = image.planes[0]
         rows = np.frombuffer(cast("memoryview", plane), np.uint8).reshape(-1, plane.line_size)
-        shape = (frame.height, frame.width, 3)
-        pixels = rows[: frame.height, : 3 * frame.width].reshape(shape)
-        if out is None:
-            return np.ascontiguousarray(pixels)
-        if out.shape != shape or out.dtype != np.uint8:
-            both = f"the frame is {kind_of(pixels)}; given for it is {kind_of(out)}"
-            raise CodecError(f"decoded pixels: {both}")
-        np.copyto(out, pixels)
-        return out
+        pixels = np.ascontiguousarray(rows[: frame.height, : 3 * frame.width])
+        return pixels.reshape(frame.height, frame.width, 3)
 
     def reset(self) -> None:
         """Forget the reference frames, not the parameter sets, and wait for a key frame again."""

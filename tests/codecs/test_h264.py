@@ -71,16 +71,13 @@ def test_a_forced_key_frame_can_be_joined_and_restarts_the_gop(pictures):
     assert psnr_db(decoded, pictures[7]) > 25
 
 
-def test_widths_that_need_padded_rows_come_out_contiguous_also_into_a_given_array(pictures):
+def test_widths_that_need_padded_rows_come_out_contiguous(pictures):
     picture = pictures[0][:182, :322]
     (frame,) = H264Encoder(replace(SMALL, width=322, height=182)).encode(picture)
     (decoded,) = H264Decoder().decode_bgr(frame.data)
     assert decoded.shape == (182, 322, 3)
     assert decoded.flags.c_contiguous
     assert psnr_db(decoded, picture) > 25
-    out = np.zeros((182, 322, 3), np.uint8)
-    assert H264Decoder().decode_bgr(frame.data, out)[0] is out
-    assert np.array_equal(out, decoded)
 
 
 def test_the_size_may_change_in_mid_stream(pictures, stream):
@@ -88,9 +85,6 @@ def test_the_size_may_change_in_mid_stream(pictures, stream):
     small = H264Encoder(SMALL).encode(np.ascontiguousarray(pictures[0][:192, :320]))
     shapes = [decoder.decode_bgr(f.data)[0].shape for f in (*stream[:2], *small, *stream[:2])]
     assert shapes == [(360, 640, 3)] * 2 + [(192, 320, 3)] + [(360, 640, 3)] * 2
-    with pytest.raises(CodecError, match=r"\(192, 320, 3\)"):
-        decoder.decode_bgr(small[0].data, np.zeros((360, 640, 3), np.uint8))
-    assert decoder.decode_bgr(stream[0].data)
 
 
 def test_joining_late_refuses_packets_up_to_a_key_frame_and_then_gives_the_same_pixels(stream):
