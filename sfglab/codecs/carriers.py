@@ -26,7 +26,7 @@ from sfglab.codecs.libav import VideoDecoder
 from sfglab.messages.packets import PacketOrder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from av import VideoFrame
     from numpy.typing import NDArray
@@ -230,17 +230,16 @@ class ImageDecoder:
         self._read = read
         self._hint = codec_hint
         self._most_pixels = most_pixels
-        self._video: VideoDecoder | None = None
-        if codec_hint in _VIDEO:
-            self._video = self._video_decoder(codec_hint)
-        self.reset()
+        self._video = self._video_decoder(codec_hint) if codec_hint in _VIDEO else None
+        self._order = PacketOrder()
+        self._intact = True
 
     def feed(self, message: Any) -> tuple[DecodedImage, ...]:
         """Decode one message to images, which come at once or never; CodecError for this one alone."""
         content = self._read(message)
         codec = self._codec(content)
         if codec in _VIDEO:
-            return self._decode_video(codec, content)
+            return tuple(self._decode_video(codec, content))
         if codec in ("depth", "rvl"):
             depth_format = content.depth_format or DepthFormat(encoding="", codec="rvl")
             pixels = decode_depth(content.data, depth_format, most_pixels=self._most_pixels)
@@ -274,14 +273,11 @@ class ImageDecoder:
     def _codec(self, content: _Content) -> str:
         return content.codec if content.codec in ("depth", *_HINTS) else self._hint
 
-    def _decode_video(self, codec: str, content: _Content) -> tuple[DecodedImage, ...]:
+    def _decode_video(self, codec: str, content: _Content) -> Iterator[DecodedImage]:
         video, frames = self._decode_packet(codec, content)
-        images = []
         for frame in frames:
             pixels, is_key = video.bgr(frame), frame.key_frame
-            image = DecodedImage(array=pixels, encoding="bgr8", is_key=is_key, intact=self._intact)
-            images.append(image)
-        return tuple(images)
+            yield DecodedImage(array=pixels, encoding="bgr8", is_key=is_key, intact=self._intact)
 
     def _decode_packet(
         self, codec: str, content: _Content

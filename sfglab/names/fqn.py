@@ -61,10 +61,10 @@ class RosFqn:
     """
 
     scope: Scope  #: Local or global.
-    agent: str | None = None  #: Whose name it is, or None.
+    agent: str | None = None  #: Agent that uses the name, or None.
     component: ComponentSegment | None = None  #: Part of the agent, or None.
     stream: StreamSegment | None = None  #: Data stream of the component, or None.
-    resource: ResourceSegment  #: What is published, called or commanded.
+    resource: ResourceSegment  #: Topic, service or action.
 
     def __post_init__(self) -> None:
         if not isinstance(self.scope, Scope):
@@ -84,14 +84,14 @@ class RosFqn:
     @property
     def segments(self) -> tuple[tuple[str, str], ...]:
         """The present segments in order, as pairs of kind and text."""
-        parts = (
-            ("scope", self.scope.value),
-            ("agent", self.agent),
-            ("component", None if self.component is None else self.component.text),
-            ("stream", None if self.stream is None else self.stream.text),
-            ("resource", self.resource.text),
-        )
-        return tuple((label, text) for label, text in parts if text is not None)
+        found = [("scope", self.scope.value)]
+        if self.agent is not None:
+            found.append(("agent", self.agent))
+        for label in _SETS:
+            value = getattr(self, label)
+            if value is not None:
+                found.append((label, value.text))
+        return tuple(found)
 
     @property
     def kind(self) -> ResourceKind:
@@ -111,7 +111,7 @@ class RosFqn:
 
     @property
     def dds_names(self) -> tuple[str, ...]:
-        """Every DDS topic behind the name: one for a topic, two for a service, eight for an action."""
+        """DDS topics of the name: one for a topic, two for a service, eight for an action."""
         return dds_names(str(self), self.kind)
 
 
@@ -127,8 +127,8 @@ def parse(name: str, kind: ResourceKind | None = None) -> RosFqn:
     return RosFqn(
         scope=scope,
         agent=agent,
-        component=None if component is None else _read_component(component),
-        stream=None if stream is None else _read_stream(stream),
+        component=_read("component", component),
+        stream=_read("stream", stream),
         resource=resource,
     )
 
@@ -147,12 +147,10 @@ def _shares(name: str) -> tuple[Scope, tuple[str | None, ...], str]:
     return Scope(first), (*middle, *[None] * (3 - len(middle))), last
 
 
-def _read_component(text: str) -> ComponentSegment:
-    return read_standard(Component, check_words("component", text)) or Custom(text)
-
-
-def _read_stream(text: str) -> StreamSegment:
-    return read_standard(Stream, check_words("stream", text)) or Custom(text)
+def _read(label: str, text: str | None) -> Any:
+    if text is None:
+        return None
+    return read_standard(_SETS[label], check_words(label, text)) or Custom(text)
 
 
 def _read_resource(text: str, kind: ResourceKind | None) -> ResourceSegment:

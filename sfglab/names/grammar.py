@@ -46,7 +46,7 @@ class FqnError(InvalidValueError):
 
 
 class ResourceKind(Enum):
-    """What a ROS name denotes; topics, services and actions have separate name spaces."""
+    """Kind of a ROS name; topics, services and actions have separate name spaces."""
 
     TOPIC = "topic"
     SERVICE = "service"
@@ -130,7 +130,7 @@ _REPLY = "Reply"
 
 
 class DdsRole(Enum):
-    """What a DDS topic carries for ROS 2; the value is its prefix."""
+    """Role of a DDS topic for ROS 2; the value is its prefix."""
 
     TOPIC = "rt"
     REQUEST = "rq"

@@ -108,7 +108,7 @@ class Stream(_Standard):
     AUDIO = "audio"
 
 
-# Who offers what: data of a sensor belongs to a component or one of its streams, state and motion to a whole
+# Places of resources: data of a sensor belongs to a component or one of its streams, state and motion to a whole
 # agent or one of its components, life-cycle resources to the fleet or an agent.
 _SENSOR = After.COMPONENT | After.STREAM
 _BODY = After.AGENT | After.COMPONENT
