@@ -112,7 +112,7 @@ def decode_depth(
 
 
 def _quantised(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Return the whole part of A / d + B; holes where d is too far, too near for 16 bits, or no depth."""
+    """Return the whole part of A / d + B; holes where d is out of range or no depth."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         inverse = _QUANT_A / depth_m + _QUANT_B
         usable = (depth_m > 0) & (depth_m < np.float32(DEPTH_MAX_M)) & (inverse < 65536)
