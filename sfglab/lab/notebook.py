@@ -147,8 +147,8 @@ def _cell(value: object) -> object:
     return f"{value:.0f}" if abs(value) >= _WHOLE_FROM else f"{value:.3g}"
 
 
-def header(exp: Experiment[Any]) -> HTML:
-    """Return links to other pages, and the verdicts on an experiment's claims by committed logs.
+def header(exp: Experiment[Any], *others: Experiment[Any]) -> HTML:
+    """Return links to other pages, and the verdicts on the experiments' claims by committed logs.
 
     Links go to the first page, the previous and the next notebook, the ledger and the glossary.
     They are relative to the notebook, or to its executed copy. An experiment without a notebook has
@@ -174,8 +174,9 @@ def header(exp: Experiment[Any]) -> HTML:
     links = [f'<a href="{top}/notebooks/{name}.ipynb">{text}</a>' for text, name in pages.items()]
     links.append(f'<a href="{top}/{GLOSSARY}">glossary</a>')
     text = f"<p>{' | '.join(links)}</p>"
-    if exp.claims:
-        whole = ledger.compute_ledger(project, committed=True, only=exp.claims)
+    claims = [claim for one in (exp, *others) for claim in one.claims]
+    if claims:
+        whole = ledger.compute_ledger(project, committed=True, only=claims)
         verdicts = verdicts_html(whole, ", ")
         text += f"<p><b>Verdicts</b> from the committed logs: {verdicts}</p>"
     return HTML(text)

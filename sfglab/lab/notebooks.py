@@ -38,6 +38,8 @@ INDEX = "00_index"
 SETTINGS = "settings"
 #: New names of notebooks by their former names.
 RENAMED = {
+    "01_naming": "01_names_and_border",
+    "04_routing": "01_names_and_border",
     "09_transmission": "09_loss",
     "10_cooperation": "10_hallway",
     "11_gateways": "11_mapping_and_gateway",

@@ -15,7 +15,7 @@ from sfglab.lab.experiments import lifecycle, naming
 from sfglab.lab.explore import Automaton, transition_part
 from sfglab.lab.explore.timeline import Exchange, Timeline
 from sfglab.lab.figures import drawn
-from sfglab.names import ResourceKind, dds_names, parse
+from sfglab.names import ResourceKind, dds_names
 from sfglab.rtps import Drop, Frame, run, trace
 from sfglab.soc.gateway import State as CoreState
 from sfglab.soc.gateway import transitions
@@ -86,6 +86,10 @@ NAMES = {
 def said(picture):
     figure = drawn(picture._size, picture._draw)
     texts = [text for axes in figure.axes for text in axes.texts]
+    cells = [
+        cell for axes in figure.axes for table in axes.tables for cell in table.get_celld().values()
+    ]
+    texts += [cell.get_text() for cell in cells]
     words = {text.get_text().replace("\n", "") for text in texts}
     decided = {text.get_text() for text in texts if text.get_weight() == "bold"}
     return " ".join(figure.get_suptitle().split()), words, decided
@@ -113,21 +117,8 @@ def test_a_way_that_is_open_outward_only_is_said_and_kinds_are_chosen():
     assert said(picture)[0].endswith("it stays.")
 
 
-def test_a_press_puts_the_next_value_that_the_schema_allows_and_its_refusals_are_said():
-    picture = naming.NamePicture("/global/go2/camera_front/color/ffmpeg")
-    for label in ("scope", "component", "stream", "resource"):
-        before = parse(picture.name)
-        picture.press(label)
-        assert not picture.said
-        after = parse(picture.name)
-        assert [
-            one for one, _ in after.segments if getattr(after, one) != getattr(before, one)
-        ] == [label]
-    picture.press("agent")
-    assert "it has no standard values" in picture.said
-    picture.field.value = "/global/go2/get_metadata"
-    picture.press("stream")
-    assert "component: nothing is given" in picture.said
+def test_a_text_that_is_no_name_is_refused_and_the_last_name_stays():
+    picture = naming.NamePicture("/global/go2/get_metadata")
     picture.field.value = "/global//go2"
     assert "absolute name" in picture.said
     assert picture.name == "/global/go2/get_metadata"

@@ -21,7 +21,7 @@ def test_the_graph_is_a_chain_with_an_exit_into_the_resource_from_every_segment(
 
 def test_the_figure_shows_every_segment_with_its_values_and_every_exit_with_its_resources():
     axes = Figure().subplots()
-    found = naming.draw_schema(axes)
+    naming.draw_schema(axes)
     texts = [text.get_text() for text in axes.texts]
     boxes = {text.get_text(): text.get_bbox_patch() for text in axes.texts}
     for segment in naming.SEGMENTS:
@@ -30,5 +30,5 @@ def test_the_figure_shows_every_segment_with_its_values_and_every_exit_with_its_
     for kind in (names.Scope, names.Component, names.Stream, Resource):
         assert any(text.startswith(f"{len(kind)} values") for text in texts)
     assert sum("suffix" in text for text in texts) == len(naming.EXTENSIBLE)
-    for source, resources in found.items():
+    for source, resources in naming.permitted().items():
         assert f"after {source}: {len(resources)} resources" in texts

@@ -9,9 +9,10 @@ from made_logs import broken, made_run
 
 from sfglab.bus.api import MessageInfo
 from sfglab.lab.checks.routing import NEAR_MISSES, in_table_1, random_dds_names
-from sfglab.lab.experiments.routing import checks, exp, latencies
-from sfglab.lab.experiments.routing.analysis import FORBIDDEN, HEARD, MISSING, SILENT, cells_of
-from sfglab.lab.experiments.routing.experiment import PartyRow, parties_of, service_names, topics
+from sfglab.lab.experiments.routing import checks, exp
+from sfglab.lab.experiments.routing.experiment import PartyRow, parties_of
+from sfglab.lab.experiments.routing.live import service_names, topics
+from sfglab.lab.experiments.routing.results import FORBIDDEN, HEARD, MISSING, SILENT, reached
 from sfglab.lab.workers.test_peer import ReceiveStatistics
 from sfglab.names import dds_topic
 
@@ -26,7 +27,6 @@ def heard_rows():
         for source in topic.publishers:
             for hearer in topic.subscribers:
                 allowed = in_table_1(dds_topic(topic.name)) or DOMAINS[source] == DOMAINS[hearer]
-                routers = sum(DOMAINS[p] != 0 for p in (source, hearer))
                 yield {
                     "name": topic.name,
                     "dds_topic": dds_topic(topic.name),
@@ -36,7 +36,6 @@ def heard_rows():
                     "hearer_domain": DOMAINS[hearer],
                     "sent": 10,
                     "received": 10 if allowed else 0,
-                    "age_ms": 1.0 + 0.5 * routers if allowed else float("nan"),
                 }
 
 
@@ -70,7 +69,10 @@ def made(
         "latched": [
             {"source": s, "hearer": h, "received": latched} for s in DOMAINS for h in DOMAINS
         ],
-        "endpoint": [{"dds_topic": t, "kind": "publisher", "router": r} for t, r in endpoints],
+        "endpoint": [
+            {"seen_by": "ground_1", "dds_topic": t, "kind": "publisher", "router": r}
+            for t, r in endpoints
+        ],
         "policy": [{"check": "exact", "checked": 9, "held": policy_held}],
     }
     return made_run(exp, path, tables, config=exp.config("smoke"))
@@ -146,35 +148,23 @@ def test_a_run_without_anything_seen_in_the_global_domain_has_not_shown_anything
     assert "an endpoint seen in the global domain is of Table 1" in broken(checks(run))
 
 
-def test_latencies_are_told_by_the_routers_between(tmp_path):
-    found = latencies(made(tmp_path / "m.mcap"))
-    assert {name: e.value for name, e in found.items()} == pytest.approx(
-        {
-            "direct": 1.0,
-            "one router": 1.5,
-            "two routers": 2.0,
-            "one router, /tf": 1.5,
-            "per router": 0.5,
-        }
-    )
-
-
 def test_the_figure_shows_what_is_heard_what_leaks_and_what_is_missing(tmp_path):
     here = {"source": "agent_1", "hearer": "agent_2"}
     leaks = spoiled({"name": "/tf2", **here}, received=3)
     silent = spoiled({"name": "/tf", **here}, received=0)
     run = made(tmp_path / "m.mcap", heard=lambda row: leaks(silent(row)))
-    cells = {(c.name, c.domain): c for c in cells_of(run, "agent_1")}
-    assert cells["rt/tf", 0].color == HEARD
-    assert cells["rt/tf", 2].color == MISSING
-    assert cells["rt/tf2", 2].color == FORBIDDEN
-    assert cells["rt/tf2", 0].color == SILENT
-    assert cells["rt/tf2", 1].color == HEARD
-    assert cells["rq/global/<agent>/get_metadataRequest", 0].heard == 1
-    figure, twin = exp.figures(run)["routing_border"]
-    assert figure.axes
-    assert twin["heard"]["agent_1"]["rt/tf2 in D_2"] == 0.3
-    assert twin == exp.figures(run)["routing_border"][1]
+    cells = reached(run, "agent_1").set_index(["name", "domain"])
+    outcome = cells["outcome"]
+    assert outcome["rt/tf", 0] == HEARD
+    assert outcome["rt/tf", 2] == MISSING
+    assert outcome["rt/tf2", 2] == FORBIDDEN
+    assert outcome["rt/tf2", 0] == SILENT
+    assert outcome["rt/tf2", 1] == HEARD
+    assert cells["share"]["rq/global/<agent>/get_metadataRequest", 0] == 1
+    assert cells["share"]["rt/tf2", 2] == 0.3
+    figure, _ = exp.figures(run)["routing_border"]
+    drawn = {text.get_text() for axes in figure.axes for text in axes.texts}
+    assert {"100", "30"} <= drawn
 
 
 def test_a_tally_counts_repeated_late_restamped_and_missing_messages():

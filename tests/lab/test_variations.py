@@ -25,11 +25,12 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture
 def checkout(tmp_path, monkeypatch):
-    """A checkout with notebooks, claims and one committed log."""
+    """A checkout with notebooks, claims and the committed logs of one notebook."""
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
     (tmp_path / "data" / "reference").mkdir(parents=True)
     shutil.copy(DATA / "claims.yaml", tmp_path / "data")
-    shutil.copy(DATA / "reference" / "naming.mcap", tmp_path / "data" / "reference")
+    for name in ("naming", "routing"):
+        shutil.copy(DATA / "reference" / f"{name}.mcap", tmp_path / "data" / "reference")
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     return tmp_path
 
@@ -41,11 +42,14 @@ def sfglab(*words):
 
 @pytest.mark.slow
 def test_a_variation_prints_its_claims_and_files_and_replaces_nothing(checkout):
-    others = [checkout / "runs" / name for name in ("notebooks/01_naming.ipynb", "figures/x.svg")]
+    others = [
+        checkout / "runs" / name
+        for name in ("notebooks/01_names_and_border.ipynb", "figures/x.svg")
+    ]
     for file in others:
         file.parent.mkdir(parents=True)
         file.write_text("of another run")
-    words = ["reproduce", "01_naming", "--profile", "smoke", "-p", "samples=10"]
+    words = ["reproduce", "naming", "--profile", "smoke", "-p", "settings_naming={samples: 10}"]
     first, second = sfglab(*words), sfglab(*words)
     for done in (first, second):
         assert done.returncode == 0, done.stderr
@@ -71,11 +75,11 @@ def test_a_try_has_notebook_log_figures_and_summary_in_a_folder_of_its_own(check
         folder = checkout / "runs" / "try" / name
         files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*.*"))
         drawn = [f"figures/naming_schema.{suffix}" for suffix in ("json", "png", "svg")]
-        assert files == ["01_naming.ipynb", *drawn, "naming.mcap", "summary.txt"]
+        assert files == ["01_names_and_border.ipynb", *drawn, "naming.mcap", "summary.txt"]
         assert done.stdout.startswith("naming: profile smoke, samples=10\n")
         assert "A-FQN" in done.stdout
         assert "This run counts for no claim: " in done.stdout
-        for file in ("01_naming.ipynb", "figures\n", "naming.mcap", "summary.txt\n"):
+        for file in ("01_names_and_border.ipynb", "figures\n", "naming.mcap", "summary.txt\n"):
             assert f": runs/try/{name}/{file}" in done.stdout
         assert (folder / "summary.txt").read_text() in done.stdout
     assert sorted(path.name for path in (checkout / "runs").iterdir()) == ["cache", "try"]
@@ -86,12 +90,12 @@ def test_a_try_has_notebook_log_figures_and_summary_in_a_folder_of_its_own(check
 
 
 @pytest.mark.parametrize(
-    ("name", "claims"), [("01_naming", ["A-FQN"]), ("18_ros2", []), ("", ["A-FQN", "B-COOP"])]
+    ("name", "claims"), [("naming", ["A-FQN"]), ("ros2", []), ("", ["A-FQN", "B-COOP"])]
 )
 def test_the_claims_of_the_notebooks_that_ran_are_printed_and_no_others(
     checkout, monkeypatch, name, claims
 ):
-    logs = {name.partition("_")[2]: checkout / "a.mcap"} if name else {}
+    logs = {name: checkout / "a.mcap"} if name else {}
     done = Outcome(name=name, error="", notebook=checkout / "a.ipynb", logs=logs)
     monkeypatch.setattr("sfglab.lab.notebooks.run_notebooks", lambda *_, **__: [done])
     printed = called("reproduce", *filter(None, [name]))

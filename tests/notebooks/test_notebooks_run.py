@@ -25,7 +25,6 @@ SHOWN = "data/reference/cooperation.mcap"
 LOSS = ("latency", "live", "loss", "validation")
 # What the notebooks draw in a smoke test.
 FIGURES_ANYWHERE = {
-    "01_naming": {"naming_schema"},
     "02_depth_codecs": {"depth_codecs"},
     "08_caches_and_qos": {"balancing_caches", "balancing_qos"},
     "09_loss": {"phases", *(f"transmission_{what}" for what in LOSS)},
@@ -39,8 +38,8 @@ FIGURES_ANYWHERE = {
 }
 # The same for those that mean little without hosts of their own.
 FIGURES_OF_HOSTS = {
+    "01_names_and_border": {"naming_schema", "routing_border"},
     "03_decode_once": {"decode_once_h264"},
-    "04_routing": {"routing_border"},
     "05_lifecycle": {"heartbeats", "discovery_states"},
     "06_discovery": {"discovery_fleet", "discovery_scale"},
     "07_latency": {"latency"},

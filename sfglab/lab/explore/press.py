@@ -48,7 +48,7 @@ class Pressed:
         draw: Draws the present state into an empty figure, its parts marked by `part`.
         size: Width and height of the figure, inches.
         press: Called with the name of the part that was pressed; the figure is drawn anew afterwards. What it
-            raises, if it is ours, stands below the figure.
+            raises, if it is ours, stands below the figure. A figure without parts needs none.
         titles: Returns the sentence that a part shows under the mouse, by part.
         above: Widgets above the figure.
 
@@ -61,7 +61,7 @@ class Pressed:
         draw: Callable[[Figure], object],
         *,
         size: tuple[float, float],
-        press: Callable[[str], object],
+        press: Callable[[str], object] = str,
         titles: Callable[[], Mapping[str, str]] = dict,
         above: Sequence[Any] = (),
     ) -> None:

@@ -1,10 +1,11 @@
 """Traffic routing by the naming schema: paper A, section 4.1, Eq. 1 and Table 1.
 
 Agents behind routers and two parties in the global domain use the same names: those of Table 1, local ones and
-near misses. Recorded is who hears what of whom; beside that the policy is checked exactly.
+near misses. The log holds who heard what of whom; beside that the policy is checked exactly.
 """
 
-from sfglab.lab.experiments.routing.analysis import checks, latencies
+from sfglab.lab.experiments.routing import live
 from sfglab.lab.experiments.routing.experiment import exp
+from sfglab.lab.experiments.routing.results import checks
 
-__all__ = ["checks", "exp", "latencies"]
+__all__ = ["checks", "exp", "live"]

@@ -1,0 +1,277 @@
+"""Checks of what crosses the border, the claim A-NET-RULES, and the figure."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from sfglab.fleet.policy import TABLE_1
+from sfglab.lab.checks import CheckRow, check_row, lowest_share
+from sfglab.lab.checks.routing import in_table_1
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.routing.experiment import (
+    GLOBAL_DOMAIN,
+    Config,
+    exp,
+    may_cross,
+    on_the_wire,
+)
+from sfglab.lab.figures import COLORS, note
+from sfglab.lab.runs import Run, derived, lines_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+AGENT = "agent_1"  #: The agent whose messages the figure follows.
+GROUND = "ground_1"  #: The party in the global domain whose messages the figure follows.
+HEARD = "heard, as it may be (%)"
+SILENT = "not heard, as it must not be"
+FORBIDDEN = "heard, and must not be"
+MISSING = "not heard, and should be"
+OUTCOMES = {
+    HEARD: COLORS["proxy"],
+    SILENT: "#ececec",
+    FORBIDDEN: COLORS["standard"],
+    MISSING: COLORS["fourth"],
+}
+
+
+@derived
+def heard(run: Run[Config]) -> pd.DataFrame:
+    """Return one row per topic, source and hearer.
+
+    ``allowed`` says whether Table 1 names the topic, ``across`` whether the domains differ.
+    """
+    table = run["heard"]
+    return table.assign(
+        allowed=table["dds_topic"].map(in_table_1),
+        across=table["source_domain"] != table["hearer_domain"],
+        case=table["dds_topic"] + ": " + table["source"] + ", " + table["hearer"],
+    )
+
+
+@derived
+def calls(run: Run[Config]) -> pd.DataFrame:
+    """Return one row per service and caller, with ``allowed`` and ``across``."""
+    table = run["call"]
+    return table.assign(
+        allowed=table["name"].map(may_cross),
+        across=table["caller_domain"] != table["server_domain"],
+        case=table["name"] + ": " + table["caller"] + ", " + table["server"],
+    )
+
+
+@derived
+def checks(run: Run[Config]) -> pd.DataFrame:
+    """Return every kind of check: how it was made, and what `CheckRow` says of it."""
+    live = pd.DataFrame([{"how": How.LIVE.value, **asdict(row)} for row in _live(run)])
+    exact = run["policy"].assign(how=How.EXACT.value)
+    columns = ["check", "how", "checked", "held", "example"]
+    return pd.concat([live, exact], ignore_index=True)[columns]
+
+
+def _live(run: Run[Config]) -> Iterator[CheckRow]:
+    yield from _endpoint_checks(run)
+    yield from _topic_checks(run)
+    yield _rules_check(run)
+    yield from _service_checks(run)
+
+
+def _endpoint_checks(run: Run[Config]) -> Iterator[CheckRow]:
+    table = run["endpoint"]
+    seen = table.assign(case=table["dds_topic"] + ": " + table["seen_by"] + ", " + table["kind"])
+    yield _check(
+        "an endpoint seen in the global domain is of Table 1",
+        seen,
+        seen["dds_topic"].map(in_table_1),
+    )
+    yield _check("an endpoint seen in the global domain is a router's", seen, seen["router"] != "")
+
+
+def _topic_checks(run: Run[Config]) -> Iterator[CheckRow]:
+    every = heard(run)
+    inside = every[~every["across"]]
+    named = every[every["across"] & every["allowed"]]
+    others = every[every["across"] & ~every["allowed"]]
+    arrived = every[every["received"] > 0]
+    transforms = arrived[arrived["dds_topic"].isin(["rt/tf", "rt/tf_static"])]
+    latched = run["latched"]
+    late = latched.assign(case="rt/tf_static: " + latched["source"] + ", " + latched["hearer"])
+    yield _check("a topic of Table 1 is heard in every other domain", named, named["received"] > 0)
+    yield _check("any other topic is not heard in another domain", others, others["received"] == 0)
+    yield _check("every topic is heard in its own domain", inside, inside["received"] > 0)
+    yield _check("no sample arrives twice or comes back", arrived, arrived["repeated"] == 0)
+    yield _check("samples of one source keep their order", arrived, arrived["disordered"] == 0)
+    yield _check("samples keep their source time stamps", arrived, arrived["restamped"] == 0)
+    yield _check(
+        "transforms bear their agent's prefix, outside it only",
+        transforms,
+        transforms["misnamed"] == 0,
+    )
+    yield _check("a late joiner hears each static transform once", late, late["received"] == 1)
+
+
+def _service_checks(run: Run[Config]) -> Iterator[CheckRow]:
+    called = calls(run)
+    named = called[called["across"] & called["allowed"]]
+    others = called[called["across"] & ~called["allowed"]]
+    yield _check("a service of Table 1 answers calls from other domains", named, named["answered"])
+    yield _check("any other service does not", others, ~others["answered"].astype(bool))
+
+
+def _check(name: str, rows: pd.DataFrame, holds: pd.Series[bool]) -> CheckRow:
+    return check_row(name, zip(rows["case"], holds.astype(bool), strict=True))
+
+
+def _rules_check(run: Run[Config]) -> CheckRow:
+    """Check that every row of Table 1 was seen to be open at every agent, both ways."""
+    parties = run["party"]
+    agents = parties.loc[parties["domain"] != GLOBAL_DOMAIN, "party"]
+    seen = set(_crossings(run))
+    wanted = [
+        (rule.pattern, agent, way) for rule in TABLE_1 for agent in agents for way in ("out", "in")
+    ]
+    cases = ((", ".join(crossing), crossing in seen) for crossing in wanted)
+    return check_row("every rule is seen open at every agent, both ways", cases)
+
+
+def _crossings(run: Run[Config]) -> Iterator[tuple[str, str, str]]:
+    """Yield rule, agent and way of everything that was seen to cross."""
+    every = heard(run)
+    for row in every[every["across"] & (every["received"] > 0)].itertuples():
+        yield from _crossing(str(row.dds_topic), str(row.source), str(row.hearer))
+    called = calls(run)
+    for row in called[called["across"] & called["answered"]].itertuples():
+        request, reply = on_the_wire(str(row.name))
+        yield from _crossing(request, str(row.caller), str(row.server))
+        yield from _crossing(reply, str(row.server), str(row.caller))
+
+
+def _crossing(dds_topic: str, source: str, hearer: str) -> Iterator[tuple[str, str, str]]:
+    for rule in TABLE_1:
+        if rule.matches(dds_topic):
+            yield rule.pattern, source, "out"
+            yield rule.pattern, hearer, "in"
+
+
+@exp.claim("A-NET-RULES", how=How.LIVE)
+def share_that_holds(run: Run[Config]) -> Finding:
+    """Return the share of checks that hold, of live and exact ones whichever is lower."""
+    share = lowest_share(checks(run), "how")
+    details = {
+        "hosts": str(run.metadata("hosts")["description"]),
+        "agents": str(run.config.agents),
+        **{f"{group} checks": held for group, held in share.groups.items()},
+        "messages lost once a path was open": str(int(heard(run)["missing"].sum())),
+    }
+    return Finding(estimate=share.estimate, details=details, reason=share.reason)
+
+
+@derived
+def reached(run: Run[Config], source: str) -> pd.DataFrame:
+    """Return what the messages, requests and replies of one party reached.
+
+    Returns:
+        One row per DDS topic and domain: ``name`` with ``<agent>`` for the party, ``domain``,
+        ``share`` of the messages that arrived or calls that were answered, and ``outcome``.
+    """
+    table = heard(run)
+    chosen = table[(table["source"] == source) & ~table["dds_topic"].str.contains(r"status\d+$")]
+    called = calls(run)
+    asked = called[called["caller"] == source]
+    served = called[called["server"] == source]
+    requests = asked["name"].map(lambda name: on_the_wire(name)[0])
+    replies = served["name"].map(lambda name: on_the_wire(name)[1])
+    every = pd.concat(
+        [
+            _reached(chosen, chosen["dds_topic"], "source", "hearer_domain", "received"),
+            _reached(asked, requests, "server", "server_domain", "answered"),
+            _reached(served, replies, "server", "caller_domain", "answered"),
+        ]
+    )
+    by_place = every.groupby(["name", "domain"], sort=False)
+    found = by_place.agg({"received": "sum", "sent": "sum", "across": "first"}).reset_index()
+    allowed = found["name"].map(in_table_1) | ~found["across"]
+    arrived = found["received"] > 0
+    outcome = np.select([arrived & allowed, arrived, allowed], [HEARD, FORBIDDEN, MISSING], SILENT)
+    share = found["received"] / found["sent"]
+    return found[["name", "domain"]].assign(share=share, outcome=outcome)
+
+
+def _reached(
+    table: pd.DataFrame, dds: pd.Series[str], owner: str, domain: str, received: str
+) -> pd.DataFrame:
+    """Return rows of a table as ``name``, ``domain``, ``received``, ``sent`` and ``across``."""
+    pairs = zip(dds, table[owner], strict=True)
+    return pd.DataFrame(
+        {
+            "name": [name.replace(party, "<agent>") for name, party in pairs],
+            "domain": table[domain].to_numpy(),
+            "received": table[received].to_numpy(dtype=int),
+            "sent": table["sent"].to_numpy() if "sent" in table else 1,
+            "across": table["across"].to_numpy(),
+        }
+    )
+
+
+@exp.figure("routing_border", size=(10, 8))
+def draw_border(figure: Figure, run: Run[Config]) -> None:
+    """Draw who hears what: one panel for an agent's messages, one for the global domain's."""
+    panels = {source: reached(run, source) for source in (AGENT, GROUND)}
+    names = sorted(set().union(*(panel["name"] for panel in panels.values())), key=_order)
+    domains = sorted(run["party"]["domain"].unique())
+    others = [domain for domain in domains if domain > 1]
+    figure.set_size_inches(10, 2.2 + 0.235 * len(names))
+    layout: Any = [["left", "right"], ["key", "key"]]
+    axes = figure.subplot_mosaic(layout, height_ratios=(len(names), 2))
+    left, right = axes["left"], axes["right"]
+    _draw_matrix(left, panels[AGENT], names, [1, GLOBAL_DOMAIN, *others])
+    _draw_matrix(right, panels[GROUND], names, domains)
+    left.set_title("published in an agent's domain, $D_1$", fontsize=10)
+    right.set_title("published in the global domain, $D_0$", fontsize=10)
+    right.set_yticklabels([])
+    crossing = sum(map(in_table_1, names))
+    style: dict[str, Any] = {"rotation": 270, "ha": "left", "va": "center", "fontsize": 9}
+    edge = len(domains) - 0.4
+    right.text(edge, (crossing - 1) / 2, "Table 1: crosses", **style)
+    right.text(edge, (crossing + len(names) - 1) / 2, "all else: stays", **style)
+    for text, color in OUTCOMES.items():
+        axes["key"].plot([], [], "s", color=color, label=text)
+    title = "In the domain of the column a message or call was"
+    axes["key"].legend(loc="center", ncols=4, fontsize=9, title=title)
+    axes["key"].axis("off")
+    sums = checks(run).groupby("how")[["held", "checked"]].sum()
+    shares = [f"{row.held:,} of {row.checked:,} {row.Index}" for row in sums.itertuples()]
+    figure.suptitle(f"Only Table 1 of paper A crosses the border: {', '.join(shares)} checks hold")
+    rate = f"{run.config.rate_hz:g} messages per second and name"
+    note(figure, f"{rate}; blank: no party calls its own services", run)
+
+
+def _order(name: str) -> tuple[bool, int, str]:
+    """Order names by the row of Table 1 that they fall under, those of none last."""
+    rows = [i for i, rule in enumerate(TABLE_1) if rule.matches(name)]
+    return not rows, rows[0] if rows else 0, name
+
+
+def _draw_matrix(axes: Axes, cells: pd.DataFrame, names: list[str], domains: list[int]) -> None:
+    """Draw where each name was heard; the first column is the publisher's own domain."""
+    for cell in lines_of(cells):
+        x, y = domains.index(cell.domain), names.index(cell.name)
+        axes.barh(y, 0.88, 0.84, left=x - 0.44, color=OUTCOMES[cell.outcome])
+        if cell.share > 0:
+            share = f"{100 * cell.share:.0f}"
+            axes.text(x, y, share, ha="center", va="center", color="white", fontsize=8)
+    axes.axhline(sum(map(in_table_1, names)) - 0.5, color="black", linewidth=1)
+    axes.axvline(0.5, color="black", linewidth=1, linestyle=(0, (2, 2)))
+    axes.set_xticks(range(len(domains)), [f"$D_{domain}$" for domain in domains])
+    axes.set_yticks(range(len(names)), names, fontsize=8, family="monospace")
+    axes.set(xlim=(-0.5, len(domains) - 0.5), ylim=(len(names) - 0.5, -0.5))
+    axes.tick_params(length=0, top=True, labeltop=True, bottom=False, labelbottom=False)
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
