@@ -204,7 +204,8 @@ def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
             run = experiment(name).load(log)
             claims += own_ledger(project, run)
             lines.append(f"  log: {project.relative(log)}")
-            lines.append(f"  figures: {project.relative(figures_folder(project, log))}")
+            folder = figures_folder(project, log, outcome.notebook)
+            lines.append(f"  figures: {project.relative(folder)}")
             if run.why_not:
                 lines.append(f"  This run counts for no claim: {run.why_not}.")
     return "\n".join([render(claims) if claims else "", *lines])

@@ -270,10 +270,13 @@ def _difference(project: Project, entry: Entry, own: Entry, run: Run[Any]) -> st
     return f"the ledger has the value of {entry.log}"
 
 
-def figures_folder(project: Project, log: Path) -> Path:
-    """Return the folder for the figures of a log: shared only by runs that count for claims."""
-    if log.resolve().is_relative_to(project.tries.resolve()):
-        return log.parent / "figures"
+def figures_folder(project: Project, log: Path, notebook: Path) -> Path:
+    """Return the folder for the figures of a log: shared only by runs that count for claims.
+
+    The notebook is the executed copy that draws them: one of `sfglab try` has a folder of its own.
+    """
+    if notebook.resolve().is_relative_to(project.tries.resolve()):
+        return notebook.parent / "figures"
     folder = project.runs / "figures"
     logs = project.runs / "logs"
     if not log.resolve().is_relative_to(logs.resolve()):

@@ -189,7 +189,8 @@ def save_figures(run: Run[Any]) -> str:
     folder of its own in it, so that no figure of another run is replaced.
     """
     project = find_project()
-    folder = ledger.figures_folder(project, run.log)
+    copy = os.environ.get(COPY_VARIABLE)
+    folder = ledger.figures_folder(project, run.log, Path(copy) if copy else run.log)
     files = ledger.save_figures(project, run, folder)
     names = dict.fromkeys(file.stem for file in files)
     return f"{project.relative(folder)}: {', '.join(names)} (SVG, PNG and JSON)"

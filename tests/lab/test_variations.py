@@ -29,6 +29,7 @@ def checkout(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
     (tmp_path / "data" / "reference").mkdir(parents=True)
     shutil.copy(DATA / "claims.yaml", tmp_path / "data")
+    shutil.copytree(DATA / "fleets", tmp_path / "data" / "fleets")
     for name in ("naming", "routing"):
         shutil.copy(DATA / "reference" / f"{name}.mcap", tmp_path / "data" / "reference")
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
@@ -74,7 +75,8 @@ def test_a_try_has_notebook_log_figures_and_summary_in_a_folder_of_its_own(check
         assert done.returncode == 0, done.stderr
         folder = checkout / "runs" / "try" / name
         files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*.*"))
-        drawn = [f"figures/naming_schema.{suffix}" for suffix in ("json", "png", "svg")]
+        names = ("naming_schema", "routing_border")
+        drawn = [f"figures/{one}.{suffix}" for one in names for suffix in ("json", "png", "svg")]
         assert files == ["01_names_and_border.ipynb", *drawn, "naming.mcap", "summary.txt"]
         assert done.stdout.startswith("naming: profile smoke, samples=10\n")
         assert "A-FQN" in done.stdout
