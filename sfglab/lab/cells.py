@@ -1,13 +1,15 @@
 """Live cells: parts of an experiment that are played with processes, each for some repetitions.
 
 Cells of one stage share processes or hosts. A finished cell is in the part's journal at once, so that an
-interrupted run continues behind it. A cell whose processes fail is played once more with new ones.
+interrupted run continues behind it. A cell whose processes fail is played once more with new ones. A stage
+whose processes fail twice in a row to start is left out with its remaining cells.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections import Counter
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.component import beside
@@ -18,16 +20,18 @@ from sfglab.lab.sweep import journal as journaled
 from sfglab.processes import ProcessFailedError
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Hashable, Mapping
+    from collections.abc import Awaitable, Callable, Hashable, Iterable, Mapping, Sequence
     from contextlib import AbstractAsyncContextManager
 
     from sfglab.lab.bench import Bench
+    from sfglab.lab.runs import Run
 
 T = TypeVar("T")
 S = TypeVar("S", bound="Hashable")
 H = TypeVar("H")
+Job = tuple[int, int]  #: A play: place of its cell, and its repetition.
 
-_TRIES = 2  #: Number of attempts at a cell.
+_TRIES = 2  #: Number of attempts at a cell, and at the start of a stage.
 
 
 async def run_cells(  # noqa: PLR0913 - options
@@ -42,8 +46,8 @@ async def run_cells(  # noqa: PLR0913 - options
 ) -> None:
     """Play cells and write their rows into a table, repetition by repetition.
 
-    The metadata of the table's name lists under `FAILED_CELLS` the cells that failed twice, with the
-    reason. A run with such cells counts for no claim.
+    The metadata of the table's name lists under `FAILED_CELLS` the cells that failed twice, or whose
+    stage failed twice to start, with the reason. A run with such cells counts for no claim.
 
     Args:
         bench: Context of the run.
@@ -63,35 +67,72 @@ async def run_cells(  # noqa: PLR0913 - options
     jobs = []
     for repeat in range(max(cells.values())):
         jobs += [(place, repeat) for place, cell in enumerate(todo) if repeat < cells[cell]]
-    failed: Counter[tuple[int, int]] = Counter()
-    reasons: dict[str, str] = {}
     turn = asyncio.Semaphore(at_once)
     run_name = f"{bench.experiment}-{bench.config.profile}"
     journal_path = bench.stack.enter_context(journaled.journals(bench.log.path, run_name))
     identity = journaled.identity_of(run_cells, [bench.config, *todo])
     with journaled.open_journal(journal_path(table), identity) as journal:
+        plays = _Plays(cells=todo, finished=journal.finished, advance=bench.advance)
 
         async def play_stage(stage: S) -> None:
             own = [job for job in jobs if stage_of(todo[job[0]]) == stage]
-            while missing := [
-                job for job in own if job not in journal.finished and failed[job] < _TRIES
-            ]:
-                job = missing[0]
+            while missing := plays.missing(own):
+                playing: Job | None = None
                 try:
                     async with turn, start(stage) as processes:
-                        for job in missing:
-                            cell, repeat = todo[job[0]], job[1]
+                        plays.failures[stage, "start"] = 0
+                        for playing in missing:
+                            cell, repeat = todo[playing[0]], playing[1]
                             rows = await play(processes, cell, repeat)
-                            journal.add(*job, journaled.text_from_result(rows))
-                            bench.advance(f"cell {job[0] + 1} of {len(todo)}, repetition {repeat}")
+                            journal.add(*playing, journaled.text_from_result(rows))
+                            place = playing[0] + 1
+                            bench.advance(f"cell {place} of {len(todo)}, repetition {repeat}")
                 except (ProcessFailedError, HostsError, TimeoutError) as error:
-                    failed[job] += 1
-                    reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
+                    if playing is None:
+                        plays.failed((stage, "start"), missing, error)
+                    else:
+                        plays.failed(playing, plays.missing([playing]), error)
 
         stages = dict.fromkeys(map(stage_of, todo))
         async with beside(*map(play_stage, stages)) as played:
             await asyncio.gather(*played)
+        reasons = {plays.text_of(job): error for job, error in plays.given_up.items()}
         for job in jobs:
             rows = journal.finished.get(job, ())
             bench.write_all(table, rows if isinstance(rows, tuple | list) else (rows,))
     bench.metadata(table, {"hindrance": "", FAILED_CELLS: reasons})
+
+
+@dataclass(slots=True, kw_only=True)
+class _Plays:
+    """Plays that are missing, and those that are given up."""
+
+    cells: Sequence[Any]  #: All cells.
+    finished: Mapping[Job, Any]  #: Plays whose rows are in the journal.
+    advance: Callable[[str], None]  #: Advances the bar.
+    #: Number of failures of each play, and in a row of the start of each stage.
+    failures: Counter[Any] = field(default_factory=Counter)
+    given_up: dict[Job, str] = field(default_factory=dict)  #: Error of the last attempt by play.
+
+    def missing(self, jobs: Iterable[Job]) -> list[Job]:
+        """Return those plays that are neither finished nor given up."""
+        return [job for job in jobs if job not in self.finished and job not in self.given_up]
+
+    def failed(self, what: Any, jobs: Iterable[Job], error: Exception) -> None:
+        """Count a failure, and give plays up if it is the last attempt."""
+        self.failures[what] += 1
+        if self.failures[what] < _TRIES:
+            return
+        for job in jobs:
+            self.given_up[job] = str(error)
+            self.advance(f"{self.text_of(job)}: failed")
+
+    def text_of(self, job: Job) -> str:
+        """Return the cell and repetition of a play."""
+        place, repeat = job
+        return f"{self.cells[place]}, repetition {repeat}"
+
+
+def failed_plays(run: Run[Any], table: str) -> list[str]:
+    """Return the cells and repetitions that `run_cells` left out of a table."""
+    return [*run.metadata(table).get(FAILED_CELLS, ())]
