@@ -6,13 +6,22 @@ from itertools import product
 
 import numpy as np
 import pytest
-from made_logs import broken, ran, reference
+from made_logs import DATA, broken, ran, reference
 
-from sfglab.arp.balancing import BalanceInput
+from sfglab.arp.balancing import BalanceInput, InfeasibleBalanceError
 from sfglab.arp.cache import Decision, LocalCache
-from sfglab.arp.robots import SENSORS
+from sfglab.arp.link import at_depths, link_of
+from sfglab.arp.robots import ROBOTS, SENSORS
+from sfglab.arp.topics import load_topics
+from sfglab.errors import InvalidValueError
 from sfglab.fields import bounds_of
-from sfglab.lab.experiments.balancing import cache_curves, exp, experiment, optimum_curves
+from sfglab.lab.experiments.balancing import (
+    cache_curves,
+    channel_loads,
+    exp,
+    experiment,
+    optimum_curves,
+)
 from sfglab.lab.experiments.balancing.experiment import balance_checks, balance_row, readings
 from sfglab.lab.explore.interactive import setting_of
 from sfglab.units import NS_PER_S
@@ -68,12 +77,34 @@ def test_the_explorer_has_the_messages_and_outdated_values_of_a_cache_on_a_lossy
     assert 100 * outdated / len(values) == pytest.approx(shares.iloc[-1], rel=0.07)
 
 
-@pytest.mark.parametrize("explorer", [cache_curves, optimum_curves])
-def test_axes_of_explorers_hold_every_setting_of_their_forms(explorer):
+@pytest.mark.parametrize(("explorer", "count"), [(cache_curves, 8), (optimum_curves, 8)])
+def test_axes_of_explorers_hold_every_setting_of_their_forms(explorer, count):
     bounds = bounds_of(type(setting_of(explorer)))
+    pictures = []
     for values in product(*((one.low, one.high) for one in bounds.values())):
-        with suppress(ValueError):  # no optimum
-            picture = explorer(**dict(zip(bounds, values, strict=True)))
-            for row in picture.values():
-                axis = picture.panels[row["place"]].y
-                assert axis.low <= row["y"] <= axis.high
+        with suppress(InfeasibleBalanceError, InvalidValueError):  # no optimum
+            pictures.append(explorer(**dict(zip(bounds, values, strict=True))))
+    assert len(pictures) == count
+    for picture in pictures:
+        for row in picture.values():
+            axis = picture.panels[row["place"]].y
+            assert axis.low <= row["y"] <= axis.high
+
+
+def test_the_demand_has_a_cache_for_sensors_and_none_for_hello():
+    demand = channel_loads(REFERENCE)["OPT and local cache (LC)"]
+    hellos = {"/hello", "/robot3/localisation"}
+    given = load_topics(DATA / "qos" / "paper_b.yaml")
+    cached = [replace(topic, cached=topic.name not in hellos) for topic in given.topics]
+    link = link_of(cached, given.medium, given.vendor)
+    assert len(hellos) == len(cached) - sum(map(len, ROBOTS.values()))
+    rates_hz, depths = np.full(len(cached), 165.667), np.full(len(cached), 827)
+    expected = at_depths(link, depths, rates_hz).utilisation(rates_hz).max()
+    assert demand[1000] == pytest.approx(expected, rel=1e-3)
+    assert demand[1000] == pytest.approx(0.294, abs=1e-3)
+
+
+def test_recordings_are_named_by_what_was_recorded():
+    details = exp.measure(REFERENCE)["B-LC"].details
+    assert details["fewer messages sent, electrode (as Float32)"] == "43%"
+    assert details["fewer messages sent, electrode (as String)"] == "98%"

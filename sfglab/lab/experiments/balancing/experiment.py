@@ -147,10 +147,11 @@ _STEPS = {"lidar": 0.001, "dht11": 1.0, "imu": 1 / 16384, "ultrasonic": 0.003}
 """Resolutions in m, degrees and g, from the data sheets of A2M8, DHT11, MPU-6050 (16384 per g) and
 HC-SR04."""
 
+ELECTRODE = {"lidar": "electrode (as Float32)", "pir": "electrode (as String)"}
+"""Names of the recordings by the sensor of Table 1 as whose messages they are sent."""
 RECORDED = tuple(
-    replace(SENSORS[name], name=f"recorded {name}", change_s=0.0) for name in ("lidar", "pir")
+    replace(SENSORS[sensor], name=name, change_s=0.0) for sensor, name in ELECTRODE.items()
 )
-"""Sensors of Table 1 whose values come from a recording."""
 
 
 def readings(
