@@ -196,7 +196,7 @@ def lack_of_fit(
     return LackOfFit(f=ratio, freedom=freedom, p=float(f_distribution.sf(ratio, *freedom)))
 
 
-def wilson(successes: int, runs: int) -> tuple[float, float]:
+def wilson(successes: float, runs: int) -> tuple[float, float]:
     """Return the 95 % interval of a share, which stays sensible at 0 and 1 (E. B. Wilson, JASA 22, 1927)."""
     share, z2 = successes / runs, _Z**2
     middle = (share + z2 / (2 * runs)) / (1 + z2 / runs)
@@ -205,7 +205,7 @@ def wilson(successes: int, runs: int) -> tuple[float, float]:
     return max(0.0, min(share, middle - half)), min(1.0, max(share, middle + half))
 
 
-def share_of(successes: int, runs: int, *, unit: str) -> Estimate:
+def share_of(successes: float, runs: int, *, unit: str) -> Estimate:
     """Estimate a share with Wilson's interval; `runs` is 1 at least."""
     low, high = wilson(successes, runs)
     return Estimate(value=successes / runs, low=low, high=high, unit=unit)

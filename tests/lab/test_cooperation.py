@@ -15,10 +15,12 @@ from sfglab.arp import hallway
 from sfglab.arp.hallway import ROBOTS
 from sfglab.arp.hallway.simulation import LAP_DEPTHS, LapSettings
 from sfglab.arp.robots import RATES_HZ
+from sfglab.lab.experiment import SkippedPartError
 from sfglab.lab.experiments import cooperation
 from sfglab.lab.experiments.cooperation import drawn, exp, experiment, explorer, live, results
 from sfglab.lab.explore import explore
 from sfglab.lab.explore.interactive import argument_texts
+from sfglab.processes import ProcessFailedError
 
 REFERENCE = reference(exp)
 
@@ -62,6 +64,28 @@ def test_the_difference_is_the_mean_over_rates():
     assert estimate.low <= estimate.value <= estimate.high
 
 
+def test_contacts_and_stops_are_counted_apart():
+    laps = cooperation.laps(REFERENCE)
+    ends = cooperation.endings(laps)
+    assert ends.sum(axis=1).to_dict() == laps.groupby("method").size().to_dict()
+    assert ends.loc["none"].to_dict() == {
+        "success": 0,
+        "contact": 72,
+        "stop for an obstacle": 0,
+        "timeout": 0,
+    }
+    assert ends.loc["OPT+LC"].tolist() == [1, 3, 19, 1]
+    details = exp.measure(REFERENCE)["B-COOP"].details
+    assert details["ends, none"] == "contact in 72"
+
+
+def test_the_difference_has_an_interval_where_no_lap_succeeds():
+    estimate = cooperation.difference(cooperation.laps(REFERENCE))
+    assert estimate.value == pytest.approx(1 / 24)
+    assert estimate.low < 0
+    assert estimate.high == pytest.approx(0.202, abs=1e-3)
+
+
 def test_drawn_laps_are_the_paper_s_or_those_of_other_methods():
     def row(method, end):
         return SimpleNamespace(method=method, end=end)
@@ -99,6 +123,33 @@ def test_a_live_lap_ends_when_the_station_stops_all():
     assert lap.verdict == hallway.Verdict(end=hallway.End.STOP, robot=1)
     assert [track.robot for track in lap.tracks] == list(ROBOTS)
     assert {track.manoeuvre for track in lap.tracks} == {"forward"}
+
+
+@pytest.mark.parametrize(("failures", "driven"), [(0, 1), (1, 2), (2, 2)])
+def test_a_live_lap_that_fails_is_driven_once_more(monkeypatch, failures, driven):
+    begun = []
+
+    async def drive_live(seed, *, limit_s):
+        begun.append(seed)
+        if len(begun) <= failures:
+            raise ProcessFailedError("it ended")
+        return "the lap", limit_s
+
+    monkeypatch.setattr(live, "drive_live", drive_live)
+    lap = live.drive_again_if_failed(3, limit_s=9.0)
+    if failures < driven:
+        assert asyncio.run(lap) == ("the lap", 9.0)
+    else:
+        with pytest.raises(SkippedPartError, match="failed 2 times: it ended"):
+            asyncio.run(lap)
+    assert begun == [3] * driven
+
+
+def test_the_live_lap_is_shown_with_its_end_and_whether_it_kept_its_schedule():
+    shown = cooperation.live_lap(REFERENCE)["quantity"].tolist()
+    assert shown == ["hosts", "end", "lasted_s", "radio", "kept_up", "simulated_end"]
+    figure, _ = exp.draw("cooperation_live", REFERENCE)
+    assert "kept its schedule and ended with: success" in figure.get_suptitle()
 
 
 @pytest.mark.live
@@ -170,3 +221,10 @@ def test_time_counts_while_any_beam_is_wrong():
     turns = [snapshot(0, 0, 0), snapshot(1, 0, 1), snapshot(1, 0, 0), snapshot(0, 0, 1)]
     lasting = explorer.wrong_for_s(turns)
     np.testing.assert_allclose(lasting.T, [[0, 0.1, 0.2, 0], [0] * 4, [0, 0.1, 0, 0.1]])
+
+
+def test_the_axis_holds_the_longest_time_that_a_station_is_wrong():
+    *_, picture = cooperation.hallway_lap(method="OPT", seed=1)
+    panel = picture.panels[-1]
+    longest_s = max(max(series.y) for series in panel.series)
+    assert 11 < longest_s < panel.y.high

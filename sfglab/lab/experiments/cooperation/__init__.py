@@ -10,6 +10,7 @@ from sfglab.lab.experiments.cooperation.explorer import hallway_lap
 from sfglab.lab.experiments.cooperation.results import (
     causes,
     difference,
+    endings,
     failing_robots,
     laps,
     live_lap,
@@ -19,6 +20,7 @@ from sfglab.lab.experiments.cooperation.results import (
 __all__ = [
     "causes",
     "difference",
+    "endings",
     "exp",
     "failing_robots",
     "hallway_lap",

@@ -64,8 +64,9 @@ def write_drawn_laps(bench: Bench[Config]) -> None:
 def examples_of(rows: Sequence[CourseRow]) -> dict[str, CourseRow]:
     """Return the laps that are drawn, the first ones in the sweep's order.
 
-    Fig. 17 shows a lap that is completed with OPT+LC, Fig. 18 one that fails without any method. If there
-    is none, another method's lap takes its place.
+    Fig. 17 shows a lap that is completed, Fig. 18 one that fails. The paper names no method for either; by
+    section 3.2 OPT+LC completes it, so that the first is drawn with OPT+LC and the second without any method.
+    If there is none, another method's lap takes its place.
     """
     examples = {}
     for name, method in ((SUCCESS, BEST), (FAILURE, NONE)):

@@ -51,7 +51,7 @@ _SPAN_M = 6.4  # of both axes, so that a square panel has equal scales
 _X = pictures.Axis("x", "m", -0.7, _SPAN_M - 0.7)
 _Y = pictures.Axis("y", "m", -1.2, _SPAN_M - 1.2)
 _TIME = pictures.Axis("time", "s", 0, LIMIT_S, si=True)
-_WRONG_FOR = pictures.Axis("station wrong for", "s", 0, 8)
+_WRONG_FOR = pictures.Axis("station wrong for", "s", 0, 15)
 _FAR_M = 99.0  # stands for infinity: no echo, or no value yet
 _CHUNK_S = 1.0  # simulated time between two looks at the clock
 _COARSE_S = 0.06  # computing time of the first picture

@@ -22,9 +22,9 @@ from sfglab.bus.address import BusAddress
 from sfglab.lab.experiment import SkippedPartError
 from sfglab.lab.experiments.cooperation.drawn import write_tracks
 from sfglab.lab.experiments.cooperation.experiment import Config, TrackRow, exp, track_rows
-from sfglab.lab.hosts import Host, Network, RadioCounters
+from sfglab.lab.hosts import Host, HostsError, Network, RadioCounters
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
-from sfglab.processes import Member, ProcessGroup
+from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
     from sfglab.component import Report
@@ -33,9 +33,12 @@ if TYPE_CHECKING:
 LIVE, SIMULATED = "live", "simulated"  #: Names of the two laps in the table ``track``.
 LIVE_SETTINGS = LapSettings(method=BEST, rate_max_hz=100, depth=OPTIMUM, vendor="cyclone_dds")
 """Settings of the live lap, and of the simulated one beside it. The live bus is Cyclone DDS."""
+LIVE_VALUES = ("hosts", "end", "lasted_s", "radio", "kept_up", "simulated_end")
+"""Names in the metadata ``live``."""
 DOMAIN = 47  #: DDS domain of the live lap.
 GIVEN_UP = "the time was over"  #: End of a lap that neither succeeded nor failed in time.
 _POLL_S = 0.1
+_TRIES = 2  # attempts at the live lap
 _MODULE = "sfglab.lab.workers.hallway"
 
 
@@ -48,7 +51,7 @@ async def drive_and_simulate(bench: Bench[Config]) -> None:
         raise SkippedPartError("no live lap was asked for")
     if not capability.ok:
         raise SkippedPartError(f"no live lap: {capability.reason}")
-    live, radio = await drive_live(config.seed, limit_s=config.live_s)
+    live, radio = await drive_again_if_failed(config.seed, limit_s=config.live_s)
     simulated = SimulatedLap(LIVE_SETTINGS, config.seed, record=True)
     lap = simulated.run(limit_s=config.live_s)
     write_tracks(bench, live.tracks)
@@ -109,6 +112,21 @@ class LiveLap:
     def lasted_s(self) -> float:
         """Duration of the lap, s."""
         return max((report["t_s"] for report in self._last.values()), default=0.0)
+
+
+async def drive_again_if_failed(seed: int, *, limit_s: float) -> tuple[LiveLap, RadioCounters]:
+    """Do as `drive_live` does, once more with new processes and hosts if they fail.
+
+    Raises:
+        SkippedPartError: They failed twice.
+    """
+    errors = []
+    for _ in range(_TRIES):
+        try:
+            return await drive_live(seed, limit_s=limit_s)
+        except (ProcessFailedError, HostsError, TimeoutError) as error:
+            errors.append(str(error))
+    raise SkippedPartError(f"the live lap failed {len(errors)} times: {errors[-1]}")
 
 
 async def drive_live(seed: int, *, limit_s: float) -> tuple[LiveLap, RadioCounters]:

@@ -13,13 +13,13 @@ from sfglab.arp.hallway.simulation import OPTIMUM
 from sfglab.arp.robots import BEST, METHODS
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.cooperation.experiment import NONE, Config, exp
-from sfglab.lab.experiments.cooperation.live import LIVE, LIVE_SETTINGS, SIMULATED
+from sfglab.lab.experiments.cooperation.live import LIVE, LIVE_SETTINGS, LIVE_VALUES, SIMULATED
 from sfglab.lab.figures import COLORS, default_sidecar, note
 from sfglab.lab.runs import Run, derived, lines_of
-from sfglab.lab.stats import Estimate, Floats, bootstrap, wilson
+from sfglab.lab.stats import Estimate, difference_of, share_of, wilson
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -83,6 +83,14 @@ def failing_robots(table: pd.DataFrame) -> pd.DataFrame:
     return counts.reindex(index=methods, columns=list(_SHARE_COLORS), fill_value=0)
 
 
+def endings(table: pd.DataFrame) -> pd.DataFrame:
+    """Return how many laps of each method ended in which way: a contact is no stop for an obstacle."""
+    counts = pd.crosstab(table["method"], table["end"])
+    methods = [method for method in METHODS if method in counts.index]
+    ways = [end.value for end in End]
+    return counts.reindex(index=methods, columns=ways, fill_value=0)
+
+
 def causes(table: pd.DataFrame) -> pd.DataFrame:
     """Return rate, history depth, channel utilisation and success by method, Rmax and DEPTH."""
     keys = ["method", "rate_max_hz", "depth"]
@@ -108,7 +116,8 @@ def depth_text(depth: int) -> str:
 def live_lap(run: Run[Config]) -> pd.DataFrame:
     """Return how the live lap and the simulated one beside it ended; empty without a live lap."""
     values = {} if run.skipped("live") else run.metadata("live")
-    return pd.DataFrame(list(values.items()), columns=["quantity", "value"])
+    lines = [(name, values[name]) for name in LIVE_VALUES if name in values]
+    return pd.DataFrame(lines, columns=["quantity", "value"])
 
 
 # --- Claim ------------------------------------------------------------------------------------
@@ -119,17 +128,14 @@ def difference(table: pd.DataFrame) -> Estimate:
 
     Rates are averaged over Rmax. All values of DEPTH count alike.
     """
-    groups = []
-    for method in (BEST, NONE):
-        for _, of_rate in table[table["method"] == method].groupby("rate_max_hz"):
-            groups.append(of_rate["success"].to_numpy(dtype=np.float64))
-    half = len(groups) // 2
+    more, less = (_mean_over_rates(table, method) for method in (BEST, NONE))
+    return difference_of(more, less, unit="success rate difference")
 
-    def exceeds(drawn: Sequence[Floats]) -> float:
-        means = [float(group.mean()) for group in drawn]
-        return float(np.mean(means[:half]) - np.mean(means[half:]))
 
-    return bootstrap(groups, exceeds, unit="success rate difference")
+def _mean_over_rates(table: pd.DataFrame, method: str) -> Estimate:
+    laps_of = table[table["method"] == method]
+    share = float(laps_of.groupby("rate_max_hz")["success"].mean().mean())
+    return share_of(share * len(laps_of), len(laps_of), unit="success rate")
 
 
 @exp.claim("B-COOP", how=How.SIMULATED)
@@ -142,6 +148,9 @@ def success_difference(run: Run[Config]) -> Finding:
         details[f"success, {row.method}"] = f"{interval} of {row.runs} laps"
     for method, counts in failing_robots(table).to_dict("index").items():
         details[f"failing robots, {method}"] = _failing_robots_text(counts)
+    for method, counts in endings(table).to_dict("index").items():
+        ways = [f"{end} in {count}" for end, count in counts.items() if count]
+        details[f"ends, {method}"] = ", ".join(ways)
     return Finding(estimate=difference(table), details=details, reason=_reason(table))
 
 
@@ -179,7 +188,7 @@ def draw_success(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     best, none = (completed(table, method) for method in (BEST, NONE))
     figure.suptitle(
         f"Balanced QoS with the local cache (OPT+LC) completes {best} laps, no method {none}\n"
-        "(paper: the lap is completed with OPT+LC, and not without)"
+        "(paper: OPT+LC completes the task; Fig. 18 has a failed lap and names no method)"
     )
     seeds = table["seed"].nunique()
     channel = f"{100 * run.config.loss:g} % of frames lost"
@@ -324,10 +333,13 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
         distances.plot(apart["t_s"], distance_cm, color=color, label=robot)
         farthest_cm = max(farthest_cm, distance_cm.max())
     distances.set(xlabel="time (s)", ylabel="distance to the simulated track (cm)", ylim=(0, None))
+    values = run.metadata("live")
+    schedule = "kept its schedule" if values["kept_up"] else "did not keep its schedule"
     figure.suptitle(
-        f"Live over DDS the robots stay within {farthest_cm:.0f} cm of their simulated tracks"
+        f"The live lap over DDS {schedule} and ended with: {values['end']}\n"
+        f"The robots stay within {farthest_cm:.0f} cm of their simulated tracks"
     )
-    lasted_s = run.metadata("live")["lasted_s"]
+    lasted_s = values["lasted_s"]
     note(figure, f"one live lap of {lasted_s:.0f} s, over Cyclone DDS; one dot every 10 s")
 
 
