@@ -11,9 +11,15 @@ import yaml
 from made_logs import CLAIMS, ran, reference
 
 from sfglab.lab.claims import Verdict, entry_for
-from sfglab.lab.experiments.phases import exp, press_map, shares
+from sfglab.lab.experiments.phases import exp, phases, press_map, shares
 from sfglab.lab.experiments.phases.experiment import CELLS, LAPS, PLACE, conditions, plausible
-from sfglab.lab.experiments.phases.results import ANSWERS, answers, command_of, mapped
+from sfglab.lab.experiments.phases.results import (
+    ANSWERS,
+    answers,
+    by_conditions,
+    command_of,
+    mapped,
+)
 from sfglab.lab.runs import COMPLETION, lines_of
 from sfglab.rtps import Fate, FlowOutcome
 from sfglab.rtps.session import age_ms
@@ -56,8 +62,10 @@ def test_a_click_prints_the_cells_and_a_command_that_simulates_the_condition_aga
     place = lines_of(mapped(run))[-1]
     words = shlex.split(command_of(run, place))[3:]
     fields = {name: yaml.safe_load(value) for name, value in (word.split("=") for word in words)}
-    [again] = conditions(exp.config("quick", **fields))
-    assert (again.preset, again.loss, again.frame_us) == (place.preset, place.loss, place.frame_us)
+    again = conditions(exp.config("quick", **fields))
+    assert [one.rate_max_hz for one in again] == [100, 200, 500, 1000]
+    for one in again:
+        assert (one.preset, one.loss, one.frame_us) == (place.preset, place.loss, place.frame_us)
     pressed = press_map(run, place.preset)
     pressed.press(str(place.Index))
     assert "OPT+LC" in pressed.widget.children[0].value
@@ -186,3 +194,34 @@ def test_other_conditions_than_the_criteria_s_do_not_count():
     for claim in ("B-LAT", "B-LOSS"):
         assert found[claim].estimate.value == 1
         assert found[claim].estimate.low == pytest.approx(0.875, abs=1e-3), "Wilson's of 27"
+
+
+def test_conditions_that_the_configuration_does_not_ask_for_are_not_shown():
+    run = reference(exp)
+    assert len(run["course"].drop_duplicates(PLACE)) == 264
+    assert len(phases(run)) == len(conditions(run.config)) == 252
+    assert mapped(run)["loss"].nunique() == 6
+    figure, _ = exp.draw("phases", run)
+    title = figure.get_suptitle()
+    assert "without stalls" in title
+    assert "Fast DDS of ROS 2 Foxy: 28% with OPT+LC" in title
+
+
+def test_an_interval_by_conditions_takes_laps_of_a_condition_together():
+    _, laps = agreeing()
+    laps = laps.query(FOXY)
+    half = laps["method"].eq("OPT+LC") & (laps["loss"] == 0.01)
+    done = laps.assign(done=laps["method"].eq("OPT+LC") & ~half)
+    whole = by_conditions(laps.assign(done=laps["method"].eq("OPT+LC")))
+    assert (whole.value, whole.low, whole.high) == (1, 1, 1)
+    part = by_conditions(done)
+    assert part.value == pytest.approx(2 / 3)
+    # As for 27 draws, and not for 27 x 8 laps.
+    assert part.high - part.low == pytest.approx(2 * 1.96 * np.sqrt(2 / 9 / 27), rel=0.15)
+
+
+def test_contacts_and_stops_are_told_apart():
+    details = exp.measure(reference(exp))["B-COOP"].details
+    text = "contact in 648 (robot2 in 20), stop for an obstacle in 0 (robot2 in 0)"
+    assert details["fast_dds_foxy, none: contacts and stops"].startswith(text)
+    assert "[0.153, 0.356]" in details["fast_dds_foxy, by conditions"]

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_logs import reference
 
 from sfglab.arp import hello
 from sfglab.lab.experiments.transmission import exp, results
@@ -146,6 +147,30 @@ def test_a_cell_that_did_not_keep_its_schedule_is_marked():
     assert played(outcome).kept_up
     assert not played(outcome, radio=late).kept_up
     assert not played(outcome, late_p95_s=3e-3).kept_up
+
+
+def test_live_cells_are_counted_whole_and_saturated_ones_apart():
+    assert results.agreement(reference(exp)) == {
+        "loss within 3 points": "11 of 11 cells, saturated 1 of 3",
+        "latency within 30 %": "11 of 11 cells, saturated 3 of 3",
+        "failed": "0 of 14",
+    }
+
+
+def test_the_cause_of_a_late_deep_history_is_that_of_its_channel():
+    measured = exp.measure(reference(exp))
+    waits, full = measured["B-LAT"].reason.split("): ")[1].split("; on a ")
+    assert waits.endswith("wait for heartbeats, 3 s apart (100 Hz, 62% used)")
+    assert full.startswith("saturated channel")
+    assert "100 Hz" not in full
+    assert "heartbeats" not in measured["B-LOSS"].reason
+
+
+def test_the_range_of_the_winner_is_shown():
+    row = results.order(reference(exp), "latency_p50_ms").iloc[0]
+    assert row[["best_min", "best", "best_max"]].tolist() == pytest.approx(
+        [0.931, 43.5, 273.9], abs=0.1
+    )
 
 
 def test_optimised_methods_have_the_depth_of_eq_6_live_as_well():

@@ -70,6 +70,25 @@ def test_what_judges_on_the_papers_own_middleware_is_written_down():
         assert set(criterion.region) == {"loss", "frame_us", "stall_ms"}
 
 
+def test_loss_and_latency_agree_together_and_the_first_play_alone(tmp_path):
+    names = ("loss_live", "loss_model", "p50_live_ms", "p50_model_ms", "kept_up")
+    plays = [(0.9, 0.3, 10.0, 10.0, False), (0.3, 0.3, 10.0, 20.0, True)]
+    plays += [(0.3, 0.3, 10.0, 10.0, True), (0.3, 0.3, 10.0, 10.0, True)]
+    grid = replace(live.grid_cells(transmission.exp.config("paper"))[0], preset="fast_dds_sync")
+    rows = [asdict(grid) | dict(zip(names, values, strict=True)) for values in plays]
+    other = asdict(live.topic_cells()[0]) | dict(
+        zip(names, (0.5, 0.3, 9.0, 9.0, True), strict=True)
+    )
+    metadata = {"validation": {"failed": {f"{grid}, repetition 4": "it ended"}}}
+    run = made_run(
+        transmission.exp, tmp_path / "made.mcap", {"validation": [*rows, other]}, **metadata
+    )
+    table = results.validated(run).set_index("of")
+    columns = ["plays", "late", "failed", "loss_within", "both_within", "first_within"]
+    assert table.loc["grid", columns].tolist() == [4, 1, 1, 1, 1, 0]
+    assert table.loc["topics", columns].tolist() == [1, 0, 0, 0, 0, 0]
+
+
 MADE = [  # number of the cell, loss live and in the model, medians live and in the model, kept
     (0, 0.30, 0.31, 10.0, 12.0, True),
     (0, 0.34, 0.31, 14.0, 12.0, True),
@@ -88,7 +107,11 @@ def test_shares_are_those_of_the_cells_that_kept_their_schedule(tmp_path):
     run = made_run(transmission.exp, tmp_path / "made.mcap", {"validation": rows})
     [line] = results.validated(run).to_dict("records")
     shown = {"preset": "fast_dds_sync", "of": "topics", "cells": 3, "kept": 2}
-    assert line == {**shown, "loss_within": 0.5, "latency_within": 0.5}
+    shown |= {"plays": 5, "late": 2, "failed": 0}
+    shares = {"loss_within": 0.5, "latency_within": 0.5, "both_within": 0.5, "first_within": 0.5}
+    assert line == {**shown, **shares}
+    late = results.never_kept(run)
+    assert late["size_bytes"].tolist() == [cells[2].size_bytes]
     first = results.by_cell(run).iloc[0]
     losses = first[["loss_live", "loss_live_low", "loss_live_high"]].to_list()
     assert losses == pytest.approx([0.32, 0.3, 0.34])
@@ -100,11 +123,17 @@ def test_the_committed_log_shows_topics_and_the_grids_cells_on_fast_dds():
     assert table.loc["topics", "preset"].tolist() == [*MODES]
     assert (table.loc["topics", ["loss_within", "latency_within"]] >= 0.9).all(axis=None)
     assert len(table.loc["grid"]) == 2
+    first = table.loc["topics", "first_within"].tolist()
+    assert first == pytest.approx([0.825, 0.925, 0.9])
+    assert table["plays"].sum() == 634
+    assert table["late"].sum() == 133
     best = results.by_cell(run).query("kind == 'grid' and method == 'OPT+LC'")
     assert best["loss_live"].max() == 0
     figure, _ = transmission.exp.draw("transmission_validation", run)
     assert "40 of 40 topics kept their schedule" in figure.axes[0].get_title()
+    assert "first play agrees: topics 82%, grid 62%" in figure.axes[0].get_title()
     assert "derived from its source code" in figure.get_supxlabel()
+    assert "4 cells without a play on time" in figure.get_supxlabel()
 
 
 def test_cells_of_the_grid_are_slowed_where_python_is_too_slow():
@@ -177,3 +206,49 @@ def test_a_run_that_is_broken_off_goes_on_and_one_whose_cell_fails_twice_counts_
     assert standing(log.path).why_not == "cells failed in made"
     with pytest.raises(SkippedPartError, match="not asked for"):
         run(0)
+
+
+@pytest.mark.parametrize(
+    ("failures", "played", "failed"),
+    [
+        ({}, [0, 1, 2], []),
+        ({"play": [1]}, [0, 1, 1, 2], []),  # once: it is played again, and no failure
+        ({"play": [1, 1]}, [0, 1, 1, 2], [1]),
+        ({"end": 1}, [0, 1, 2], []),  # all were played before
+        ({"start": 1}, [0, 1, 2], []),
+        ({"start": 2}, [], [0, 1, 2]),
+        ({"start": 1, "play": [0], "again": 1}, [0, 0, 1, 2], []),
+    ],
+)
+def test_a_cell_counts_as_failed_if_it_is_not_played_at_the_end(tmp_path, failures, played, failed):
+    config, log = SimpleNamespace(profile="quick"), SimpleNamespace(path=tmp_path / "a.mcap")
+    bench = Mock(experiment="made", config=config, log=log)
+    left, seen, starts = {"play": [], **failures}, [], []
+
+    @asynccontextmanager
+    async def start(stage):
+        starts.append(stage)
+        counted = "again" if seen else "start"
+        if left.get(counted, 0):
+            left[counted] -= 1
+            raise ProcessFailedError("it did not start")
+        yield stage
+        if left.pop("end", 0):
+            raise ProcessFailedError("it did not end")
+
+    async def play(stage, cell, repeat):
+        seen.append(cell.number)
+        if cell.number in left["play"]:
+            left["play"] = left["play"][1:]
+            raise ProcessFailedError("it ended")
+        return {"number": cell.number}
+
+    cells = dict.fromkeys(map(Cell, range(3)), 1)
+    how = {"stage_of": lambda cell: cell.stage, "start": start, "play": play, "at_once": 1}
+    with ExitStack() as bench.stack:
+        asyncio.run(run_cells(bench, "made", cells, **how))
+    assert seen == played
+    reasons = bench.metadata.call_args.args[1]["failed"]
+    assert [*reasons] == [f"{Cell(number)}, repetition 0" for number in failed]
+    assert bench.advance.call_count == len(cells), "the bar is full"
+    assert seen or len(starts) == 2, "a stage that cannot start is not started for each cell"

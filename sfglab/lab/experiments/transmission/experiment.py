@@ -37,7 +37,6 @@ class Config(Profiled):
     methods: tuple[str, ...] = tuple(METHODS)  #: Names of methods.
     loss: float = between(Medium().loss, 0.0, 0.3)  #: Share of frames that the channel loses.
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Timing; the paper used Fast DDS.
-    hop: bool = False  #: Whether "Hello" goes over robot 3's machine, as in Fig. 9.
     live_s: float = 8.0  #: Duration of a live cell, seconds; 0: no live cells.
     live_rates_hz: tuple[int, ...] = (100, 200)  #: Values of Rmax of live cells.
     #: Values of DEPTH of live cells; optimised methods have Eq. 6's as well.
@@ -79,6 +78,7 @@ exp = Experiment(
         Link(STATION, "robot1", '"Hello", back', boundary="a lossy channel"),
     ),
     removed={
+        "hop": dict.fromkeys(PROFILES, False),
         "size_factor": dict.fromkeys(PROFILES, 1.0),
         "sizes": dict.fromkeys(PROFILES, "table"),
         "slower": dict.fromkeys(PROFILES, 1.0),
@@ -100,7 +100,6 @@ def cell_of(
         duration_s=duration_s,
         loss=config.loss,
         vendor=config.vendor,
-        hop=config.hop,
     )
 
 

@@ -21,9 +21,16 @@ from sfglab.arp.hello import (
 from sfglab.arp.robots import BEST, DEPTHS, METHODS, RATES_HZ
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
+from sfglab.lab.cells import failed_plays
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.transmission.experiment import Config, exp, grid, simulate_cell
-from sfglab.lab.experiments.transmission.live import GRID, HELLO, HELLO_TO_STATION, SENSORS
+from sfglab.lab.experiments.transmission.live import (
+    GRID,
+    HELLO,
+    HELLO_TO_STATION,
+    SENSORS,
+    live_cells,
+)
 from sfglab.lab.figures import COLORS, note, series
 from sfglab.lab.live_flows import MODES
 from sfglab.lab.paths import find_project
@@ -41,6 +48,8 @@ LOSS_WITHIN = 0.03  #: Largest difference in loss that agrees.
 LATENCY_WITHIN = 0.30  #: Largest difference in median latency that agrees, of the live one.
 READ = {"fast_dds_foxy": "derived from its source code, not measured"}
 """Presets that cannot be validated, and their origin."""
+SATURATED = 0.85  #: Channel utilisation from which messages wait and are lost in queues.
+SATURATED_LOSS = 0.1  #: Loss in the model from which a live cell counts as saturated.
 _CELL = ["rate_max_hz", "depth", "method"]
 _MEASURED = ["loss_live", "loss_model", "p50_live_ms", "p50_model_ms"]
 
@@ -64,11 +73,19 @@ def cells(run: Run[Config], column: str) -> pd.DataFrame:
 
 @derived
 def order(run: Run[Config], column: str, *, tie: float = 0.0) -> pd.DataFrame:
-    """Compare the paper's order of methods with the simulated one as `order_of` does, one row per Rmax."""
+    """Compare the paper's order of methods with the simulated one as `order_of` does, one row per Rmax.
+
+    ``best_min`` and ``best_max`` are the winner's range over seeds.
+    """
     rows = []
     for rate, part in cells(run, column).groupby("rate_max_hz"):
-        rows.append({"rate_max_hz": rate, **order_of(part, tie=tie)})
-    return pd.DataFrame(rows)
+        row = {"rate_max_hz": rate, **order_of(part, tie=tie)}
+        is_best = (part["method"] == BEST) & (part["depth"] == OPT_DEPTH)
+        row["best_min"], row["best_max"] = part[is_best][["min", "max"]].iloc[0]
+        rows.append(row)
+    table = pd.DataFrame(rows)
+    first = ["rate_max_hz", "best", "best_min", "best_max"]
+    return table[[*first, *table.columns.difference(first, sort=False)]]
 
 
 def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
@@ -187,16 +204,16 @@ def share_of_grid(run: Run[Config]) -> Finding:
 @exp.claim("B-LAT", how=How.SIMULATED)
 def latency_order(run: Run[Config]) -> Finding:
     """Return the share of rates at which latencies have the paper's order."""
-    return order_finding(order(run, "latency_p50_ms", tie=TIE))
+    return order_finding(run, order(run, "latency_p50_ms", tie=TIE))
 
 
 @exp.claim("B-LOSS", how=How.SIMULATED)
 def loss_order(run: Run[Config]) -> Finding:
     """Return the share of rates at which losses have the paper's order."""
-    return order_finding(order(run, "loss"))
+    return order_finding(run, order(run, "loss"))
 
 
-def order_finding(table: pd.DataFrame) -> Finding:
+def order_finding(run: Run[Config], table: pd.DataFrame) -> Finding:
     """Return the share of rates with the paper's order, from a table of `order`."""
     wins = f"{table['wins'].sum()} of {len(table)} rates"
     small = f"{table['small_is_worst'].sum()} of {len(table)} rates"
@@ -212,10 +229,8 @@ def order_finding(table: pd.DataFrame) -> Finding:
             "so that retransmissions wait for heartbeats, 3 s apart"
         )
     if not table["small_is_worst"].all():
-        reasons.append(
-            f"a small depth is highest at {small} ({worst}): on a saturated channel "
-            "a deep history keeps old samples in front of new ones"
-        )
+        causes = _causes_of_deep(run, table[~table["small_is_worst"]])
+        reasons.append(f"a small depth is highest at {small} ({worst}): {causes}")
     share = float((table["wins"] & table["small_is_worst"]).mean())
     return Finding(
         estimate=exactly(share, "share of rates with this order"),
@@ -226,6 +241,19 @@ def order_finding(table: pd.DataFrame) -> Finding:
         },
         reason="; ".join(reasons),
     )
+
+
+def _causes_of_deep(run: Run[Config], table: pd.DataFrame) -> str:
+    """Return why a deep history has the highest value, by the channel utilisation of these cells."""
+    used = cells(run, "air_share").set_index(_CELL)["median"]
+    rates: dict[str, list[str]] = {}
+    for row in lines_of(table):
+        share = used[row.rate_max_hz, row.highest_depth, row.highest_method]
+        cause = "on a saturated channel a deep history keeps old samples in front of new ones"
+        if share < SATURATED:
+            cause = "retransmissions behind a deep history wait for heartbeats, 3 s apart"
+        rates.setdefault(cause, []).append(f"{row.rate_max_hz} Hz, {share:.0%} used")
+    return "; ".join(f"{cause} ({'; '.join(places)})" for cause, places in rates.items())
 
 
 # --- Figures of the grid ----------------------------------------------------------------------
@@ -245,7 +273,6 @@ STYLES: dict[str, dict[str, Any]] = {
 }
 WITH_CONTROL = {"none": "CC", "LC": "", "OPT": "OPT+CC", "OPT+LC": "OPT+LC+CC"}
 """Methods with cache control besides, which Table 2 has not for the local cache alone."""
-_CODES = "Rmax: publishing rate without OPT; DEPTH: history depth, opt: Eq. 6's"
 
 
 def draw_panels(panels: Any, table: pd.DataFrame, *, scale: float = 1.0) -> None:
@@ -329,7 +356,7 @@ def draw_loss(figure: Figure, run: Run[Config]) -> None:
             fill = {"markerfacecolor": "white"} if hollow else {"alpha": 0.7}
             cause.plot(100 * part["utilisation"], 100 * part["median"], **marks, **fill)
     cause.set(xlabel="channel utilisation (%)", ylabel="packet loss (%)", xlim=(0, 100))
-    cause.set_title("all cells: loss begins where the channel is full", fontsize=9)
+    cause.set_title("without CC: loss begins where the channel is full", fontsize=9)
     last = f"DEPTH {DEPTHS[-1]}: messages in\nflight at the end are lost"
     cause.legend(*legend_of(panels[0, 0], last), loc="upper left", fontsize=8)
     wins = order(run, "loss")["wins"]
@@ -354,13 +381,26 @@ def agreeing(table: pd.DataFrame) -> pd.DataFrame:
 
 @derived
 def agreement(run: Run[Config]) -> dict[str, str]:
-    """Return how many live cells agree with the model, of those that kept their schedules."""
+    """Return how many live cells agree with the model in all flows, saturated ones apart.
+
+    Counted are cells that kept their schedules. A cell is saturated if the model loses more than
+    `SATURATED_LOSS` of a flow. ``failed`` are cells that could not be played.
+    """
     live = run["live"]
     fair = agreeing(live[live["kept_up"].astype(bool)])
-    return {
-        "loss within 3 points": f"{fair['loss_agrees'].sum()} of {len(fair)}",
-        "median latency within 30 %": f"{fair['latency_agrees'].sum()} of {len(fair)}",
-    }
+    table = fair.groupby(_CELL, sort=False).agg(
+        loss=("loss_agrees", "all"),
+        latency=("latency_agrees", "all"),
+        loss_model=("loss_model", "max"),
+    )
+    is_full = table["loss_model"] > SATURATED_LOSS
+    counts = {}
+    for column, words in (("loss", "loss within 3 points"), ("latency", "latency within 30 %")):
+        free, full = table[column][~is_full], table[column][is_full]
+        text = f"{free.sum()} of {len(free)} cells"
+        counts[words] = f"{text}, saturated {full.sum()} of {len(full)}"
+    counts["failed"] = f"{len(failed_plays(run, 'live'))} of {len(live_cells(run.config))}"
+    return counts
 
 
 GROUP_STYLES: dict[str, dict[str, Any]] = {
@@ -398,12 +438,17 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
     left.set_yticks(range(len(rows)), rows, fontsize=8)
     left.set_ylim(max(len(rows), 1) - 0.5, -0.5)
     right.set(xlabel="median latency, live / model")
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower right", ncols=3, fontsize=8)
-    counts = [f"{what}: {count}" for what, count in agreement(run).items()]
-    said = ", ".join(counts) if len(live) else run.skipped("live")
-    figure.suptitle(f"Live on Cyclone DDS against the model: {said}")
+    right.legend(loc="lower right", fontsize=8)
+    counts = agreement(run)
+    failed = counts["failed"]
+    lines = [f"{what}: {count}" for what, count in counts.items() if what != "failed"]
+    said = "\n".join(lines) if len(live) else run.skipped("live")
+    figure.suptitle(f"Live cells on Cyclone DDS that agree with the model\n{said}")
+    late = live[~live["kept_up"].astype(bool)].drop_duplicates(_CELL)
     note(
-        figure, f"{len(live) - len(kept)} of {len(live)} late and left out; grey: acceptance range"
+        figure,
+        f"{len(late)} cells late and left out, {failed} failed; grey: acceptance range; saturated: the "
+        f"model loses more than {SATURATED_LOSS:.0%}",
     )
 
 
@@ -414,12 +459,18 @@ KEYS += ["queue_frames", "queue_rule", "burst_frames", "access_point", "method",
 
 
 @derived
-def played(run: Run[Config]) -> pd.DataFrame:
-    """Return the validation's rows: a run's own, otherwise those of the committed log."""
+def validation(run: Run[Config]) -> Run[Config]:
+    """Return the run with the validation's plays: this one, otherwise that of the committed log."""
     committed = find_project().reference_logs / "transmission_ros2.mcap"
     if not run["validation"].empty or not committed.is_file():
-        return run["validation"]
-    log = exp.load(committed)
+        return run
+    return exp.load(committed)
+
+
+@derived
+def played(run: Run[Config]) -> pd.DataFrame:
+    """Return the validation's rows."""
+    log = validation(run)
     try:
         older = log["ros2"]
     except KeyError:
@@ -430,18 +481,26 @@ def played(run: Run[Config]) -> pd.DataFrame:
     return pd.concat([log["validation"], of_grid[columns]], ignore_index=True)
 
 
+def _keys_of(rows: pd.DataFrame) -> list[str]:
+    return [key for key in KEYS if key in rows]
+
+
 @derived
 def by_cell(run: Run[Config]) -> pd.DataFrame:
     """Return one row per cell that kept its schedule, over the repetitions that did.
 
     Columns are the cell's, the medians of what was measured live and in the model, each with ``_low`` and
     ``_high``, and whether the medians agree: ``loss_agrees`` and ``latency_agrees``.
+    ``first_agrees`` says whether the first of these repetitions agrees in both.
     """
     rows = played(run)
     kept = rows[rows["kept_up"].astype(bool)]
-    groups = kept.groupby([key for key in KEYS if key in kept], sort=False, dropna=False)[_MEASURED]
+    groups = kept.groupby(_keys_of(kept), sort=False, dropna=False)[_MEASURED]
     ends = [groups.min().add_suffix("_low"), groups.max().add_suffix("_high")]
-    return agreeing(pd.concat([groups.median(), *ends], axis="columns").reset_index())
+    table = agreeing(pd.concat([groups.median(), *ends], axis="columns").reset_index())
+    first = agreeing(kept.drop_duplicates(_keys_of(kept)))
+    both = first["loss_agrees"] & first["latency_agrees"]
+    return table.assign(first_agrees=both.to_numpy())
 
 
 @derived
@@ -449,26 +508,56 @@ def validated(run: Run[Config]) -> pd.DataFrame:
     """Return how far each preset is validated, by its topics and by the grid's cells.
 
     Returns:
-        ``preset``, ``of`` (``topics`` or ``grid``), how many ``cells`` were played, how many ``kept`` their
-        schedule, and the shares of those that agree, ``loss_within`` and ``latency_within``.
+        ``preset``, ``of`` (``topics`` or ``grid``); numbers of ``plays``, of those that were ``late`` and of
+        those that ``failed``; how many ``cells`` were played and how many ``kept`` their schedule. Of these,
+        the shares whose medians agree, ``loss_within``, ``latency_within`` and ``both_within``, and the share
+        whose first play agrees in both, ``first_within``.
     """
     rows, table = played(run), by_cell(run)
-    of_rows = rows["kind"].where(rows["kind"] == GRID, "topics")
-    of_cells = table["kind"].where(table["kind"] == GRID, "topics")
-    distinct = ~rows.duplicated([key for key in KEYS if key in rows])
-    counts = distinct.groupby([rows["preset"], of_rows.rename("of")], sort=False).sum()
-    groups = table.groupby(["preset", of_cells.rename("of")], sort=False)
-    shares = groups.agg(
+    table = table.assign(both=table["loss_agrees"] & table["latency_agrees"])
+    marked = rows.assign(
+        distinct=~rows.duplicated(_keys_of(rows)), late=~rows["kept_up"].astype(bool)
+    )
+    counts = marked.groupby(["preset", _of(rows)], sort=False).agg(
+        plays=("late", "size"), late=("late", "sum"), cells=("distinct", "sum")
+    )
+    shares = table.groupby(["preset", _of(table)], sort=False).agg(
         kept=("preset", "size"),
         loss_within=("loss_agrees", "mean"),
         latency_within=("latency_agrees", "mean"),
+        both_within=("both", "mean"),
+        first_within=("first_agrees", "mean"),
     )
-    return pd.concat([counts.rename("cells"), shares], axis="columns").reset_index()
+    texts = pd.Series(failed_plays(validation(run), "validation"), dtype=str)
+    lost = pd.DataFrame(
+        {name: texts.str.extract(f"{name}='(.*?)'")[0] for name in ("preset", "kind")}
+    )
+    failed = lost.groupby(["preset", _of(lost)]).size().rename("failed")
+    found = pd.concat([counts, failed, shares], axis="columns")
+    numbers = ["plays", "late", "cells", "failed", "kept"]
+    found[numbers] = found[numbers].fillna(0).astype(int)
+    return found.reset_index()
+
+
+def _of(table: pd.DataFrame) -> pd.Series[str]:
+    """Return ``grid`` for the grid's cells, and otherwise ``topics``."""
+    return table["kind"].where(table["kind"] == GRID, "topics").rename("of")
+
+
+@derived
+def never_kept(run: Run[Config]) -> pd.DataFrame:
+    """Return the cells none of whose plays kept its schedule."""
+    rows = played(run)
+    kept = rows.groupby(_keys_of(rows), sort=False, dropna=False)["kept_up"].sum()
+    return kept[kept == 0].reset_index()
 
 
 _KINDS = {"calm": "third", "lossy": "proxy", "saturated": "standard", GRID: "fourth"}
 _LABELS = {GRID: '"Hello" of the grid'}
+_NAMED = 2  # lines of cells that a note names
+_GROUPS = {"topics": "topics", GRID: "cells of the grid"}
 _CORNER: dict[str, Any] = {"xycoords": "axes fraction", "ha": "right", "fontsize": 9}
+_CORNER["xy"] = (0.97, 0.05)
 _COMPARED = {
     "loss (%)": ("loss_model", "loss_live", 100.0),
     "median latency (ms)": ("p50_model_ms", "p50_live_ms", 1.0),
@@ -476,14 +565,14 @@ _COMPARED = {
 """Columns of model and live, and the scale, by what they say."""
 
 
-@exp.figure("transmission_validation", size=(10, 6.4))
+@exp.figure("transmission_validation", size=(10, 7))
 def draw_validation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw each cell of the validation, live over the model: losses above, median latencies below."""
     table = by_cell(run)
     if table.empty:
         figure.suptitle("Validation: no cell was played")
         return {}
-    shares = validated(run).set_index(["of", "preset"]).loc["topics"]
+    shares = validated(run).set_index("of")
     panels = figure.subplots(2, len(MODES), sharex="row", sharey="row")
     for row, quantity in zip(panels, _COMPARED, strict=True):
         for axes, preset in zip(row, MODES, strict=True):
@@ -491,13 +580,13 @@ def draw_validation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
             axes.set_xlabel(f"{quantity}, model")
         row[0].set_ylabel(f"{quantity}, live")
     for preset, (loss, latency) in zip(MODES, panels.T, strict=True):
-        line = shares.loc[preset]
-        kept = f"{line['kept']:.0f} of {line['cells']:.0f} topics kept their schedule"
-        loss.set_title(f"{PRESETS[preset].name}\n{kept}", fontsize=9)
-        loss.annotate(f"topics that agree: {line['loss_within']:.0%}", (0.97, 0.05), **_CORNER)
-        latency.annotate(
-            f"topics that agree: {line['latency_within']:.0%}", (0.97, 0.05), **_CORNER
-        )
+        lines = shares[shares["preset"] == preset]
+        kept = [f"{line.kept} of {line.cells} {_GROUPS[line.Index]}" for line in lines_of(lines)]
+        kept[0] += " kept their schedule"
+        first = f"first play agrees: {_by_group(lines['first_within'], ', ')}"
+        loss.set_title("\n".join([PRESETS[preset].name, *kept, first]), fontsize=9)
+        for axes, column in ((loss, "loss_within"), (latency, "latency_within")):
+            axes.annotate(f"medians agree:\n{_by_group(lines[column])}", **_CORNER)
     percent = np.array([0.0, 100.0])
     times_ms = table[["p50_model_ms", "p50_live_ms"]].to_numpy()
     ends_ms = np.array([0.8 * np.nanmin(times_ms), 1.25 * np.nanmax(times_ms)])
@@ -505,18 +594,45 @@ def draw_validation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         _draw_band(loss, percent, percent - 100 * LOSS_WITHIN, percent + 100 * LOSS_WITHIN)
         _draw_band(latency, ends_ms, ends_ms / (1 + LATENCY_WITHIN), ends_ms / (1 - LATENCY_WITHIN))
         latency.set(xscale="log", yscale="log")
-    panels[1, 0].legend(loc="upper left", fontsize=7.5)
-    least = shares[["loss_within", "latency_within"]].min()
+    panels[1, 0].legend(loc="upper left", fontsize=8)
+    ends = shares.groupby("of", sort=False)["first_within"].agg(["min", "max"])
+    agreeing_cells = [
+        f"{line.min:.0%} to {line.max:.0%} of the {_GROUPS[line.Index]}" for line in lines_of(ends)
+    ]
     figure.suptitle(
-        f"Real DDS agrees with the model in {least['loss_within']:.0%} (loss) and "
-        f"{least['latency_within']:.0%} (latency) of topics or more"
+        "First plays on real DDS agree with the model in both loss and latency:\n"
+        f"{', '.join(agreeing_cells)} (by preset)"
+    )
+    note(figure, _validation_note(run))
+    return {"cells": table, "validated": validated(run)}
+
+
+def _by_group(shares: pd.Series[float], between: str = "\n") -> str:
+    return between.join(f"{of} {share:.0%}" for of, share in shares.items())
+
+
+def _validation_note(run: Run[Config]) -> str:
+    """Return what was played, which cells never kept their schedule, and what cannot be validated."""
+    totals = validated(run)[["plays", "late", "failed"]].sum()
+    counts = (
+        f"{totals['plays']} plays, {totals['late']} late and left out, {totals['failed']} failed"
     )
     read = "; ".join(f"{PRESETS[name].name}: {why}" for name, why in READ.items())
-    note(
-        figure,
-        f"{len(table)} cells, {len(played(run))} runs, bars: range; grey: acceptance range; {read}",
-    )
-    return {"cells": table, "validated": validated(run)}
+    lines = [f"{counts}; medians, bars: range; grey: acceptance range", read]
+    late = never_kept(run)
+    names = late["method"].where(late["kind"] == GRID, late["kind"]).rename("name")
+    places = []
+    for _, part in late.groupby(["preset", names, "rate_hz", "slowed"], dropna=False):
+        [cell, *_] = lines_of(part.assign(name=names))
+        depths = ", ".join(map(str, part["depth"]))
+        places.append(
+            f"{PRESETS[cell.preset].name}, {cell.name}, {cell.rate_hz:g} Hz slowed {cell.slowed:g} times, "
+            f"DEPTH {depths}"
+        )
+    more = [] if len(places) <= _NAMED else ["and others"]
+    named = ";\n".join([*places[:_NAMED], *more])
+    lines.append(f"{len(late)} cells without a play on time: {named}")
+    return "\n".join(lines)
 
 
 def _draw_cells(axes: Axes, table: pd.DataFrame, quantity: str) -> None:
