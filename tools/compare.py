@@ -36,8 +36,9 @@ TOOLS = Path(__file__).resolve().parent
 ROOT = TOOLS.parent
 TOLERANCE = 1e-12  #: Relative; re-associating one sum changes the last bit.
 REASONS: dict[str, str] = {
-    "claims/B-COOP by *": "the same numbers in plain words; contrasts and live values are no details",
-    "claims/B-LAT by transmission *": "plain words; the air without losses is no detail",
+    "claims/B-COOP by *": "plain words; contacts and intervals by conditions came, contrasts and live "
+    "values went; Newcombe's interval where a bootstrap had no variance",
+    "claims/B-LAT by transmission *": "plain words; the cause is that of the channel utilisation",
     "claims/B-LOSS by *": "plain words; the air without losses is no detail",
     "claims/B-TAB2 by transmission details *": "plain words",
     "claims/C-DRIVE* by driving details *": "only other sources of the same number are kept",
@@ -55,7 +56,7 @@ REASONS: dict[str, str] = {
     "commands/map*.txt": "a column is narrower by two blanks",
     "figures/cooperation*": "drawn from tidy tables; three figures went; sidecar from the run",
     "figures/transmission_*": "drawn from tidy tables; two figures went; sidecar from the run",
-    "figures/phases*": "squares where something was simulated; phases_cells went; sidecar from the run",
+    "figures/phases*": "squares where the configuration asks for them; phases_cells went; sidecar from the run",
     "claims/B-LAT by phases *": "the count of conditions without a median went",
     "claims/B-LOSS by phases details*": "the count of conditions without a median went",
     "rows/phases.*": "no conditions are added near borders; a column that nothing reads went",
