@@ -82,12 +82,12 @@ async def sleep_until(time_s: float) -> None:
     await asyncio.sleep(time_s - asyncio.get_running_loop().time())
 
 
-async def test_a_partition_is_lost_and_its_end_returned_with_the_default_waits(sim):
+async def test_a_pulled_cable_is_lost_and_its_end_returned_with_the_default_waits(sim):
     async with discoverer(sim) as (found, events), status(sim, "go2"):
         await sleep_until(31)  # it beat at 30 s, in the steady state
-        sim.partition({"go2"})
+        sim.host("go2").is_connected = False
         await sleep_until(61)
-        sim.heal()
+        sim.host("go2").is_connected = True
         await sleep_until(120)
         assert [event for _, _, event in events] == ["DISCOVERED", "LOST", "RETURNED"]
         discovered, lost, returned = (time_s for time_s, _, _ in events)

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 import os
 import subprocess
 import sys
@@ -273,17 +274,12 @@ def test_without_separate_hosts_nothing_is_passed_off_as_live(tmp_path):
     assert exp.measure(run) == {}
 
 
-def received(agents):
-    wanted = Fleet(mode=STANDARD, agents=agents, talkers=2, listeners=2)
-    return mean(host.rx_bytes for host in world.run_fleet(wanted).hosts)
-
-
 def test_every_routed_agent_finds_all_others_by_two_endpoints_for_each_ordered_pair():
     agents = Fleet(mode=ROUTED, agents=5, talkers=1, listeners=1)
     rows = world.simulate_fleet(agents, 0)
     assert [row["host"] for row in rows] == list(range(5))
     assert not any(row["censored"] for row in rows)
-    assert all(0.03 < row["resolved_s"] < 5 and row["rx_bytes"] > 1000 for row in rows)
+    assert all(0.03 < row["resolved_s"] < 5 for row in rows)
     assert world.simulate_fleet(agents, 0) == rows
     outcome = world.run_fleet(Fleet(mode=ROUTED, agents=6, talkers=1, listeners=1))
     # Each agent: its heartbeats both ways and its service, and a client of every other agent's.
@@ -293,39 +289,40 @@ def test_every_routed_agent_finds_all_others_by_two_endpoints_for_each_ordered_p
 def test_where_descriptions_are_offered_an_agent_has_five_endpoints_however_many_there_are(
     monkeypatch,
 ):
-    asked = {agents: world.run_fleet(Fleet(mode=ROUTED, agents=agents)) for agents in (6, 12)}
     for name in ("StatusSettings", "DiscoverySettings"):
         monkeypatch.setattr(world, name, partial(getattr(world, name), offers=True))
-    for agents, before in asked.items():
+    for agents in (6, 12):
         outcome = world.run_fleet(Fleet(mode=ROUTED, agents=agents))
         assert outcome.announced == 5 * agents
         assert not any(host.censored for host in outcome.hosts)
-        assert mean(h.rx_bytes for h in outcome.hosts) < 0.6 * mean(
-            h.rx_bytes for h in before.hosts
-        )
 
 
-def test_standard_traffic_is_proportional_to_the_number_of_other_agents():
-    small = {agents: received(agents) for agents in (2, 3, 4)}
-    assert small[4] == pytest.approx(small[2] + 2 * (small[3] - small[2]), rel=0.02)
-    large = world.run_fleet(Fleet(mode=STANDARD, agents=100, talkers=2, listeners=2))
-    assert len(large.hosts) == 100
-    assert large.hosts[0].rx_bytes == pytest.approx(small[2] + 98 * (small[3] - small[2]), rel=0.02)
+def test_the_bytes_are_those_of_the_former_simulation_that_counted_packets():
+    rows = reference(exp)["simulated"]
+    received = rows.groupby(["mode", "agents", "talkers", "listeners"])["rx_bytes"].mean()
+    checked = set()
+    for (mode, *sizes), rx_bytes in received.items():
+        agents, talkers, listeners = map(int, sizes)
+        fleet = Fleet(mode=mode, agents=agents, talkers=talkers, listeners=listeners)
+        if mode == STANDARD or agents <= 50:
+            checked.add((mode, agents))
+            share = 0.01 if mode == STANDARD else 0.025
+            assert world.received_bytes(fleet) == pytest.approx(rx_bytes, rel=share)
+    assert {(ROUTED, 2), (ROUTED, 50), (STANDARD, 2), (STANDARD, 1000)} <= checked
 
 
-def test_counted_queries_give_what_simulated_ones_do_and_go_to_a_thousand_agents():
-    rows = reference(exp)["simulated"]  # large ones take minutes
-    rows = rows[(rows["mode"] == ROUTED) & rows["agents"].between(12, world.EXACT_MOST[ROUTED])]
-    simulated = rows.groupby("agents")[["resolved_s", "rx_bytes"]].mean()
-    assert {12, 25, 50, 100} <= {*simulated.index}
-    hosts = world.run_fleet(Fleet(mode=ROUTED, agents=12)).hosts
-    assert mean(host.rx_bytes for host in hosts) == pytest.approx(simulated["rx_bytes"][12]), (
-        "of today's code"
+def test_a_fleet_too_large_to_be_simulated_has_bytes_and_no_time():
+    host = world.run_fleet(Fleet(mode=ROUTED, agents=26)).hosts[25]
+    assert math.isnan(host.resolved_s)
+    assert host.rx_bytes == 6216 * 25 + 1342 * 26 * 25
+    assert not host.censored
+
+
+def test_a_standard_fleet_above_four_agents_is_on_the_line_of_two_and_three():
+    few, more, many = (
+        world.run_fleet(Fleet(mode=STANDARD, agents=agents, talkers=2, listeners=2)).hosts
+        for agents in (2, 3, 100)
     )
-    for agents, (resolved_s, rx_bytes) in simulated.iterrows():
-        counted = world.mean_fleet(Fleet(mode=ROUTED, agents=agents)).hosts[0]
-        assert counted.resolved_s == pytest.approx(resolved_s, rel=0.3)
-        assert counted.rx_bytes == pytest.approx(rx_bytes, rel=0.2)
-    most = world.run_fleet(Fleet(mode=ROUTED, agents=1000)).hosts[0]
-    assert 100 < most.resolved_s < 300
-    assert not most.censored
+    few_s, more_s = (mean(host.resolved_s for host in hosts) for hosts in (few, more))
+    assert len(many) == 100
+    assert many[0].resolved_s == pytest.approx(few_s + 98 * (more_s - few_s))

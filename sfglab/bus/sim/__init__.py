@@ -1,6 +1,6 @@
-"""The simulated bus: the interface of `sfglab.bus.api` in a seeded world whose time is virtual.
+"""The simulated bus: nodes as in `sfglab.bus`, in a seeded world whose time is virtual.
 
-Components run here unchanged, thousands of them in one process:
+Components run here unchanged, many of them in one process:
 
 ```python
 async def main(world):
@@ -9,28 +9,25 @@ async def main(world):
         subscription = listener.create_subscription("std_msgs/msg/String", "/chatter")
         await publisher.wait_for_subscriptions()
         publisher.publish(String(data="hello"))
-        print(await subscription.take(), world.traffic()["b"].rx)
+        print(await subscription.take())
 
 run_simulated(main, seed=1, link=LinkModel(latency_s=0.01, loss=0.05))
 ```
 
-A node belongs to a host and a domain: that of the network (`reach="network"`), or one on the host's loopback
-interface (`reach="host"`). Every byte is accounted as Cyclone DDS would send it (`wire`). Not modelled: the
-time that components compute, unless `Costs` says so; the time that discovery's own packets take on a link of
-limited rate; collisions and retries of a shared medium.
+A node belongs to a host and a domain: that of the network (`reach="network"`), or one on the host's
+loopback interface (`reach="host"`). `world.host("a").is_connected = False` pulls a host's cable. Not
+modelled: the time that components compute, unless `Costs` says so; bytes of discovery; packets of
+discovery on a link of limited rate; collisions and retries of a shared medium.
 """
 
 from sfglab.bus.sim.backend import SimNode
 from sfglab.bus.sim.loop import DeadlockError, TimeLimitError
 from sfglab.bus.sim.settings import Costs, LinkModel
-from sfglab.bus.sim.wire import HostTraffic, KindBytes
 from sfglab.bus.sim.world import World, run_simulated
 
 __all__ = [
     "Costs",
     "DeadlockError",
-    "HostTraffic",
-    "KindBytes",
     "LinkModel",
     "SimNode",
     "TimeLimitError",

@@ -1,266 +1,117 @@
-"""A simulated network at work: readers, channels between hosts, links with queues, jitter and loss, repair."""
+"""The simulated network: hosts with their links, which delay and lose packets."""
 
 from __future__ import annotations
 
-from collections import deque
-from typing import TYPE_CHECKING, Any
+import hashlib
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from sfglab.bus.sim.loop import START_NS, VirtualLoop
-from sfglab.bus.sim.model import Domain, Endpoint, Host, Item, Participant
-from sfglab.bus.sim.settings import (
-    ENDPOINT_NS,
-    REPAIR_NS,
-    SAME_HOST_NS,
-    SAME_NODE_NS,
-    STACK_NS,
-    ns_from_s,
-)
+from sfglab.bus.sim.settings import STACK_NS, Costs, LinkModel, ns_from_s
 from sfglab.units import BITS_PER_BYTE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from random import Random
 
-    from sfglab.bus.endpoints import Sample
-    from sfglab.bus.sim.accounts import Accounts
-    from sfglab.bus.sim.settings import Costs, LinkModel
+    from sfglab.bus.sim.loop import VirtualLoop
 
-# Behind the 4 bytes of encapsulation: the client's GUID and the request's number (`frame_service`).
-_FRAME_HEADER = slice(4, 20)
-
-
-class Reader(Endpoint):
-    """Hands samples of known writers to `push`, each writer's in order, and counts those that were lost."""
-
-    __slots__ = ("_early", "_push", "lost")
-
-    is_writer = False
-
-    def __init__(self, *options: Any, push: Callable[[Sample], None], **more: Any) -> None:
-        super().__init__(*options, **more)
-        self.lost = 0  #: Samples known to be missing between those that arrived.
-        self._push = push
-        self._early: dict[Endpoint, list[Item]] | None = None
-
-    def learn(self, endpoint: Endpoint) -> None:
-        """Take a writer's samples from now on, those first that were too early."""
-        if not self.is_open or endpoint in self.peers:
-            return
-        self.peers[endpoint] = 0
-        if self._early:
-            for item in self._early.pop(endpoint, ()):
-                self.take(endpoint, item)
-        self._notify()
-
-    def take(self, writer: Endpoint, item: Item) -> None:
-        """Take a sample that has arrived."""
-        if not self.is_open:
-            return
-        sequence, cdr, stamp_ns = item
-        latest = self.peers.get(writer)
-        if latest is None:
-            # A reliable writer repeats to a reader that has yet to hear of it; the others do not.
-            if self.reliable and writer.reliable and writer.is_open:
-                self._early = self._early or {}
-                self._early.setdefault(writer, []).append(item)
-            return
-        if sequence <= latest:
-            return
-        if latest and sequence > latest + 1:
-            self.lost += sequence - latest - 1
-        self.peers[writer] = sequence
-        now_ns = START_NS + self._loop.now_ns
-        if writer.lifespan_ns is not None and now_ns - stamp_ns > writer.lifespan_ns:
-            return
-        if self._environment.trace is not None:
-            self._environment.trace("take", self.gid, cdr)
-        self._push((cdr, stamp_ns, now_ns, writer.gid))
-
-    def silence(self) -> None:
-        """Let it take nothing more."""
-        super().silence()
-        self._early = None
+_FRAME_BYTES = 14 + 20  # Ethernet and IP, once a frame.
+_FRAME_PAYLOAD = 1480  # Of an IP fragment: 1500 - 20.
+_SAMPLE_BYTES = 8 + 20 + 12 + 24  # UDP, and of RTPS the header, INFO_TS and DATA.
+_HEARTBEAT_BYTES = 32
 
 
-class _Entry:
-    """A sample that a reliable channel has not delivered yet: arrived, or given up, or still on its way."""
+@dataclass(eq=False, slots=True)
+class Server:
+    """A resource that serves one thing after the other: a process, or one direction of a link."""
 
-    __slots__ = ("item", "readers", "state")
+    free_ns: int = 0  #: Time at which all arrivals so far are served.
 
-    def __init__(self, item: Item, readers: tuple[Reader, ...]) -> None:
-        self.item = item
-        self.readers = readers
-        self.state: bool | None = None
+    def occupy(self, time_ns: int, duration_ns: int) -> int:
+        """Serve something that arrives at a time, behind what arrived before; return when it is done."""
+        self.free_ns = max(self.free_ns, time_ns) + duration_ns
+        return self.free_ns
 
 
-class Channel:
-    """The way of a writer's samples to one participant elsewhere, in order; reliable ones are repeated."""
+@dataclass(eq=False, slots=True)
+class Host:
+    """A host of the world, with a link to the network whose cable can be pulled."""
 
-    def __init__(
-        self, writer: Endpoint, target: Participant, accounts: Accounts, *, reliable: bool
-    ) -> None:
-        self.writer = writer
-        self.target = target
-        self.accounts = accounts
-        self.reliable = reliable
-        self.readers: tuple[Reader, ...] = ()  #: The writer's readers there.
-        self.latest_ns = 0  #: When the latest sample so far arrives: none overtakes it.
-        self.ended = False  #: Whether it is over.
-        self._entries: deque[_Entry] = deque()
+    name: str  #: Its name.
+    id: str  #: 16 hexadecimal digits, as `EndpointInfo.host` shows them.
+    link: LinkModel  #: Its link; a change holds for what is sent from now on.
+    on_cable: Callable[[], None]  #: Called when the cable was pulled or plugged in.
+    incoming: Server = field(default_factory=Server)  #: The link's direction to the host.
+    outgoing: Server = field(default_factory=Server)  #: The link's direction to the network.
+    _is_connected: bool = True
 
-    def add(self, item: Item) -> _Entry:
-        """Let a sample take its place behind those that are on their way."""
-        entry = _Entry(item, self.readers)
-        self._entries.append(entry)
-        return entry
+    @property
+    def is_connected(self) -> bool:
+        """Whether the cable is plugged in; without it the host and all others do not hear each other."""
+        return self._is_connected
 
-    def evicted(self, item: Item) -> bool:
-        """Return whether the writer cannot repeat a sample any more."""
-        depth = self.writer.depth
-        is_pushed_out = depth is not None and self.writer.sequence - item[0] >= depth
-        return self.ended or not self.writer.is_open or is_pushed_out
+    @is_connected.setter
+    def is_connected(self, connected: bool) -> None:
+        if connected != self._is_connected:
+            self._is_connected = connected
+            self.on_cable()
 
-    def end(self) -> None:
-        """Give up what is on its way: the readers are not known any more."""
-        self._entries.clear()
-        self.ended = True
+    @property
+    def latency_ns(self) -> int:
+        """The link's latency."""
+        return ns_from_s(self.link.latency_s)
 
-    def settle(self, entry: _Entry, *, arrived: bool) -> list[_Entry]:
-        """Take note of a sample's fate; return the samples that can be delivered now."""
-        if self.ended:
-            return []
-        entry.state = arrived
-        ready = []
-        while self._entries and self._entries[0].state is not None:
-            done = self._entries.popleft()
-            if done.state:
-                ready.append(done)
-        return ready
+    def transfer_ns(self, size_bytes: int) -> int:
+        """Return how long the link is busy with frames of a size."""
+        rate_bps = self.link.rate_bps
+        return 0 if rate_bps is None else ns_from_s(BITS_PER_BYTE * size_bytes / rate_bps)
+
+    def can_reach(self, other: Host) -> bool:
+        """Return whether packets get from here to a host."""
+        return self is other or (self.is_connected and other.is_connected)
+
+
+def host_id(seed: int, name: str) -> str:
+    """Return a host's id, which follows from the world's seed and the host's name."""
+    return hashlib.blake2b(f"{seed} {name}".encode(), digest_size=8).hexdigest()
+
+
+def frame_bytes(cdr_bytes: int, *, reliable: bool) -> int:
+    """Return the size of a sample in Ethernet frames, within 1 % of Cyclone DDS's up to 100 kB."""
+    payload = _SAMPLE_BYTES + cdr_bytes + (_HEARTBEAT_BYTES if reliable else 0)
+    return payload + -(-payload // _FRAME_PAYLOAD) * _FRAME_BYTES
 
 
 class Network:
-    """Delivers samples; chance decides what is lost and what is late."""
+    """Carries packets between hosts; chance decides which are lost."""
 
     def __init__(self, loop: VirtualLoop, costs: Costs, random: Random) -> None:
-        #: Whether two packets may fare differently, so that each has to be looked at.
-        self.varies = False
-        self.latency_ns = 0  #: Of the slowest link so far.
-        #: What a sample costs the process that takes it.
-        self.message_cost_ns = ns_from_s(costs.message_s)
-        self._loop = loop
-        self._random = random
+        self.loop = loop
+        self.costs = costs
+        self.random = random
 
-    def note(self, link: LinkModel) -> None:
-        """Take note that there is such a link."""
-        self.varies |= link.varies
-        self.latency_ns = max(self.latency_ns, ns_from_s(link.latency_s))
+    def depart(self, host: Host, size_bytes: int) -> int | None:
+        """Return when a packet that is sent now has left its host, None if the host's link loses it."""
+        sent_ns = host.outgoing.occupy(self.loop.now_ns, host.transfer_ns(size_bytes))
+        return None if self._loses(host) else sent_ns
 
-    def delay_ns(self, writer: Endpoint, reader: Endpoint) -> int:
-        """Return how long a sample takes where nothing varies."""
-        source, target = writer.participant, reader.participant
-        if source is target:
-            return SAME_NODE_NS
-        if source.host is target.host:
-            return SAME_HOST_NS
-        return source.host.latency_ns + target.host.latency_ns + STACK_NS
+    def arrive(
+        self, sent_ns: int | None, source: Host, target: Host, size_bytes: int
+    ) -> int | None:
+        """Return when a packet has come in at another host, None if it is lost."""
+        if sent_ns is None or not source.can_reach(target) or self._loses(target):
+            return None
+        reached_ns = sent_ns + source.latency_ns + target.latency_ns + STACK_NS
+        return target.incoming.occupy(reached_ns, target.transfer_ns(size_bytes))
 
-    @property
-    def slowest_ns(self) -> int:
-        """How long news take at most, all but certainly."""
-        lossy = 20 * REPAIR_NS if self.varies else 0
-        return 2 * self.latency_ns + ENDPOINT_NS + SAME_HOST_NS + lossy
-
-    def deliver(self, writer: Endpoint, readers: tuple[Reader, ...], item: Item) -> None:
-        """Hand an arrived sample to readers, as soon as their processes have time for it."""
-        cost_ns = self.message_cost_ns
-        if not cost_ns:
-            for reader in readers:
-                reader.take(writer, item)
-            return
-        for reader in readers:
-            process, crowd = reader.participant.process, reader.participant.domain.crowd
-            process.occupy(max(self._loop.now_ns, crowd.free_ns), cost_ns)
-            self._loop.at(process.free_ns, reader.take, writer, item)
-
-    def send(self, writer: Endpoint, channels: list[Channel], item: Item, size: int) -> None:
-        """Send one packet to all channels, or one to each where there is no multicast."""
-        source = writer.participant.host
-        sent_ns = self._depart(source, size)
-        lost = self._loses(source)
-        for channel in channels:
-            entry = channel.add(item) if channel.reliable else None
-            self._carry(channel, item, entry, sent_ns if not lost else None, size)
-
-    def _carry(
-        self, channel: Channel, item: Item, entry: _Entry | None, sent_ns: int | None, size: int
-    ) -> None:
-        """Let a packet arrive, or be lost and, of a reliable channel, be repeated."""
-        source, target = channel.writer.participant.host, channel.target.host
-        if sent_ns is None or source.side != target.side or self._loses(target):
-            if entry is not None:
-                self._loop.at(self._loop.now_ns + REPAIR_NS, self._repeat, channel, entry, size)
-            return
-        delay_ns = source.latency_ns + target.latency_ns + STACK_NS
-        arrived_ns = sent_ns + delay_ns + self._jitter_ns(source) + self._jitter_ns(target)
-        channel.latest_ns = max(channel.latest_ns, self._arrive(target, arrived_ns, size))
-        if entry is None:
-            self._loop.at(channel.latest_ns, self.deliver, channel.writer, channel.readers, item)
-        else:
-            self._loop.at(channel.latest_ns, self._settle, channel, entry, True)
-
-    def _repeat(self, channel: Channel, entry: _Entry, size: int) -> None:
-        if channel.evicted(entry.item):
-            self._settle(channel, entry, False)
-            return
-        sender = channel.writer.participant
-        sent_ns = self._depart(sender.host, size)
-        channel.accounts.sample(sender, {channel.target: None}, size)
-        self._carry(channel, entry.item, entry, None if self._loses(sender.host) else sent_ns, size)
-
-    def _settle(self, channel: Channel, entry: _Entry, arrived: bool) -> None:  # noqa: FBT001 - scheduled so
-        for ready in channel.settle(entry, arrived=arrived):
-            self.deliver(channel.writer, ready.readers, ready.item)
-
-    def _depart(self, host: Host, size: int) -> int:
-        """Return when a packet has left its host."""
-        now_ns = self._loop.now_ns
-        if host.link.rate_bps is None:
-            return now_ns
-        host.tx_free_ns = max(host.tx_free_ns, now_ns) + ns_from_s(
-            BITS_PER_BYTE * size / host.link.rate_bps
-        )
-        return host.tx_free_ns
-
-    def _arrive(self, host: Host, time_ns: int, size: int) -> int:
-        """Return when a packet that reaches a host's link at `time_ns` has come in."""
-        if host.link.rate_bps is None:
-            return time_ns
-        host.rx_free_ns = max(host.rx_free_ns, time_ns) + ns_from_s(
-            BITS_PER_BYTE * size / host.link.rate_bps
-        )
-        return host.rx_free_ns
+    def losses(self, one: Host, other: Host) -> int:
+        """Draw how often something is lost between two hosts before it arrives."""
+        first, second = one.link.loss, other.link.loss
+        loss = first + second - first * second
+        if one is other or not loss:
+            return 0
+        return int(math.log(1 - self.random.random()) / math.log(loss))
 
     def _loses(self, host: Host) -> bool:
-        return host.link.loss > 0 and self._random.random() < host.link.loss
-
-    def _jitter_ns(self, host: Host) -> int:
-        return ns_from_s(self._random.random() * host.link.jitter_s) if host.link.jitter_s else 0
-
-
-class Services:
-    """Remembers who sent which request, to hand the reply only to the participant that waits for it.
-
-    DDS gives replies to all n clients of each of n services: n**3 deliveries, which nobody needs to simulate.
-    """
-
-    def __init__(self) -> None:
-        self._askers: dict[tuple[Domain, bytes], Participant] = {}
-
-    def asker(self, writer: Endpoint, cdr: bytes) -> Participant | None:
-        """Take note of a request, or return whose a reply is; None: it is a sample for all."""
-        domain, topic = writer.participant.domain, writer.info.dds_topic
-        if topic.startswith("rq/"):
-            self._askers[domain, cdr[_FRAME_HEADER]] = writer.participant
-        elif topic.startswith("rr/"):
-            return self._askers.pop((domain, cdr[_FRAME_HEADER]), None)
-        return None
+        return host.link.loss > 0 and self.random.random() < host.link.loss

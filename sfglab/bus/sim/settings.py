@@ -1,7 +1,4 @@
-"""Settings of a simulated network and middleware, as values, and the trace of what happens.
-
-Knows times, rates and probabilities. Refuses to know events: `world` makes them happen.
-"""
+"""Settings of a simulated network and middleware: links, costs of processes, and fixed delays."""
 
 from __future__ import annotations
 
@@ -14,12 +11,9 @@ from sfglab.units import NS_PER_S
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkModel:
-    """One host's link to the network, equal in both directions; between two hosts lie two of them."""
+    """One host's link to the network, equal in both directions; between two hosts lie two links."""
 
-    latency_s: float = between(50e-6)  #: How long a packet takes to cross the link, seconds.
-    #: What may come on top: drawn for each packet and link, evenly from 0 to this, seconds. Packets of one
-    #: publisher stay in order, as on one path.
-    jitter_s: float = between(0.0)
+    latency_s: float = between(50e-6)  #: Time for a packet to cross the link, seconds.
     #: Probability with which each link loses a packet.
     loss: float = between(0.0, 0, 1, without=(1,))
     #: Rate of Ethernet frames, bit/s; what is sent faster waits in a queue without end. None is unlimited.
@@ -30,21 +24,15 @@ class LinkModel:
         if self.rate_bps is not None and not self.rate_bps > 0:
             raise InvalidValueError("rate_bps", self.rate_bps, "rates above 0, or None")
 
-    @property
-    def varies(self) -> bool:
-        """Whether two packets may fare differently on it."""
-        return self.jitter_s > 0 or self.loss > 0 or self.rate_bps is not None
 
-
-# How long the middleware takes, latency of the links apart; Cyclone DDS 11.0.1 unless said otherwise.
-# From a publisher to a subscription of the same node: a queue and a wake-up.
-SAME_NODE_NS = 100_000
-SAME_HOST_NS = 100_000  # Between two processes of one host, over the loopback interface.
-STACK_NS = 200_000  # What sockets and threads of two hosts add to the links' latency.
-# From the creation of an endpoint to its being known to participants that know each other, latency apart: one
+# Delays of the middleware, without the latency of the links; Cyclone DDS 11.0.1 unless said otherwise.
+# From a publisher to a subscription of the same host: a queue and a wake-up.
+LOOPBACK_NS = 100_000
+STACK_NS = 200_000  # Time of sockets and threads of two hosts, beside the links' latency.
+# From the creation of an endpoint to its being known to participants that know each other: one
 # DATA submessage of SEDP and two threads.
 ENDPOINT_NS = 300_000
-# From the start of a participant to its being known with what it has, latency apart: SPDP, its answer, and
+# From the start of a participant to its being known with what it has: SPDP, its answer, and
 # heartbeat, request and data of SEDP behind PreEmptiveAckDelay (10 ms).
 PARTICIPANT_NS = 18_000_000
 # From a match to the history's arrival at a TRANSIENT_LOCAL reader: PreEmptiveAckDelay.
@@ -56,9 +44,9 @@ ANNOUNCEMENT_SHARE = 0.8  # Interval of the periodic SPDP announcement as a shar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Costs:
-    """What a process spends on what it hears, while all else that it hears waits; nothing by default."""
+    """Times that a process spends on what it receives, while all else waits; 0 by default."""
 
-    start_s: float = between(0.0)  #: From its start until it hears anything, seconds.
+    start_s: float = between(0.0)  #: Time from its start until it receives anything, seconds.
     message_s: float = between(0.0)  #: For each message that one of its readers takes, seconds.
     endpoint_s: float = between(0.0)  #: For each endpoint that it makes or ends, seconds.
     #: For each endpoint of its domains that comes or goes, seconds.

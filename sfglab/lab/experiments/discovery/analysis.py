@@ -133,8 +133,8 @@ def live(run: Run[Config]) -> Fleets:
 
 @derived
 def simulated(run: Run[Config]) -> Fleets:
-    """Return the simulated fleets in the form of live ones."""
-    rows = run["simulated"]
+    """Return the simulated fleets that have times, in the form of live ones."""
+    rows = run["simulated"].dropna(subset=[_TIME])
     hosts = rows.assign(
         cell=rows.groupby([*KEYS, "seed"], sort=False).ngroup(), own_bytes=rows["rx_bytes"]
     )
@@ -475,10 +475,13 @@ def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         text,
         **{"simulated": "-", "counted": "--", f"CPU time at a pace / {cores}": ":"},
     )
-    largest = medians[medians["agents"] == medians["agents"].max()]
+    timed = medians.dropna(subset=[_TIME])
+    modes_timed = timed.groupby("agents")["mode"].transform("nunique")
+    agents = int(timed.loc[modes_timed == modes_timed.max(), "agents"].max())
+    largest = timed[timed["agents"] == agents]
     times = dict(zip(largest["mode"], largest[_TIME], strict=True))
     told = {mode: times[mode] for mode in MODES if mode in times}
-    figure.suptitle(_title(medians["agents"].max(), "simulated", told))
+    figure.suptitle(_title(agents, "simulated", told))
     return {"live": summary(run).to_dict("records"), "simulated": medians.to_dict("records")}
 
 

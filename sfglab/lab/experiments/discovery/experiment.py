@@ -238,6 +238,8 @@ class SimulatedRow(Fleet):
 
     seed: int  #: Seed of the run.
     host: int  #: Which agent, from 0.
-    resolved_s: float  #: From the start until it had resolved all its peers, simulated seconds.
-    rx_bytes: float  #: Received at its interface until then.
+    #: From the start until it had resolved all its peers, simulated seconds; NaN of a fleet that is
+    #: too large to be simulated.
+    resolved_s: float
+    rx_bytes: float  #: Received at its interface until then, by a formula.
     censored: bool  #: Whether it was given up instead.
