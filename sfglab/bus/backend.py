@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
 from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
@@ -37,13 +37,6 @@ class Clock:
         await asyncio.sleep(duration_s)
 
 
-class Owned(Protocol):
-    """Something that ends with its node."""
-
-    def close(self) -> None:
-        """Release what it holds."""
-
-
 class Backend(ABC):
     """One node's half of a middleware, on the running loop; what is opened and registered here ends with it.
 
@@ -63,7 +56,7 @@ class Backend(ABC):
         self.closed = False
         self.ros = RosServices(self.calls)
         self._on_error = on_error
-        self._owned: dict[Owned, None] = {}
+        self._owned: dict[Callable[[], None], None] = {}
         self._tasks: set[asyncio.Task[Any]] = set()
 
     @abstractmethod
@@ -103,15 +96,15 @@ class Backend(ABC):
         """Return a runner for the callbacks of one endpoint."""
         return Calls(self._tasks, where, self._on_error)
 
-    def register(self, thing: Owned) -> None:
-        """Close `thing` when the node closes."""
-        self._owned[thing] = None
+    def register(self, close: Callable[[], None]) -> None:
+        """Call `close` when the node closes."""
+        self._owned[close] = None
 
-    def end(self, thing: Owned) -> None:
-        """Close a registered thing before its node; again, and after the node's end, it is harmless."""
-        if not self.closed and thing in self._owned:
-            del self._owned[thing]
-            thing.close()
+    def end(self, close: Callable[[], None]) -> None:
+        """Call a registered `close` before the node closes; again, and after that, it is harmless."""
+        if not self.closed and close in self._owned:
+            del self._owned[close]
+            close()
 
     def close(self) -> None:
         """End everything now; from any thread, also without a running loop; again is harmless."""
@@ -130,8 +123,8 @@ class Backend(ABC):
             await asyncio.wait(tasks)
 
     def _end_all(self) -> None:
-        for thing in reversed(list(self._owned)):
-            thing.close()
+        for close in reversed(list(self._owned)):
+            close()
         self._owned.clear()
         if not self.loop.is_closed():
             self.graph.close()
@@ -170,7 +163,7 @@ class LoopWriter:
         ]
         self.gid = self._writers[0].gid
         for writer in self._writers:
-            backend.register(writer)
+            backend.register(writer.close)
 
     def write(self, cdr: bytes, source_timestamp_ns: int) -> None:
         """Send one sample with the time stamp that its first publisher gave it."""
@@ -181,7 +174,7 @@ class LoopWriter:
     def close(self) -> None:
         """End it; again is harmless."""
         while self._writers:
-            self._backend.end(self._writers.pop())
+            self._backend.end(self._writers.pop().close)
 
 
 class LoopForward(Forward[Sample, LoopWriter]):
@@ -198,7 +191,7 @@ class LoopForward(Forward[Sample, LoopWriter]):
         """End it at once; again is harmless."""
         self._closed = True
         if self._reader is not None:
-            self._backend.end(self._reader)
+            self._backend.end(self._reader.close)
         self._gate.close()
 
     def _open(self, endpoint: RawEndpoint) -> None:
@@ -209,7 +202,7 @@ class LoopForward(Forward[Sample, LoopWriter]):
             self._backend.bridge, endpoint.qos, decode=lambda s: s, callback=self._take, calls=calls
         )
         self._reader = self._backend.open_reader(endpoint, nothing, inbox)
-        self._backend.register(self._reader)
+        self._backend.register(self._reader.close)
 
     def _take(self, sample: Sample) -> None:
         self._gate.take(sample[3], sample)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import warnings
 import weakref
 from functools import partial
 from typing import TYPE_CHECKING, Any, Self, Unpack
@@ -54,8 +55,6 @@ class Timer:
         if self._running is not None:
             self._running.cancel()
 
-    close = cancel
-
     def _tick(self) -> None:
         missed = max(0, int((self._loop.time() - self._next_s) / self._period_s))
         self._next_s += (1 + missed) * self._period_s
@@ -73,7 +72,8 @@ class Node:
     ```
 
     Or `node = await Node.create("talker")` with `await node.close()`. A node that is neither closed nor
-    referenced any more closes itself, at the latest when the interpreter ends.
+    referenced any more closes with a ResourceWarning, at the latest when the interpreter ends. Its
+    publishers, subscriptions, services and clients do not keep it alive.
 
     Args:
         name: The node's name.
@@ -104,7 +104,7 @@ class Node:
         config = DomainConfig(domain_id=domain_id, **domain)
         self._join = join or partial(DdsBackend, config, discovery_info=discovery_info)
         self._live: Backend | None = None
-        self._finalizer: Callable[[], object] | None = None
+        self._finalizer: weakref.finalize[..., Node] | None = None
 
     @classmethod
     async def create(cls, name: str, **options: Any) -> Self:
@@ -133,7 +133,7 @@ class Node:
         if self._live is not None and not self._live.closed:
             return
         self._live = self._join(self._resolve(self.name), self._on_error)
-        self._finalizer = weakref.finalize(self, self._live.close)
+        self._finalizer = weakref.finalize(self, _close_forgotten, self._live, self.name)
 
     @property
     def backend(self) -> Backend:
@@ -184,7 +184,7 @@ class Node:
             self.backend,
             {"transport": transport, "max_message_bytes": max_message_bytes},
         )
-        return Publisher(self, backend, topic_endpoint(type_, self._resolve(topic), qos, **options))
+        return Publisher(backend, topic_endpoint(type_, self._resolve(topic), qos, **options))
 
     def create_subscription(  # noqa: PLR0913 - rclpy's signature
         self,
@@ -215,7 +215,7 @@ class Node:
             raise InvalidValueError(place, callback, "a plain function")
         backend, options = self.backend, {"transport": transport, "threaded": threaded}
         endpoint = topic_endpoint(type_, self._resolve(topic), qos, **options)
-        return Subscription(self, backend, endpoint, callback, raw=raw)
+        return Subscription(backend, endpoint, callback, raw=raw)
 
     def create_service(
         self, type_: str, name: str, handler: Handler, *, transport: Transport = "dds"
@@ -225,11 +225,11 @@ class Node:
         The transport is "dds", for sfglab and rmw_cyclonedds, or "ros", for rmw_fastrtps, which needs a ROS 2.
         """
         name = self._resolve(name)
-        return Service(self, self.backend, type_, name=name, handler=handler, transport=transport)
+        return Service(self.backend, type_, name=name, handler=handler, transport=transport)
 
     def create_client(self, type_: str, name: str, *, transport: Transport = "dds") -> Client:
         """Create a service's client; see `create_service`."""
-        return Client(self, self.backend, type_, name=self._resolve(name), transport=transport)
+        return Client(self.backend, type_, name=self._resolve(name), transport=transport)
 
     def create_action_server(
         self,
@@ -243,24 +243,20 @@ class Node:
         Without a `cancel_callback` among the options goals cannot be canceled.
         """
         name = self._resolve(name)
-        return ActionServer(
-            self, self.backend, type_, name=name, execute=execute_callback, **options
-        )
+        return ActionServer(self.backend, type_, name=name, execute=execute_callback, **options)
 
     def create_action_client(
         self, type_: str, name: str, *, transport: Transport = "dds"
     ) -> ActionClient:
         """Create an action's client; its services are of this transport, see `create_service`."""
-        return ActionClient(
-            self, self.backend, type_, name=self._resolve(name), transport=transport
-        )
+        return ActionClient(self.backend, type_, name=self._resolve(name), transport=transport)
 
     def create_timer(
         self, period_s: float, callback: Callable[[], Awaitable[None] | None]
     ) -> Timer:
         """Create a timer with a period in seconds, above 0; its callback is plain or async."""
         timer = Timer(period_s, callback, self.backend.calls(f"timer of {period_s} s"))
-        self.backend.register(timer)
+        self.backend.register(timer.cancel)
         return timer
 
     def open_forwarder(self, target: Node) -> Forwarder:
@@ -283,8 +279,20 @@ class Node:
 
     def destroy_node(self) -> None:
         """Do what `close` does without waiting for cancelled callbacks; callable from anywhere."""
-        if self._finalizer is not None:
-            self._finalizer()
+        if self._live is not None and self._finalizer is not None:
+            self._finalizer.detach()
+            self._live.close()
 
     def _resolve(self, name: str) -> str:
         return names.resolve(name, self.namespace, node_name=self.name)
+
+
+def _close_forgotten(backend: Backend, name: str) -> None:
+    """Close what a node left open that nothing refers to any more."""
+    if backend.closed:
+        return
+    try:
+        said = f"node {name!r} was not closed; use `async with` or `await node.close()`"
+        warnings.warn(said, ResourceWarning, stacklevel=2)
+    finally:  # also where warnings are errors
+        backend.close()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab import names
 from sfglab.bus.api import EndpointAdded, MessageInfo, RawEndpoint
-from sfglab.bus.endpoints import Endpoint, Inbox, Reader, Sample, ThreadInbox
+from sfglab.bus.endpoints import Endpoint, Inbox, Sample, ThreadInbox
 from sfglab.bus.errors import (
     BusTimeoutError,
     ClosedError,
@@ -55,10 +55,9 @@ def checked_type(message: Any, *, type_: str, where: str) -> None:
 
 
 class TopicEnd:
-    """One end of a topic, as users hold it; it keeps its node alive, if it is given one."""
+    """One end of a topic, as users hold it; it does not keep its node alive."""
 
-    def __init__(self, node: Any, backend: Backend, endpoint: RawEndpoint) -> None:
-        self._node = node
+    def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
         self._backend = backend
         self.topic_name = endpoint.name  #: The fully resolved ROS topic.
         self.type_name = endpoint.type  #: The ROS type, e.g. "std_msgs/msg/String".
@@ -73,12 +72,12 @@ class TopicEnd:
 class Publisher(TopicEnd):
     """One topic's outgoing messages; made by `Node.create_publisher`."""
 
-    def __init__(self, node: Any, backend: Backend, endpoint: RawEndpoint) -> None:
-        super().__init__(node, backend, endpoint)
+    def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
+        super().__init__(backend, endpoint)
         self._writer = backend.open_writer(endpoint, self._changed.notify)
         self._closed = False
         self.gid = self._writer.gid  #: The 16-byte DDS GUID under which others know it.
-        backend.register(self._writer)
+        backend.register(self._writer.close)
 
     def publish(self, message: Any) -> None:
         """Serialize and send one message.
@@ -140,7 +139,7 @@ class Publisher(TopicEnd):
 
     def close(self) -> None:
         """End the publisher; again is harmless."""
-        self._backend.end(self._writer)
+        self._backend.end(self._writer.close)
         self._closed = True
 
     def _check_open(self) -> None:
@@ -153,14 +152,13 @@ class Subscription(TopicEnd):
 
     def __init__(
         self,
-        node: Any,
         backend: Backend,
         endpoint: RawEndpoint,
         callback: Callback | None,
         *,
         raw: bool,
     ) -> None:
-        super().__init__(node, backend, endpoint)
+        super().__init__(backend, endpoint)
         self._decode = itemgetter(0) if raw else _decoding(backend, endpoint.type)
         calls = backend.calls(self._what)
         kind = ThreadInbox if endpoint.threaded else Inbox
@@ -169,11 +167,10 @@ class Subscription(TopicEnd):
         )
         self._reader = backend.open_reader(endpoint, self._changed.notify, self._inbox)
         self.gid = self._reader.gid  #: The 16-byte DDS GUID under which others know it.
-        unwatch = backend.watch_publishers(
+        self._unwatch = backend.watch_publishers(
             self._reader, endpoint, _Warnings(backend, endpoint).hear
         )
-        self._incoming = _Incoming(self._reader, self._inbox, unwatch)
-        backend.register(self._incoming)
+        backend.register(self._end)
 
     @property
     def dropped(self) -> int:
@@ -235,7 +232,12 @@ class Subscription(TopicEnd):
 
     def close(self) -> None:
         """End the subscription; again is harmless."""
-        self._backend.end(self._incoming)
+        self._backend.end(self._end)
+
+    def _end(self) -> None:
+        self._unwatch()
+        self._reader.close()
+        self._inbox.close()
 
     @property
     def _what(self) -> str:
@@ -250,20 +252,6 @@ class Subscription(TopicEnd):
         except TimeoutError as error:
             said = f"no message within {timeout_s} s; {self._reader.matched} matching publisher(s) known"
             raise BusTimeoutError(f"topic {self.topic_name!r}: {said}") from error
-
-
-class _Incoming:
-    """A reader, its inbox and its warnings, which end together; apart so that it never holds the node."""
-
-    def __init__(self, reader: Reader, inbox: Inbox, unwatch: Callable[[], None]) -> None:
-        self._reader = reader
-        self._inbox = inbox
-        self._unwatch = unwatch
-
-    def close(self) -> None:
-        self._unwatch()
-        self._reader.close()
-        self._inbox.close()
 
 
 def _decoding(backend: Backend, type_: str) -> Callable[[Sample], Any]:

@@ -8,14 +8,13 @@ Its services have the transport "ros": the same frames, by a program of ROS 2's 
 from __future__ import annotations
 
 import asyncio
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
 from sfglab.bus.api import FAST_DDS, Handler, RawEndpoint, Transport, user_data
 from sfglab.bus.endpoints import Inbox, Sample
 from sfglab.bus.errors import BusTimeoutError, ClosedError, discovery_timeout_error
-from sfglab.bus.loop import Signal, awaited, nothing
+from sfglab.bus.loop import Signal, awaited
 from sfglab.bus.pubsub import checked_type
 from sfglab.errors import InvalidValueError
 from sfglab.messages import (
@@ -69,7 +68,6 @@ class _Pair:
         )
         self.writer = backend.open_writer(out, self.changed.notify)
         self.reader = backend.open_reader(in_, self.changed.notify, self.inbox)
-        self.on_close: Callable[[], None] = nothing
 
     def peers(self) -> frozenset[bytes]:
         """Return the GUID prefixes of participants that have both halves of the other side, framed as ours."""
@@ -90,7 +88,6 @@ class _Pair:
         self.reader.close()
         self.writer.close()
         self.inbox.close()
-        self.on_close()
 
 
 def _halves(
@@ -121,27 +118,49 @@ def _framed(sample: Sample) -> tuple[ServiceFrame, bytes]:
     return unframe_service(bytes(sample[0])), sample[3]
 
 
-class _Server:
-    """Answers requests, each in a task of its own; apart from `Service` so that it never holds the node."""
+class Service:
+    """A service's server; made by `Node.create_service`.
 
-    def __init__(
+    Requests are handled concurrently, in the order of their arrival. A handler that raises is reported and
+    answers nothing. `answered`, for actions, is given each request once its response is sent.
+    """
+
+    def __init__(  # noqa: PLR0913 - what makes a service, and one thing that only actions need
         self,
+        backend: Backend,
+        type_: str,
+        *,
+        name: str,
         handler: Handler,
-        request: type[Any],
-        response: str,
-        answered: Callable[[Any], None] | None,
+        transport: Transport = "dds",
+        answered: Callable[[Any], None] | None = None,
     ) -> None:
-        self.pair: _Pair | None = None
-        self._answered = answered
+        self.service_name = name  #: The fully resolved ROS service.
+        service = service_type(type_)
+        self._request = service.request
+        self._response = type_name(service.response)
         self._handler = handler
-        self._request = request
-        self._response = response
+        self._answered = answered
+        self._backend = backend
+        self._pair = _Pair(
+            backend, type_, name, server=True, transport=transport, on_frame=self._on_frame
+        )
+        backend.register(self._pair.close)
 
-    def on_frame(self, frame: ServiceFrame, publisher_gid: bytes) -> None:
-        assert self.pair is not None
-        self.pair.calls.spawn(self._answer(self.pair, frame, publisher_gid))
+    @property
+    def last_error(self) -> BaseException | None:
+        """The latest exception of the handler, None if there was none."""
+        return self._pair.calls.last_error
 
-    async def _answer(self, pair: _Pair, frame: ServiceFrame, publisher_gid: bytes) -> None:
+    def close(self) -> None:
+        """End the service; again is harmless."""
+        self._backend.end(self._pair.close)
+
+    def _on_frame(self, frame: ServiceFrame, publisher_gid: bytes) -> None:
+        self._pair.calls.spawn(self._answer(frame, publisher_gid))
+
+    async def _answer(self, frame: ServiceFrame, publisher_gid: bytes) -> None:
+        pair = self._pair
         request = deserialize(frame.cdr, self._request)
         response = await awaited(self._handler(request))
         checked_type(response, type_=self._response, where=pair.name)
@@ -155,49 +174,11 @@ class _Server:
             self._answered(request)
 
 
-class Service:
-    """A service's server; made by `Node.create_service`.
-
-    Requests are handled concurrently, in the order of their arrival. A handler that raises is reported and
-    answers nothing. `answered`, for actions, is given each request once its response is sent.
-    """
-
-    def __init__(  # noqa: PLR0913 - what makes a service, and one thing that only actions need
-        self,
-        node: Any,
-        backend: Backend,
-        type_: str,
-        *,
-        name: str,
-        handler: Handler,
-        transport: Transport,
-        answered: Callable[[Any], None] | None = None,
-    ) -> None:
-        self.service_name = name  #: The fully resolved ROS service.
-        service = service_type(type_)
-        server = _Server(handler, service.request, type_name(service.response), answered)
-        server.pair = self._pair = _Pair(
-            backend, type_, name, server=True, transport=transport, on_frame=server.on_frame
-        )
-        self._node = node  # keeps the node alive for as long as its service is held
-        self._backend = backend
-        backend.register(self._pair)
-
-    @property
-    def last_error(self) -> BaseException | None:
-        """The latest exception of the handler, None if there was none."""
-        return self._pair.calls.last_error
-
-    def close(self) -> None:
-        """End the service; again is harmless."""
-        self._backend.end(self._pair)
-
-
 class Client:
     """A service's client; made by `Node.create_client`. Calls may run concurrently."""
 
     def __init__(
-        self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport
+        self, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
     ) -> None:
         self.service_name = name  #: The fully resolved ROS service.
         service = service_type(type_)
@@ -206,14 +187,11 @@ class Client:
         self._guid = int.from_bytes(backend.random_bytes(8), "little")
         self._sequence = 0
         self._pending: dict[int, asyncio.Future[ServiceFrame]] = {}
-        on_frame = partial(_resolve, self._guid, self._pending)
-        self._pair = _Pair(
-            backend, type_, name, server=False, transport=transport, on_frame=on_frame
-        )
-        self._pair.on_close = partial(_fail, self._pending, f"client {name!r}", backend.loop)
-        self._node = node  # keeps the node alive for as long as its client is held
         self._backend = backend
-        backend.register(self._pair)
+        self._pair = _Pair(
+            backend, type_, name, server=False, transport=transport, on_frame=self._on_frame
+        )
+        backend.register(self._end)
 
     def service_is_ready(self) -> bool:
         """Return whether a server can be called now."""
@@ -270,7 +248,21 @@ class Client:
 
     def close(self) -> None:
         """End the client and its pending calls; again is harmless."""
-        self._backend.end(self._pair)
+        self._backend.end(self._end)
+
+    def _end(self) -> None:
+        self._pair.close()
+        if self._backend.loop.is_closed():
+            return
+        for future in list(self._pending.values()):
+            if not future.done():
+                future.set_exception(ClosedError(f"client {self.service_name!r}"))
+
+    def _on_frame(self, frame: ServiceFrame, _publisher_gid: bytes) -> None:
+        """Give a reply to the call that waits for it; replies to others share the topic and are ignored."""
+        future = self._pending.get(frame.sequence) if frame.client_guid == self._guid else None
+        if future is not None and not future.done():
+            future.set_result(frame)
 
     def _exchange(self, cdr: bytes) -> Awaitable[ServiceFrame]:
         self._sequence += 1
@@ -280,25 +272,3 @@ class Client:
         future.add_done_callback(lambda _: self._pending.pop(sequence, None))
         self._pair.send(ServiceFrame(self._guid, sequence, cdr))
         return future
-
-
-def _resolve(
-    guid: int,
-    pending: dict[int, asyncio.Future[ServiceFrame]],
-    frame: ServiceFrame,
-    _publisher_gid: bytes,
-) -> None:
-    """Give a reply to the call that waits for it; replies to others share the topic and are ignored."""
-    future = pending.get(frame.sequence) if frame.client_guid == guid else None
-    if future is not None and not future.done():
-        future.set_result(frame)
-
-
-def _fail(
-    pending: dict[int, asyncio.Future[ServiceFrame]], what: str, loop: asyncio.AbstractEventLoop
-) -> None:
-    if loop.is_closed():
-        return
-    for future in list(pending.values()):
-        if not future.done():
-            future.set_exception(ClosedError(what))

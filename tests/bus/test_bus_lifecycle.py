@@ -82,10 +82,17 @@ async def test_an_abandoned_node_closes_itself_and_a_rerun_works(domain_id):
         publisher.publish(text("x"))
         return await subscription.take(60)
 
-    await cell()
+    async def forgotten():
+        got = await cell()
+        gc.collect()
+        return got
+
+    with pytest.warns(ResourceWarning, match="node 'same_name' was not closed"):
+        await forgotten()
     before = resources()
     for _ in range(3):
-        assert (await cell()).data == "x"
+        with pytest.warns(ResourceWarning):
+            assert (await forgotten()).data == "x"
     settle(before)
 
 
@@ -100,8 +107,13 @@ def test_a_loop_that_ends_without_closing_its_node_leaves_nothing(domain_id):
         await publisher.wait_for_subscriptions()
         kept.append(here)
 
+    def forget():
+        kept.clear()
+        gc.collect()
+
     asyncio.run(scenario())
-    kept.clear()
+    with pytest.warns(ResourceWarning, match="node 'script' was not closed"):
+        forget()
     before = resources()
     asyncio.run(scenario())
     kept.pop().destroy_node()

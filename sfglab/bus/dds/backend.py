@@ -55,7 +55,7 @@ class DdsBackend(Backend):
         self.ros = RosServices(self.calls, config.wire_id, config.interface)
         self._discovery = Discovery(self.participant, partial(self._post, self.graph.apply))
         if discovery_info:
-            self.register(DiscoveryInfo(self.participant, self.graph, name, loop=self.loop))
+            self.register(DiscoveryInfo(self.participant, self.graph, name, loop=self.loop).close)
 
     def open_writer(self, endpoint: RawEndpoint, notify: Callable[[], None]) -> Writer:
         """Return a new writer, in DDS or in shared memory."""
@@ -111,7 +111,7 @@ class DdsBackend(Backend):
         from sfglab.bus.dds.forwarder import DdsForwarder
 
         forwarder = DdsForwarder(self.participant, target.participant, (self, target))
-        self.register(forwarder)
+        self.register(forwarder.close)
         return forwarder
 
     def close(self) -> None:

@@ -227,7 +227,7 @@ class AgentDecoder:
             endpoint = topic_endpoint(
                 route.local_type, route.local_topic, LOCAL_QOS, user_data=OFFER
             )
-            pipeline.offer = Publisher(self._local, self._local.backend, endpoint)
+            pipeline.offer = Publisher(self._local.backend, endpoint)
         self._on_status(self._status(pipeline))
         pipeline.seen = bool(self._demand.count(route.local_topic))
         await self._follow_demand(pipeline)
