@@ -1,4 +1,4 @@
-"""A middleware as nodes see it: the base class of its half of a node, and forwarding between two of them.
+"""A middleware as nodes see it: the base class of its half of a node, and forwarding between any two.
 
 Knows what ends with a node and in which order. Refuses to know any middleware: each derives from `Backend`.
 """
@@ -9,20 +9,23 @@ import asyncio
 import secrets
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
 from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
-from sfglab.bus.forwarding import Forward, Forwarder, Transform
+from sfglab.bus.errors import PublishError, WriterBlockedError
+from sfglab.bus.forwarding import Forward, Forwarder, GuardedWriter, Transform
 from sfglab.bus.loop import Calls, LoopBridge, OnError, nothing
 from sfglab.bus.ros.services import RosServices
 from sfglab.messages import decoder
 
 if TYPE_CHECKING:
     from sfglab.bus.graph import Graph
+    from sfglab.qos import QoSProfile
 
 
 class Clock:
@@ -40,21 +43,27 @@ class Clock:
 class Backend(ABC):
     """One node's half of a middleware, on the running loop; what is opened and registered here ends with it.
 
-    Nothing here refers to the `Node`, so one that a notebook forgot is collected, and its finalizer closes the
-    backend. `on_error` is told about exceptions in callbacks; None logs them.
+    A node gets its backend from `Join`. Nothing here refers to the `Node`, so one that a notebook forgot is
+    collected, and its finalizer closes the backend. `on_error` is told about exceptions in callbacks; None logs
+    them. All backends have these forms in common:
+
+    - An endpoint has a 16-byte GID, and `participant_of` names its participant as `matched_prefixes` do.
+    - The others' graphs show an endpoint's QoS, node and USER_DATA. Only those match whose QoS is compatible
+      (`sfglab.qos.incompatibilities`); a middleware that does not check this leaves it to its backend.
+    - A sample comes with its source time and its publisher's GID. Requests and replies are samples with a frame
+      (`sfglab.messages.frame_service`).
+    - A reader tells `Inbox.on_life` which publishers appear, show life again, or cease to.
     """
 
     kind: ClassVar[str]  #: What nodes of it are called in error messages.
     graph: Graph  #: All endpoints of the node's domain.
     guid: bytes  #: The 16-byte GUID of the node's participant.
-    ros: RosServices  #: Services of rmw_fastrtps in the node's domain.
 
     def __init__(self, on_error: OnError | None) -> None:
         self.loop = asyncio.get_running_loop()
         self.bridge = LoopBridge(self.loop)  #: Where other threads post to.
         self.clock = Clock()
         self.closed = False
-        self.ros = RosServices(self.calls)
         self._on_error = on_error
         self._owned: dict[Callable[[], None], None] = {}
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -76,6 +85,15 @@ class Backend(ABC):
     def open_forwarder(self, target: Any) -> Forwarder:
         """Return what forwards to another node of this kind; `target` is its backend."""
         return RawForwarder(self, target)
+
+    @cached_property
+    def ros(self) -> RosServices:
+        """Services of rmw_fastrtps in the node's domain; of none here."""
+        return RosServices(self.calls)
+
+    def participant_of(self, gid: bytes) -> bytes:
+        """Return the part of an endpoint's GID that names its participant."""
+        return gid[:12]
 
     def decoder(self, type_: str) -> Callable[[Any], Any]:
         """Return what makes messages of a type from CDR."""
@@ -135,7 +153,7 @@ class Backend(ABC):
 
 
 class RawForwarder:
-    """Forwards from one node to another by readers and writers of theirs, all on the loop."""
+    """Forwards from one node to another, of any backends, by their readers and writers, on the loop."""
 
     def __init__(self, source: Backend, target: Backend) -> None:
         self._source = source
@@ -150,31 +168,83 @@ class RawForwarder:
         return LoopWriter(self._target, replace(endpoint, forwards=True))
 
 
-class LoopWriter:
-    """A raw writer that is written to on the loop, and ignores what comes after its end."""
+class LoopWriter(GuardedWriter):
+    """A raw writer that is written to on the loop, and ignores what comes after its end.
+
+    One that may block, as it keeps all for slow readers, is written to in a thread, and tried again.
+    """
 
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
+        super().__init__(endpoint.qos)
         self._backend = backend
-        self._writers = [
-            backend.open_writer(replace(endpoint, transport=transport), nothing)
-            for transport in (
-                ("dds", "ros") if endpoint.transport == "any" else (endpoint.transport,)
-            )
-        ]
+        self._endpoint = endpoint
+        self._create(endpoint.qos)
         self.gid = self._writers[0].gid
-        for writer in self._writers:
-            backend.register(writer.close)
+        blocking = any(getattr(writer, "may_block", False) for writer in self._writers)
+        self._may_block = blocking and not endpoint.is_service
+        self._calls = backend.calls(f"raw writer {endpoint.dds_topic!r}")
+        self._unsent: deque[tuple[bytes, int]] = deque()
+        self._sending: asyncio.Task[Any] | None = None
 
     def write(self, cdr: bytes, source_timestamp_ns: int) -> None:
         """Send one sample with the time stamp that its first publisher gave it."""
-        if not self._backend.closed:
-            for writer in self._writers:
-                writer.write(cdr, source_timestamp_ns)
+        if self._backend.closed or self.closed:
+            return
+        self.show_life(alive=True)
+        self.bound_backlog(len(cdr))
+        if not self._may_block:
+            self._write(cdr, source_timestamp_ns)
+            return
+        self._unsent.append((cdr, source_timestamp_ns))
+        if self._sending is None:
+            self._sending = self._calls.spawn(self._send())
+
+    def sent(self) -> Awaitable[None] | None:
+        """Return what is awaited until all samples are sent; None if they are."""
+        return None if self._sending is None else _ended(self._sending)
 
     def close(self) -> None:
         """End it; again is harmless."""
+        self.closed = True
+        self._delete()
+        if self._sending is not None and not self._backend.loop.is_closed():
+            self._sending.cancel()
+
+    def _create(self, qos: QoSProfile) -> None:
+        transport = self._endpoint.transport
+        transports: tuple[Any, ...] = ("dds", "ros") if transport == "any" else (transport,)
+        self._writers = []
+        for one in transports:
+            endpoint = replace(self._endpoint, qos=qos, transport=one)
+            writer = self._backend.open_writer(endpoint, nothing)
+            self._backend.register(writer.close)
+            self._writers.append(writer)
+
+    def _delete(self) -> None:
         while self._writers:
             self._backend.end(self._writers.pop().close)
+
+    def _has_all_acknowledged(self) -> bool:
+        asked = [getattr(writer, "acknowledged", lambda: True) for writer in self._writers]
+        return all(has_all() for has_all in asked)
+
+    def _write(self, cdr: bytes, source_timestamp_ns: int) -> None:
+        for writer in self._writers:
+            writer.write(cdr, source_timestamp_ns)
+
+    async def _send(self) -> None:
+        """Send what waits, in a thread; a sample that slow readers hold up is tried again."""
+        try:
+            while self._unsent:
+                try:
+                    await asyncio.to_thread(self._write, *self._unsent[0])
+                except WriterBlockedError:
+                    continue
+                except PublishError as error:
+                    self._calls.report(error)
+                self._unsent.popleft()
+        finally:
+            self._sending = None
 
 
 class LoopForward(Forward[Sample, LoopWriter]):
@@ -185,6 +255,7 @@ class LoopForward(Forward[Sample, LoopWriter]):
         self._backend = backend
         self._reader: Reader | None = None
         self._closed = False
+        self._blocking: LoopWriter | None = None
         backend.ros.when_settled(endpoint, partial(self._open, endpoint))
 
     def close(self) -> None:
@@ -201,11 +272,20 @@ class LoopForward(Forward[Sample, LoopWriter]):
         inbox = Inbox(
             self._backend.bridge, endpoint.qos, decode=lambda s: s, callback=self._take, calls=calls
         )
+        inbox.on_life = self._show_life
         self._reader = self._backend.open_reader(endpoint, nothing, inbox)
         self._backend.register(self._reader.close)
 
-    def _take(self, sample: Sample) -> None:
+    def _take(self, sample: Sample) -> Awaitable[None] | None:
+        """Pass a sample on; while its writer is blocked, the next ones wait in the inbox."""
+        self._blocking = None
         self._gate.take(sample[3], sample)
+        return None if self._blocking is None else self._blocking.sent()
+
+    def _show_life(self, source: bytes, alive: bool) -> None:  # noqa: FBT001 - a callback's argument
+        exit_ = self._gate.exit_of(source)
+        if exit_ is not None:
+            exit_[0].show_life(alive=alive)
 
     def _send(self, exit_: tuple[LoopWriter, Transform | None], sample: Sample) -> None:
         writer, transform = exit_
@@ -215,12 +295,18 @@ class LoopForward(Forward[Sample, LoopWriter]):
             self._drop(sample)
             return
         writer.write(changed, sample[1])
+        self._blocking = writer
         self.counts.forwarded += 1
         self.counts.bytes += len(changed)
 
     def _drop(self, sample: Sample) -> None:
         del sample
         self.counts.dropped += 1
+
+
+async def _ended(task: asyncio.Task[Any]) -> None:
+    """Return when a task has ended, without ending it."""
+    await asyncio.wait((task,))
 
 
 Join = Callable[[str, OnError | None], Backend]  #: Given a node's full name and its errors' taker.

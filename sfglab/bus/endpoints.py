@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.bus.errors import ClosedError
-from sfglab.bus.loop import JOIN_S, Calls, LoopBridge
+from sfglab.bus.loop import JOIN_S, Calls, LoopBridge, nothing
 from sfglab.qos import History, QoSProfile
 
 if TYPE_CHECKING:
@@ -150,6 +150,8 @@ class Inbox:
         self.queue = SampleQueue(qos)
         self.calls = calls
         self.closed = False  #: Whether nothing will arrive any more.
+        #: Called on the loop with a publisher's GID and whether it shows life.
+        self.on_life: Callable[[bytes, bool], None] = nothing
         self._bridge = bridge
         self._callback = callback
         self._decoded_call = _after(decode, callback)

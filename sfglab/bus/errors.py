@@ -34,6 +34,10 @@ class PublishError(BusError, RuntimeError):
         super().__init__(f"topic {topic!r}: publishing failed with code {code} ({reason})")
 
 
+class WriterBlockedError(PublishError):
+    """A writer that keeps all waits for slow readers; the message can be sent again."""
+
+
 class BusTimeoutError(BusError, TimeoutError):
     """No message arrived, no peer appeared, or no service answered in time."""
 

@@ -1,29 +1,39 @@
 """Samples from one node to another as they are: what a router between two domains stands on.
 
-Whoever opens a forward says which sources pass; what others send waits until then. Live nodes forward inside
-the middleware (`sfglab.bus.dds.forwarder`), every other backend by `sfglab.bus.backend.RawForwarder`, on the
-loop.
+Samples of a source wait until the forward's owner decides where they go. Live nodes forward inside the
+middleware (`sfglab.bus.dds.forwarder`), all other pairs of nodes, also of different backends, by
+`sfglab.bus.backend.RawForwarder`. `GuardedWriter` has the rules that both share.
 """
 
 from __future__ import annotations
 
+import logging
+import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from sfglab.bus.loop import nothing
+from sfglab.qos import Durability, History, Liveliness
 
 if TYPE_CHECKING:
     from sfglab.bus.api import RawEndpoint
+    from sfglab.qos import QoSProfile
+
+_log = logging.getLogger("sfglab.bus")
 
 Transform = Callable[[bytes], bytes | None]
 """Changes a sample on its way: CDR in, CDR out, None drops it. The same object back means: as it was."""
 
-#: How many samples of a source that nobody judged yet are kept; the oldest go first.
+#: Number of samples that are held for a source without a decision; the oldest go first.
 HELD_SAMPLES = 256
+
+MAX_BACKLOG_BYTES = 64 << 20
+"""Bound of a volatile writer's history for a reader without acknowledgements, beside the samples of a second."""
+STANDS_STILL_S = 1.0  #: Time without acknowledgements after which the history is made shallower, s.
 
 _Sample = TypeVar("_Sample")
 _Exit = TypeVar("_Exit")
@@ -39,6 +49,70 @@ class RawWriter(Protocol):
 
     def close(self) -> None:
         """End it; again is harmless."""
+
+
+class GuardedWriter(ABC):
+    """A raw writer under two rules: one for the memory of its history, one for the life of its source.
+
+    A volatile writer whose source shows life by its process vanishes while the source shows none, since our
+    process lives on; a latched one stays, because its history would go as well. Samples tell how many bytes
+    a history has: if a reader acknowledges nothing and they are too many, a writer with a shallower history
+    follows.
+    """
+
+    def __init__(self, qos: QoSProfile) -> None:
+        self.closed = False  #: Whether it has ended.
+        self._qos = qos
+        self._is_there = True
+        is_volatile = qos.durability is Durability.VOLATILE
+        self._bounded = is_volatile and qos.history is History.KEEP_LAST
+        has_lease = qos.lease_ns is not None and qos.liveliness is Liveliness.AUTOMATIC
+        self._vanishes = is_volatile and has_lease
+        self._backlog_bytes = 0  # at most, since all was acknowledged
+        self._behind_since_s: float | None = None
+
+    def show_life(self, *, alive: bool) -> None:
+        """Create the writer if its source is alive, otherwise delete it; again is harmless."""
+        if self.closed or not self._vanishes or alive is self._is_there:
+            return
+        self._is_there = alive
+        if alive:
+            self._create(self._qos)
+        else:
+            self._delete()
+
+    def bound_backlog(self, size_bytes: int) -> None:
+        """Keep what is not acknowledged below the bound, before a sample of a size is sent.
+
+        After it, its own acknowledgement would be missing, also from a reader that keeps up.
+        """
+        self._backlog_bytes += size_bytes
+        if not self._bounded or self._backlog_bytes <= MAX_BACKLOG_BYTES:
+            return
+        if self._has_all_acknowledged():
+            self._backlog_bytes, self._behind_since_s = 0, None
+            return
+        now_s = time.monotonic()
+        self._behind_since_s = self._behind_since_s or now_s
+        depth = max(1, MAX_BACKLOG_BYTES // size_bytes)
+        if now_s - self._behind_since_s >= STANDS_STILL_S and depth < self._qos.depth:
+            said = "forwarding: a reader stands still; %d samples are kept for it from now on"
+            _log.warning(said, depth)
+            self._qos = replace(self._qos, depth=depth)
+            self._delete()
+            self._create(self._qos)
+
+    @abstractmethod
+    def _create(self, qos: QoSProfile) -> None:
+        """Create the middleware's writer."""
+
+    @abstractmethod
+    def _delete(self) -> None:
+        """Send what waits, and delete the middleware's writer."""
+
+    @abstractmethod
+    def _has_all_acknowledged(self) -> bool:
+        """Return whether all reliable readers have all samples."""
 
 
 @dataclass(slots=True)
@@ -78,7 +152,7 @@ class SourceGate(Generic[_Sample, _Exit]):
             self.take(source, sample)
 
     def exit_of(self, source: bytes) -> _Exit | None:
-        """Return where a source's samples go; None: nowhere, or nobody has said so yet."""
+        """Return where a source's samples go; None: nowhere, or without a decision."""
         return self._exits.get(source)
 
     def forget(self, source: bytes) -> None:

@@ -13,7 +13,7 @@ from sfglab import names
 from sfglab.bus.actions.client import ActionClient
 from sfglab.bus.actions.server import ActionServer, ActionServerOptions, ExecuteCallback
 from sfglab.bus.api import DEFAULT_MAX_MESSAGE_BYTES, Callback, Handler, MessageType, Transport
-from sfglab.bus.backend import Backend, Clock, Join
+from sfglab.bus.backend import Backend, Clock, Join, RawForwarder
 from sfglab.bus.dds.backend import DdsBackend
 from sfglab.bus.dds.domain import DomainConfig, DomainOptions
 from sfglab.bus.errors import ClosedError
@@ -260,15 +260,10 @@ class Node:
         return timer
 
     def open_forwarder(self, target: Node) -> Forwarder:
-        """Return what forwards samples as they are, from this node to one in another domain.
-
-        Raises:
-            TypeError: The two nodes have different middlewares.
-        """
+        """Return what forwards samples as they are, from this node to one in another domain, of any backend."""
         here, there = self.backend, target.backend
         if type(here) is not type(there):
-            given = f"a {here.kind} and a {there.kind} node"
-            raise TypeError(f"forwarding: given {given}, allowed are two of one kind")
+            return RawForwarder(here, there)
         return here.open_forwarder(there)
 
     async def close(self) -> None:

@@ -164,7 +164,7 @@ class Service:
         request = deserialize(frame.cdr, self._request)
         response = await awaited(self._handler(request))
         checked_type(response, type_=self._response, where=pair.name)
-        prefix = publisher_gid[:12]
+        prefix = self._backend.participant_of(publisher_gid)
         # A client can know the server before the server knows it; an answer sent then is lost.
         await pair.changed.wait_until(
             lambda: prefix in pair.writer.matched_prefixes, _CLIENT_TIMEOUT_S

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from bus_messages import SERVICE, STRING, Request, String, connected, response, text
-from toy_bus import ToyDomain
+from toy_bus import OtherToyBackend, ToyDomain
 
 from sfglab import bus
 from sfglab.component import beside
@@ -467,16 +467,24 @@ async def test_the_two_transports_do_not_meet(here):
         here.create_publisher(STRING, "/t", transport="smoke")
 
 
-# --- Components need no change for another backend; two of them are not forwarded between.
+# --- Components need no change for another backend, and a router stands between any two.
 
 
-async def test_a_discoverer_finds_an_agent_and_its_description_through_the_agents_router():
-    own, network = ToyDomain(), ToyDomain()
-    news = asyncio.Queue()
+@pytest.fixture(params=["toy", "other toy", pytest.param("live", marks=pytest.mark.live)])
+def network(request):
+    """Make nodes of the network: of the agent's backend, of another kind, or of DDS."""
+    if request.param == "live":
+        return request.getfixturevalue("live").node
+    kind = OtherToyBackend if request.param == "other toy" else None
+    return partial(ToyDomain().node, kind=kind)
+
+
+async def test_a_discoverer_finds_an_agent_and_its_description_through_the_agents_router(network):
+    own, news = ToyDomain().node, asyncio.Queue()
     async with AsyncExitStack() as stack:
         near, status, far, station = [
-            await stack.enter_async_context(domain.node(name))
-            for domain, name in (
+            await stack.enter_async_context(make(name))
+            for make, name in (
                 (own, "near"),
                 (own, "status"),
                 (network, "far"),
@@ -493,14 +501,3 @@ async def test_a_discoverer_finds_an_agent_and_its_description_through_the_agent
             assert (heard.agent, heard.event) == ("go2", "DISCOVERED")
             assert found.status().counts["asked"] == 1
             assert {e.node for e in station.graph.publishers("/global/agent_heartbeat")} == {"/far"}
-
-
-@pytest.mark.live
-async def test_nodes_of_two_backends_cannot_be_forwarded_between(live):
-    async with ToyDomain().node("toy") as toy, live.node("live") as there:
-        with pytest.raises(
-            TypeError, match="given a toy and a live node, allowed are two of one kind"
-        ):
-            toy.open_forwarder(there)
-        with pytest.raises(bus.ClosedError):
-            ToyDomain().node("unstarted").open_forwarder(toy)

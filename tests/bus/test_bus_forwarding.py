@@ -2,22 +2,28 @@
 
 import asyncio
 import ctypes
+import threading
 import time
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
+from typing import ClassVar
 
 import psutil
 import pytest
+import toy_bus
 from bus_messages import IMAGE, STRING, connected, image, text
 from hypothesis import given
 from hypothesis import strategies as st
+from toy_bus import OtherToyBackend, ToyDomain, ToyWriter
 
 from sfglab import bus
+from sfglab.bus import forwarding
 from sfglab.bus.api import RawEndpoint
 from sfglab.bus.dds import forwarder as dds_forwarder
 from sfglab.bus.dds.clib import RETCODE_TIMEOUT, MatchedStatus, library
-from sfglab.bus.forwarding import HELD_SAMPLES, SourceGate
+from sfglab.bus.forwarding import HELD_SAMPLES, MAX_BACKLOG_BYTES, GuardedWriter, SourceGate
 from sfglab.messages import serialize
-from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, QoSProfile
+from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, Liveliness, QoSProfile
 
 DEEP = QoSProfile(history=History.KEEP_ALL)
 
@@ -69,6 +75,166 @@ def test_what_waits_for_a_judgement_is_bounded_and_the_oldest_goes_first():
     assert dropped == [0, 1, 2]
     switch.judge(b"s", "exit")
     assert sent == list(range(3, HELD_SAMPLES + 3))
+
+
+class Guarded(GuardedWriter):
+    """A writer under the rules, with readers that acknowledge at the test's command."""
+
+    def __init__(self, qos):
+        super().__init__(qos)
+        self.log, self.acknowledged = [], False
+
+    def _create(self, qos):
+        self.log.append(qos.depth)
+
+    def _delete(self):
+        self.log.append("deleted")
+
+    def _has_all_acknowledged(self):
+        return self.acknowledged
+
+
+def test_only_a_volatile_writer_with_a_lease_vanishes_with_its_source():
+    lease = {"depth": 5, "lease_ns": 10**9}
+    for qos, wanted in (
+        (QoSProfile(**lease), ["deleted", 5]),
+        (QoSProfile(depth=5), []),
+        (QoSProfile(**lease, durability=Durability.TRANSIENT_LOCAL), []),
+        (QoSProfile(**lease, liveliness=Liveliness.MANUAL_BY_TOPIC), []),
+    ):
+        writer = Guarded(qos)
+        for alive in (True, False, False, True, True):
+            writer.show_life(alive=alive)
+        assert writer.log == wanted
+        writer.closed = True
+        writer.show_life(alive=False)
+        assert writer.log == wanted
+
+
+def test_the_history_for_a_reader_that_stands_still_is_bounded_and_for_the_others_kept(monkeypatch):
+    now_s = [1.0]
+    monkeypatch.setattr(forwarding.time, "monotonic", lambda: now_s[0])
+    size = MAX_BACKLOG_BYTES // 4
+    writers = {
+        name: Guarded(QoSProfile(depth=100, **qos))
+        for name, qos in {
+            "slow": {},
+            "quick": {},
+            "latched": {"durability": Durability.TRANSIENT_LOCAL},
+            "all": {"history": History.KEEP_ALL},
+        }.items()
+    }
+    writers["quick"].acknowledged = True
+    for _ in range(20):
+        now_s[0] += 0.1
+        for writer in writers.values():
+            writer.bound_backlog(size)
+    logs = {name: writer.log for name, writer in writers.items()}
+    assert logs == {"slow": ["deleted", 4], "quick": [], "latched": [], "all": []}
+
+
+@asynccontextmanager
+async def between(*makers):
+    """Talker and router's node of one backend, router's node and listener of another."""
+    names = ("talker", "near", "far", "listener")
+    async with AsyncExitStack() as stack:
+        yield [
+            await stack.enter_async_context(makers[i // 2](name)) for i, name in enumerate(names)
+        ]
+
+
+@pytest.fixture(params=["toys", pytest.param("live", marks=pytest.mark.live)])
+def backends(request):
+    """Make nodes of a toy backend, and nodes of another: of its kind, or of DDS."""
+    toy = ToyDomain().node
+    if request.param == "live":
+        return toy, request.getfixturevalue("live").node
+    return toy, partial(ToyDomain().node, kind=OtherToyBackend)
+
+
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("qos", [QoSProfile(depth=50), DEEP, LATCHED])
+async def test_samples_pass_between_backends_of_different_kinds(backends, qos, back):
+    async with between(*backends[:: -1 if back else 1]) as (talker, near, far, listener):
+        forwarder = near.open_forwarder(far)
+        forward, outlet = (
+            forwarder.open(endpoint(qos=qos)),
+            forwarder.open_writer(endpoint(qos=qos)),
+        )
+        publisher = talker.create_publisher(STRING, "/t", qos)
+        heard = listener.create_subscription(STRING, "/t", qos=qos, raw=True)
+        await publisher.wait_for_subscriptions()
+        await heard.wait_for_publishers()
+        count = 1 if qos is LATCHED else 50
+        cdrs = [serialize(text(str(number))) for number in range(count)]
+        for number, cdr in enumerate(cdrs):
+            publisher.publish_raw(cdr, source_timestamp_ns=1_000 + number)
+        forward.admit(publisher.gid, outlet)
+        got = [await heard.take_with_info(60) for _ in cdrs]
+        assert [bytes(cdr) for cdr, _ in got] == cdrs
+        assert [info.source_timestamp_ns for _, info in got] == [1_000 + n for n in range(count)]
+        assert {info.publisher_gid for _, info in got} == {outlet.gid}
+        assert (forward.counts.forwarded, forward.counts.dropped) == (count, 0)
+
+
+class BlockedWriter(ToyWriter):
+    """A toy writer that keeps all and waits for a slow reader in the thread that writes."""
+
+    may_block = True
+    free = threading.Event()
+    threads: ClassVar = set()
+
+    def write(self, cdr, source_timestamp_ns=None):
+        self.threads.add(threading.current_thread())
+        if not self.free.wait(0.01):
+            raise bus.errors.WriterBlockedError("/t", code=-10, reason="slow readers")
+        self.backend.loop.call_soon_threadsafe(super().write, cdr, source_timestamp_ns)
+
+
+async def test_a_blocked_writer_holds_up_its_own_topic_only_and_loses_nothing(monkeypatch, until):
+    async with between(ToyDomain().node, partial(ToyDomain().node, kind=OtherToyBackend)) as nodes:
+        talker, near, far, listener = nodes
+        forwarder, heard, publishers = near.open_forwarder(far), {"t": [], "fast": []}, {}
+        for topic, messages in heard.items():
+            kind = BlockedWriter if topic == "t" else ToyWriter
+            monkeypatch.setattr(toy_bus, "ToyWriter", kind)
+            end = endpoint(topic=f"rt/{topic}")
+            forward, outlet = forwarder.open(end), forwarder.open_writer(end)
+            monkeypatch.undo()
+            publishers[topic] = talker.create_publisher(STRING, f"/{topic}", DEEP)
+            forward.admit(publishers[topic].gid, outlet)
+            listener.create_subscription(STRING, f"/{topic}", messages.append, DEEP)
+        for number in range(20):
+            for publisher in publishers.values():
+                publisher.publish(text(number))
+        await until(lambda: len(heard["fast"]) == 20)
+        assert heard["t"] == []
+        BlockedWriter.free.set()
+        await until(lambda: len(heard["t"]) == 20)
+        assert [message.data for message in heard["t"]] == [str(number) for number in range(20)]
+        assert threading.current_thread() not in BlockedWriter.threads
+
+
+async def test_a_forwarded_writer_lives_and_dies_with_its_source(until):
+    qos = QoSProfile(lease_ns=10**9)
+    async with between(ToyDomain().node, partial(ToyDomain().node, kind=OtherToyBackend)) as nodes:
+        talker, near, far, listener = nodes
+        forwarder = near.open_forwarder(far)
+        forward, outlet = (
+            forwarder.open(endpoint(qos=qos)),
+            forwarder.open_writer(endpoint(qos=qos)),
+        )
+        publisher = talker.create_publisher(STRING, "/t", qos)
+        forward.admit(publisher.gid, outlet)
+        await until(lambda: listener.graph.publishers("/t"))
+        publisher.close()
+        await until(lambda: not listener.graph.publishers("/t"))
+        outlet.show_life(alive=True)
+        await until(lambda: listener.graph.publishers("/t"))
+        outlet.close()
+        outlet.close()
+        outlet.show_life(alive=True)
+        await until(lambda: not listener.graph.publishers("/t"))
 
 
 @asynccontextmanager
@@ -315,8 +481,8 @@ async def test_a_reader_that_keeps_up_is_not_taken_for_one_that_stands_still(
 ):
     middleware = LateAcknowledgements()
     monkeypatch.setattr(dds_forwarder, "library", lambda: middleware)
-    monkeypatch.setattr(dds_forwarder, "MAX_BACKLOG_BYTES", 200_000)
-    monkeypatch.setattr(dds_forwarder, "_STANDS_STILL_S", 0.2)
+    monkeypatch.setattr(forwarding, "MAX_BACKLOG_BYTES", 200_000)
+    monkeypatch.setattr(forwarding, "STANDS_STILL_S", 0.2)
     heard, cdr = [], serialize(text("x" * 50_000))
     async with forwarded(pair_ids, heard) as (publisher, outlet):
         await matched(until, outlet)

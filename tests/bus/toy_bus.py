@@ -20,8 +20,8 @@ class ToyDomain:
     def __init__(self):
         self.backends, self.endpoints = [], []
 
-    def node(self, name, **options):
-        return bus.Node(name, join=partial(ToyBackend, self), **options)
+    def node(self, name, *, kind=None, **options):
+        return bus.Node(name, join=partial(kind or ToyBackend, self), **options)
 
     def tell(self, endpoint, info):
         for backend in self.backends:
@@ -91,6 +91,7 @@ class ToyEndpoint:
                 for one, peer in ((reader, writer), (writer, reader)):
                     one.peers.append(peer)
                     one.backend.loop.call_soon(one.notify)
+                reader.inbox.on_life(writer.gid, True)
                 writer.greet(reader)
         return self
 
@@ -100,6 +101,8 @@ class ToyEndpoint:
             self.backend.domain.tell(self, None)
             for peer in self.peers:
                 peer.peers.remove(self)
+                if self.kind is EndpointKind.PUBLISHER:
+                    peer.inbox.on_life(self.gid, False)
                 peer.backend.loop.call_soon(peer.notify)
             self.peers.clear()
 
@@ -169,3 +172,9 @@ class ToyWriter(ToyEndpoint):
         memory = bytearray(size_bytes)
         yield memoryview(memory)
         self.write(memory)
+
+
+class OtherToyBackend(ToyBackend):
+    """A backend of another kind, so that forwarding between the two is between backends."""
+
+    kind = "other toy"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import (
@@ -23,6 +23,7 @@ from sfglab.bus.dds.endpoints import DdsReader, DdsWriter, ShmAnnouncement, idl_
 from sfglab.bus.graph import Graph
 from sfglab.bus.loop import WatchThread
 from sfglab.bus.ros.services import RosServices
+from sfglab.qos import History
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,10 +53,15 @@ class DdsBackend(Backend):
             config, shown, name=self._thread_name, after_round=self.bridge.flush
         )
         self.guid = self.participant.guid
-        self.ros = RosServices(self.calls, config.wire_id, config.interface)
+        self._config = config
         self._discovery = Discovery(self.participant, partial(self._post, self.graph.apply))
         if discovery_info:
             self.register(DiscoveryInfo(self.participant, self.graph, name, loop=self.loop).close)
+
+    @cached_property
+    def ros(self) -> RosServices:
+        """Services of rmw_fastrtps in the node's domain."""
+        return RosServices(self.calls, self._config.wire_id, self._config.interface)
 
     def open_writer(self, endpoint: RawEndpoint, notify: Callable[[], None]) -> Writer:
         """Return a new writer, in DDS or in shared memory."""
@@ -70,13 +76,15 @@ class DdsBackend(Backend):
         if endpoint.transport == "ros":
             return self.ros.open(endpoint, notify, None)
         handle = self._create(self.participant.create_writer, endpoint)
-        return DdsWriter(
+        writer = DdsWriter(
             handle,
             endpoint.name,
             type_=endpoint.type,
             waitset=self.participant.waitset,
             on_matched=partial(self._post, notify),
         )
+        writer.may_block = endpoint.qos.history is History.KEEP_ALL
+        return writer
 
     def open_reader(
         self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox
@@ -87,9 +95,9 @@ class DdsBackend(Backend):
 
             announce = partial(self._announce, endpoint, "", writer=False)
             watcher = self._receiver() if endpoint.threaded else self.bridge
-            reader = ShmReader(watcher, endpoint, announce=announce, inbox=inbox, notify=notify)
-            reader.follow(self.graph)
-            return reader
+            shared = ShmReader(watcher, endpoint, announce=announce, inbox=inbox, notify=notify)
+            shared.follow(self.graph)
+            return shared
         if endpoint.transport == "ros":
             return self.ros.open(endpoint, notify, inbox)
         handle = self._create(self.participant.create_reader, endpoint)
@@ -97,7 +105,7 @@ class DdsBackend(Backend):
         if endpoint.threaded:
             # One at a time, so that it is Cyclone that drops what a slow callback leaves behind KEEP_LAST.
             options = {"waitset": self.participant.callbacks, "batch": 1}
-        return DdsReader(
+        reader = DdsReader(
             handle,
             **options,
             on_samples=partial(_push_framed, inbox)
@@ -105,6 +113,9 @@ class DdsBackend(Backend):
             else inbox.push_from_thread,
             on_matched=partial(self._post, notify),
         )
+        if endpoint.forwards:
+            reader.watch_life(partial(self._post, inbox.on_life))
+        return reader
 
     def open_forwarder(self, target: DdsBackend) -> Any:
         """Return what forwards inside Cyclone DDS."""

@@ -21,7 +21,7 @@ from sfglab.bus.dds.clib import (
     IoVec,
     library,
 )
-from sfglab.bus.errors import PublishError, not_cdr_error
+from sfglab.bus.errors import PublishError, WriterBlockedError, not_cdr_error
 from sfglab.messages import serialize
 
 if TYPE_CHECKING:
@@ -121,6 +121,9 @@ def delete_writer(handle: int) -> None:
     Thread(target=library().dds_delete, args=(handle,), daemon=True).start()
 
 
+_READER_STATUS = clib.STATUS_SUBSCRIPTION_MATCHED | clib.STATUS_SAMPLE_LOST
+
+
 class DdsWriter:
     """Writes CDR to a topic; `on_matched` is called in the WaitSet thread when the matching readers change."""
 
@@ -135,6 +138,7 @@ class DdsWriter:
     ) -> None:
         self.handle = handle
         self.gid = clib.entity_guid(handle)
+        self.may_block = False  #: Whether it keeps all and waits for slow readers.
         self.matched = 0
         self.matched_prefixes: frozenset[bytes] = frozenset()
         self._topic = topic
@@ -165,6 +169,7 @@ class DdsWriter:
             reason = clib.error_text(code)
             if code == clib.RETCODE_TIMEOUT:
                 reason += ": a KEEP_ALL writer waits for acknowledgements of slow reliable readers"
+                raise WriterBlockedError(self._topic, code=code, reason=reason)
             raise PublishError(self._topic, code=code, reason=reason)
 
     def write_message(self, message: Any) -> None:
@@ -248,15 +253,19 @@ class DdsReader:
         self._waitset = waitset
         self._on_samples = on_samples
         self._on_matched = on_matched
+        self._on_life: Callable[[bytes, bool], None] | None = None
         self._publishers = Publishers(handle)
         self._batch = batch
         self._serdata: Any = (ct.c_void_p * batch)()
         self._infos: Any = (clib.SampleInfo * batch)()
-        library().dds_set_status_mask(
-            handle, clib.STATUS_SUBSCRIPTION_MATCHED | clib.STATUS_SAMPLE_LOST
-        )
+        library().dds_set_status_mask(handle, _READER_STATUS)
         waitset.attach(handle, self._update_status)
         self._condition = waitset.attach_reader(handle, self._take)
+
+    def watch_life(self, on_life: Callable[[bytes, bool], None]) -> None:
+        """Call `on_life` in the WaitSet thread with publishers that show life again, or none any more."""
+        self._on_life = on_life
+        library().dds_set_status_mask(self.handle, _READER_STATUS | clib.STATUS_LIVELINESS_CHANGED)
 
     def close(self) -> None:
         """Delete the reader."""
@@ -283,10 +292,20 @@ class DdsReader:
         lost, matched = clib.SampleLostStatus(), clib.MatchedStatus()
         lib.dds_get_sample_lost_status(self.handle, ct.byref(lost))
         lib.dds_get_subscription_matched_status(self.handle, ct.byref(matched))
+        if self._on_life is not None:
+            self._note_life(self._on_life)
         self.matched_prefixes = frozenset(gid[:12] for gid in self._publishers.matched())
         self.lost = lost.total_count
         self.matched = matched.current_count
         self._on_matched()
+
+    def _note_life(self, on_life: Callable[[bytes, bool], None]) -> None:
+        """Tell which publisher shows life again, or none; of two at once Cyclone names the latest only."""
+        life = clib.LivelinessStatus()
+        library().dds_get_liveliness_changed_status(self.handle, ct.byref(life))
+        is_alive = life.alive_count_change > 0
+        if life.last_handle and (is_alive or life.not_alive_count_change > 0):
+            on_life(self._publishers.gid(life.last_handle), is_alive)
 
 
 class ShmAnnouncement:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import ctypes as ct
 import logging
 import re
-import time
 from collections import deque
 from dataclasses import replace
 from functools import cache, partial
@@ -30,9 +29,9 @@ from sfglab.bus.dds.endpoints import (
     source_timestamp_ns,
     stamp,
 )
-from sfglab.bus.forwarding import Forward, Transform
+from sfglab.bus.forwarding import Forward, GuardedWriter, Transform
 from sfglab.messages import UnknownTypeError, definition
-from sfglab.qos import Durability, History, Liveliness
+from sfglab.qos import Durability, History
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,9 +55,6 @@ _MAX_KEPT_BLOBS = 96  # 66 MB of these; of a type that carries bytes, or that no
 _BLOB = re.compile(r"^(?:byte|char|u?int8)\[(?:<=\d+)?\]", re.MULTILINE)
 # A latched history crosses at once, and Fast DDS does not announce how deep it is: who is there gets all of it.
 _UNACKNOWLEDGED = 256
-MAX_BACKLOG_BYTES = 64 << 20
-"""What a volatile writer may keep for a reader that stands still, beside what it is sent within a second."""
-_STANDS_STILL_S = 1.0
 _PART = re.compile("_(?:SendGoal_|GetResult_)?(?:Request|Response)$|_FeedbackMessage$")
 
 
@@ -97,13 +93,10 @@ def _max_kept(type_: str) -> int:
         return _MAX_KEPT_BLOBS
 
 
-class DdsRawWriter:
+class DdsRawWriter(GuardedWriter):
     """A raw writer in the target's domain, which lives in the forwarder's thread.
 
     Its C writer batches. One that keeps all may block, because it must not lose what is not acknowledged yet.
-    One whose source shows life by its process vanishes while the source shows none, since our process lives on;
-    a latched one stays, for its history would go as well. How many bytes its history is, samples tell: when a
-    reader stands still and they are too many, it gives way to one with a shallower history.
     """
 
     def __init__(
@@ -112,19 +105,12 @@ class DdsRawWriter:
         order: Callable[[Callable[[], None]], None],
         qos: QoSProfile,
     ) -> None:
-        self._create = create
-        self._qos = qos
-        self._bounded = qos.history is History.KEEP_LAST and qos.durability is Durability.VOLATILE
-        self._backlog_bytes = 0  # at most, since all was acknowledged
-        self._behind_since_s: float | None = None
-        self._handle = handle = create(qos)
-        self.gid = clib.entity_guid(handle)  #: Its 16-byte GUID.
-        self.sertype = sertype_of(handle)  #: What new samples for it are made with.
-        self.closed = False  #: Whether it was deleted.
+        super().__init__(qos)
+        self._create_handle = create
+        self._create(qos)
+        self.gid = clib.entity_guid(self._handle)  #: Its 16-byte GUID.
         self._order = order
         self._keeps_all = qos.history is History.KEEP_ALL
-        leased = qos.lease_ns is not None and qos.liveliness is Liveliness.AUTOMATIC
-        self._vanishes = leased and qos.durability is Durability.VOLATILE
         self._unsent = False
         self._failed = False
 
@@ -132,41 +118,18 @@ class DdsRawWriter:
         """Delete the writer once every order given so far is carried out; again is harmless."""
         self._order(self._end)
 
-    def show_life(self, *, alive: bool) -> None:
-        """Be there if its source is alive, in the forwarder's thread; again is harmless."""
-        if self.closed or not self._vanishes or alive is bool(self._handle):
-            return
-        if alive:
-            self._handle = self._create(self._qos)
-            self.sertype = sertype_of(self._handle)
-        else:
-            self.flush()
-            delete_writer(self._handle)
-            self._handle = 0
+    def _create(self, qos: QoSProfile) -> None:
+        self._handle = self._create_handle(qos)
+        self.sertype = sertype_of(self._handle)  #: Type of new samples for it.
 
-    def _bound_backlog(self, size: int) -> None:
-        """Keep what is not acknowledged below the bound, before a sample of so many bytes is sent.
+    def _delete(self) -> None:
+        self.flush()
+        delete_writer(self._handle)
+        self._handle = 0
 
-        Afterwards that one would not be acknowledged yet, and a reader that keeps up would seem to stand still.
-        """
-        self._backlog_bytes += size
-        if self._backlog_bytes <= MAX_BACKLOG_BYTES:
-            return
-        if library().dds_wait_for_acks(self._handle, 0) >= 0:
-            self._backlog_bytes, self._behind_since_s = 0, None
-            return
-        now_s = time.monotonic()
-        self._behind_since_s = self._behind_since_s or now_s
-        depth = max(1, MAX_BACKLOG_BYTES // size)
-        if now_s - self._behind_since_s >= _STANDS_STILL_S and depth < self._qos.depth:
-            _log.warning(
-                "forwarding: a reader stands still; %d samples are kept for it from now on", depth
-            )
-            self._qos = replace(self._qos, depth=depth)
-            self.flush()
-            delete_writer(self._handle)
-            self._handle = self._create(self._qos)
-            self.sertype = sertype_of(self._handle)
+    def _has_all_acknowledged(self) -> bool:
+        code: int = library().dds_wait_for_acks(self._handle, 0)
+        return code >= 0
 
     def hand_on(self, serdata: int, size: int) -> int:
         """Send a sample, whose CDR has so many bytes, with its next packet or at once.
@@ -177,8 +140,7 @@ class DdsRawWriter:
         """
         lib = library()
         self.show_life(alive=True)
-        if self._bounded:
-            self._bound_backlog(size)
+        self.bound_backlog(size)
         if self._keeps_all:
             lib.ddsi_serdata_ref(serdata)
         code: int = lib.dds_forwardcdr(
@@ -201,10 +163,9 @@ class DdsRawWriter:
 
     def _end(self) -> None:
         if not self.closed:
-            self.flush()
             self.closed = True
             if self._handle:
-                delete_writer(self._handle)
+                self._delete()
 
     def _refused(self, code: int) -> int:
         if self._keeps_all and code == RETCODE_TIMEOUT:

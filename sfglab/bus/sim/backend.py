@@ -88,9 +88,7 @@ class SimBackend(Backend):
     ) -> Reader:
         """Return a new reader."""
         info = self._info(endpoint, writer=False)
-        reader = Reader(
-            self.participant, info, notify, push=inbox.push, ignores_own=endpoint.forwards
-        )
+        reader = Reader(self.participant, info, notify, inbox=inbox, ignores_own=endpoint.forwards)
         self.participant.open(reader)
         return reader
 

@@ -17,7 +17,7 @@ from sfglab.messages import CdrError, serialize
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from sfglab.bus.endpoints import Sample
+    from sfglab.bus.endpoints import Inbox
     from sfglab.bus.sim.domain import Participant
 
 #: A sample on its way: sequence number from 1, CDR, source time stamp (ns).
@@ -25,14 +25,14 @@ Item = tuple[int, bytes, int]
 
 
 class Reader(Endpoint):
-    """Hands samples of known writers to `push`, each writer's in order, and counts those that were lost."""
+    """Hands samples of known writers to an inbox, each writer's in order, and counts those that were lost."""
 
     is_writer = False
 
-    def __init__(self, *options: Any, push: Callable[[Sample], None], **more: Any) -> None:
+    def __init__(self, *options: Any, inbox: Inbox, **more: Any) -> None:
         super().__init__(*options, **more)
         self.lost = 0  #: Samples known to be missing between those that arrived.
-        self._push = push
+        self._inbox = inbox
         self._early: dict[Endpoint, list[Item]] = {}
 
     def learn(self, endpoint: Writer) -> None:
@@ -42,7 +42,14 @@ class Reader(Endpoint):
         self.peers[endpoint] = 0
         for item in self._early.pop(endpoint, ()):
             self.take(endpoint, item)
+        self._inbox.on_life(endpoint.gid, True)
         self._notify()
+
+    def forget(self, endpoint: Endpoint) -> None:
+        """Take nothing more of a writer."""
+        if endpoint in self.peers:
+            self._inbox.on_life(endpoint.gid, False)
+        super().forget(endpoint)
 
     def take(self, writer: Writer, item: Item) -> None:
         """Take a sample that has arrived."""
@@ -63,7 +70,7 @@ class Reader(Endpoint):
         now_ns = START_NS + self._loop.now_ns
         lifespan_ns = writer.info.qos.lifespan_ns
         if lifespan_ns is None or now_ns - stamp_ns <= lifespan_ns:
-            self._push((cdr, stamp_ns, now_ns, writer.gid))
+            self._inbox.push((cdr, stamp_ns, now_ns, writer.gid))
 
     def receive(self, writer: Writer, item: Item) -> None:
         """Take a sample that has arrived, as soon as the process has time for it."""
