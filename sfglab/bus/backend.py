@@ -19,7 +19,7 @@ from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
 from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
 from sfglab.bus.errors import PublishError, WriterBlockedError
 from sfglab.bus.forwarding import Forward, Forwarder, GuardedWriter, Transform
-from sfglab.bus.loop import Calls, LoopBridge, OnError, nothing
+from sfglab.bus.loop import CallbackRunner, LoopBridge, OnError, nothing
 from sfglab.bus.ros.services import RosServices
 from sfglab.messages import decoder
 
@@ -110,9 +110,9 @@ class Backend(ABC):
         del reader
         return self.graph.watch(endpoint.dds_topic, EndpointKind.PUBLISHER, listener)
 
-    def calls(self, where: str) -> Calls:
+    def calls(self, where: str) -> CallbackRunner:
         """Return a runner for the callbacks of one endpoint."""
-        return Calls(self._tasks, where, self._on_error)
+        return CallbackRunner(self._tasks, where, self._on_error)
 
     def register(self, close: Callable[[], None]) -> None:
         """Call `close` when the node closes."""
@@ -283,12 +283,12 @@ class LoopForward(Forward[Sample, LoopWriter]):
         return None if self._blocking is None else self._blocking.sent()
 
     def _show_life(self, source: bytes, alive: bool) -> None:  # noqa: FBT001 - a callback's argument
-        exit_ = self._gate.exit_of(source)
-        if exit_ is not None:
-            exit_[0].show_life(alive=alive)
+        destination = self._gate.destination_of(source)
+        if destination is not None:
+            destination[0].show_life(alive=alive)
 
-    def _send(self, exit_: tuple[LoopWriter, Transform | None], sample: Sample) -> None:
-        writer, transform = exit_
+    def _send(self, destination: tuple[LoopWriter, Transform | None], sample: Sample) -> None:
+        writer, transform = destination
         cdr = bytes(sample[0])
         changed = cdr if transform is None else transform(cdr)
         if changed is None:

@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.bus.errors import ClosedError
-from sfglab.bus.loop import JOIN_S, Calls, LoopBridge, nothing
+from sfglab.bus.loop import JOIN_S, CallbackRunner, LoopBridge, nothing
 from sfglab.qos import History, QoSProfile
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ class Inbox:
         *,
         decode: Callable[[Sample], Any],
         callback: Callback | None,
-        calls: Calls,
+        calls: CallbackRunner,
     ) -> None:
         self.queue = SampleQueue(qos)
         self.calls = calls
@@ -175,7 +175,7 @@ class Inbox:
             and not len(self.queue)
             and not self.closed
         ):
-            # As `Calls.run`, but in place: it happens for every frame, in a process with cold caches.
+            # As `CallbackRunner.run`, but in place: it happens for every frame, in a process with cold caches.
             try:
                 result = self._decoded_call(sample)
             except Exception as error:  # noqa: BLE001 - reported; one bad message must not end the others

@@ -36,7 +36,7 @@ MAX_BACKLOG_BYTES = 64 << 20
 STANDS_STILL_S = 1.0  #: Time without acknowledgements after which the history is made shallower, s.
 
 _Sample = TypeVar("_Sample")
-_Exit = TypeVar("_Exit")
+_Destination = TypeVar("_Destination")
 _Writer = TypeVar("_Writer")
 
 
@@ -125,39 +125,39 @@ class ForwardCounts:
     bytes: int = 0  #: Size of the CDR that was forwarded.
 
 
-class SourceGate(Generic[_Sample, _Exit]):
+class SourceGate(Generic[_Sample, _Destination]):
     """The judgements of sources, and the samples of those not judged yet; pure, whatever samples are."""
 
     def __init__(
-        self, send: Callable[[_Exit, _Sample], None], drop: Callable[[_Sample], None]
+        self, send: Callable[[_Destination, _Sample], None], drop: Callable[[_Sample], None]
     ) -> None:
         self._send = send
         self._drop = drop
-        self._exits: dict[bytes, _Exit | None] = {}
+        self._destinations: dict[bytes, _Destination | None] = {}
         self._held: dict[bytes, deque[_Sample]] = {}
 
     def take(self, source: bytes, sample: _Sample) -> None:
         """Send, drop or hold one sample."""
-        if source not in self._exits:
+        if source not in self._destinations:
             self._hold(source, sample)
-        elif (exit_ := self._exits[source]) is None:
+        elif (destination := self._destinations[source]) is None:
             self._drop(sample)
         else:
-            self._send(exit_, sample)
+            self._send(destination, sample)
 
-    def judge(self, source: bytes, exit_: _Exit | None) -> None:
+    def set_destination(self, source: bytes, destination: _Destination | None) -> None:
         """Say where a source's samples go, None is nowhere; what was held for it goes first."""
-        self._exits[source] = exit_
+        self._destinations[source] = destination
         for sample in self._held.pop(source, ()):
             self.take(source, sample)
 
-    def exit_of(self, source: bytes) -> _Exit | None:
+    def destination_of(self, source: bytes) -> _Destination | None:
         """Return where a source's samples go; None: nowhere, or without a decision."""
-        return self._exits.get(source)
+        return self._destinations.get(source)
 
     def forget(self, source: bytes) -> None:
         """Take a source for one that was never judged."""
-        self._exits.pop(source, None)
+        self._destinations.pop(source, None)
         self._drop_held(source)
 
     def close(self) -> None:
@@ -165,7 +165,7 @@ class SourceGate(Generic[_Sample, _Exit]):
 
         So a forward, which has a gate that has its methods, is freed at once and not by the garbage collector.
         """
-        self._exits.clear()
+        self._destinations.clear()
         for source in tuple(self._held):
             self._drop_held(source)
         self._send = self._drop = nothing
@@ -195,11 +195,11 @@ class Forward(ABC, Generic[_Sample, _Writer]):
 
         On live nodes the transform runs in the thread that reads: it must not touch what belongs to the loop.
         """
-        self._order(partial(self._gate.judge, source, (writer, transform)))
+        self._order(partial(self._gate.set_destination, source, (writer, transform)))
 
     def refuse(self, source: bytes) -> None:
         """Drop a source's samples from now on, and those held."""
-        self._order(partial(self._gate.judge, source, None))
+        self._order(partial(self._gate.set_destination, source, None))
 
     def forget(self, source: bytes) -> None:
         """Take a source for one that was never judged: its samples are held, within bounds, until it is."""
@@ -214,7 +214,7 @@ class Forward(ABC, Generic[_Sample, _Writer]):
         order()
 
     @abstractmethod
-    def _send(self, exit_: tuple[_Writer, Transform | None], sample: _Sample) -> None: ...
+    def _send(self, destination: tuple[_Writer, Transform | None], sample: _Sample) -> None: ...
 
     @abstractmethod
     def _drop(self, sample: _Sample) -> None: ...

@@ -56,11 +56,11 @@ class LoopBridge:
         if not self.loop.is_closed():
             self.loop.remove_reader(fd)
 
-    def order(self, function: Callable[[], None]) -> None:
+    def run_in_thread(self, function: Callable[[], None]) -> None:
         """Call a function where those of `watch` are called, and return when that is done."""
         function()
 
-    def tell(self, function: Callable[[], None]) -> None:
+    def run_on_loop(self, function: Callable[[], None]) -> None:
         """Call a function on the loop, given where those of `watch` are called."""
         function()
 
@@ -84,7 +84,7 @@ class WatchThread:
         self._functions: dict[int, Callable[[], None]] = {}
         self._orders: deque[Callable[[], None]] = deque()
         self._is_stopping = False
-        self.watch(self._bell, self._obey)
+        self.watch(self._bell, self._run_orders)
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -98,7 +98,7 @@ class WatchThread:
         if self._functions.pop(fd, None) is not None:
             self._poll.unregister(fd)
 
-    def order(self, function: Callable[[], None]) -> None:
+    def run_in_thread(self, function: Callable[[], None]) -> None:
         """Call a function in the thread, and return when that is done."""
         if self._thread is threading.current_thread() or not self._thread.is_alive():
             function()
@@ -108,21 +108,21 @@ class WatchThread:
         os.eventfd_write(self._bell, 1)
         done.wait(JOIN_S)
 
-    def tell(self, function: Callable[[], None]) -> None:
+    def run_on_loop(self, function: Callable[[], None]) -> None:
         """Call a function on the loop soon."""
         self._bridge.post(function)
         self._bridge.flush()
 
     def stop(self) -> None:
         """End the thread, and return when it has ended."""
-        self.order(self._end)
+        self.run_in_thread(self._end)
         if self._thread is not threading.current_thread():
             self._thread.join(JOIN_S)
 
     def _end(self) -> None:
         self._is_stopping = True
 
-    def _obey(self) -> None:
+    def _run_orders(self) -> None:
         os.eventfd_read(self._bell)
         while self._orders:
             self._orders.popleft()()
@@ -183,7 +183,7 @@ class Signal:
         return True
 
 
-class Calls:
+class CallbackRunner:
     """The callbacks of one endpoint or timer: plain or async, tracked, and with failures reported, not spread.
 
     Async ones that run are kept in `tasks`. `on_error` is called with an exception and `where`, what the

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
     from sfglab.bus.forwarding import Forwarder
     from sfglab.bus.graph import Graph
-    from sfglab.bus.loop import Calls, OnError
+    from sfglab.bus.loop import CallbackRunner, OnError
 
 
 class Timer:
     """Calls a callback, plain or async, every `period_s` seconds, without drift; missed turns are skipped."""
 
     def __init__(
-        self, period_s: float, callback: Callable[[], Awaitable[None] | None], calls: Calls
+        self, period_s: float, callback: Callable[[], Awaitable[None] | None], calls: CallbackRunner
     ) -> None:
         if not period_s > 0:
             raise InvalidValueError("timer period", period_s, "positive seconds")

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from sfglab.bus.pubsub import Publisher, Subscription
     from sfglab.record.parts import LogMessage
 
-    Told = Callable[[str], None]
+    OnLog = Callable[[str], None]
 
 _BATCH = 256
 _LAST_BATCHES = 8
@@ -45,7 +45,7 @@ _LATE_S = 2.0  #: How long readers may take for what was played last.
 
 
 class Recorder:
-    """Records topics that are wanted, by name, from when they appear; `told` is given sentences for the user.
+    """Records topics that are wanted, by name, from when they appear; `on_log` is given sentences for the user.
 
     `open_log` makes the log, in the thread that writes it. At the end the recorder writes into it who
     published and who subscribed.
@@ -57,13 +57,13 @@ class Recorder:
         open_log: Callable[[], LogWriter],
         *,
         wanted: Callable[[str], bool],
-        told: Told,
+        on_log: OnLog,
     ) -> None:
         self.counts: Counter[str] = Counter()  #: Messages written, by topic.
         self._node = node
         self._open = open_log
         self._wanted = wanted
-        self._told = told
+        self._on_log = on_log
         self._queue: asyncio.Queue[tuple[Any, ...]] = asyncio.Queue(_BATCH)
         self._topics: dict[str, asyncio.Task[None]] = {}
         self._subscriptions: list[Subscription] = []
@@ -80,7 +80,7 @@ class Recorder:
             log = await do(self._open)
             self._node.graph.nodes()  # from now on they are read
             unlisten = self._node.graph.listen(self._heard)
-            self._told("Listening for topics...")
+            self._on_log("Listening for topics...")
             try:
                 while True:
                     batch = [await self._queue.get(), *self._waiting()]
@@ -128,10 +128,10 @@ class Recorder:
                 kind, topic, qos=usual_qos(publishers), raw=True
             )
         except (UnknownTypeError, FqnError) as error:
-            self._told(f"Topic '{topic}' is not recorded: {error}")
+            self._on_log(f"Topic '{topic}' is not recorded: {error}")
             return
         self._subscriptions.append(subscription)
-        self._told(f"Subscribed to topic '{topic}'")
+        self._on_log(f"Subscribed to topic '{topic}'")
         qos = _offered(publishers)
         while True:
             cdr, info = await subscription.take_with_info()
@@ -170,14 +170,14 @@ class Player:
     """Plays wanted topics of a log at the pace of the recording once subscriptions match; see `Recorder`."""
 
     def __init__(
-        self, node: Node, path: Path, how: Playing, *, wanted: Callable[[str], bool], told: Told
+        self, node: Node, path: Path, how: Playing, *, wanted: Callable[[str], bool], on_log: OnLog
     ) -> None:
         self.counts: Counter[str] = Counter()  #: Messages played, by topic.
         self._node = node
         self._path = path
         self._how = how
         self._wanted = wanted
-        self._told = told
+        self._on_log = on_log
         self._publishers: dict[str, Publisher] = {}
         self._left_behind: set[str] = set()
 
@@ -206,7 +206,7 @@ class Player:
                 register_definition(name, text)
             self._publishers[topic] = self._node.create_publisher(type_name(name), topic, qos)
         except (MessageError, UnknownTypeError, FqnError) as error:
-            self._told(f"Topic '{topic}' is not played: {error}")
+            self._on_log(f"Topic '{topic}' is not played: {error}")
 
     async def _matched(self) -> None:
         """Wait until subscriptions that are there are found and matched."""
@@ -246,7 +246,7 @@ class Player:
             return
         if not await publisher.wait_for_all_acked(_STANDS_STILL_S):
             self._left_behind.add(topic)
-            self._told(
+            self._on_log(
                 f"Topic '{topic}': a subscription stands still, and is not waited for any more"
             )
 

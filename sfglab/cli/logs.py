@@ -218,7 +218,7 @@ def record(
     _check_output(path)
 
     async def run(node: Node) -> None:
-        recorder = Recorder(node, lambda: LogWriter(path), wanted=wanted, told=typer.echo)
+        recorder = Recorder(node, lambda: LogWriter(path), wanted=wanted, on_log=typer.echo)
         try:
             await recorder.run()
         except OSError as error:
@@ -284,7 +284,7 @@ def play(
     wanted = _wanted(topics, regex, exclude)
 
     async def run(node: Node) -> None:
-        player = Player(node, path, how, wanted=wanted, told=partial(typer.echo, err=True))
+        player = Player(node, path, how, wanted=wanted, on_log=partial(typer.echo, err=True))
         try:
             await player.run()
         finally:

@@ -49,7 +49,7 @@ def _record(path: Path, place: Place, seconds: float) -> None:
         return topic not in {"/rosout", "/parameter_events"} and not is_hidden(topic)
 
     async def record(node: Node) -> None:
-        recorder = Recorder(node, lambda: LogWriter(path), wanted=is_wanted, told=lambda _: None)
+        recorder = Recorder(node, lambda: LogWriter(path), wanted=is_wanted, on_log=lambda _: None)
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 await recorder.run()

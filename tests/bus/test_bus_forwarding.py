@@ -49,7 +49,9 @@ async def matched(until, *outlets, count=1):
 )
 def test_samples_of_a_source_keep_their_order_and_none_is_both_sent_and_dropped(steps):
     sent, dropped, taken = [], [], []
-    switch = SourceGate(lambda exit_, sample: sent.append((exit_, sample)), dropped.append)
+    switch = SourceGate(
+        lambda destination, sample: sent.append((destination, sample)), dropped.append
+    )
     for number, (source, step) in enumerate(steps):
         if step == "take":
             taken.append((source, number))
@@ -57,11 +59,11 @@ def test_samples_of_a_source_keep_their_order_and_none_is_both_sent_and_dropped(
         elif step == "forget":
             switch.forget(source.encode())
         else:
-            switch.judge(source.encode(), f"to {source}" if step == "open" else None)
+            switch.set_destination(source.encode(), f"to {source}" if step == "open" else None)
     switch.close()
     samples = [sample for _, sample in sent]
     assert sorted(samples + dropped, key=lambda s: s[1]) == taken
-    assert all(exit_ == f"to {source}" for exit_, (source, _) in sent)
+    assert all(destination == f"to {source}" for destination, (source, _) in sent)
     for source in "ABC":
         numbers = [n for s, n in samples if s == source]
         assert numbers == sorted(numbers)
@@ -73,7 +75,7 @@ def test_what_waits_for_a_judgement_is_bounded_and_the_oldest_goes_first():
     for number in range(HELD_SAMPLES + 3):
         switch.take(b"s", number)
     assert dropped == [0, 1, 2]
-    switch.judge(b"s", "exit")
+    switch.set_destination(b"s", "exit")
     assert sent == list(range(3, HELD_SAMPLES + 3))
 
 

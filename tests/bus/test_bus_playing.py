@@ -38,7 +38,9 @@ def _play(live, tmp_path):
                 log.write_raw("/counted", "std_msgs/msg/String", cdr, log_time_ns=at_ns, qos=qos)
         async with live.node("player") as node:
             how = recording.Playing()
-            player = recording.Player(node, log.path, how, wanted=lambda _: True, told=told.append)
+            player = recording.Player(
+                node, log.path, how, wanted=lambda _: True, on_log=told.append
+            )
             await player.run()
         return player.counts["/counted"], told
 

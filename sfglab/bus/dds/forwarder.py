@@ -338,8 +338,8 @@ class DdsForward(Forward[int, DdsRawWriter]):
             writer.flush()
         self._unflushed.clear()
 
-    def _send(self, exit_: tuple[DdsRawWriter, Transform | None], serdata: int) -> None:
-        writer, transform = exit_
+    def _send(self, destination: tuple[DdsRawWriter, Transform | None], serdata: int) -> None:
+        writer, transform = destination
         changed = serdata if transform is None else _transformed(serdata, transform, writer.sertype)
         if changed is None:
             self._drop(serdata)
@@ -384,11 +384,15 @@ class DdsForward(Forward[int, DdsRawWriter]):
         library().dds_get_liveliness_changed_status(self._handle, ct.byref(life))
         self._publishers.matched()
         # Cyclone names the latest of those that changed; of two at once the other goes with its participant.
-        exit_ = (
-            self._gate.exit_of(self._publishers.gid(life.last_handle)) if life.last_handle else None
+        destination = (
+            self._gate.destination_of(self._publishers.gid(life.last_handle))
+            if life.last_handle
+            else None
         )
-        if exit_ is not None and (life.alive_count_change > 0 or life.not_alive_count_change > 0):
-            exit_[0].show_life(alive=life.alive_count_change > 0)
+        if destination is not None and (
+            life.alive_count_change > 0 or life.not_alive_count_change > 0
+        ):
+            destination[0].show_life(alive=life.alive_count_change > 0)
 
 
 def _transformed(serdata: int, transform: Transform, sertype: int | None) -> int | None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus.endpoints import Inbox
-    from sfglab.bus.loop import Calls
+    from sfglab.bus.loop import CallbackRunner
     from sfglab.component import Report
 
 #: Names ROS 2's interpreter; without it that of a sourced ROS 2.
@@ -129,7 +129,7 @@ class RosServices:
 
     def __init__(
         self,
-        calls: Callable[[str], Calls],
+        calls: Callable[[str], CallbackRunner],
         domain_id: int | None = None,
         interface: str | None = None,
     ) -> None:
@@ -148,16 +148,16 @@ class RosServices:
         self._serves = False
         self._running: asyncio.Task[Any] | None = None
 
-    def find(self, half: str, asker: object, told: Callable[[str], None]) -> None:
+    def find(self, half: str, asker: object, on_answer: Callable[[str], None]) -> None:
         """Call back with why half a service of this type cannot be served; empty if it can.
 
         That is now, or once the program runs, and then only what an asker, of any name, asked last.
         """
         if self.why:
-            told(self.why)
+            on_answer(self.why)
             return
         service = half.rpartition("_")[0]
-        self._askers.setdefault(service, {})[asker] = told
+        self._askers.setdefault(service, {})[asker] = on_answer
         self._order(do="find", service=service)
 
     def when_settled(self, endpoint: RawEndpoint, act: Callable[[], None]) -> None:
@@ -248,8 +248,8 @@ class RosServices:
             case {"is": "failed", "why": why}:
                 self._refuse(why)
             case {"is": "found", "service": service, "why": why}:
-                for told in self._askers.pop(service, {}).values():
-                    told(why)
+                for on_answer in self._askers.pop(service, {}).values():
+                    on_answer(why)
                 self._unknown |= {service} if why else set()
                 self._go_on()
             case {"is": "matched", "key": key, "ready": ready}:
@@ -268,8 +268,8 @@ class RosServices:
     def _refuse(self, why: str) -> None:
         self.why = self.why or why
         while self._askers:
-            for told in self._askers.popitem()[1].values():
-                told(self.why)
+            for on_answer in self._askers.popitem()[1].values():
+                on_answer(self.why)
         self._go_on()
 
     def _match(self, halves: list[RosHalf], *, ready: bool) -> None:

@@ -186,7 +186,7 @@ class ShmReader:
         self._unlisten()
         self._unlisten = nothing  # the graph's listener has this reader, which so is freed at once
         self._announced.close()
-        self._watcher.order(partial(self._leave, tuple(self._links.values())))
+        self._watcher.run_in_thread(partial(self._leave, tuple(self._links.values())))
         self._links.clear()
 
     def _on_graph(self, event: EndpointEvent) -> None:
@@ -265,7 +265,7 @@ class ShmReader:
         finally:
             for fd in fds:
                 os.close(fd)
-        self._watcher.tell(self._notify)
+        self._watcher.run_on_loop(self._notify)
         return link.arena
 
     def _leave(self, links: tuple[_Link, ...]) -> None:
@@ -276,7 +276,7 @@ class ShmReader:
     def _drop(self, gid: bytes, link: _Link) -> None:
         self._watcher.unwatch(link.sock.fileno())
         link.sock.close()
-        self._watcher.tell(partial(self._forget, gid))
+        self._watcher.run_on_loop(partial(self._forget, gid))
 
     def _forget(self, gid: bytes) -> None:
         self._links.pop(gid, None)
