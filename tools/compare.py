@@ -59,7 +59,6 @@ REASONS: dict[str, str] = {
     "figures/phases*": "squares where the configuration asks for them; phases_cells went; sidecar from the run",
     "rows/discovery.simulated.csv rx_bytes": "computed by a formula",
     "rows/discovery.simulated.csv resolved_s": "replies reach all clients of a service",
-    "figures/phases*": "squares where something was simulated; phases_cells went; sidecar from the run",
     "claims/B-LAT by phases *": "the count of conditions without a median went",
     "claims/B-LOSS by phases details*": "the count of conditions without a median went",
     "rows/phases.*": "no conditions are added near borders; a column that nothing reads went",
