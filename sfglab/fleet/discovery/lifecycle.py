@@ -1,109 +1,107 @@
-"""Life of one remote agent as a table: paper A, section 4.2, Fig. 3.
+"""Life cycle of one remote agent as a transition table: paper A, section 4.2, Fig. 3.
 
-A state says what local consumers have been told of the agent, and how its description is being asked for: a
-grid, in which there is never a second query. That, the timers and the events are the paper's (`STATED`); what
-happens when an agent is started again, changes, or does not answer is ours. Refuses to know messages and
-clocks.
+A state combines two facts: what local consumers have been told about the agent, and whether its description is
+being queried. There is never a second query. This rule, the timers and the events are the paper's (`STATED`).
+Restarts, changes and failed queries are ours. The module does not depend on messages or clocks.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum, auto
 
 from sfglab.machine import step
 
 
-class Told(Enum):
-    """What local consumers have been told of an agent: the rows of the grid."""
+class Announced(Enum):
+    """Last announcement about an agent to local consumers: the rows of the grid."""
 
-    NOTHING = auto()  #: They have never heard of it, or it has been forgotten since.
-    PRESENT = auto()  #: It is there.
-    LOST = auto()  #: It was there, and its heartbeats stopped.
+    NOTHING = auto()  #: The agent was never announced, or it has been forgotten since.
+    PRESENT = auto()  #: The agent is present.
+    LOST = auto()  #: The agent was present, and its heartbeats stopped.
 
 
-class Asking(Enum):
-    """How an agent's description is being asked for: the columns of the grid."""
+class QueryState(Enum):
+    """State of the query for an agent's description: the columns of the grid."""
 
-    NO = auto()  #: There is nothing to ask.
+    NONE = auto()  #: No query is needed.
     QUERYING = auto()  #: One query is outstanding.
     BACKING_OFF = auto()  #: The last query failed; the next one waits.
 
 
 class State(Enum):
-    """Where a remote agent stands."""
+    """State of a remote agent."""
 
-    #: Nothing is known of it: the first state, and that of who is forgotten.
-    UNKNOWN = Told.NOTHING, Asking.NO
-    QUERYING = Told.NOTHING, Asking.QUERYING  #: A heartbeat was heard; what it is, is being asked.
-    BACKING_OFF = Told.NOTHING, Asking.BACKING_OFF  #: It is alive and has not said yet what it is.
-    ACTIVE = Told.PRESENT, Asking.NO  #: It is there, and what it is, is known.
-    #: It is there; what is known is out of date and asked again.
-    REFRESHING = Told.PRESENT, Asking.QUERYING
-    #: It is there; what is known of it is out of date.
-    REFRESH_BACK_OFF = Told.PRESENT, Asking.BACKING_OFF
-    LOST = Told.LOST, Asking.NO  #: Its heartbeats stopped.
-    #: It is back, but not as it was; what it is now, is asked.
-    REJOINING = Told.LOST, Asking.QUERYING
-    #: It is back, and has not said yet what it is now.
-    REJOIN_BACK_OFF = Told.LOST, Asking.BACKING_OFF
+    #: Nothing is known about the agent. This is the first state, and the state of a forgotten agent.
+    UNKNOWN = Announced.NOTHING, QueryState.NONE
+    #: A heartbeat was received; the description is being queried.
+    QUERYING = Announced.NOTHING, QueryState.QUERYING
+    #: The agent sends heartbeats, and its description is still unknown.
+    BACKING_OFF = Announced.NOTHING, QueryState.BACKING_OFF
+    ACTIVE = Announced.PRESENT, QueryState.NONE  #: The agent is present; its description is known.
+    #: The agent is present; its description is outdated and is being queried.
+    REFRESHING = Announced.PRESENT, QueryState.QUERYING
+    #: The agent is present; its description is outdated.
+    REFRESH_BACK_OFF = Announced.PRESENT, QueryState.BACKING_OFF
+    LOST = Announced.LOST, QueryState.NONE  #: The agent's heartbeats stopped.
+    #: The agent sends heartbeats again, and has changed; its description is being queried.
+    REJOINING = Announced.LOST, QueryState.QUERYING
+    #: The agent sends heartbeats again; its new description is still unknown.
+    REJOIN_BACK_OFF = Announced.LOST, QueryState.BACKING_OFF
 
     @property
-    def told(self) -> Told:
-        """What local consumers have been told."""
+    def announced(self) -> Announced:
+        """The last announcement to local consumers."""
         return self.value[0]
 
     @property
-    def asking(self) -> Asking:
-        """How its description is being asked for."""
+    def query(self) -> QueryState:
+        """The state of the query for the description."""
         return self.value[1]
 
 
 class Input(Enum):
-    """What can happen to a remote agent."""
+    """Input of the life cycle: what happens to a remote agent."""
 
-    HEARD = auto()  #: A heartbeat that says nothing new.
-    #: A heartbeat of the same start of the agent, with another revision of its description.
+    HEARD = auto()  #: A heartbeat without news.
+    #: A heartbeat of the same incarnation with another revision of the description.
     CHANGED = auto()
-    RESTARTED = auto()  #: A heartbeat of another start of the agent.
-    #: The query was answered by the start that was announced, or none was announced yet.
+    RESTARTED = auto()  #: A heartbeat of another incarnation of the agent.
+    #: An answer from the announced incarnation, or the first answer.
     ANSWERED = auto()
-    #: The query was answered by another start than the one that was announced.
-    ANSWERED_ANEW = auto()
-    #: The query failed, came to nothing in time, or was answered with something else.
-    FAILED = auto()
+    ANSWERED_ANEW = auto()  #: An answer from another incarnation than the announced one.
+    FAILED = auto()  #: The query failed, timed out, or got an answer that does not match.
     RETRY = auto()  #: The wait before the next query is over.
-    SILENT = auto()  #: No heartbeat came for too long.
-    EXPIRED = auto()  #: It has been of no use for too long, or its place is needed.
+    SILENT = auto()  #: No heartbeat arrived for too long.
+    EXPIRED = auto()  #: The agent has been useless for too long, or its place is needed.
 
 
 class Action(Enum):
-    """What has to be done after a transition."""
+    """Action after a transition."""
 
-    QUERY = auto()  #: Ask the agent what it is.
-    ABANDON = auto()  #: Give up the outstanding query; an answer that still comes is ignored.
+    QUERY = auto()  #: Query the agent's description.
+    ABANDON = auto()  #: Abandon the outstanding query; a later answer is ignored.
     BACK_OFF = auto()  #: Wait before the next query.
     DISCOVERED = auto()  #: Announce that an agent was seen for the first time.
     UPDATED = auto()  #: Announce that a known agent has another description.
     LOST = auto()  #: Announce that an agent's heartbeats stopped.
-    RETURNED = auto()  #: Announce that a lost agent is back, the same start of it.
-    RESTARTED = auto()  #: Announce that an agent is back as another start of it.
-    FORGET = auto()  #: Drop everything that is known of it.
+    RETURNED = auto()  #: Announce that the same incarnation of a lost agent is back.
+    RESTARTED = auto()  #: Announce that an agent is back as another incarnation.
+    FORGET = auto()  #: Delete all data about the agent.
 
 
 ANNOUNCEMENTS = frozenset(
     {Action.DISCOVERED, Action.UPDATED, Action.LOST, Action.RETURNED, Action.RESTARTED}
 )
-"""Actions that are discovery events, by the names of ``AgentDiscoveryEvent``'s constants."""
+"""Actions that are discovery events. Their names are those of ``AgentDiscoveryEvent``'s constants."""
 
 _S, _I, _A = State, Input, Action
 
 TRANSITIONS: dict[tuple[State, Input], tuple[State, tuple[Action, ...]]] = {
     (_S.UNKNOWN, _I.HEARD): (_S.QUERYING, (_A.QUERY,)),
-    # Heartbeats while a query is outstanding are signs of life and no reason for another one.
+    # Heartbeats during a query keep the agent alive, and cause no second query.
     (_S.QUERYING, _I.HEARD): (_S.QUERYING, ()),
     (_S.QUERYING, _I.CHANGED): (_S.QUERYING, ()),
-    # Whom the query was sent to is gone.
+    # The queried incarnation is gone.
     (_S.QUERYING, _I.RESTARTED): (_S.QUERYING, (_A.ABANDON, _A.QUERY)),
     (_S.QUERYING, _I.ANSWERED): (_S.ACTIVE, (_A.DISCOVERED,)),
     (_S.QUERYING, _I.FAILED): (_S.BACKING_OFF, (_A.BACK_OFF,)),
@@ -147,7 +145,7 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, tuple[Action, ...]]] = {
     (_S.REJOIN_BACK_OFF, _I.RETRY): (_S.REJOINING, (_A.QUERY,)),
     (_S.REJOIN_BACK_OFF, _I.SILENT): (_S.LOST, ()),
 }
-"""(state, input) -> (next state, actions in order). What is not listed is illegal and changes nothing."""
+"""(state, input) -> (next state, actions in order). All other inputs are illegal and change nothing."""
 
 STATED: dict[tuple[State, Input], str] = {
     (_S.UNKNOWN, _I.HEARD): "asynchronous ROS 2 service futures ... to track agents",
@@ -162,59 +160,23 @@ STATED: dict[tuple[State, Input], str] = {
         _I.SILENT,
     ): "timers to track agents ... exposing the resulting state ... via discovery events",
 }
-"""The transitions that the paper's words state, sections 4.2 and 4.3 and the caption; the others are ours."""
+"""Transitions that the paper states in sections 4.2 and 4.3 and in the caption, with its words."""
 
 
 class Lifecycle:
-    """One remote agent's state; its name is for messages."""
+    """State of one remote agent. Error messages contain its name."""
 
     __slots__ = ("_agent", "state")
 
     def __init__(self, agent: str) -> None:
-        self.state = State.UNKNOWN  #: Where it stands.
+        self.state = State.UNKNOWN  #: Current state.
         self._agent = agent
 
     def feed(self, given: Input) -> tuple[Action, ...]:
-        """Take an input and return what has to be done, in order; `IllegalInputError` if it cannot happen."""
+        """Process an input and return the actions in order.
+
+        Raises:
+            IllegalInputError: The table has no transition for this input in the current state.
+        """
         self.state, actions = step(f"agent {self._agent!r}", TRANSITIONS, self.state, given)
         return actions
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Node:
-    """A state and its place in the grid."""
-
-    state: State  #: The state.
-    #: 0 for what local consumers have not heard of, 1 for what is there, 2 for what is lost.
-    row: int
-    #: 0 when nothing is asked, 1 while a query is outstanding, 2 while the next one waits.
-    column: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Edge:
-    """A transition."""
-
-    source: State  #: Where it starts.
-    given: Input  #: What happened.
-    target: State  #: Where it ends.
-    actions: tuple[Action, ...]  #: What is done.
-
-    @property
-    def label(self) -> str:
-        """The edge in UML's syntax, "event / action; action", with spaces for underscores."""
-        done = "; ".join(action.name.lower() for action in self.actions)
-        return (self.given.name.lower() + (f" / {done}" if done else "")).replace("_", " ")
-
-
-def diagram() -> tuple[tuple[Node, ...], tuple[Edge, ...]]:
-    """Return the states and the transitions of the table, in its order."""
-    nodes = tuple(
-        Node(state=s, row=list(Told).index(s.told), column=list(Asking).index(s.asking))
-        for s in State
-    )
-    edges = tuple(
-        Edge(source=source, given=given, target=target, actions=actions)
-        for (source, given), (target, actions) in TRANSITIONS.items()
-    )
-    return nodes, edges

@@ -17,11 +17,11 @@ from sfglab.fleet.discovery.lifecycle import (
     ANNOUNCEMENTS,
     TRANSITIONS,
     Action,
-    Asking,
+    Announced,
     Input,
     Lifecycle,
+    QueryState,
     State,
-    Told,
 )
 from sfglab.fleet.discovery.screening import Bucket, Limits, Refusal, Screen
 from sfglab.fleet.discovery.sources import Source, Sources
@@ -131,7 +131,9 @@ class _Remote:
     @property
     def silent_ns(self) -> int:
         held = (
-            self.held[0] if self.held is not None and self.life.state.told is Told.PRESENT else None
+            self.held[0]
+            if self.held is not None and self.life.state.announced is Announced.PRESENT
+            else None
         )
         return self.sources.silent_ns(
             held, doubted=self.held is not None and self.doubts >= _DOUBTS
@@ -259,7 +261,9 @@ class Registry:
         orders: list[Order] = []
         for agent, remote in list(self._remotes.items()):
             given = next((given for at_ns, given in _deadlines(remote) if now_ns >= at_ns), None)
-            doubted = remote.doubts >= _DOUBTS or remote.life.state.told is not Told.PRESENT
+            doubted = (
+                remote.doubts >= _DOUBTS or remote.life.state.announced is not Announced.PRESENT
+            )
             if given is Input.SILENT and not doubted and remote.sources.outlive(now_ns):
                 given = Input.CHANGED  # the others have to prove that it is there
             if given is not None:
@@ -294,7 +298,7 @@ class Registry:
     def announcement(self, agent: str) -> Order | None:
         """Return the news of an agent that is there, for those who have not heard of it; None if it is not."""
         remote = self._remotes.get(agent)
-        if remote is None or remote.life.state.told is not Told.PRESENT:
+        if remote is None or remote.life.state.announced is not Announced.PRESENT:
             return None
         return _order(Action.DISCOVERED, agent, remote)
 
@@ -359,7 +363,7 @@ class Registry:
 def _input_of(version: _Version, remote: _Remote, source: Source, now_ns: int) -> Input | Refusal:
     """Return which input a heartbeat is, or why it is none: it claims a start that nobody has to believe."""
     state, wanted = remote.life.state, remote.wanted
-    idle = state.asking is Asking.NO and remote.held is not None
+    idle = state.query is QueryState.NONE and remote.held is not None
     if version[0] == wanted[0]:
         if version[1] > wanted[1]:
             refused = idle and not source.trust and not remote.claims.take(now_ns)
@@ -368,11 +372,11 @@ def _input_of(version: _Version, remote: _Remote, source: Source, now_ns: int) -
         return Input.CHANGED if idle and not known else Input.HEARD
     if remote.held is not None and version[0] == remote.held[0]:
         return Input.HEARD  # another start is being asked about, and this one is still there
-    if version[0] < wanted[0] and state.told is not Told.LOST:
-        return Refusal.STALE if state.told is Told.PRESENT else Input.HEARD
+    if version[0] < wanted[0] and state.announced is not Announced.LOST:
+        return Refusal.STALE if state.announced is Announced.PRESENT else Input.HEARD
     if remote.claims.take(now_ns):
         return Input.RESTARTED
-    return Input.HEARD if state.told is Told.NOTHING else Refusal.CLAIMED
+    return Input.HEARD if state.announced is Announced.NOTHING else Refusal.CLAIMED
 
 
 def _deadlines(remote: _Remote) -> list[tuple[int, Input]]:
@@ -380,7 +384,9 @@ def _deadlines(remote: _Remote) -> list[tuple[int, Input]]:
     if remote.due is None:
         state, lost = remote.life.state, [(remote.expire_ns, Input.EXPIRED)]
         remote.due = lost if state is State.LOST else [(remote.silent_ns, Input.SILENT)]
-        remote.due += [(remote.retry_ns, Input.RETRY)] if state.asking is Asking.BACKING_OFF else []
+        remote.due += (
+            [(remote.retry_ns, Input.RETRY)] if state.query is QueryState.BACKING_OFF else []
+        )
     return remote.due
 
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections import defaultdict
 from itertools import accumulate
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sfglab.fleet.discovery import lifecycle
 from sfglab.fleet.discovery.lifecycle import (
     ANNOUNCEMENTS,
     STATED,
     TRANSITIONS,
-    Edge,
+    Action,
+    Announced,
     Input,
-    Node,
+    QueryState,
     State,
 )
 from sfglab.lab.experiments.lifecycle.analysis import (
@@ -134,6 +134,32 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, float]:
 
 # --- The life cycle -------------------------------------------------------------------------------------------
 
+
+class _Edge(NamedTuple):
+    """One transition of the discoverer's table."""
+
+    source: State
+    given: Input
+    target: State
+    actions: tuple[Action, ...]
+
+    @property
+    def label(self) -> str:
+        """The edge in UML's syntax, "event / action; action", with spaces for underscores."""
+        done = "; ".join(action.name.lower() for action in self.actions)
+        return (self.given.name.lower() + (f" / {done}" if done else "")).replace("_", " ")
+
+
+def _edges() -> list[_Edge]:
+    """Return the transitions of the table in its order."""
+    return [_Edge(*key, *outcome) for key, outcome in TRANSITIONS.items()]
+
+
+def _place(state: State) -> tuple[int, int]:
+    """Return the column and the row of a state in the grid."""
+    return list(QueryState).index(state.query), list(Announced).index(state.announced)
+
+
 # Where things stand: presentation only. What there is to draw, and its words, come from the table.
 _X = (0.0, 7.0, 14.0)
 _Y = (9.6, 4.8, 0.0)
@@ -229,16 +255,15 @@ _KEY_OF_MOMENT = (
 
 def _draw_table(axes: Axes, key: str, taken: Taken | None = None) -> Parts:
     """Draw the states as a grid, and the transitions between them; taken: how often each was, if known."""
-    nodes, edges = lifecycle.diagram()
     _draw_grid(axes, key)
     drawn: _Drawn = defaultdict(list)
-    for node in nodes:
-        _draw_state(
-            axes, node, [e for e in edges if e.source is e.target is node.state], taken, drawn
-        )
-    grid = {node.state: node for node in nodes}
-    for pair in dict.fromkeys((e.source, e.target) for e in edges if e.source is not e.target):
-        _draw_pair(axes, grid, [e for e in edges if (e.source, e.target) == pair], taken, drawn)
+    between: defaultdict[tuple[State, State], list[_Edge]] = defaultdict(list)
+    for edge in _edges():
+        between[edge.source, edge.target].append(edge)
+    for state in State:
+        _draw_state(axes, state, between.pop((state, state), []), taken, drawn)
+    for edges in between.values():
+        _draw_pair(axes, edges, taken, drawn)
     axes.set(xlim=(-5.9, 15.65), ylim=(-2.8, 12.4))
     axes.axis("off")
     return drawn
@@ -256,11 +281,12 @@ def _draw_grid(axes: Axes, key: str) -> None:
 
 
 def _draw_state(
-    axes: Axes, node: Node, loops: Sequence[Edge], taken: Taken | None, drawn: _Drawn
+    axes: Axes, state: State, loops: Sequence[_Edge], taken: Taken | None, drawn: _Drawn
 ) -> None:
     from matplotlib.patches import FancyBboxPatch
 
-    x, y = _X[node.column], _Y[node.row]
+    column, row = _place(state)
+    x, y = _X[column], _Y[row]
     corner, style = (x - _HALF_WIDTH, y - _HALF_HEIGHT), "round,pad=0,rounding_size=0.25"
     frame: dict[str, Any] = {
         "boxstyle": style,
@@ -269,12 +295,12 @@ def _draw_state(
         "zorder": 3,
     }
     box = axes.add_patch(FancyBboxPatch(corner, 2 * _HALF_WIDTH, 2 * _HALF_HEIGHT, **frame))
-    name = node.state.name.replace("_", " ").lower()
+    name = state.name.replace("_", " ").lower()
     said = [fill(f"\u21ba {_words(loop, taken)}", 26) for loop in loops]
     lines = [0, *accumulate(text.count("\n") + 1 for text in said)]
     top = y + 0.5 * _LINE_IN_BOX * lines[-1]
     title = axes.text(x, top, name, ha="center", va="center", fontsize=9, weight="bold", zorder=4)
-    drawn[node.state] += [box, title]
+    drawn[state] += [box, title]
     for loop, text, above, below in zip(loops, said, lines, lines[1:], strict=False):
         place = x, top - 0.5 * (above + below + 1) * _LINE_IN_BOX
         color = _line([loop], taken)["color"]
@@ -289,11 +315,9 @@ def _draw_state(
         drawn[_keys([loop])].append(axes.text(*place, text, **look))
 
 
-def _draw_pair(
-    axes: Axes, grid: dict[State, Node], edges: Sequence[Edge], taken: Taken | None, drawn: _Drawn
-) -> None:
+def _draw_pair(axes: Axes, edges: Sequence[_Edge], taken: Taken | None, drawn: _Drawn) -> None:
     """Draw all transitions from one state to another as one arrow with a line of text each."""
-    points, label, below = _route(grid[edges[0].source], grid[edges[0].target])
+    points, label, below = _route(edges[0].source, edges[0].target)
     line = _line(edges, taken)
     drawn[_keys(edges)] += axes.plot(*zip(*points[:-1], strict=True), **line)
     arrow = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, **line}
@@ -320,15 +344,15 @@ def _draw_pair(
         )
 
 
-def _keys(edges: Sequence[Edge]) -> tuple[tuple[State, Input], ...]:
+def _keys(edges: Sequence[_Edge]) -> tuple[tuple[State, Input], ...]:
     return tuple((edge.source, edge.given) for edge in edges)
 
 
-def _weight(edge: Edge) -> str:
+def _weight(edge: _Edge) -> str:
     return "bold" if (edge.source, edge.given) in STATED else "normal"
 
 
-def _words(edge: Edge, taken: Taken | None) -> str:
+def _words(edge: _Edge, taken: Taken | None) -> str:
     # A transition's label, discovery events in capitals.
     label = edge.label
     for action in ANNOUNCEMENTS.intersection(edge.actions):
@@ -337,35 +361,35 @@ def _words(edge: Edge, taken: Taken | None) -> str:
     return label + (f"  \u00d7{taken[edge.source, edge.given]}" if taken is not None else "")
 
 
-def _line(edges: Sequence[Edge], taken: Taken | None) -> dict[str, Any]:
+def _line(edges: Sequence[_Edge], taken: Taken | None) -> dict[str, Any]:
     """Return how an arrow of some transitions looks: dashed where none was taken."""
     counts = [1 if taken is None else taken[key] for key in _keys(edges)]
     color = COLORS["proxy" if all(counts) else "standard"]
     return {"color": color, "linewidth": 1.2, "linestyle": "solid" if any(counts) else "dashed"}
 
 
-def _route(source: Node, target: Node) -> tuple[Sequence[Point], Point, bool]:
+def _route(source: State, target: State) -> tuple[Sequence[Point], Point, bool]:
     """Return an arrow's corners, where its label starts, and whether further lines go below the first."""
-    if source.row == target.row:
+    if source.announced is target.announced:
         return _route_in_row(source, target)
-    points, label = _BETWEEN_ROWS[source.state.name, target.state.name]
+    points, label = _BETWEEN_ROWS[source.name, target.name]
     return points, label, True
 
 
-def _route_in_row(source: Node, target: Node) -> tuple[list[Point], Point, bool]:
-    y = _Y[source.row]
-    steps = target.column - source.column
+def _route_in_row(source: State, target: State) -> tuple[list[Point], Point, bool]:
+    column, row = _place(source)
+    to_column, _ = _place(target)
+    y = _Y[row]
+    steps = to_column - column
     if abs(steps) == 1:
         way = 1 if steps > 0 else -1
         lane = y + way * _LANE
-        start, end = _X[source.column] + way * _HALF_WIDTH, _X[target.column] - way * _HALF_WIDTH
+        start, end = _X[column] + way * _HALF_WIDTH, _X[to_column] - way * _HALF_WIDTH
         return [(start, lane), (end, lane)], (min(start, end) + 0.25, lane + way * 0.22), way < 0
-    way = (
-        1 if source.row == 0 else -1
-    )  # around the state between them, on the outer side of the grid
+    way = 1 if row == 0 else -1  # around the state between them, on the outer side of the grid
     outer = y + way * 1.5
     edge = y + way * _HALF_HEIGHT
-    x, to_x = _X[source.column], _X[target.column]
+    x, to_x = _X[column], _X[to_column]
     return (
         [(x, edge), (x, outer), (to_x, outer), (to_x, edge)],
         (_X[1] + 1.9, outer + way * 0.22),

@@ -13,7 +13,7 @@ import time
 from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State, Told
+from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Announced, Input, State
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, MIN_PERIOD_S, Heartbeat, heartbeat_topic
 from sfglab.lab.bench import Bench, as_row
@@ -193,23 +193,23 @@ class Puppet(Track):
         self.beat(period_s=MIN_PERIOD_S)
         await self.sees(_I.SILENT)
 
-    async def stands(self, told: Told) -> None:
+    async def stands(self, told: Announced) -> None:
         """Bring it where local consumers have been told so much of it."""
-        if told is Told.NOTHING:
+        if told is Announced.NOTHING:
             return
         self.mode("answer")
         await self.beats(_I.HEARD)
         await self.reaches(_S.ACTIVE)
-        if told is Told.LOST:
+        if told is Announced.LOST:
             await self.falls_silent()
 
-    async def is_asked(self, told: Told, mode: str) -> None:
+    async def is_asked(self, told: Announced, mode: str) -> None:
         """Let the discoverer ask it, and say how it answers."""
         self.mode(mode)
-        await self.beats(_I.HEARD if told is Told.NOTHING else _I.CHANGED)
+        await self.beats(_I.HEARD if told is Announced.NOTHING else _I.CHANGED)
 
 
-async def _whole_row(puppet: Puppet, told: Told) -> None:
+async def _whole_row(puppet: Puppet, told: Announced) -> None:
     await puppet.is_asked(told, "mute")
     await puppet.beats(_I.HEARD, _I.CHANGED, _I.RESTARTED)
     await puppet.sees(_I.FAILED)
@@ -218,26 +218,26 @@ async def _whole_row(puppet: Puppet, told: Told) -> None:
     await puppet.sees(_I.FAILED)
     await puppet.beats(_I.RESTARTED)
     puppet.mode("answer")
-    await puppet.sees(_I.ANSWERED if told is Told.NOTHING else _I.ANSWERED_ANEW)
+    await puppet.sees(_I.ANSWERED if told is Announced.NOTHING else _I.ANSWERED_ANEW)
 
 
-async def _same_start_answers(puppet: Puppet, told: Told) -> None:
+async def _same_start_answers(puppet: Puppet, told: Announced) -> None:
     await puppet.is_asked(told, "answer")
     await puppet.sees(_I.ANSWERED)
 
 
-async def _silent_when_asked(puppet: Puppet, told: Told) -> None:
+async def _silent_when_asked(puppet: Puppet, told: Announced) -> None:
     await puppet.is_asked(told, "mute")
     await puppet.falls_silent()
 
 
-async def _silent_when_it_failed(puppet: Puppet, told: Told) -> None:
+async def _silent_when_it_failed(puppet: Puppet, told: Announced) -> None:
     await puppet.is_asked(told, "late")
     await puppet.sees(_I.FAILED)
     await puppet.falls_silent()
 
 
-async def _comes_and_goes(puppet: Puppet, _: Told) -> None:
+async def _comes_and_goes(puppet: Puppet, _: Announced) -> None:
     await puppet.beats(_I.HEARD, _I.RESTARTED)
     await puppet.sees(_I.ANSWERED_ANEW)
     await puppet.falls_silent()
@@ -251,15 +251,15 @@ async def _comes_and_goes(puppet: Puppet, _: Told) -> None:
 
 _ANYWHERE = (_whole_row, _same_start_answers, _silent_when_asked, _silent_when_it_failed)
 _SCRIPTS = (
-    *((script, told) for script in _ANYWHERE for told in Told),
-    (_comes_and_goes, Told.PRESENT),
+    *((script, told) for script in _ANYWHERE for told in Announced),
+    (_comes_and_goes, Announced.PRESENT),
 )
 
 
 async def puppet_show(stage: Stage, *, attempts: int) -> None:
     """Play all scripts at once, `attempts` times at most while a transition of theirs is missing."""
 
-    async def play(script: Any, puppet: Puppet, told: Told) -> None:
+    async def play(script: Any, puppet: Puppet, told: Announced) -> None:
         await puppet.stands(told)
         await script(puppet, told)
 
@@ -323,7 +323,7 @@ async def crowd(own: str, stage: Stage, *, places: int) -> None:
     stage.fault("crowd", "more agents than places, none of which answers")
     for number in range(places + 1):
         puppet = Puppet(f"crowd{number}", stage)
-        await puppet.is_asked(Told.NOTHING, "refuse")
+        await puppet.is_asked(Announced.NOTHING, "refuse")
         await puppet.sees(_I.FAILED)
     await stage.until("an eviction", lambda: (_S.BACKING_OFF, _I.EXPIRED) in _taken(stage))
     stage.fault("crowd", "a flood of heartbeats")
