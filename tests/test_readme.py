@@ -50,7 +50,7 @@ INSTEAD = {  # claim: the usual method, and the component that replaces it
     "A-CPU-SFG": ("the same", "`sfglab decoder`, over DDS to ROS 2 nodes"),
     "A-DISC-BYTES-OURS": (
         "DDS discovery of all participants by all",
-        "`sfglab agent up`, `descriptions: offered`",
+        "`sfglab agent up`, published descriptions",
     ),
     "A-FIRST-OURS": ("waiting for the next key frame", "the agent's GOP cache"),
     "A-RVL": ("PNG depth (compressed_depth_image_transport's), at its fastest level", "`rvl`"),

@@ -117,3 +117,9 @@ def test_processes_that_are_started_and_the_command_line_begin_without_pydantic(
     """Importing it takes 0.1 s, a third of what a router takes to start."""
     program = f"import sys\nimport {module}\nassert 'pydantic' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_the_plan_of_an_agent_imports_configurations_not_nodes():
+    nodes = {"sfglab.fleet.discovery.node", "sfglab.fleet.status.node"}
+    program = f"import sys\nimport sfglab.fleet.agent.plan\nassert not {nodes} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", program], check=True)

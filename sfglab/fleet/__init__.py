@@ -38,7 +38,7 @@ _MODULES = {
     "AgentDiscoverer": "discovery.node",
     "DecoderConfig": "decoder.node",
     "Direction": "policy",
-    "DiscoverySettings": "discovery.node",
+    "DiscoverySettings": "discovery.config",
     "Fleet": "fleet_file",
     "ForwardRule": "policy",
     "Offered": "discovery.listener",
@@ -46,7 +46,7 @@ _MODULES = {
     "Router": "router.node",
     "RouterSettings": "router.node",
     "StatusProvider": "status.node",
-    "StatusSettings": "status.node",
+    "StatusSettings": "status.config",
     "Withdrawn": "discovery.listener",
     "agent_changes": "discovery.listener",
     "discovery_topic": "discovery.listener",
@@ -56,12 +56,14 @@ _MODULES = {
 
 if TYPE_CHECKING:
     from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
+    from sfglab.fleet.discovery.config import DiscoverySettings
     from sfglab.fleet.discovery.listener import Offered, Withdrawn, agent_changes, discovery_topic
-    from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
+    from sfglab.fleet.discovery.node import AgentDiscoverer
     from sfglab.fleet.fleet_file import Fleet, load_fleet
     from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
     from sfglab.fleet.router.node import Router, RouterSettings
+    from sfglab.fleet.status.config import StatusSettings
     from sfglab.fleet.status.description import AgentDescription
-    from sfglab.fleet.status.node import StatusProvider, StatusSettings
+    from sfglab.fleet.status.node import StatusProvider
 else:
     __getattr__ = loader(__name__, _MODULES)

@@ -370,8 +370,9 @@ class _Shared(_Part):
     name: str = field(metadata=named("fleet"))  #: Name of the fleet.
     #: Whether ROS 2's tools list the topics of other agents before a node subscribes to them.
     offers: bool = True
-    #: Way of agents' descriptions: asked from each agent by a service, as in the paper, or offered on a topic.
-    descriptions: Literal["asked", "offered"] = "asked"
+    #: Exchange of agents' descriptions: published on a latched topic, or queried over each agent's metadata
+    #: service, as in the paper.
+    descriptions: Literal["published", "queried"] = "published"
     #: In the order of the file; at least one.
     agents: Annotated[tuple[AgentSpec, ...], ByName("name")]
     #: Settings of all their machines.

@@ -13,9 +13,11 @@ from toy_bus import OtherToyBackend, ToyDomain
 from sfglab import bus
 from sfglab.component import beside
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
+from sfglab.fleet.discovery.config import DiscoverySettings
+from sfglab.fleet.discovery.node import AgentDiscoverer
 from sfglab.fleet.router.node import Router, RouterSettings
-from sfglab.fleet.status.node import StatusProvider, StatusSettings
+from sfglab.fleet.status.config import StatusSettings
+from sfglab.fleet.status.node import StatusProvider
 from sfglab.messages import default_message, serialize
 from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, Durability, QoSProfile
 

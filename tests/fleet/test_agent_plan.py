@@ -13,11 +13,11 @@ from sfglab.fleet.agent import plan as plans
 from sfglab.fleet.agent.app import Changed, Complete, Narrator, Said, Wrote, report_from_event
 from sfglab.fleet.agent.supervision import State
 from sfglab.fleet.decoder.node import DecoderConfig
-from sfglab.fleet.discovery.node import DiscoveryConfig
+from sfglab.fleet.discovery.config import DiscoveryConfig
 from sfglab.fleet.fleet_file import read_fleet
 from sfglab.fleet.gop_cache import KeeperConfig
 from sfglab.fleet.router.node import RouterConfig
-from sfglab.fleet.status.node import StatusConfig
+from sfglab.fleet.status.config import StatusConfig
 
 CONFIG = plans.AgentConfig(
     agent="go2",
@@ -103,11 +103,13 @@ def test_a_fleet_file_says_everything():
     assert sensors[0].streams[0].rate_hz == 30
 
 
-@pytest.mark.parametrize(("descriptions", "offers"), [("asked", False), ("offered", True)])
-def test_a_fleet_file_says_whether_agents_offer_what_they_are(descriptions, offers):
-    given = arguments(plans.config_from_fleet(replace(FLEET, descriptions=descriptions), "go2"))
-    for name, type_ in (("status", StatusConfig), ("discoverer", DiscoveryConfig)):
-        assert config_from_argument(type_, given[name]).settings.offers is offers
+def test_descriptions_are_published_unless_the_fleet_file_selects_the_service():
+    for fleet, published in ((FLEET, True), (replace(FLEET, descriptions="queried"), False)):
+        given = arguments(plans.config_from_fleet(fleet, "go2"))
+        status = config_from_argument(StatusConfig, given["status"])
+        assert status.settings.publish_description is published
+        discoverer = config_from_argument(DiscoveryConfig, given["discoverer"])
+        assert discoverer.settings.use_published_descriptions is published
 
 
 def test_a_keeper_runs_where_there_is_video_and_without_lifecycle_no_status_or_discoverer():

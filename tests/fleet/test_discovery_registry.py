@@ -1,4 +1,4 @@
-"""The registry of remote agents: what a heartbeat means, what time brings, what is not believed, its bounds."""
+"""The registry of remote agents: meaning of heartbeats, deadlines, what is not believed, limits."""
 
 import math
 from dataclasses import replace
@@ -10,12 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Action, State
-from sfglab.fleet.discovery.node import DiscoverySettings, History
-from sfglab.fleet.discovery.offers import Offers
-from sfglab.fleet.discovery.registry import Order, Registry, Timing
-from sfglab.fleet.discovery.screening import Limits, Refusal
+from sfglab.fleet.discovery.config import DiscoverySettings, Timing
+from sfglab.fleet.discovery.lifecycle import Action
+from sfglab.fleet.discovery.node import History
+from sfglab.fleet.discovery.published import PublishedDescriptions
+from sfglab.fleet.discovery.registry import Registry
+from sfglab.fleet.discovery.validation import Limits, Refusal
+from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import Heartbeat
+from sfglab.messages import serialize
 
 S = 1_000_000_000
 TIMING = Timing(
@@ -26,357 +29,252 @@ GID = b"g" * 16
 
 
 class World:
-    """A registry, and a short way to talk to it; times in seconds."""
+    """A registry and its caller, who checks all orders; times in seconds."""
 
     def __init__(self, **limits) -> None:
-        self.moves = []
-        self.registry = Registry(
-            "station", timing=TIMING, limits=Limits(**limits), on_move=self.moves.append
-        )
+        self.registry = Registry("station", timing=TIMING, limits=Limits(**limits))
+        self.asked, self.outstanding = [], {}  # all queries; agents by outstanding query
+        self.events = {}  # last event by agent
 
-    def hear(self, at_s=0.0, gid=GID, **fields):
-        return self.registry.heard(replace(BEAT, **fields), gid, now_ns=round(at_s * S))
+    def hear(self, at_s, gid=GID, **fields):
+        return self.call("heard", at_s, replace(BEAT, **fields), gid)
 
-    def answer(self, ask: Order, at_s=0.0, **fields):
-        values = {
-            "agent": ask.agent,
-            "incarnation": 7,
-            "revision": 0,
-            "says": "what it is",
-        } | fields
-        metadata = SimpleNamespace(**values)
-        return self.registry.answered(ask.agent, ask.query, metadata, now_ns=round(at_s * S))
+    def answer(self, at_s, number=0, **fields):
+        ask = self.asked[-1 - number % len(self.asked)]
+        metadata = SimpleNamespace(**{"agent": ask.agent, "incarnation": 7, "revision": 0} | fields)
+        return self.end("answered", at_s, ask, metadata)
 
-    def fail(self, ask: Order, at_s=0.0):
-        return self.registry.failed(ask.agent, ask.query, now_ns=round(at_s * S))
+    def fail(self, at_s, number=0):
+        return self.end("failed", at_s, self.asked[-1 - number % len(self.asked)])
 
-    def due(self, at_s):
-        return self.registry.due(round(at_s * S))
+    def end(self, method, at_s, ask, *answer):
+        self.outstanding.pop(ask.query, None)
+        return self.call(method, at_s, ask.agent, ask.query, *answer)
 
-    def discover(self, at_s=0.0, **fields):
-        (ask,) = self.hear(at_s, **fields)
-        (news,) = self.answer(ask, at_s)
-        assert news.event == "DISCOVERED"
+    def call(self, method, at_s, *values):
+        """Call the registry and return the names of the ordered actions."""
+        orders = getattr(self.registry, method)(*values, now_ns=round(at_s * S))
+        for order in orders:
+            if order.action is Action.QUERY:
+                assert order.agent not in self.outstanding.values()
+                self.outstanding[order.query] = order.agent
+                self.asked.append(order)
+            elif order.action is Action.ABANDON:
+                assert self.outstanding.pop(order.query) == order.agent
+            else:
+                self.check(order, self.events.get(order.agent))
+                self.events[order.agent] = order
+        return [order.action.name for order in orders]
+
+    @staticmethod
+    def check(event, before):
+        present = before is not None and before.event != "LOST"
+        if event.event == "DISCOVERED":
+            assert not present
+        else:
+            assert present == (event.event in ("UPDATED", "LOST")) or event.event == "RESTARTED"
+            assert (event.incarnation == before.incarnation) == (event.event != "RESTARTED")
 
     @property
-    def state(self) -> State:
-        return self.registry.agents()[0].state
+    def names(self):
+        return [status.agent for status in self.registry.agents()]
 
     @property
-    def deadline_s(self) -> float | None:
-        deadline_ns = self.registry.deadline_ns
-        return None if deadline_ns is None else deadline_ns / S
+    def deadline_s(self):
+        return self.registry.deadline_ns / S
 
 
 def discovered():
     """A world in which go2 is known since the beginning."""
     world = World()
-    world.discover()
+    assert (world.hear(0), world.answer(0)) == (["QUERY"], ["DISCOVERED"])
     return world
 
 
-def events(orders):
-    return [order.event for order in orders if order.action in ANNOUNCEMENTS]
-
-
-def test_the_first_heartbeat_asks_the_answer_is_announced_and_silence_is_of_the_announced_period():
-    world = World()
-    (ask,) = world.hear()
-    assert world.hear(0.5) == []
-    (news,) = world.answer(ask, 0.6)
-    told = (news.agent, news.event, news.incarnation, news.metadata.says)
-    assert told == ("go2", "DISCOVERED", 7, "what it is")
-    assert world.deadline_s == 4.0, (
-        "three periods of 1 s and the slack after the heartbeat at 0.5 s"
-    )
+def test_the_announced_period_decides_when_an_agent_is_lost_and_then_it_is_remembered():
     world = discovered()
+    assert (world.hear(0.5), world.deadline_s) == ([], 4.0)
     world.hear(1.0, period_s=5.0, phase=1)
-    assert world.deadline_s == 16.5
-    assert world.due(16.4) == []
-    assert events(world.due(16.5)) == ["LOST"]
-    assert world.deadline_s == 116.5, "then it is remembered for a while"
-    assert world.due(116.5) == []
-    assert world.registry.agents() == ()
+    assert (world.call("due", 16.4), world.call("due", 16.5), world.deadline_s) == (
+        [],
+        ["LOST"],
+        116.5,
+    )
+    assert world.hear(17) == ["RETURNED"]
+    assert (world.call("due", 30), world.call("due", 130), world.names) == (["LOST"], [], [])
 
 
-def test_a_lost_agent_that_beats_again_returns_and_another_start_is_restarted():
-    world = discovered()
-    world.due(10)
-    (news,) = world.hear(11)
-    assert (news.event, news.metadata.says, world.state) == ("RETURNED", "what it is", State.ACTIVE)
-    world = discovered()
-    (ask,) = world.hear(1, incarnation=8)
-    (news,) = world.answer(ask, 2, incarnation=8, says="new")
-    assert (news.event, news.incarnation, news.metadata.says) == ("RESTARTED", 8, "new")
-
-
-def test_a_failed_query_is_repeated_with_doubling_waits_up_to_the_limit_and_one_success_starts_over():
-    world = World()
-    (ask,) = world.hear()
-    at_s, waits = 0.0, []
+def test_a_failed_query_is_repeated_with_doubling_waits_and_an_answer_starts_over():
+    world, at_s, waits = World(), 0.0, []
+    world.hear(0)
     for _ in range(6):
         world.hear(at_s)
-        assert world.fail(ask, at_s) == []
+        assert world.fail(at_s) == []
         waits.append(world.deadline_s - at_s)
         at_s = world.deadline_s
-        (ask,) = world.due(at_s)
+        assert world.call("due", at_s) == ["QUERY"]
     assert waits == [0.25, 0.5, 1, 2, 2, 2]
-    assert world.registry.agents()[0].failures == 6
-    world.answer(ask, at_s)
-    (ask,) = world.hear(at_s, revision=1)
-    world.fail(ask, at_s)
+    assert world.registry.agents()[0].failures == world.asked[-1].failures == 6
+    world.answer(at_s)
+    world.hear(at_s, revision=1)
+    world.fail(at_s)
     assert world.deadline_s - at_s == 0.25
 
 
-def test_another_revision_is_asked_for_and_another_start_gives_up_the_query_before():
+def test_a_new_revision_or_incarnation_is_queried_and_an_older_one_once_the_newer_is_lost():
     world = discovered()
-    (ask,) = world.hear(1, revision=1)
-    assert world.hear(1.5, revision=2) == []
-    assert events(world.answer(ask, 2, revision=3)) == ["UPDATED"]
-    assert world.hear(2.5, revision=2) == []
-    assert world.hear(2.5, revision=3) == []
-    assert world.state is State.ACTIVE
-    world = World()
-    (first,) = world.hear()
-    abandoned, second = world.hear(0.1, incarnation=8)
-    assert abandoned == Order(action=Action.ABANDON, agent="go2", query=first.query)
-    assert world.answer(first, 0.2) == []
-    assert world.registry.counts["ignored_answers"] == 1
-    assert events(world.answer(second, 0.3, incarnation=8)) == ["DISCOVERED"]
+    assert (world.hear(1, revision=1), world.hear(1.5, revision=2)) == (["QUERY"], [])
+    assert world.asked[-1].wanted == (7, 1)
+    assert world.answer(2, revision=3) == ["UPDATED"]
+    assert (world.hear(2, revision=2), world.hear(2, revision=3)) == ([], [])
+    assert world.hear(3, incarnation=8) == ["QUERY"]
+    assert world.hear(3.5, incarnation=9) == ["ABANDON", "QUERY"]
+    assert (world.answer(4, 1, incarnation=8), world.registry.counts["ignored_answers"]) == ([], 1)
+    assert world.answer(4, incarnation=9) == ["RESTARTED"]
+    deadline_s = world.deadline_s
+    assert (world.hear(5, incarnation=7), world.deadline_s) == ([], deadline_s)
+    assert (world.registry.counts["dropped_stale"], world.call("due", 8)) == (1, ["LOST"])
+    assert world.hear(9, incarnation=10) == ["QUERY"]
+    assert (world.call("due", 20), world.hear(21, incarnation=9)) == (["ABANDON"], ["RETURNED"])
+    world.call("due", 30)
+    assert (world.hear(31, incarnation=6), world.answer(31, incarnation=6)) == (
+        ["QUERY"],
+        ["RESTARTED"],
+    )
 
 
 @pytest.mark.parametrize(
-    "fields", [{"incarnation": 6}, {"incarnation": 8}, {"agent": "other"}, {"revision": 0}], ids=str
+    "wrong", [{"incarnation": 6}, {"incarnation": 8}, {"agent": "other"}, {"revision": 0}], ids=str
 )
-def test_an_answer_to_something_else_than_was_asked_counts_as_none(fields):
+def test_an_answer_to_something_else_than_was_asked_counts_as_none(wrong):
     world = World()
-    (ask,) = world.hear(revision=1)
-    assert world.answer(ask, 0.1, **{"revision": 1, **fields}) == []
-    assert world.state is State.BACKING_OFF
-    assert (world.registry.counts["mismatched"], world.registry.counts["failed"]) == (1, 1)
+    world.hear(0, revision=1)
+    assert world.answer(0.1, **{"revision": 1, **wrong}) == []
+    counts = {"heard": 1, "asked": 1, "mismatched": 1, "failed": 1}
+    assert world.registry.counts == counts
 
 
-def test_an_older_start_is_stale_until_the_newer_is_lost_and_what_a_lost_one_said_does_not_count():
-    world = discovered()
-    assert world.hear(1, incarnation=6) == []
-    assert world.registry.counts["dropped_stale"] == 1
-    assert world.deadline_s == 3.5, "it is no sign of life either"
-    world.due(4)
-    (ask,) = world.hear(5, incarnation=6)
-    assert events(world.answer(ask, 5, incarnation=6)) == ["RESTARTED"]
-    world = discovered()
-    world.due(10)
-    world.hear(11, incarnation=8)
-    (abandoned,) = world.due(20)
-    assert abandoned.action is Action.ABANDON
-    (news,) = world.hear(21, incarnation=7)
-    assert news.event == "RETURNED"
-
-
-def test_time_that_the_discoverer_itself_stood_still_is_nobody_elses_silence():
-    world = World()
-    world.discover()  # silent at 3.5
+def test_a_pause_of_the_discoverer_is_no_silence_of_an_agent():
+    world = discovered()  # silent at 3.5
     world.hear(0.5, agent="husky", gid=b"h" * 16)  # silent at 4
-    world.registry.overslept(1 * S, 60 * S)
-    assert world.due(60) == []
-    assert events(world.due(62.5)) == ["LOST"]
-    assert world.deadline_s == 63.0
-    world.hear(62.6)
-    world.registry.overslept(62 * S, 63 * S)
-    assert world.registry.agents()[0].heard_ns == 62.6 * S
+    world.registry.compensate_pause(1 * S, 60 * S)
+    assert (world.call("due", 60), world.call("due", 62.5), world.deadline_s) == (
+        [],
+        ["LOST"],
+        63.0,
+    )
+    world.hear(62.6, agent="husky", gid=b"h" * 16)
+    world.registry.compensate_pause(62 * S, 63 * S)
+    assert world.deadline_s == 66.5
 
 
 @pytest.mark.parametrize(
     "fields",
     [
-        *(
-            {"agent": name}
-            for name in ("", "Go 2", "../x", "camera", "torq", "a" * 240, "\N{GRINNING FACE}")
-        ),
-        {"phase": 2},
+        *({"agent": name} for name in ("", "Go 2", "../x", "camera", "a" * 240, "\N{SNOWMAN}")),
         *({"period_s": period_s} for period_s in (math.nan, math.inf, 0.0, -1.0, 1e9)),
+        {"phase": 2},
         {"version": "v" * 129},
     ],
-    ids=lambda f: str(f)[:40],
+    ids=lambda fields: str(fields)[:30],
 )
-def test_a_heartbeat_that_cannot_be_one_is_dropped_and_counted(fields):
+def test_a_malformed_heartbeat_is_dropped_and_counted(fields):
     world = World()
-    assert world.hear(**fields) == []
+    assert (world.hear(0, **fields), world.names) == ([], [])
     assert world.registry.counts == {"dropped_malformed": 1}
-    assert world.registry.agents() == ()
 
 
 def test_own_heartbeats_are_ignored_and_another_publisher_of_the_own_name_is_a_spoof():
     world = World()
-    for at_s, gid, incarnation in (
-        (0, b"own", 5),
-        (1, b"own", 5),
-        (1, b"spoof", 5),
-        (2, b"spoof", 4),
-    ):
-        assert world.hear(at_s, gid=gid, agent="station", incarnation=incarnation) == []
-    assert world.registry.counts == {"dropped_own": 2, "dropped_spoofed": 2}
-    world.hear(3, gid=b"own restarted", agent="station", incarnation=6)
-    assert world.registry.counts["dropped_own"] == 3
-    assert world.registry.agents() == ()
+    for gid, incarnation in (("own", 5), ("spoof", 5), ("spoof", 4), ("own again", 6), ("own", 5)):
+        assert world.hear(0, gid=gid.encode(), agent="station", incarnation=incarnation) == []
+    assert (world.registry.counts, world.names) == ({"dropped_own": 2, "dropped_spoofed": 3}, [])
 
 
-def test_a_flood_is_cut_whether_of_one_publisher_or_many_and_the_others_are_heard():
-    world = World(beats_per_s=5, burst=10, total_per_s=100, total_burst=100)
-    for n in range(1000):
-        world.hear(n / 1000, gid=b"flooder", agent="flooder")
+def test_a_flood_is_cut_and_other_publishers_are_heard():
+    world = World(beats_per_s=5, burst=10, total_per_s=100, total_burst=50)
+    for number in range(1000):
+        world.hear(number / 1000, gid=b"flood")
     assert world.registry.counts["heard"] in (14, 15), "10 at once and 5 in the second"
-    world.discover(1.0)
-    counts = world.registry.counts
-    assert counts["heard"] + counts["dropped_flood"] == 1001
-    world = World(total_per_s=100, total_burst=50)
-    for n in range(500):
-        world.hear(0.0, gid=n.to_bytes(16, "big"), agent=f"x{n}y")
-    assert len(world.registry.agents()) == 50
-    assert world.registry.counts["dropped_flood"] == 450
+    for number in range(500):
+        world.hear(1.0, gid=number.to_bytes(16, "big"), agent=f"x{number}y")
+    assert 50 <= len(world.names) <= 51
+    assert world.registry.counts.total() - world.registry.counts["asked"] == 1500
 
 
-def test_the_table_is_bounded_and_those_that_are_no_use_make_room():
+def test_the_table_is_bounded_and_useless_agents_make_room():
     world = World(max_agents=3)
-    for n, name in enumerate("abc"):
-        (ask,) = world.hear(n / 10, agent=f"{name}1x")
-        world.answer(ask, n / 10)
-    assert world.hear(0.5, agent="d1x") == []
-    assert world.registry.counts["dropped_full"] == 1
-    world.due(3.5)
-    (ask,) = world.hear(3.5, agent="d1x")
-    assert [a.agent for a in world.registry.agents()] == ["b1x", "c1x", "d1x"], (
-        "the lost one gave way"
-    )
-    world.fail(ask, 3.5)
+    for number, name in enumerate(("a1x", "b1x", "c1x")):
+        world.hear(number / 10, agent=name)
+        world.answer(number / 10)
+    assert (world.hear(0.5, agent="d1x"), world.registry.counts["dropped_full"]) == ([], 1)
+    assert (world.call("due", 3.5), world.hear(3.5, agent="d1x")) == (["LOST"], ["QUERY"])
+    assert world.names == ["b1x", "c1x", "d1x"], "the lost one was replaced"
+    world.fail(3.5)
     world.hear(3.5, agent="b1x"), world.hear(3.5, agent="c1x")
-    world.hear(3.6, agent="e1x")
-    assert [a.agent for a in world.registry.agents()] == ["b1x", "c1x", "e1x"], (
-        "one that never answered too"
-    )
-    assert world.registry.counts["evicted"] == 2
-
-
-STATION = partial(DiscoverySettings, agent="station")
+    assert world.hear(3.6, agent="e1x") == ["QUERY"]
+    assert world.names == ["b1x", "c1x", "e1x"], "so was the one that never answered"
 
 
 @pytest.mark.parametrize(
     ("make", "values"),
     [
-        *((Limits, {"max_agents": count}) for count in (0, 901)),
-        (Limits, {"burst": 0}),
-        (Limits, {"beats_per_s": math.nan}),
+        (Limits, {"max_agents": 901}),
         (Timing, {"backoff_ns": 0}),
-        (STATION, {"query_timeout_s": 0}),
-        (STATION, {"max_queries": 0}),
-        (STATION, {"find_timeout_s": 61}),
+        (partial(DiscoverySettings, agent="x1"), {"max_queries": 0}),
+        (partial(DiscoverySettings, agent="x1"), {"find_timeout_s": 61}),
     ],
 )
-def test_bounds_and_waits_that_make_no_sense_are_refused(make, values):
+def test_impossible_limits_and_waits_are_refused(make, values):
     with pytest.raises(InvalidValueError, match=f"{next(iter(values))}: given .*, allowed: "):
         make(**values)
 
 
 AGENTS = st.sampled_from(["go2", "husky", "drone", "arm_robot", "station", "camera", ""])
-BEATS = st.builds(
-    Heartbeat,
-    agent=AGENTS,
-    incarnation=st.integers(1, 3),
-    revision=st.integers(0, 2),
-    phase=st.integers(0, 2),
-    period_s=st.sampled_from([0.1, 1.0, 5.0, math.nan, -1.0]),
-    version=st.just("1"),
-)
+VERSION = {"incarnation": st.integers(1, 3), "revision": st.integers(0, 2)}
+BEATS = {"gid": st.sampled_from([b"a", b"b", b"c"]), "agent": AGENTS, "phase": st.integers(0, 2)}
+BEATS["period_s"] = st.sampled_from([0.1, 1.0, 5.0, math.nan])
+NUMBER = {"number": st.integers(0, 9)}
+CALLS = {
+    "hear": BEATS | VERSION,
+    "answer": NUMBER | VERSION,
+    "fail": NUMBER,
+    "due": {},
+    "pause": {},
+}
+WAITS = st.sampled_from([0.0, 0.0, 0.001, 0.1, 1.0, 7.0, 200.0])
 STEPS = st.one_of(
-    st.tuples(st.just("hear"), BEATS, st.binary(min_size=1, max_size=1)),
-    st.tuples(st.just("answer"), st.integers(0, 9), st.integers(1, 3), st.integers(0, 2)),
-    st.tuples(st.just("fail"), st.integers(0, 9)),
-    st.tuples(st.just("sleep"), st.sampled_from([10**6, 10**8, S, 7 * S, 200 * S])),
-    st.tuples(st.just("late"), st.sampled_from([10**8, 60 * S])),
+    st.tuples(st.just(name), WAITS, st.fixed_dictionaries(values)) for name, values in CALLS.items()
 )
-
-
-class Checker:
-    """Carries orders out as the node does, and checks what local consumers and agents see of it."""
-
-    def __init__(self) -> None:
-        self.registry = Registry("station", timing=TIMING, limits=Limits(max_agents=3))
-        self.now_ns = 0
-        self.outstanding: dict[str, int] = {}
-        self.asked: list[Order] = []
-        self.told: dict[str, str] = {}
-        self.incarnations: dict[str, int] = {}
-
-    def take(self, orders) -> None:
-        for order in orders:
-            if order.action is Action.QUERY:
-                assert order.agent not in self.outstanding, "two queries outstanding"
-                self.outstanding[order.agent] = order.query
-                self.asked.append(order)
-            elif order.action is Action.ABANDON:
-                assert self.outstanding.pop(order.agent) == order.query
-            else:
-                self.announce(order)
-
-    def announce(self, news: Order) -> None:
-        before, known = self.told.get(news.agent), self.incarnations.get(news.agent)
-        present = before not in (None, "LOST")
-        if news.event == "DISCOVERED":
-            assert not present
-        else:
-            assert before is not None, f"{news.event} before anything"
-            assert present == (news.event in ("UPDATED", "LOST")) or news.event == "RESTARTED"
-            assert (news.incarnation == known) == (news.event != "RESTARTED")
-        self.told[news.agent] = news.event
-        self.incarnations[news.agent] = news.incarnation
-
-    def step(self, step) -> None:
-        kind, *rest = step
-        if kind == "hear":
-            self.take(self.registry.heard(rest[0], rest[1], now_ns=self.now_ns))
-        elif kind == "sleep":
-            self.now_ns += rest[0]
-            self.take(self.registry.due(self.now_ns))
-        elif kind == "late":
-            self.registry.overslept(self.now_ns, self.now_ns + rest[0])
-            self.now_ns += rest[0]
-        elif self.asked:
-            ask = self.asked[-1 - rest[0] % len(self.asked)]
-            if self.outstanding.get(ask.agent) == ask.query:
-                del self.outstanding[ask.agent]
-            self.take(self.end(ask, kind, *rest[1:]))
-
-    def end(self, ask: Order, kind: str, incarnation: int = 0, revision: int = 0):
-        if kind == "fail":
-            return self.registry.failed(ask.agent, ask.query, now_ns=self.now_ns)
-        answer = SimpleNamespace(agent=ask.agent, incarnation=incarnation, revision=revision)
-        return self.registry.answered(ask.agent, ask.query, answer, now_ns=self.now_ns)
 
 
 @settings(max_examples=300)
 @given(st.lists(STEPS, max_size=60))
-def test_whatever_happens_queries_never_double_events_make_sense_and_memory_is_bounded(steps):
-    checker = Checker()
-    for step in steps:
-        checker.step(step)
-        statuses = checker.registry.agents()
-        assert len(statuses) <= 3
-        waiting = [a for a in statuses if a.state.name.endswith("ING")]
-        assert {a.agent for a in waiting if a.state is not State.BACKING_OFF} == set(
-            checker.outstanding
-        )
-        assert all(a.agent not in ("station", "camera", "") for a in statuses)
-        known_ns = checker.registry.deadline_ns
-        for remote in checker.registry._remotes.values():
-            remote.due = None
-        assert checker.registry.deadline_ns == known_ns
+def test_queries_never_double_events_make_sense_and_memory_is_bounded(steps):
+    world, now_s = World(max_agents=3), 0.0
+    for name, wait_s, values in steps:
+        before_s, now_s = now_s, now_s + wait_s
+        if name == "pause":
+            world.registry.compensate_pause(round(before_s * S), round(now_s * S))
+        elif name == "due":
+            world.call("due", now_s)
+        elif world.asked or name == "hear":
+            getattr(world, name)(now_s, **values)
+        deadline_ns = world.registry.deadline_ns
+        for remote in world.registry._remotes.values():
+            remote.due = None  # it is cached
+        assert world.registry.deadline_ns == deadline_ns
+        querying = [s.agent for s in world.registry.agents() if s.state.query.name == "QUERYING"]
+        assert sorted(querying) == sorted(world.outstanding.values())
+        assert len(world.names) <= 3
+        assert not {"station", "camera", ""} & set(world.names)
 
 
 @given(
     depth=st.integers(6, 12),
     steps=st.lists(st.tuples(st.sampled_from("abcde"), st.booleans()), max_size=80),
 )
-def test_whoever_hears_only_the_last_events_knows_all_agents_that_are_there(depth, steps):
+def test_who_receives_only_the_last_events_knows_all_present_agents(depth, steps):
     history, published, present = History(depth), [], {}
     for agent, there in steps:
         present[agent] = there
@@ -386,47 +284,35 @@ def test_whoever_hears_only_the_last_events_knows_all_agents_that_are_there(dept
             news = history.published(news)
             news = news if news is not None and present[news] else None
     heard = dict(published[-depth:])
-    assert {a for a, there in heard.items() if there} == {
-        a for a, there in present.items() if there
-    }
+    assert {a for a in heard if heard[a]} == {a for a in present if present[a]}
 
 
-A, B, C = b"a", b"b", b"c"
+def descriptions(*given_, **limits):
+    """Published descriptions of go2 by publishers, with their incarnations and revisions."""
+    found = PublishedDescriptions(Limits(**limits))
+    for gid, agent, incarnation, revision in given_:
+        version = {"incarnation": incarnation, "revision": revision}
+        message = AgentDescription().to_message(agent, **version, stamp_ns=0)
+        assert found.receive(serialize(message), gid, now_ns=0) is None
+    return found
 
 
-def said(agent, incarnation=1, revision=0):
-    return SimpleNamespace(agent=agent, incarnation=incarnation, revision=revision)
+def version_of(found, wanted=(1, 0), there=b"abc"):
+    metadata = found.find("go2", wanted, lambda gid: gid in there)
+    return metadata and (metadata.incarnation, metadata.revision)
 
 
-def of(offers, wanted=(1, 0), there=(A, B, C)):
-    return offers.of("go2", wanted, lambda publisher: publisher in there)
+def test_a_published_description_counts_from_the_wanted_revision_on_and_from_one_publisher_alone():
+    found = descriptions((b"b", "other", 1, 0), (b"a", "go2", 1, 0), (b"a", "go2", 1, 1))
+    wanted = [(0, 9), (1, 0), (1, 1), (1, 2), (2, 0)]
+    assert [version_of(found, each) for each in wanted] == [(1, 1)] * 3 + [None] * 2
+    found = descriptions((b"a", "go2", 2, 0), (b"b", "go2", 1, 0))
+    assert [version_of(found, there=there) for there in (b"ab", b"b", b"")] == [None, (1, 0), None]
 
 
-def test_the_only_speaker_is_believed_from_the_wanted_revision_on():
-    offers = Offers(Limits())
-    assert of(offers) is None
-    offers.take(said("other"), B)
-    for revision in (0, 1):
-        offers.take(said("go2", revision=revision), A)
-    asked = [(0, 9), (1, 0), (1, 1), (1, 2), (2, 0)]
-    assert [wanted for wanted in asked if of(offers, wanted)] == asked[:3]
-
-
-def test_of_two_speakers_neither_is_believed_until_one_has_gone():
-    offers = Offers(Limits())
-    offers.take(said("go2", 2), A)
-    offers.take(said("go2"), B)
-    assert of(offers) is None
-    assert of(offers, there=(B,)).incarnation == 1
-    assert of(offers, there=()) is None
-
-
-def test_floods_large_ones_and_many_speakers_are_bounded():
-    offers = Offers(Limits(max_agents=2, burst=3, beats_per_s=1, max_metadata_bytes=100))
-    given = [offers.heard(size, A, now_ns=0) for size in (100, 101, 1, 1)]
-    assert given == [None, Refusal.MALFORMED, None, Refusal.FLOOD]
-    assert offers.heard(1, A, now_ns=10**9) is None
-    for publisher in (A, B, C):
-        offers.take(said("go2", revision=ord(publisher)), publisher)
-    assert of(offers, there=(A,)) is None, "the first one was forgotten"
-    assert of(offers, there=(C,)).revision == ord(C)
+def test_published_descriptions_are_limited_in_rate_size_and_number():
+    found = descriptions(*((gid, "go2", 1, gid[0]) for gid in (b"a", b"b", b"c")), max_agents=2)
+    assert [version_of(found, there=there) for there in (b"a", b"c")] == [None, (1, ord("c"))]
+    found = PublishedDescriptions(Limits(burst=3, beats_per_s=1, max_metadata_bytes=100))
+    given_ = [found.receive(bytes(size), b"a", now_ns=0) for size in (101, 3, 1, 1)]
+    assert given_ == [Refusal.MALFORMED] * 3 + [Refusal.FLOOD]

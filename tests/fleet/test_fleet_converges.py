@@ -21,7 +21,7 @@ from sfglab.component import argument_of
 from sfglab.fleet.agent.app import SupervisorConfig
 from sfglab.fleet.agent.plan import AgentConfig, plan
 from sfglab.fleet.decoder.streams import routes_of_topic
-from sfglab.fleet.discovery.registry import Timing as DiscoveryTiming
+from sfglab.fleet.discovery.config import Timing as DiscoveryTiming
 from sfglab.fleet.status.description import SensorDescription, StreamDescription
 from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.lab.testbed import Testbed

@@ -6,7 +6,6 @@ import math
 import os
 import subprocess
 import sys
-from functools import partial
 from statistics import mean
 
 import pytest
@@ -286,11 +285,14 @@ def test_every_routed_agent_finds_all_others_by_two_endpoints_for_each_ordered_p
     assert outcome.announced == pytest.approx(6 * 4 + 2 * 6 * 5, rel=0.2)
 
 
-def test_where_descriptions_are_offered_an_agent_has_five_endpoints_however_many_there_are(
+def test_where_descriptions_are_published_an_agent_has_five_endpoints_however_many_there_are(
     monkeypatch,
 ):
     for name in ("StatusSettings", "DiscoverySettings"):
-        monkeypatch.setattr(world, name, partial(getattr(world, name), offers=True))
+        settings = getattr(world, name)
+        monkeypatch.setattr(
+            world, name, lambda agent, settings=settings, **_: settings(agent=agent)
+        )
     for agents in (6, 12):
         outcome = world.run_fleet(Fleet(mode=ROUTED, agents=agents))
         assert outcome.announced == 5 * agents

@@ -16,15 +16,15 @@ from sfglab.domains import MAX_DOMAIN
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.agent.supervision import Component
 from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
+from sfglab.fleet.discovery.config import Timing as DiscoveryTiming
 from sfglab.fleet.discovery.listener import discovery_topic
-from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
-from sfglab.fleet.discovery.registry import Timing as DiscoveryTiming
 from sfglab.fleet.gop_cache import KeeperConfig
 from sfglab.fleet.policy import TABLE_1, ForwardRule
 from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.status.config import StatusConfig, StatusSettings
 from sfglab.fleet.status.description import AgentDescription, SensorDescription
 from sfglab.fleet.status.heartbeat import Schedule
-from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.machine import ProcessTiming
 from sfglab.names import SHARED_FRAMES
 
@@ -59,8 +59,9 @@ class AgentConfig:
     #: Whether ROS 2's tools list what its decoder could decode and its router could open. In the global domain
     #: it costs 0.6 kB for each topic and other agent, once.
     offers: bool = True
-    #: Whether it offers its description on a topic and reads what others offer; else it is asked, and asks.
-    describes: bool = False
+    #: Whether descriptions are published on a topic and read there. If false, each agent queries the paper's
+    #: metadata service of each other agent.
+    published_descriptions: bool = True
     #: How ROS 2's tools read what its router and its decoder were told: over "dds" (rmw_cyclonedds), by "ros"
     #: (rmw_fastrtps, with a ROS 2 here), or not at all: twelve endpoints for each.
     parameters: Way | None = None
@@ -122,14 +123,16 @@ def _status(config: AgentConfig) -> StatusConfig:
         agent=config.agent,
         description=description,
         schedule=config.schedule,
-        offers=config.describes,
+        publish_description=config.published_descriptions,
     )
     return StatusConfig(address=config.local, settings=settings, detect=config.detect)
 
 
 def _discoverer(config: AgentConfig) -> DiscoveryConfig:
     settings = DiscoverySettings(
-        agent=config.agent, timing=config.discovery, offers=config.describes
+        agent=config.agent,
+        timing=config.discovery,
+        use_published_descriptions=config.published_descriptions,
     )
     return DiscoveryConfig(address=config.local, settings=settings)
 
@@ -179,7 +182,7 @@ def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
         shared_frames=spec.tf.shared_frames,
         placed_by_others=spec.tf.placed_by_others,
         offers=fleet.offers,
-        describes=fleet.descriptions == "offered",
+        published_descriptions=fleet.descriptions == "published",
     )
     return config if spec.lifecycle else without(config, ("status", "discoverer"))
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind, Transport
 from sfglab.codecs.errors import MAX_PIXELS
 from sfglab.errors import SfglabError
-from sfglab.fleet.discovery.screening import admitted
+from sfglab.fleet.discovery.validation import validated_metadata
 from sfglab.fleet.gop_cache import FFMPEG_PACKET, replay_topic
 from sfglab.machine import ProcessLife, ProcessTiming
 from sfglab.names import FqnError, Resource, RosFqn, Scope, parse
@@ -83,7 +83,7 @@ def routes_of_topic(topic: str) -> tuple[Route, Route]:
 
 def routes_of_agent(metadata: Any) -> tuple[tuple[Route, ...], tuple[SfglabError, ...]]:
     """Return the routes of all streams that an ``AgentMetadata`` lists, and what is wrong with the others."""
-    metadata, refused = admitted(metadata)
+    metadata, refused = validated_metadata(metadata)
     routes: dict[str, Route] = {}
     errors: list[SfglabError] = list(refused)
     for stream in (s for sensor in metadata.sensors for s in sensor.streams):

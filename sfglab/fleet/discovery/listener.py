@@ -1,7 +1,7 @@
-"""The consumer's side of discovery events: which remote agents there are, folded from what the discoverer says.
+"""Consumer's side of discovery events: the remote agents that are present, from a discoverer's events.
 
-`KnownAgents` survives a discoverer that crashed and was started again. Pure: the caller passes messages, the
-publisher's gid and `now_ns`.
+`KnownAgents` handles a discoverer that crashed and was restarted. It has no clock and no endpoints: the caller
+passes events, the publisher's GID and `now_ns`.
 """
 
 from __future__ import annotations
@@ -20,18 +20,22 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
 
 
-DISCOVERY_EVENT = "sfglab_interfaces/msg/AgentDiscoveryEvent"  #: The type of discovery events.
+DISCOVERY_EVENT = "sfglab_interfaces/msg/AgentDiscoveryEvent"  #: Type of discovery events.
 
-HISTORY = 1000  #: How many discovery events a consumer that comes late still hears.
+HISTORY = 1000  #: Number of discovery events that a late joiner receives.
 
 DISCOVERY_QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=HISTORY)
-"""What the discoverer offers and a consumer should request."""
+"""QoS of the discoverer's publisher, which consumers should request."""
 
-_NOBODY = bytes(16)  # the gid of a publisher that was gone before its event was read
+_UNKNOWN_GID = bytes(16)  # of a publisher that left before its event was read
 
 
 def discovery_topic(agent: str) -> str:
-    """Return where an agent's discoverer publishes (paper A, 4.2); `FqnError` if no agent can bear the name."""
+    """Return the topic of an agent's discoverer: paper A, section 4.2.
+
+    Raises:
+        FqnError: The name is invalid for an agent.
+    """
     return str(
         RosFqnBuilder()
         .scope(Scope.LOCAL)
@@ -43,50 +47,51 @@ def discovery_topic(agent: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Offered:
-    """An agent is there, and this is what it offers from now on."""
+    """An agent is present, and this is its current description."""
 
-    agent: str  #: Its name.
-    metadata: Any  #: Its description, a ``sfglab_interfaces/msg/AgentMetadata``.
+    agent: str  #: Name of the agent.
+    metadata: Any  #: Description of the agent, a ``sfglab_interfaces/msg/AgentMetadata``.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Withdrawn:
-    """An agent is not there any more."""
+    """An agent is no longer present."""
 
-    agent: str  #: Its name.
+    agent: str  #: Name of the agent.
 
 
 Change = Offered | Withdrawn
 
 
 class KnownAgents:
-    """The remote agents that are there now.
+    """The remote agents that are present.
 
-    An event of a new publisher means that the discoverer was started again: agents that it does not announce
-    within a grace period, which covers hearing the last heartbeats and asking, are withdrawn.
+    An event from a new publisher means that the discoverer was restarted. Agents that it does not announce
+    within a grace period are withdrawn. The grace period covers the latched heartbeats and the queries.
     """
 
     def __init__(self, *, grace_ns: int = 10_000_000_000) -> None:
-        self.deadline_ns: int | None = None  #: When `expire` has to be called; None: no wait.
+        self.deadline_ns: int | None = None  #: Time at which `expire` must be called, or None.
         self._grace_ns = grace_ns
-        self._publisher = _NOBODY
+        self._publisher = _UNKNOWN_GID
         self._predecessors: set[bytes] = set()
         self._metadata: dict[str, Any] = {}
         self._unconfirmed: set[str] = set()
 
     @property
     def agents(self) -> Mapping[str, Any]:
-        """The descriptions of the agents that are there, by name."""
+        """Descriptions of the present agents by name."""
         return dict(self._metadata)
 
     def feed(self, event: Any, publisher_gid: bytes, *, now_ns: int) -> Change | None:
-        """Take an ``AgentDiscoveryEvent`` and its publisher; return what changed.
+        """Process an ``AgentDiscoveryEvent`` and return the change.
 
-        None when the event says what is known, or comes from a discoverer that has since been replaced.
+        Returns:
+            None if the event contains no news, or is from a discoverer that has been replaced.
         """
         if publisher_gid in self._predecessors:
             return None
-        if publisher_gid not in (self._publisher, _NOBODY):
+        if publisher_gid not in (self._publisher, _UNKNOWN_GID):
             self._replace_publisher(publisher_gid, now_ns)
         self._unconfirmed.discard(event.agent)
         if not self._unconfirmed:
@@ -100,7 +105,7 @@ class KnownAgents:
         return Offered(agent=event.agent, metadata=event.metadata)
 
     def expire(self, now_ns: int) -> tuple[Withdrawn, ...]:
-        """Withdraw what a new discoverer has not announced within the grace period, if that is over."""
+        """Withdraw the agents that a new discoverer did not announce, if the grace period is over."""
         if self.deadline_ns is None or now_ns < self.deadline_ns:
             return ()
         gone, self._unconfirmed, self.deadline_ns = sorted(self._unconfirmed), set(), None
@@ -109,7 +114,7 @@ class KnownAgents:
         return tuple(Withdrawn(agent=agent) for agent in gone)
 
     def _replace_publisher(self, gid: bytes, now_ns: int) -> None:
-        if self._publisher != _NOBODY:
+        if self._publisher != _UNKNOWN_GID:
             self._predecessors.add(self._publisher)
         self._publisher = gid
         self._unconfirmed = set(self._metadata)
@@ -117,7 +122,7 @@ class KnownAgents:
 
 
 async def agent_changes(node: Node, topic: str) -> AsyncIterator[Change]:
-    """Yield every change of what remote agents offer on a discoverer's topic, what it said before first."""
+    """Subscribe to a discoverer's topic and yield all changes, those before the subscription first."""
     known = KnownAgents()
     with closing(
         node.create_subscription(DISCOVERY_EVENT, topic, qos=DISCOVERY_QOS)

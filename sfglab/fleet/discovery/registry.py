@@ -1,18 +1,19 @@
-"""Registry of all remote agents: which input a heartbeat or an answer is, and when time is one.
+"""Registry of all remote agents: it turns heartbeats, answers and deadlines into inputs of their life cycles.
 
-Pure: the caller passes what was heard and `now_ns`, and carries out what is returned. A start of an agent is
-told from another by its incarnation, which grows; an older one is believed only when the newer one is lost, for
-a robot's clock may have been set back. A claim counts when the agent's service has answered so (`sources`).
+The registry has no clock and no endpoints: the caller passes `now_ns` and executes the returned orders. The
+incarnation identifies one run of an agent, and grows. An older incarnation is accepted only after the newer one
+is lost, because a robot's clock may have been set back. A claimed incarnation counts once the agent has answered
+with it (`speakers`).
 """
 
 from __future__ import annotations
 
 import itertools
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fields import between, check_bounds
+from sfglab.fleet.discovery.config import Timing
 from sfglab.fleet.discovery.lifecycle import (
     ANNOUNCEMENTS,
     TRANSITIONS,
@@ -23,8 +24,14 @@ from sfglab.fleet.discovery.lifecycle import (
     QueryState,
     State,
 )
-from sfglab.fleet.discovery.screening import Bucket, Limits, Refusal, Screen
-from sfglab.fleet.discovery.sources import Source, Sources
+from sfglab.fleet.discovery.speakers import Source, Speakers
+from sfglab.fleet.discovery.validation import (
+    Limits,
+    Rates,
+    Refusal,
+    TokenBucket,
+    is_valid_heartbeat,
+)
 from sfglab.fleet.status.description import MAX_TEXT
 from sfglab.machine import BackOff
 
@@ -33,115 +40,96 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.status.heartbeat import Heartbeat
 
+_Version = tuple[int, int]  # incarnation and revision of an agent's description
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Timing:
-    """How long a discoverer waits for what."""
-
-    #: Announced periods without a heartbeat: an agent is lost.
-    missed: float = between(3.0, without=(0,))
-    slack_ns: int = between(500_000_000, without=(0,))  #: Time on top of that, for the network.
-    #: Wait after the first failed query; it doubles with each further one.
-    backoff_ns: int = between(250_000_000, without=(0,))
-    #: The longest wait between queries.
-    backoff_max_ns: int = between(10_000_000_000, without=(0,))
-    forget_ns: int = between(600_000_000_000, without=(0,))  #: How long a lost agent is remembered.
-
-    def __post_init__(self) -> None:
-        check_bounds(self, "discovery, ")
+_USELESS = frozenset(state for state, given in TRANSITIONS if given is Input.EXPIRED)
+_CLAIMS_PER_S = 0.1  # claims of another incarnation that cause a query, on average
+_CLAIMS_BURST = 5  # the same at once
+_MAX_DOUBTS = 3  # failed queries after which only trusted sources keep an agent alive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """What the caller has to do about an agent: ask it, give that up, or tell local consumers of it."""
+    """Order to the caller: start or abandon a query, or announce an event."""
 
-    action: Action  #: What; one that is an announcement names the event.
-    agent: str  #: Whom to ask, or of whom to tell.
-    #: Which query, for `Registry.answered` or `failed`; no two are the same.
-    query: int | None = None
-    incarnation: int = 0  #: Which start of the agent the description is from.
-    metadata: Any = None  #: Its last known description.
-    publisher: bytes = b""  #: Who was heard, when an agent has to be asked.
-    failures: int = 0  #: How many queries of it have failed since one was answered.
-    #: Which incarnation and revision it said to be, when it has to be asked.
-    wanted: tuple[int, int] = (0, 0)
+    action: Action  #: `QUERY`, `ABANDON` or an announcement, whose name is the event's.
+    agent: str  #: The agent that is queried or announced.
+    query: int | None = None  #: Unique number of the query; None for an announcement.
+    incarnation: int = 0  #: Incarnation of the announced description.
+    metadata: Any = None  #: The announced description.
+    failures: int = 0  #: Failed queries of the agent since the last answer.
+    wanted: _Version = (0, 0)  #: Oldest incarnation and revision that answer a query.
 
     @property
     def event(self) -> str:
-        """The event, by the name of a constant of ``AgentDiscoveryEvent``."""
+        """The event, as the name of a constant of ``AgentDiscoveryEvent``."""
         return self.action.name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """A transition that was taken."""
+    """Transition that was taken."""
 
-    agent: str  #: Whose.
-    before: State  #: State before.
+    agent: str  #: Name of the agent.
+    before: State  #: State before the transition.
     given: Input  #: Input.
-    after: State  #: State after.
-    actions: tuple[Action, ...]  #: What was done.
+    after: State  #: State after the transition.
+    actions: tuple[Action, ...]  #: Actions.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentStatus:
-    """One remote agent as the registry sees it."""
+    """Status of one remote agent."""
 
-    agent: str  #: Its name.
-    state: State  #: Where it stands.
-    incarnation: int  #: Which start of it was heard last.
-    revision: int  #: Which revision of its description was heard last.
-    failures: int  #: Queries that failed since the last one that did not.
-    heard_ns: int  #: When it was heard last, on the caller's clock.
-
-
-_OF_NO_USE = tuple(state for state, given in TRANSITIONS if given is Input.EXPIRED)
-
-
-_CLAIMS_PER_S, _CLAIMS = (
-    0.1,
-    5,
-)  # claims to be another start that are followed, for long and at once
-_DOUBTS = 3  # failed queries after which who was not believed before is no sign of life
-
-
-_Version = tuple[int, int]  #: Incarnation and revision of an agent's description.
+    agent: str  #: Name of the agent.
+    state: State  #: State of its life cycle.
+    incarnation: int  #: Incarnation of the last heartbeat.
+    revision: int  #: Revision of the description in the last heartbeat.
+    failures: int  #: Failed queries since the last answer.
+    heard_ns: int  #: Time of the last heartbeat on the caller's clock.
 
 
 @dataclass(slots=True)
 class _Remote:
-    """What is known of one agent."""
+    """Data about one remote agent."""
 
     life: Lifecycle
     backoff: BackOff
-    wanted: _Version  #: What its heartbeats say that there is to know.
-    claims: Bucket
-    sources: Sources = field(default_factory=Sources)
-    publisher: bytes = b""
-    doubts: int = 0
-    #: What the description is of that was announced; None before the first.
-    held: _Version | None = None
+    claims: TokenBucket
+    wanted: _Version  # newest version in its heartbeats
+    speakers: Speakers = field(default_factory=Speakers)
+    doubts: int = 0  # failed queries since the last answer or loss
+    held: _Version | None = None  # version of the announced description; None before the first one
     metadata: Any = None
-    query: int | None = None  #: The outstanding query.
+    query: int | None = None  # the outstanding query
     heard_ns: int = 0
     retry_ns: int = 0
     expire_ns: int = 0
-    due: list[tuple[int, Input]] | None = None  #: What time will bring; None: to be found out anew.
+    due: list[tuple[int, Input]] | None = None  # cached deadlines; None after a change
 
     @property
-    def silent_ns(self) -> int:
-        held = (
-            self.held[0]
-            if self.held is not None and self.life.state.announced is Announced.PRESENT
-            else None
-        )
-        return self.sources.silent_ns(
-            held, doubted=self.held is not None and self.doubts >= _DOUBTS
-        )
+    def is_present(self) -> bool:
+        return self.life.state.announced is Announced.PRESENT
+
+    def deadlines(self) -> list[tuple[int, Input]]:
+        """Return the times at which inputs are due; the first entry has priority."""
+        if self.due is None:
+            self.due = self._deadlines()
+        return self.due
+
+    def _deadlines(self) -> list[tuple[int, Input]]:
+        if self.life.state is State.LOST:
+            return [(self.expire_ns, Input.EXPIRED)]
+        held = self.held[0] if self.held is not None and self.is_present else None
+        doubted = self.held is not None and self.doubts >= _MAX_DOUBTS
+        due = [(self.speakers.silent_ns(held, doubted=doubted), Input.SILENT)]
+        if self.life.state.query is QueryState.BACKING_OFF:
+            due.append((self.retry_ns, Input.RETRY))
+        return due
 
 
 class Registry:
-    """The agents other than the discoverer's own, and what to do about them; `on_move` hears of transitions."""
+    """All agents except the discoverer's own."""
 
     def __init__(
         self,
@@ -152,137 +140,128 @@ class Registry:
         on_move: Callable[[Move], None] | None = None,
         on_alarm: Callable[[Hashable, str], None] = lambda _key, _sentence: None,
     ) -> None:
-        self._on_alarm = on_alarm
-        self._own = Sources()  # who bears the own agent's name
-        #: How often what happened: ``heard``, ``dropped_<reason>``, ``asked``, ``answered``, ``failed`` (of
-        #: these ``mismatched``: answered with something else), ``abandoned``, ``ignored_answers`` (to queries
-        #: that had been given up), ``evicted``, ``refused_parts`` (of descriptions), ``twins`` (heartbeats of a
-        #: name that is used twice).
+        """Create an empty registry.
+
+        Args:
+            agent: The discoverer's own agent.
+            timing: Timeouts and waits.
+            limits: Limits of the input.
+            on_move: Called after each transition.
+            on_alarm: Called with a warning and a key that equal warnings share.
+        """
+        #: Numbers of events: ``heard``, ``dropped_<reason>``, ``asked``, ``answered``, ``failed`` (among them
+        #: ``mismatched``: another agent or incarnation answered), ``abandoned``, ``ignored_answers`` (to
+        #: abandoned queries), ``evicted``, ``refused_parts`` (of descriptions), ``twins`` (heartbeats of a
+        #: duplicate agent name).
         self.counts: Counter[str] = Counter()
+        self._agent = agent
+        self._own_speakers = Speakers()
+        self._own_newest: tuple[int, bytes] = (-1, b"")  # incarnation and publisher
         self._timing = timing or Timing()
         self._limits = limits or Limits()
-        self._screen = Screen(agent, self._limits)
+        self._rates = Rates(self._limits)
         self._on_move = on_move
+        self._on_alarm = on_alarm
         self._remotes: dict[str, _Remote] = {}
         self._queries = itertools.count(1)
 
     def heard(self, heartbeat: Heartbeat, publisher_gid: bytes, *, now_ns: int) -> list[Order]:
-        """Take a heartbeat, as a value or message that may say anything, and return what has to be done."""
-        refusal = self._screen.check(heartbeat, publisher_gid, now_ns=now_ns)
-        version = heartbeat.incarnation, heartbeat.revision
-        if refusal in (Refusal.OWN, Refusal.SPOOFED):
-            key = publisher_gid, heartbeat.incarnation
-            self._own.note(key, now_ns=now_ns, silent_ns=now_ns, revision=heartbeat.revision)
-            self._tell_twins(heartbeat.agent, self._own)
-        if refusal is not None:
-            return self.refuse(refusal, heartbeat.agent, publisher_gid)
-        remote = self._remotes.get(heartbeat.agent)
-        if remote is None:
-            if not self._make_room():
-                return self.refuse(Refusal.FULL, heartbeat.agent, publisher_gid)
-            claims = Bucket(_CLAIMS_PER_S, _CLAIMS, now_ns)
-            remote = _Remote(Lifecycle(heartbeat.agent), self._fresh_backoff(), version, claims)
-            self._remotes[heartbeat.agent] = remote
-        silent_ns = (
-            now_ns + round(self._timing.missed * heartbeat.period_s * 1e9) + self._timing.slack_ns
-        )
-        key = publisher_gid, heartbeat.incarnation
-        source = remote.sources.note(
-            key, now_ns=now_ns, silent_ns=silent_ns, revision=heartbeat.revision
-        )
+        """Process a heartbeat, or an ``AgentHeartbeat`` with any values, and return orders."""
+        agent = heartbeat.agent
+        if not self._rates.take(publisher_gid, now_ns):
+            return self.refuse(Refusal.FLOOD, agent, publisher_gid)
+        if not is_valid_heartbeat(heartbeat):
+            return self.refuse(Refusal.MALFORMED, agent, publisher_gid)
+        if agent == self._agent:
+            self._record(self._own_speakers, heartbeat, publisher_gid, now_ns)
+            return self.refuse(self._own_refusal(heartbeat, publisher_gid), agent, publisher_gid)
+        if agent not in self._remotes and not self._add(heartbeat, now_ns):
+            return self.refuse(Refusal.FULL, agent, publisher_gid)
+        remote = self._remotes[agent]
+        source = self._record(remote.speakers, heartbeat, publisher_gid, now_ns)
         remote.due = None
-        self._tell_twins(heartbeat.agent, remote.sources)
+        version = heartbeat.incarnation, heartbeat.revision
         given = _input_of(version, remote, source, now_ns)
         if isinstance(given, Refusal):
             source.trust = False
-            return self.refuse(given, heartbeat.agent, publisher_gid)
+            return self.refuse(given, agent, publisher_gid)
         self.counts["heard"] += 1
+        remote.heard_ns = now_ns
         if given is Input.RESTARTED:
-            remote.backoff = self._fresh_backoff()
-        if given is not Input.HEARD and not source.trust:
-            source.trust = None  # it is being asked about
+            remote.backoff = self._new_backoff()
         if given is Input.RESTARTED or version > remote.wanted:
             remote.wanted = version
-        remote.heard_ns, remote.publisher = now_ns, publisher_gid
-        return self._feed(heartbeat.agent, given, now_ns)
+        if given is not Input.HEARD and not source.trust:
+            source.trust = None  # a query is under way
+        return self._feed(agent, given, now_ns)
 
-    def refuse(self, why: Refusal, agent: str = "", publisher: bytes = b"") -> list[Order]:
-        """Count a heartbeat that does not count otherwise; nothing has to be done."""
+    def refuse(self, why: Refusal, agent: str = "", publisher_gid: bytes = b"") -> list[Order]:
+        """Count a dropped heartbeat and return no orders."""
         self.counts[f"dropped_{why.value}"] += 1
         if why not in (Refusal.OWN, Refusal.STALE):
-            who = f"{agent[:MAX_TEXT]!r}, by {publisher.hex() or 'somebody'}"
-            self._on_alarm((why, publisher), f"a heartbeat of {who}, does not count: {why.value}")
+            publisher = publisher_gid.hex() or "an unknown publisher"
+            sentence = f"dropped a heartbeat of agent {agent[:MAX_TEXT]!r} from {publisher}"
+            self._on_alarm((why, publisher_gid), f"{sentence}: {why.value}")
         return []
 
-    def _tell_twins(self, agent: str, sources: Sources) -> None:
-        """Say that an agent's name is used twice at once."""
-        if twins := sources.twins():
-            self.counts["twins"] += 1
-            who = " and ".join(
-                f"{publisher.hex()} (start {start})" for publisher, start in twins[:2]
-            )
-            said = (
-                f"two speak for agent {agent!r} at once, {who}: its name is used twice, or spoofed"
-            )
-            self._on_alarm(("twins", agent), said)
-
     def answered(self, agent: str, query: int, metadata: Any, *, now_ns: int) -> list[Order]:
-        """Take the ``AgentMetadata``, which may say anything, that answers a query of an order."""
-        remote = self._asked(agent, query)
+        """Process the answer to a query, an ``AgentMetadata`` with any values, and return orders."""
+        remote = self._queried(agent, query)
         if remote is None:
             return []
         version = metadata.incarnation, metadata.revision
-        if metadata.agent != agent or not remote.sources.says(*version):
+        if metadata.agent != agent or not remote.speakers.is_claimed(*version):
             self.counts["mismatched"] += 1
             return self.failed(agent, query, now_ns=now_ns)
-        anew, again = (
-            remote.held is not None and remote.held[0] != version[0],
-            remote.held == version,
-        )
-        remote.sources.answered(*version)
-        remote.held, remote.wanted, remote.doubts = version, version, 0
-        remote.metadata, remote.query = metadata, None
-        remote.backoff = self._fresh_backoff()
         self.counts["answered"] += 1
-        orders = self._feed(agent, Input.ANSWERED_ANEW if anew else Input.ANSWERED, now_ns)
-        return [order for order in orders if not (again and order.action is Action.UPDATED)]
+        before = remote.held
+        remote.speakers.confirm(*version)
+        remote.held = remote.wanted = version
+        remote.metadata, remote.query, remote.doubts = metadata, None, 0
+        remote.backoff = self._new_backoff()
+        if before is not None and before[0] != version[0]:
+            return self._feed(agent, Input.ANSWERED_ANEW, now_ns)
+        orders = self._feed(agent, Input.ANSWERED, now_ns)
+        if before == version:  # a source was confirmed, and the description is the same
+            orders = [order for order in orders if order.action is not Action.UPDATED]
+        return orders
 
     def failed(self, agent: str, query: int, *, now_ns: int) -> list[Order]:
-        """Take it that a query failed or was not answered in time; see `answered`."""
-        remote = self._asked(agent, query)
+        """Process the failure or the timeout of a query, and return orders."""
+        remote = self._queried(agent, query)
         if remote is None:
             return []
-        remote.query, remote.doubts = None, remote.doubts + 1
         self.counts["failed"] += 1
+        remote.query = None
+        remote.doubts += 1
         return self._feed(agent, Input.FAILED, now_ns)
 
     def due(self, now_ns: int) -> list[Order]:
-        """Do what time brings, and return what has to be done."""
+        """Process the deadlines that have passed, and return orders."""
         orders: list[Order] = []
         for agent, remote in list(self._remotes.items()):
-            given = next((given for at_ns, given in _deadlines(remote) if now_ns >= at_ns), None)
-            doubted = (
-                remote.doubts >= _DOUBTS or remote.life.state.announced is not Announced.PRESENT
-            )
-            if given is Input.SILENT and not doubted and remote.sources.outlive(now_ns):
-                given = Input.CHANGED  # the others have to prove that it is there
+            given = next((given for at_ns, given in remote.deadlines() if at_ns <= now_ns), None)
+            can_prove = remote.is_present and remote.doubts < _MAX_DOUBTS
+            if given is Input.SILENT and can_prove and remote.speakers.drop_silent(now_ns):
+                given = Input.CHANGED  # the remaining sources must prove that the agent is present
             if given is not None:
                 orders += self._feed(agent, given, now_ns)
         return orders
 
-    def overslept(self, since_ns: int, now_ns: int) -> None:
-        """Count nothing of the time in which the caller itself stood still as an agent's silence."""
+    def compensate_pause(self, since_ns: int, now_ns: int) -> None:
+        """Do not count a pause of the caller's own process as silence of the agents."""
         for remote in self._remotes.values():
-            remote.sources.overslept(since_ns, now_ns)
+            remote.speakers.compensate_pause(since_ns, now_ns)
             remote.due = None
 
     @property
     def deadline_ns(self) -> int | None:
-        """When `due` has to be called, on the caller's clock; None while nothing is waited for."""
-        return min((d for r in self._remotes.values() for d, _ in _deadlines(r)), default=None)
+        """Time at which `due` must be called, on the caller's clock; None if nothing is due."""
+        deadlines = [at_ns for r in self._remotes.values() for at_ns, _ in r.deadlines()]
+        return min(deadlines, default=None)
 
     def agents(self) -> tuple[AgentStatus, ...]:
-        """Return all remote agents that are kept track of, by name."""
+        """Return the status of all agents in the table, sorted by name."""
         return tuple(
             AgentStatus(
                 agent=agent,
@@ -296,25 +275,61 @@ class Registry:
         )
 
     def announcement(self, agent: str) -> Order | None:
-        """Return the news of an agent that is there, for those who have not heard of it; None if it is not."""
+        """Return the event that announces an agent to late joiners; None if it is not present."""
         remote = self._remotes.get(agent)
-        if remote is None or remote.life.state.announced is not Announced.PRESENT:
+        if remote is None or not remote.is_present:
             return None
-        return _order(Action.DISCOVERED, agent, remote)
+        return _order_for(Action.DISCOVERED, agent, remote)
 
-    def _make_room(self) -> bool:
-        """Evict who has been silent longest of those that are no use to anybody, if there is no place."""
-        if len(self._remotes) < self._limits.max_agents:
-            return True
-        idle = [agent for agent, remote in self._remotes.items() if remote.life.state in _OF_NO_USE]
-        if not idle:
-            return False
-        oldest = min(idle, key=lambda agent: self._remotes[agent].heard_ns)
-        self.counts["evicted"] += 1
-        self._feed(oldest, Input.EXPIRED, self._remotes[oldest].heard_ns)
+    def _own_refusal(self, heartbeat: Heartbeat, publisher_gid: bytes) -> Refusal:
+        """Return `OWN` for the newest incarnation of the own agent, and `SPOOFED` for others."""
+        if heartbeat.incarnation > self._own_newest[0]:
+            self._own_newest = heartbeat.incarnation, publisher_gid
+        return Refusal.OWN if publisher_gid == self._own_newest[1] else Refusal.SPOOFED
+
+    def _record(
+        self, speakers: Speakers, heartbeat: Heartbeat, publisher_gid: bytes, now_ns: int
+    ) -> Source:
+        """Record the source of a heartbeat, and warn if the agent's name is used twice."""
+        period_ns = round(self._timing.missed * heartbeat.period_s * 1e9)
+        source = speakers.record(
+            (publisher_gid, heartbeat.incarnation),
+            now_ns=now_ns,
+            silent_ns=now_ns + period_ns + self._timing.slack_ns,
+            revision=heartbeat.revision,
+        )
+        sources = speakers.conflicting_sources()
+        if sources:
+            self.counts["twins"] += 1
+            names = [f"{gid.hex()} (incarnation {claimed})" for gid, claimed in sources[:2]]
+            sentence = (
+                f"two publishers send heartbeats of agent {heartbeat.agent!r} at once, "
+                f"{' and '.join(names)}: its name is used twice, or spoofed"
+            )
+            self._on_alarm(("twins", heartbeat.agent), sentence)
+        return source
+
+    def _add(self, heartbeat: Heartbeat, now_ns: int) -> bool:
+        """Add an agent to the table, and return whether there is a place.
+
+        In a full table it takes the place of the agent that is lost, or never answered, and was silent longest.
+        """
+        if len(self._remotes) >= self._limits.max_agents:
+            useless = [a for a, remote in self._remotes.items() if remote.life.state in _USELESS]
+            if not useless:
+                return False
+            oldest = min(useless, key=lambda agent: self._remotes[agent].heard_ns)
+            self.counts["evicted"] += 1
+            self._feed(oldest, Input.EXPIRED, now_ns)
+        self._remotes[heartbeat.agent] = _Remote(
+            life=Lifecycle(heartbeat.agent),
+            backoff=self._new_backoff(),
+            claims=TokenBucket(_CLAIMS_PER_S, _CLAIMS_BURST, now_ns),
+            wanted=(heartbeat.incarnation, heartbeat.revision),
+        )
         return True
 
-    def _asked(self, agent: str, query: int) -> _Remote | None:
+    def _queried(self, agent: str, query: int) -> _Remote | None:
         remote = self._remotes.get(agent)
         if remote is None or remote.query != query:
             self.counts["ignored_answers"] += 1
@@ -323,82 +338,74 @@ class Registry:
 
     def _feed(self, agent: str, given: Input, now_ns: int) -> list[Order]:
         remote = self._remotes[agent]
-        before, remote.due = remote.life.state, None
+        before = remote.life.state
+        remote.due = None
         actions = remote.life.feed(given)
+        after = remote.life.state
         if self._on_move is not None:
-            move = Move(
-                agent=agent, before=before, given=given, after=remote.life.state, actions=actions
-            )
+            move = Move(agent=agent, before=before, given=given, after=after, actions=actions)
             self._on_move(move)
-        if remote.life.state is State.LOST and before is not State.LOST:
-            # Whoever comes back is compared with what consumers know, not with what was being asked for.
+        if after is State.LOST and before is not State.LOST:
+            # An agent that comes back is compared with the announced version, not with the queried one.
             assert remote.held is not None
             remote.wanted, remote.doubts = remote.held, 0
             remote.expire_ns = now_ns + self._timing.forget_ns
-        orders = [self._order(action, agent, remote, now_ns) for action in actions]
-        return [order for order in orders if order is not None]
+        orders: list[Order] = []
+        for action in actions:
+            if action is Action.BACK_OFF:
+                remote.retry_ns = now_ns + remote.backoff.next_ns(0)
+            elif action is Action.FORGET:
+                del self._remotes[agent]
+            else:
+                orders.append(self._order(action, agent, remote))
+        return orders
 
-    def _order(self, action: Action, agent: str, remote: _Remote, now_ns: int) -> Order | None:
-        """Return an action as an order to the caller; None for what is done here."""
-        if action is Action.BACK_OFF:
-            remote.retry_ns = now_ns + remote.backoff.next_ns(0)
-            return None
-        if action is Action.FORGET:
-            del self._remotes[agent]
-            return None
+    def _order(self, action: Action, agent: str, remote: _Remote) -> Order:
+        """Return an order, and keep track of the outstanding query."""
         if action is Action.QUERY:
             self.counts["asked"] += 1
             remote.query = next(self._queries)
-        order = _order(action, agent, remote)
+        order = _order_for(action, agent, remote)
         if action is Action.ABANDON:
             self.counts["abandoned"] += 1
             remote.query = None
         return order
 
-    def _fresh_backoff(self) -> BackOff:
+    def _new_backoff(self) -> BackOff:
         timing = self._timing
         return BackOff(first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=1)
 
 
 def _input_of(version: _Version, remote: _Remote, source: Source, now_ns: int) -> Input | Refusal:
-    """Return which input a heartbeat is, or why it is none: it claims a start that nobody has to believe."""
+    """Return the input that a heartbeat is, or why its claim is not followed."""
     state, wanted = remote.life.state, remote.wanted
-    idle = state.query is QueryState.NONE and remote.held is not None
+    is_idle = state.query is QueryState.NONE and remote.held is not None
     if version[0] == wanted[0]:
         if version[1] > wanted[1]:
-            refused = idle and not source.trust and not remote.claims.take(now_ns)
-            return Refusal.CLAIMED if refused else Input.CHANGED
-        known = source.trust if state is State.LOST else remote.sources.believed()
-        return Input.CHANGED if idle and not known else Input.HEARD
+            is_refused = is_idle and not source.trust and not remote.claims.take(now_ns)
+            return Refusal.CLAIMED if is_refused else Input.CHANGED
+        is_trusted = source.trust if state is State.LOST else remote.speakers.any_trusted()
+        return Input.CHANGED if is_idle and not is_trusted else Input.HEARD
     if remote.held is not None and version[0] == remote.held[0]:
-        return Input.HEARD  # another start is being asked about, and this one is still there
+        return Input.HEARD  # another incarnation is being queried, and this one is still present
     if version[0] < wanted[0] and state.announced is not Announced.LOST:
-        return Refusal.STALE if state.announced is Announced.PRESENT else Input.HEARD
+        return Refusal.STALE if remote.is_present else Input.HEARD
     if remote.claims.take(now_ns):
         return Input.RESTARTED
     return Input.HEARD if state.announced is Announced.NOTHING else Refusal.CLAIMED
 
 
-def _deadlines(remote: _Remote) -> list[tuple[int, Input]]:
-    """Return what time will bring to an agent, and when; asked of all agents whenever one is heard."""
-    if remote.due is None:
-        state, lost = remote.life.state, [(remote.expire_ns, Input.EXPIRED)]
-        remote.due = lost if state is State.LOST else [(remote.silent_ns, Input.SILENT)]
-        remote.due += (
-            [(remote.retry_ns, Input.RETRY)] if state.query is QueryState.BACKING_OFF else []
-        )
-    return remote.due
-
-
-def _order(action: Action, agent: str, remote: _Remote) -> Order:
+def _order_for(action: Action, agent: str, remote: _Remote) -> Order:
     if action in ANNOUNCEMENTS:
         assert remote.held is not None
-        return Order(
-            action=action, agent=agent, incarnation=remote.held[0], metadata=remote.metadata
-        )
-    order = Order(action=action, agent=agent, query=remote.query)
-    if action is not Action.QUERY:
-        return order
-    return replace(
-        order, publisher=remote.publisher, failures=remote.backoff.failures, wanted=remote.wanted
+        incarnation = remote.held[0]
+        return Order(action=action, agent=agent, incarnation=incarnation, metadata=remote.metadata)
+    if action is Action.ABANDON:
+        return Order(action=action, agent=agent, query=remote.query)
+    return Order(
+        action=action,
+        agent=agent,
+        query=remote.query,
+        failures=remote.backoff.failures,
+        wanted=remote.wanted,
     )

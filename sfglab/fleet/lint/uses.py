@@ -195,7 +195,7 @@ def _lifecycle(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
         yield _use(
             agent, heartbeat_topic(), AGENT_HEARTBEAT, speaks=speaks, qos=LATCHED, implied=True
         )
-        if fleet.descriptions == "offered":
+        if fleet.descriptions == "published":
             yield _use(
                 agent, metadata_topic(), AGENT_METADATA, speaks=speaks, qos=LATCHED, implied=True
             )

@@ -1,1 +1,1 @@
-"""Status of an agent: heartbeats and a description for whoever asks. Paper A, section 4.2."""
+"""Status of an agent: heartbeats and a description for other agents. Paper A, section 4.2."""

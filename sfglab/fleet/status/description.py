@@ -1,6 +1,7 @@
-"""Description of an agent: its sensors and their streams, accelerators and software, as frozen values.
+"""Description of an agent: sensors with their streams, accelerators and software, as frozen values.
 
-Knows the naming schema, the metadata messages, what a stream may say of itself, and how hardware is found.
+The module checks which names and values an agent's description may contain, converts descriptions to messages,
+and detects the accelerators and the software.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sfglab import __version__
 from sfglab.errors import SfglabError
@@ -16,49 +17,46 @@ from sfglab.fleet.status.heartbeat import AGENT_METADATA
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import FqnError, Scope, parse, validate_ros_name
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-#: What a stream may say that it is coded by.
+#: Allowed codecs of a stream; empty: not stated.
 CODECS = ("", "h264", "hevc", "jpeg", "png", "rvl")
-MAX_EDGE = 16_384  #: Most pixels that a stream may say that its images are wide or high.
-MAX_RATE_HZ = 10_000.0  #: Most messages per second that a stream may say that it has.
-MAX_TEXT = 255  #: Longest name or line for people, in characters.
+MAX_EDGE = 16_384  #: Largest width and height of a stream's images, pixels.
+MAX_RATE_HZ = 10_000.0  #: Highest rate of a stream, messages per second.
+MAX_TEXT = 255  #: Longest name or line of text, characters.
 _TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*", re.ASCII)
 
 
 class DescriptionError(SfglabError, ValueError):
-    """A description that others could not use."""
+    """A description with an invalid part."""
 
     def __init__(self, place: str, why: str) -> None:
-        self.place = place  #: Which part of it.
+        self.place = place  #: The invalid part.
         super().__init__(f"agent description, {place}: {why}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamDescription:
-    """One stream of a sensor, as it crosses the agent's border; see ``StreamInfo.msg``."""
+    """Stream of a sensor in the global scope; see ``StreamInfo.msg``."""
 
-    topic: str  #: The global topic of the stream.
+    topic: str  #: Global topic of the stream.
     type: str  #: ROS type of its messages.
     codec: str  #: ``h264``, ``rvl``, ``png`` or ``jpeg``.
-    decoded_topic: str = ""  #: Where the decoded stream belongs; empty: derived from `topic`.
-    camera_info_topic: str = ""  #: The global topic of the calibration; empty: there is none.
-    width: int = 0  #: Pixels.
-    height: int = 0  #: Pixels.
+    decoded_topic: str = ""  #: Local topic of the decoded stream; empty: derived from `topic`.
+    camera_info_topic: str = ""  #: Global topic of the calibration; empty: there is none.
+    width: int = 0  #: Width of the images, pixels.
+    height: int = 0  #: Height of the images, pixels.
     rate_hz: float = 0.0  #: Nominal rate, messages per second.
 
     @classmethod
     def of(cls, stream: Any) -> StreamDescription:
-        """Return what a ``StreamInfo``, or what has its fields, says, which may be anything."""
+        """Return the values of a ``StreamInfo``, or of an object with its fields, without a check."""
         return cls(**{name: getattr(stream, name) for name in cls.__dataclass_fields__})
 
     def check(self, agent: str) -> None:
-        """Refuse what an agent must not, or cannot, say of a stream of its own.
+        """Check the description of a stream of an agent.
 
         Raises:
-            DescriptionError: A name is no name of this agent in the scope where it belongs, or type, codec,
-                size or rate are none.
+            DescriptionError: A topic is not a name of this agent in its scope, or type, codec, size or rate
+                are not allowed.
         """
         for topic in filter(None, (self.topic, self.camera_info_topic)):
             _check_topic(topic, agent)
@@ -90,11 +88,11 @@ class StreamDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorDescription:
-    """A sensor; see ``SensorInfo.msg``."""
+    """Sensor of an agent; see ``SensorInfo.msg``."""
 
     name: str  #: Unique within its agent.
-    model: str = ""  #: Maker and model, for people.
-    streams: tuple[StreamDescription, ...] = ()  #: What leaves the agent.
+    model: str = ""  #: Manufacturer and model.
+    streams: tuple[StreamDescription, ...] = ()  #: Streams in the global scope.
 
     def to_message(self) -> Any:
         """Return the ``SensorInfo``."""
@@ -107,18 +105,17 @@ class SensorDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentDescription:
-    """What an agent answers to whoever discovers it."""
+    """Description of an agent for the agents that discover it."""
 
-    sensors: tuple[SensorDescription, ...] = ()  #: Its sensors.
-    accelerators: tuple[str, ...] = ()  #: Codecs that work in hardware, by FFmpeg's names.
-    software: tuple[str, ...] = ()  #: Components and versions.
+    sensors: tuple[SensorDescription, ...] = ()  #: Sensors of the agent.
+    accelerators: tuple[str, ...] = ()  #: Codecs that work in hardware, as FFmpeg names them.
+    software: tuple[str, ...] = ()  #: Components and their versions.
 
     def check(self, agent: str) -> None:
-        """Refuse an agent's description that would be of no use to others.
+        """Check the description of an agent.
 
         Raises:
-            DescriptionError: Two sensors share a name, or a topic is no name of this agent in the global
-                scope, so that it does not cross the border.
+            DescriptionError: Two sensors share a name, or a stream is invalid, see `StreamDescription.check`.
         """
         names = [sensor.name for sensor in self.sensors]
         if len(set(names)) < len(names):
@@ -127,7 +124,14 @@ class AgentDescription:
             stream.check(agent)
 
     def to_message(self, agent: str, *, incarnation: int, revision: int, stamp_ns: int) -> Any:
-        """Return the ``AgentMetadata`` with numbers as in heartbeats, made at `stamp_ns` since the epoch."""
+        """Return the ``AgentMetadata``.
+
+        Args:
+            agent: Name of the agent.
+            incarnation: Incarnation, as in the heartbeats.
+            revision: Revision of the description, as in the heartbeats.
+            stamp_ns: Time of the description, nanoseconds since the epoch.
+        """
         return message_type(AGENT_METADATA)(
             agent=agent,
             incarnation=incarnation,
@@ -137,44 +141,6 @@ class AgentDescription:
             software=list(self.software),
             stamp=stamp_from_ns(stamp_ns),
         )
-
-    @classmethod
-    def from_values(cls, values: dict[str, Any]) -> AgentDescription:
-        """Return the description that `asdict` took apart; `DescriptionError` if it has other parts."""
-        known = _known_values("values", cls, values)
-        sensors = tuple(_sensor_from_values(sensor) for sensor in _list(known.pop("sensors", ())))
-        return cls(
-            sensors=sensors,
-            **{name: tuple(map(str, _list(entry))) for name, entry in known.items()},
-        )
-
-
-def _sensor_from_values(values: Any) -> SensorDescription:
-    known = _known_values("sensor", SensorDescription, values)
-    given = (
-        _known_values("stream", StreamDescription, stream)
-        for stream in _list(known.pop("streams", ()))
-    )
-    streams = tuple(StreamDescription(**stream) for stream in given)
-    try:
-        return SensorDescription(streams=streams, **known)
-    except TypeError as error:
-        raise DescriptionError("sensor", str(error)) from error
-
-
-def _list(values: Any) -> Sequence[Any]:
-    if isinstance(values, (list, tuple)):
-        return values
-    raise DescriptionError("values", f"given {values!r}, allowed are lists")
-
-
-def _known_values(place: str, type_: type[Any], values: Any) -> dict[str, Any]:
-    fields = set(type_.__dataclass_fields__)
-    if not isinstance(values, dict) or not set(values) <= fields:
-        raise DescriptionError(
-            place, f"given {values!r}, allowed are values of {', '.join(sorted(fields))}"
-        )
-    return dict(values)
 
 
 def _check_topic(topic: str, agent: str) -> None:
@@ -191,7 +157,7 @@ def _check_topic(topic: str, agent: str) -> None:
 
 
 def _check_local(place: str, topic: str, agent: str) -> None:
-    """Refuse a topic on which decoded pictures of this agent could be taken for somebody else's."""
+    """Refuse a topic on which decoded images of this agent could be mistaken for another agent's."""
     try:
         validate_ros_name(topic)
     except FqnError as error:
@@ -202,7 +168,7 @@ def _check_local(place: str, topic: str, agent: str) -> None:
 
 
 def _short(text: str) -> str:
-    """Return a text of a stranger's as it can be shown."""
+    """Return a remote agent's text in quotes, limited in length."""
     return repr(text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + "...")
 
 
@@ -210,7 +176,7 @@ _LIBRARIES = ("cyclonedds", "av", "numpy")
 
 
 def accelerators() -> tuple[str, ...]:
-    """Return FFmpeg's names of the H.264 codecs that work in hardware here, after up to a second of trials."""
+    """Return the H.264 codecs that work in hardware on this machine. The trials take up to a second."""
     from sfglab.codecs.probe import available_decoders, available_encoders
 
     probes = (*available_encoders(), *available_decoders())
@@ -218,5 +184,5 @@ def accelerators() -> tuple[str, ...]:
 
 
 def software() -> tuple[str, ...]:
-    """Return sfglab and the libraries that decide what it can do, each with its version."""
+    """Return the versions of sfglab and of the libraries that determine its capabilities."""
     return (f"sfglab {__version__}", *(f"{name} {version(name)}" for name in _LIBRARIES))

@@ -1,4 +1,4 @@
-"""Heartbeats: their names on the wire, as values, and their schedule. Paper A, section 4.2: 1 s and 5 s."""
+"""Heartbeats: topic and service names, values, and schedule. Paper A, section 4.2: periods of 1 s and 5 s."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def heartbeat_topic() -> str:
 
 
 def metadata_topic() -> str:
-    """Return ``/global/agent_heartbeat_metadata``, on which agents offer what they are, without being asked."""
+    """Return ``/global/agent_heartbeat_metadata``, the topic of all agents' published descriptions."""
     resource = Suffixed(base=Resource.AGENT_HEARTBEAT, suffix="metadata")
     return str(RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(resource).build())
 
 
 def metadata_service(agent: str) -> str:
-    """Return ``/global/<agent>/get_metadata``, where an agent is asked what it is: paper A, section 4.2.
+    """Return ``/global/<agent>/get_metadata``, the metadata service of an agent: paper A, section 4.2.
 
     Raises:
-        FqnError: No agent can bear this name.
+        FqnError: The name is invalid for an agent.
     """
     return str(
         RosFqnBuilder().scope(Scope.GLOBAL).agent(agent).resource(Resource.GET_METADATA).build()
@@ -45,31 +45,31 @@ def metadata_service(agent: str) -> str:
 
 
 class Phase(IntEnum):
-    """Where an agent is in its life, by the numbers of ``AgentHeartbeat``."""
+    """Phase of an agent, with the numbers of ``AgentHeartbeat``."""
 
-    STARTUP = 0  #: It has just started: others may not know it yet.
-    STEADY = 1  #: It has been running for a while.
+    STARTUP = 0  #: The agent has just started; others may not have discovered it.
+    STEADY = 1  #: The agent has been running for a while.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heartbeat:
-    """A heartbeat, as it was sent or heard; what was heard may hold anything."""
+    """Heartbeat of an agent. The values of a received heartbeat are not validated."""
 
-    agent: str  #: Who sends it.
-    incarnation: int  #: When that agent started, nanoseconds on its clock.
-    revision: int  #: How often its description has changed since then.
-    phase: int  #: A `Phase` as a number.
-    period_s: float  #: Time until its next heartbeat, seconds.
-    version: str  #: Version of its software.
+    agent: str  #: Name of the agent.
+    incarnation: int  #: Start time of the agent, nanoseconds on its clock.
+    revision: int  #: Number of changes of its description since the start.
+    phase: int  #: `Phase` as a number.
+    period_s: float  #: Time until the next heartbeat, seconds.
+    version: str  #: Version of the agent's software.
 
     def to_message(self, stamp_ns: int) -> Any:
-        """Return the ``AgentHeartbeat`` that is sent at `stamp_ns`, nanoseconds since the epoch."""
+        """Return the ``AgentHeartbeat`` with a time stamp in nanoseconds since the epoch."""
         values = asdict(self) | {"phase": int(self.phase)}
         return message_type(AGENT_HEARTBEAT)(stamp=stamp_from_ns(stamp_ns), **values)
 
     @classmethod
     def from_message(cls, message: Any) -> Heartbeat:
-        """Return what an ``AgentHeartbeat`` says."""
+        """Return the values of an ``AgentHeartbeat``."""
         return cls(
             agent=message.agent,
             incarnation=int(message.incarnation),
@@ -80,12 +80,12 @@ class Heartbeat:
         )
 
 
-MIN_PERIOD_S = 0.05  #: The shortest period that is believed; below it, heartbeats would be traffic.
+MIN_PERIOD_S = 0.05  #: Shortest valid period; shorter ones would load the network.
 
-#: The longest that is believed; above it a lost agent would be missed too late.
+#: Longest valid period; with longer ones the loss of an agent would be detected too late.
 MAX_PERIOD_S = 60.0
 
-#: Largest message of a process that only hears of agents and what they are.
+#: Largest message that a status provider or a discoverer receives.
 MAX_SAMPLE_BYTES = 1 << 20
 
 _MAX_STARTUP_S = 3600.0
@@ -93,11 +93,11 @@ _MAX_STARTUP_S = 3600.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
-    """The instants of an agent's heartbeats, the first at its start; the start-up phase lasts whole periods."""
+    """Times of an agent's heartbeats, the first at its start. The startup phase lasts whole periods."""
 
-    startup_period_s: float = 1.0  #: Period in the start-up phase, seconds.
+    startup_period_s: float = 1.0  #: Period in the startup phase, seconds.
     steady_period_s: float = 5.0  #: Period afterwards, seconds.
-    startup_s: float = 10.0  #: How long the start-up phase lasts, seconds; 0: there is none.
+    startup_s: float = 10.0  #: Duration of the startup phase, seconds; 0: there is none.
 
     def __post_init__(self) -> None:
         periods = (MIN_PERIOD_S, MAX_PERIOD_S)
@@ -117,7 +117,7 @@ class Schedule:
         return Phase.STARTUP if elapsed_ns < self._steady_from_ns else Phase.STEADY
 
     def next_ns(self, elapsed_ns: int) -> int:
-        """Return the next instant, ns since the start; what was missed is not made up for."""
+        """Return the time of the next heartbeat, ns since the start. Missed heartbeats are skipped."""
         if elapsed_ns < self._steady_from_ns:
             return (elapsed_ns // self._startup_ns + 1) * self._startup_ns
         since_ns = elapsed_ns - self._steady_from_ns

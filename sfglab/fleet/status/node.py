@@ -1,26 +1,24 @@
-"""Status provider: an agent's heartbeats and the answer to what it is. Paper A, section 4.2.
+"""Status provider: heartbeats and description of an agent. Paper A, section 4.2.
 
-Heartbeats are latched, so whoever joins late hears the last one at once; so is the description, where it is
-offered. As a process (``python -m sfglab.fleet.status.node CONFIG``; see `sfglab.component`) it reports, beside
-``ready``, every heartbeat, ``{"is": "beat", "revision", "phase", "period_s", "t_ns"}``, if so configured. The
-order ``{"description": {...}}`` replaces the description, or is answered with ``{"is": "refused", "why"}``.
+Heartbeats are latched, so a late joiner receives the last one immediately. The same holds for the description
+where it is published. As a process (``python -m sfglab.fleet.status.node CONFIG``; see `sfglab.component`) it
+reports ``ready`` and, if configured, each heartbeat as ``{"is": "beat", "revision", "phase", "period_s",
+"t_ns"}``. The order ``{"description": {...}}`` replaces the description. The sender of the order validates the
+types of its values; a description that the agent must not have is answered with ``{"is": "refused", "why"}``.
 """
 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab import __version__
-from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Report, Reporter, beside, is_set_before, run_component
-from sfglab.fleet.status.description import (
-    AgentDescription,
-    DescriptionError,
-    accelerators,
-    software,
-)
+from sfglab.errors import SfglabError
+from sfglab.fields import from_json
+from sfglab.fleet.status.config import StatusConfig, StatusSettings
+from sfglab.fleet.status.description import AgentDescription, accelerators, software
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
     AGENT_METADATA,
@@ -28,13 +26,11 @@ from sfglab.fleet.status.heartbeat import (
     MAX_SAMPLE_BYTES,
     MIN_PERIOD_S,
     Heartbeat,
-    Schedule,
     heartbeat_topic,
     metadata_service,
     metadata_topic,
 )
 from sfglab.messages import service_type
-from sfglab.names import validate_agent
 from sfglab.qos import LATCHED
 
 if TYPE_CHECKING:
@@ -43,23 +39,8 @@ if TYPE_CHECKING:
     from sfglab.bus import Node, Publisher
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StatusSettings:
-    """What a status provider says, and when."""
-
-    agent: str  #: The agent's name.
-    description: AgentDescription = field(default_factory=AgentDescription)  #: What it is.
-    schedule: Schedule = field(default_factory=Schedule)  #: When it beats.
-    #: Whether the description is published, too; the paper's way is to be asked for it.
-    offers: bool = False
-
-    def __post_init__(self) -> None:
-        validate_agent(self.agent)
-        self.description.check(self.agent)
-
-
 class StatusProvider:
-    """The node that says that an agent is alive, and what it is; `on_beat` hears every heartbeat."""
+    """Node that publishes an agent's heartbeats and description; `on_beat` is called after each heartbeat."""
 
     def __init__(
         self,
@@ -71,46 +52,49 @@ class StatusProvider:
         self._node = node
         self._settings = settings
         self._on_beat = on_beat
-        self.description = settings.description  #: What the agent is now.
+        self.description = settings.description  #: Current description of the agent.
         self._described_ns = 0
         self._incarnation = 0
         self._revision = 0
         self._updated = asyncio.Event()
-        self._offer: Publisher | None = None
+        self._metadata_publisher: Publisher | None = None
 
     def update(self, description: AgentDescription) -> None:
-        """Replace the description, and say at once that it has changed.
+        """Replace the description, and send a heartbeat with the new revision immediately.
 
         Raises:
-            DescriptionError: It would be of no use to others; the old one stays.
+            DescriptionError: The description is invalid for this agent. The old one stays.
         """
         description.check(self._settings.agent)
         self.description = description
         self._described_ns = self._node.get_clock().now_ns()
         self._revision += 1
-        if self._offer is not None:
-            self._offer.publish(self._metadata())
+        if self._metadata_publisher is not None:
+            self._metadata_publisher.publish(self._metadata())
         self._updated.set()
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until cancelled; `on_ready` is called before the first heartbeat, which is sent at once."""
+        """Serve until cancelled. `on_ready` is called before the first heartbeat, which is sent immediately."""
         self._incarnation = self._described_ns = self._node.get_clock().now_ns()
-        # The service first: who hears the first heartbeat asks at once.
+        # Service and description come first, because the first heartbeat causes queries.
         service = self._node.create_service(
             GET_METADATA, metadata_service(self._settings.agent), lambda _: self._answer()
         )
-        publisher = self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
-        if self._settings.offers:
-            self._offer = self._node.create_publisher(AGENT_METADATA, metadata_topic(), LATCHED)
-            self._offer.publish(self._metadata())
+        publishers = []
+        if self._settings.publish_description:
+            description = self._node.create_publisher(AGENT_METADATA, metadata_topic(), LATCHED)
+            description.publish(self._metadata())
+            self._metadata_publisher = description
+            publishers.append(description)
+        heartbeats = self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
+        publishers.append(heartbeats)
         try:
             on_ready()
-            await self._beat(publisher)
+            await self._beat(heartbeats)
         finally:
-            if self._offer is not None:
-                self._offer.close()
-                self._offer = None
-            publisher.close()
+            self._metadata_publisher = None
+            for publisher in publishers:
+                publisher.close()
             service.close()
 
     async def _beat(self, publisher: Publisher) -> None:
@@ -151,48 +135,43 @@ class StatusProvider:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StatusConfig:
-    """What a status provider's process is told."""
-
-    address: BusAddress  #: The agent's local domain.
-    settings: StatusSettings  #: What is said, and when.
-    #: Whether software and accelerators are found out, in place of those described. Trying the accelerators
-    #: takes a while; heartbeats do not wait for it, the description is updated.
-    detect: bool = True
-    report_beats: bool = False  #: Whether every heartbeat is reported.
-
-
 async def run_status(config: StatusConfig, report: Reporter, orders: Orders) -> None:
-    """Run a provider until cancelled and all it started has ended; `BusError` if it cannot join the domain."""
+    """Run a status provider until cancelled.
+
+    Raises:
+        BusError: It cannot join the domain.
+    """
     from sfglab.bus import Node
 
     settings = config.settings
     if config.detect:
         settings = replace(settings, description=replace(settings.description, software=software()))
-    bound = MAX_SAMPLE_BYTES  # anybody can send requests
+    # Any participant can send requests, hence the bound on their size.
     async with Node(
-        "agent_status_provider", **config.address.options(), max_sample_bytes=bound
+        "agent_status_provider", **config.address.options(), max_sample_bytes=MAX_SAMPLE_BYTES
     ) as node:
 
-        def beat(heartbeat: Heartbeat) -> None:
+        def report_beat(heartbeat: Heartbeat) -> None:
             if config.report_beats:
-                said: Report = {"revision": heartbeat.revision, "phase": int(heartbeat.phase)}
-                said |= {"period_s": heartbeat.period_s, "t_ns": node.get_clock().now_ns()}
-                report({"is": "beat", **said})
+                values: Report = {"revision": heartbeat.revision, "phase": int(heartbeat.phase)}
+                values |= {"period_s": heartbeat.period_s, "t_ns": node.get_clock().now_ns()}
+                report({"is": "beat", **values})
 
-        provider = StatusProvider(node, settings, on_beat=beat)
-        detecting = [_detect(provider)] if config.detect else []
-        async with beside(_obey(provider, report, orders), *detecting):
+        provider = StatusProvider(node, settings, on_beat=report_beat)
+        bodies = [_update_description(provider, report, orders)]
+        if config.detect:
+            bodies.append(_detect(provider))
+        async with beside(*bodies):
             await provider.run(on_ready=lambda: report({"is": "ready"}))
 
 
-async def _obey(provider: StatusProvider, report: Reporter, orders: Orders) -> None:
+async def _update_description(provider: StatusProvider, report: Reporter, orders: Orders) -> None:
+    """Replace the description at each order."""
     while True:
         order = await orders.get()
         try:
-            provider.update(AgentDescription.from_values(order.get("description", {})))
-        except DescriptionError as error:
+            provider.update(from_json(AgentDescription, order["description"]))
+        except SfglabError as error:
             report({"is": "refused", "why": str(error)})
 
 
@@ -203,7 +182,7 @@ async def _detect(provider: StatusProvider) -> None:
 
 
 def main() -> None:
-    """Be the process: serve until told to end."""
+    """Run the process."""
     run_component(StatusConfig, run_status)
 
 

@@ -3,7 +3,7 @@
 from doors import RULE, Door, text
 from sfglab.codecs import FFMPEG_PACKET
 from sfglab.fleet.decoder.streams import routes_of_agent
-from sfglab.fleet.discovery.screening import Limits, Screen
+from sfglab.fleet.discovery.registry import Registry
 from sfglab.fleet.router.frames import Frames, TransformGate
 from sfglab.fleet.status.description import AgentDescription, SensorDescription, StreamDescription
 from sfglab.fleet.status.heartbeat import Heartbeat
@@ -54,7 +54,7 @@ def transforms(data):
 
 
 def beat(found):
-    Screen("own", Limits()).check(Heartbeat.from_message(found), bytes(16), now_ns=1)
+    Registry("own").heard(Heartbeat.from_message(found), bytes(16), now_ns=1)
 
 
 DOORS = {

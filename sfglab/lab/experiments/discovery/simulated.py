@@ -23,9 +23,11 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.api import EndpointAdded, EndpointEvent, RawEndpoint
 from sfglab.bus.sim import Costs, SimNode, World, run_simulated
 from sfglab.component import beside
-from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
+from sfglab.fleet.discovery.config import DiscoverySettings
+from sfglab.fleet.discovery.node import AgentDiscoverer
 from sfglab.fleet.router.node import Router, RouterSettings
-from sfglab.fleet.status.node import StatusProvider, StatusSettings
+from sfglab.fleet.status.config import StatusSettings
+from sfglab.fleet.status.node import StatusProvider
 from sfglab.lab.experiment import seeded
 from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Config, Fleet, exp
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
@@ -209,10 +211,13 @@ def _components(
 
     status = inside("agent_status_provider")
     discoverer = inside("agent_discoverer")
+    # The paper's agents query each other's metadata service.
+    provided = StatusSettings(agent=name, publish_description=False)
+    discovered = DiscoverySettings(agent=name, use_published_descriptions=False)
     return [
         Router(near, far, RouterSettings(agent=name)).run,
-        StatusProvider(status, StatusSettings(agent=name)).run,
-        AgentDiscoverer(discoverer, DiscoverySettings(agent=name), on_event=hear).run,
+        StatusProvider(status, provided).run,
+        AgentDiscoverer(discoverer, discovered, on_event=hear).run,
     ]
 
 

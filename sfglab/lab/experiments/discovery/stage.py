@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.bus.address import BusAddress
-from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
+from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.router.node import RouterConfig
-from sfglab.fleet.status.node import StatusConfig, StatusSettings
+from sfglab.fleet.status.config import StatusConfig, StatusSettings
 from sfglab.lab.baselines import PART, REAL, STAND_IN, peer_on
 from sfglab.lab.experiments.discovery.experiment import (
     COMPOSED,
@@ -290,14 +290,19 @@ class LiveFleet(ProcessGroup):
         )
         if not routed:
             return
-        offers = self._cell.mode == ROUTED  # the paper's way is to ask
+        published = self._cell.mode == ROUTED  # the paper's agents query each other's service
         configs = (
             RouterConfig(agent=host, local=local, remote=remote),
             # Trying accelerators belongs to another experiment, and its result does not cross here.
             StatusConfig(
-                address=local, settings=StatusSettings(agent=host, offers=offers), detect=False
+                address=local,
+                settings=StatusSettings(agent=host, publish_description=published),
+                detect=False,
             ),
-            DiscoveryConfig(address=local, settings=DiscoverySettings(agent=host, offers=offers)),
+            DiscoveryConfig(
+                address=local,
+                settings=DiscoverySettings(agent=host, use_published_descriptions=published),
+            ),
         )
         for module, config in zip(_COMPONENTS, configs, strict=True):
             member = Member(name=f"{host}, {module}", host=host, module=module, config=config)

@@ -7,18 +7,17 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
+from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings, Timing
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
-from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
-from sfglab.fleet.discovery.registry import Timing
-from sfglab.fleet.discovery.screening import Limits
+from sfglab.fleet.discovery.validation import Limits
 from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.status.config import StatusConfig, StatusSettings
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
     Schedule,
     heartbeat_topic,
     metadata_service,
 )
-from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.lifecycle.stage import (
     FAKES,
@@ -228,7 +227,8 @@ def _listener(bench: Bench[Config], name: str, topics: dict[str, str]) -> Member
 
 
 def _status(agent: str, schedule: Schedule, address: BusAddress) -> Member:
-    settings = StatusSettings(agent=agent, schedule=schedule)
+    # Descriptions are queried over the paper's metadata service, as Fig. 3 has it.
+    settings = StatusSettings(agent=agent, schedule=schedule, publish_description=False)
     config = StatusConfig(address=address, settings=settings, detect=False)
     return Member(name=agent, host=ROBOT, module="sfglab.fleet.status.node", config=config)
 
@@ -239,7 +239,9 @@ def _discovering(
     """Return the discoverer of agent `own`, false agents to discover, and a listener to topics."""
     timing, timeout_s = bench.config.timing, bench.config.query_timeout_s
     waits: dict[str, Any] = {"timing": timing, "limits": limits, "query_timeout_s": timeout_s}
-    settings = DiscoverySettings(agent=own, max_queries=32, **waits)
+    settings = DiscoverySettings(
+        agent=own, max_queries=32, use_published_descriptions=False, **waits
+    )
     config = DiscoveryConfig(address=_address(bench, STATION), settings=settings, report_moves=True)
     fakes = FakeConfig(address=_address(bench, ROBOT), late_s=1.5 * timeout_s)
     return (

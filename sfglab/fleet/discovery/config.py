@@ -1,0 +1,60 @@
+"""Configuration of an agent discoverer. The module imports neither nodes nor the bus."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from sfglab.bus.address import BusAddress
+from sfglab.fields import between, check_bounds
+from sfglab.fleet.discovery.validation import Limits
+from sfglab.names import validate_agent
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timing:
+    """Timeouts and waits of a discoverer."""
+
+    #: Announced periods without a heartbeat after which an agent is lost.
+    missed: float = between(3.0, without=(0,))
+    slack_ns: int = between(500_000_000, without=(0,))  #: Additional time for the network.
+    #: Wait after the first failed query; each further failure doubles it.
+    backoff_ns: int = between(250_000_000, without=(0,))
+    #: Longest wait between queries.
+    backoff_max_ns: int = between(10_000_000_000, without=(0,))
+    forget_ns: int = between(
+        600_000_000_000, without=(0,)
+    )  #: Time until a lost agent is forgotten.
+
+    def __post_init__(self) -> None:
+        check_bounds(self, "discovery, ")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiscoverySettings:
+    """Settings of a discoverer."""
+
+    agent: str  #: Its own agent, whose heartbeats it ignores.
+    timing: Timing = field(default_factory=Timing)  #: Timeouts and waits.
+    limits: Limits = field(default_factory=Limits)  #: Limits of the input.
+    #: Timeout for the discovery of an agent's metadata service, seconds. In a fleet that starts together
+    #: this takes long, and longer if the clients give up and start again.
+    find_timeout_s: float = between(5.0, 0, 60, without=(0,))
+    query_timeout_s: float = between(2.0, 0, 60, without=(0,))  #: Timeout for the answer, seconds.
+    #: Whether descriptions that agents publish are used. If false, and for agents that publish none, the
+    #: paper's metadata service is called.
+    use_published_descriptions: bool = True
+    #: Maximum number of service calls at once. Agents without a failed query go first.
+    max_queries: int = between(128, 1)
+
+    def __post_init__(self) -> None:
+        validate_agent(self.agent)
+        check_bounds(self, "discovery, ")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiscoveryConfig:
+    """Configuration of a discoverer's process."""
+
+    address: BusAddress  #: The agent's local domain.
+    settings: DiscoverySettings  #: Settings of the discoverer.
+    report_moves: bool = False  #: Whether each transition is reported.
