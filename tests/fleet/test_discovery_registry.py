@@ -132,7 +132,7 @@ def test_a_new_revision_or_incarnation_is_queried_and_an_older_one_once_the_newe
     assert (world.answer(4, 1, incarnation=8), world.registry.counts["ignored_answers"]) == ([], 1)
     assert world.answer(4, incarnation=9) == ["RESTARTED"]
     deadline_s = world.deadline_s
-    assert (world.hear(5, incarnation=7), world.deadline_s) == ([], deadline_s)
+    assert (world.hear(5, incarnation=6), world.deadline_s) == ([], deadline_s)
     assert (world.registry.counts["dropped_stale"], world.call("due", 8)) == (1, ["LOST"])
     assert world.hear(9, incarnation=10) == ["QUERY"]
     assert (world.call("due", 20), world.hear(21, incarnation=9)) == (["ABANDON"], ["RETURNED"])
@@ -287,32 +287,25 @@ def test_who_receives_only_the_last_events_knows_all_present_agents(depth, steps
     assert {a for a in heard if heard[a]} == {a for a in present if present[a]}
 
 
-def descriptions(*given_, **limits):
-    """Published descriptions of go2 by publishers, with their incarnations and revisions."""
-    found = PublishedDescriptions(Limits(**limits))
-    for gid, agent, incarnation, revision in given_:
-        version = {"incarnation": incarnation, "revision": revision}
-        message = AgentDescription().to_message(agent, **version, stamp_ns=0)
-        assert found.receive(serialize(message), gid, now_ns=0) is None
-    return found
+def description(incarnation, revision=0, agent="go2"):
+    version = {"incarnation": incarnation, "revision": revision}
+    return serialize(AgentDescription().to_message(agent, **version, stamp_ns=0))
 
 
-def version_of(found, wanted=(1, 0), there=b"abc"):
-    metadata = found.find("go2", wanted, lambda gid: gid in there)
-    return metadata and (metadata.incarnation, metadata.revision)
+def test_a_published_description_counts_from_the_wanted_version_on_and_from_one_publisher_alone():
+    found = PublishedDescriptions(Limits(max_agents=2, burst=4, beats_per_s=1))
 
+    def version(wanted=(1, 0), there=b"abc"):
+        metadata = found.find("go2", wanted, lambda gid: gid in there)
+        return metadata and (metadata.incarnation, metadata.revision)
 
-def test_a_published_description_counts_from_the_wanted_revision_on_and_from_one_publisher_alone():
-    found = descriptions((b"b", "other", 1, 0), (b"a", "go2", 1, 0), (b"a", "go2", 1, 1))
-    wanted = [(0, 9), (1, 0), (1, 1), (1, 2), (2, 0)]
-    assert [version_of(found, each) for each in wanted] == [(1, 1)] * 3 + [None] * 2
-    found = descriptions((b"a", "go2", 2, 0), (b"b", "go2", 1, 0))
-    assert [version_of(found, there=there) for there in (b"ab", b"b", b"")] == [None, (1, 0), None]
-
-
-def test_published_descriptions_are_limited_in_rate_size_and_number():
-    found = descriptions(*((gid, "go2", 1, gid[0]) for gid in (b"a", b"b", b"c")), max_agents=2)
-    assert [version_of(found, there=there) for there in (b"a", b"c")] == [None, (1, ord("c"))]
-    found = PublishedDescriptions(Limits(burst=3, beats_per_s=1, max_metadata_bytes=100))
-    given_ = [found.receive(bytes(size), b"a", now_ns=0) for size in (101, 3, 1, 1)]
-    assert given_ == [Refusal.MALFORMED] * 3 + [Refusal.FLOOD]
+    for gid, cdr in ((b"b", description(1, agent="x")), (b"a", description(1, 1))):
+        assert found.receive(cdr, gid, now_ns=0) is None
+    wanted = [(0, 9), (1, 1), (1, 2), (2, 0)]
+    assert [version(each) for each in wanted] == [(1, 1), (1, 1), None, None]
+    found.receive(description(2), b"b", now_ns=0)
+    assert [version(there=there) for there in (b"ab", b"a", b"")] == [None, (1, 1), None]
+    found.receive(description(3), b"c", now_ns=0)
+    assert version(there=b"a") is None, "only two publishers are remembered"
+    dropped = [found.receive(bytes(size), b"c", now_ns=0) for size in (3, 65_537, 65_537, 3)]
+    assert dropped == [Refusal.MALFORMED] * 3 + [Refusal.FLOOD]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from cameras import FFMPEG, INFO, STREAM
+from cameras import FFMPEG, STREAM
 from hypothesis import given
 from hypothesis import strategies as st
 from waiting import DEADLINE_S, process
@@ -25,7 +25,7 @@ from sfglab.fleet.status.description import (
 )
 from sfglab.fleet.status.heartbeat import Heartbeat, Schedule
 from sfglab.fleet.status.node import StatusProvider
-from sfglab.messages import deserialize, ns_from_stamp, serialize, service_type
+from sfglab.messages import deserialize, serialize, service_type
 from sfglab.names import FqnError
 from sfglab.qos import LATCHED
 
@@ -47,7 +47,7 @@ async def metadata_of(node):
 
 
 async def provide(world):
-    """Return when the provider started, what two subscribers received, and the service's answers."""
+    """Return when the provider started, what two subscribers received, and the service's answer."""
     received = {"first": [], "late": []}
     now = asyncio.get_running_loop().time
 
@@ -69,15 +69,14 @@ async def provide(world):
             await asyncio.sleep(CHANGE_S - 1)
             subscribe(station, "late")
             await asyncio.sleep(1)
-            answers = [await metadata_of(station)]
             provider.update(AgentDescription(software=("new",)))
             await asyncio.sleep(5)
-            answers.append(await metadata_of(station))
-    return started_ns, received, answers
+            answer = await metadata_of(station)
+    return started_ns, received, answer
 
 
 def test_a_status_provider_does_what_section_4_2_states():
-    started_ns, received, answers = run_simulated(provide, seed=0)
+    started_ns, received, answer = run_simulated(provide, seed=0)
     times_s, beats = zip(*received["first"], strict=True)
     # Each second, then each five seconds, and at once after a change.
     assert np.allclose(times_s, [0, 1, 2, 3, 4, 5, 10, 15, CHANGE_S, 20], atol=0.1)
@@ -90,9 +89,8 @@ def test_a_status_provider_does_what_section_4_2_states():
     late_s, late = received["late"][0]
     assert late == beats[7]
     assert late_s < CHANGE_S - 0.5
-    versions = [(answer.agent, answer.incarnation, answer.revision) for answer in answers]
-    assert versions == [("go2", started_ns, 0), ("go2", started_ns, 1)]
-    assert answers[1].software == ["new"]
+    assert (answer.agent, answer.incarnation, answer.revision) == ("go2", started_ns, 1)
+    assert answer.software == ["new"]
 
 
 @pytest.mark.live
@@ -116,10 +114,8 @@ async def test_as_a_process_it_reports_takes_orders_and_a_late_joiner_hears_the_
         after = await metadata_of(there)
         assert (beat["revision"], after.software) == (before.revision + 1, ["mine 1"])
         late = there.create_subscription(TYPE, TOPIC, qos=LATCHED)
-        message, info = await late.take_with_info(timeout_s=60)
+        message = await late.take(timeout_s=60)
         assert (message.revision, message.incarnation) == (after.revision, after.incarnation)
-        assert 0 <= ns_from_stamp(message.stamp) - message.incarnation < 60 * S
-        assert info.publisher_gid in {end.gid for end in there.graph.publishers(TOPIC)}
     assert child.status == 0
 
 
@@ -161,19 +157,15 @@ def test_a_heartbeat_survives_the_wire_and_a_description_becomes_the_metadata_me
     )
     wire = serialize(beat.to_message(10**18))
     assert Heartbeat.from_message(deserialize(wire, TYPE)) == beat
-    size = {"width": 640, "height": 360, "rate_hz": 30.0}
-    stream = StreamDescription(
-        topic=STREAM, type=FFMPEG, codec="h264", camera_info_topic=INFO, **size
-    )
+    stream = StreamDescription(topic=STREAM, type=FFMPEG, codec="h264", width=640, rate_hz=30.0)
     sensor = SensorDescription(name="camera_front", model="D435", streams=(stream,))
     description = AgentDescription(sensors=(sensor,), accelerators=("x",), software=("y",))
     message = description.to_message("go2", incarnation=5, revision=2, stamp_ns=7 * S)
     again = deserialize(serialize(message), type(message))
     assert (again.agent, again.incarnation, again.revision, again.stamp.sec) == ("go2", 5, 2, 7)
     assert (again.accelerators, again.software) == (["x"], ["y"])
-    (found,) = again.sensors
-    assert (found.name, found.model) == ("camera_front", "D435")
-    assert StreamDescription.of(found.streams[0]) == stream
+    assert (again.sensors[0].name, again.sensors[0].model) == ("camera_front", "D435")
+    assert StreamDescription.of(again.sensors[0].streams[0]) == stream
 
 
 def test_settings_with_another_agents_stream_or_a_wrong_name_are_refused():
