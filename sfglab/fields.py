@@ -101,14 +101,14 @@ def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
 
 
 def check_bounds(value: Any, about: str = "") -> None:
-    """Check the bounded numbers of a dataclass, or raise an `InvalidValueError`.
+    """Check the bounded numbers of a dataclass, or raise an `InvalidValueError`; None is allowed.
 
     The error names the field, with `about` before it.
     """
     for field in dataclasses.fields(value):
         allowed = field.metadata.get(BOUNDS)
         given = getattr(value, field.name)
-        if allowed is not None and given not in allowed:
+        if allowed is not None and given is not None and given not in allowed:
             raise InvalidValueError(about + field.name, given, str(allowed))
 
 

@@ -12,10 +12,12 @@ are bytes with the Ethernet header.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from sfglab.errors import InvalidValueError
+from sfglab.fields import between, check_bounds
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -111,6 +113,8 @@ def is_lost(lost_before: bool, draw: float, loss: float, burst_frames: float) ->
 
 # --- The description -----------------------------------------------------------------------------
 
+_LONGEST_S = 1e9  # its nanoseconds have 63 bits
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Medium:
@@ -120,16 +124,18 @@ class Medium:
         InvalidValueError: A field is out of its range, or two fields contradict each other.
     """
 
-    rate_bps: float = 20e6  #: Bits per second.
-    loss: float = 0.01  #: Share of frames that are lost, after the medium's own retransmissions.
+    rate_bps: float = between(20e6, without=(0, math.inf))  #: Bits per second.
+    #: Share of frames that are lost, after the medium's own retransmissions.
+    loss: float = between(0.01, 0, 1, without=(1,))
     #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
     shared: bool = True
     #: Airtime overhead per frame, seconds: preamble, gaps, acknowledgement.
-    overhead_s: float = 300e-6
+    overhead_s: float = between(300e-6, 0, _LONGEST_S)
     #: Share by which each further host that has something to send stretches a frame.
-    contention: float = 0.15
-    latency_s: float = 0.0  #: Time from the end of sending to arrival, seconds.
-    queue_frames: int = 500  #: Frames that a host's queue holds.
+    contention: float = between(0.15, without=(math.inf,))
+    #: Time from the end of sending to arrival, seconds.
+    latency_s: float = between(0.0, 0, _LONGEST_S)
+    queue_frames: int = between(500, 1)  #: Frames that a host's queue holds.
     #: Rule of a full queue. ``tail`` drops the frame that comes last, as a driver or an access point does.
     #: ``head`` drops the oldest frame, as CoDel does, Ubuntu's default. ``block`` makes the sender wait, as
     #: Linux does where the socket's buffer is smaller than the queue. The radio of test hosts offers this
@@ -142,20 +148,14 @@ class Medium:
     #: full queue.
     random_turns: bool = False
     #: Mean length of a burst of losses, frames; below 1: each frame is lost by itself.
-    burst_frames: float = 0.0
-    stall_every_s: float = (
-        0.0  #: Period of channel stalls, seconds: scans, power saving, neighbours.
-    )
-    stall_s: float = 0.0  #: Length of a stall, seconds: no frame begins in it.
+    burst_frames: float = between(0.0, without=(math.inf,))
+    #: Period of channel stalls, seconds: scans, power saving, neighbours.
+    stall_every_s: float = between(0.0, 0, _LONGEST_S)
+    #: Length of a stall, seconds: no frame begins in it.
+    stall_s: float = between(0.0, 0, _LONGEST_S)
 
     def __post_init__(self) -> None:
-        if not 0 <= self.loss < 1 or self.rate_bps <= 0 or self.queue_frames < 1:
-            allowed = "0 <= loss < 1, rate_bps > 0, queue_frames >= 1"
-            raise InvalidValueError("medium", self, allowed)
-        extras = self.overhead_s, self.contention, self.latency_s, self.burst_frames, self.stall_s
-        if min(extras) < 0:
-            allowed = "overhead_s, contention, burst_frames, stall_s and latency_s from 0"
-            raise InvalidValueError("medium", self, allowed)
+        check_bounds(self, "medium: ")
         if self.burst_frames >= 1 and self.loss > self.burst_frames / (1 + self.burst_frames):
             given = self.loss, self.burst_frames
             allowed = "loss <= burst_frames / (1 + burst_frames), or a single frame arrives between bursts"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import InvalidValueError
+from sfglab.fields import between, check_bounds
 from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
 from sfglab.rtps.channel import BLOCK, Medium
 from sfglab.rtps.frames import LEAST_BYTES
@@ -29,19 +30,9 @@ from sfglab.rtps.vendors import FAST_DDS, Vendor
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
-_FROM_ZERO = (
-    "rate_hz",
-    "phase_s",
-    "size_bytes",
-    "reader_depth",
-    "service_s",
-    "compare_s",
-    "change_s",
-    "max_silence_s",
-)
-_RATE_MOST_HZ = 1e9  # a period of one nanosecond
+_LONGEST_S = 1e9  # its nanoseconds have 63 bits
 
 _BLOCKED_ROOM = 4096
 """Room of a queue that blocks beyond its bound, frames: for heartbeats and ACKNACKs, whose threads wait."""
@@ -54,24 +45,32 @@ class Flow:
     name: str  #: Name for messages and tables.
     source: str  #: Host of the writer.
     target: str  #: Host of the reader.
-    size_bytes: int = 24  #: CDR size of a sample.
-    rate_hz: float = 0.0  #: Samples per second; 0: published only when a chain publishes it.
-    phase_s: float = 0.0  #: Time of the first publication, seconds.
+    size_bytes: int = between(24)  #: CDR size of a sample.
+    #: Samples per second, a nanosecond apart at least; 0: published only when a chain publishes it.
+    rate_hz: float = between(0.0, 0, 1e9)
+    phase_s: float = between(0.0, 0, _LONGEST_S)  #: Time of the first publication, seconds.
     qos: QoSProfile = DEFAULT  #: QoS of the writer. The model has no deadline.
-    reader_depth: int | None = None  #: History of the reader; 0: KEEP_ALL; None: as the writer's.
+    #: History of the reader; 0: KEEP_ALL; None: as the writer's.
+    reader_depth: int | None = between(None)
     #: Name of the executor that takes the samples, one at a time; None: one for this flow only.
     executor: str | None = None
-    service_s: float = 0.0  #: Time of the executor that one sample costs, seconds.
+    #: Time of the executor that one sample costs, seconds.
+    service_s: float = between(0.0, 0, _LONGEST_S)
     #: Time that a repeated value costs instead, seconds, where cache control discards it before it is
     #: processed (paper B, section 2.3); None: no cache control.
-    compare_s: float | None = None
+    compare_s: float | None = between(None, 0, _LONGEST_S)
     #: Mean time between changes of the value, seconds; 0: every sample differs.
-    change_s: float = 0.0
+    change_s: float = between(0.0, 0, _LONGEST_S)
     #: Whether a local cache suppresses repeated values (paper B, section 2.2).
     cached: bool = False
-    max_silence_s: float | None = None  #: Maximum silence of the local cache, seconds; None: none.
-    #: Name of the flow that is published, with the same value, when a sample was processed.
+    #: Maximum silence of the local cache, seconds; None: none.
+    max_silence_s: float | None = between(None, 0, _LONGEST_S)
+    #: Name of the flow that is published, with the same value, when a sample was processed. Its own value does
+    #: not change with time (`change_s`).
     then: str | None = None
+
+    def __post_init__(self) -> None:
+        check_bounds(self, f"flow {self.name!r}: ")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,37 +78,41 @@ class Scenario:
     """Everything that a run needs but the seed.
 
     Raises:
-        InvalidValueError: Names are not unique, or a field is out of its range.
+        InvalidValueError: Names are not unique, a field is out of its range, or flows publish each other in a
+            ring (`Flow.then`).
     """
 
     flows: tuple[Flow, ...]  #: The topics.
     medium: Medium = field(default_factory=Medium)  #: The medium.
     vendor: Vendor = FAST_DDS  #: Timing of the protocol.
-    duration_s: float = 60.0  #: Time of publishing, seconds.
-    drain_s: float = 10.0  #: Time of retransmissions afterwards, seconds.
+    #: Time of publishing, seconds.
+    duration_s: float = between(60.0, 0, _LONGEST_S, without=(0,))
+    drain_s: float = between(10.0, 0, _LONGEST_S)  #: Time of retransmissions afterwards, seconds.
     unacked_most: int = 5000  #: Unacknowledged samples at which a KEEP_ALL writer refuses more.
 
     def __post_init__(self) -> None:
         names = [flow.name for flow in self.flows]
         if not names or len(set(names)) != len(names):
             raise InvalidValueError("flows", names, "different names, one at least")
-        for flow in self.flows:
-            _check_flow(flow, names)
-        if not self.duration_s > 0 or self.drain_s < 0:
-            times_s = self.duration_s, self.drain_s
-            raise InvalidValueError("duration_s, drain_s", times_s, "> 0, >= 0")
+        check_bounds(self)
+        check_chains(self.flows)
 
 
-def _check_flow(flow: Flow, names: list[str]) -> None:
-    place = f"flow {flow.name!r}"
-    if flow.then is not None and flow.then not in names:
-        raise InvalidValueError(f"{place}: then", flow.then, ", ".join(names))
-    for name in _FROM_ZERO:
-        value = getattr(flow, name)
-        if value is not None and value < 0:
-            raise InvalidValueError(f"{place}: {name}", value, "0 and more")
-    if flow.rate_hz > _RATE_MOST_HZ:
-        raise InvalidValueError(f"{place}: rate_hz", flow.rate_hz, "up to 1e9")
+def check_chains(flows: Sequence[Flow]) -> None:
+    """Refuse a flow whose `then` names no flow, one with changes of its own, or one that leads back to it."""
+    named = {flow.name: flow for flow in flows}
+    steady = [flow.name for flow in flows if not flow.change_s]
+    for flow in flows:
+        before = [flow.name]
+        after = flow.then
+        while after is not None:
+            if after in before or after not in steady:
+                allowed = (
+                    f"flows that do not lead back to it, without change_s: {', '.join(steady)}"
+                )
+                raise InvalidValueError(f"flow {before[-1]!r}: then", after, allowed)
+            before.append(after)
+            after = named[after].then
 
 
 def compile_scenario(
@@ -214,14 +217,12 @@ def most_samples(scenario: Scenario) -> int:
     """Return how many samples one flow can have at most; a chain publishes once for each that it follows."""
     own = {flow.name: scheduled_samples(scenario, flow) for flow in scenario.flows}
     most = own
-    for _ in scenario.flows:  # a chain is as long as there are flows, at most; a ring has no end
+    for _ in scenario.flows:  # a chain is as long as there are flows, at most
         before, most = most, dict(own)
         for flow in scenario.flows:
             if flow.then:
                 most[flow.then] += before[flow.name]
-        if most == before:
-            return max(most.values())
-    return max(sum(own.values()), *most.values())
+    return max(most.values())
 
 
 def scheduled_samples(scenario: Scenario, flow: Flow) -> int:

@@ -239,8 +239,17 @@ class AirFrame:
 def trace(
     scenario: Scenario, *, seed: int, lost: Mapping[str, bool] | None = None
 ) -> tuple[Outcome, tuple[AirFrame, ...]]:
-    """Simulate as `run` does, but for the `lost` frames' fate, and return every frame as it left the air."""
+    """Simulate as `run` does, but for the `lost` frames' fate, and return every frame as it left the air.
+
+    Which frames there are depends on what is lost, so names of frames that do not occur have no effect; a name of
+    another flow or kind is an InvalidValueError.
+    """
     wanted = lost or {}
+    kinds = [f"{flow.name}/{kind.name}" for flow in scenario.flows for kind in Frame]
+    for name in wanted:
+        if name.rpartition("/")[0] not in kinds:
+            allowed = f"a number after one of {'/, '.join(kinds)}/"
+            raise InvalidValueError("trace: lost", name, allowed)
     wishes: dict[int, bool] = {}
     # A wish changes what follows, so that each is granted where its frame turns up: the earliest first.
     while True:

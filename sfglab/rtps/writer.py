@@ -46,7 +46,7 @@ def _sample_value(world: Any, now: int, flow: int) -> int:
     writer = world.writer[flow]
     if mean_ns == 0:
         writer.value += 1
-    elif mean_ns != SET:  # `SET`: a session or a chain sets the value
+    elif mean_ns != SET:  # `SET`: a session sets the value
         while now >= writer.next_change_ns:
             writer.value += 1
             wait_ns = -math.log(1.0 - uniform(world.random)) * mean_ns

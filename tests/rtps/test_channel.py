@@ -1,6 +1,7 @@
 """The wireless channel: each rule by itself, and what full queues, losses and turns do to samples."""
 
-from dataclasses import replace
+import math
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -91,11 +92,16 @@ def test_sizes_of_frames_are_those_of_rtps():
     assert [fragments(24, samples, 0) for samples in (1, 23, 24, 256)] == [0, 0, 1, 10]
 
 
+QUANTITIES = [field.name for field in fields(Medium) if field.type == "float"]
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [
         ({"loss": 1.0}, "loss"),
-        ({"latency_s": -1.0}, "latency_s from 0"),
+        ({"latency_s": -1.0}, "latency_s: given -1.0, allowed: from 0"),
+        *(({name: math.nan}, f"{name}: given nan") for name in QUANTITIES),
+        *(({name: math.inf}, f"{name}: given inf") for name in QUANTITIES),
         ({"queue_rule": "middle"}, "queue_rule: given 'middle', allowed: tail, head, block"),
         ({"access_point": True, "shared": False}, "access_point"),
         ({"stall_s": 0.2, "stall_every_s": 0.1}, "stall_s < stall_every_s"),

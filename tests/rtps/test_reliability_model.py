@@ -1,5 +1,6 @@
 """The protocol against hand-worked schedules, measured figures of real DDS, and a known saw-tooth."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -143,14 +144,35 @@ def test_a_reader_of_cyclone_dds_acknowledges(rate_hz, frames):
     assert (counts["data"], counts["heartbeat"], counts["acknack"]) == frames
 
 
+B_FLOW, C_FLOW = (Flow(name=name, source="station", target="robot") for name in "bc")
+
+
+def chain(*flows_and_next):
+    flows = zip(flows_and_next[::2], flows_and_next[1::2], strict=True)
+    return Scenario(flows=tuple(replace(flow, then=then) for flow, then in flows))
+
+
+def test_a_chain_publishes_the_value_that_was_processed():
+    values = run(chain(replace(A_FLOW, change_s=0.1), "b", B_FLOW, None), seed=1).flows
+    arrived = values["a"].value[values["a"].delivered]
+    assert len(arrived) > 1000
+    assert values["b"].value.tolist() == arrived.tolist()
+
+
 @pytest.mark.parametrize(
     ("build", "message"),
     [
         (lambda: Scenario(flows=(A_FLOW, A_FLOW)), "different names"),
         (lambda: Scenario(flows=(A_FLOW,), duration_s=0), "duration_s"),
-        (lambda: Scenario(flows=(replace(A_FLOW, then="b"),)), "then: given 'b'"),
-        (lambda: Scenario(flows=(replace(A_FLOW, rate_hz=2e9),)), "up to 1e9"),
-        (lambda: Scenario(flows=(replace(A_FLOW, compare_s=-1),)), "compare_s: given -1"),
+        (lambda: Scenario(flows=(A_FLOW,), drain_s=math.nan), "drain_s: given nan"),
+        (lambda: chain(A_FLOW, "b"), "flow 'a': then: given 'b'"),
+        (lambda: chain(A_FLOW, "a"), "flow 'a': then: given 'a', .* not lead back"),
+        (lambda: chain(A_FLOW, "b", B_FLOW, "c", C_FLOW, "b"), "flow 'c': then: given 'b'"),
+        (lambda: chain(A_FLOW, "b", replace(B_FLOW, change_s=1.0), None), "without change_s: a$"),
+        (lambda: replace(A_FLOW, rate_hz=2e9), "flow 'a': rate_hz: given 2e9|2000000000"),
+        (lambda: replace(A_FLOW, rate_hz=math.nan), "flow 'a': rate_hz: given nan"),
+        (lambda: replace(A_FLOW, phase_s=math.inf), "flow 'a': phase_s: given inf"),
+        (lambda: replace(A_FLOW, compare_s=-1), "compare_s: given -1"),
         (lambda: replace(FAST_DDS, heartbeat_ns=0), "heartbeat"),
         (lambda: replace(FAST_DDS, nack_delay_ns=-1), "delays"),
         (lambda: replace(FAST_DDS, piggyback_bytes=-1), "bytes"),

@@ -6,7 +6,7 @@ import pytest
 
 from sfglab.errors import InvalidValueError
 from sfglab.qos import QoSProfile
-from sfglab.rtps import Flow, Medium, Scenario, Session, run
+from sfglab.rtps import Flow, Medium, Scenario, Session, run, trace
 from sfglab.rtps.session import age_ms
 
 MS = 1_000_000
@@ -88,3 +88,13 @@ def test_bad_calls_are_refused_with_the_place():
         session.set_value("x", 1)
     with pytest.raises(InvalidValueError, match="given 'x'"):
         session_of(UP, watched=("x",))
+
+
+def test_a_frame_is_lost_by_its_name_and_a_name_of_no_flow_or_kind_is_refused():
+    scenario = Scenario(flows=(UP,), medium=LOSSLESS, duration_s=0.1)
+    wanted = {"up/DATA/5": True, "up/DATA/999": True}
+    _, frames = trace(scenario, seed=1, lost=wanted)
+    assert [frame.name for frame in frames if frame.lost] == ["up/DATA/5"]
+    for name in ("down/DATA/5", "up/DATUM/5", "up"):
+        with pytest.raises(InvalidValueError, match=f"lost: given '{name}', .*up/DATA/"):
+            trace(scenario, seed=1, lost={name: True})
