@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from sfglab.errors import InvalidValueError
+from sfglab.fields import between, bounds, check_bounds
 from sfglab.units import NS_PER_MS, NS_PER_S
+
+_FROM_ZERO = bounds()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,11 +23,14 @@ class Vendor:
     #: A heartbeat travels with each sample while the writer's history is full: of samples that are
     #: unacknowledged, and with TRANSIENT_LOCAL durability of any.
     piggyback_when_full: bool
-    nack_delay_ns: int  #: Time from the first heartbeat that shows a gap to the reader's request.
-    ack_delay_ns: int  #: Time from a heartbeat that shows no gap to the reader's acknowledgement.
-    nack_response_ns: int  #: Time from a request to the writer's retransmission.
+    #: Time from the first heartbeat that shows a gap to the reader's request.
+    nack_delay_ns: int = field(metadata=_FROM_ZERO)
+    #: Time from a heartbeat that shows no gap to the reader's acknowledgement.
+    ack_delay_ns: int = field(metadata=_FROM_ZERO)
+    #: Time from a request to the writer's retransmission.
+    nack_response_ns: int = field(metadata=_FROM_ZERO)
     #: Samples that one request can ask for: a bitmap has 256 bits (RTPS 2.5, clause 9.4.2.6).
-    nack_most: int = 256
+    nack_most: int = between(256, 1, 256)
     #: A heartbeat travels with every sample. The reader answers each at once: with a request if it lacks
     #: something that it has not asked for yet, with an acknowledgement only if it is asked. `nack_delay_ns` is
     #: then how long it waits before it asks for the same again, `ack_delay_ns` before it acknowledges the same
@@ -40,15 +46,16 @@ class Vendor:
     #: RTPS message in which repairs travel together, lost with any frame of it; 0: each has a frame of its own.
     burst_bytes: int = 0
     #: A heartbeat travels along once so many bytes of samples were sent since the last one; 0: however many.
-    piggyback_bytes: int = 0
+    piggyback_bytes: int = between(0)
     #: Bytes that the sending thread of the middleware has sent before the run. Each sample that this thread
     #: sends adds all of its bytes so far. None: a sample adds its own size only. This thread always sends the
     #: retransmissions.
-    sent_before_bytes: int | None = None
+    sent_before_bytes: int | None = between(None)
     #: Samples are sent by that thread too: where the host's queue blocks, they wait in the history, and travel
     #: together later; who publishes waits once that is full.
     asynchronous: bool = False
-    extra_bytes: int = 0  #: Bytes of each RTPS message beyond those that RTPS requires.
+    #: Bytes of each RTPS message beyond those that RTPS requires.
+    extra_bytes: int = between(0)
     #: A request for what has left the history is answered by a GAP; else the next heartbeat shows that it is gone.
     gap_for_gone: bool = True
 
@@ -64,14 +71,7 @@ class Vendor:
             place = f"{self.name}: heartbeat_ns, heartbeat_max_ns"
             periods_ns = self.heartbeat_ns, self.heartbeat_max_ns
             raise InvalidValueError(place, periods_ns, "0 < heartbeat_ns <= heartbeat_max_ns")
-        delays_ns = self.nack_delay_ns, self.ack_delay_ns, self.nack_response_ns
-        if min(delays_ns) < 0:
-            raise InvalidValueError(f"{self.name}: delays", delays_ns, "0 and more")
-        if not 1 <= self.nack_most <= 256:
-            raise InvalidValueError(f"{self.name}: nack_most", self.nack_most, "1 to 256")
-        added = self.piggyback_bytes, self.sent_before_bytes or 0, self.extra_bytes
-        if min(added) < 0:
-            raise InvalidValueError(f"{self.name}: bytes", added, "0 and more")
+        check_bounds(self, f"{self.name}: ")
 
 
 FAST_DDS = Vendor(

@@ -174,8 +174,9 @@ def test_a_chain_publishes_the_value_that_was_processed():
         (lambda: replace(A_FLOW, phase_s=math.inf), "flow 'a': phase_s: given inf"),
         (lambda: replace(A_FLOW, compare_s=-1), "compare_s: given -1"),
         (lambda: replace(FAST_DDS, heartbeat_ns=0), "heartbeat"),
-        (lambda: replace(FAST_DDS, nack_delay_ns=-1), "delays"),
-        (lambda: replace(FAST_DDS, piggyback_bytes=-1), "bytes"),
+        (lambda: replace(FAST_DDS, nack_delay_ns=-1), "Fast DDS: nack_delay_ns: given -1"),
+        (lambda: replace(FAST_DDS, piggyback_bytes=-1), "piggyback_bytes: given -1"),
+        (lambda: replace(FAST_DDS, nack_most=257), "nack_most: given 257"),
     ],
 )
 def test_bad_scenarios_are_refused_with_the_place(build, message):
