@@ -28,6 +28,7 @@ _TEXT = "tag:yaml.org,2002:str"
 _ALIAS = "tag:sfglab:alias"
 _MOST_CHARACTERS = 2**20  # ten times the largest fleet
 _LONGEST_PLAIN = 1000  # characters of a value that is no text
+_EXPONENT = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 T = TypeVar("T")
@@ -126,6 +127,10 @@ class Document:
 
     def refusal(self, path: KeyPath, given: object, allowed: str) -> DocumentError:
         """Return the error for what stands at a path."""
+        if isinstance(given, str) and _EXPONENT.fullmatch(given):
+            allowed += (
+                "; YAML reads this as text, and as a number with a point and a sign, as in 1.0e-9"
+            )
         return DocumentError(self.place(path), given, allowed)
 
     def _locate(self, made: Any, path: KeyPath) -> None:

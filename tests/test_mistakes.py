@@ -220,6 +220,8 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
         f"qos {QOS} --method paper --latency-weight 2": "--latency-weight: no effect with --method paper",
         f"qos {QOS} --format cyclone": "--vendor cyclone_dds",
         f"qos {QOS} --rmw cyclone --vendor cyclone_dds": "--rmw and --vendor exclude each other",
+        f"qos {QOS} --rmw fastrtps-sync --format cyclone": "--vendor cyclone_dds instead of --rmw",
+        f"qos {QOS} --latency-weight inf": "--latency-weight",
         f"qos {QOS} --format topics": f"--format topics: given {QOS}, allowed: a log",
         f"qos {DATA}/reference/latency.mcap": "no topic goes from one host to another",
         "plan OUT --no-browser --port 0": "--new begins one",

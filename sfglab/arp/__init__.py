@@ -5,9 +5,9 @@ problem as published is in `balancing`. Our own (`programme.plan`) includes the 
 """
 
 from sfglab.arp.cache import CacheControl, LocalCache
-from sfglab.arp.plan import Limits, Plan, plan_as_printed
+from sfglab.arp.plan import Plan, plan_as_printed
 from sfglab.arp.programme import pareto_front, plan_file
-from sfglab.arp.topics import Topic, TopicFile, load_topics
+from sfglab.arp.topics import Limits, Topic, TopicFile, load_topics
 
 __all__ = [
     "CacheControl",

@@ -52,10 +52,9 @@ class Balance:
 class InfeasibleBalanceError(SfglabError, ValueError):
     """No rate and depth satisfy the published constraints."""
 
-    def __init__(self, constraint: str, lacking: float, *, advice: str, status: str = "") -> None:
+    def __init__(self, constraint: str, lacking: float, *, advice: str) -> None:
         self.constraint = constraint  #: The equation that fails.
         self.lacking = lacking  #: Amount that is lacking, in the constraint's unit.
-        self.status = status  #: Status of the solver; empty for the closed form.
         super().__init__(f"QoS balancing has no solution: {constraint} lacks {lacking:g}; {advice}")
 
 
@@ -90,8 +89,15 @@ def balance_closed_form(given: BalanceInput) -> Balance:
     return Balance(rate_hz=rate_hz, depth=depth, solver="closed form")
 
 
-def build_problem(given: BalanceInput, *, weight: float = 0.5) -> tuple[Any, Any, Any]:
-    """Return Eq. 6 as a CVXPY problem with R and D, weighted (0 to 1) by largest values: the optimum stays."""
+def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL") -> Balance:
+    """Solve Eq. 6 with CVXPY, as the paper does.
+
+    R and D are weighted (0 to 1) by their largest values, which leaves the optimum where it is.
+
+    Raises:
+        InfeasibleBalanceError: No rate and depth satisfy the constraints; names the one that fails, and by how much.
+        SfglabError: The solver ended without an optimum.
+    """
     import cvxpy as cp
 
     if not 0 < weight < 1:
@@ -105,20 +111,26 @@ def build_problem(given: BalanceInput, *, weight: float = 0.5) -> tuple[Any, Any
         given.depth_min <= depth,
         depth <= given.depth_max,
     ]
-    objective = cp.Maximize(
-        weight * rate / given.rate_max_hz + (1 - weight) * depth / given.depth_max
-    )
-    return cp.Problem(objective, constraints), rate, depth
-
-
-def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL") -> Balance:
-    """Solve Eq. 6 with CVXPY, as the paper does; see `build_problem`.
-
-    Raises InfeasibleBalanceError, which names the constraint that fails and the lacking amount, or SfglabError with the solver's status.
-    """
-    problem, rate, depth = build_problem(given, weight=weight)
-    problem.solve(solver=solver)
-    if problem.status != "optimal":
+    rate_share, depth_share = rate / given.rate_max_hz, depth / given.depth_max
+    objective = cp.Maximize(weight * rate_share + (1 - weight) * depth_share)
+    try:
+        solve_problem(cp.Problem(objective, constraints), "QoS balancing", solver)
+    except SfglabError:
         balance_closed_form(given)  # raises with the constraint that fails, and by how much
-        raise SfglabError(f"QoS balancing: solver {solver} ended with status {problem.status!r}")
-    return Balance(rate_hz=float(rate.value), depth=float(depth.value), solver=solver)
+        raise
+    found: Any = rate.value, depth.value
+    return Balance(rate_hz=float(found[0]), depth=float(found[1]), solver=solver)
+
+
+def solve_problem(problem: Any, about: str, solver: str, **settings: Any) -> None:
+    """Solve a CVXPY problem; an SfglabError says that the solver ended without an optimum."""
+    from cvxpy import SolverError
+
+    try:
+        problem.solve(solver=solver, **settings)
+        ended = f"with status {problem.status!r}"
+    except SolverError as error:
+        ended = f"without an answer ({error})"
+    if problem.status != "optimal":
+        advice = "values that differ by less from each other may have a solution"
+        raise SfglabError(f"{about}: solver {solver} ended {ended}; {advice}")

@@ -13,6 +13,7 @@ durations are whole nanoseconds.
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree import ElementTree as ET
@@ -50,7 +51,7 @@ def _rate_text(part: TopicPlan) -> str:
 
 def _new_comment(text: str) -> Any:
     """Return a comment; XML forbids two hyphens in a row there."""
-    return ET.Comment(f" {text.replace('--', '- -')} ")
+    return ET.Comment(f" {re.sub('-(?=-)', '- ', text)} ")
 
 
 def _child(parent: ET.Element, path: str, text: str | None = None, **attributes: str) -> ET.Element:
@@ -146,7 +147,7 @@ _LEAST_NS = 5_000_000
 _SCHEDULED_LEAST_NS = 20_000_000  #: HeartbeatInterval's `minsched`, Cyclone's default.
 
 _CYCLONE_HOW = (
-    "Set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp and CYCLONEDDS_URI to this file. Here stands timing only: this "
+    "Set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp and CYCLONEDDS_URI to this file. It contains timing only: this "
     "configuration has no QoS of single topics, so reliability, history, depth and deadline come from the "
     "ROS 2 parameter file, and rates from the nodes' timers."
 )
@@ -164,7 +165,7 @@ def cyclone_xml(plan: Plan) -> str:
         root,
         "Domain/Internal/HeartbeatInterval",
         _duration(vendor.heartbeat_ns),
-        min=_duration(_LEAST_NS),
+        min=_duration(min(_LEAST_NS, vendor.heartbeat_ns)),
         minsched=_duration(min(_SCHEDULED_LEAST_NS, vendor.heartbeat_ns)),
         max=_duration(vendor.heartbeat_max_ns),
     )

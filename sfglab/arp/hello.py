@@ -30,7 +30,6 @@ STATION = "station"  #: The host of localisation and planning.
 HELLO_UP = "robot1/hello"  #: "Hello" from robot 1 to the station.
 HELLO_HOP = "robot3/localisation"  #: "Hello" from the station to robot 3, where it goes that way.
 HELLO_DOWN = "robot1/move"  #: "Hello" to robot 1's actuation.
-HELLOS = (HELLO_UP, HELLO_HOP, HELLO_DOWN)
 #: Size of "Hello" in CDR: header, length, text and its final zero (RTPS 2.5, clause 10).
 HELLO_BYTES = len("Hello") + 1 + 4 + 4
 
@@ -60,7 +59,11 @@ class GridCell:
 
 
 def balance_of(rate_max_hz: float) -> Balance:
-    """Return R, in Hz, and D of Eq. 6; T_a of Eq. 1 are the topics that begin or end at each robot."""
+    """Return R, in Hz, and D of Eq. 6; T_a of Eq. 1 are the topics that begin or end at each robot.
+
+    Two of "Hello"'s flows begin or end at robot 1. The two more at robot 3 with `GridCell.hop` are left out, so that
+    both ways have one rate.
+    """
     hello = {"robot1": 2}
     topics = tuple(len(sensors) + hello.get(robot, 0) for robot, sensors in ROBOTS.items())
     return balance_closed_form(BalanceInput(topics=topics, rate_max_hz=rate_max_hz))

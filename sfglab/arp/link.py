@@ -1,7 +1,9 @@
 """The link under topics: what they cost on it and how long retransmissions hold them up, in closed form.
 
-The arithmetic of the planned QoS has the same frames, delays and heartbeats as the simulation in `sfglab.rtps`:
-airtime of samples and acknowledgements, mean wait in the queue, mean delay by retransmissions (`repairs`).
+The arithmetic of a plan: airtime of samples and acknowledgements, mean wait in the queue, mean delay by
+retransmissions (`repairs`). A sample that fits into one frame has the frames, delays and heartbeats of the
+simulation in `sfglab.rtps`. A larger one takes several IP fragments here and one long frame in the simulation.
+Cyclone DDS divides samples from about 1.3 kB into RTPS fragments instead, which neither includes.
 Given the depths, every formula is convex in the rates; it is written once, for numbers and for CVXPY's
 expressions. First-order in losses; heartbeats that travel alone and GAPs are left out, which are rare where
 heartbeats ride with samples. Shapes: n topics, S senders.
@@ -16,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.repairs import NOT_HELD, Held, alone_held, riding_held
+from sfglab.errors import InvalidValueError
 from sfglab.qos import Durability
 from sfglab.rtps.frames import ACKNACK_BYTES, IP_BYTES, IP_PAYLOAD_BYTES, data_bytes
 
@@ -30,6 +33,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _LEAST = 1e-9
+_LOSS_MOST = 0.99  # beyond, no number of retransmissions helps
 _UTILISATION_MOST = 1 - 1e-9
 
 
@@ -116,8 +120,7 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
     reliable = np.array([topic.reliable for topic in topics])
     volatile = np.array([topic.durability is Durability.VOLATILE for topic in topics])
     change_most_hz = np.array([1 / t.change_s if t.cached else np.inf for t in topics])
-    frames = np.array([frames_of(topic) for topic in topics])
-    loss = np.where(frames == 1, medium.loss, 1 - (1 - medium.loss) ** frames)
+    loss = np.array([loss_of(topic, medium) for topic in topics])
     spacing_s = 0.0 if vendor.prompt or vendor.piggyback_when_full else vendor.heartbeat_ns / 1e9
     bundled_s = 0.0 if vendor.prompt else max(vendor.ack_delay_ns / 1e9, spacing_s)
     # Time of a retransmission beside its way; a prompt reader waits only before its second request.
@@ -146,6 +149,17 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
     )
     rates_hz = np.array([topic.rate_max_hz for topic in topics])
     return at_depths(link, np.ones(len(topics), np.int64), rates_hz)
+
+
+def loss_of(topic: Topic, medium: Medium) -> float:
+    """Return the share of a topic's samples of which the medium loses a frame; InvalidValueError above the most."""
+    frames = frames_of(topic)
+    loss = medium.loss if frames == 1 else float(1 - (1 - medium.loss) ** frames)
+    if loss > _LOSS_MOST:
+        given = f"{topic.size_bytes} bytes in {frames} frames, of which the link loses {medium.loss:.2%}"
+        allowed = f"sizes and links with which at most {_LOSS_MOST:.0%} of the samples lose a frame"
+        raise InvalidValueError(f"topic {topic.name!r}", given, allowed)
+    return loss
 
 
 def _sending_hosts(topic: Topic) -> tuple[str, ...]:
@@ -219,7 +233,7 @@ def repair_delay_s(link: Link, sent_hz: Any, *, inverse: Callable[[Any], Any]) -
     """Return by how much losses hold up a topic's samples on average, shape (n,); convex in the rates.
 
     A lost sample holds up all that follow it until its retransmission, T later: p (T / 2 + r T^2 / 2) per
-    sample. `repairs` has the parts of T; T + r T^2 is a / r + b + c r. The link is that of the topics' depths,
+    sample, and p T where no other follows within T. `repairs` has the parts of T; T + r T^2 is a / r + b + c r. The link is that of the topics' depths,
     r the samples per second that travel, shape (n,), and `inverse` 1 / x for positive x, of the kind of r.
     """
     spread, fixed, growing = 0.5 * link.loss * link.held

@@ -8,16 +8,15 @@ deeper waits longer. Arrays have one entry per topic, shape (n,).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.arp.balancing import BalanceInput, balance
+from sfglab.arp.balancing import BalanceInput, balance_closed_form
 from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s, waits_s
 from sfglab.arp.repairs import failing_share
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import between, check_bounds
 from sfglab.qos import SENSOR_DATA, QoSProfile
 
 if TYPE_CHECKING:
@@ -37,7 +36,6 @@ with a shallower one a retransmission that is lost itself comes too late."""
 _BATCH_DEPTH_LEAST = 2  # one sample alone is overwritten before it can be retransmitted
 
 _DURING_MOST = 1e6  #: Samples during retransmissions that are reckoned with at most.
-_ROUNDS_MOST = 8  #: Rounds of retransmissions; more leave nothing that matters.
 _WAITS_PER_ROUND = 2  #: Waits in queues on the ways of a request and its retransmission.
 #: Mean waits in queues that a retransmission may meet on its three ways before it is too late.
 _SLACK = 4.0
@@ -73,20 +71,6 @@ class InfeasiblePlanError(SfglabError, ValueError):
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """Limits of a plan."""
-
-    #: The most of a sender's time to be taken.
-    utilisation_max: float = between(0.9, 0, 1, without=(0, 1))
-    #: Share of samples that may stay lost after repairs, where a history can keep it; a plan says what it
-    #: expects (`TopicPlan.loss`).
-    residual_loss: float = between(1e-4, 0, 1, without=(0, 1))
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-
 def depths_for(link: Link, rates_hz: Floats, *, residual_loss: float) -> Depths:
     """Return how deep histories should be at these rates.
 
@@ -98,7 +82,8 @@ def depths_for(link: Link, rates_hz: Floats, *, residual_loss: float) -> Depths:
     """
     rounds = np.array([rounds_needed(float(loss), residual_loss) for loss in link.loss])
     sent_hz = link.sent_hz(rates_hz)
-    during = np.minimum(sent_hz * _rounds_s(link, rates_hz, rounds), _DURING_MOST)
+    rounds_s = rounds * _round_s(link, rates_hz) + (rounds - 1) * link.again_s
+    during = np.minimum(sent_hz * rounds_s, _DURING_MOST)
     in_batches = np.clip(np.floor(sent_hz * link.period_s), _BATCH_DEPTH_LEAST, BATCH_DEPTH)
     depths = np.where(link.batching, in_batches, np.ceil(during) + 1)
     return np.where(link.reliable, depths, SENSOR_DATA.depth).astype(np.int64)
@@ -111,11 +96,11 @@ def expected_losses(link: Link, depths: Depths, rates_hz: Floats) -> Floats:
     published during a retransmission; of the others, those whose one retransmission fails.
     """
     sent_hz = link.sent_hz(rates_hz)
-    rounds = np.zeros(len(depths))
-    for k in range(1, _ROUNDS_MOST + 1):
-        rounds[depths > sent_hz * _rounds_s(link, rates_hz, k)] = k
+    # The most rounds that take less time than the history lasts.
+    longer_s = depths / sent_hz + link.again_s
+    rounds = np.ceil(longer_s / (_round_s(link, rates_hz) + link.again_s)) - 1
     failing = 1 - (1 - link.loss) ** 2
-    steady = link.loss * failing**rounds
+    steady = link.loss * failing ** np.maximum(rounds, 0)
     during = np.minimum(sent_hz * _repair_s(link, waits_s(link, rates_hz)), _DURING_MOST)
     # Periodic samples are published during a retransmission in whole numbers, changes at random in the mean.
     overwritten = np.where(link.cached, during, np.floor(during)) / depths
@@ -166,11 +151,10 @@ def rounds_needed(loss: float, residual_loss: float) -> int:
     return max(1, math.ceil(math.log(residual_loss / loss) / math.log(1 - (1 - loss) ** 2)))
 
 
-def _rounds_s(link: Link, rates_hz: Floats, count: int | Depths) -> Floats:
-    """Return how long so many rounds, one after the other, take where heartbeats ride with every sample."""
+def _round_s(link: Link, rates_hz: Floats) -> Floats:
+    """Return how long one round takes where heartbeats ride with every sample."""
     shown_s = np.minimum(1 / link.sent_hz(rates_hz), link.period_s)
-    each_s = shown_s + link.round_s + _WAITS_PER_ROUND * waits_s(link, rates_hz)
-    return np.asarray(count * each_s + (count - 1) * link.again_s)
+    return np.asarray(shown_s + link.round_s + _WAITS_PER_ROUND * waits_s(link, rates_hz))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -185,21 +169,18 @@ class TopicPlan:
     #: Share of time in which the reader holds the value that the sensor has, expected.
     up_to_date: float
     loss: float  #: Share of samples that never come because the medium loses frames, expected.
+    #: DEADLINE, the longest agreed gap, ns: the history's length in time; None behind a local cache.
+    deadline_ns: int | None = field(init=False)
 
-    @property
-    def deadline_ns(self) -> int | None:
-        """DEADLINE, the longest agreed gap, ns: the history's length in time; None behind a local cache.
-
-        Any jitter and any retransmission would exceed a DEADLINE of one period. After depth / rate a missing
-        sample does not arrive any more. A local cache leaves gaps of any length.
-        """
-        if self.topic.cached:
-            return None
-        return max(1, round(1e9 * max(self.depth, 2) / self.rate_hz))
+    def __post_init__(self) -> None:
+        # Any jitter and any retransmission would exceed a DEADLINE of one period. After depth / rate a missing
+        # sample does not arrive any more. A local cache leaves gaps of any length.
+        duration_ns = max(1, round(1e9 * max(self.depth, 2) / self.rate_hz))
+        object.__setattr__(self, "deadline_ns", None if self.topic.cached else duration_ns)
 
     @property
     def qos(self) -> QoSProfile:
-        """Of the writer, and of the reader alike: equal profiles always match."""
+        """QoS of the writer and of the reader: equal profiles always match."""
         return QoSProfile(
             reliability=self.topic.reliability,
             durability=self.topic.durability,
@@ -260,8 +241,9 @@ def assess(  # noqa: PLR0913 - a plan's parts, by keyword
     latency_s = _latency_s(link, depths, rates_hz)
     losses = expected_losses(link, depths, rates_hz)
     per_change = rates_hz * link.arriving * change_s
+    arriving = rates_hz * (1 - losses) * change_s
     # Samples are periodic and changes come at random times.
-    true_when_sent = per_change * -np.expm1(-1 / per_change)
+    true_when_sent = arriving * -np.expm1(-1 / arriving)
     up_to_date = true_when_sent * np.exp(-latency_s / change_s)
     columns = [column.tolist() for column in (rates_hz, depths, latency_s, up_to_date, losses)]
     parts = []
@@ -294,16 +276,19 @@ def plan_as_printed(given: TopicFile) -> Plan:
 
     Raises:
         InfeasibleBalanceError: No rate and depth satisfy the printed constraints.
+        InvalidValueError: The link loses too many of a topic's samples.
     """
     rate_max_hz = max(t.rate_max_hz for t in given.topics)
-    found = balance(BalanceInput(topics=given.topics_of_agents(), rate_max_hz=rate_max_hz))
+    found = balance_closed_form(
+        BalanceInput(topics=given.topics_of_agents(), rate_max_hz=rate_max_hz)
+    )
     return assess(
         given.topics,
         given.medium,
         given.vendor,
         rates_hz=np.full(len(given.topics), found.rate_hz),
-        depths=np.full(len(given.topics), int(found.depth + 1e-6)),  # a solver's 5 may be 4.9999999
-        method="printed",
+        depths=np.full(len(given.topics), int(found.depth)),
+        method="paper",
     )
 
 

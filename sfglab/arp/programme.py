@@ -27,17 +27,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.arp.balancing import solve_problem
 from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s
 from sfglab.arp.plan import (
     BATCH_DEPTH,
     InfeasiblePlanError,
-    Limits,
     Plan,
     assess,
     depths_for,
     rates_most_hz,
 )
-from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.arp.topics import Limits
+from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -91,22 +92,22 @@ def pareto_front(
 
     Raises:
         InfeasiblePlanError: The minimal rates alone exceed the capacity; says by how much.
-        InvalidValueError: There are no topics or no prices, or a price is below 0.
+        InvalidValueError: There are no topics or no prices, a price is below 0, or the link loses too many of a
+            topic's samples.
         SfglabError: The solver ended without an optimum.
     """
     if not topics or not prices_hz or not all(0 <= price < math.inf for price in prices_hz):
         given = f"{len(topics)} topics and prices {tuple(prices_hz)}"
-        raise InvalidValueError("topics, prices", given, "at least one of each, prices from 0")
+        allowed = "at least one of each, prices finite and from 0"
+        raise InvalidValueError("topics, prices of latency", given, allowed)
     planner = _Planner(tuple(topics), medium, vendor, limits or Limits())
     return tuple(planner.plan(float(price)) for price in prices_hz)
 
 
 def plan_file(given: TopicFile, *, latency_price_hz: float | None = None) -> Plan:
     """Return the plan for what a file of topics says; raises what `plan` does."""
-    limits = Limits(utilisation_max=given.utilisation_max, residual_loss=given.residual_loss)
-    return plan(
-        given.topics, given.medium, given.vendor, latency_price_hz=latency_price_hz, limits=limits
-    )
+    price_hz = latency_price_hz
+    return plan(given.topics, given.medium, given.vendor, latency_price_hz=price_hz, limits=given)
 
 
 class _Planner:
@@ -306,9 +307,6 @@ def solve(programme: Programme, link: Link, price: float) -> tuple[NDArray[np.fl
         for i, bound in enumerate(is_bound):
             programme.branches[2 * i].value = np.where(bound, 0.0, shares[i])
             programme.branches[2 * i + 1].value = np.where(bound, most_hz[i], 0.0)
-        problem = programme.problem
-        problem.solve(solver="CLARABEL", **_TOLERANCES)
-        if problem.status != "optimal":
-            raise SfglabError(f"QoS plan: solver CLARABEL ended with status {problem.status!r}")
+        solve_problem(programme.problem, "QoS plan", "CLARABEL", **_TOLERANCES)
         rates_hz = np.clip(programme.rates.value, *programme.bounds_hz)
     return rates_hz, float(np.max(programme.capacity.dual_value))

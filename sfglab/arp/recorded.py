@@ -1,6 +1,6 @@
 """Topics of a recorded log or bag for a plan of QoS, and the file of topics with them.
 
-A recording has names, sizes, rates and how often values change. Hosts follow from names, as in
+A recording has names, sizes, rates, QoS and how often values change. Hosts follow from names, as in
 the naming schema (A 4.1): the namespace of a node, the agent or first segment of a topic. Only the user knows
 the link and the weight of a topic; both belong in the written file.
 """
@@ -10,12 +10,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sfglab.arp.topics import Topic
+from sfglab.fields import to_json
+from sfglab.names.grammar import is_wire_ros_name
 from sfglab.record.traffic import Traffic, traffic_of
 from sfglab.rtps import Medium
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from sfglab.qos import QoSProfile
     from sfglab.record import LogReader
 
 _ROBOT, _STATION = "robot", "station"
@@ -42,11 +45,14 @@ def topics_from_log(log: LogReader) -> tuple[tuple[Topic, ...], dict[str, str]]:
         if why := _obstacle(found, sources, targets):
             left_out[found.topic] = why
         else:
-            topics.append(_topic(found, source, tuple(sorted(targets)) or (_STATION,)))
+            ways = source, tuple(sorted(targets)) or (_STATION,)
+            topics.append(_topic(found, ways, log.offered_qos(found.topic)))
     return tuple(topics), left_out
 
 
 def _obstacle(found: Traffic, sources: set[str], targets: set[str]) -> str:
+    if not is_wire_ros_name(found.topic):
+        return "it has no topic name of ROS 2"
     if found.publishers == ():
         return "nobody publishes it"
     if len(sources) > 1:
@@ -58,7 +64,8 @@ def _obstacle(found: Traffic, sources: set[str], targets: set[str]) -> str:
     return ""
 
 
-def _topic(found: Traffic, source: str, targets: tuple[str, ...]) -> Topic:
+def _topic(found: Traffic, ways: tuple[str, tuple[str, ...]], qos: QoSProfile) -> Topic:
+    source, targets = ways
     assert found.rate_hz
     assert found.size_bytes is not None
     assert found.change_s
@@ -71,6 +78,8 @@ def _topic(found: Traffic, source: str, targets: tuple[str, ...]) -> Topic:
         rate_min_hz=min(1.0, rate_hz),
         rate_max_hz=rate_hz,
         change_s=float(f"{found.change_s:.4g}"),
+        reliability=qos.reliability,
+        durability=qos.durability,
     )
 
 
@@ -92,7 +101,7 @@ def topics_text(topics: Iterable[Topic], origin: str) -> str:
         "topics": {topic.name: _values(topic) for topic in topics},
     }
     return (
-        f"# Topics of {origin!r}: rates, sizes and times between changes are those of its messages, hosts\n"
+        f"# Topics of {origin!r}: rates, sizes, QoS and times between changes are recorded, hosts\n"
         "# follow from names. Say what the link is, and by weight what a topic is worth beside the others.\n"
         + yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=120)
     )
@@ -100,5 +109,5 @@ def topics_text(topics: Iterable[Topic], origin: str) -> str:
 
 def _values(topic: Topic) -> dict[str, Any]:
     to = topic.target if isinstance(topic.target, str) else list(topic.target)
-    keys = ("size_bytes", "rate_min_hz", "rate_max_hz", "change_s")
-    return {"from": topic.source, "to": to, **{key: getattr(topic, key) for key in keys}}
+    keys = ("size_bytes", "rate_min_hz", "rate_max_hz", "change_s", "reliability", "durability")
+    return {"from": topic.source, "to": to, **{key: to_json(getattr(topic, key)) for key in keys}}

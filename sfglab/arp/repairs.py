@@ -9,8 +9,9 @@ while its history is full. Its samples then come in batches of `depth`.
 
 First order in losses: gaps that overlap are counted one by one. `loss` is the share of frames that the medium
 loses. Against `sfglab.rtps` with 1 % loss, delays are right to 20 % where no sample is published during a
-retransmission and batches have at most 12 samples; with 10 % loss they lie above the simulated ones, up to
-fourfold. Knows neither links nor topics.
+retransmission and batches have at most 12 samples. With 10 % loss they are 0.9 to 2.5 times the simulated ones
+where the history holds the rounds of retransmissions, as that of a plan does. A shallower one overwrites what
+others wait for, so delays are too long: eighteenfold with Cyclone DDS, a depth of 2, 80 Hz and 10 % loss.
 """
 
 from __future__ import annotations
@@ -79,4 +80,6 @@ def alone_held(rate_hz: float, period_s: float, round_s: float, loss: float) -> 
     rounds_square = fails * (1 + fails) / (1 - fails) ** 2
     fixed = once + rounds * again
     growing = once_square + 2 * once * rounds * again + rounds_square * again**2
+    if rate_hz * growing < fixed:  # the lost sample alone waits: T, not T / 2 + r T^2 / 2
+        return Held(0.0, 2 * fixed, 0.0)
     return Held(0.0, fixed, growing)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 from sfglab.fields import Bounds
 from sfglab.messages import message_type, serialize
@@ -64,14 +64,9 @@ def object_bytes(sensor: Sensor) -> int:
     return sys.getsizeof(sensor.example)
 
 
-def sensor_message(sensor: Sensor, value: Any) -> Any:
-    """Return a sensor's value as the ROS message that it sends."""
-    return message_type(sensor.type)(data=value)
-
-
 def cdr_bytes(sensor: Sensor) -> int:
     """Return the size of a sensor's message on the wire: CDR with its 4-byte header, padded to whole words."""
-    return len(serialize(sensor_message(sensor, sensor.example)))
+    return len(serialize(message_type(sensor.type)(data=sensor.example)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,12 +6,12 @@ what is allowed. Refuses to know how rates are found.
 
 from __future__ import annotations
 
-import re
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from sfglab.documents import ByName, Document, Matching, named
-from sfglab.fields import between, bounds
+from sfglab.fields import between, bounds, check_bounds
+from sfglab.names.grammar import ROS_NAME
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
 from sfglab.units import NS_PER_MS
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-_NAME = re.compile(r"/.*[^/]", re.DOTALL)
+_RATE_MOST_HZ = 1e9  # as often as the nanoseconds of a log tell apart
+_FIELD_MOST = 1e6  # of the link's numbers: what is larger has no solution that a solver finds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,19 +29,20 @@ class Topic:
     """One topic: its hosts, size, rates and weight."""
 
     #: Full name, with its leading slash.
-    name: Annotated[str, Matching(_NAME, "a full topic name, such as '/robot1/lidar'")]
+    name: Annotated[str, Matching(ROS_NAME, "a full topic name of ROS 2, such as '/robot1/lidar'")]
     source: str = field(metadata=named("from"))  #: Host that publishes.
     #: Host that subscribes, or hosts, each of which gets a copy and acknowledges it, as DDS sends over Wi-Fi.
     target: str | tuple[str, ...] = field(metadata=named("to"))
     #: CDR size of a message; large ones take several frames.
-    size_bytes: int = field(metadata=bounds(0))
-    rate_min_hz: float = between(1.0, without=(0,))  #: Lowest rate that is of use, Hz.
-    rate_max_hz: float = between(1000.0, without=(0,))  #: Highest rate that is possible, Hz.
+    size_bytes: int = field(metadata=bounds(0, 10**9))
+    #: Lowest rate that is of use, Hz.
+    rate_min_hz: float = between(1.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
+    #: Highest rate that is possible, Hz.
+    rate_max_hz: float = between(1000.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
     #: Mean time between changes of its value; what a higher rate is worth follows from it.
-    change_s: float = between(1.0, without=(0,))
-    weight: float = between(
-        1.0, without=(0,)
-    )  #: Weight in the objective, compared with the other topics.
+    change_s: float = between(1.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
+    #: Weight in the objective, compared with the other topics.
+    weight: float = between(1.0, 1 / _FIELD_MOST, _FIELD_MOST)
     #: Whether a local cache holds repeated values back (paper B, section 2.2): then only changes travel, and
     #: the rate is that of the readings.
     cached: bool = False
@@ -48,6 +50,9 @@ class Topic:
     reliability: Reliability = Reliability.RELIABLE
     #: With Fast DDS it decides when heartbeats come (`repairs`), and so rates and depths.
     durability: Durability = Durability.VOLATILE
+
+    def __post_init__(self) -> None:
+        check_bounds(self, f"topic {self.name!r}: ")
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -64,15 +69,17 @@ class Topic:
 class _Link:
     """The link that all topics share."""
 
-    rate_mbps: float = between(20.0, without=(0,))  #: Megabits a second.
+    #: Megabits per second.
+    rate_mbps: float = between(20.0, 1 / _FIELD_MOST, _FIELD_MOST)
     loss: float = between(0.01, 0, 1, without=(1,))  #: Share of frames that are lost.
     #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
     shared: bool = True
-    overhead_us: float = between(300.0)  #: Airtime of a frame beside its bits.
+    overhead_us: float = between(300.0, 0, _FIELD_MOST)  #: Airtime of a frame beside its bits.
     #: By which share each further host that wants to send stretches a frame.
-    contention: float = between(0.15)
-    latency_ms: float = between(0.0)  #: Time from the end of sending to arrival.
-    queue_frames: int = between(500, 1)  #: Frames that a host's queue holds.
+    contention: float = between(0.15, 0, _FIELD_MOST)
+    #: Time from the end of sending to arrival.
+    latency_ms: float = between(0.0, 0, _FIELD_MOST)
+    queue_frames: int = between(500, 1, 10**6)  #: Frames that a host's queue holds.
 
     @property
     def medium(self) -> Medium:
@@ -88,7 +95,7 @@ class _Link:
         )
 
 
-_MILLISECONDS = bounds(without=(0,))
+_MILLISECONDS = bounds(1e-3, _FIELD_MOST)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,15 +111,25 @@ class _Timing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Shared:
+class Limits:
+    """Limits of a plan."""
+
+    #: The most of a sender's time that may be planned.
+    utilisation_max: float = between(0.9, 0.01, 1, without=(1,))
+    #: Share of samples that may stay lost after repairs, where a history can keep it; a plan says what it
+    #: expects (`TopicPlan.loss`).
+    residual_loss: float = between(1e-4, 1e-9, 1, without=(1,))
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Shared(Limits):
     """Fields that a file of topics and its values have in common."""
 
     topics: Annotated[tuple[Topic, ...], ByName("name")]  #: In the file's order.
-    #: The most of the medium's time that may be planned.
-    utilisation_max: float = between(0.9, 0.01, 1, without=(1,))
-    #: Share of samples that may stay lost after repairs.
-    residual_loss: float = between(1e-4, 1e-9, 1, without=(1,))
-    #: Hosts that the printed problem counts as agents; by default all that publish.
+    #: Hosts that the paper's problem counts as agents; by default all that publish.
     agents: tuple[str, ...] = ()
 
 
@@ -120,7 +137,8 @@ class _Shared:
 class TopicKeys(_Shared):
     """A file of topics for `sfglab qos`: who sends what to whom over which link."""
 
-    rate_max_hz: float = between(1000.0, without=(0,))  #: No topic may be sent more often.
+    #: No topic may be sent more often.
+    rate_max_hz: float = between(1000.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
     link: _Link = field(default_factory=_Link)  #: The link that all topics share.
     #: The DDS implementation, a preset of `sfglab.rtps`.
     vendor: Literal[
@@ -155,7 +173,7 @@ class TopicFile(_Shared):
 
 
 def load_topics(path: Path | str) -> TopicFile:
-    """Read a YAML file of topics; DocumentError says where it does not say what it must."""
+    """Read a YAML file of topics; a DocumentError names the place of a mistake and what is allowed there."""
     return read_topics(Document.of_file(path))
 
 
@@ -166,9 +184,10 @@ def read_topics(document: Document) -> TopicFile:
         raise document.refusal(("topics",), document.value["topics"], "one topic at least")
     hosts = sorted({host for t in file.topics for host in (t.source, *t.targets)})
     agents = file.agents or tuple(sorted({t.source for t in file.topics}))
-    if not set(agents) <= set(hosts) or document.value.get("agents") == []:
-        given = document.value["agents"]
-        raise document.refusal(("agents",), given, f"a list of hosts among {', '.join(hosts)}")
+    wrong = not set(agents) <= set(hosts) or len(set(agents)) < len(agents)
+    if wrong or document.value.get("agents") == []:
+        allowed = f"a list of hosts among {', '.join(hosts)}, each once"
+        raise document.refusal(("agents",), document.value["agents"], allowed)
     return TopicFile(
         topics=tuple(_topic(document, topic, file.rate_max_hz) for topic in file.topics),
         utilisation_max=file.utilisation_max,

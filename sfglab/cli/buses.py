@@ -97,8 +97,10 @@ def say(values: Any, text: str, *, as_json: bool) -> None:
 
 
 def print_json(values: Any) -> None:
-    """Print values as one line of JSON."""
-    typer.echo(json.dumps(to_json(values), ensure_ascii=False, default=str))
+    """Print values as one line of JSON; NaN and infinite numbers, which JSON does not have, are null."""
+    text = json.dumps(to_json(values), default=str)
+    plain = json.loads(text, parse_constant=lambda _: None)
+    typer.echo(json.dumps(plain, ensure_ascii=False, allow_nan=False))
 
 
 def write_text(text: str, path: Path | None, folder: Path | None = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -25,6 +26,9 @@ _PRESET_OF = {
     "fastrtps-sync": "fast_dds_sync",
     "cyclone": "cyclone_dds",
 }
+
+
+_LOSS_MOST = 0.1  #: Share of a topic's samples up to which delays are near the simulated ones.
 
 
 def qos(
@@ -55,16 +59,23 @@ def qos(
     ] = None,
     vendor: Annotated[
         Literal["fast_dds", "cyclone_dds"] | None,
-        Option(help="DDS implementation, with its default timing. [default: the file's]"),
+        Option(
+            help="DDS implementation, with its default timing unless the file names the same one. "
+            "[default: the file's]"
+        ),
     ] = None,
     rmw: Annotated[
         Literal["fastrtps-async", "fastrtps-sync", "cyclone"] | None,
-        Option(help="ROS 2 middleware and its publication mode, instead of --vendor."),
+        Option(
+            help="ROS 2 middleware and its publication mode, instead of --vendor; "
+            "its default timing unless the file names the same one."
+        ),
     ] = None,
     latency_weight: Annotated[
         float | None,
         Option(
             min=0.0,
+            max=1e6,
             help="Weight of latency in the objective, Hz. "
             "[default: the one that keeps most readers up to date]",
         ),
@@ -78,6 +89,9 @@ def qos(
     as_json: Json = False,
 ) -> None:
     """Plan the rate, history depth and deadline of each topic on a shared wireless link (paper B).
+
+    The model is for samples that fit into one frame and for links that lose up to 10 % of the frames. A
+    warning names topics outside these limits.
 
     Examples:
       sfglab qos data/qos/paper_b.yaml
@@ -98,6 +112,8 @@ def qos(
         given = _topics_of(found)
     if not given.topics:
         raise SfglabError(f"{source}: no topic goes from one host to another")
+    lowered = [topic.name for topic in given.topics if topic.rate_min_hz > (rate_max or math.inf)]
+    _warn("--rate-max is below the file's rate_min_hz", lowered)
     given = _with_vendor(given.limited_to(rate_max), vendor, rmw)
     if format_ == "topics":
         why = "with --format topics, which plans nothing"
@@ -106,6 +122,7 @@ def qos(
             raise SfglabError(f"--format topics: given {file}, allowed: a log, a bag or a domain")
         write_text(topics_text(given.topics, source.name), out and Path("topics.yaml"), out)
         return
+    _warn_of_validity(given)
     if pareto:
         reason = "with --pareto, which prints all latency weights"
         unused(reason, "method", "format_", "out", "latency_weight", "as_json")
@@ -115,11 +132,18 @@ def qos(
     planned = given.vendor.name
     if export and export.vendor and not planned.startswith(export.vendor.name):
         needed = export.vendor.name.lower().replace(" ", "_")
-        allowed = f"a format for {planned}; this one needs --vendor {needed}"
+        instead = f" instead of --rmw {rmw}" if rmw else ""
+        allowed = f"a format for {planned}; this one needs --vendor {needed}{instead}"
         raise InvalidValueError("--format", format_, allowed)
     if method == "paper":
         unused("with --method paper, which has no latency weight", "latency_weight")
         plan = plan_as_printed(given)
+        outside = [
+            part.topic.name
+            for part in plan.topics
+            if not part.topic.rate_min_hz <= part.rate_hz <= part.topic.rate_max_hz
+        ]
+        _warn("--method paper has no limits per topic; outside rate_min_hz or rate_max_hz", outside)
     else:
         plan = plan_file(given, latency_price_hz=latency_weight)
     if as_json:
@@ -142,6 +166,22 @@ def _topics_of(found: LogReader | Path) -> TopicFile:
     print_left_out(left_out)
     agents = {topic.source for topic in topics}
     return TopicFile(topics=topics, agents=tuple(sorted(agents)))
+
+
+def _warn(about: str, topics: list[str]) -> None:
+    """Print a warning about topics, if there are any, on standard error."""
+    if topics:
+        typer.echo(f"warning: {about}: {', '.join(topics)}", err=True)
+
+
+def _warn_of_validity(given: TopicFile) -> None:
+    """Warn of topics for which the model of the link is not valid."""
+    from sfglab.arp.link import frames_of, loss_of
+
+    large = [topic.name for topic in given.topics if frames_of(topic) > 1]
+    _warn("samples above one frame are planned as IP fragments (Cyclone DDS has its own)", large)
+    lossy = [topic.name for topic in given.topics if loss_of(topic, given.medium) > _LOSS_MOST]
+    _warn(f"the model of latencies is for losses up to {_LOSS_MOST:.0%}", lossy)
 
 
 def _with_vendor(given: TopicFile, vendor: str | None, rmw: str | None) -> TopicFile:
@@ -172,7 +212,7 @@ def _plan_text(plan: Plan) -> str:
         rows.append(row)
     medium = plan.medium
     latency = f"{1e3 * plan.latency_s:.2f} ms"
-    if plan.latency_s == float("inf"):
+    if plan.latency_s == math.inf:
         latency = "without bound"
     lines = [
         *columns(rows, right=range(1, 7)),
@@ -187,12 +227,11 @@ def _plan_text(plan: Plan) -> str:
 
 
 def _front_text(given: TopicFile) -> str:
-    from sfglab.arp import Limits, pareto_front
+    from sfglab.arp import pareto_front
 
-    limits = Limits(utilisation_max=given.utilisation_max, residual_loss=given.residual_loss)
     head = "latency weight Hz, freshness %, latency ms, up to date %, utilisation %, shadow price"
     rows = [tuple(head.split(", "))]
-    for plan in pareto_front(given.topics, given.medium, given.vendor, limits=limits):
+    for plan in pareto_front(given.topics, given.medium, given.vendor, limits=given):
         row = (
             f"{plan.latency_price_hz:.2f}",
             f"{100 * plan.freshness:.2f}",

@@ -24,7 +24,7 @@ _DDS_MAX_LENGTH = 255
 _SERVICE_MANGLING = len("rq") + len("Request")
 _LONGEST_ACTION_TAIL = len("/_action/cancel_goal")
 
-_NAME = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
+ROS_NAME = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
 _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _WORDS = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*")
 _NAME_RULE = (
@@ -75,7 +75,7 @@ def validate_ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str
     Raises:
         FqnError: With segment `name`.
     """
-    if not _NAME.fullmatch(name) or "__" in name:
+    if not ROS_NAME.fullmatch(name) or "__" in name:
         raise FqnError("name", name, _NAME_RULE)
     limit = max_name_length(kind)
     if len(name) > limit:
@@ -87,7 +87,7 @@ def validate_ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str
 
 def is_wire_ros_name(name: str) -> bool:
     """Tell whether a ROS 2 node could have made this absolute name (`rmw_validate_full_topic_name`)."""
-    return _NAME.fullmatch(name) is not None
+    return ROS_NAME.fullmatch(name) is not None
 
 
 def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
@@ -100,7 +100,7 @@ def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
         FqnError: With segment `namespace`, `node` or `name`.
     """
     root = "" if namespace in ("", "/") else "/" + namespace.removeprefix("/")
-    if root and (not _NAME.fullmatch(root) or "__" in root or len(root) > _RMW_MAX_LENGTH - 2):
+    if root and (not ROS_NAME.fullmatch(root) or "__" in root or len(root) > _RMW_MAX_LENGTH - 2):
         raise FqnError(
             "namespace", namespace, f"'/' or {_NAME_RULE}; at most {_RMW_MAX_LENGTH - 2} characters"
         )
@@ -111,7 +111,7 @@ def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
         return validate_ros_name(name)
     if name == "~" or name.startswith("~/"):
         return validate_ros_name(f"{root}/{node_name}{name[1:]}")
-    if not _NAME.fullmatch(f"/{name}"):
+    if not ROS_NAME.fullmatch(f"/{name}"):
         raise FqnError("name", name, f"'x', '~/x' or {_NAME_RULE}")
     return validate_ros_name(f"{root}/{name}")
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from sfglab.arp import balancing
 from sfglab.arp.balancing import BalanceInput, InfeasibleBalanceError, balance
-from sfglab.errors import InvalidValueError
+from sfglab.errors import InvalidValueError, SfglabError
 
 EXPERIMENT = (7, 6, 6)  # section 3.1: six, five and five sensors, and one localisation result each
 
@@ -40,6 +40,11 @@ def test_solver_and_closed_form_agree_whatever_the_weight(topics, rate_max_hz, r
     found = balance(problem, weight=weight)
     assert found.rate_hz == pytest.approx(exact.rate_hz, rel=1e-4, abs=1e-3)
     assert found.depth == pytest.approx(exact.depth, rel=1e-4, abs=1e-2)
+
+
+def test_a_solver_that_fails_is_one_of_our_errors():
+    with pytest.raises(SfglabError, match="solver NONESUCH ended without an answer"):
+        balance(BalanceInput(topics=EXPERIMENT, rate_max_hz=100), solver="NONESUCH")
 
 
 def test_an_infeasible_rate_names_equation_4_and_what_would_help_and_a_depth_equation_5():

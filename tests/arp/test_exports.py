@@ -15,6 +15,7 @@ from sfglab.arp import load_topics, plan_as_printed, plan_file
 from sfglab.arp.exports import cyclone_xml, fast_dds_xml, ros2_parameters
 from sfglab.errors import InvalidValueError
 from sfglab.qos import Reliability
+from sfglab.rtps import CYCLONE_DDS
 
 DATA = Path(__file__).parents[2] / "data" / "qos"
 PAPER_B = load_topics(DATA / "paper_b.yaml")
@@ -140,6 +141,20 @@ def test_cyclone_dds_itself_accepts_its_configuration_which_has_the_planned_timi
         "AckDelay": "10 ms",
     }
     assert internal[0].attrib == {"min": "5 ms", "minsched": "20 ms", "max": "8000 ms"}
+
+
+def test_no_least_interval_of_cyclone_dds_is_above_the_heartbeat():
+    vendor = replace(CYCLONE_DDS, heartbeat_ns=3_000_000)
+    text = cyclone_xml(replace(planned("Cyclone DDS"), vendor=vendor))
+    interval = ET.fromstring(text).find("*/{*}Internal/{*}HeartbeatInterval")  # noqa: S314 - our own text
+    assert (interval.text, interval.get("min"), interval.get("minsched")) == ("3 ms",) * 3
+
+
+def test_hyphens_in_a_name_of_a_topic_leave_the_xml_valid():
+    plan = planned("cached")
+    part = replace(plan.topics[0], topic=replace(plan.topics[0].topic, name="/a---b-"))
+    text = fast_dds_xml(replace(plan, topics=(part,)))
+    assert ("data_writer", "/a---b-") in profiles(text)
 
 
 @pytest.mark.parametrize("name", PLANS)

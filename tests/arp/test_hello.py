@@ -58,7 +58,8 @@ def test_on_a_quiet_channel_hello_takes_two_hops_and_their_nodes_and_a_third_ove
     assert lowest[0] == pytest.approx(2 * 0.02 + 0.18 + 0.06, abs=0.01)
     # A hop more, and its node besides the station's, which plans once less.
     assert lowest[1] - lowest[0] == pytest.approx(0.02 + 0.12 - 0.06, abs=0.01)
-    way = [flows_of(cell(hop=True))[name] for name in hello.HELLOS]
+    names = (hello.HELLO_UP, hello.HELLO_HOP, hello.HELLO_DOWN)
+    way = [flows_of(cell(hop=True))[name] for name in names]
     assert [flow.target for flow in way] == ["station", "robot3", "robot1"]
 
 

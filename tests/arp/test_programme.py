@@ -1,17 +1,22 @@
 """The QoS programme: it is convex, its optimum is one, and its arithmetic is that of the simulation."""
 
+import contextlib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from random import Random
 
 import numpy as np
 import pytest
+import yaml
 
 from sfglab.arp.link import link_of
-from sfglab.arp.plan import InfeasiblePlanError, Limits, assess, depths_for, plan_as_printed
-from sfglab.arp.programme import pareto_front, plan
-from sfglab.arp.topics import Topic, load_topics
+from sfglab.arp.plan import InfeasiblePlanError, assess, depths_for, plan_as_printed
+from sfglab.arp.programme import pareto_front, plan, plan_file
+from sfglab.arp.topics import Limits, Topic, TopicFile, _Link, load_topics, read_topics
+from sfglab.documents import Document
 from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fields import Bounds, bounds_of
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, PRESETS, Flow, Medium, Scenario, run
 
@@ -126,6 +131,47 @@ def test_every_plan_keeps_to_its_bounds(seed):
     assert 0 <= found.up_to_date <= 1
 
 
+def drawn(draw, name, limits, log=(-9, 9)):
+    """Return a legal value of a bounded field, or none, for its default."""
+    low, high = max(limits.low, 10.0 ** log[0]), min(limits.high, 10.0 ** log[1])
+    value = draw.choice([low, high, *np.geomspace(low, high, 9)[1:-1].tolist()])
+    value = int(value) if name in ("size_bytes", "queue_frames") else value
+    return {name: value} if value in limits and draw.random() < 0.5 else {}
+
+
+def drawn_text(draw) -> str:
+    """Return a file of topics that `load_topics` reads, with values anywhere in their bounds."""
+    link, timing, topics = {}, {}, {}
+    for name, limits in bounds_of(_Link).items():
+        link |= drawn(draw, name, limits)
+    for name in ("heartbeat_ms", "nack_delay_ms", "ack_delay_ms"):
+        timing |= drawn(draw, name, Bounds(1e-3, 1e6))
+    for number in range(draw.randint(1, 3)):
+        values = {"from": draw.choice("ab"), "to": draw.choice([["c"], ["c", "d"]])}
+        values |= {"size_bytes": draw.choice([0, 24, 5000]), "rate_min_hz": 1e-9}
+        for name, limits in bounds_of(Topic).items():
+            values |= {} if name == "rate_min_hz" else drawn(draw, name, limits)
+        values["reliability"] = draw.choice([member.value for member in Reliability])
+        values["durability"] = draw.choice([member.value for member in Durability])
+        topics[f"/t{number}"] = values | {"cached": draw.random() < 0.3}
+    given = {"topics": topics, "link": link, "timing": timing, "vendor": draw.choice([*PRESETS])}
+    return yaml.safe_dump(given)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_every_legal_file_has_a_plan_or_an_error_of_ours(seed):
+    draw = Random(seed)
+    given = read_topics(Document(drawn_text(draw), "t.yaml"))
+    for method in (partial(plan_file, latency_price_hz=10 ** draw.uniform(-1, 3)), plan_as_printed):
+        with contextlib.suppress(SfglabError), np.errstate(all="ignore"):
+            for part in method(given).topics:
+                assert np.isfinite(part.rate_hz)
+                assert part.latency_s > 0
+                assert 0 <= part.up_to_date <= 1
+                assert 0 <= part.loss <= 0.99
+                assert part.deadline_ns is None or part.deadline_ns > 0
+
+
 @VENDORS
 def test_along_the_front_latency_costs_freshness_and_the_default_is_its_best_point_inside(vendor):
     front = pareto_front(PAPER_B.topics, PAPER_B.medium, vendor)
@@ -176,6 +222,13 @@ BIG = topic("/big", rate_min_hz=900, size_bytes=1400)
         ([], (1.0,), "at least one of each"),
         ([topic()], (), "at least one of each"),
         ([topic()], (-1.0,), "at least one of each"),
+        ([topic()], (np.inf,), "at least one of each, prices finite"),
+        ([topic()], (1e300,), "solver CLARABEL ended"),
+        (
+            [topic("/cam", size_bytes=6_220_800)],
+            (0.0,),
+            "'/cam': given '6220800 bytes in 4204 frames",
+        ),
         ([topic(), BIG], (0.0,), "time of the medium.*lacking.*/big, /a"),
     ],
 )
@@ -220,15 +273,56 @@ def test_expected_latency_airtime_and_freshness_are_as_simulated(vendor, price):
     air = outcome.counts["airtime_ns"] / 40e9
     stretched = 1 + 3 * planned.medium.contention  # by three hosts besides the sender
     assert 0.9 < air * stretched / planned.utilisation < 1.2
+    assert up_to_date_of(planned, outcome) == pytest.approx(planned.up_to_date, abs=0.015)
+
+
+def up_to_date_of(planned, outcome, duration_s: float = 40.0) -> float:
+    """Return the share of time in which readers had the true value, mean over the topics."""
     shares = []
     for part, flow in zip(planned.topics, outcome.flows.values(), strict=True):
         published_s, received_s = flow.published_ns / 1e9, flow.received_ns / 1e9
         received_s = received_s[flow.delivered]
-        ends_s = np.stack((received_s, np.append(received_s[1:], 40.0)))
+        ends_s = np.stack((received_s, np.append(received_s[1:], duration_s)))
         # A value of age a is still true with probability exp(-a / t).
         true = np.exp((published_s[flow.delivered] - ends_s) / part.topic.change_s)
-        shares.append(part.topic.change_s * (true[0] - true[1]).sum() / 40)
-    assert np.mean(shares) == pytest.approx(planned.up_to_date, abs=0.015)
+        shares.append(part.topic.change_s * (true[0] - true[1]).sum() / duration_s)
+    return np.mean(shares)
+
+
+def test_readers_are_less_up_to_date_by_what_a_shallow_history_loses():
+    """Half of the samples of a history of one are lost for good, although the topic is RELIABLE."""
+    asked = topic(change_s=0.1, durability=LATCHED)
+    planned = assessed([asked], Medium(loss=0.5, contention=0), CYCLONE_DDS, [20.0], [1])
+    outcome = simulated(planned, duration_s=400.0)
+    planned_share = planned.up_to_date * np.exp(planned.latency_s / asked.change_s)
+    assert planned.topics[0].loss == pytest.approx(loss_of(outcome), abs=0.03)
+    assert planned_share == pytest.approx(up_to_date_of(planned, outcome, 400.0), abs=0.05)
+
+
+def test_the_planned_loss_counts_all_rounds_of_retransmissions_that_a_history_holds():
+    """Half of the frames are lost, and so three quarters of the rounds: 0.5 (3 / 4)^k after k rounds."""
+    asked, medium = topic(rate_max_hz=20, durability=LATCHED), Medium(loss=0.5, contention=0)
+    losses = []
+    for depth in (2, 10, 20, 40):
+        planned = assessed([asked], medium, CYCLONE_DDS, [20.0], [depth])
+        losses.append(planned.topics[0].loss)
+        rounds = np.log(2 * losses[-1]) / np.log(3 / 4)
+        assert rounds == pytest.approx(round(rounds), abs=1e-6)
+    assert (np.diff(losses) < 0).all()
+    outcome = simulated(assessed([asked], medium, CYCLONE_DDS, [20.0], [40]), duration_s=400.0)
+    assert losses[-1] > loss_of(outcome) - 0.01
+
+
+def test_the_papers_depth_is_a_whole_number_where_the_problem_has_one():
+    """T_a = 2, Rmax = 1000: R = 1000 / 2 - 1 and D = 5000 R / 1000 - 1 = 2494."""
+    given = TopicFile(topics=tuple(equal_topics(2)), agents=("robot",))
+    (first, _) = plan_as_printed(given).topics
+    assert (first.rate_hz, first.depth) == (499, 2494)
+
+
+def test_a_deadline_is_two_periods_at_least():
+    planned = assessed([topic()], Medium(), FAST_DDS, [10.0], [1])
+    assert planned.topics[0].deadline_ns == planned.topics[0].qos.deadline_ns == 200_000_000
 
 
 def test_the_planned_depth_repairs_and_what_no_depth_can_keep_is_in_the_planned_loss():
@@ -252,7 +346,7 @@ def test_the_planned_depth_repairs_and_what_no_depth_can_keep_is_in_the_planned_
         (CYCLONE_DDS, 30, Durability.VOLATILE),
     ],
 )
-@pytest.mark.parametrize("rate_hz", [5, 20, 80])
+@pytest.mark.parametrize("rate_hz", [0.1, 1, 5, 20, 80])
 def test_of_one_topic_delays_and_losses_are_as_simulated(vendor, depth, durability, rate_hz):
     """Heartbeats ride with one sample in two or four, or with each, so that depth delays nothing."""
     asked, samples = topic(durability=durability), 40_000

@@ -1,5 +1,6 @@
 """`sfglab qos`: what the command prints and writes; `test_mistakes.py` has how it refuses."""
 
+import json
 import re
 from functools import partial
 from pathlib import Path
@@ -78,3 +79,41 @@ def test_what_is_recommended_follows_what_ros_2_runs_on(rmw, named, depth, said)
     assert int(re.search(r"^/hello +\S+ +(\d+)", text, re.MULTILINE)[1]) == depth
     if said:
         assert said in call(PAPER_B, "--rmw", rmw, "--format", "fastdds")
+
+
+def test_json_has_the_deadlines_and_no_number_that_json_has_not():
+    def refuse(constant):
+        raise AssertionError(constant)
+
+    text = call(PAPER_B, "--method", "paper", "--json")
+    plan = json.loads(text[text.index("{") :], parse_constant=refuse)
+    assert plan["latency_s"] is None, "the channel is overloaded"
+    assert plan["method"] == "paper"
+    deadlines_ns = [part["deadline_ns"] for part in plan["topics"]]
+    lengths_s = [part["depth"] / part["rate_hz"] for part in plan["topics"]]
+    assert deadlines_ns == pytest.approx([1e9 * length for length in lengths_s])
+
+
+@pytest.mark.parametrize(
+    ("link", "topic", "options", "warned"),
+    [
+        ("{}", "size_bytes: 1380", [], None),
+        ("{}", "size_bytes: 1400", [], "IP fragments (Cyclone DDS has its own): /a"),
+        ("{loss: 0.2}", "size_bytes: 8", [], "losses up to 10%: /a"),
+        ("{}", "size_bytes: 8, rate_min_hz: 9", ["--rate-max", "5"], "file's rate_min_hz: /a"),
+        ("{}", "size_bytes: 8, rate_max_hz: 9", ["--rate-max", "5"], None),
+        ("{}", "size_bytes: 8, rate_min_hz: 600", ["--method", "paper"], "or rate_max_hz: /a"),
+    ],
+)
+def test_a_warning_names_topics_beyond_the_model_or_the_limits_of_their_file(
+    link, topic, options, warned, tmp_path
+):
+    file = tmp_path / "topics.yaml"
+    quiet = "/b: {from: robot, to: station, size_bytes: 8}"
+    file.write_text(
+        f"link: {link}\ntopics:\n  /a: {{from: robot, to: station, {topic}}}\n  {quiet}\n"
+    )
+    text = call(str(file), *options)
+    found = re.findall(r"^warning: .*$", text, re.MULTILINE)
+    assert len(found) == (warned is not None)
+    assert (warned or "") in "".join(found)

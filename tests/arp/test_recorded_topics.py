@@ -13,6 +13,7 @@ from sfglab.arp.recorded import host_of, topics_from_log, topics_text
 from sfglab.arp.topics import load_topics, read_topics
 from sfglab.documents import Document
 from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.record import LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
 from sfglab.soc import load_graph
@@ -52,7 +53,8 @@ def test_a_bag_of_ros_2_gives_rate_size_and_how_often_the_value_changes(tmp_path
 
 def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
     sides = {
-        "/a: {": (["/go2/cam"], ["/spot/map", "/base/map", "/go2/own"]),
+        "/a": (["/go2/cam"], ["/spot/map", "/base/map", "/go2/own"]),
+        "/b: {": (["/go2/cam"], ["/base/map"]),
         "/own": (["/go2/cam"], ["/go2/own"]),
         "/global/go2/scan": (["/camera"], ["/rviz"]),
         "/both": (["/go2/cam", "/spot/cam"], ["/base/map"]),
@@ -66,15 +68,29 @@ def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
     with LogReader(tmp_path / "a.mcap") as log:
         topics, left_out = topics_from_log(log)
     assert [(t.name, t.source, t.target, t.change_s) for t in topics] == [
-        ("/a: {", "go2", ("base", "spot"), 1.0),
+        ("/a", "go2", ("base", "spot"), 1.0),
         ("/global/go2/scan", "go2", "station", 1.0),
     ]
     assert read_topics(Document(topics_text(topics, "a\n.mcap"), "a.yaml")).topics == topics
     assert left_out == {
+        "/b: {": "it has no topic name of ROS 2",
         "/own": "it stays on go2",
         "/both": "more than one host publishes it: go2, spot",
         "/heard": "nobody publishes it",
     }
+
+
+@pytest.mark.parametrize("reliability", Reliability)
+@pytest.mark.parametrize("durability", Durability)
+def test_recorded_qos_is_in_the_file_of_topics(tmp_path, reliability, durability):
+    qos = QoSProfile(reliability=reliability, durability=durability)
+    with LogWriter(tmp_path / "a.mcap") as log:
+        for at in range(0, 11 * 10**8, 10**8):
+            reading = b"\0\1\0\0\7"
+            log.write_raw("/go2/state", "std_msgs/msg/UInt8", reading, log_time_ns=at, qos=qos)
+    called("qos", str(tmp_path / "a.mcap"), "--format", "topics", "--out", str(tmp_path))
+    (topic,) = load_topics(tmp_path / "topics.yaml").topics
+    assert (topic.reliability, topic.durability) == (reliability, durability)
 
 
 HOSTS = {"/global/go2/imu": "go2", "/local/go2/imu": "go2", "/robot1/lidar": "robot1"}

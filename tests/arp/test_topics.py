@@ -66,6 +66,10 @@ MISTAKES = [  # beside what `test_documents.py` has for every file
         "topics: {a: {from: r, to: s, size_bytes: 8}}",
         r"topics\.a: given 'a', allowed: a full topic name",
     ),
+    *(
+        (f'topics: {{"{name}": {{from: r, to: s, size_bytes: 8}}}}', "allowed: a full topic name")
+        for name in (r"/a\nb", r"/a\u0001", "/a b", "//a", "/a//b", "/a/", "/a-b", "/1")
+    ),
     (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
     (
         line("from: r, to: [s, s], size_bytes: 8"),
@@ -84,6 +88,13 @@ MISTAKES = [  # beside what `test_documents.py` has for every file
         f"agents: [moon]\n{ONE}",
         r"agents: given \['moon'\], allowed: a list of hosts among robot, station",
     ),
+    (f"agents: [robot, robot]\n{ONE}", r"agents: given \['robot', 'robot'\], .*each once"),
+    (
+        line("from: r, to: s, size_bytes: 8, rate_max_hz: 1e-300"),
+        "given '1e-300', .*number from 1e-09 .*as in 1.0e-9",
+    ),
+    (line("from: r, to: s, size_bytes: 8, rate_max_hz: 1.0e-300"), "given 1e-300, .*from 1e-09"),
+    (f"link: {{latency_ms: 1.0e+12}}\n{ONE}", r"link\.latency_ms: given 1e\+?12|1000000000000"),
     (f"timing: {{nack_delay_ms: 0}}\n{ONE}", r"timing\.nack_delay_ms: given 0"),
 ]
 
