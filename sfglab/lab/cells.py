@@ -43,6 +43,7 @@ async def run_cells(  # noqa: PLR0913 - options
     start: Callable[[S], AbstractAsyncContextManager[H]],
     play: Callable[[H, T, int], Awaitable[Any]],
     at_once: int,
+    write: Callable[[Any], None] | None = None,
 ) -> None:
     """Play cells and write their rows into a table, repetition by repetition.
 
@@ -57,6 +58,7 @@ async def run_cells(  # noqa: PLR0913 - options
         start: Provides the processes of a stage.
         play: Plays a cell on them for one repetition; returns a row or a tuple of rows.
         at_once: Number of stages that are played at the same time.
+        write: Writes a result of `play`, as the journal returns it. None: its rows go into the table.
 
     Raises:
         SkippedPartError: There is no cell to play.
@@ -97,10 +99,16 @@ async def run_cells(  # noqa: PLR0913 - options
         async with beside(*map(play_stage, stages)) as played:
             await asyncio.gather(*played)
         reasons = {plays.text_of(job): error for job, error in plays.given_up.items()}
+        write = write or (lambda rows: bench.write_all(table, rows_in(rows)))
         for job in jobs:
-            rows = journal.finished.get(job, ())
-            bench.write_all(table, rows if isinstance(rows, tuple | list) else (rows,))
+            if job in journal.finished:
+                write(journal.finished[job])
     bench.metadata(table, {"hindrance": "", FAILED_CELLS: reasons})
+
+
+def rows_in(result: Any) -> Sequence[Any]:
+    """Return the rows of a play, which returned a row or several."""
+    return result if isinstance(result, tuple | list) else (result,)
 
 
 @dataclass(slots=True, kw_only=True)
