@@ -23,9 +23,9 @@ FAULTS = {
         "rules/cache",
     ),
     "Eq. 2 is doubled": (
-        "lab/experiments/decode_once/analysis.py",
-        '{"standard": (count, count, 0.0)',
-        '{"standard": (2 * count, 2 * count, 0.0)',
+        "lab/experiments/decode_once/results.py",
+        "return count, count, 0.0",
+        "return 2 * count, 2 * count, 0.0",
         "rules/cost standard 1 0",
     ),
     "LOST is never announced": (

@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import csv
 import hashlib
+import importlib
 import json
 import re
 import shutil
@@ -58,6 +59,8 @@ TIMES = {
     "transfer.placed": {"seconds"},
 }
 """Columns of these tables that hold times measured on this machine."""
+PLACES = {"design": "sfglab.lab.experiments.decode_once.analysis"}
+"""Modules of functions that were moved since."""
 MESSAGES = 200
 RELEASE = re.compile(rb"[0-9a-f]{12,64}(?:-dirty)?|\d{4}-\d\d-\d\dT[\d:+]+")
 """Hashes, commits and times in the files of a release."""
@@ -234,8 +237,8 @@ def rules(side: Side, _: str) -> None:
     """Write transition tables, equations, and what a cache decides."""
     from sfglab.arp.cache import LocalCache
     from sfglab.fleet.discovery.lifecycle import TRANSITIONS
-    from sfglab.lab.experiments.decode_once.analysis import design
 
+    design = importlib.import_module(PLACES["design"]).design
     side.write_json("rules/discovery", {str(key): str(value) for key, value in TRANSITIONS.items()})
     terms = {f"{m} {n}": design(m, n) for m in ("standard", "network", "dds") for n in range(1, 11)}
     side.write_json("rules/cost", terms)

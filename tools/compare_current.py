@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import sys
 
-from compare_baseline import COMMANDS, SEEDED, main
+from compare_baseline import COMMANDS, PLACES, SEEDED, main
 
 COMMANDS |= {
     "map-size.txt": ["map", "data/graphs/driving.yaml", "--gateway-rule", "size"],
     "qos-paper.txt": ["qos", "data/qos/paper_b.yaml", "--method", "paper"],
 }
 SEEDED["driving"] |= {"model"}
+PLACES["design"] = "sfglab.lab.experiments.decode_once.results"
 
 if __name__ == "__main__":
     main(sys.argv[1:])

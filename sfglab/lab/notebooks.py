@@ -39,6 +39,7 @@ SETTINGS = "settings"
 #: New names of notebooks by their former names.
 RENAMED = {
     "01_naming": "01_names_and_border",
+    "02_depth_codecs": "03_decode_once",
     "04_routing": "01_names_and_border",
     "09_transmission": "09_loss",
     "10_cooperation": "10_hallway",

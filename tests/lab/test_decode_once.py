@@ -1,49 +1,46 @@
-"""The decode-once experiment: known costs are found again, and a short live run proves itself."""
+"""The experiment on decoding once: known costs are found again, and processes see the right frames."""
 
-import itertools
+import asyncio
 import os
 import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import psutil
 import pytest
-from made_logs import CLAIMS, made_run
+from made_logs import CLAIMS, made_run, reference
 
-from sfglab.lab.claims import How, Measured, Verdict, entry_for
-from sfglab.lab.experiments.decode_once import analysis, cost_model, exp, frame_checks, slopes
-from sfglab.lab.experiments.decode_once.experiment import Stage, cells_of
-from sfglab.lab.stats import exactly
+from sfglab.lab.claims import Verdict, entry_for
+from sfglab.lab.experiments.decode_once import cost_model, decoding_costs, exp, results
+from sfglab.lab.experiments.decode_once.experiment import groups_of
+from sfglab.lab.experiments.decode_once.live import HOSTS, StageProcesses
+from sfglab.lab.explore.interactive import argument_texts, setting_of
+from sfglab.lab.testbed import Testbed
 from sfglab.record import LogReader
 
 NET, DEC, IPC = 1.5, 5.0, {"dds": 2.0, "proxy": 0.5}
 
 
-def cost(mode: str, count: int) -> float:
+def cost(mode, count, ipc):
     """Eq. 2 and 3 with known terms."""
     alone = {"standard": count * (NET + DEC), "network": count * NET}
-    return alone.get(mode, NET + DEC + count * IPC.get(mode, 0))
+    return alone.get(mode, NET + DEC + count * ipc.get(mode, 0))
 
 
-def make(path, *, modes=("standard", "dds", "proxy"), repeats=1, load=lambda _, cpu: cpu, **told):
-    """A log as a run writes it, with costs that are exactly Eq. 2 and 3 but for what `load` makes of them."""
+def make(path, *, modes=("standard", "dds", "proxy"), repeats=1, ipc=IPC, load=None, **seen):
+    """A log with costs that are exactly Eq. 2 and 3 but for what `load` makes of them."""
     cells = ([(m, n) for n in range(1, 11) for m in modes] + [("network", 5)]) * repeats
-    tables = {name: [] for name in ("cell", "load", "view", "camera", "pair")}
+    tables = {"cell": [], "load": [], "view": []}
     for cell, (mode, count) in enumerate(cells):
-        stamp_ns = 10**9 * (cell + 1)
         tables["cell"].append({"cell": cell, "codec": "h264", "mode": mode, "subscribers": count})
-        for label, cpu in (("consumer", cost(mode, count)), ("edge", 20.0)):
-            row = {"cell": cell, "label": label, "cpu_percent": load(cell, cpu)}
+        for label, cpu in (("consumer", cost(mode, count, ipc)), ("edge", 20.0)):
+            row = {"cell": cell, "label": label, "cpu_percent": load(cell, cpu) if load else cpu}
             tables["load"] += 2 * [{**row, "rx_mbit_s": 4.0 * (1 if mode in IPC else count)}]
-        tables["view"].append({"cell": cell, "frames": 30, "age_ms": 5.0, **told.get(mode, {})})
-        tables["camera"].append({"codec": "h264", "number": cell, "stamp_ns": stamp_ns})
-        if mode != "network":
-            # One subscriber claims a number that the camera sent with another stamp.
-            tables["pair"].append({"cell": cell, "number": cell or 99, "stamp_ns": stamp_ns})
-    return made_run(exp, path, tables)
+        tables["view"].append({"cell": cell, "frames": 30, **seen.get(mode, {})})
+    return made_run(exp, path, tables, stream_h264={"encoder": "libx264"})
 
 
 @pytest.fixture
@@ -51,56 +48,61 @@ def made(tmp_path):
     return make(tmp_path / "made.mcap")
 
 
-def judged(claim, finding):
-    values = {name: getattr(finding, name) for name in ("estimate", "details", "reason", "ends")}
-    return entry_for(CLAIMS[claim], Measured(**values, how=How.LIVE))
+@pytest.fixture(autouse=True)
+def stream(monkeypatch):
+    """The recorded stream, as in Table 2: made logs have no messages."""
+    table = pd.DataFrame({"number": range(91), "width": 640, "height": 360, "size_bytes": 16_667})
+    table = table.assign(stamp_ns=table["number"] * 1e9 / 30, is_key=table["number"] % 30 == 0)
+    monkeypatch.setattr(results, "packets", lambda _: table)
+    return table
+
+
+def judged(claim, run):
+    return entry_for(CLAIMS[claim], exp.measure(run).get(claim))
 
 
 def test_slopes_reduction_and_terms_of_known_costs_are_found_and_explain_everything(made):
-    found = slopes(made)
-    assert {mode: e.value for mode, e in found.cpu.items()} == pytest.approx(
-        {"standard": NET + DEC, **IPC}
-    )
-    slope = {"standard": 4, "dds": 0, "proxy": 0}
-    assert {mode: e.value for mode, e in found.net.items()} == pytest.approx(slope)
+    streams = {"standard": 4, "dds": 0, "proxy": 0}
+    for mode, each in {"standard": NET + DEC, **IPC}.items():
+        assert results.slope(made, "h264", mode, "cpu").value == pytest.approx(each)
+        assert results.slope(made, "h264", mode, "rx").value == pytest.approx(streams[mode])
     for way, ipc in IPC.items():
-        assert found.reduction[way].value == pytest.approx(100 * (1 - ipc / (NET + DEC)))
+        less = results.reduction(made, "h264", way)
+        assert less.value == pytest.approx(100 * (1 - ipc / (NET + DEC)))
         model = cost_model(made, way=way)
-        assert [e.value for e in (model.net, model.dec, model.ipc)] == pytest.approx(
-            [NET, DEC, ipc]
-        )
+        terms = [term.value for term in (model.net, model.dec, model.ipc)]
+        assert terms == pytest.approx([NET, DEC, ipc])
         assert model.residual.value == pytest.approx(0, abs=1e-9)
-        assert model.explained.value == pytest.approx(1)
+        assert model.explained == pytest.approx(1)
 
 
-def test_the_papers_way_and_ours_are_two_lines_and_what_a_log_lacks_is_said(made, tmp_path):
-    old = make(tmp_path / "old.mcap", modes=("standard", "proxy"))
-    lossy = make(tmp_path / "lossy.mcap", dds={"missed": 2})
-    for run, claim, finding, verdict, reason in (
-        (made, "A-CPU-SFG", analysis.reduction_by_dds, Verdict.REPRODUCED, ""),
-        (made, "A-CPU-OURS", analysis.reduction_by_shared_memory, Verdict.BETTER, ""),
-        (made, "A-BW", analysis.bandwidth, Verdict.REPRODUCED, ""),
+@pytest.mark.parametrize(
+    ("changes", "verdicts"),
+    [
+        ({}, {"A-CPU-SFG": "reproduced", "A-CPU-OURS": "better", "A-BW": "reproduced"}),
         (
-            old,
-            "A-CPU-SFG",
-            analysis.reduction_by_dds,
-            Verdict.NOT_YET,
-            "no cells in which the decoder hands",
+            {"modes": ("standard", "proxy")},
+            {
+                "A-CPU-SFG": "not yet",
+                "A-CPU-OURS": "better",
+                "A-BW": "not yet",
+                "A-COST": "not yet",
+            },
         ),
-        (old, "A-CPU-OURS", analysis.reduction_by_shared_memory, Verdict.BETTER, ""),
-        (old, "A-BW", analysis.bandwidth, Verdict.UNDECIDED, "by DDS: not measured"),
-        (old, "A-COST", analysis.fit_residual, Verdict.UNDECIDED, "no cells of DDS"),
-        (
-            lossy,
-            "A-CPU-SFG",
-            analysis.reduction_by_dds,
-            Verdict.DEVIATES,
-            "modes: 0.938, asked 0.95 to 1",
-        ),
-    ):
-        entry = judged(claim, finding(run))
-        assert (entry.verdict, reason in entry.reason) == (verdict, True), (claim, entry.reason)
-    assert len(exp.figures(old)["decode_once_h264"][0].axes) == 3
+        ({"dds": {"missed": 2}}, {"A-CPU-SFG": "deviates", "A-CPU-OURS": "better"}),
+        ({"ipc": {"dds": -1, "proxy": 9}}, {"A-CPU-SFG": "not yet", "A-CPU-OURS": "deviates"}),
+    ],
+    ids=["all", "no DDS", "pictures are lost", "a load that falls, and one that grows more"],
+)
+def test_each_way_of_passing_pictures_on_is_judged_by_itself(tmp_path, changes, verdicts):
+    run = make(tmp_path / "made.mcap", **changes)
+    found = exp.measure(run)
+    entries = {claim: entry_for(CLAIMS[claim], found.get(claim)) for claim in verdicts}
+    assert {claim: entry.verdict.value for claim, entry in entries.items()} == verdicts
+    figure, _ = exp.draw("decode_once_h264", run)
+    assert len(figure.axes) == 3
+    if "ipc" in changes:
+        assert "over DDS not measurable, 38 % more over shared memory" in figure.get_suptitle()
 
 
 @pytest.mark.parametrize(
@@ -111,7 +113,7 @@ def test_the_papers_way_and_ours_are_two_lines_and_what_a_log_lacks_is_said(made
             Verdict.REPRODUCED,
             lambda n, cpu: cpu * (1 + 0.3 * (n // 10 % 2) + 1e-3 * (cpu != 20) * (n % 2)),
         ),
-        # A residual of a few per cent, which the scatter of replicates does not account for.
+        # A residual of a few per cent, which the scatter of repetitions does not account for.
         (Verdict.DEVIATES, lambda n, cpu: cpu + (cpu != 20) * (1 + 1e-3 * n)),
     ],
 )
@@ -119,51 +121,82 @@ def test_the_cost_model_is_judged_at_one_pace_by_its_residual_and_by_its_lack_of
     tmp_path, load, verdict
 ):
     run = make(tmp_path / "made.mcap", repeats=2, load=load)
-    entry = judged("A-COST", analysis.fit_residual(run))
+    entry = judged("A-COST", run)
     assert entry.measured.estimate.value < 10
     assert entry.verdict is verdict, entry.reason
     assert ("lack of fit F(" in entry.reason) == (verdict is Verdict.DEVIATES)
 
 
-def test_size_frame_rate_group_and_bit_rate_all_decide(monkeypatch):
-    usual = {"bitrate": exactly(4.0, "Mbit/s"), "width": 640, "height": 360, "fps": 30.0, "gop": 30}
-    facts = analysis.StreamFacts(encoder="libx264", **usual)
-    wrong = {"bitrate": exactly(2.0, "Mbit/s"), "width": 848, "height": 480, "fps": 15.0, "gop": 0}
-    cases = [({name: value}, Verdict.DEVIATES) for name, value in wrong.items()]
-    for changes, verdict in [*cases, ({}, Verdict.REPRODUCED), ({"gop": None}, Verdict.UNDECIDED)]:
-        monkeypatch.setattr(
-            analysis, "stream_facts", lambda _, said=changes: replace(facts, **said)
-        )
-        assert judged("A-H264", analysis.stream_of_table_two(None)).verdict is verdict, changes
+@pytest.mark.parametrize(
+    ("column", "value", "verdict"),
+    [
+        ("width", 640, "reproduced"),
+        ("width", 848, "deviates"),
+        ("height", 480, "deviates"),
+        ("size_bytes", 8000, "deviates"),
+        ("stamp_ns", np.arange(91) * 1e9 / 15, "deviates"),
+        ("is_key", np.arange(91) % 31 == 0, "deviates"),
+        ("is_key", np.isin(np.arange(91), [0, 30, 80]), "deviates"),
+        ("is_key", np.arange(91) == 0, "undecided"),
+    ],
+)
+def test_size_frame_rate_group_and_bit_rate_all_decide(made, stream, column, value, verdict):
+    stream[column] = value
+    assert judged("A-H264", made).verdict.value == verdict
 
 
-def test_a_frame_that_the_camera_never_sent_so_is_not_verified(made):
-    checks = frame_checks(made).set_index("mode")
-    assert (checks.loc["standard", "pairs"], checks.loc["standard", "verified"]) == (10, 9)
-    for way in IPC:
-        assert (checks.loc[way, "pairs"], checks.loc[way, "verified"]) == (10, 10)
-    assert (checks.loc["network", "pairs"], checks.loc["network", "verified"]) == (0, 0)
+def test_cells_are_measured_in_the_order_of_the_committed_log_and_modes_of_a_count_together():
+    run = reference(exp)
+    groups = groups_of(run.config)
+    rows = pd.DataFrame([cell for group in groups for cell in group.cells()])
+    assert run["cell"][rows.columns].equals(rows)
+    pictures = [set(group.modes) for group in groups if group.modes != ("network",)]
+    assert all({"standard", "proxy"} <= modes <= {"standard", "dds", "proxy"} for modes in pictures)
+    config = exp.config(source="drive.mp4")
+    assert [stage.source for stage in config.stages] == ["drive.mp4", "stereo"]
 
 
-def test_every_group_of_cells_is_side_by_side_and_profiles_differ_in_length_only():
-    counts = {"counts": (1, 2, 5), "dds_counts": (1, 5), "network_counts": (5,)}
-    stage = Stage(codec="h264", source="photos", **counts, repeats=2)
-    order = cells_of(stage, rng=np.random.default_rng(3))
-    assert len(order) == len(set(order)) == (2 * 3 + 2) * 2 + 1
-    compared = [c for c in order if c[0] != "network"]
-    every = [[c[0] for c in cells] for _, cells in itertools.groupby(compared, key=lambda c: c[1:])]
-    assert sorted(map(len, every)) == [2, 2, 3, 3, 3, 3]
-    assert all({"standard", "proxy"} <= {*modes} for modes in every)
-    config = exp.config("quick", source="drive.mp4", seed=4)
-    assert [s.source for s in config.stages] == ["drive.mp4", "stereo"]
-    assert config.stages[0].counts == tuple(range(1, 11))
-    assert config.seed == 4
+def test_the_explorer_has_the_reference_s_costs_and_scales_them():
+    run = reference(exp)
+    fit = cost_model(run)
+    usual = decoding_costs(subscribers=7).at("CPU", 7).set_index("series")["y"]
+    standard, dds = usual[results.LABELS["standard"]], usual[results.LABELS["dds"]]
+    assert standard == pytest.approx(7 * (fit.net.value + fit.dec.value))
+    assert dds == pytest.approx(fit.net.value + fit.dec.value + 7 * fit.ipc.value)
+    large = {"picture_size": "1920 x 1080", "rate_hz": 60.0}
+    more = decoding_costs(subscribers=7, **large).at("CPU", 7).set_index("series")["y"]
+    assert more.to_dict() == pytest.approx((18 * usual).to_dict())
+    hardware = decoding_costs(subscribers=7, hardware_decoding=True).at("CPU", 7)
+    assert (hardware.set_index("series")["y"] < usual).all()
+    assert set(argument_texts(decoding_costs)) == {*vars(setting_of(decoding_costs))}
+
+
+# --- Live -------------------------------------------------------------------------------------
+
+
+@pytest.mark.live
+async def test_the_number_in_the_pixels_belongs_to_the_stamp_of_a_frame_that_was_sent():
+    config = exp.config("smoke", encoder="libx264")
+    pairs = {}
+    with Testbed(*HOSTS, separate=False) as testbed:
+        async with StageProcesses(config, config.stages[0], testbed) as processes:
+            for mode in ("standard", "dds", "proxy"):
+                await processes.look(1, mode=mode)
+                await asyncio.sleep(1)
+                [seen] = await processes.stop(1)
+                pairs[mode] = {(number, stamp_ns) for number, stamp_ns in seen["pairs"]}
+                await processes.released("decoder") if mode != "standard" else None
+        # The camera reports its last frames when it ends.
+        sent = {(number, stamp_ns) for number, stamp_ns, _ in processes.sent}
+    for mode, seen in pairs.items():
+        assert seen, mode
+        assert seen <= sent, mode
 
 
 @pytest.mark.live
 @pytest.mark.slow
 def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_path):
-    log, part = tmp_path / "run.mcap", tmp_path / "run.mcap.part"
+    log, journal = tmp_path / "run.mcap", tmp_path / "decode_once-smoke-cells.journal"
     code = (
         "import asyncio; from pathlib import Path; from dataclasses import replace\n"
         "from sfglab.lab.bench import Options\n"
@@ -175,15 +208,17 @@ def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_p
     process = subprocess.Popen(
         [sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True
     )
-    running = psutil.Process(process.pid)
-    while not part.exists() or len(children := running.children(recursive=True)) < 5:
-        assert process.poll() is None, "until viewers, decoder and camera run"
+    while not journal.exists() or journal.read_bytes().count(b"\n") < 2:
+        assert process.poll() is None, "until a group of cells is measured"
         time.sleep(0.1)
+    children = psutil.Process(process.pid).children(recursive=True)
+    assert len(children) >= 5
     os.kill(process.pid, signal.SIGINT)
     _, error = process.communicate(timeout=60)
     assert b"KeyboardInterrupt" in error
     _, alive = psutil.wait_procs(children, timeout=60)
     assert not alive
     assert not log.exists(), "it is not finished"
-    with LogReader(part) as reader:
+    assert b'"load"' in journal.read_bytes().splitlines()[1], "the next run goes on behind it"
+    with LogReader(tmp_path / "run.mcap.part") as reader:
         assert not reader.truncated

@@ -211,7 +211,6 @@ async def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(mon
 @pytest.mark.parametrize(
     ("name", "look", "changes", "said"),
     [
-        ("decode_once", "equations", {"most": 3}, ()),
         ("latency", "budget", {"gop": 10}, ()),
         ("depth_codecs", "codecs", {"frames": 1, "png_level": 1, "noise_mm": 5.0}, ()),
     ],
@@ -226,13 +225,6 @@ async def test_a_look_is_drawn_as_turned_without_host_or_live_part(
     assert all(axes.has_data() for axes in figure.axes)
     text = " ".join(found.get_text() for found in figure.findobj(Text))
     assert all(word in text for word in said)
-
-
-def test_no_more_subscribers_are_measured_than_the_configuration_asks_for():
-    exp = experiment("decode_once")
-    few = exp.config(most=3)
-    assert [stage.counts for stage in few.measured] == [(1, 2, 3), (1,)]
-    assert replace(few, most=10).measured == exp.config().stages
 
 
 def finished(explorer):
@@ -263,7 +255,7 @@ def test_run_all_ends_in_the_figures_and_claims_of_that_run(project):
 
 @pytest.mark.live
 def test_keep_is_offered_where_there_are_tables_and_what_is_kept_opens(project):
-    with closing(explore(experiment("decode_once"))) as explorer:
+    with closing(explore(experiment("latency"))) as explorer:
         assert "keep" not in explorer._buttons
     with closing(explore(depth_codecs.exp)) as explorer:
         explorer.keep()

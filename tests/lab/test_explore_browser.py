@@ -69,9 +69,9 @@ PRESSED = [
     ("node:camera", SAYS % "fixed in hardware, where it has no implementation"),
 ]
 """Parts to press one after the other, and what is true afterwards."""
-LIVE = """from sfglab.lab.experiments import decode_once
+LIVE = """from sfglab.lab.experiments import latency
 from sfglab.lab.explore import explore
-explore(decode_once.exp)"""
+explore(latency.exp)"""
 VIEWER = """from sfglab.lab.explore.viewer import LogViewer
 LogViewer({log!r})"""
 STEP = "document.querySelector('.jp-OutputArea')?.innerText.includes('shown: step %d of')"

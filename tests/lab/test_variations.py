@@ -15,10 +15,8 @@ from sfglab.lab import notebook
 from sfglab.lab.claims import Claim, How, Measured, entry_for
 from sfglab.lab.experiment import SMOKE_TITLE
 from sfglab.lab.experiments import experiment
-from sfglab.lab.experiments.decode_once.analysis import Slopes
-from sfglab.lab.experiments.decode_once.figures import _saving
 from sfglab.lab.notebooks import Outcome
-from sfglab.lab.stats import Estimate, exactly
+from sfglab.lab.stats import Estimate
 
 ROOT = Path(__file__).parents[2]
 
@@ -146,28 +144,6 @@ def test_each_title_of_a_smoke_test_says_so(name, tmp_path):
         assert any(title.startswith(SMOKE_TITLE) for title in titles)
     for figure, _ in exp.figures(reference(exp)).values():
         assert SMOKE_TITLE not in figure.get_suptitle()
-
-
-def slopes(standard: float, proxy: float) -> Slopes:
-    unit = "% of one core per subscriber"
-    return Slopes(
-        cpu={"standard": exactly(standard, unit), "proxy": exactly(proxy, unit)},
-        net={},
-        reduction={"proxy": exactly(100 * (1 - proxy / standard), "% less CPU per subscriber")},
-    )
-
-
-@pytest.mark.parametrize(
-    ("standard", "proxy", "said"),
-    [
-        (6.0, 3.0, "50 % less"),
-        (6.0, 12.0, "100 % more"),
-        (6.0, -12.0, "not measurable"),
-        (-6.0, -3.0, "not measurable"),
-    ],
-)
-def test_no_percentage_is_printed_that_cannot_exist(standard, proxy, said):
-    assert _saving(slopes(standard, proxy), "proxy", has_interval=False) == said
 
 
 def test_the_ledger_prints_a_negative_saving_as_more():

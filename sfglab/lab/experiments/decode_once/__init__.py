@@ -1,28 +1,27 @@
 """Decode once per device: paper A, sections 4.3 and 5.2, Fig. 8, Eq. 2 and 3.
 
-A camera stream goes to a host with 1 to 10 subscribers. *Standard*: each receives and decodes. *DDS*, the
-paper's way: one decoder publishes pictures. *Proxy*, ours: it shares them in memory. CPU and received bytes are
-black-box measurements.
+A camera stream goes to a host with 1 to 10 subscribers. In mode *standard* each of them receives and
+decodes it. In mode *DDS*, as in the paper, one decoder publishes the decoded pictures; in mode *proxy*,
+sfglab's variant, it shares them in memory. CPU and received bytes are black-box measurements.
 """
 
-from sfglab.lab.experiments.decode_once import figures
-from sfglab.lab.experiments.decode_once.analysis import (
+from sfglab.lab.experiments.decode_once import live  # noqa: F401 - declares its parts
+from sfglab.lab.experiments.decode_once.experiment import exp
+from sfglab.lab.experiments.decode_once.results import (
     codecs,
     cost_model,
+    decoding_costs,
     frame_checks,
-    papers_way,
     slopes,
-    stream_facts,
+    stream_of_table_two,
 )
-from sfglab.lab.experiments.decode_once.experiment import exp
 
 __all__ = [
     "codecs",
     "cost_model",
+    "decoding_costs",
     "exp",
-    "figures",
     "frame_checks",
-    "papers_way",
     "slopes",
-    "stream_facts",
+    "stream_of_table_two",
 ]

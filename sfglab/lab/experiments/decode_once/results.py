@@ -1,0 +1,550 @@
+"""Loads per cell, slopes, the cost model of Eq. 2 and 3, claims, figures and the explorer."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from sfglab.fields import Bounds
+from sfglab.lab import pictures
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.decode_once.experiment import HANDED_ON, Config, exp
+from sfglab.lab.figures import COLORS, PAPER_STYLE, default_sidecar, note, series
+from sfglab.lab.paper import paper
+from sfglab.lab.paths import find_project
+from sfglab.lab.runs import Run, derived, lines_of
+from sfglab.lab.stats import (
+    Estimate,
+    Floats,
+    LackOfFit,
+    bootstrap,
+    lack_of_fit,
+    line_fit,
+    median_of,
+)
+from sfglab.messages import ns_from_stamp
+from sfglab.units import BITS_PER_BYTE, BITS_PER_MBIT, NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+H264 = "h264"
+PAPERS = "dds"  #: The decoder's mode in the paper.
+LABELS = {
+    "standard": "standard: each decodes",
+    "dds": "decode once, DDS (paper)",
+    "proxy": "decode once, shared memory",
+}
+WAYS = {"standard": "standard", "dds": "over DDS", "proxy": "over shared memory"}
+"""Transport of the pictures to the subscribers, by mode."""
+STYLES = {"standard": series("standard"), "dds": series("third"), "proxy": series("proxy")}
+STREAMS = {"h264": "colour, H.264", "rvl": "depth, RVL"}
+UNITS = {"cpu": "% of one core per subscriber", "rx": "Mbit/s per subscriber"}
+"""Units of slopes, by load."""
+THROUGH = "% of one core per subscriber, through the decoder"  #: Key of the paper's 1.8 %.
+
+
+# --- Loads ------------------------------------------------------------------------------------
+
+
+@derived
+def readings(run: Run[Config]) -> pd.DataFrame:
+    """Return one row per meter reading, with the columns of its cell."""
+    return run["load"].merge(run["cell"], on="cell")
+
+
+@derived
+def cells(run: Run[Config]) -> pd.DataFrame:
+    """Return one row per cell with medians of its readings at the consumer host: `cpu`, `paced`, `rx`.
+
+    `paced` is the CPU at one pace of the machine. Each reading is divided by what the camera's work,
+    which is always the same, cost in the same window, relative to its median over the stream.
+    """
+    table = readings(run)
+    window = table.groupby(["cell", "label"]).cumcount()
+    by_window = table.assign(window=window).pivot_table(
+        "cpu_percent", ["codec", "cell", "window"], "label"
+    )
+    pace = by_window["edge"] / by_window.groupby("codec")["edge"].transform("median")
+    paced = (by_window["consumer"] / pace).groupby("cell").median()
+    consumer = table[table["label"] == "consumer"].groupby("cell")
+    medians = consumer.agg(cpu=("cpu_percent", "median"), rx=("rx_mbit_s", "median"))
+    return run["cell"].merge(medians.assign(paced=paced), left_on="cell", right_index=True)
+
+
+def codecs(run: Run[Config]) -> tuple[str, ...]:
+    """Return the codecs that were measured, in the order of the run."""
+    return tuple(run["cell"]["codec"].unique())
+
+
+def modes_of(run: Run[Config], codec: str) -> list[str]:
+    """Return the modes with pictures that were measured with at least two numbers of subscribers."""
+    table = run["cell"]
+    counts = table[table["codec"] == codec].groupby("mode")["subscribers"].nunique()
+    return [mode for mode in LABELS if counts.get(mode, 0) > 1]
+
+
+def points(run: Run[Config], codec: str, mode: str, column: str) -> Floats:
+    """Return number of subscribers and load of the cells of a mode, shape (cells, 2)."""
+    table = cells(run)
+    chosen = table[(table["codec"] == codec) & (table["mode"] == mode)]
+    return chosen[["subscribers", column]].to_numpy(dtype=np.float64)
+
+
+def slope_of(values: Floats) -> float:
+    """Return the load per subscriber, the slope of the line through points."""
+    return line_fit(values[:, 0], values[:, 1])[0]
+
+
+@derived
+def slope(run: Run[Config], codec: str, mode: str, load: str) -> Estimate:
+    """Estimate how a load, ``cpu`` or ``rx``, grows per subscriber; the interval resamples cells."""
+    measured = points(run, codec, mode, load)
+    return bootstrap([measured], lambda drawn: slope_of(drawn[0]), unit=UNITS[load])
+
+
+@derived
+def reduction(run: Run[Config], codec: str, mode: str) -> Estimate | None:
+    """Estimate how much less CPU a subscriber takes than in standard; None if a load does not grow."""
+
+    def less(drawn: Sequence[Floats]) -> float:
+        return 100 * (1 - slope_of(drawn[1]) / slope_of(drawn[0]))
+
+    both = [points(run, codec, each, "cpu") for each in ("standard", mode)]
+    if min(map(slope_of, both)) <= 0:
+        return None
+    return bootstrap(both, less, unit="% less CPU per subscriber")
+
+
+def slopes(run: Run[Config], codec: str = H264) -> pd.DataFrame:
+    """Return CPU and received data per subscriber, and the reduction of the CPU, by mode."""
+    rows = []
+    for mode in modes_of(run, codec):
+        cpu, received = slope(run, codec, mode, "cpu"), slope(run, codec, mode, "rx")
+        less = reduction(run, codec, mode) if mode in HANDED_ON else ""
+        rows.append((LABELS[mode], str(cpu), str(received), str(less)))
+    return pd.DataFrame(rows, columns=["mode", "CPU", "received", "reduction"])
+
+
+def frame_checks(run: Run[Config]) -> pd.DataFrame:
+    """Return sums of the subscribers' counts of frames by stream and mode, and the median age, ms."""
+    views = run["view"].merge(run["cell"], on="cell").groupby(["codec", "mode"], sort=False)
+    table = views[["frames", "unreadable", "missed", "disordered", "broken"]].sum()
+    return table.assign(age_ms=views["age_ms"].median()).reset_index()
+
+
+# --- Cost model -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CostModel:
+    """Eq. 2 and 3 fitted to the cells of a stream, in per cent of one core."""
+
+    net: Estimate  #: c_net: receiving the compressed stream once.
+    dec: Estimate  #: c_dec: decoding it once and reading the pixels.
+    #: c_ipc: passing decoded pictures to one local subscriber, which reads the pixels.
+    ipc: Estimate
+    explained: float  #: Share of the variance of the loads that the equations explain.
+    residual: Estimate  #: Root mean square of the residuals relative to the mean load, per cent.
+    #: Test for lack of fit, with errors relative to the load; None without repetitions.
+    lack: LackOfFit | None
+    residuals: pd.DataFrame  #: One row per cell: mode, subscribers, measured, fitted.
+
+
+def design(mode: str, count: float) -> tuple[float, float, float]:
+    """Return the factors of (c_net, c_dec, c_ipc): Eq. 2 (standard), Eq. 3 (decoder), or receiving."""
+    if mode == "standard":
+        return count, count, 0.0
+    if mode == "network":
+        return count, 0.0, 0.0
+    return 1.0, 1.0, count
+
+
+def fit_terms(rows: Floats) -> Floats:
+    """Return (c_net, c_dec, c_ipc) by least squares; rows are the factors of `design` and the load."""
+    solution, *_ = np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)
+    return np.asarray(solution)
+
+
+def errors_of(rows: Floats) -> Floats:
+    """Return the residuals of the fit to rows."""
+    return np.asarray(rows[:, 3] - rows[:, :3] @ fit_terms(rows))
+
+
+def residual_percent(rows: Floats) -> float:
+    """Return the root mean square of the residuals relative to the mean load, per cent."""
+    return float(100 * np.sqrt(np.mean(errors_of(rows) ** 2)) / np.mean(rows[:, 3]))
+
+
+def cost_cells(run: Run[Config], codec: str, way: str) -> pd.DataFrame:
+    """Return the cells that Eq. 2 and 3 describe if the decoder passes pictures on in one mode."""
+    table = cells(run)
+    modes = ["standard", "network", way]
+    return table[(table["codec"] == codec) & table["mode"].isin(modes)]
+
+
+def cost_rows(table: pd.DataFrame) -> Floats:
+    """Return the factors of `design` and the load of cells, shape (cells, 4)."""
+    rows = [(*design(cell.mode, cell.subscribers), cell.paced) for cell in lines_of(table)]
+    return np.array(rows)
+
+
+@derived
+def cost_model(run: Run[Config], codec: str = H264, way: str = PAPERS) -> CostModel:
+    """Fit Eq. 2 and 3 to the cells of a stream, without any term that the paper does not have.
+
+    Args:
+        run: The run.
+        codec: Codec of the stream.
+        way: Mode of the decoder. Each has its own c_ipc, and is fitted alone.
+    """
+    table = cost_cells(run, codec, way)
+    rows = cost_rows(table)
+
+    def term(place: int) -> Estimate:
+        return bootstrap([rows], lambda drawn: fit_terms(drawn[0])[place], unit="% of one core")
+
+    fitted = rows[:, :3] @ fit_terms(rows)
+    # Repetitions differ in proportion to their load.
+    relative = rows / fitted[:, None]
+    setting = table.groupby(["mode", "subscribers"]).ngroup().to_numpy()
+    residuals = table[["mode", "subscribers"]].assign(measured=rows[:, 3], fitted=fitted)
+    return CostModel(
+        net=term(0),
+        dec=term(1),
+        ipc=term(2),
+        explained=float(1 - np.mean(errors_of(rows) ** 2) / np.var(rows[:, 3])),
+        residual=bootstrap([rows], lambda drawn: residual_percent(drawn[0]), unit="%"),
+        lack=lack_of_fit(errors_of(relative), setting, parameters=3),
+        residuals=residuals.assign(error=rows[:, 3] - fitted).reset_index(drop=True),
+    )
+
+
+# --- Claims -----------------------------------------------------------------------------------
+
+
+@exp.claim("A-CPU-BASE", how=How.LIVE)
+def base_cost(run: Run[Config]) -> Finding:
+    """Return the CPU of each subscriber that decodes for itself."""
+    return Finding(estimate=slope(run, H264, "standard", "cpu"), details=hosts_of(run))
+
+
+@exp.claim("A-CPU-SFG", how=How.LIVE)
+def reduction_by_dds(run: Run[Config]) -> Finding | None:
+    """Return how much less CPU a subscriber costs that gets its pictures over DDS."""
+    return reduction_by(run, PAPERS)
+
+
+@exp.claim("A-CPU-OURS", how=How.LIVE)
+def reduction_by_shared_memory(run: Run[Config]) -> Finding | None:
+    """Return how much less CPU a subscriber costs that gets its pictures over shared memory."""
+    return reduction_by(run, "proxy")
+
+
+def hosts_of(run: Run[Config]) -> dict[str, str]:
+    """Return the detail that names the hosts of a run."""
+    return {"hosts": str(run.metadata("hosts")["description"])}
+
+
+def reduction_by(run: Run[Config], way: str) -> Finding | None:
+    """Return the finding on a mode of the decoder; None if it was not measured, or a load does not grow."""
+    less = reduction(run, H264, way) if way in modes_of(run, H264) else None
+    if less is None:
+        return None
+    details = hosts_of(run)
+    costs = []
+    for mode, number in (("standard", paper("A-CPU-BASE")), (way, paper("A-CPU-SFG", THROUGH))):
+        cost = slope(run, H264, mode, "cpu")
+        details[f"slope, {WAYS[mode]}"] = str(cost)
+        costs.append(f"{cost.value:.2f} % {WAYS[mode]} (paper {number:g})")
+    checks = frame_checks(run).query("codec == @H264").set_index("mode")
+    arrived = checks["frames"] / (checks["frames"] + checks["missed"])
+    least = float(min(arrived["standard"], arrived[way]))
+    return Finding(
+        estimate=less,
+        details=details,
+        reason=f"of a core, a subscriber costs {', '.join(costs)}",
+        ends={"share of pictures that arrive, least of both modes": least},
+    )
+
+
+@exp.claim("A-BW", how=How.LIVE)
+def bandwidth(run: Run[Config]) -> Finding | None:
+    """Return what the consumer receives through the decoder with the most subscribers, and both slopes."""
+    if PAPERS not in modes_of(run, H264):
+        return None
+    table = readings(run).query("label == 'consumer' and codec == @H264 and mode == @PAPERS")
+    most = table["subscribers"].max()
+    received = table[table["subscribers"] == most]["rx_mbit_s"].to_numpy(dtype=np.float64)
+    standard = points(run, H264, "standard", "rx")
+    through = slope(run, H264, PAPERS, "rx")
+    ends = {
+        "Mbit/s per further subscriber, standard": slope_of(standard),
+        "share of variance on a line, standard": float(np.corrcoef(*standard.T).flat[1] ** 2),
+        "Mbit/s per further subscriber, through the decoder by DDS": through.value,
+    }
+    details = {**hosts_of(run), "multicast": run.config.multicast}
+    for mode in modes_of(run, H264):
+        details[f"slope, {WAYS[mode]}"] = str(slope(run, H264, mode, "rx"))
+    return Finding(estimate=median_of(received, unit="Mbit/s"), details=details, ends=ends)
+
+
+@exp.claim("A-COST", how=How.LIVE)
+def fit_residual(run: Run[Config]) -> Finding | None:
+    """Return the fit's residual and its test for lack of fit."""
+    if PAPERS not in modes_of(run, H264):
+        return None
+    fit = cost_model(run, H264, PAPERS)
+    explained = f"{100 * fit.explained:.1f} % of the variance"
+    details = {
+        "c_net": str(fit.net),
+        "c_dec": str(fit.dec),
+        "c_ipc over DDS": str(fit.ipc),
+        "c_ipc over shared memory": str(cost_model(run, H264, "proxy").ipc),
+        "explained": explained,
+        "lack of fit": str(fit.lack or "no cell was measured twice"),
+    }
+    if fit.lack is None:
+        return Finding(estimate=fit.residual, details=details)
+    relative = fit.residuals["error"] / fit.residuals["fitted"]
+    off = 100 * relative.groupby(fit.residuals["subscribers"]).mean()
+    reason = (
+        f"lack of fit {fit.lack}: with the fewest subscribers loads are {off.iloc[0]:+.1f} % off, "
+        f"with the most {off.iloc[-1]:+.1f} %; the equations explain {explained}"
+    )
+    ends = {"p of the F test for lack of fit": fit.lack.p}
+    return Finding(estimate=fit.residual, details=details, reason=reason, ends=ends)
+
+
+@derived
+def packets(run: Run[Config]) -> pd.DataFrame:
+    """Return one row per recorded message of the colour stream."""
+    rows = []
+    for entry in run.messages(run.metadata("stream_h264")["topic"]):
+        packet = entry.message
+        row = {
+            "stamp_ns": ns_from_stamp(packet.header.stamp),
+            "number": packet.pts,
+            "is_key": bool(packet.flags & 1),
+            "width": packet.width,
+            "height": packet.height,
+            "size_bytes": len(packet.data),
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+@exp.claim("A-H264", how=How.LIVE)
+def stream_of_table_two(run: Run[Config]) -> Finding:
+    """Return the stream's bit rate, and its other values in Table 2; of a varying GOP 0."""
+    table = packets(run)
+    duration_s = (table["stamp_ns"].iloc[-1] - table["stamp_ns"].iloc[0]) / NS_PER_S
+    fps = (len(table) - 1) / duration_s
+    ends = {
+        "pixels in a row": float(table["width"].iloc[0]),
+        "rows": float(table["height"].iloc[0]),
+        "frames a second": float(fps),
+    }
+    gaps = table[table["is_key"]]["number"].diff().dropna().unique()
+    if len(gaps):
+        ends["frames from key frame to key frame"] = float(gaps[0]) if len(gaps) == 1 else 0.0
+    mbit = table["size_bytes"].to_numpy() * BITS_PER_BYTE / BITS_PER_MBIT
+    bitrate = bootstrap([mbit], lambda drawn: float(np.mean(drawn[0])) * fps, unit="Mbit/s")
+    encoder = str(run.metadata("stream_h264")["encoder"])
+    return Finding(estimate=bitrate, details={"encoder": encoder}, ends=ends)
+
+
+# --- Figures ----------------------------------------------------------------------------------
+
+
+@exp.figure("decode_once_h264", size=(11.5, 4.1))
+def draw_colour(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw CPU, network and cost model of the colour stream over the number of subscribers."""
+    return draw_stream(figure, run, H264)
+
+
+@exp.figure("decode_once_rvl", size=(11.5, 4.1), when=lambda run: "rvl" in codecs(run))
+def draw_depth(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw CPU, network and cost model of the depth stream over the number of subscribers."""
+    return draw_stream(figure, run, "rvl")
+
+
+def draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]:
+    """Draw the three panels of a stream; return the sidecar."""
+    cpu, net, cost = figure.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
+    draw_load(cpu, run, codec, "cpu_percent")
+    draw_load(net, run, codec, "rx_mbit_s")
+    if codec == H264:
+        draw_paper(cpu, net, means(run, codec, "cpu_percent"))
+    cpu.set(title="CPU", ylabel="consumer's CPU (100 % = one core)")
+    net.set(title="network", ylabel="received by the consumer (Mbit/s)")
+    for axes in (cpu, net):
+        # Room for the legend.
+        axes.set(xlabel="local subscribers", ylim=(0, 1.5 * axes.dataLim.ymax))
+        axes.legend(fontsize=8, loc="upper left")
+    repeats = run["cell"].groupby("codec")["repeat"].nunique()[codec]
+    draw_terms(cost, run, codec, spread=repeats > 1)
+    saved = [saving(run, codec, mode, spread=repeats > 1) for mode in modes_of(run, codec)[1:]]
+    figure.suptitle(
+        f"Decode once ({STREAMS[codec]}), CPU of an added subscriber: {', '.join(saved)}"
+    )
+    often = f"{repeats} repetitions, error bars: 95 % CI" if repeats > 1 else "each cell once"
+    note(figure, f"{often}; bands: one standard deviation of the readings", run)
+    return default_sidecar(run) | {"repetitions": int(repeats)}
+
+
+def saving(run: Run[Config], codec: str, mode: str, *, spread: bool) -> str:
+    """Return in words how much less CPU a further subscriber takes than in standard."""
+    less = reduction(run, codec, mode)
+    if less is None:
+        return f"{WAYS[mode]} not measurable"
+    interval = f" [{less.low:.0f}, {less.high:.0f}]" if spread else ""
+    word = "less" if less.value >= 0 else "more"
+    return f"{abs(less.value):.0f} %{interval} {word} {WAYS[mode]}"
+
+
+def means(run: Run[Config], codec: str, column: str) -> pd.DataFrame:
+    """Return means and standard deviations of the consumer's readings by mode and subscribers."""
+    table = readings(run)
+    chosen = table[(table["label"] == "consumer") & (table["codec"] == codec)]
+    return chosen.groupby(["mode", "subscribers"])[column].agg(["mean", "std"]).fillna(0)
+
+
+def draw_load(axes: Axes, run: Run[Config], codec: str, column: str) -> None:
+    """Draw a load over the number of subscribers with one standard deviation, one line per mode."""
+    for mode in modes_of(run, codec):
+        load = means(run, codec, column).loc[mode]
+        label = LABELS[mode]
+        if column == "cpu_percent":
+            label += f": {slope(run, codec, mode, 'cpu').value:+.1f} % each"
+        axes.plot(load["mean"], label=label, markersize=4.5, **STYLES[mode])
+        low, high = load["mean"] - load["std"], load["mean"] + load["std"]
+        axes.fill_between(load.index, low, high, color=STYLES[mode]["color"], alpha=0.18, lw=0)
+        axes.set_xticks(load.index)
+
+
+def draw_paper(cpu: Axes, net: Axes, loads: pd.DataFrame) -> None:
+    """Draw the paper's slopes from the first of our points, and what it states of the network."""
+    received = paper("A-BW")
+    for mode, each, mbit_s, text in (
+        ("standard", paper("A-CPU-BASE"), received, "linear"),
+        (PAPERS, paper("A-CPU-SFG", THROUGH), 0, f"about {received:g} Mbit/s"),
+    ):
+        if mode not in loads.index:
+            continue
+        load = loads.loc[mode]["mean"]
+        further = load.index - load.index[0]
+        style = {"color": STYLES[mode]["color"], **PAPER_STYLE}
+        label = f"paper: +{each:g} % each, from our first point"
+        cpu.plot(load.index, load.iloc[0] + each * further, label=label, **style)
+        net.plot(load.index, received + mbit_s * further, label=f"paper: {text}", **style)
+
+
+def draw_terms(axes: Axes, run: Run[Config], codec: str, *, spread: bool) -> None:
+    """Draw the fitted terms of Eq. 2 and 3; each way of passing pictures on has its own c_ipc."""
+    fits = {way: cost_model(run, codec, way) for way in modes_of(run, codec)[1:]}
+    fit = next(iter(fits.values()))
+    terms = {"$c_{net}$": fit.net, "$c_{dec}$": fit.dec}
+    colors = [COLORS["network"], COLORS["standard"]]
+    for way, one in fits.items():
+        terms["$c_{ipc}$\n" + WAYS[way].replace("shared ", "shared\n")] = one.ipc
+        colors.append(STYLES[way]["color"])
+    table = pd.DataFrame(map(asdict, terms.values()))
+    values = table["value"]
+    errors = np.clip([values - table["low"], table["high"] - values], 0, None) if spread else None
+    bars = axes.bar(list(terms), values, color=colors, width=0.6, yerr=errors, capsize=4)
+    axes.bar_label(bars, fmt="%.1f", padding=3)
+    title = f"Eq. 2 and 3 fitted: {100 * fit.explained:.0f} % of the variance"
+    if fit.lack:
+        title += f"\nlack of fit: {'p < 0.001' if fit.lack.p < 1e-3 else f'p = {fit.lack.p:.2g}'}"
+    axes.set_title(title, fontsize=9)
+    axes.set_ylabel("% of one core")
+    axes.margins(y=0.15)
+    axes.grid(visible=False, axis="x")
+
+
+# --- Explorer ---------------------------------------------------------------------------------
+
+Subscribers = Annotated[int, Bounds(1, 10)]
+Rate = Annotated[float, Bounds(1, 120, log=True)]
+Size = Literal["640 x 360", "1280 x 720", "1920 x 1080"]
+
+COUNTS = list(range(1, 11))
+_PIXELS = 640 * 360  #: Size of a picture in the reference run.
+_FPS = 30.0  #: Frame rate of the reference run, 1/s.
+_COUNT = pictures.Axis("local subscribers", "", 0.5, 10.5, ticks=tuple(COUNTS))
+_CPU = pictures.Axis("CPU", "% of one core", 0.1, 5000, log=True, ticks=(0.1, 1, 10, 100, 1000))
+_NET = pictures.Axis("received", "Mbit/s", 0.1, 5000, log=True, ticks=(0.1, 1, 10, 100, 1000))
+
+
+@cache
+def reference_terms() -> tuple[dict[str, Floats], float]:
+    """Return (c_net, c_dec, c_ipc) by mode, % of one core, and the stream's Mbit/s in the reference run."""
+    run = exp.load(find_project().reference_logs / f"{exp.name}.mcap")
+    terms = {way: fit_terms(cost_rows(cost_cells(run, H264, way))) for way in HANDED_ON}
+    return terms, slope_of(points(run, H264, "standard", "rx"))
+
+
+@exp.explorer
+def decoding_costs(
+    *,
+    subscribers: Subscribers = 4,
+    picture_size: Size = "640 x 360",
+    rate_hz: Rate = _FPS,
+    hardware_decoding: bool = False,
+) -> pictures.Picture:
+    """Return CPU and received data of a device over its subscribers by Eq. 2 and 3.
+
+    The terms are those of the reference run. *Assumed*: they grow with the pixels per second, at equal
+    bits per pixel. With a hardware decoder, c_dec is what a subscriber takes to read a picture
+    from shared memory.
+
+    Args:
+        subscribers: Number of local subscribers of the dots.
+        picture_size: Width and height of a picture [pixels].
+        rate_hz: Frame rate of the camera [Hz].
+        hardware_decoding: Whether the device has a hardware decoder.
+    """
+    terms, mbit_s = reference_terms()
+    width, height = map(int, picture_size.split(" x "))
+    factor = width * height * rate_hz / (_PIXELS * _FPS)
+    cpu = pd.DataFrame(index=[*COUNTS, subscribers])
+    net = pd.DataFrame(index=cpu.index)
+    costs = []
+    for mode in LABELS:
+        own = terms[PAPERS if mode == "standard" else mode].copy()
+        if hardware_decoding:
+            own[1] = terms["proxy"][2]
+        cpu[mode] = [float(factor * own @ design(mode, count)) for count in cpu.index]
+        net[mode] = factor * mbit_s * (cpu.index if mode == "standard" else 1)
+        costs.append(f"{cpu[mode].iloc[-1]:.1f} % {WAYS[mode]}")
+    decoder = "hardware" if hardware_decoding else "software"
+    said = (
+        f"CPU and network of a device with {subscribers} subscribers to a stream of {picture_size} "
+        f"at {rate_hz:g} Hz and a {decoder} decoder. Of one core: {', '.join(costs)}."
+    )
+    panels = (
+        curves("CPU", _CPU, cpu, f"with {subscribers} subscribers: {costs[0]}"),
+        curves("network", _NET, net, "decode once: equal over DDS and shared memory"),
+    )
+    return pictures.Picture(said=said, panels=panels)
+
+
+def curves(title: str, axis: pictures.Axis, table: pd.DataFrame, text: str) -> pictures.Panel:
+    """Return a panel with a curve for each mode, and dots at the last number of subscribers."""
+    drawn = []
+    here = table.index.tolist()[-1:]
+    for mode, label in LABELS.items():
+        values = table[mode].tolist()
+        color = STYLES[mode]["color"]
+        line = pictures.Series(name=label, color=color, x=COUNTS, y=values[:-1])
+        dot = pictures.Series(name=label, color=color, x=here, y=values[-1:], kind="dot")
+        drawn += [line, dot]
+    return pictures.Panel(title=title, x=_COUNT, y=axis, series=tuple(drawn), note=text)
