@@ -190,7 +190,7 @@ class NamePicture(Pressed):
         self.name = name  #: The name that is shown.
         self.why = why  #: Why the schema does not know it; empty: the schema knows it.
         self.fqn: RosFqn | None = fqn  #: Its segments; None: the schema does not know it.
-        self.kind = fqn.kind if fqn else kind or names.ResourceKind.TOPIC  #: What it names.
+        self.kind = fqn.kind if fqn else kind or names.ResourceKind.TOPIC  #: Its kind.
 
     def _draw_name(self, figure: Figure) -> None:
         schema, border = figure.subplots(2, 1, height_ratios=(3, 1.6))

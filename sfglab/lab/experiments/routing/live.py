@@ -39,8 +39,8 @@ STRING = "std_msgs/msg/String"
 DEEP = "/global/deeper/than/the/schema/goes/x"
 """Crosses by ``rt/global/*``, whose ``*`` stands for slashes too."""
 ANSWER_S = 90.0  #: Longest time until a report comes.
-LATE_S = 5.0  #: How long a late subscriber waits for static transforms.
-PATIENCE_S = 15.0  #: How long is waited for messages that may cross.
+LATE_S = 5.0  #: Time of a late subscriber for static transforms, s.
+PATIENCE_S = 15.0  #: Longest wait for messages that may cross, s.
 POLL_S = 0.5  #: Time between two looks at what was heard.
 _COUNTS = ("received", "repeated", "disordered", "restamped", "missing", "misnamed")
 _ROUTER = "sfglab.fleet.router.node"
@@ -95,12 +95,12 @@ class Fleet(ProcessGroup):
     """The processes of all parties, each party on a host of its own."""
 
     def __init__(self, config: Config, testbed: Testbed) -> None:
-        self.parties = parties_of(config.agents)  #: Who takes part.
+        self.parties = parties_of(config.agents)  #: All parties.
         self._testbed = testbed
         self._rate_hz = config.rate_hz
         agents = [party for party in self.parties if party.domain != GLOBAL_DOMAIN]
         names = [agent.party for agent in agents]
-        self.topics = tuple(topics(names, OTHERS, busy=config.busy))  #: What they use.
+        self.topics = tuple(topics(names, OTHERS, busy=config.busy))  #: Topics of all parties.
         routers = [self._router(agent) for agent in agents]
         peers = [self._peer(party) for party in self.parties]
         super().__init__((*routers, *peers), wrap_command=testbed.argv)
