@@ -28,7 +28,7 @@ _log = logging.getLogger("sfglab.bus")
 Transform = Callable[[bytes], bytes | None]
 """Changes a sample on its way: CDR in, CDR out, None drops it. The same object back means: as it was."""
 
-#: Number of samples that are held for a source without a decision; the oldest go first.
+#: Most samples that are held for a source without a decision; the oldest are dropped first.
 HELD_SAMPLES = 256
 
 MAX_BACKLOG_BYTES = 64 << 20

@@ -55,7 +55,7 @@ def checked_type(message: Any, *, type_: str, where: str) -> None:
 
 
 class TopicEnd:
-    """One end of a topic, as users hold it; it does not keep its node alive."""
+    """A user's handle of a publisher or subscription; the handle does not keep its node alive."""
 
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
         self._backend = backend

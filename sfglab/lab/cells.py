@@ -116,7 +116,7 @@ class _Plays:
     """Plays that are missing, and those that are given up."""
 
     cells: Sequence[Any]  #: All cells.
-    finished: Mapping[Job, Any]  #: Plays whose rows are in the journal.
+    finished: Mapping[Job, Any]  #: Results of finished plays, from the journal.
     advance: Callable[[str], None]  #: Advances the bar.
     #: Number of failures of each play, and in a row of the start of each stage.
     failures: Counter[Any] = field(default_factory=Counter)

@@ -13,9 +13,8 @@ class PacketOrder:
     """
 
     def __init__(self) -> None:
-        self.is_time = (
-            False  #: Whether the latest step is one of a time or a constant, not of a number.
-        )
+        #: Whether the latest difference of two `pts` is that of times or of a constant.
+        self.is_time = False
         self.is_reordered = (
             False  #: Whether the latest packet has a smaller `pts`, as before a B frame.
         )

@@ -83,7 +83,7 @@ def is_allowed(status: GoalStatus, event: GoalEvent) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Canceling:
-    """The goals that a request to cancel is about, and the answer."""
+    """The goals that a request to cancel selects, and the server's answer."""
 
     #: NONE if goals are canceled, or if there was none to cancel; otherwise the reason.
     code: CancelCode

@@ -97,7 +97,7 @@ def noisy(
 
 @exp.part("frames", total=lambda config: config.frames)
 def code_frames(bench: Bench[Config]) -> None:
-    """Code every frame with every codec and write one row each."""
+    """Encode each frame with each codec, and write one row per frame and codec."""
     config = bench.config
     rng = np.random.default_rng(config.seed)
     noise = np.random.default_rng((config.seed, 1))

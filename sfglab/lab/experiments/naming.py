@@ -73,9 +73,15 @@ def draw_naming(figure: Figure, run: Run[Config]) -> None:
     note(figure, "dashed: a name may leave this segment out; blue: exits into the resource")
 
 
-SEGMENTS = ("scope", "agent", "component", "stream", "resource")  #: In the order of a name.
+SEGMENTS = (
+    "scope",
+    "agent",
+    "component",
+    "stream",
+    "resource",
+)  #: Segments of a name, first to last.
 MANDATORY = frozenset({"scope", "resource"})  #: Segments that every name has.
-EXTENSIBLE = frozenset({"component", "stream", "resource"})  #: They take suffixes and `Custom`.
+EXTENSIBLE = frozenset({"component", "stream", "resource"})  #: Segments with suffixes and `Custom`.
 
 
 def permitted() -> dict[str, list[Resource]]:

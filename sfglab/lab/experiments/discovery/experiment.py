@@ -228,7 +228,7 @@ class HostRow:
     resolved_s: float  #: From the last start order until it had resolved all its peers, seconds.
     #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
     censored: bool
-    own_bytes: float  #: Received at its interface from the first start order until then.
+    own_bytes: float  #: Bytes that its interface received from the first start order until then.
     own_packets: float  #: Frames received until then.
 
 
@@ -241,5 +241,5 @@ class SimulatedRow(Fleet):
     #: From the start until it had resolved all its peers, simulated seconds; NaN of a fleet that is
     #: too large to be simulated.
     resolved_s: float
-    rx_bytes: float  #: Received at its interface until then, by a formula.
+    rx_bytes: float  #: Bytes that its interface received until then, by a formula.
     censored: bool  #: Whether it was given up instead.

@@ -24,7 +24,7 @@ OTHERS = ("ground_1", "ground_2")  #: Parties in the global domain.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartyRow:
-    """A process that publishes, subscribes, serves and calls every name."""
+    """A process that uses every topic and service, in both roles."""
 
     party: str  #: Its name.
     domain: int  #: Its DDS domain; 0 is the global one.

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 AGENT = "agent_1"  #: The agent whose messages the figure follows.
 GROUND = "ground_1"  #: The party in the global domain whose messages the figure follows.
-HEARD = "heard, as it may be (%)"
-SILENT = "not heard, as it must not be"
-FORBIDDEN = "heard, and must not be"
-MISSING = "not heard, and should be"
+HEARD = "heard, and allowed (number: share that arrived, %)"
+SILENT = "not heard, and forbidden"
+FORBIDDEN = "heard, but forbidden"
+MISSING = "not heard, but allowed"
 OUTCOMES = {
     HEARD: COLORS["proxy"],
     SILENT: "#ececec",
@@ -227,9 +227,9 @@ def draw_border(figure: Figure, run: Run[Config]) -> None:
     names = sorted(set().union(*(panel["name"] for panel in panels.values())), key=_order)
     domains = sorted(run["party"]["domain"].unique())
     others = [domain for domain in domains if domain > 1]
-    figure.set_size_inches(10, 2.2 + 0.235 * len(names))
+    figure.set_size_inches(10, 2.5 + 0.235 * len(names))
     layout: Any = [["left", "right"], ["key", "key"]]
-    axes = figure.subplot_mosaic(layout, height_ratios=(len(names), 2))
+    axes = figure.subplot_mosaic(layout, height_ratios=(len(names), 3))
     left, right = axes["left"], axes["right"]
     _draw_matrix(left, panels[AGENT], names, [1, GLOBAL_DOMAIN, *others])
     _draw_matrix(right, panels[GROUND], names, domains)
@@ -244,7 +244,7 @@ def draw_border(figure: Figure, run: Run[Config]) -> None:
     for text, color in OUTCOMES.items():
         axes["key"].plot([], [], "s", color=color, label=text)
     title = "In the domain of the column a message or call was"
-    axes["key"].legend(loc="center", ncols=4, fontsize=9, title=title)
+    axes["key"].legend(loc="center", ncols=2, fontsize=9, title=title)
     axes["key"].axis("off")
     sums = checks(run).groupby("how")[["held", "checked"]].sum()
     shares = [f"{row.held:,} of {row.checked:,} {row.Index}" for row in sums.itertuples()]

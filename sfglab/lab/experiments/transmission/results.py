@@ -48,7 +48,7 @@ LOSS_WITHIN = 0.03  #: Largest difference in loss that agrees.
 LATENCY_WITHIN = 0.30  #: Largest difference in median latency that agrees, of the live one.
 READ = {"fast_dds_foxy": "derived from its source code, not measured"}
 """Presets that cannot be validated, and their origin."""
-SATURATED = 0.85  #: Channel utilisation from which messages wait and are lost in queues.
+SATURATED = 0.85  #: Least channel utilisation at which queues fill and lose messages.
 SATURATED_LOSS = 0.1  #: Loss in the model from which a live cell counts as saturated.
 _CELL = ["rate_max_hz", "depth", "method"]
 _MEASURED = ["loss_live", "loss_model", "p50_live_ms", "p50_model_ms"]
