@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
 from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
-from sfglab.bus.errors import PublishError, WriterBlockedError
+from sfglab.bus.errors import WriterBlockedError
 from sfglab.bus.forwarding import Forward, Forwarder, GuardedWriter, Transform
 from sfglab.bus.loop import CallbackRunner, LoopBridge, OnError, nothing
 from sfglab.bus.ros.services import RosServices
@@ -178,6 +178,8 @@ class LoopWriter(GuardedWriter):
         super().__init__(endpoint.qos)
         self._backend = backend
         self._endpoint = endpoint
+        self._writers: list[Writer] = []
+        self._leaving: list[Writer] = []  # of a source that is gone, until its samples are sent
         self._create(endpoint.qos)
         self.gid = self._writers[0].gid
         blocking = any(getattr(writer, "may_block", False) for writer in self._writers)
@@ -213,7 +215,7 @@ class LoopWriter(GuardedWriter):
     def _create(self, qos: QoSProfile) -> None:
         transport = self._endpoint.transport
         transports: tuple[Any, ...] = ("dds", "ros") if transport == "any" else (transport,)
-        self._writers = []
+        self._end_leaving()
         for one in transports:
             endpoint = replace(self._endpoint, qos=qos, transport=one)
             writer = self._backend.open_writer(endpoint, nothing)
@@ -221,15 +223,21 @@ class LoopWriter(GuardedWriter):
             self._writers.append(writer)
 
     def _delete(self) -> None:
-        while self._writers:
-            self._backend.end(self._writers.pop().close)
+        self._leaving += self._writers
+        self._writers = []
+        if self.closed or not self._unsent:
+            self._end_leaving()
+
+    def _end_leaving(self) -> None:
+        while self._leaving:
+            self._backend.end(self._leaving.pop().close)
 
     def _has_all_acknowledged(self) -> bool:
         asked = [getattr(writer, "acknowledged", lambda: True) for writer in self._writers]
         return all(has_all() for has_all in asked)
 
     def _write(self, cdr: bytes, source_timestamp_ns: int) -> None:
-        for writer in self._writers:
+        for writer in self._writers or self._leaving:
             writer.write(cdr, source_timestamp_ns)
 
     async def _send(self) -> None:
@@ -240,9 +248,10 @@ class LoopWriter(GuardedWriter):
                     await asyncio.to_thread(self._write, *self._unsent[0])
                 except WriterBlockedError:
                     continue
-                except PublishError as error:
+                except Exception as error:  # noqa: BLE001 - one sample must not hold up the next ones
                     self._calls.report(error)
                 self._unsent.popleft()
+            self._end_leaving()
         finally:
             self._sending = None
 
@@ -256,6 +265,7 @@ class LoopForward(Forward[Sample, LoopWriter]):
         self._reader: Reader | None = None
         self._closed = False
         self._blocking: LoopWriter | None = None
+        self._calls = backend.calls(f"forward of {endpoint.dds_topic!r}")
         backend.ros.when_settled(endpoint, partial(self._open, endpoint))
 
     def close(self) -> None:
@@ -277,7 +287,13 @@ class LoopForward(Forward[Sample, LoopWriter]):
         self._backend.register(self._reader.close)
 
     def _take(self, sample: Sample) -> Awaitable[None] | None:
-        """Pass a sample on; while its writer is blocked, the next ones wait in the inbox."""
+        """Pass a sample on; while its writer is blocked, the next ones wait in the inbox.
+
+        A sample of a publisher that is gone may have an unknown GID, zeros, which nothing judges.
+        """
+        if not any(sample[3]):
+            self._drop(sample)
+            return None
         self._blocking = None
         self._gate.take(sample[3], sample)
         return None if self._blocking is None else self._blocking.sent()
@@ -290,11 +306,16 @@ class LoopForward(Forward[Sample, LoopWriter]):
     def _send(self, destination: tuple[LoopWriter, Transform | None], sample: Sample) -> None:
         writer, transform = destination
         cdr = bytes(sample[0])
-        changed = cdr if transform is None else transform(cdr)
+        try:
+            changed = cdr if transform is None else transform(cdr)
+            if changed is not None:
+                writer.write(changed, sample[1])
+        except Exception as error:  # noqa: BLE001 - one sample must not take the next ones with it
+            self._calls.report(error)
+            changed = None
         if changed is None:
             self._drop(sample)
             return
-        writer.write(changed, sample[1])
         self._blocking = writer
         self.counts.forwarded += 1
         self.counts.bytes += len(changed)

@@ -297,7 +297,7 @@ class VideoDecoder:
 
 
 NO_START_CODE = "no Annex B start code (0 0 1 or 0 0 0 1) in front; AVCC is not supported"
-B_FRAMES = "the stream has B frames, which are not supported: encode without them"
+B_FRAMES = "the stream has, or declares, B frames, which are not supported: encode without them"
 _MANY = 300  # more packets than the longest group of pictures has
 _KEY_SLICES = {"h264": frozenset({5}), "hevc": frozenset(range(16, 24))}  # IDR and IRAP slices
 _PARAMETER_SETS = {"h264": frozenset({7}), "hevc": frozenset({32, 33})}  # sequence and video

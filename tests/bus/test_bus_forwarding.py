@@ -217,6 +217,49 @@ async def test_a_blocked_writer_holds_up_its_own_topic_only_and_loses_nothing(mo
         assert threading.current_thread() not in BlockedWriter.threads
 
 
+class RefusingWriter(BlockedWriter):
+    """Refuses one sample, as DDS refuses wrong CDR."""
+
+    def write(self, cdr, source_timestamp_ns=None):
+        if b"refused" in bytes(cdr):
+            raise ValueError("refused")
+        super().write(cdr, source_timestamp_ns)
+
+
+def changed(cdr):
+    if b"raises" in bytes(cdr):
+        raise ValueError("raises")
+    return cdr
+
+
+async def test_a_sample_that_fails_and_a_source_that_ends_cost_no_other_sample(monkeypatch, until):
+    BlockedWriter.free.clear()
+    qos = QoSProfile(lease_ns=10**9)
+    async with between(ToyDomain().node, partial(ToyDomain().node, kind=OtherToyBackend)) as nodes:
+        talker, near, far, listener = nodes
+        forwarder, heard = near.open_forwarder(far), []
+        monkeypatch.setattr(toy_bus, "ToyWriter", RefusingWriter)
+        end = endpoint(qos=qos)
+        forward, outlet = forwarder.open(end), forwarder.open_writer(end)
+        monkeypatch.undo()
+        publisher = talker.create_publisher(STRING, "/t", qos)
+        listener.create_subscription(STRING, "/t", heard.append, DEEP)
+        await until(lambda: forward._reader)
+        words = ("1", "raises", "2", "refused", "3")
+        for word in words:
+            publisher.publish(text(word))
+        forward._take((b"", 0, 0, bytes(16)))  # of an unknown publisher
+        assert forward.counts.dropped == 1
+        await until(lambda: forward._gate._held)
+        forward.admit(publisher.gid, outlet, changed)
+        await until(lambda: forward.counts.dropped == 2)
+        outlet.show_life(alive=False)
+        BlockedWriter.free.set()
+        await until(lambda: len(heard) == 3)
+        assert [message.data for message in heard] == ["1", "2", "3"]
+        await until(lambda: not outlet._leaving)
+
+
 async def test_a_forwarded_writer_lives_and_dies_with_its_source(until):
     qos = QoSProfile(lease_ns=10**9)
     async with between(ToyDomain().node, partial(ToyDomain().node, kind=OtherToyBackend)) as nodes:

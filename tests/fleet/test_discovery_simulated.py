@@ -101,6 +101,19 @@ async def test_an_agent_returns_after_a_partition_restarts_after_an_end_and_is_f
     assert 61 < times_s[2] < 75
 
 
+async def test_a_description_that_comes_after_its_query_failed_answers_the_next_one(sim):
+    async with discoverer(sim) as (_, events), sim.node("fake", host="go2") as node:
+        Fake(node, "go2", []).say()
+        await sleep_until(5)
+        publisher = node.create_publisher(
+            heartbeat.AGENT_METADATA, heartbeat.metadata_topic(), LATCHED
+        )
+        description = AgentDescription().to_message("go2", incarnation=7, revision=0, stamp_ns=0)
+        publisher.publish(description)
+        await sleep_until(40)
+        assert [event for _, _, event in events] == ["DISCOVERED"]
+
+
 @pytest.mark.parametrize("published", [False, True])
 @pytest.mark.parametrize("loss", [0.0, 0.2])
 def test_everybody_in_a_fleet_finds_everybody_else_with_one_query_each(loss, published):

@@ -459,7 +459,7 @@ def test_two_agents_of_one_name_say_so_themselves_and_a_restart_is_none():
     assert registry.counts["twins"] > 0
 
 
-@pytest.mark.parametrize(("made_up", "published"), [(96, False), (480, True)])
+@pytest.mark.parametrize(("made_up", "published"), [(96, False), (127, False), (480, True)])
 async def test_a_real_agent_is_discovered_at_once_beside_made_up_ones(sim, made_up, published):
     """A limit of 128 queries of services leaves a place; published descriptions need none."""
     found = asyncio.Event()

@@ -82,7 +82,7 @@ class ActionClient:
         self._backend = backend
         self._action = action
         self._calls = backend.calls(f"action client {name!r}")
-        self._callbacks: dict[bytes, FeedbackCallback | None] = {}
+        self._callbacks: dict[bytes, FeedbackCallback] = {}
         # The subscription comes first: discovery announces readers to a server in order, and the server
         # answers only a client whose reply reader it has discovered, and begins after that. By then it has
         # discovered the reader of feedback, too.
@@ -123,12 +123,14 @@ class ActionClient:
         checked_type(goal, type_=type_name(self._action.goal), where=self.action_name)
         await self.wait_for_server(timeout_s)
         goal_id = uuid.UUID(bytes=self._backend.random_bytes(16), version=4).bytes
-        self._callbacks[goal_id] = feedback_callback
+        if feedback_callback is not None:
+            self._callbacks[goal_id] = feedback_callback
         if len(self._callbacks) > KEPT_GOALS:
             del self._callbacks[next(iter(self._callbacks))]
         request = self._action.send_goal.request(goal_id=goals.uuid_message(goal_id), goal=goal)
         response = await self._send.call(request, timeout_s)
         if not response.accepted:
+            self._callbacks.pop(goal_id, None)
             why = "the server rejected the goal, for reasons of its own"
             raise GoalRejectedError(f"action {self.action_name!r}: {why}")
         return ClientGoalHandle(self, goal_id, ns_from_stamp(response.stamp))

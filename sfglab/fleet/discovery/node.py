@@ -266,7 +266,7 @@ class AgentDiscoverer:
         """Get an agent's description and pass it to the registry."""
         agent = order.agent
         metadata = None
-        if self._settings.use_published_descriptions and not order.failures:
+        if self._settings.use_published_descriptions:
             metadata = await self._published_description(order)
         if metadata is None:
             async with self._limit.place(order.failures, query):
@@ -279,13 +279,16 @@ class AgentDiscoverer:
         self._execute(orders)
 
     async def _published_description(self, order: Order) -> Any:
-        """Wait for a published description of an agent. Return None if it is missing or disputed."""
-        end_s = steady_ns() / 1e9 + _PUBLISHED_WAIT_S
+        """Return a published description of an agent; None if it is missing, disputed or not claimed.
+
+        The first query waits for it; later ones take what has come meanwhile.
+        """
+        end_s = steady_ns() / 1e9 + (0 if order.failures else _PUBLISHED_WAIT_S)
         in_time = True
         while in_time:
             self._description_received.clear()
             metadata = self._descriptions.find(order.agent, order.wanted, self._is_publisher)
-            if metadata is not None:
+            if metadata is not None and self._registry.is_claimed(metadata):
                 self._registry.counts["published"] += 1
                 return metadata
             in_time = await is_set_before(self._description_received, end_s)

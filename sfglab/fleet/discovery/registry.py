@@ -226,6 +226,12 @@ class Registry:
             orders = [order for order in orders if order.action is not Action.UPDATED]
         return orders
 
+    def is_claimed(self, metadata: Any) -> bool:
+        """Return whether a heartbeat of the agent has claimed the version of an ``AgentMetadata``."""
+        remote = self._remotes.get(metadata.agent)
+        version = metadata.incarnation, metadata.revision
+        return remote is not None and remote.speakers.is_claimed(*version)
+
     def failed(self, agent: str, query: int, *, now_ns: int) -> list[Order]:
         """Process the failure or the timeout of a query, and return orders."""
         remote = self._queried(agent, query)

@@ -129,7 +129,8 @@ def slopes(run: Run[Config], codec: str = H264) -> pd.DataFrame:
     for mode in modes_of(run, codec):
         cpu, received = slope(run, codec, mode, "cpu"), slope(run, codec, mode, "rx")
         less = reduction(run, codec, mode) if mode in HANDED_ON else ""
-        rows.append((LABELS[mode], str(cpu), str(received), str(less)))
+        shown = "not measurable" if less is None else str(less)
+        rows.append((LABELS[mode], str(cpu), str(received), shown))
     return pd.DataFrame(rows, columns=["mode", "CPU", "received", "reduction"])
 
 
