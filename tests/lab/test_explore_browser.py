@@ -34,7 +34,7 @@ explorer"""
 PICTURES = """from IPython.display import display
 from sfglab import soc
 from sfglab.errors import InvalidValueError
-from sfglab.lab.experiments import gateways, lifecycle, naming, transmission
+from sfglab.lab.experiments import gateways, lifecycle, transmission
 from sfglab.lab.explore import Pressed, part
 from sfglab.lab.explore.mapping import PressedMapping
 from sfglab.lab.paths import find_project
@@ -50,10 +50,9 @@ def draw(figure):
         part(name, axes.bar(x, 1, color="gold" if name in on else "grey", label=name)[0])
 display(
     Pressed(draw, size=(6, 2), press=press, titles=lambda: {"a": f"light a, {'on' if 'a' in on else 'off'}"}),
-    lifecycle.press_lifecycle(), naming.NamePicture(), transmission.Timeline(), gateways.press_core(),
+    lifecycle.press_lifecycle(), transmission.Timeline(), gateways.press_core(),
     PressedMapping(soc.load_graph(find_project().data / "graphs/driving.yaml"), soc.ZCU104))"""
 TITLE = "document.querySelector('.jp-OutputArea [id=\"press:%s\"] title')?.textContent"
-NAME = "[...document.querySelectorAll('.jp-OutputArea input')]"
 SAYS = "document.querySelector('.jp-OutputArea')?.textContent.includes(%r)"
 PRESSED = [
     ("a", "document.querySelector('.jp-OutputArea title').textContent === 'light a, on'"),
@@ -61,7 +60,6 @@ PRESSED = [
     ("UNKNOWN/HEARD", SAYS % "1: HEARD in UNKNOWN leads to QUERYING: QUERY"),
     ("LOST", SAYS % "put into LOST"),
     ("REJOINING/SILENT", SAYS % "agent in LOST: given SILENT, allowed are CHANGED"),
-    ("component", NAME + ".some(i => i.value === '/global/go2/depth_camera/color/ffmpeg')"),
     ("a/DATA/2", TITLE % "a/DATA/2" + "?.endsWith('lost; press to let it pass')"),
     ("START/LOCATED", SAYS % "1: LOCATED in START leads to REQUEST"),
     ("CLAIM/GRANTED", SAYS % "gateway core in REQUEST: given GRANTED, allowed are SENT"),
