@@ -22,6 +22,7 @@ from sfglab.spatial.frames.listener import fill_from_log
 ROOT = Path(__file__).parents[2]
 INDEX = "00_index"
 SHOWN = "data/reference/cooperation.mcap"
+CONSTANTS = "data/reference/decode_once.mcap"  # of the explorer of notebook 03
 LOSS = ("latency", "live", "loss", "validation")
 # What the notebooks draw in a smoke test.
 FIGURES_ANYWHERE = {
@@ -52,11 +53,12 @@ NAMES = [*FIGURES_ANYWHERE, *(pytest.param(name, marks=LIVE) for name in FIGURES
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """A checkout of its own, with one log, for readers to look at; what runs for it is gone at the end."""
+    """A checkout of its own, with two logs, for readers to look at; what runs for it is gone at the end."""
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
     shutil.copytree(ROOT / "data", tmp_path / "data", ignore=shutil.ignore_patterns("reference"))
     (tmp_path / "data" / "reference").mkdir()
-    shutil.copy(ROOT / SHOWN, tmp_path / SHOWN)
+    for log in (SHOWN, CONSTANTS):
+        shutil.copy(ROOT / log, tmp_path / log)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     yield Project(root=tmp_path)
     _, alive = psutil.wait_procs(processes_of(tmp_path), timeout=60)
