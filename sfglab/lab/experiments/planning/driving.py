@@ -184,6 +184,8 @@ async def try_goals(node: MakeNode) -> list[GoalRow]:
                     )
                 else:
                     await trials.one_at_a_time()
+            # The next server has the same name: until the planner knows that this one is gone, it may be sent a goal.
+            await planner.get_clock().sleep_for(1.0)
         await _lose_server(node, planner, rows)
     return rows
 
