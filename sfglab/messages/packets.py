@@ -15,9 +15,8 @@ class PacketOrder:
     def __init__(self) -> None:
         #: Whether the latest difference of two `pts` is that of times or of a constant.
         self.is_time = False
-        self.is_reordered = (
-            False  #: Whether the latest packet has a smaller `pts`, as before a B frame.
-        )
+        #: Whether the latest packet has a smaller `pts`, as before a B frame.
+        self.is_reordered = False
         self._last: int | None = None
         self._is_number = False
         self._repeats = 0

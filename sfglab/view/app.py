@@ -139,7 +139,7 @@ def _report(display: Display) -> Report:
         display=display.id,
         topics=tuple(display.visualizer.topics.values()),
         received=counts.received,
-        shown=max(0, counts.shown - display.errors),
+        shown=counts.shown,
         dropped=counts.dropped,
         errors=display.errors,
         last_error=display.last_error,

@@ -27,7 +27,7 @@ class Counts:
     """What has become of a slot's messages."""
 
     received: int  #: Messages offered.
-    shown: int  #: Sets taken.
+    shown: int  #: Sets taken and drawn.
     waiting: int  #: Messages that wait for partners and sets that wait for their turn.
     unmatched: int  #: Messages without partners, or out of order.
     over_budget: int  #: Sets that the rate budget stopped.
@@ -92,6 +92,10 @@ class Slot(Generic[T]):
         lost, self._passed_over = self._passed_over, 0
         items: Mapping[str, tuple[int, T]] = matched.items
         return Taken({role: item for role, (_, item) in items.items()}, matched.stamp_ns, lost)
+
+    def failed(self) -> None:
+        """Take note that the set taken last could not be drawn."""
+        self._shown -= 1
 
     def __len__(self) -> int:
         return len(self._ready)

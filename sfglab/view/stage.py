@@ -44,7 +44,7 @@ def _show(display: Display, taken: Taken[Arrival], surface: Surface) -> None:
     arrivals = taken.items.values()
     received_ns = max(arrival.received_ns for arrival in arrivals)
     surface.at(stamp_ns=taken.stamp_ns, received_ns=received_ns)
-    with _noted(display):
+    with _noted(display, on_failure=display.slot.failed):
         messages = {role: decoded(arrival) for role, arrival in taken.items.items()}
         update = Update(
             messages=messages, stamp_ns=taken.stamp_ns, received_ns=received_ns, lost=taken.lost
@@ -72,7 +72,7 @@ def _tick(
 
 
 @contextmanager
-def _noted(display: Display) -> Iterator[None]:
+def _noted(display: Display, on_failure: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Note what a visualizer raises at its display: one that fails keeps no other from being shown."""
     try:
         yield
@@ -80,6 +80,7 @@ def _noted(display: Display) -> Iterator[None]:
         raise
     except Exception as error:  # noqa: BLE001 - a visualizer may be anybody's
         display.errors += 1
+        on_failure()
         told = str(error) if isinstance(error, SfglabError) else f"{type(error).__name__}: {error}"
         display.last_error = told
 

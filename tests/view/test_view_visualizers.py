@@ -542,3 +542,16 @@ def test_depth_whose_camera_was_described_once_before_the_view_began_becomes_poi
     replay([info, *arrivals], session, paper)
     assert display.slot.counts.shown == 20 - PATIENCE
     assert display.errors == 0
+
+
+def test_what_cannot_be_drawn_is_not_counted_as_shown(paper):
+    session = Session()
+    display = session.add("ffmpeg_video", "/video")
+    type_ = display.inputs[0][0].type
+    messages = [ffmpeg_packet(packet) for packet in foreign_packets()]
+    arrivals = [Arrival("/video", type_, n * S, b"", one) for n, one in enumerate(messages[1:])]
+    replay(arrivals, session, paper)
+    counts = display.slot.counts
+    assert display.errors > 0
+    assert counts.received == counts.shown + counts.dropped + display.errors
+    assert counts.shown == len([d for d in paper.drawn if not d.static])
