@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.bus import ActionServerGoneError, Node
+from sfglab.bus.actions.goals import action_topics
 from sfglab.messages import ns_from_stamp
 from sfglab.spatial import Pose
 from sfglab.spatial.execution.agent import Dynamics
@@ -184,8 +185,10 @@ async def try_goals(node: MakeNode) -> list[GoalRow]:
                     )
                 else:
                     await trials.one_at_a_time()
-            # The next server has the same name: until the planner knows that this one is gone, it may be sent a goal.
-            await planner.get_clock().sleep_for(1.0)
+            # The next server has the same name. A client takes the former one for it until that is known to be gone.
+            status = action_topics(server.action_name).status
+            while planner.graph.publishers(status):
+                await planner.get_clock().sleep_for(0.005)
         await _lose_server(node, planner, rows)
     return rows
 
