@@ -8,7 +8,7 @@ deeper waits longer. Arrays have one entry per topic, shape (n,).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -169,14 +169,17 @@ class TopicPlan:
     #: Share of time in which the reader holds the value that the sensor has, expected.
     up_to_date: float
     loss: float  #: Share of samples that never come because the medium loses frames, expected.
-    #: DEADLINE, the longest agreed gap, ns: the history's length in time; None behind a local cache.
-    deadline_ns: int | None = field(init=False)
 
-    def __post_init__(self) -> None:
-        # Any jitter and any retransmission would exceed a DEADLINE of one period. After depth / rate a missing
-        # sample does not arrive any more. A local cache leaves gaps of any length.
-        duration_ns = max(1, round(1e9 * max(self.depth, 2) / self.rate_hz))
-        object.__setattr__(self, "deadline_ns", None if self.topic.cached else duration_ns)
+    @property
+    def deadline_ns(self) -> int | None:
+        """DEADLINE, the longest agreed gap, ns: the history's length in time; None behind a local cache.
+
+        Any jitter and any retransmission would exceed a DEADLINE of one period. After depth / rate a missing
+        sample does not arrive any more. A local cache leaves gaps of any length.
+        """
+        if self.topic.cached:
+            return None
+        return max(1, round(1e9 * max(self.depth, 2) / self.rate_hz))
 
     @property
     def qos(self) -> QoSProfile:

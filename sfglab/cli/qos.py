@@ -14,6 +14,7 @@ from sfglab.cli.buses import print_json, unused, write_text
 from sfglab.cli.options import Interface, Json, OutputFolder, RecordedDomain, Seconds
 from sfglab.cli.traffic import opened, print_left_out
 from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fields import to_json
 from sfglab.tables import columns
 from sfglab.units import NS_PER_MS
 
@@ -148,7 +149,10 @@ def qos(
         plan = plan_file(given, latency_price_hz=latency_weight)
     if as_json:
         unused("with --json", "format_", "out")
-        print_json(plan)
+        values = to_json(plan)
+        for part, found in zip(plan.topics, values["topics"], strict=True):
+            found["deadline_ns"] = part.deadline_ns
+        print_json(values)
         return
     text = export.render(plan) if export else _plan_text(plan)
     name = export.file if export else "qos.txt"
