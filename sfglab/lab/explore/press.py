@@ -61,7 +61,7 @@ class Pressed:
         draw: Callable[[Figure], object],
         *,
         size: tuple[float, float],
-        press: Callable[[str], object] = str,
+        press: Callable[[str], object] = lambda _: None,
         titles: Callable[[], Mapping[str, str]] = dict,
         above: Sequence[Any] = (),
     ) -> None:

@@ -481,7 +481,8 @@ def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     largest = timed[timed["agents"] == agents]
     times = dict(zip(largest["mode"], largest[_TIME], strict=True))
     told = {mode: times[mode] for mode in MODES if mode in times}
-    figure.suptitle(_title(agents, "simulated", told))
+    how = "simulated" if agents <= EXACT_MOST[ROUTED] else "counted"
+    figure.suptitle(_title(agents, how, told))
     return {"live": summary(run).to_dict("records"), "simulated": medians.to_dict("records")}
 
 

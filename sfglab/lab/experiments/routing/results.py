@@ -48,22 +48,22 @@ def heard(run: Run[Config]) -> pd.DataFrame:
 
     ``allowed`` says whether Table 1 names the topic, ``across`` whether the domains differ.
     """
-    table = run["heard"]
-    return table.assign(
-        allowed=table["dds_topic"].map(in_table_1),
-        across=table["source_domain"] != table["hearer_domain"],
-        case=table["dds_topic"] + ": " + table["source"] + ", " + table["hearer"],
-    )
+    table = _marked(run["heard"], "dds_topic", "source", "hearer")
+    return table.assign(allowed=table["dds_topic"].map(in_table_1))
 
 
 @derived
 def calls(run: Run[Config]) -> pd.DataFrame:
     """Return one row per service and caller, with ``allowed`` and ``across``."""
-    table = run["call"]
+    table = _marked(run["call"], "name", "caller", "server")
+    return table.assign(allowed=table["name"].map(may_cross))
+
+
+def _marked(table: pd.DataFrame, name: str, one: str, other: str) -> pd.DataFrame:
+    """Add whether the domains of two parties differ, and the text of the case."""
     return table.assign(
-        allowed=table["name"].map(may_cross),
-        across=table["caller_domain"] != table["server_domain"],
-        case=table["name"] + ": " + table["caller"] + ", " + table["server"],
+        across=table[f"{one}_domain"] != table[f"{other}_domain"],
+        case=table[name] + ": " + table[one] + ", " + table[other],
     )
 
 
