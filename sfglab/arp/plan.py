@@ -49,9 +49,8 @@ class InfeasiblePlanError(SfglabError, ValueError):
     def __init__(
         self, sender: str, needed: float, allowed: float, largest: tuple[str, ...]
     ) -> None:
-        self.sender = (
-            sender  #: Sender whose time is lacking: the medium where it is shared, else a host.
-        )
+        #: Sender whose time is lacking: the medium where it is shared, otherwise a host.
+        self.sender = sender
         self.needed = needed  #: Share of its time that the minimal rates take.
         self.allowed = allowed  #: Share that may be planned.
         self.largest = largest  #: Names of the topics that take most, the most first.

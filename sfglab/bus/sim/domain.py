@@ -138,9 +138,8 @@ class Participant:
         self.crashed_ns = NEVER_NS
         self.last_sent_ns = 0  #: Time of its latest sample.
         self.is_alive = True
-        self.changes: list[
-            tuple[Endpoint, bool]
-        ] = []  #: Endpoints that opened (True) or closed (False).
+        #: Endpoints that opened (True) or closed (False).
+        self.changes: list[tuple[Endpoint, bool]] = []
         self.views: dict[Participant, View] = {}  #: Views of all participants, itself included.
         #: Its endpoints by DDS topic.
         self.own: defaultdict[str, dict[Endpoint, None]] = defaultdict(dict)
@@ -203,9 +202,8 @@ class View:
 
     def __init__(self, observer: Participant, owner: Participant) -> None:
         self.met_ns = NEVER_NS  #: Time of their discovery; NEVER_NS before it and after a loss.
-        self.apart_ns = (
-            NEVER_NS  #: Time at which a cable between them was pulled; NEVER_NS without.
-        )
+        #: Time at which a cable between them was pulled; NEVER_NS without.
+        self.apart_ns = NEVER_NS
         self._observer = observer
         self._owner = owner
         self._loop = owner.domain.network.loop

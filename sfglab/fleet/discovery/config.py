@@ -1,4 +1,4 @@
-"""Configuration of an agent discoverer. The module imports neither nodes nor the bus."""
+"""Configuration of an agent discoverer. The module imports no nodes, so that it loads fast."""
 
 from __future__ import annotations
 
@@ -21,9 +21,8 @@ class Timing:
     backoff_ns: int = between(250_000_000, without=(0,))
     #: Longest wait between queries.
     backoff_max_ns: int = between(10_000_000_000, without=(0,))
-    forget_ns: int = between(
-        600_000_000_000, without=(0,)
-    )  #: Time until a lost agent is forgotten.
+    #: Time until a lost agent is forgotten.
+    forget_ns: int = between(600_000_000_000, without=(0,))
 
     def __post_init__(self) -> None:
         check_bounds(self, "discovery, ")

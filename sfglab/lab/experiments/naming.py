@@ -73,13 +73,8 @@ def draw_naming(figure: Figure, run: Run[Config]) -> None:
     note(figure, "dashed: a name may leave this segment out; blue: exits into the resource")
 
 
-SEGMENTS = (
-    "scope",
-    "agent",
-    "component",
-    "stream",
-    "resource",
-)  #: Segments of a name, first to last.
+#: Segments of a name, first to last.
+SEGMENTS = ("scope", "agent", "component", "stream", "resource")
 MANDATORY = frozenset({"scope", "resource"})  #: Segments that every name has.
 EXTENSIBLE = frozenset({"component", "stream", "resource"})  #: Segments with suffixes and `Custom`.
 
