@@ -105,13 +105,13 @@ def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
 
 def _one_notebook(name: str, every: Sequence[Path], project: Project) -> Path:
     wanted = name.rpartition("/")[2].removesuffix(".ipynb")
-    if wanted in RENAMED:
-        raise NotebookError(f"notebook {wanted} is now called {RENAMED[wanted]}; use this name")
     if wanted in EXPERIMENTS:
         wanted = notebook_of(project, wanted) or wanted
     fitting: list[Path] = []
     for pattern in (wanted, f"*_{wanted}", f"{wanted}*"):
         fitting = fitting or [path for path in every if path.match(f"{pattern}.ipynb")]
+    if not fitting and wanted in RENAMED:
+        raise NotebookError(f"notebook {wanted} is now called {RENAMED[wanted]}; use this name")
     if len(fitting) != 1:
         fault = "fits several notebooks" if fitting else "is no notebook"
         there = ", ".join(path.stem for path in every)
