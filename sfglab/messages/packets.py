@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 MOST_LOST = 256  #: Largest step that is taken for lost packets: the longest group of pictures.
+LEAST_TIME = 10  #: Smallest step of a time: milliseconds between pictures at 100 Hz.
 
 
 class PacketOrder:
     """Finds missing packets of one stream.
 
     ffmpeg_image_transport numbers packets, so each step but 1 means that packets are missing. Other drivers
-    write a time (nanoseconds, 90 kHz) or always 0. A loss in such a stream cannot be noticed.
+    write a time (nanoseconds, 90 kHz, milliseconds) or always 0. A loss in such a stream cannot be noticed.
+    Milliseconds are known by two steps of `LEAST_TIME` or more in a row before any step of 1.
     """
 
     def __init__(self) -> None:
@@ -19,7 +21,7 @@ class PacketOrder:
         self.is_reordered = False
         self._last: int | None = None
         self._is_number = False
-        self._repeats = 0
+        self._time_steps = 0
 
     def missing(self, pts: int) -> bool:
         """Take the next packet's `pts` and return whether packets before it are missing."""
@@ -28,10 +30,11 @@ class PacketOrder:
             return False
         step = pts - last
         self._is_number |= step == 1
-        self._repeats = self._repeats + 1 if step == 0 else 0
+        is_time_step = step == 0 or step >= LEAST_TIME
+        self._time_steps = self._time_steps + 1 if is_time_step else 0
         is_far = abs(step) > MOST_LOST
-        self.is_time = not self._is_number and (is_far or self._repeats > 1)
+        self.is_time = not self._is_number and (is_far or self._time_steps > 1)
         self.is_reordered = step < 0
         if self._is_number:
             return step != 1
-        return step != 0 and not is_far
+        return step != 0 and not self.is_time

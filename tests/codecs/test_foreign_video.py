@@ -11,6 +11,7 @@ from sfglab.codecs import (
     H264Decoder,
     image_decoder,
 )
+from sfglab.messages.packets import PacketOrder
 
 
 @pytest.mark.parametrize("clock", CLOCKS)
@@ -20,6 +21,23 @@ def test_packets_with_a_time_instead_of_a_number_decode_to_intact_images(clock):
     assert len(images) == COUNT
     assert [image.is_key for image in images] == [True, False, False, False, False] * 2
     assert all(image.intact for image in images)
+
+
+def test_milliseconds_are_taken_for_losses_until_the_next_key_frame_only():
+    decoder = image_decoder(FFMPEG_PACKET)
+    images = []
+    for number, packet in enumerate(packets()):
+        images += decoder.feed(ffmpeg_packet(packet, pts=33 * number + number % 2))
+    assert [image.intact for image in images] == [True] + [False] * 4 + [True] * 5
+
+
+@pytest.mark.parametrize("steps", [[9, 9, 1, 2], [1, 40, 40, 2], [30, 1, 30, 2]])
+def test_losses_of_numbered_packets_stay_losses(steps):
+    order = PacketOrder()
+    order.missing(100)
+    numbers = np.cumsum(steps) + 100
+    assert [order.missing(int(number)) for number in numbers] == [step > 1 for step in steps]
+    assert not order.is_time
 
 
 @pytest.mark.parametrize("b_frames", [1, 2])
