@@ -39,6 +39,13 @@ COLORS = {
     "third": "#26B58A",
     "fourth": "#CC79A7",
 }
+METHOD_COLORS = {
+    "none": "#000000",
+    "LC": COLORS["standard"],
+    "OPT": COLORS["proxy"],
+    "OPT+LC": COLORS["third"],
+}
+"""Colours of paper B's methods, the same in every figure."""
 MARKERS = {"standard": "o", "proxy": "s", "network": "^", "third": "D", "fourth": "v"}
 PAPER_STYLE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.4, "alpha": 0.75}
 """How a paper's own line is drawn beside ours: dashed, in the colour of what it states."""

@@ -32,7 +32,7 @@ from sfglab.lab.checks import share_of_checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments import experiment
 from sfglab.lab.experiments.balancing.experiment import ELECTRODE, Config, exp, mean_topics
-from sfglab.lab.figures import COLORS, grouped_bars, lines, note
+from sfglab.lab.figures import COLORS, METHOD_COLORS, grouped_bars, lines, note
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import Floats, exactly
@@ -94,9 +94,9 @@ def frames_saved(run: Run[Config]) -> pd.DataFrame:  # noqa: ARG001 - kept with 
 
 
 METHODS = {
-    "no method (R = Rmax)": COLORS["network"],
-    OPT: COLORS["standard"],
-    "OPT and local cache (LC)": COLORS["proxy"],
+    "no method (R = Rmax)": METHOD_COLORS["none"],
+    OPT: METHOD_COLORS["OPT"],
+    "OPT and local cache (LC)": METHOD_COLORS["OPT+LC"],
 }
 """Colours of methods whose demand on the channel is shown."""
 
@@ -360,9 +360,9 @@ def behind_cache(
 Loss = Annotated[float, Bounds(0, 0.9)]
 Silence = Annotated[float, Bounds(0.05, 60, log=True)]
 CACHE_COLORS = {
-    "no cache": COLORS["standard"],
-    "local cache (LC)": COLORS["proxy"],
-    "LC with a maximum silence": COLORS["third"],
+    "no cache": METHOD_COLORS["none"],
+    "local cache (LC)": METHOD_COLORS["LC"],
+    "LC with a maximum silence": COLORS["fourth"],
 }
 """Colours of curves by kind of cache."""
 _SENSORS_S = sorted({sensor.change_s for sensor in SENSORS.values()})

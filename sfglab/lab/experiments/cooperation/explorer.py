@@ -20,7 +20,7 @@ from sfglab.arp.robots import METHODS
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.experiments.cooperation.experiment import MethodName, exp
-from sfglab.lab.experiments.cooperation.results import ENDINGS, method_text
+from sfglab.lab.experiments.cooperation.results import ENDINGS, ROBOT_COLORS, method_text
 from sfglab.lab.figures import COLORS
 from sfglab.rtps import Medium
 
@@ -45,7 +45,7 @@ _COLORS = {
     "walls": "#808080",
     _BEAMS: "#56B4E9",
     _WRONG: COLORS["standard"],
-    **dict(zip(ROBOTS, (COLORS["proxy"], COLORS["third"], COLORS["fourth"]), strict=True)),
+    **ROBOT_COLORS,
 }
 _SPAN_M = 6.4  # of both axes, so that a square panel has equal scales
 _X = pictures.Axis("x", "m", -0.7, _SPAN_M - 0.7)

@@ -33,7 +33,7 @@ ENDINGS = {
 }
 """Ends of a lap, as the part of a sentence before its duration."""
 NO_ROBOT = "no single robot"  #: Failure of a lap that was given up.
-ROBOT_COLORS = dict(zip(ROBOTS, (COLORS["proxy"], "#E69F00", "black"), strict=True))
+ROBOT_COLORS = dict(zip(ROBOTS, (COLORS["proxy"], "#E69F00", "#000000"), strict=True))
 _SHARE_COLORS = {End.SUCCESS.value: COLORS["third"], **ROBOT_COLORS, NO_ROBOT: COLORS["network"]}
 _SHARE_LABELS = {End.SUCCESS.value: "lap completed", NO_ROBOT: "given up after 120 s"}
 _MARK_S = 10.0

@@ -31,7 +31,7 @@ from sfglab.lab.experiments.transmission.live import (
     SENSORS,
     live_cells,
 )
-from sfglab.lab.figures import COLORS, note, series
+from sfglab.lab.figures import COLORS, METHOD_COLORS, note, series
 from sfglab.lab.live_flows import MODES
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import Run, derived, lines_of
@@ -266,10 +266,10 @@ LABELS = {
 }
 """Names of the methods without cache control."""
 STYLES: dict[str, dict[str, Any]] = {
-    "none": {"color": "#000000", "marker": "o", "linestyle": ":"},
-    "LC": {"color": COLORS["standard"], "marker": "D", "linestyle": "--"},
-    "OPT": {"color": COLORS["proxy"], "marker": "s", "linestyle": "-."},
-    "OPT+LC": {"color": COLORS["third"], "marker": "^", "linestyle": "-"},
+    "none": {"color": METHOD_COLORS["none"], "marker": "o", "linestyle": ":"},
+    "LC": {"color": METHOD_COLORS["LC"], "marker": "D", "linestyle": "--"},
+    "OPT": {"color": METHOD_COLORS["OPT"], "marker": "s", "linestyle": "-."},
+    "OPT+LC": {"color": METHOD_COLORS["OPT+LC"], "marker": "^", "linestyle": "-"},
 }
 WITH_CONTROL = {"none": "CC", "LC": "", "OPT": "OPT+CC", "OPT+LC": "OPT+LC+CC"}
 """Methods with cache control besides, which Table 2 has not for the local cache alone."""
