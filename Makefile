@@ -85,8 +85,8 @@ fuzz: $(VENV)/.tests ## Send hostile bytes through every door for MINUTES, as ma
 	@mkdir -p runs && for i in $$(seq $$(nproc)); do \
 		$(BIN)/python tests/fuzz/run.py $$(( $(MINUTES) * 60 )) $$RANDOM 2> runs/fuzz.$$i.log & done; wait
 
-soak: setup ## Cause a fault every few seconds in three agents with streams for MINUTES, and print each recovery
-	$(BIN)/python tests/soak/run.py $(MINUTES)
+soak: setup ## Cause a fault every few seconds in three agents with streams for MINUTES, and print each recovery; SOAK=--keep-processes judges all memory
+	$(BIN)/python tests/soak/run.py $(MINUTES) $(SOAK)
 
 check: lint types test ## Format check, lint, types and tests: what CI runs
 

@@ -6,11 +6,13 @@ processors are taken, and clocks are stepped. After each fault, all streams have
 and all components have to run. The script prints the time until then. It exits with status 1 if a
 recovery is late, or if a message arrives twice or out of order. It also exits with status 1 if a
 process or a file is left at the end, or if the memory of a component would double within a day.
-Memory is judged from the 20th minute on.
+Memory is judged from the 20th minute on. With --keep-processes no fault ends a process. Then the
+memory of all components and pipelines is judged, and may grow by less than 2 MB per hour.
 """
 
 import argparse
 import asyncio
+import math
 import os
 import random
 import signal
@@ -25,6 +27,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 from nodes import AGENTS, CAMERAS, STATE, VIEWER, Config, streams_of
+from scipy import stats
 
 from sfglab.component import argument_of
 from sfglab.lab.hosts import Network
@@ -47,12 +50,17 @@ LASTS_S = {
     "starve": (3, 6),
 }
 SIGNALS = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP}  #: Faults of components.
-#: Agent whose components are not ended, so that their memory can be judged.
+#: Faults that end no process.
+GENTLE = ("clock", "suspend", "cut", "starve")
+#: Agent whose components are never ended, so that their memory can be judged.
 SPARED = "spot"
 GIVEN_UP_S = 60.0
 GAP_S = 1.0
 WARM_S = 600.0
 JUDGED_S = 600.0
+MEAN_S = 300.0
+"""Duration over which memory is averaged, so that the means are nearly independent."""
+MOST_MB_PER_H = 2.0
 LOOP = (sys.executable, "-S", "-c", "while True: pass")
 
 
@@ -67,8 +75,9 @@ class Program(Member):
 class Soak(ProcessGroup):
     """The agents, the nodes of their users, and their faults."""
 
-    def __init__(self, network, folder, seed, limit_s):
+    def __init__(self, network, folder, seed, limit_s, keep_processes):
         self.problems = []
+        self._keep_processes = keep_processes
         self.faults = 0
         self._network = network
         self._folder = folder
@@ -167,8 +176,10 @@ class Soak(ProcessGroup):
 
     def deck(self):
         """Yield faults indefinitely, in rounds that contain each kind and component once."""
-        faults = [(kind, "") for kind in LASTS_S]
-        faults += [(kind, component) for kind in SIGNALS for component in PLACES]
+        faults = [(kind, "") for kind in GENTLE]
+        if not self._keep_processes:
+            faults += [(kind, "") for kind in LASTS_S if kind not in GENTLE]
+            faults += [(kind, component) for kind in SIGNALS for component in PLACES]
         while True:
             yield from self._rng.sample(faults, len(faults))
 
@@ -248,22 +259,34 @@ class Soak(ProcessGroup):
             pin([loop.pid], {max(cores)})
 
     def _read_memory(self):
-        for who, pid in self._pids[SPARED].items():
-            with suppress(psutil.Error):
-                size_mb = psutil.Process(pid).memory_info().rss / 1e6
-                readings = self._memory_mb.setdefault((who, pid), [])
-                readings.append((time.monotonic(), size_mb))
+        agents = AGENTS if self._keep_processes else (SPARED,)
+        for name in agents:
+            for component, pid in self._pids[name].items():
+                with suppress(psutil.Error):
+                    process = psutil.Process(pid)
+                    self._note_memory(f"{component} of {name}", process)
+                    if component == "decoder":
+                        for child in process.children(recursive=True):
+                            self._note_memory(f"{PIPELINE} of {name}", child)
+
+    def _note_memory(self, who, process):
+        size_mb = process.memory_info().rss / 1e6
+        readings = self._memory_mb.setdefault((who, process.pid), [])
+        readings.append((time.monotonic(), size_mb))
 
     def _judge_memory(self):
         for (who, _), readings in self._memory_mb.items():
             at_s, sizes_mb = np.array(readings).T
-            warm = at_s > at_s[0] + WARM_S
-            if at_s[-1] > at_s[0] + WARM_S + JUDGED_S:
-                slope, _ = np.polyfit(at_s[warm] / 3600, sizes_mb[warm], 1)
-                growth = f"memory of {who}: {sizes_mb[-1]:.0f} MB, {slope:+.2f} MB/h"
-                print(growth)
-                if 24 * slope > sizes_mb[-1]:
-                    self.problems.append(growth)
+            warm_s = at_s[0] + WARM_S
+            if at_s[-1] <= warm_s + JUDGED_S:
+                continue
+            warm = at_s > warm_s
+            slope, half_width = line_of(at_s[warm], sizes_mb[warm])
+            growth = f"{sizes_mb[-1]:.0f} MB, {slope:+.2f} MB/h (95 %: +-{half_width:.2f})"
+            print(f"memory of {who}: {growth}")
+            grows = slope > MOST_MB_PER_H if self._keep_processes else 24 * slope > sizes_mb[-1]
+            if grows:
+                self.problems.append(f"memory of {who}: {growth}")
 
     async def _judge_streams(self, nodes):
         told = await self.ask("told", nodes, timeout_s=60, do="tell")
@@ -295,6 +318,17 @@ class Soak(ProcessGroup):
                 self.problems.append(f"left: {psutil.Process(pid).cmdline()}")
 
 
+def line_of(at_s, sizes_mb):
+    """Return the slope of memory, MB per hour, and half its 95 % interval, from means of `MEAN_S`."""
+    windows = (at_s - at_s[0]) // MEAN_S
+    hours = [at_s[windows == window].mean() / 3600 for window in np.unique(windows)]
+    means_mb = [sizes_mb[windows == window].mean() for window in np.unique(windows)]
+    if len(hours) < 3:
+        return np.polyfit(at_s / 3600, sizes_mb, 1)[0], math.inf
+    fit = stats.linregress(hours, means_mb)
+    return fit.slope, fit.stderr * stats.t.ppf(0.975, len(hours) - 2)
+
+
 def signal_all(pids, number):
     for pid in pids:
         with suppress(ProcessLookupError):
@@ -309,12 +343,12 @@ def pin(pids, cores):
                 os.sched_setaffinity(int(thread.name), cores)
 
 
-async def soak(minutes, seed, limit_s):
+async def soak(minutes, seed, limit_s, *, keep_processes=False):
     """Cause faults for some minutes, and return the number of faults and all problems."""
     with tempfile.TemporaryDirectory() as folder, Network() as network:
         for name in AGENTS:
             network.add_host(name)
-        async with Soak(network, Path(folder), seed, limit_s) as agents:
+        async with Soak(network, Path(folder), seed, limit_s, keep_processes) as agents:
             print("fault                          lasted recovered  last", flush=True)
             until_s = time.monotonic() + 60 * minutes
             for fault in agents.deck():
@@ -331,11 +365,13 @@ def main():
     parser.add_argument("minutes", nargs="?", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--limit", type=float, default=10.0, help="Seconds for each recovery.")
+    parser.add_argument("--keep-processes", action="store_true", help="No fault ends a process.")
     options = parser.parse_args()
     capability = Network.available()
     if not capability.ok:
         parser.error(f"the soak test needs network namespaces: {capability.reason}")
-    faults, problems = asyncio.run(soak(options.minutes, options.seed, options.limit))
+    run = soak(options.minutes, options.seed, options.limit, keep_processes=options.keep_processes)
+    faults, problems = asyncio.run(run)
     print(*problems, f"{faults} faults, {len(problems)} problems", sep="\n")
     sys.exit(bool(problems))
 
