@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import importlib.metadata
 import os
-import platform
 import re
 import socket
 import subprocess
@@ -14,8 +11,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from enum import Enum
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import psutil
 
@@ -29,7 +25,6 @@ _LOOPBACK = "127.0.0.1"
 _ENOUGH_CORES = 4
 _ENOUGH_MEMORY_BYTES = 4 << 30
 _BUSY_SHARE = 0.25
-_NOTABLE_STEAL_PERCENT = 1.0
 # An uncompressed Full HD colour image is 6 MB; Linux gives a socket 208 KiB unless asked.
 _RECEIVE_BUFFER_BYTES = 4 * _MIB
 _SHARED_MEMORY_BYTES = 256 * _MIB
@@ -73,31 +68,6 @@ class _Check:
     without: str
 
 
-def _version(distribution: str) -> str | None:
-    try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return None
-
-
-def _libraries() -> _Verdict:
-    required = [r for r in importlib.metadata.requires("sfglab") or () if "extra ==" not in r]
-    names = sorted(
-        re.split(r"[^A-Za-z0-9._-]", requirement)[0] for requirement in required
-    )  # PEP 508
-    versions = {name: _version(name) for name in names}
-    missing = [name for name, version in versions.items() if version is None]
-    found = ", ".join(f"{name} {version}" for name, version in versions.items() if version)
-    python = f"Python {platform.python_version()}"
-    if missing:
-        said = f"{python}; not installed: {', '.join(missing)}; installed: {found}"
-        consequence = (
-            "what needs the missing libraries stops with their names; install sfglab again"
-        )
-        return Level.MISSING, said, consequence
-    return Level.OK, f"{python}, {found}", "all parts of sfglab can be imported"
-
-
 def _namespaces() -> _Verdict:
     from sfglab.lab.hosts import HostsUnavailableError, Network
 
@@ -110,27 +80,6 @@ def _namespaces() -> _Verdict:
         f"hosts with a network of their own work {how}",
         "experiments with several hosts run live",
     )
-
-
-def _link_control() -> _Verdict:
-    from sfglab.lab.hosts import LinkControlError, Network
-
-    links: dict[str, Any] = {"rate": {"rate_bps": 1e6}, "loss": {"loss": 0.5}}
-    works = []
-    with Network() as network:
-        network.add_host("probe")
-        for name, link in links.items():
-            with contextlib.suppress(LinkControlError):
-                network.set_link("probe", **link)
-                works.append(name)
-    if len(works) == len(links):
-        return (
-            Level.OK,
-            "the kernel limits rates and loses packets on request",
-            "lossy and slow links run live",
-        )
-    said = f"of rate and loss, the kernel emulates {' and '.join(works) or 'neither'}"
-    return Level.LIMITED, said, "links that need the rest are simulated, and the log says so"
 
 
 def _capacity() -> _Verdict:
@@ -153,33 +102,6 @@ def _capacity() -> _Verdict:
     if reasons:
         return Level.LIMITED, said, "; ".join(reasons)
     return Level.OK, said, "numbers will be steady"
-
-
-def _clock() -> _Verdict:
-    virtual = "hypervisor" in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    times = psutil.cpu_times()
-    steal_percent = 100 * times.steal / max(1.0, sum(times))
-    governor = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
-    scaling = (
-        governor.read_text(encoding="ascii").strip()
-        if governor.is_file()
-        else "not under our control"
-    )
-    machine = "virtual machine" if virtual else "physical machine"
-    said = f"{machine}, clock governor {scaling}, {steal_percent:.1f} % of its time stolen by others so far"
-    if steal_percent > _NOTABLE_STEAL_PERCENT:
-        return (
-            Level.LIMITED,
-            said,
-            "stolen time shows as latency; each row of the meters carries steal_percent",
-        )
-    if scaling == "powersave":
-        return (
-            Level.LIMITED,
-            said,
-            "CPU times grow when the clock is low; choose the performance governor",
-        )
-    return Level.OK, said, "CPU times of one run can be compared with each other"
 
 
 def _receive_buffer() -> _Verdict:
@@ -278,14 +200,6 @@ def _h264() -> _Verdict:
     return Level.OK, said, "video is encoded in hardware"
 
 
-def _viewer() -> _Verdict:
-    return (
-        Level.OK,
-        f"rerun-sdk {importlib.metadata.version('rerun-sdk')}",
-        "logs open in the Rerun viewer",
-    )
-
-
 def _ros() -> _Verdict:
     from sfglab.bus.ros.services import PYTHON_VARIABLE, ros_python
     from sfglab.lab.ros2 import distributions
@@ -305,14 +219,7 @@ def _ros() -> _Verdict:
     )
 
 
-_NOT_INSTALLED = (importlib.metadata.PackageNotFoundError,)
 _CHECKS = (
-    _Check(
-        "Python and libraries",
-        _libraries,
-        _NOT_INSTALLED,
-        "versions cannot be written into logs; install sfglab with pip",
-    ),
     _Check(
         "network namespaces",
         _namespaces,
@@ -320,15 +227,8 @@ _CHECKS = (
         "experiments with several hosts run on this machine's loopback or are simulated, and say so",
     ),
     _Check(
-        "rate and loss control",
-        _link_control,
-        (SfglabError,),
-        "slow and lossy links are simulated, and the log says so",
-    ),
-    _Check(
         "cores, memory, load", _capacity, (OSError,), "nobody can say how steady the numbers are"
     ),
-    _Check("CPU clock", _clock, (OSError,), "nobody can say how steady CPU times are"),
     _Check(
         "UDP receive buffer", _receive_buffer, (OSError,), "live experiments over UDP do not run"
     ),
@@ -352,12 +252,6 @@ _CHECKS = (
     ),
     _Check("H.264", _h264, (ImportError,), _NO_VIDEO),
     _Check(
-        "Rerun viewer (optional)",
-        _viewer,
-        _NOT_INSTALLED,
-        "logs are not opened in the Rerun viewer; figures and tables need nothing of it",
-    ),
-    _Check(
         "ROS 2 (optional)",
         _ros,
         (SfglabError,),
@@ -379,8 +273,6 @@ def _words(error: Exception) -> str:
         return _tame(lines[-1]) if lines else f"it ended with status {error.returncode}"
     if isinstance(error, subprocess.TimeoutExpired):
         return f"it did not end within {error.timeout:.0f} s"
-    if isinstance(error, importlib.metadata.PackageNotFoundError):
-        return f"{error.name} is not installed"
     return _tame(str(error)) or type(error).__name__
 
 
