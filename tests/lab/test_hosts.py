@@ -13,6 +13,7 @@ import pytest
 
 from sfglab.errors import InvalidValueError
 from sfglab.lab.hosts import HostsError, LinkControlError, Network
+from sfglab.rtps import Medium
 
 pytestmark = pytest.mark.netns
 PYTHON = [sys.executable, "-I", "-S", "-c"]
@@ -180,7 +181,7 @@ def test_names_are_unique_and_known(network):
         with pytest.raises(InvalidValueError, match="allowed"):
             network.add_host(name)
     with pytest.raises(InvalidValueError, match=r"'egde'.*'edge'"):
-        network.set_link("egde", loss=0.1)
+        network.set_connected("egde", connected=False)
 
 
 def test_a_closed_network_starts_nothing_and_a_lost_hub_takes_the_hosts_along():
@@ -201,10 +202,10 @@ def test_a_closed_network_starts_nothing_and_a_lost_hub_takes_the_hosts_along():
 
 def test_a_kernel_that_cannot_shape_gets_one_clear_error(network, monkeypatch):
     monkeypatch.setattr(
-        network._running, "_receive", lambda: (_ for _ in ()).throw(PermissionError("no tbf"))
+        network._running, "_receive", lambda: (_ for _ in ()).throw(PermissionError("no htb"))
     )
-    with pytest.raises(LinkControlError, match=r"'edge'.*no tbf.*sch_tbf"):
-        network.set_link("edge", rate_bps=1e6)
+    with pytest.raises(LinkControlError, match=r"edge.*no htb.*sch_htb"):
+        network.set_radio(Medium(shared=False, queue_rule="block"))
 
 
 def interpreter(run) -> str:
@@ -222,8 +223,8 @@ import os, sys
 from sfglab.lab.hosts import Network
 with Network() as net:
     edge, station = net.add_host("edge"), net.add_host("station")
-    net.set_link("station", rate_bps=50e6, loss=0.01)
-    net.set_link("station")
+    net.set_connected("station", connected=False)
+    net.set_connected("station", connected=True)
     edge.run(["sh", "-c", "true"], 10, check=True)
     command = [sys.executable, "-I", "-S", "-c", sys.argv[1]]
     server = station.popen([*command[:-1], sys.argv[2], station.address], stdout=-1, text=True)

@@ -242,8 +242,8 @@ class Soak(ProcessGroup):
                 ending.callback(signal_all, asleep, signal.SIGCONT)
                 signal_all(asleep, signal.SIGSTOP)
             case "cut":
-                ending.callback(self._network.set_link, name)
-                self._network.set_link(name, loss=1.0)
+                ending.callback(self._network.set_connected, name, connected=True)
+                self._network.set_connected(name, connected=False)
             case "starve":
                 self._starve(name, ending)
 

@@ -2,7 +2,7 @@
 
     with Network() as network:
         edge, station = network.add_host("edge"), network.add_host("station")
-        network.set_link("station", rate_bps=10e6, loss=0.05)
+        network.set_radio(Medium(rate_bps=10e6, loss=0.05))
         process = edge.popen([sys.executable, "-m", "..."])
 
 Everything is gone at the end of the block, also after an exception or when the creating process is killed.
@@ -15,7 +15,7 @@ from sfglab.lab.hosts.host import (
     InterfaceBytes,
     LinkControlError,
 )
-from sfglab.lab.hosts.network import Capability, Link, Network
+from sfglab.lab.hosts.network import Capability, Network
 from sfglab.lab.hosts.radio import RadioCounters, RadioHost
 
 __all__ = [
@@ -24,7 +24,6 @@ __all__ = [
     "HostsError",
     "HostsUnavailableError",
     "InterfaceBytes",
-    "Link",
     "LinkControlError",
     "Network",
     "RadioCounters",

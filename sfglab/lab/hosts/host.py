@@ -45,12 +45,12 @@ class HostsError(SfglabError, RuntimeError):
 
 
 class LinkControlError(SfglabError, OSError):
-    """The kernel refuses to limit or to lose packets."""
+    """The kernel refuses to make a host's frames wait."""
 
     def __init__(self, host: str, reason: str) -> None:
         super().__init__(
-            f"link of host {host!r}: the kernel refused it: {reason}. Rates need the tbf queueing discipline "
-            "(module sch_tbf), loss needs nftables in bridges (modules nf_tables and nft_numgen)"
+            f"link of host {host!r}: the kernel refused it: {reason}. A medium whose queue blocks needs "
+            "the htb queueing discipline (module sch_htb)"
         )
 
 

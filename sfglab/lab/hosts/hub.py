@@ -1,6 +1,6 @@
-"""The process that owns a network of hosts; starts inside its own namespace, see `network.Channel`.
+"""The process that owns a network of hosts; starts inside its own namespace, see `network`.
 
-It answers requests (JSON, one per datagram) on a socket pair and forks one *holder* per host, a process that
+It answers requests on a `Channel` and forks one *holder* per host, a process that
 does nothing but keep the host's namespace alive. When the processes end, the kernel removes namespaces, cables
 and addresses by itself. The hub and every holder watch a pidfd of the creator; holders also watch one of the
 hub. Whichever wakes first kills all processes in the hosts. A parent-death signal (prctl(2), PR_SET_PDEATHSIG)
@@ -10,7 +10,6 @@ would do less: it is tied to the parent *thread*, hits only direct children, and
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import select
 import signal
@@ -19,16 +18,14 @@ import sys
 import traceback
 from typing import Any, NoReturn
 
-from pyroute2.netlink.exceptions import NetlinkError
-
+from sfglab.lab.hosts.channel import Channel, answer
 from sfglab.lab.hosts.enter import CLONE_NEWNET, unshare
 from sfglab.lab.hosts.host import end_members
-from sfglab.lab.hosts.network import Link
-from sfglab.lab.hosts.radio import Relay
-from sfglab.lab.hosts.wiring import Port, Shaping, Wiring
+from sfglab.lab.hosts.wiring import Port, Wiring
 from sfglab.rtps import Medium
 
-_MAX_REQUEST_BYTES = 65536
+_RELAY = (sys.executable, "-P", "-m", "sfglab.lab.hosts.radio_relay")
+_RELAY_LIMIT_S = 10.0
 
 
 def _close_all_but(kept: set[int]) -> None:
@@ -77,13 +74,16 @@ def _fork_holder(creator: int) -> int:
 
 
 class _Hub:
-    def __init__(self, creator: int) -> None:
+    def __init__(self, creator: int, how: str) -> None:
         self._creator = creator
+        self._how = how
         self._wiring = Wiring()
-        self._shaping = Shaping(self._wiring)
         self._ports: dict[str, Port] = {}
         self._holders: list[int] = []
-        self._relay: Relay | None = None
+        self._relay: Channel | None = None
+
+    def how(self) -> str:
+        return self._how
 
     def add_host(self, *, name: str) -> dict[str, Any]:
         pid = _fork_holder(self._creator)
@@ -91,55 +91,49 @@ class _Hub:
         port = self._ports[name] = self._wiring.plug(pid)
         return {"holder": pid, "address": port.address}
 
-    def set_link(self, *, name: str, **link: Any) -> dict[str, Any]:
-        self._shaping.set_link(self._ports[name], Link(**link))
-        return {}
+    def set_connected(self, *, name: str, connected: bool) -> None:
+        self._wiring.set_connected(self._ports[name], connected=connected)
 
-    def set_radio(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
+    def set_radio(self, *, medium: dict[str, Any], seed: int) -> None:
         for port in self._ports.values():
-            self._shaping.set_air(port, Medium(**medium))
+            self._wiring.set_air(port, Medium(**medium))
         if self._relay is None:
-            for port in self._ports.values():
-                self._wiring.take_out(port)
-            self._relay = Relay(
-                [(name, port.outer, port.mac) for name, port in self._ports.items()]
-            )
-        return self._relay.request("set", medium=medium, seed=seed)
+            self._relay = self._start_relay()
+        self._relay.request("set", medium=medium, seed=seed)
 
-    def end_radio(self) -> dict[str, Any]:
-        if self._relay is not None:
-            self._relay.close()
-            self._relay = None
-            for port in self._ports.values():
-                self._shaping.set_air(port, Medium())
-                self._wiring.put_back(port)
-        return {}
+    def _start_relay(self) -> Channel:
+        """Replace the bridge by a relay."""
+        ports = []
+        for name, port in self._ports.items():
+            self._wiring.take_over(port)
+            ports.append((name, port.outer, port.mac))
+        relay = Channel("the relay of the radio", _RELAY, limit_s=_RELAY_LIMIT_S)
+        try:
+            relay.request("start", ports=ports)
+        except BaseException:
+            relay.close()
+            raise
+        return relay
 
     def radio_counters(self) -> dict[str, Any]:
         assert self._relay is not None
-        return self._relay.request("counters")
-
-    def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        known = (self.add_host, self.set_link, self.set_radio, self.end_radio, self.radio_counters)
-        operations = {operation.__name__: operation for operation in known}
-        try:
-            return {"ok": operations[request.pop("op")](**request)}
-        except NetlinkError as error:
-            return {"refused": f"{error.args[1]} (errno {error.code})"}
-        except PermissionError as error:
-            return {"refused": str(error)}
-        except Exception:  # noqa: BLE001 - the creator raises it; the hub must live on to clean up
-            return {"failed": traceback.format_exc()}
+        counters: dict[str, Any] = self._relay.request("counters")
+        return counters
 
     def serve(self, control: socket.socket) -> None:
+        operations = (
+            self.how,
+            self.add_host,
+            self.set_connected,
+            self.set_radio,
+            self.radio_counters,
+        )
         poll = select.poll()
         poll.register(self._creator, select.POLLIN)
         poll.register(control, select.POLLIN)
         while not any(fd == self._creator for fd, _ in poll.poll()):
-            data = control.recv(_MAX_REQUEST_BYTES)
-            if not data:
+            if not answer(control, *operations):
                 return
-            control.send(json.dumps(self.answer(json.loads(data))).encode())
 
     def close(self) -> None:
         """End the holders, then whatever is left inside: our descriptors keep the namespaces distinct."""
@@ -157,9 +151,8 @@ def main(control_fd: str, creator_pidfd: str, how: str) -> NoReturn:
     os.set_inheritable(creator, False)
     with socket.socket(fileno=int(control_fd)) as control:
         control.set_inheritable(False)
-        hub = _Hub(creator)
+        hub = _Hub(creator, how)
         try:
-            control.send(json.dumps({"ok": {"how": how}}).encode())
             hub.serve(control)
         except (BrokenPipeError, ConnectionResetError):
             pass  # the creator died between two messages

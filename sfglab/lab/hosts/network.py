@@ -7,21 +7,15 @@ because cleaning up must outlive the creator.
 
 from __future__ import annotations
 
-import contextlib
-import json
 import os
-import socket
-import subprocess
 import sys
-import tempfile
-import threading
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from types import MappingProxyType
-from typing import IO, TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from sfglab.errors import InvalidValueError
-from sfglab.fields import between, check_bounds, from_json
+from sfglab.fields import from_json
+from sfglab.lab.hosts.channel import Channel
 from sfglab.lab.hosts.host import (
     ENTER,
     Host,
@@ -37,177 +31,8 @@ if TYPE_CHECKING:
 
     from sfglab.rtps import Medium
 
-#: A full Ethernet frame without its checksum: 1500 B and 14 B of header (IEEE 802.3, 3).
-FRAME_BYTES = 1514
-
-# The kernel's struct tc_ratespec counts bytes per second in 32 bits (linux/pkt_sched.h).
-_MAX_RATE_BPS = 8 * (2**32 - 1)
-_MIN_RATE_BPS = 1000
-# Tokens for this long may be spent at once, so that a late timer does not lower the rate.
-_BURST_S = 0.001
-_MOST_OVERHEAD_BYTES = 2**16 - 1  # tc_ratespec.overhead
-_DEFAULT_QUEUE_S = 0.1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Link:
-    """The emulated properties of one host's link, equal in both directions."""
-
-    rate_bps: float | None = None  #: Rate of Ethernet frames in bit/s; None is unlimited.
-    #: Probability in [0, 1] with which a frame is lost, drawn anew for each frame and direction.
-    loss: float = between(0.0, 0.0, 1.0)
-    #: Size of the drop-tail queue before a limited rate; None is 100 ms at that rate, but at least ten full
-    #: frames.
-    queue_bytes: int | None = None
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        if self.rate_bps is not None and not _MIN_RATE_BPS <= self.rate_bps <= _MAX_RATE_BPS:
-            allowed = f"{_MIN_RATE_BPS} to {_MAX_RATE_BPS} or None"
-            raise InvalidValueError("rate_bps", self.rate_bps, allowed)
-        if self.queue_bytes is not None and (
-            self.rate_bps is None or self.queue_bytes < FRAME_BYTES
-        ):
-            allowed = f"one frame ({FRAME_BYTES}) or more, and only with rate_bps"
-            raise InvalidValueError("queue_bytes", self.queue_bytes, allowed)
-
-    @property
-    def burst_bytes(self) -> int:
-        """Return the size of the token bucket: 1 ms at the rate, but at least two full frames."""
-        assert self.rate_bps is not None
-        return max(2 * FRAME_BYTES, round(self.rate_bps / 8 * _BURST_S))
-
-    @property
-    def limit_bytes(self) -> int:
-        """Return the size of the queue in bytes, given or by default."""
-        assert self.rate_bps is not None
-        if self.queue_bytes is not None:
-            return self.queue_bytes
-        return max(10 * FRAME_BYTES, round(self.rate_bps / 8 * _DEFAULT_QUEUE_S))
-
-    @property
-    def loss_per_million(self) -> int:
-        """Return how many of a million frames are lost."""
-        return round(self.loss * 1_000_000)
-
-
-_ANSWER_TIMEOUT_S = 20.0
-_END_TIMEOUT_S = 10.0
-_MAX_ANSWER_BYTES = 65536
-
-
-def _start(control: socket.socket, *, how: str, log: IO[bytes]) -> subprocess.Popen[bytes]:
-    creator = os.pidfd_open(os.getpid())
-    modules = os.pathsep.join(
-        path or str(Path.cwd()) for path in sys.path
-    )  # so that the hub finds the same
-    try:
-        numbers = (control.fileno(), creator)
-        return subprocess.Popen(
-            [
-                *ENTER,
-                "new",
-                how,
-                sys.executable,
-                "-P",
-                "-m",
-                "sfglab.lab.hosts.hub",
-                *map(str, numbers),
-            ],
-            env=os.environ | {"PYTHONPATH": modules},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=log,
-            pass_fds=numbers,
-            # Ctrl-C in a terminal must reach the creator first, which then ends things in order.
-            start_new_session=True,
-        )
-    finally:
-        os.close(creator)
-
-
-class Channel:
-    """A running hub, ``auto``, ``root`` or ``rootless``; safe to use from several threads.
-
-    Raises:
-        HostsUnavailableError: The hub could not make its namespace.
-    """
-
-    def __init__(self, how: str) -> None:
-        self._lock = threading.Lock()
-        self._control, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
-        self._control.settimeout(_ANSWER_TIMEOUT_S)
-        self._process: subprocess.Popen[bytes] | None = None
-        try:
-            with other:
-                self._process = _start(other, how=how, log=self._log)
-            #: How it obtained its namespaces, ``root`` or ``rootless``.
-            self.how = str(self._receive()["how"])
-        except HostsError as error:
-            self.close()
-            raise HostsUnavailableError(str(error)) from error
-        except BaseException:
-            self.close()
-            raise
-
-    def _said(self) -> str:
-        """Return the last line that the hub wrote before it ended."""
-        if self._process is not None:
-            # It closes its socket a moment before it has said why.
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(1.0)
-        # The offset is shared with the hub, so the file is read without moving it.
-        size = os.fstat(self._log.fileno()).st_size
-        lines = os.pread(self._log.fileno(), size, 0).decode(errors="replace").strip().splitlines()
-        return lines[-1] if lines else "it ended without a word"
-
-    def _receive(self) -> dict[str, Any]:
-        try:
-            data = self._control.recv(_MAX_ANSWER_BYTES)
-        except TimeoutError:
-            raise HostsError(
-                f"the hub of the test hosts gave no answer for {_ANSWER_TIMEOUT_S:.0f} s"
-            ) from None
-        except OSError:
-            data = b""
-        if not data:
-            raise HostsError(f"the hub of the test hosts has ended: {self._said()}")
-        answer: dict[str, Any] = json.loads(data)
-        if "failed" in answer:
-            raise HostsError(f"the hub of the test hosts failed:\n{answer['failed']}")
-        if "refused" in answer:
-            raise PermissionError(answer["refused"])
-        result: dict[str, Any] = answer["ok"]
-        return result
-
-    def request(self, operation: str, /, **arguments: Any) -> dict[str, Any]:
-        """Ask the hub for one of its operations and wait for what it returns.
-
-        Raises:
-            HostsError: The hub is gone, late, or failed.
-            PermissionError: The kernel refused.
-        """
-        with self._lock:
-            with contextlib.suppress(OSError):  # a lost hub is reported by the answer
-                self._control.send(json.dumps({"op": operation, **arguments}).encode())
-            return self._receive()
-
-    def close(self) -> None:
-        """End the hub, which kills whatever is left inside the hosts; harmless when repeated."""
-        # Unlike closing, this also reaches the hub when a forked child still has a copy of the socket.
-        with contextlib.suppress(OSError):
-            self._control.shutdown(socket.SHUT_RDWR)
-        if self._process is not None:
-            try:
-                self._process.wait(_END_TIMEOUT_S)
-            finally:
-                self._process.kill()
-                self._process.wait()
-        self._control.close()
-        self._log.close()
-
-
+_MOST_OVERHEAD_BYTES = 2**16 - 1  #: Largest ``tc_ratespec.overhead`` (linux/pkt_sched.h).
+_HUB_LIMIT_S = 20.0
 _HOW = {None: "auto", False: "root", True: "rootless"}
 
 
@@ -219,6 +44,33 @@ class Capability:
     #: As root, rootless in a user namespace, or not at all.
     how: Literal["root", "rootless", "none"]
     reason: str = ""  #: What stands against it; empty when nothing does.
+
+
+_CLOSED = "this network is closed: use it inside its `with` block"
+
+
+def _start_hub(how: str) -> tuple[Channel, str]:
+    """Start a hub; return it and how it obtained its namespace, ``root`` or ``rootless``.
+
+    Raises:
+        HostsUnavailableError: The hub could not make its namespace.
+    """
+    creator = os.pidfd_open(os.getpid())
+    hub = (sys.executable, "-P", "-m", "sfglab.lab.hosts.hub")
+    command = [*ENTER, "new", how, *hub]
+    try:
+        channel = Channel(
+            "the hub of the test hosts", command, descriptors=[creator], limit_s=_HUB_LIMIT_S
+        )
+    finally:
+        os.close(creator)
+    try:
+        return channel, channel.request("how")
+    except BaseException as error:
+        channel.close()
+        if isinstance(error, HostsError):
+            raise HostsUnavailableError(str(error)) from error
+        raise
 
 
 class Network:
@@ -233,6 +85,7 @@ class Network:
         self._wanted = _HOW[rootless]
         self._grace_s = grace_s
         self._running: Channel | None = None
+        self._how = ""
         self._hosts: dict[str, Host] = {}
         self._on_radio = False
 
@@ -251,7 +104,7 @@ class Network:
             raise HostsError(
                 "this network is in use already: make another Network for another `with` block"
             )
-        self._running = Channel(self._wanted)
+        self._running, self._how = _start_hub(self._wanted)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -268,13 +121,15 @@ class Network:
     @property
     def _channel(self) -> Channel:
         if self._running is None:
-            raise HostsError("this network is closed: use it inside its `with` block")
+            raise HostsError(_CLOSED)
         return self._running
 
     @property
     def how(self) -> str:
         """Return ``root`` or ``rootless``."""
-        return self._channel.how
+        if self._running is None:
+            raise HostsError(_CLOSED)
+        return self._how
 
     @property
     def hosts(self) -> Mapping[str, Host]:
@@ -306,31 +161,18 @@ class Network:
         self._hosts[name] = host
         return host
 
-    def set_link(
-        self,
-        name: str,
-        *,
-        rate_bps: float | None = None,
-        loss: float | None = None,
-        queue_bytes: int | None = None,
-    ) -> None:
-        """Replace a host's link, both ways; what is None is unlimited or lossless. `LinkControlError`: refused.
+    def set_connected(self, name: str, *, connected: bool) -> None:
+        """Connect a host to the Ethernet, or disconnect it: all its frames are then lost.
 
-        The rate is that of Ethernet frames in bit/s; loss is the probability of each frame; the queue before
-        the rate holds 100 ms at that rate where its size is not given. `InvalidValueError`: a value cannot be
-        emulated.
+        Raises:
+            InvalidValueError: There is no such host.
+            HostsError: The network is closed, lost, or a radio.
         """
         if name not in self._hosts:
             raise InvalidValueError("host", name, f"{sorted(self._hosts)}, which this network has")
         if self._on_radio:
-            raise HostsError(
-                "this network is a radio now: the medium of `set_radio` is its only link"
-            )
-        link = Link(rate_bps=rate_bps, loss=loss or 0.0, queue_bytes=queue_bytes)
-        try:
-            self._channel.request("set_link", name=name, **asdict(link))
-        except PermissionError as error:
-            raise LinkControlError(name, str(error)) from error
+            raise HostsError("this network is a radio now, without an Ethernet")
+        self._channel.request("set_connected", name=name, connected=connected)
 
     def set_radio(self, medium: Medium, *, seed: int = 0) -> None:
         """Join the hosts by a medium that they share instead of the Ethernet, or change that medium.
@@ -358,11 +200,6 @@ class Network:
         except PermissionError as error:
             raise LinkControlError(", ".join(self._hosts), str(error)) from error
         self._on_radio = True
-
-    def end_radio(self) -> None:
-        """Go back to the Ethernet; harmless without a radio."""
-        self._channel.request("end_radio")
-        self._on_radio = False
 
     def radio_counters(self) -> RadioCounters:
         """Return what the radio has done since its medium was set; raises `HostsError` if there is none."""

@@ -1,23 +1,10 @@
-"""A radio between test hosts, seen from the hub: starts the relay, sets its medium, reads what it did."""
+"""What the radio between test hosts has done since its medium was set."""
 
 from __future__ import annotations
 
-import contextlib
-import json
-import socket
-import subprocess
-import sys
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
 
 from sfglab.units import NS_PER_S
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-_ANSWER_TIMEOUT_S = 10.0
-_END_TIMEOUT_S = 2.0
-_MAX_ANSWER_BYTES = 65536
 
 
 @dataclass(slots=True, kw_only=True)
@@ -72,48 +59,3 @@ class RadioCounters:
             f"late (mean {self.late_mean_s * 1e3:.2f} ms, most {self.late_most_s * 1e3:.1f} ms), "
             f"{self.overrun} overrun"
         )
-
-
-class Relay:
-    """The running relay; lives in the hub. Ports are name, interface and MAC address of each host.
-
-    Raises:
-        OSError: It cannot be started.
-    """
-
-    def __init__(self, ports: Sequence[tuple[str, str, str]]) -> None:
-        self._control, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._control.settimeout(_ANSWER_TIMEOUT_S)
-        with other:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "sfglab.lab.hosts.radio_relay", str(other.fileno())],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                pass_fds=(other.fileno(),),
-            )
-        try:
-            self.request("start", ports=ports)
-        except BaseException:
-            self.close()
-            raise
-
-    def request(self, operation: str, **arguments: Any) -> dict[str, Any]:
-        """Ask the relay to ``start``, ``set`` or tell ``counters``; `OSError` if it is gone or refuses."""
-        with contextlib.suppress(BrokenPipeError):  # reported by the missing answer
-            self._control.send(json.dumps({"op": operation, **arguments}).encode())
-        data = self._control.recv(_MAX_ANSWER_BYTES)
-        if not data:
-            raise OSError("the relay of the radio has ended (see the message above)")
-        answer: dict[str, Any] = json.loads(data)
-        if "refused" in answer:
-            raise PermissionError(answer["refused"])
-        return answer
-
-    def close(self) -> None:
-        """End the relay."""
-        self._control.close()
-        try:
-            self._process.wait(_END_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()

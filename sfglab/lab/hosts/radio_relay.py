@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import json
 import random
 import select
 import socket
@@ -25,6 +24,7 @@ from collections import deque
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
+from sfglab.lab.hosts.channel import answer
 from sfglab.lab.hosts.radio import RadioHost
 from sfglab.rtps import Medium
 from sfglab.rtps.channel import (
@@ -193,7 +193,6 @@ _PR_SET_TIMERSLACK = 29
 _BUFFER_BYTES = 4 << 20
 _FRAME_BYTES = 2048
 _ANCILLARY_BYTES = 64
-_START_BYTES = 65536
 # Frames that are taken from one host before the others are looked at.
 _BATCH = 64
 _GROUP_BIT = 1
@@ -264,13 +263,11 @@ def _take(sock: socket.socket, host: int) -> list[_Arrival]:
 
 
 class _Relay:
-    def __init__(self, ports: list[list[str]]) -> None:
-        self._names = [name for name, _, _ in ports]
-        self._sockets = [_open(interface) for _, interface, _ in ports]
-        self._host_of = {
-            bytes.fromhex(mac.replace(":", "")): i for i, (_, _, mac) in enumerate(ports)
-        }
-        self._others = [tuple(j for j in range(len(ports)) if j != i) for i in range(len(ports))]
+    def __init__(self) -> None:
+        self._names: list[str] = []
+        self._sockets: list[socket.socket] = []
+        self._host_of: dict[bytes, int] = {}
+        self._others: list[tuple[int, ...]] = []
         self._air: Air[bytes] | None = None
         self._medium: Medium
         self._random = random.Random()
@@ -279,7 +276,15 @@ class _Relay:
         ] = {}  # whether the last frame of a way was lost
         self._kept = _Kept(time.time_ns())
 
-    def set(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
+    def start(self, *, ports: list[list[str]]) -> None:
+        for host, (name, interface, mac) in enumerate(ports):
+            self._names.append(name)
+            self._sockets.append(_open(interface))
+            self._host_of[bytes.fromhex(mac.replace(":", ""))] = host
+            others = [other for other in range(len(ports)) if other != host]
+            self._others.append(tuple(others))
+
+    def set(self, *, medium: dict[str, Any], seed: int) -> None:
         self._medium = Medium(**medium)
         if self._air is None:
             self._air = Air(self._names, self._medium, lose=self._lost, chance=self._random)
@@ -289,7 +294,6 @@ class _Relay:
         self._bad.clear()
         self._overrun()  # forgets, as reading resets it
         self._kept = _Kept(time.time_ns())
-        return {}
 
     def counters(self) -> dict[str, Any]:
         assert self._air is not None
@@ -300,19 +304,13 @@ class _Relay:
             **self._kept.report(),
         }
 
-    def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        return self.set(**request) if request.pop("op") == "set" else self.counters()
-
     def relay(self, control: socket.socket) -> None:
         """Relay until the control socket ends."""
-        watched: list[socket.socket] = [control, *self._sockets]
         while True:
+            watched = [control, *self._sockets]
             ready, _, _ = select.select(watched, (), (), self._pause_s())
-            if control in ready:
-                data = control.recv(_FRAME_BYTES)
-                if not data:
-                    return
-                control.send(json.dumps(self.answer(json.loads(data))).encode())
+            if control in ready and not answer(control, self.start, self.set, self.counters):
+                return
             arrivals = [
                 a for i, sock in enumerate(self._sockets) if sock in ready for a in _take(sock, i)
             ]
@@ -369,16 +367,7 @@ def main(control_fd: str) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     hub_is_gone = contextlib.suppress(BrokenPipeError, ConnectionResetError)
     with hub_is_gone, socket.socket(fileno=int(control_fd)) as control:
-        start = control.recv(_START_BYTES)
-        if not start:
-            return  # the hub ended meanwhile
-        try:
-            relay = _Relay(json.loads(start)["ports"])
-        except PermissionError as error:
-            control.send(json.dumps({"refused": str(error)}).encode())
-            return
-        control.send(b"{}")
-        relay.relay(control)
+        _Relay().relay(control)
 
 
 if __name__ == "__main__":

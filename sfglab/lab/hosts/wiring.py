@@ -1,12 +1,9 @@
-"""The bridge, the cables and the addresses of a network of hosts, and rate and loss of its links.
+"""The bridge, the cables and the addresses of a network of hosts.
 
 Runs in the hub's process and namespace. One bridge is the network; each host hangs on it by a veth pair whose
 outer end is named ``p2``, ``p3`` ... and whose inner end is the host's ``eth0``. IPv6 stays unconfigured,
 multicast is flooded and hosts know each other's addresses, so that the interfaces carry nothing that no process
-sent. Frames to a host queue at the bridge, frames from it at its own end, as before a real radio; losses are
-drawn by nftables where frames enter the bridge from the host (once for all receivers, as on air) and where they
-leave it for the host (before the queue). The kernel's random numbers take no seed: single drops are not
-reproducible, their rate is.
+sent.
 """
 
 from __future__ import annotations
@@ -21,10 +18,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from pyroute2.iproute.linux import IPRoute
-from pyroute2.netlink.nfnetlink.nftsocket import Cmp, Meta, Regs
 from pyroute2.netlink.rtnl import TC_H_ROOT
-from pyroute2.nftables.expressions import genex, verdict
-from pyroute2.nftables.main import NFTables
 
 from sfglab.lab.hosts.enter import CLONE_NEWNET, setns
 from sfglab.lab.hosts.host import INTERFACE
@@ -32,7 +26,6 @@ from sfglab.lab.hosts.host import INTERFACE
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.lab.hosts.network import Link
     from sfglab.rtps import Medium
 
 _BRIDGE = "br0"
@@ -156,15 +149,25 @@ class Wiring:
             known = {"dst": other.address, "lladdr": other.mac, "nud": "permanent"}
             netlink.neigh("replace", ifindex=port.inner_index, **known)
 
-    def take_out(self, port: Port) -> None:
+    def set_connected(self, port: Port, *, connected: bool) -> None:
+        """Put a host on the bridge, or take it off."""
+        bridge = self._bridge if connected else 0
+        self.netlink.link("set", index=port.outer_index, master=bridge)
+
+    def take_over(self, port: Port) -> None:
         """Take a host off the bridge, for a relay of frames to take its place."""
         with self._standing_in(port.namespace):
             _compute_checksums(INTERFACE)
-        self.netlink.link("set", index=port.outer_index, master=0)
+        self.set_connected(port, connected=False)
 
-    def put_back(self, port: Port) -> None:
-        """Put a host back on the bridge."""
-        self.netlink.link("set", index=port.outer_index, master=self._bridge)
+    def set_air(self, port: Port, medium: Medium) -> None:
+        """Let a host's frames wait in its kernel as long as a medium takes, if the medium's queue blocks.
+
+        Raises:
+            NetlinkError: The kernel refuses, for want of a module or of permission.
+        """
+        with self.inside(port.namespace) as netlink:
+            _block(netlink, port.inner_index, medium if medium.queue_rule == "block" else None)
 
     def _configure(self, namespace: int, address: str) -> int:
         with self.inside(namespace) as netlink:
@@ -177,56 +180,8 @@ class Wiring:
         return index
 
 
-_NFPROTO_BRIDGE = 7  # linux/netfilter.h
-_NAME_BYTES = 16  # IFNAMSIZ, linux/if.h
-_RANDOM = 1  # NFT_NG_RANDOM, linux/netfilter/nf_tables.h
-_HTON = 1  # NFT_BYTEORDER_HTON
-_DROP, _ACCEPT = 0, 1  # linux/netfilter.h
-_MILLION = 1_000_000
 _HANDLE = 0x10000  # 1: in tc's notation
-_FRAME = 1514
-# chain: (hook, which interface the frame is compared with)
-_CHAINS = {"up": ("prerouting", Meta.NFT_META_IIFNAME), "down": ("forward", Meta.NFT_META_OIFNAME)}
-
-
-def _compare(operation: Cmp, data: bytes) -> Any:
-    value = {"attrs": [("NFTA_DATA_VALUE", data)]}
-    return genex("cmp", {"sreg": Regs.NFT_REG_1, "op": operation, "data": value})
-
-
-def _numgen() -> dict[str, Any]:
-    """Draw a random number below a million; pyroute2's `genex` does not know this attribute prefix."""
-    values = {"DREG": Regs.NFT_REG_1, "MODULUS": _MILLION, "TYPE": _RANDOM, "OFFSET": 0}
-    attributes = [(f"NFTA_NG_{name}", value) for name, value in values.items()]
-    return {"attrs": [("NFTA_EXPR_NAME", "numgen"), ("NFTA_EXPR_DATA", {"attrs": attributes})]}
-
-
-def _lossy(interface: str, key: Meta, per_million: int) -> list[Any]:
-    """Compile ``iifname|oifname X numgen random mod 1000000 < P drop``."""
-    register = Regs.NFT_REG_1
-    return [
-        genex("meta", {"key": key, "dreg": register}),
-        _compare(Cmp.NFT_CMP_EQ, interface.encode().ljust(_NAME_BYTES, b"\0")),
-        _numgen(),
-        # Comparison is bytewise, the random number is in the machine's order.
-        genex("byteorder", {"sreg": register, "dreg": register, "op": _HTON, "len": 4, "size": 4}),
-        _compare(Cmp.NFT_CMP_LT, struct.pack(">I", per_million)),
-        *verdict(_DROP),
-    ]
-
-
-def _set_rate(netlink: Any, index: int, link: Link) -> None:
-    if any(message.get_attr("TCA_KIND") == "tbf" for message in netlink.get_qdiscs(index=index)):
-        netlink.tc("del", index=index, handle=_HANDLE, parent=TC_H_ROOT)
-    if link.rate_bps is not None:
-        bucket = {
-            "rate": round(link.rate_bps / 8),
-            "burst": link.burst_bytes,
-            "limit": link.limit_bytes,
-        }
-        netlink.tc("add", "tbf", index=index, handle=_HANDLE, **bucket)
-
-
+_FRAME = 1514  # bytes of a full Ethernet frame without its checksum (IEEE 802.3, 3)
 _CLASS = 0x10010  # 1:10, HTB's default class
 
 
@@ -246,46 +201,3 @@ def _block(netlink: Any, index: int, medium: Medium | None) -> None:
     netlink.tc(
         "add-class", "htb", index=index, handle=_CLASS, parent=_HANDLE, overhead=overhead, **rate
     )
-
-
-class Shaping:
-    """Sets the links of a network; lives in the hub."""
-
-    def __init__(self, wiring: Wiring) -> None:
-        self._wiring = wiring
-        self._lossy: set[str] = set()
-        self._nft: Any = None
-
-    def set_link(self, port: Port, link: Link) -> None:
-        """Replace everything that was set at a port.
-
-        Raises:
-            NetlinkError: The kernel refuses, for want of a module or of permission.
-        """
-        _set_rate(self._wiring.netlink, port.outer_index, link)
-        with self._wiring.inside(port.namespace) as netlink:
-            _set_rate(netlink, port.inner_index, link)
-        self._set_loss(port.outer, link.loss_per_million)
-
-    def set_air(self, port: Port, medium: Medium) -> None:
-        """Let a host feel a medium whose queues block, and no other; `NetlinkError` as of `set_link`."""
-        with self._wiring.inside(port.namespace) as netlink:
-            _block(netlink, port.inner_index, medium if medium.queue_rule == "block" else None)
-
-    def _set_loss(self, table: str, per_million: int) -> None:
-        if table in self._lossy:
-            self._nft.table("del", name=table)
-            self._lossy.remove(table)
-        if not per_million:
-            return
-        # Opened on first use: a kernel without nftables still gives hosts and rates.
-        self._nft = self._nft or NFTables(nfgen_family=_NFPROTO_BRIDGE)
-        self._nft.table("add", name=table)
-        self._lossy.add(table)
-        for chain, (hook, key) in _CHAINS.items():
-            self._nft.chain(
-                "add", table=table, name=chain, hook=hook, type="filter", policy=_ACCEPT
-            )
-            self._nft.rule(
-                "add", table=table, chain=chain, expressions=[_lossy(table, key, per_million)]
-            )

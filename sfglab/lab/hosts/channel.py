@@ -1,0 +1,135 @@
+"""Requests to a child process over a socket pair, one JSON datagram for each request and answer."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pyroute2.netlink.exceptions import NetlinkError
+
+from sfglab.lab.hosts.host import HostsError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+MAX_BYTES = 65536  #: Size of the largest request and answer.
+
+
+class Channel:
+    """A running child process that answers requests; safe to use from several threads.
+
+    Args:
+        name: Name of the process, for errors.
+        command: Its command line. The number of its end of the socket pair is appended, and then
+            those of `descriptors`.
+        descriptors: Further file descriptors that it inherits.
+        limit_s: Time for an answer, and for its end when the channel is closed, s.
+    """
+
+    def __init__(
+        self, name: str, command: Sequence[str], *, descriptors: Sequence[int] = (), limit_s: float
+    ) -> None:
+        self._name = name
+        self._limit_s = limit_s
+        self._lock = threading.Lock()
+        self._control, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._control.settimeout(limit_s)
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
+        # The child must find the same modules.
+        modules = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
+        numbers = (other.fileno(), *descriptors)
+        with other:
+            self._process = subprocess.Popen(
+                [*command, *map(str, numbers)],
+                env=os.environ | {"PYTHONPATH": modules},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=self._log,
+                pass_fds=numbers,
+                # Ctrl-C in a terminal must reach the creator first, which then ends things in order.
+                start_new_session=True,
+            )
+
+    def request(self, operation: str, /, **arguments: Any) -> Any:
+        """Request one of the process's operations, and return what the operation returns.
+
+        Raises:
+            HostsError: The process has ended, is late, or failed.
+            PermissionError: The kernel refused.
+        """
+        with self._lock:
+            with contextlib.suppress(OSError):  # a lost process is reported by the answer
+                self._control.send(json.dumps({"op": operation, **arguments}).encode())
+            return self._receive()
+
+    def _receive(self) -> Any:
+        try:
+            data = self._control.recv(MAX_BYTES)
+        except TimeoutError:
+            raise HostsError(f"{self._name} gave no answer for {self._limit_s:.0f} s") from None
+        except OSError:
+            data = b""
+        if not data:
+            raise HostsError(f"{self._name} has ended: {self._last_line()}")
+        answer: dict[str, Any] = json.loads(data)
+        if "failed" in answer:
+            raise HostsError(f"{self._name} failed:\n{answer['failed']}")
+        if "refused" in answer:
+            raise PermissionError(answer["refused"])
+        return answer["ok"]
+
+    def _last_line(self) -> str:
+        """Return the last line that the process wrote to standard error before it ended."""
+        # It closes its socket a moment before it has written why.
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(1.0)
+        # The offset is shared with the process, so the file is read without moving it.
+        size = os.fstat(self._log.fileno()).st_size
+        lines = os.pread(self._log.fileno(), size, 0).decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else "it wrote no reason"
+
+    def close(self) -> None:
+        """End the process. Harmless when repeated."""
+        # Unlike closing, this also reaches the process when a forked child has a copy of the socket.
+        with contextlib.suppress(OSError):
+            self._control.shutdown(socket.SHUT_RDWR)
+        try:
+            self._process.wait(self._limit_s)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._control.close()
+        self._log.close()
+
+
+def answer(control: socket.socket, *operations: Callable[..., Any]) -> bool:
+    """Receive one request, execute its operation, and send the answer; False if the channel is closed.
+
+    Args:
+        control: This process's end of the socket pair.
+        operations: Functions, requested by their names.
+    """
+    data = control.recv(MAX_BYTES)
+    if not data:
+        return False
+    request = json.loads(data)
+    known = {operation.__name__: operation for operation in operations}
+    try:
+        result = {"ok": known[request.pop("op")](**request)}
+    except NetlinkError as error:
+        result = {"refused": f"{error.args[1]} (errno {error.code})"}
+    except PermissionError as error:
+        result = {"refused": str(error)}
+    except Exception:  # noqa: BLE001 - the creator raises it; this process must live on to clean up
+        result = {"failed": traceback.format_exc()}
+    control.send(json.dumps(result).encode())
+    return True
