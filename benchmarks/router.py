@@ -201,7 +201,7 @@ def measure(load: str, arm: str, domain_id: int, seconds: float) -> dict[str, An
         ready = {"start_cpu_s": router.cpu_s}
         listener.hear()
         if real:
-            listener.tell(do="look", topic=TOPIC, qos={"depth": 100})
+            listener.tell(do="look", topic=TOPIC, depth=100)
         time.sleep(
             3.0 if real else 0.5
         )  # until the router's reader and writer have found their peers

@@ -21,6 +21,9 @@ from sfglab.lab.hosts import Network
 from sfglab.messages import definition
 from sfglab.messages.store import type_store
 
+#: A node that publishes, receives and reports its graph.
+PEER = Path(__file__).with_name("topic_peer.py")
+
 type_store()  # as it is without a distribution: `distribution` would else choose it for all tests after it
 
 
@@ -54,7 +57,7 @@ def distribution(request, monkeypatch):
 def peer(distribution, domain_id):
     """A function that starts a real node, in the test's domain or on a test host; it ends with the block."""
 
-    def start(name="peer", host=None, program=ros2.PEER, **environment):
+    def start(name="peer", host=None, program=PEER, **environment):
         values = {"ROS_DOMAIN_ID": domain_id, **environment}
         if host:  # hosts of a test share /dev/shm: Fast DDS would pass the link by
             values.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")

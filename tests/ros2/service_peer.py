@@ -5,25 +5,25 @@ import threading
 import time
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[2] / "sfglab" / "lab" / "workers"))
+sys.path.append(str(Path(__file__).parent))
 
-import rclpy_peer
+import topic_peer
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
-from rclpy_peer import report
 from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
+from topic_peer import rclpy_peer, report
 
 
 def list_of(value):
     return value if isinstance(value, (bool, int, float, str)) else list(value)
 
 
-class Peer(rclpy_peer.Peer):
+class Peer(topic_peer.Peer):
     executor_type = MultiThreadedExecutor
 
     def __init__(self, name):

@@ -9,7 +9,7 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).parent))
 
 import service_peer
-from rclpy_peer import interface, report
+from topic_peer import interface, rclpy_peer, report
 
 
 class Peer(service_peer.Peer):
@@ -82,4 +82,4 @@ class Peer(service_peer.Peer):
 
 
 if __name__ == "__main__":
-    service_peer.rclpy_peer.main(Peer)
+    rclpy_peer.main(Peer)

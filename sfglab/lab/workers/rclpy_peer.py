@@ -1,7 +1,6 @@
 """Peer that is a real ROS 2 node and does as it is told: ``python rclpy_peer.py NAME``, see `sfglab.lab.ros2`.
 
-Orders come as JSON lines, each names a method of `Peer` as ``do``; reports go out as JSON lines. Messages
-travel as CDR in hexadecimal digits. As a host's part of scenarios of the reliability model it takes the orders
+Orders come as JSON lines, each names a method of `Peer` as ``do``; reports go out as JSON lines. As a host's part of scenarios of the reliability model it takes the orders
 of `sfglab.lab.workers.flowplay`, and knows samples by their values, as source time stamps are Fast DDS's own.
 With ``crowd`` behind its name it has no node of its own, only those of `Peer.start`. Runs in ROS 2's own
 interpreter, from Python 3.10 on, and imports nothing of sfglab.
@@ -18,7 +17,6 @@ import threading
 import time
 from collections import Counter
 from contextlib import suppress
-from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -28,7 +26,6 @@ from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
-from rclpy.serialization import deserialize_message, serialize_message
 
 _OUT = os.fdopen(os.dup(1), "w", buffering=1)
 os.dup2(2, 1)  # what libraries print is no report
@@ -43,22 +40,6 @@ def interface(name: str) -> Any:
     """Return the class of an interface, ``package/msg/Name``, or of a part of it, as ``Name.Impl.Part``."""
     package, kind, title = name.split("/")
     return attrgetter(title)(importlib.import_module(f"{package}.{kind}"))
-
-
-def profile_of(given: dict[str, Any]) -> QoSProfile:
-    """Return a profile from names as ROS 2 prints them."""
-    named = {
-        k: v
-        for k, v in given.items()
-        if k in {"reliability", "durability", "history", "liveliness"}
-    }
-    spans_s = {
-        k: v for k, v in given.items() if k.endswith(("deadline", "lifespan", "lease_duration"))
-    }
-    times = {name: rclpy.duration.Duration(seconds=span_s) for name, span_s in spans_s.items()}
-    usual = QoSProfile(depth=1)
-    values = {name: type(getattr(usual, name))[value.upper()] for name, value in named.items()}
-    return QoSProfile(depth=given.get("depth", 10), **values, **times)
 
 
 _WARM = 1500
@@ -101,7 +82,6 @@ class Peer:
         self.free_ns: Counter[str] = Counter()
         self.seed = 0
         self.warm = False
-        self.counts: Counter[str] = Counter()
         self.thread = threading.Thread(target=self.spin)
         self.thread.start()
 
@@ -126,111 +106,6 @@ class Peer:
             getattr(self, order.pop("do"))(**order)
         except Exception as error:  # noqa: BLE001 - whatever ROS 2 refuses, who asked shall know
             report("failed", why=f"{type(error).__name__}: {error}")
-
-    def types(self, packages: list[str]) -> None:
-        """Report all message types that it has."""
-        found = []
-        for package in packages:
-            module = importlib.import_module(f"{package}.msg")
-            names = [
-                name
-                for name in dir(module)
-                if hasattr(getattr(module, name), "_fields_and_field_types")
-            ]
-            found += [f"{package}/msg/{name}" for name in names]
-        report("types", types=found)
-
-    def pass_through(self, kind: str, cdr: list[str]) -> None:
-        """Read and write messages: what rclpy makes of our bytes."""
-        messages = [deserialize_message(bytes.fromhex(one), interface(kind)) for one in cdr]
-        report("passed", cdr=[serialize_message(message).hex() for message in messages])
-
-    def echo(self, types: list[str], qos: dict[str, Any]) -> None:
-        """Publish below /back whatever is published below /forth, a topic a type."""
-        for name in types:
-            topic, kind, profile = name.replace("/", "_"), interface(name), profile_of(qos)
-            publisher = self.node.create_publisher(kind, f"/back/{topic}", profile)
-            self.kept.append(
-                self.node.create_subscription(kind, f"/forth/{topic}", publisher.publish, profile)
-            )
-        report("echoing")
-
-    def listen(self, kind: str, topic: str, qos: dict[str, Any], *, quiet: bool = False) -> None:
-        """Report every message of a topic, or only count them, and what happens to its QoS."""
-        from rclpy.event_handler import SubscriptionEventCallbacks
-
-        def heard(message: Any) -> None:
-            self.counts[topic] += 1
-            if not quiet:
-                report("heard", topic=topic, cdr=serialize_message(message).hex())
-
-        def told(event: str, status: Any) -> None:
-            report("told", topic=topic, event=event, alive=getattr(status, "alive_count", None))
-
-        tellers = {
-            name: partial(told, name) for name in ("incompatible_qos", "deadline", "liveliness")
-        }
-        events = SubscriptionEventCallbacks(**tellers)
-        message, profile = interface(kind), profile_of(qos)
-        self.kept.append(
-            self.node.create_subscription(message, topic, heard, profile, event_callbacks=events)
-        )
-        report("listening")
-
-    def count(self) -> None:
-        """Report how many messages of each topic came."""
-        report("counts", counts=self.counts)
-
-    def repeat(self, topic: str, cdr: str, times: int, rate_hz: float) -> None:
-        """Publish a message again and again, and report the end of it."""
-        publisher, message, left = self.publishers[topic], bytes.fromhex(cdr), iter(range(times))
-
-        def send() -> None:
-            if next(left, None) is not None:
-                publisher.publish(message)
-            else:
-                timer.cancel()
-                report("repeated", topic=topic)
-
-        timer = self.node.create_timer(1 / rate_hz, send)
-
-    def publish(self, kind: str, topic: str, qos: dict[str, Any], cdr: list[str]) -> None:
-        """Publish messages; the publisher stays."""
-        if topic not in self.publishers:
-            self.publishers[topic] = self.node.create_publisher(
-                interface(kind), topic, profile_of(qos)
-            )
-        for one in cdr:
-            self.publishers[topic].publish(bytes.fromhex(one))
-        report("published")
-
-    def unpublish(self, topics: list[str]) -> None:
-        """End publishers."""
-        for topic in topics:
-            self.node.destroy_publisher(self.publishers.pop(topic))
-        report("unpublished")
-
-    def graph(self) -> None:
-        """Report nodes, topics and endpoints as the ROS 2 command line has them."""
-        topics = dict(self.node.get_topic_names_and_types())
-        ends = {}
-        for name in topics:
-            infos = [*self.node.get_publishers_info_by_topic(name)]
-            infos += self.node.get_subscriptions_info_by_topic(name)
-            ends[name] = [
-                {
-                    "node": i.node_namespace.rstrip("/") + "/" + i.node_name,
-                    "kind": i.endpoint_type.name,
-                    "type": i.topic_type,
-                    "reliability": i.qos_profile.reliability.name.lower(),
-                    "durability": i.qos_profile.durability.name.lower(),
-                }
-                for i in infos
-            ]
-        nodes = [
-            ns.rstrip("/") + "/" + name for name, ns in self.node.get_node_names_and_namespaces()
-        ]
-        report("graph", nodes=nodes, ends=ends)
 
     def open(self, flows: list[dict[str, Any]], seed: int = 0) -> None:
         """Make the ends of flows, and wait for the other ones; the seed is that of the sensors' changes."""
@@ -396,10 +271,10 @@ class Peer:
         self.kept.append(self.node.create_timer(1 / hz, send))
         report("shooting")
 
-    def look(self, topic: str, qos: dict[str, Any] | None = None, **_: Any) -> None:
+    def look(self, topic: str, depth: int = 0, **_: Any) -> None:
         """Read every pixel of every picture of a topic, as `sfglab.lab.workers.viewer` does, until `stop`.
 
-        Without a profile it is that of sensor data.
+        The subscription is reliable if a depth is given, and otherwise one of sensor data.
         """
         ordered_ns, self.ages_ns = time.time_ns(), []
 
@@ -411,7 +286,7 @@ class Peer:
                 report("first", ordered_ns=ordered_ns, seen_ns=seen_ns)
 
         image = interface("sensor_msgs/msg/Image")
-        profile = profile_of(qos) if qos else qos_profile_sensor_data
+        profile = QoSProfile(depth=depth) if depth else qos_profile_sensor_data
         self.looking = self.node.create_subscription(image, topic, see, profile)
 
     def stop(self) -> None:
