@@ -40,9 +40,6 @@ MOTORCYCLE_FOCAL_PX = 994.978
 MOTORCYCLE_BASELINE_MM = 193.001
 MOTORCYCLE_OFFSET_PX = 31.086
 
-#: White and black of the visible frame number in depth images, in millimetres.
-DEPTH_STAMP_MM = (4000, 1000)
-
 SECONDS_A_VIEW = 4.0
 _SAME_RATE = 1e-3  #: Share by which rates may differ and be one: 30 and 29.97 Hz are.
 _MOST_HZ = 1000.0  #: Of a video; containers without a rate say their clock's.

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sfglab.bus.address import BusAddress
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.lab.workers.viewer import ViewerConfig
@@ -63,6 +65,28 @@ class StreamProcesses(ProcessGroup):
             local_topic=image.local_topic,
             joined=joined,
         )
+
+    async def seen(self, names: Iterable[str]) -> dict[str, Report]:
+        """Let viewers of the camera's stream stop, and return their reports by viewer.
+
+        Each picture is identified by its capture stamp. ``sightings`` has numbers of frames in place
+        of stamps. ``unreadable`` counts pictures with a stamp that the camera did not send,
+        ``missed`` the skipped numbers, and ``disordered`` pictures that are not newer than the one
+        before.
+        """
+        reports = await self.ask("seen", names, timeout_s=FIRST_PICTURE_S, do="stop")
+        stamps = {stamp_ns for report in reports.values() for stamp_ns, _ in report["sightings"]}
+        while stamps and self.sent[-1][1] < max(stamps):
+            await self["camera"].expect("sent", timeout_s=FIRST_PICTURE_S)
+        numbers = {stamp_ns: number for number, stamp_ns, _ in self.sent}
+        for report in reports.values():
+            known = [(numbers[t], seen_ns) for t, seen_ns in report["sightings"] if t in numbers]
+            steps = np.diff([number for number, _ in known])
+            report["unreadable"] = len(report["sightings"]) - len(known)
+            report["missed"] = int(np.maximum(steps - 1, 0).sum())
+            report["disordered"] = int((steps <= 0).sum())
+            report["sightings"] = known
+        return reports
 
     async def warm(self, decoder: str) -> tuple[int, ...]:
         """Return a decoder's process ids once its spare is warm, so that its start falls into no reading.

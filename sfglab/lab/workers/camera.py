@@ -1,7 +1,7 @@
 """The edge agent's camera process: ``python -m sfglab.lab.workers.camera CONFIG``.
 
-Draws each frame's number into its pixels, encodes it once and publishes it best effort (paper A, section 4.3
-and Table 2). Reports a JSON line when it runs, and one every second with numbers and stamps of what it sent.
+Encodes each frame once and publishes it best effort (paper A, section 4.3 and Table 2). Reports when it runs, and
+several times per second which frames it has sent.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from sfglab import codecs
 from sfglab.bus import Node, Publisher
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, run_component
-from sfglab.lab.framenumber import stamp_number
-from sfglab.lab.sources import DEPTH_STAMP_MM, Frame, SourceError, open_source
+from sfglab.lab.sources import Frame, SourceError, open_source
 from sfglab.messages import message_type
 from sfglab.qos import COMPRESSED_STREAM
 from sfglab.spatial.poses import header_msg
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
 
     from _typeshed import DataclassInstance
 
+_REPORT_S = 0.2  #: Time between two reports.
 _Sent = tuple[int, int, int]  #: Number, capture stamp (ns) and compressed size of a frame.
 
 
@@ -74,7 +74,6 @@ class _ColourEncoder:
         self.name = self._encoder.encoder_name
 
     def messages(self, frame: Frame, header: Any) -> list[Any]:
-        stamp_number(frame.bgr, frame.number)
         packets = self._encoder.encode(frame.bgr)
         fields = (codecs.ffmpeg_packet_fields(packet, self._settings) for packet in packets)
         return [_message(codecs.FFMPEG_PACKET, header, f) for f in fields]
@@ -93,8 +92,6 @@ class _DepthEncoder:
             raise SourceError(
                 f"codec {self.name!r} codes depth, and the source has none: 'stereo' has"
             )
-        white, black = DEPTH_STAMP_MM
-        stamp_number(frame.depth_mm, frame.number, white=white, black=black)
         fields = codecs.compressed_depth_fields(frame.depth_mm, codec=self.name)
         return [_message(codecs.COMPRESSED_IMAGE, header, fields)]
 
@@ -133,13 +130,15 @@ async def serve(config: CameraConfig, report: Reporter, _: Orders) -> None:
 
 async def run_camera(config: CameraConfig, say: Callable[[str], None] = lambda _: None) -> None:
     """Shoot until cancelled, and say every second what was sent."""
-    total, (_, topic) = 0, config.places[0]
+    _, topic = config.places[0]
+    second: list[_Sent] = []
 
     def count(frames: list[_Sent]) -> None:
-        nonlocal total
-        total += len(frames)
-        rate = sum(size for _, _, size in frames) * 8 * config.fps / len(frames) / 1e6
-        say(f"{topic}: {total} frames, {rate:.2f} Mbit/s")
+        second.extend(frames)
+        if len(second) >= config.fps:
+            rate = sum(size for _, _, size in second) * 8 * config.fps / len(second) / 1e6
+            say(f"{topic}: {second[-1][0] + 1} frames, {rate:.2f} Mbit/s")
+            second.clear()
 
     async with _camera(config, count) as camera:
         if camera.said:
@@ -157,7 +156,7 @@ async def _shoot(
 ) -> None:
     """Take, encode and publish frames for ever, each at its due time."""
     started = time.monotonic()
-    second: list[_Sent] = []
+    unreported: list[_Sent] = []
     try:
         while True:
             frame = source.frame()
@@ -168,13 +167,13 @@ async def _shoot(
                 first = frame.number % len(publishers)  # no place is always the first
                 for publisher in publishers[first:] + publishers[:first]:
                     publisher.publish(message)
-                second.append((frame.number, stamp_ns, len(message.data)))
-            if len(second) >= config.fps:
-                sent(second)
-                second = []
+                unreported.append((frame.number, stamp_ns, len(message.data)))
+            if len(unreported) >= config.fps * _REPORT_S:
+                sent(unreported)
+                unreported = []
     finally:
-        if second:
-            sent(second)
+        if unreported:
+            sent(unreported)
 
 
 if __name__ == "__main__":

@@ -4,8 +4,7 @@ Stands for any node that consumes a camera stream. It is started once and told w
 ``standard`` (receive and decode for itself), ``proxy`` (take decoded pictures from shared memory), ``dds``
 (take them by DDS), ``raw`` (receive pictures that nobody coded) or ``network`` (receive and throw away); or,
 with a path, to record the stream. A topic in the order takes the place of the mode's configured one. Reads
-every pixel of every frame and the number drawn into it, so that its report proves what it saw. Orders and
-reports are JSON lines.
+every pixel of every picture, and reports the capture stamp of each.
 """
 
 from __future__ import annotations
@@ -13,8 +12,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections import deque
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +23,6 @@ from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import CodecError, image_decoder
 from sfglab.component import Orders, Report, Reporter, run_component
-from sfglab.lab.framenumber import read_number_flat
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
@@ -36,7 +33,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import Transport
 
-PAIRS_KEPT = 30
+_AGES_KEPT = 300
 IMAGE = "sensor_msgs/msg/Image"
 
 
@@ -60,42 +57,21 @@ class Seen:
     """What a viewer has seen since it was told to look."""
 
     frames: int = 0  #: Messages or pictures.
-    unreadable: int = 0  #: Pictures whose number could not be read.
-    missed: int = 0  #: Numbers skipped between two pictures.
-    disordered: int = 0  #: Pictures that were not newer than the one before.
     broken: int = 0  #: Messages that could not be decoded.
     checksum: int = 0  #: Exclusive or of all pixels, as 64-bit words.
-    #: Number and capture stamp (ns) of the latest pictures.
-    pairs: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=PAIRS_KEPT))
-    #: From capture stamp to the picture in hand, of the latest pictures.
-    ages_ns: deque[int] = field(default_factory=lambda: deque(maxlen=10 * PAIRS_KEPT))
-    #: Number, and when the picture was in hand (Unix time, ns), of the latest pictures.
-    sightings: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=10 * PAIRS_KEPT))
-    _last: int | None = None
+    #: Capture stamp and time at which the picture was in hand (Unix time, ns), of each picture.
+    sightings: list[tuple[int, int]] = field(default_factory=list)
 
-    def look(self, items: NDArray[Any], width: int, channels: int, stamp_ns: int) -> None:
-        """Read every pixel and the number of a picture, whose items are in C order, a multiple of 8 bytes."""
-        seen_ns = time.time_ns()
+    def look(self, items: NDArray[Any], stamp_ns: int) -> None:
+        """Read every pixel of a picture, whose items are a multiple of 8 bytes."""
+        self.sightings.append((stamp_ns, time.time_ns()))
         self.frames += 1
-        self.ages_ns.append(seen_ns - stamp_ns)
         self.checksum ^= int(np.bitwise_xor.reduce(items.view(np.uint64)))
-        number = read_number_flat(items, width, channels)
-        if number is None:
-            self.unreadable += 1
-            return
-        if self._last is not None:
-            self.missed += max(0, number - self._last - 1)
-            self.disordered += number <= self._last
-        self._last = number
-        self.pairs.append((number, stamp_ns))
-        self.sightings.append((number, seen_ns))
 
     def report(self) -> dict[str, Any]:
-        """Return the counts as JSON values."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if not f.name.startswith("_")}
-        return {"is": "seen"} | {
-            k: list(v) if isinstance(v, deque) else v for k, v in values.items()
-        }
+        """Return the counts as JSON values, with the ages of the latest pictures, ns."""
+        ages_ns = [seen_ns - stamp_ns for stamp_ns, seen_ns in self.sightings[-_AGES_KEPT:]]
+        return {"is": "seen", "ages_ns": ages_ns, **asdict(self)}
 
 
 class _Viewer:
@@ -181,9 +157,8 @@ class _Viewer:
                 self._seen.broken += 1
                 return
             for image in images:
-                pixels, stamp_ns = image.array, ns_from_stamp(message.header.stamp)
-                channels = pixels.shape[2] if pixels.ndim == 3 else 1
-                self._seen.look(pixels.reshape(-1), pixels.shape[1], channels, stamp_ns)
+                stamp_ns = ns_from_stamp(message.header.stamp)
+                self._seen.look(image.array.reshape(-1), stamp_ns)
                 self._saw_one()
 
         await self._receive("remote", self._config.remote_type, topic, see, COMPRESSED_STREAM)
@@ -209,10 +184,7 @@ class _Viewer:
         """Take pictures, decoded ones from shared memory, until cancelled."""
 
         def see(image: Any) -> None:
-            items, channels = (
-                (image.data, 3) if image.encoding == "bgr8" else (image.data.view(np.uint16), 1)
-            )
-            self._seen.look(items, image.width, channels, ns_from_stamp(image.header.stamp))
+            self._seen.look(image.data, ns_from_stamp(image.header.stamp))
             self._saw_one()
 
         await self._receive(side, IMAGE, topic, see, SENSOR_DATA, transport=transport)

@@ -129,13 +129,13 @@ class LoadRow(TableRow):
 
 @exp.table("view")
 class ViewRow(TableRow):
-    """Frames of one subscriber in a cell. Each frame has its number drawn into its pixels."""
+    """Frames of one subscriber in a cell. The capture stamp identifies a frame."""
 
     cell: int  #: Counter of the cell.
     viewer: int  #: Number of the subscriber.
     frames: int  #: Pictures, or messages in mode ``network``.
-    unreadable: int  #: Pictures whose number could not be read.
-    missed: int  #: Numbers that were skipped.
+    unreadable: int  #: Pictures with a stamp that the camera did not send.
+    missed: int  #: Frames that were skipped.
     disordered: int  #: Pictures that were not newer than the one before.
     broken: int  #: Messages that could not be decoded.
     #: Median time from capture stamp to picture in hand, ms; NaN in mode ``network``.

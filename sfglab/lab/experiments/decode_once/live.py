@@ -117,7 +117,7 @@ class StageProcesses(StreamProcesses):
 
     async def stop(self, count: int) -> list[Report]:
         """Let subscribers stop, and return their reports."""
-        seen = await self.ask("seen", viewers(count), timeout_s=FIRST_PICTURE_S, do="stop")
+        seen = await self.seen(viewers(count))
         return list(seen.values())
 
     async def measure(self, cell: CellRow) -> dict[str, list[Any]]:

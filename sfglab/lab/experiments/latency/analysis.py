@@ -1,6 +1,6 @@
 """Times glass to glass and to the first picture by path, the claims, Fig. 10 of paper A, and a budget to turn.
 
-A picture is known by the number in its pixels; its capture stamp is what the camera's own log says of that
+A picture is known by its number; its capture stamp is what the camera's own log says of that
 number, never what a header says. The budget alone times something here and now.
 """
 

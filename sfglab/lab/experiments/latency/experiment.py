@@ -93,7 +93,7 @@ class LookRow:
     ordered_ns: int  #: When the viewer had the order to subscribe (Unix time).
     first_ns: int  #: When it had its first picture in hand (Unix time).
     pictures: int  #: Pictures it saw.
-    unreadable: int  #: Pictures whose visible number could not be read.
+    unreadable: int  #: Pictures with a stamp that the camera did not send.
     missed: int  #: Numbers skipped between two pictures.
     disordered: int  #: Pictures that were not newer than the one before.
     broken: int  #: Messages that the viewer could not decode.
@@ -106,7 +106,7 @@ class SightRow:
     """A picture in the viewer's hands."""
 
     look: int  #: The look.
-    number: int  #: Read from its pixels.
+    number: int  #: Number of the frame.
     seen_ns: int  #: When it was in hand (Unix time).
 
 
@@ -114,7 +114,7 @@ class SightRow:
 class ShotRow:
     """A frame that the camera sent."""
 
-    number: int  #: Drawn into its pixels.
+    number: int  #: Counter from 0.
     stamp_ns: int  #: Capture stamp (Unix time).
     size_bytes: int  #: Compressed size.
 

@@ -197,8 +197,7 @@ class Running(StreamProcesses):
 
     async def stop(self, path: str) -> dict[str, Any]:
         """Let the viewer stop, wait until nothing of the path is left open, and return what it has seen."""
-        self["viewer"].order(do="stop")
-        seen = await self["viewer"].expect("seen", timeout_s=FIRST_PICTURE_S)
+        seen = (await self.seen(["viewer"]))["viewer"]
         if path != "standard":
             await self.released(path)
             await self.warm(path)
