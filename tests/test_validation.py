@@ -108,7 +108,7 @@ WORKERS = [
     *("sfglab.lab.hosts.enter", "sfglab.lab.hosts.radio_relay", "sfglab.lab.sweep.run"),
     *(f"sfglab.lab.workers.{name}" for name in ("camera", "container", "crossing", "driving")),
     *(f"sfglab.lab.workers.{name}" for name in ("flowplay", "hallway", "idle", "mocap")),
-    *(f"sfglab.lab.workers.{name}" for name in ("preview", "rosnodes", "sights", "viewer")),
+    *(f"sfglab.lab.workers.{name}" for name in ("preview", "ros_nodes", "sights", "viewer")),
 ]
 
 

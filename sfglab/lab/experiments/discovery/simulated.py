@@ -30,7 +30,7 @@ from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.node import StatusProvider
 from sfglab.lab.experiment import seeded
 from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Config, Fleet, exp
-from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
+from sfglab.lab.workers.ros_nodes import LISTENER, TALKER, endpoints_of
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:

@@ -37,7 +37,7 @@ from sfglab.lab.experiments.discovery.experiment import (
 )
 from sfglab.lab.meters import MeterRow, Window
 from sfglab.lab.ros2 import RosMissingError
-from sfglab.lab.workers.rosnodes import RosNodesConfig
+from sfglab.lab.workers.ros_nodes import RosNodesConfig
 from sfglab.processes import Member, ProcessGroup
 from sfglab.units import NS_PER_S
 
@@ -286,7 +286,7 @@ class LiveFleet(ProcessGroup):
             peers=0 if routed else len(self.hosts) - 1,
         )
         yield Member(
-            name=_nodes_of(host), host=host, module="sfglab.lab.workers.rosnodes", config=nodes
+            name=_nodes_of(host), host=host, module="sfglab.lab.workers.ros_nodes", config=nodes
         )
         if not routed:
             return

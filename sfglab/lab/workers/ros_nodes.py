@@ -1,43 +1,50 @@
-"""One ROS 2 process as DDS sees it, made with raw C calls: a Cyclone stack, a participant, a node's endpoints.
+"""The ROS 2 nodes of one agent, started at an order: ``python -m sfglab.lab.workers.ros_nodes CONFIG``.
 
-Knows which endpoints a node of demo_nodes_cpp has under Humble, with rmw_cyclonedds: rclcpp's six parameter
-services (rclcpp, parameter_service.cpp), /parameter_events both ways (node_parameters.cpp, time_source.cpp),
-/rosout (rcl, logging_rosout.h), its own topic (demo_nodes_cpp, talker.cpp and listener.cpp) and one participant
-for each process with `ros_discovery_info` (rmw_cyclonedds_cpp, rmw_node.cpp). Types are opaque: ROS 2 endpoints
-announce a type's name and no description of it, and nobody here looks into a message. Refuses to know what is
-measured.
+Stands for as many processes of demo_nodes_cpp; a Python process for each of them would measure Python. Each node
+is made with raw C calls: a Cyclone stack, a participant, and the endpoints of a node of demo_nodes_cpp under Humble
+with rmw_cyclonedds. These are rclcpp's six parameter services (rclcpp, parameter_service.cpp), /parameter_events
+both ways (node_parameters.cpp, time_source.cpp), /rosout (rcl, logging_rosout.h), its own topic (demo_nodes_cpp,
+talker.cpp and listener.cpp) and one participant for each process with `ros_discovery_info` (rmw_cyclonedds_cpp,
+rmw_node.cpp). Types are opaque: ROS 2 endpoints announce a type's name and no description of it.
+
+Everything is loaded before ``ready`` is reported; the order ``start`` creates the nodes. The first node then polls
+its graph, as an operator would. It reports ``resolved`` when it has discovered every endpoint and the announcement
+of every node of the other agents. The process ends with its standard input, at once.
 """
 
 from __future__ import annotations
 
+import asyncio
 import ctypes as ct
+import os
 import time
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from sfglab.bus.address import BusAddress
 from sfglab.bus.api import NodeInfo, user_data
-from sfglab.bus.dds.clib import (
-    MatchedStatus,
-    endpoint_qos,
-    entity_guid,
-    error_text,
-    library,
-    qos_object,
-)
+from sfglab.bus.dds import clib
+from sfglab.bus.dds.clib import endpoint_qos, entity_guid, error_text, library, qos_object
 from sfglab.bus.dds.discovery import INFO_TOPIC, READER_QOS, gid_bytes, pack_nodes
 from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.dds.endpoints import serdata_from_bytes, sertype_of, stamp
 from sfglab.bus.errors import BusError
+from sfglab.component import Orders, Reporter, run_component
 from sfglab.names import dds_service, dds_topic
 from sfglab.qos import LATCHED, PARAMETER_EVENTS, Durability, History, QoSProfile
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+_POLL_S = 0.02
+_BATCH = 256
+# Stacks of one process need domain ids of their own, whatever domain they join on the network.
+_FIRST_STACK_ID = 110
+_ROS_TOPICS = (b"rt/", b"rq/", b"rr/", b"ros_discovery_info")
 TALKER, LISTENER = "talker", "listener"
-_NS_PER_S = 1_000_000_000
-_ROSOUT = QoSProfile(depth=1000, durability=Durability.TRANSIENT_LOCAL, lifespan_ns=10 * _NS_PER_S)
+_ROSOUT = QoSProfile(depth=1000, durability=Durability.TRANSIENT_LOCAL, lifespan_ns=10 * NS_PER_S)
 _SERVICE = QoSProfile(history=History.KEEP_ALL)
 _CHATTER = {TALKER: QoSProfile(depth=7), LISTENER: QoSProfile(depth=10)}
 _PARAMETER_SERVICES = {
@@ -49,6 +56,17 @@ _PARAMETER_SERVICES = {
     "set_parameters_atomically": "SetParametersAtomically",
 }
 _INFO_TYPE = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosNodesConfig:
+    """What the process is told."""
+
+    namespace: str  #: Namespace of the nodes and of their topics.
+    address: BusAddress  #: Where they stand.
+    talkers: int = 10  #: Publishing nodes; the n-th talker and the n-th listener share a topic.
+    listeners: int = 10  #: Subscribing nodes.
+    peers: int = 0  #: How many other agents there are in the domain, each with as many nodes.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,12 +134,6 @@ class RosStack:
         #: The C handle of its reader of `ros_discovery_info`.
         self.info_reader = _info(handles, writer=False)
         self._announce(_info(handles, writer=True), namespace, name, handles)
-
-    def known_nodes(self) -> int:
-        """Return how many processes' `ros_discovery_info` it has found, its own included."""
-        status = MatchedStatus()
-        library().dds_get_subscription_matched_status(self.info_reader, ct.byref(status))
-        return int(status.current_count)
 
     def _create(self, plan: EndpointPlan) -> int:
         lib = library()
@@ -216,3 +228,111 @@ def _checked(handle: int, what: str) -> int:
     if handle < 0:
         raise BusError(f"Cyclone DDS cannot create {what}: {error_text(handle)}")
     return handle
+
+
+class _Poller:
+    """What one node's graph shows of the other agents' nodes; `own` are GUID prefixes of its own agent's."""
+
+    def __init__(self, stack: RosStack, own: frozenset[bytes]) -> None:
+        lib = library()
+        kinds = (clib.BUILTIN_PUBLICATION, clib.BUILTIN_SUBSCRIPTION)
+        self._readers = [
+            lib.dds_create_reader(stack.participant, kind, None, None) for kind in kinds
+        ]
+        self._info_reader = stack.info_reader
+        self._own = own
+        self._pointers: Any = (ct.c_void_p * _BATCH)()
+        self._infos: Any = (clib.SampleInfo * _BATCH)()
+        self.endpoints: dict[int, bytes] = {}
+        self._announced: set[int] = set()
+
+    def poll(self) -> None:
+        """Read what has changed."""
+        for reader in self._readers:
+            self._poll_endpoints(reader)
+        self._poll_announcements()
+
+    @property
+    def participants(self) -> int:
+        """Processes of the other agents of which at least one endpoint is known."""
+        return len(set(self.endpoints.values()))
+
+    @property
+    def announcements(self) -> int:
+        """Processes, its own agent's included, whose nodes are announced."""
+        return len(self._announced)
+
+    def _poll_endpoints(self, reader: int) -> None:
+        lib = library()
+        while True:
+            self._pointers[0] = None
+            count = lib.dds_take(reader, self._pointers, self._infos, _BATCH, _BATCH)
+            if count <= 0:
+                return
+            for i in range(count):
+                self._note(self._infos[i], self._pointers[i])
+            lib.dds_return_loan(reader, self._pointers, count)
+
+    def _note(self, info: Any, pointer: int) -> None:
+        if not info.valid_data or info.instance_state != clib.ALIVE:
+            self.endpoints.pop(info.instance_handle, None)
+            return
+        sample = clib.Endpoint.from_address(pointer)
+        prefix = bytes(sample.participant_key)[:12]
+        if prefix not in self._own and sample.topic_name.startswith(_ROS_TOPICS):
+            self.endpoints[info.instance_handle] = prefix
+
+    def _poll_announcements(self) -> None:
+        lib, into = library(), (self._pointers, _BATCH, self._infos)
+        while (count := lib.dds_takecdr(self._info_reader, *into, clib.ANY_STATE)) > 0:
+            for i in range(count):
+                if self._infos[i].valid_data:
+                    self._announced.add(self._infos[i].publication_handle)
+                lib.ddsi_serdata_unref(self._pointers[i])
+
+
+def _node_plans(config: RosNodesConfig) -> dict[str, tuple[EndpointPlan, ...]]:
+    """Return the endpoints of each node by its name."""
+    plans = {}
+    for role, count in ((TALKER, config.talkers), (LISTENER, config.listeners)):
+        for number in range(count):
+            name = f"{role}_{number}"
+            topic = f"{config.namespace}/chatter_{number}"
+            plans[name] = endpoints_of(role, f"{config.namespace}/{name}", topic)
+    return plans
+
+
+async def serve(config: RosNodesConfig, report: Reporter, orders: Orders) -> None:
+    """Create the nodes at the first order, report when the agent's peers are known, and wait for the end."""
+    library()
+    plans = _node_plans(config)
+    announced = len(plans) * (1 + config.peers)
+    expected = config.peers * sum(map(len, plans.values()))
+    report({"is": "ready"})
+    try:
+        await orders.get()
+        stacks = []
+        for number, (name, endpoints) in enumerate(plans.items()):
+            options = config.address.options()
+            options["external_domain_id"] = options["domain_id"]
+            options["domain_id"] = _FIRST_STACK_ID + number
+            stacks.append(RosStack(DomainConfig(**options), config.namespace, name, endpoints))
+        poller = _Poller(stacks[0], frozenset(stack.prefix for stack in stacks))
+        poller.poll()
+        while len(poller.endpoints) < expected or poller.announcements < announced:
+            await asyncio.sleep(_POLL_S)
+            poller.poll()
+        found = {
+            "endpoints": len(poller.endpoints),
+            "participants": poller.participants,
+            "announcements": poller.announcements,
+        }
+        report({"is": "resolved", "t_ns": time.time_ns(), "expected": expected, **found})
+        await asyncio.Event().wait()
+    except asyncio.CancelledError:
+        # Leaving the domain in order would take as long as discovery, and all agents end together.
+        os._exit(0)
+
+
+if __name__ == "__main__":
+    run_component(RosNodesConfig, serve)
