@@ -107,8 +107,11 @@ WORKERS = [
     *("sfglab.fleet.agent.app", "sfglab.lab.hosts.hub"),
     *("sfglab.lab.hosts.enter", "sfglab.lab.hosts.radio_relay", "sfglab.lab.sweep.run"),
     *(f"sfglab.lab.workers.{name}" for name in ("camera", "container", "crossing", "driving")),
-    *(f"sfglab.lab.workers.{name}" for name in ("flowplay", "hallway", "idle", "mocap")),
-    *(f"sfglab.lab.workers.{name}" for name in ("preview", "ros_nodes", "sights", "viewer")),
+    *(f"sfglab.lab.workers.{name}" for name in ("hallway", "idle", "mocap", "preview")),
+    *(
+        f"sfglab.lab.workers.{name}"
+        for name in ("ros_nodes", "scenario_player", "scene_publisher", "viewer")
+    ),
 ]
 
 

@@ -23,7 +23,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.lab import workers
 from sfglab.lab.hosts import Host, Network, RadioCounters
 from sfglab.lab.ros2 import RosMember
-from sfglab.lab.workers.flowplay import PartsConfig
+from sfglab.lab.workers.scenario_player import PartsConfig
 from sfglab.processes import Member, ProcessGroup
 from sfglab.qos import QoSProfile
 from sfglab.rtps import Fate, Flow, FlowOutcome, Medium, Outcome, Scenario
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, NDArray[np.int64]]
 
-_MODULE = "sfglab.lab.workers.flowplay"
+_MODULE = "sfglab.lab.workers.scenario_player"
 START_S, MATCH_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.15, 60.0
 #: Repairs that come later than this are rare, and a live second costs a second.
 LONGEST_DRAIN_S = 1.5

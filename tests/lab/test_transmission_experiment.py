@@ -21,7 +21,7 @@ from sfglab.lab.experiments.transmission.live import GROUPS, compare, live_cells
 from sfglab.lab.explore import interactive
 from sfglab.lab.hosts import RadioCounters
 from sfglab.lab.live_flows import Played, hosts_of, live_hosts
-from sfglab.lab.workers.flowplay import Player, _Executor, text_of, value_of
+from sfglab.lab.workers.scenario_player import Player, _Executor, text_of, value_of
 from sfglab.messages import deserialize
 from sfglab.qos import Durability, QoSProfile
 from sfglab.rtps import CYCLONE_DDS, Fate, Flow, Medium, Outcome, Scenario, run

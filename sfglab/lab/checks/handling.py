@@ -13,7 +13,7 @@ from sfglab.bus import Node
 from sfglab.errors import InvalidValueError
 from sfglab.lab.checks import CheckRow, facts_row
 from sfglab.lab.checks.recordings import read_recording
-from sfglab.lab.workers.sights import CAMERA_TOPIC
+from sfglab.lab.workers.scene_publisher import CAMERA_TOPIC
 from sfglab.messages import default_message, serialize
 from sfglab.qos import DEFAULT, Reliability
 from sfglab.view.arrivals import Arrival

@@ -1,7 +1,7 @@
 """Peer that is a real ROS 2 node and does as it is told: ``python rclpy_peer.py NAME``, see `sfglab.lab.ros2`.
 
 Orders come as JSON lines, each names a method of `Peer` as ``do``; reports go out as JSON lines. As a host's part of scenarios of the reliability model it takes the orders
-of `sfglab.lab.workers.flowplay`, and knows samples by their values, as source time stamps are Fast DDS's own.
+of `sfglab.lab.workers.scenario_player`, and knows samples by their values, as source time stamps are Fast DDS's own.
 With ``crowd`` behind its name it has no node of its own, only those of `Peer.start`. Runs in ROS 2's own
 interpreter, from Python 3.10 on, and imports nothing of sfglab.
 """

@@ -1,4 +1,4 @@
-"""Sights, and a sink that takes them: ``python -m sfglab.lab.workers.sights CONFIG``.
+"""Publishers of scenes and images, and a sink that receives them: ``python -m sfglab.lab.workers.scene_publisher CONFIG``.
 
 The configuration names one of three roles, each ends with its standard input: ``scene`` sends a log's messages
 (``path``), one moment an order; ``camera`` sends one picture at a fixed rate; both in ``domain_id``. ``sink``

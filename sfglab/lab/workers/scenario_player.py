@@ -1,4 +1,4 @@
-"""A host's part of scenarios of the reliability model: ``python -m sfglab.lab.workers.flowplay CONFIG``.
+"""A host's part of scenarios of the reliability model: ``python -m sfglab.lab.workers.scenario_player CONFIG``.
 
 Publishes its flows on an absolute schedule, through local caches where they have them; takes samples for its
 executors as the model's do, one after the other, in turn among an executor's flows, each for its service time.
