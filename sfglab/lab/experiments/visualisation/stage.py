@@ -20,7 +20,12 @@ from sfglab.bus import Node
 from sfglab.component import beside
 from sfglab.lab.checks.fleet_scene import PERIOD_NS, RECEIVED_AFTER_NS, START_NS, Part
 from sfglab.lab.checks.recordings import Recording, read_recording
-from sfglab.lab.workers.scene_publisher import CAMERA_HZ, CAMERA_TOPIC, picture
+from sfglab.lab.workers.scene_publisher import (
+    CAMERA_HZ,
+    CAMERA_TOPIC,
+    ScenePublisherConfig,
+    picture,
+)
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 from sfglab.qos import DEFAULT
 from sfglab.record import LogWriter
@@ -48,9 +53,8 @@ _READY_S = 15.0
 
 def member(role: str, **values: Any) -> Member:
     """Return a process of a role of `sfglab.lab.workers.scene_publisher`."""
-    return Member(
-        name=role, module="sfglab.lab.workers.scene_publisher", config={"role": role, **values}
-    )
+    config = ScenePublisherConfig(role=role, **values)
+    return Member(name=role, module="sfglab.lab.workers.scene_publisher", config=config)
 
 
 def processes(*members: Member) -> ProcessGroup:
