@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from sfglab.bus.address import BusAddress
 from sfglab.lab import workers
 from sfglab.lab.hosts import Host, Network, RadioCounters
+from sfglab.lab.hosts.radio import LATE_AFTER_S
 from sfglab.lab.ros2 import RosMember
 from sfglab.lab.workers.scenario_player import PartsConfig
 from sfglab.processes import Member, ProcessGroup
@@ -83,7 +84,7 @@ class Played:
     @property
     def kept_up(self) -> bool:
         """Whether relay and publishers kept within 2 ms, but for 1 % of the frames and 5 % of the samples."""
-        return self.radio.kept_up and self.late_p95_s <= self.radio.late_after_s
+        return self.radio.kept_up and self.late_p95_s <= LATE_AFTER_S
 
 
 def hosts_of(scenario: Scenario) -> tuple[str, ...]:

@@ -111,7 +111,7 @@ def outcome_of_losses(lost_up: int, lost_down: int) -> Outcome:
 
 def played(outcome: Outcome, **changes) -> Played:
     """Return what was played without delay, refusal and lateness, but for changes."""
-    radio = RadioCounters(delivered=100, late_after_s=2e-3)
+    radio = RadioCounters(delivered=100)
     usual = {"delay_s": 0.0, "radio": radio, "late_p95_s": 0.0, "refused": 0}
     scenario = hello.scenario_of(grid(SMALL)[0])
     return Played(scenario=scenario, outcome=outcome, **usual | changes)
@@ -143,7 +143,7 @@ def test_three_points_and_thirty_percent_agree_and_nothing_agrees_with_no_latenc
 
 def test_a_cell_that_did_not_keep_its_schedule_is_marked():
     outcome = outcome_of_losses(0, 0)
-    late = RadioCounters(delivered=100, late=2, late_after_s=2e-3)
+    late = RadioCounters(delivered=100, late=2)
     assert played(outcome).kept_up
     assert not played(outcome, radio=late).kept_up
     assert not played(outcome, late_p95_s=3e-3).kept_up

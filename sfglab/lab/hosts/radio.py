@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sfglab.units import NS_PER_S
+from sfglab.units import NS_PER_MS, NS_PER_S
+
+LATE_AFTER_S = 0.002  #: Delay beyond the due time from which a frame is late.
 
 
 @dataclass(slots=True, kw_only=True)
@@ -23,19 +25,26 @@ class RadioHost:
         return self.airtime_ns / NS_PER_S
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class RadioCounters:
     """What the radio has done since its medium was set, and whether it kept up."""
 
     hosts: dict[str, RadioHost] = field(default_factory=dict)  #: By name.
     delivered: int = 0  #: Frames that reached a receiver, each receiver counted.
-    #: Of those, frames that were delivered more than `late_after_s` after they were due.
-    late: int = 0
-    late_after_s: float = 0.0  #: What counts as late, seconds.
-    late_mean_s: float = 0.0  #: Mean delay beyond the due time, of all frames, seconds.
-    late_most_s: float = 0.0  #: The longest of these delays, seconds.
+    late: int = (
+        0  #: Of those, frames that were delivered more than `LATE_AFTER_S` after they were due.
+    )
+    late_sum_ns: int = 0  #: Sum of the delays beyond the due time, of all frames, ns.
+    late_most_ns: int = 0  #: The longest of these delays, ns.
     overrun: int = 0  #: Frames that the kernel dropped because the relay did not take them, or it.
-    elapsed_s: float = 0.0  #: How long ago the medium was set, seconds.
+
+    def note(self, due_ns: int, now_ns: int) -> None:
+        """Count a frame that was due at a time and is delivered now."""
+        delay_ns = max(0, now_ns - due_ns)
+        self.delivered += 1
+        self.late += delay_ns > LATE_AFTER_S * NS_PER_S
+        self.late_sum_ns += delay_ns
+        self.late_most_ns = max(self.late_most_ns, delay_ns)
 
     @property
     def lost(self) -> int:
@@ -54,8 +63,9 @@ class RadioCounters:
 
     def said(self) -> str:
         """Return in one line how well the relay kept up."""
+        mean_ms = self.late_sum_ns / max(1, self.delivered) / NS_PER_MS
         return (
-            f"{self.delivered} frames delivered, {self.late} of them more than {self.late_after_s * 1e3:g} ms "
-            f"late (mean {self.late_mean_s * 1e3:.2f} ms, most {self.late_most_s * 1e3:.1f} ms), "
+            f"{self.delivered} frames delivered, {self.late} of them more than {LATE_AFTER_S * 1e3:g} ms "
+            f"late (mean {mean_ms:.2f} ms, most {self.late_most_ns / NS_PER_MS:.1f} ms), "
             f"{self.overrun} overrun"
         )

@@ -21,11 +21,11 @@ import struct
 import sys
 import time
 from collections import deque
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from sfglab.lab.hosts.channel import answer
-from sfglab.lab.hosts.radio import RadioHost
+from sfglab.lab.hosts.radio import RadioCounters, RadioHost
 from sfglab.rtps import Medium
 from sfglab.rtps.channel import (
     BLOCK,
@@ -72,13 +72,6 @@ class _Waiting(NamedTuple, Generic[F]):
     sender: int
 
 
-@dataclass(slots=True)
-class _State(Generic[F]):
-    queues: list[deque[_Waiting[F]]]
-    transmitters: list[_Transmitter[F]] = field(default_factory=list)
-    flight: deque[Sent[F]] = field(default_factory=deque)
-
-
 class Air(Generic[F]):
     """The medium; a frame may be lost on its way to the access point, and `chance` says who sends next."""
 
@@ -94,33 +87,34 @@ class Air(Generic[F]):
         #: Use of the medium per host; the caller counts losses.
         self.use = [RadioHost() for _ in hosts]
         self._access_point = len(self.use)  # last, and without a part where the medium has none
-        self._state: _State[F] = _State([deque() for _ in range(len(hosts) + 1)])
+        self._queues: list[deque[_Waiting[F]]] = [deque() for _ in range(len(hosts) + 1)]
+        self._transmitters: list[_Transmitter[F]] = []
+        self._flight: deque[Sent[F]] = deque()
         self.change(medium)
 
     def change(self, medium: Medium) -> None:
         """Go on with another medium and new counters; what is on air keeps its time, what waits, waits on."""
-        state = self._state
-        state.flight.extend(t.on_air for t in state.transmitters if t.on_air is not None)
-        free_ns = max((t.free_ns for t in state.transmitters), default=0)
+        self._flight.extend(t.on_air for t in self._transmitters if t.on_air is not None)
+        free_ns = max((t.free_ns for t in self._transmitters), default=0)
         everybody = tuple(range(len(self._hosts) + 1))
         groups = [everybody] if medium.shared else [(host,) for host in everybody]
-        state.transmitters = [_Transmitter(group, free_ns=free_ns) for group in groups]
+        self._transmitters = [_Transmitter(group, free_ns=free_ns) for group in groups]
         self._medium = medium
         self.use = [RadioHost() for _ in everybody]
-        for transmitter in state.transmitters:
+        for transmitter in self._transmitters:
             self._start(transmitter)
 
     def offer(self, host: int, frame: F, *, size_bytes: int, now_ns: int) -> bool:
         """Put a frame into a host's queue now; False when a frame is dropped."""
         took = self._queue(host, _Waiting(now_ns, size_bytes, frame, host))
-        for transmitter in self._state.transmitters:
+        for transmitter in self._transmitters:
             # A frame that finds the medium free is on air at once and takes no place in the queue.
             if host in transmitter.hosts and transmitter.on_air is None:
                 self._start(transmitter)
         return took
 
     def _queue(self, host: int, waiting: _Waiting[F]) -> bool:
-        queue, medium = self._state.queues[host], self._medium
+        queue, medium = self._queues[host], self._medium
         result = admission(medium.rule, len(queue), medium.queue_frames)
         if result != JOINS:
             self.use[host].queue_full += 1
@@ -133,31 +127,30 @@ class Air(Generic[F]):
 
     def advance(self, until_ns: int) -> list[Sent[F]]:
         """Return the frames that have arrived until a time, this time included, in order."""
-        state = self._state
-        for transmitter in state.transmitters:
+        for transmitter in self._transmitters:
             while transmitter.on_air is not None and transmitter.free_ns <= until_ns:
                 if transmitter.relayed is None:
-                    state.flight.append(transmitter.on_air)
+                    self._flight.append(transmitter.on_air)
                 elif self._lose(transmitter.on_air.host):
                     self.use[transmitter.on_air.host].lost += 1
                 else:
                     self._queue(self._access_point, transmitter.relayed)
                 transmitter.on_air = None
                 self._start(transmitter)
-        arrived = [sent for sent in state.flight if sent.due_ns <= until_ns]
+        arrived = [sent for sent in self._flight if sent.due_ns <= until_ns]
         if arrived:
-            state.flight = deque(sent for sent in state.flight if sent.due_ns > until_ns)
+            self._flight = deque(sent for sent in self._flight if sent.due_ns > until_ns)
         return arrived if self._medium.shared else sorted(arrived, key=lambda sent: sent.due_ns)
 
     def next_ns(self) -> int | None:
         """Return when something happens next; None: not before a frame is offered."""
-        times = [t.free_ns for t in self._state.transmitters if t.on_air is not None]
-        times += [sent.due_ns for sent in self._state.flight]
+        times = [t.free_ns for t in self._transmitters if t.on_air is not None]
+        times += [sent.due_ns for sent in self._flight]
         return min(times, default=None)
 
     def _start(self, transmitter: _Transmitter[F]) -> None:
         """Put the next frame on air: of the host whose turn it is among those that wait by then."""
-        queues, medium = self._state.queues, self._medium
+        queues, medium = self._queues, self._medium
         waiting = [host for host in transmitter.hosts if queues[host]]
         if not waiting:
             return
@@ -196,43 +189,12 @@ _ANCILLARY_BYTES = 64
 # Frames that are taken from one host before the others are looked at.
 _BATCH = 64
 _GROUP_BIT = 1
-_LATE_AFTER_NS = 2_000_000
 
 
 class _Arrival(NamedTuple):
     t_ns: int
     host: int
     frame: bytes
-
-
-@dataclass(slots=True)
-class _Kept:
-    """How well the relay kept to the schedule."""
-
-    since_ns: int
-    delivered: int = 0
-    late: int = 0
-    late_sum_ns: int = 0
-    late_most_ns: int = 0
-    overrun: int = 0
-
-    def note(self, due_ns: int, now_ns: int) -> None:
-        delay_ns = max(0, now_ns - due_ns)
-        self.delivered += 1
-        self.late += delay_ns > _LATE_AFTER_NS
-        self.late_sum_ns += delay_ns
-        self.late_most_ns = max(self.late_most_ns, delay_ns)
-
-    def report(self) -> dict[str, Any]:
-        return {
-            "delivered": self.delivered,
-            "late": self.late,
-            "late_after_s": _LATE_AFTER_NS / NS_PER_S,
-            "late_mean_s": self.late_sum_ns / max(1, self.delivered) / NS_PER_S,
-            "late_most_s": self.late_most_ns / NS_PER_S,
-            "overrun": self.overrun,
-            "elapsed_s": (time.time_ns() - self.since_ns) / NS_PER_S,
-        }
 
 
 def _open(interface: str) -> socket.socket:
@@ -274,7 +236,7 @@ class _Relay:
         self._bad: dict[
             tuple[int, int | None], bool
         ] = {}  # whether the last frame of a way was lost
-        self._kept = _Kept(time.time_ns())
+        self._counters = RadioCounters()
 
     def start(self, *, ports: list[list[str]]) -> None:
         for host, (name, interface, mac) in enumerate(ports):
@@ -293,16 +255,14 @@ class _Relay:
         self._random.seed(seed)
         self._bad.clear()
         self._overrun()  # forgets, as reading resets it
-        self._kept = _Kept(time.time_ns())
+        self._counters = RadioCounters()
 
     def counters(self) -> dict[str, Any]:
         assert self._air is not None
-        self._kept.overrun += self._overrun()
+        self._counters.overrun += self._overrun()
         names = [*self._names, "access point"] if self._medium.access_point else self._names
-        return {
-            "hosts": dict(zip(names, map(asdict, self._air.use), strict=False)),
-            **self._kept.report(),
-        }
+        self._counters.hosts = dict(zip(names, self._air.use, strict=False))
+        return asdict(self._counters)
 
     def relay(self, control: socket.socket) -> None:
         """Relay until the control socket ends."""
@@ -339,8 +299,8 @@ class _Relay:
                 try:
                     self._sockets[receiver].send(frame)
                 except OSError:  # the host's queue is full, or the host is going away
-                    self._kept.overrun += 1
-                self._kept.note(due_ns, time.time_ns())
+                    self._counters.overrun += 1
+                self._counters.note(due_ns, time.time_ns())
 
     def _lost(self, host: int, receiver: int | None = None) -> bool:
         """Return whether a frame is lost on its way to a receiver, or to the access point."""
