@@ -1,6 +1,6 @@
 """Sources of the video of an experiment: photographs, a stereo pair, or the user's own material.
 
-A source is a stream of numbered frames of one size: colour (BGR) and, where the material has it, depth in
+A source is a stream of frames of one size: colour (BGR) and, where the material has it, depth in
 millimetres. The default pans and zooms over photographs that scikit-image ships, the same for the same seed. A
 video file and a bag keep their speed and their pictures' shape: pictures are repeated or passed over, and stand
 between black bars where the experiment's shape is another. Of a camera the next picture is taken.
@@ -23,13 +23,11 @@ from sfglab.record.bags import is_log
 from sfglab.record.reader import rate_and_size
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator
+    from collections.abc import Callable, Generator
 
     from numpy.typing import NDArray
 
     Image = NDArray[np.uint8]
-    # Colour (BGR, uint8) and depth (uint16), whose types OpenCV's functions do not tell.
-    Picture = tuple[NDArray[Any], NDArray[Any] | None]
     Images = Generator[Image, None, None]
 
 PHOTOGRAPHS = ("coffee", "astronaut", "chelsea", "rocket")
@@ -54,32 +52,26 @@ class SourceError(SfglabError, ValueError):
 class Frame:
     """One frame of a source."""
 
-    number: int  #: Counter from 0.
     bgr: NDArray[Any]  #: Colour image, shape (H, W, 3), uint8.
     #: Depth in millimetres, shape (H, W), uint16, 0 where unknown; None without depth.
     depth_mm: NDArray[Any] | None = None
 
 
 class Source:
-    """A stream of frames of one size that starts again at its end, and gives back its file or device."""
+    """A stream of frames of one size that starts again at its end."""
 
-    def __init__(
-        self,
-        pictures: Iterator[Picture],
-        close: Callable[[], None] = lambda: None,
-        *,
-        said: str = "",
-    ) -> None:
+    def __init__(self, frames: Generator[Frame, None, None], *, said: str = "") -> None:
         #: What is done to material of one's own, in a sentence; empty for the default.
         self.said = said
-        self._pictures = pictures
-        self._numbers = itertools.count()
-        self.close = close
+        self._frames = frames
 
     def frame(self) -> Frame:
         """Return the next frame."""
-        bgr, depth_mm = next(self._pictures)
-        return Frame(number=next(self._numbers), bgr=bgr, depth_mm=depth_mm)
+        return next(self._frames)
+
+    def close(self) -> None:
+        """Close the source's file or device."""
+        self._frames.close()
 
 
 def open_source(
@@ -104,7 +96,7 @@ def open_source(
     if first is None:
         raise SourceError(f"source {spec!r}: it opened, but holds no picture")
     looped = _looped(lambda: images_of(spec)[1], first, images, size, step)
-    return Source(looped, looped.close, said=_said(spec, first.shape, size, rate_hz, fps))
+    return Source(looped, said=_said(spec, first.shape, size, rate_hz, fps))
 
 
 def is_there(spec: str) -> str:
@@ -139,21 +131,22 @@ def _said(
 
 
 def _panned(
-    stills: list[Picture], size: tuple[int, int], *, view_frames: int, seed: int
-) -> Iterator[Picture]:
+    stills: list[Frame], size: tuple[int, int], *, view_frames: int, seed: int
+) -> Generator[Frame, None, None]:
     """Let a window wander and zoom over still images; frame n is a function of n and the seed."""
     import cv2
 
     for number in itertools.count():
         view, step = divmod(number, view_frames)
-        bgr, depth = stills[view % len(stills)]
-        warp = _view_transform(bgr.shape[:2], size, step / view_frames, (seed, view))
-        picture = cv2.warpAffine(bgr, warp, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        if depth is not None:  # nearest: a mean of two depths is a place where nothing is
-            depth = cv2.warpAffine(
-                depth, warp, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-            )
-        yield picture, depth
+        still = stills[view % len(stills)]
+        warp = _view_transform(still.bgr.shape[:2], size, step / view_frames, (seed, view))
+        bgr = cv2.warpAffine(still.bgr, warp, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        depth: NDArray[Any] | None = None
+        if still.depth_mm is not None:
+            # Nearest: a mean of two depths is a place where nothing is.
+            flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+            depth = cv2.warpAffine(still.depth_mm, warp, size, flags=flags)
+        yield Frame(bgr=bgr, depth_mm=depth)
 
 
 def _view_transform(
@@ -172,13 +165,14 @@ def _view_transform(
     return np.array([[zoom, 0.0, corner[0]], [0.0, zoom, corner[1]]])
 
 
-def _photograph_stills() -> list[Picture]:
+def _photograph_stills() -> list[Frame]:
     from skimage import data
 
-    return [(np.ascontiguousarray(getattr(data, name)()[..., 2::-1]), None) for name in PHOTOGRAPHS]
+    photographs = [getattr(data, name)() for name in PHOTOGRAPHS]
+    return [Frame(bgr=np.ascontiguousarray(rgb[..., 2::-1])) for rgb in photographs]
 
 
-def _stereo_stills() -> list[Picture]:
+def _stereo_stills() -> list[Frame]:
     from skimage import data
 
     left, _, disparity = data.stereo_motorcycle()
@@ -187,12 +181,13 @@ def _stereo_stills() -> list[Picture]:
     depth[known] = (
         MOTORCYCLE_FOCAL_PX * MOTORCYCLE_BASELINE_MM / (disparity[known] + MOTORCYCLE_OFFSET_PX)
     )
-    return [(np.ascontiguousarray(left[..., ::-1]), np.round(depth).astype(np.uint16))]
+    bgr = np.ascontiguousarray(left[..., ::-1])
+    return [Frame(bgr=bgr, depth_mm=np.round(depth).astype(np.uint16))]
 
 
 def _looped(
     again: Callable[[], Images], image: Image, images: Images, size: tuple[int, int], step: float
-) -> Generator[Picture, None, None]:
+) -> Generator[Frame, None, None]:
     """Fit a source's images, a step of them a picture, into one size, from the start again at the end."""
     at, fitted = 0, _fitted(image, size)
     try:
@@ -205,7 +200,7 @@ def _looped(
                     following = next(images, image)
                 image, at = following, at + 1
                 fitted = _fitted(image, size) if at == wanted else fitted
-            yield fitted.copy(), None  # the caller draws into it
+            yield Frame(bgr=fitted)
     finally:
         images.close()
 

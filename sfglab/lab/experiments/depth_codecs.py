@@ -106,13 +106,12 @@ def code_frames(bench: Bench[Config]) -> None:
     first: Any = source.frame().depth_mm
     for codec in CODECS:
         code(0, np.ascontiguousarray(first[:32, :32]), codec, config.png_level)
-    for _ in range(config.frames):
-        frame = source.frame()
-        depth: Any = frame.depth_mm
+    for number in range(1, config.frames + 1):
+        depth: Any = source.frame().depth_mm
         depth_mm = noisy(depth, config.noise_mm, noise)
         for codec in rng.permutation(list(CODECS)):
-            bench.write(code(frame.number, depth_mm, str(codec), config.png_level))
-        bench.advance(f"frame {frame.number}")
+            bench.write(code(number, depth_mm, str(codec), config.png_level))
+        bench.advance(f"frame {number}")
     source.close()
 
 

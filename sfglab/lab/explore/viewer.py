@@ -164,18 +164,13 @@ class LiveView:
         self._runs, self._shows = AsyncExitStack(), asyncio.Event()
 
     @classmethod
-    async def open(
-        cls,
-        *programs: Callable[[BusAddress], Coroutine[Any, Any, None]],
-        here: BusAddress | None = None,
-    ) -> Self:
-        """Return one whose bridge runs beside programs, on a domain of its own or here, once a message came."""
+    async def open(cls, *programs: Callable[[BusAddress], Coroutine[Any, Any, None]]) -> Self:
+        """Return one whose bridge runs beside programs, on a domain of its own, once a message came."""
         if cls._last is not None:
             await cls._last.close()
         async with AsyncExitStack() as runs:
-            here = here or BusAddress(
-                domain_id=runs.enter_context(held_domains())[0], interface="lo"
-            )
+            [domain_id] = runs.enter_context(held_domains())
+            here = BusAddress(domain_id=domain_id, interface="lo")
             live = cls(await runs.enter_async_context(Node("panel", **here.options())))
             await runs.enter_async_context(live.bridge)
             runs.callback(live.panel.close)

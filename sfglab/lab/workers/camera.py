@@ -7,6 +7,7 @@ several times per second which frames it has sent.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import time
 from contextlib import AsyncExitStack, asynccontextmanager, closing
 from dataclasses import asdict, dataclass
@@ -158,16 +159,16 @@ async def _shoot(
     started = time.monotonic()
     unreported: list[_Sent] = []
     try:
-        while True:
+        for number in itertools.count():
             frame = source.frame()
-            due = started + frame.number / config.fps
+            due = started + number / config.fps
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             stamp_ns = time.time_ns()
             for message in encoder.messages(frame, header_msg(config.frame_id, stamp_ns)):
-                first = frame.number % len(publishers)  # no place is always the first
+                first = number % len(publishers)  # no place is always the first
                 for publisher in publishers[first:] + publishers[:first]:
                     publisher.publish(message)
-                unreported.append((frame.number, stamp_ns, len(message.data)))
+                unreported.append((number, stamp_ns, len(message.data)))
             if len(unreported) >= config.fps * _REPORT_S:
                 sent(unreported)
                 unreported = []
