@@ -66,20 +66,16 @@ MODES: dict[str, RosMode | None] = {
 class Played:
     """What a live run came to."""
 
-    #: What the model has to run beside it: as asked, with the drain that it had, and with `delay_s` as latency
-    #: of the medium.
+    #: What the model has to run beside it: as asked, with the drain that it had. The medium's latency
+    #: includes what kernel, relay and DDS add to a sample's airtime between the applications, measured
+    #: with one topic alone on a calm medium.
     scenario: Scenario
-    #: What kernel, relay and DDS add to a sample's airtime between the applications, measured with one topic
-    #: alone on a calm medium.
-    delay_s: float
-    #: As the model's; a sample that never came has the fate UNDERWAY, as nobody saw why. Counts are those that
-    #: can be seen: ``lost``, ``queue_full``, ``bytes``, ``airtime_ns``, ``processed``, ``held``,
-    #: ``compared``, and ``missed`` for what was due while a process of rclpy was not let run.
+    #: As the model's; a sample that never came has the fate UNDERWAY, as nobody saw why. Counts are
+    #: ``held``, ``compared``, and ``missed`` for what was due while a process of rclpy was not let run.
     outcome: Outcome
     radio: RadioCounters  #: The medium's own counters.
     #: How late a host's process published, 95th percentile, of the latest host, seconds.
     late_p95_s: float
-    refused: int  #: Samples that DDS refused.
 
     @property
     def kept_up(self) -> bool:
@@ -168,11 +164,9 @@ class LiveHosts:
         latency_s = scenario.medium.latency_s + delay_s
         return Played(
             scenario=replace(scenario, medium=replace(scenario.medium, latency_s=latency_s)),
-            delay_s=delay_s,
-            outcome=_outcome(scenario, arrays, reports, radio=radio, start_ns=start_ns),
+            outcome=_outcome(scenario, arrays, reports, start_ns),
             radio=radio,
             late_p95_s=max(report["late_p95_s"] for report in reports),
-            refused=sum(report["refused"] for report in reports),
         )
 
     async def _run(self, scenario: Scenario) -> tuple[int, dict[str, Arrays], list[Report]]:
@@ -212,28 +206,15 @@ def _delay_s(probe: Played) -> float:
 
 
 def _outcome(
-    scenario: Scenario,
-    arrays: dict[str, Arrays],
-    reports: Sequence[Report],
-    *,
-    radio: RadioCounters,
-    start_ns: int,
+    scenario: Scenario, arrays: dict[str, Arrays], reports: Sequence[Report], start_ns: int
 ) -> Outcome:
-    flows = {
-        flow.name: _flow_outcome(flow, arrays[flow.source], arrays[flow.target], start_ns)
-        for flow in scenario.flows
-    }
-    counts = {
-        "lost": radio.lost,
-        "queue_full": radio.queue_full,
-        "bytes": sum(host.bytes_ for host in radio.hosts.values()),
-        "airtime_ns": round(sum(host.airtime_s for host in radio.hosts.values()) * NS_PER_S),
-        **{
-            name: sum(report.get(name, 0) for report in reports)
-            for name in ("held", "compared", "missed")
-        },
-        "processed": sum(int(flow.delivered.sum()) for flow in flows.values()),
-    }
+    flows = {}
+    for flow in scenario.flows:
+        source, target = arrays[flow.source], arrays[flow.target]
+        flows[flow.name] = _flow_outcome(flow, source, target, start_ns)
+    counts = dict.fromkeys(("held", "compared", "missed"), 0)
+    for name in counts:
+        counts[name] = sum(report.get(name, 0) for report in reports)
     return Outcome(flows=flows, counts=counts)
 
 

@@ -210,7 +210,7 @@ class Peer:
         }
         np.savez(result, **arrays)
         late_s = sorted(late_ns)[len(late_ns) * 95 // 100] / 1e9
-        report("done", late_p95_s=late_s, held=held, missed=due, compared=0, refused=0)
+        report("done", late_p95_s=late_s, held=held, missed=due)
 
     def close(self) -> None:
         """Take the ends of flows away."""
