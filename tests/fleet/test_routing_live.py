@@ -24,7 +24,8 @@ from sfglab.fleet.router.node import (
     RouterConfig,
     RouterRunningError,
     RouterSettings,
-    pair_lock,
+    domain_lock,
+    run_router,
     serve_terminal,
 )
 from sfglab.messages import message_type, serialize
@@ -250,16 +251,28 @@ async def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
     assert said == [ready, f"{path}: open", f"{path}: closed", released]
 
 
-def test_the_lock_names_its_holder_and_is_free_at_once_when_let_go():
-    domains = 230, 231
+def test_the_lock_names_its_holder_and_is_free_as_soon_as_it_is_released():
     with (
-        pair_lock(*domains),
+        domain_lock(230),
         pytest.raises(RouterRunningError, match=f"process {os.getpid()} ") as caught,
     ):
-        pair_lock(*reversed(domains)).__enter__()
-    assert (caught.value.pid, caught.value.domains) == (os.getpid(), domains)
-    with pair_lock(*domains):
+        domain_lock(230).__enter__()
+    assert (caught.value.pid, caught.value.domain_id) == (os.getpid(), 230)
+    with domain_lock(230), domain_lock(231):
         assert (Path.home() / ".cache/sfglab").stat().st_mode & 0o77 == 0
+
+
+async def test_two_routers_of_an_agent_domain_exclude_each_other_whatever_the_global_domain(
+    free_domains,
+):
+    local, *remotes = (BusAddress(domain_id=n, interface="lo") for n in free_domains(3))
+    configs = [RouterConfig(agent="a1", local=local, remote=remote) for remote in remotes]
+    ready = asyncio.Event()
+    async with beside(run_router(configs[0], lambda _: ready.set())):
+        await until(ready.is_set)
+        for config in configs:
+            with pytest.raises(RouterRunningError, match=f"router of domain {local.domain_id}: "):
+                await run_router(config, lambda _: None)
 
 
 def test_without_a_home_the_lock_is_in_a_folder_that_nobody_else_can_write_to(
@@ -267,13 +280,13 @@ def test_without_a_home_the_lock_is_in_a_folder_that_nobody_else_can_write_to(
 ):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setenv("HOME", "/proc")
-    with pair_lock(230, 231):
+    with domain_lock(230):
         [folder] = tmp_path.iterdir()
         assert folder.stat().st_mode & 0o77 == 0
         assert len(list(folder.iterdir())) == 1
     folder.chmod(0o777)
     with pytest.raises(InvalidValueError, match=r"folder for locks: given .*open to others"):
-        pair_lock(230, 231).__enter__()
+        domain_lock(230).__enter__()
 
 
 async def visit(near: Node, remote: int, guest_domain: int) -> None:

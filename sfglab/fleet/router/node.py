@@ -46,32 +46,34 @@ if TYPE_CHECKING:
 
 
 class RouterRunningError(SfglabError, RuntimeError):
-    """Another router serves the pair of domains on this host."""
+    """Another router on this host serves the agent's domain."""
 
-    def __init__(self, domains: tuple[int, int], pid: int | None) -> None:
-        self.domains = domains  #: The two domain ids, sorted.
-        self.pid = pid  #: The other's process id; None when it cannot be seen from here.
+    def __init__(self, domain_id: int, pid: int | None) -> None:
+        self.domain_id = domain_id  #: The agent's domain.
+        self.pid = pid  #: Process id of the other router; None if it cannot be seen from here.
         who = "a process out of sight" if pid is None else f"process {pid}"
         super().__init__(
-            f"router between the domains {domains[0]} and {domains[1]}: {who} on this host is one already, "
-            "allowed is one, because two would send everything twice; end the other first"
+            f"router of domain {domain_id}: {who} on this host is one already, and two would forward "
+            "every sample twice; end the other first"
         )
 
 
 @contextlib.contextmanager
-def pair_lock(one: int, other: int) -> Iterator[None]:
-    """Hold the lock of a router for two domain ids, in either order, among this user's on this host.
+def domain_lock(domain_id: int) -> Iterator[None]:
+    """Hold the lock of the router of an agent's domain, among this user's routers on this host.
+
+    The global domain is not part of it: a second router would forward the agent's topics twice also if it led
+    to another global domain or another middleware.
 
     Raises:
-        RouterRunningError: Another one holds it.
-        InvalidValueError: There is no home, and somebody else can write to the folder in its place.
+        RouterRunningError: Another router holds the lock.
+        InvalidValueError: There is no home, and others can write to the folder in its place.
     """
-    domains = min(one, other), max(one, other)
     with contextlib.ExitStack() as held:
         try:
-            held.enter_context(user_lock(f"router-{domains[0]}-{domains[1]}"))
+            held.enter_context(user_lock(f"router-{domain_id}"))
         except LockedError as error:
-            raise RouterRunningError(domains, error.pid) from error
+            raise RouterRunningError(domain_id, error.pid) from error
         yield
 
 
@@ -235,13 +237,13 @@ async def run_router(config: RouterConfig, report: Reporter) -> None:
     """Run a router until cancelled; everything it started has ended when this returns.
 
     Raises:
-        RouterRunningError: This host has a router for these domains.
+        RouterRunningError: This host has a router of the agent's domain.
         BusError: A domain cannot be joined.
     """
     from sfglab.bus import Node
 
     far = config.remote.options()
-    with pair_lock(config.local.domain_id, config.remote.domain_id):
+    with domain_lock(config.local.domain_id):
         async with (
             Node("router", **config.local.options(), max_sample_bytes=MAX_SAMPLE_BYTES) as local,
             # Every agent has one, and in the global domain they meet.
@@ -266,7 +268,7 @@ async def serve_terminal(config: RouterConfig, say: Callable[[str], None]) -> No
     """Run a router for a person at a terminal; say a line for each path that begins or ceases to carry samples.
 
     Raises:
-        RouterRunningError: This host has a router for these domains.
+        RouterRunningError: This host has a router of the agent's domain.
         BusError: A domain cannot be joined.
     """
     carrying: set[str] = set()
