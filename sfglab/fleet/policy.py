@@ -61,7 +61,7 @@ class Crossing(Enum):
 
     NONE = "none"
     #: Only some of its DDS topics: a service whose requests pass and whose replies do not.
-    HALF = "half"
+    PARTIAL = "partial"
     WHOLE = "whole"
 
 
@@ -125,7 +125,7 @@ class Policy:
             passes = [self.crosses(dds, way) for dds in dds_names(name, kind) for way in Direction]
         if all(passes):
             return Crossing.WHOLE
-        return Crossing.HALF if any(passes) else Crossing.NONE
+        return Crossing.PARTIAL if any(passes) else Crossing.NONE
 
 
 #: What a router's reader and volatile writer keep at least; see `MAX_BACKLOG_BYTES`.

@@ -537,7 +537,7 @@ def test_a_rule_of_one_direction_lets_nothing_cross_against_it(name):
 def test_a_service_whose_replies_stay_is_half_open():
     policy = Policy(rules=tuple(rule for rule in TABLE_1 if rule.pattern != "rr/global/*"))
     crossing = policy.crossing("/global/go2/get_metadata", ResourceKind.SERVICE, Direction.OUTWARD)
-    assert crossing is Crossing.HALF
+    assert crossing is Crossing.PARTIAL
 
 
 @given(

@@ -1,4 +1,4 @@
-"""Report of the schema lint: findings, who hears what, and the loads to be expected, as values and as text."""
+"""Report of the linter as values and as text: findings, which agent receives what, and discovery."""
 
 from __future__ import annotations
 
@@ -80,21 +80,6 @@ class Discovery:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AgentLoad:
-    """What crosses one agent's border once everything runs; messages and bytes a second."""
-
-    agent: str  #: The agent.
-    tf_out_hz: float = 0.0  #: Transform messages that leave it.
-    tf_in_hz: float = 0.0  #: Transform messages that it receives from all others.
-    tf_out_bps: float = 0.0  #: Bits a second of them, leaving.
-    tf_in_bps: float = 0.0  #: Bits a second of them, entering.
-    topics_out_bps: float = 0.0  #: Bits a second of other topics that somebody else subscribes.
-    topics_in_bps: float = 0.0  #: Bits a second of other topics that it subscribes from others.
-    #: Crossing topics without rate or size, which are not in the sums.
-    unsized: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
     """Everything the linter has to say about a fleet."""
 
@@ -102,7 +87,6 @@ class Report:
     findings: tuple[Finding, ...]  #: The worst first, then in the order of the file.
     hearings: tuple[Hearing, ...]  #: Who hears what, by name.
     discovery: Discovery  #: What discovery will cost.
-    loads: tuple[AgentLoad, ...]  #: What crosses each border.
 
     def count(self, severity: Severity) -> int:
         """Return how many findings are of a severity."""
@@ -115,17 +99,18 @@ class Report:
 
 
 def render(report: Report) -> str:
-    """Return a report as text: findings, who hears what, discovery, and what crosses each border."""
-    counts = ", ".join(
-        f"{report.count(s)} {s.value}{'' if report.count(s) == 1 else 's'}" for s in Severity
-    )
+    """Return a report as text: findings, which agent receives what, and discovery."""
+    counts = []
+    for severity in Severity:
+        count = report.count(severity)
+        plural = "s" if count != 1 and severity is not Severity.INFO else ""
+        counts.append(f"{count} {severity.value}{plural}")
     blocks = [
         f"fleet {report.fleet}",
         render_findings(report.findings),
         "who hears what\n" + text_table(_hearings(report)),
         "discovery between hosts, estimated\n" + text_table(_discovery(report.discovery)),
-        "across each border, estimated\n" + text_table(_loads(report.loads)),
-        f"{report.fleet}: {counts}".replace("infos", "info"),
+        f"{report.fleet}: {', '.join(counts)}",
     ]
     return "\n\n".join(blocks) + "\n"
 
@@ -138,28 +123,29 @@ def render_findings(findings: Iterable[Finding]) -> str:
 def _finding(finding: Finding) -> str:
     head = f"{finding.severity.value}: {finding.place}: {finding.what} [{finding.code}]"
     lines = [head, *_wrapped("why: ", finding.why)]
-    return "\n".join(lines + (_wrapped("remedy: ", finding.remedy) if finding.remedy else []))
+    if finding.remedy:
+        lines += _wrapped("remedy: ", finding.remedy)
+    return "\n".join(lines)
 
 
 def _wrapped(label: str, text: str) -> list[str]:
-    return textwrap.wrap(
-        text, WIDTH, initial_indent=f"    {label}", subsequent_indent=" " * (4 + len(label))
-    )
+    first, indent = f"    {label}", " " * (4 + len(label))
+    return textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=indent)
 
 
 def _hearings(report: Report) -> Iterator[tuple[str, ...]]:
-    everybody = tuple(load.agent for load in report.loads)
+    agents = set(report.discovery.local)
     yield "name", "kind", "from", "to", "by rule"
     for row in report.hearings:
+        hearers = _listed(row.hearers, agents)
+        if row.hearers and set(row.hearers) == agents - set(row.speakers):
+            hearers = "all others"
         rules = ", ".join(row.rules) if row.crosses else "does not cross"
-        speakers, hearers = _crowd(row.speakers, everybody), _crowd(row.hearers, everybody)
-        others = tuple(name for name in everybody if name not in row.speakers)
-        hearers = "all others" if set(row.hearers) == set(others) else hearers
-        yield row.name, row.kind.value, speakers, hearers, rules
+        yield row.name, row.kind.value, _listed(row.speakers, agents), hearers, rules
 
 
-def _crowd(names: Sequence[str], everybody: Sequence[str]) -> str:
-    return "all" if set(names) == set(everybody) else _listed(names)
+def _listed(names: Sequence[str], agents: set[str]) -> str:
+    return "all" if set(names) == agents else ", ".join(names) or "-"
 
 
 def _discovery(found: Discovery) -> Iterator[tuple[str, ...]]:
@@ -184,29 +170,8 @@ def _announcements(label: str, found: Announcements, growth: str) -> tuple[str, 
     return label, *map(str, counts), _bytes(found.estimated_bytes), growth
 
 
-def _loads(rows: Sequence[AgentLoad]) -> Iterator[tuple[str, ...]]:
-    yield (
-        "agent",
-        "transforms out",
-        "in",
-        "tf out",
-        "in",
-        "topics out",
-        "in",
-        "without rate or size",
-    )
-    for row in rows:
-        rates = (f"{row.tf_out_hz:.4g}/s", f"{row.tf_in_hz:.4g}/s")
-        bits = (row.tf_out_bps, row.tf_in_bps, row.topics_out_bps, row.topics_in_bps)
-        yield row.agent, *rates, *(f"{b / 1e6:.3g} Mbit/s" for b in bits), _listed(row.unsized)
-
-
 def _bytes(count: int) -> str:
     for unit, size in (("MB", 1_000_000), ("kB", 1000)):
         if count >= size:
             return f"{count / size:.3g} {unit}"
     return f"{count} B"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names) or "-"

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
     from sfglab.fleet.fleet_file import AgentSpec, Fleet
 
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Use:
@@ -40,8 +42,6 @@ class Use:
     type: str = ""  #: ROS type; empty where unknown.
     qos: QoSProfile | None = None  #: Of a topic's endpoints; None where unknown.
     count: int = 1  #: Endpoints, or servers and clients.
-    rate_hz: float | None = None  #: Messages a second; None where unknown.
-    size_bytes: int | None = None  #: Of a message; None where unknown.
     implied: bool = False  #: Not written in the file as such.
     place: Place = NOWHERE  #: Where it comes from.
 
@@ -86,7 +86,7 @@ class View:
         ways = {self.fleet.policy.crossing(name, kind, way) for way in Direction}
         if len(ways) == 1:
             return ways.pop()
-        return Crossing.NONE if kind is ResourceKind.TOPIC else Crossing.HALF
+        return Crossing.NONE if kind is ResourceKind.TOPIC else Crossing.PARTIAL
 
     def reaches(self, speaker: Use, hearer: Use) -> bool:
         """Return whether what one use says is heard by the other."""
@@ -96,31 +96,29 @@ class View:
         )
 
     def hearings(self) -> tuple[Hearing, ...]:
-        """Return who hears what, for every name that more than one agent uses or that crosses."""
+        """Return which agents receive what, for names that cross or that several agents use."""
         rows = []
         for kind, name in sorted(self.meetings, key=lambda key: (key[1], key[0].value)):
             meeting = self.meetings[kind, name]
-            agents = {use.agent for use in meeting.speakers + meeting.hearers}
+            speakers = dict.fromkeys(use.agent for use in meeting.speakers)
+            hearers = dict.fromkeys(use.agent for use in meeting.hearers)
             crosses = self.crossing(name, kind) is Crossing.WHOLE
-            if crosses or len(agents) > 1:
-                rows.append(self._hearing(name, kind, meeting, crosses=crosses))
+            if crosses or len(speakers | hearers) > 1:
+                row = Hearing(
+                    name=name,
+                    kind=kind,
+                    speakers=tuple(speakers),
+                    hearers=tuple(hearers),
+                    crosses=crosses,
+                    rules=self._rules_of(name, kind),
+                )
+                rows.append(row)
         return tuple(rows)
 
-    def _hearing(
-        self, name: str, kind: ResourceKind, meeting: Meeting, *, crosses: bool
-    ) -> Hearing:
+    def _rules_of(self, name: str, kind: ResourceKind) -> tuple[str, ...]:
+        topics = dds_names(name, kind)
         rules = self.fleet.policy.rules
-        matching = [
-            r.pattern for r in rules if any(r.matches(dds) for dds in dds_names(name, kind))
-        ]
-        return Hearing(
-            name=name,
-            kind=kind,
-            speakers=tuple(dict.fromkeys(use.agent for use in meeting.speakers)),
-            hearers=tuple(dict.fromkeys(use.agent for use in meeting.hearers)),
-            crosses=crosses,
-            rules=tuple(matching),
-        )
+        return tuple(rule.pattern for rule in rules if any(map(rule.matches, topics)))
 
 
 def _uses_of(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
@@ -134,27 +132,15 @@ def _uses_of(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
 def _use(
     agent: AgentSpec, name: str, type_: str, kind: ResourceKind = ResourceKind.TOPIC, **more: Any
 ) -> Use:
-    return Use(
-        **{
-            "agent": agent.name,
-            "name": name,
-            "type": type_,
-            "kind": kind,
-            "place": agent.place,
-            **more,
-        }
-    )
+    more.setdefault("place", agent.place)
+    return Use(agent=agent.name, name=name, type=type_, kind=kind, **more)
 
 
 def _written(agent: AgentSpec) -> Iterator[Use]:
     for speaks, topics in ((True, agent.publishes), (False, agent.subscribes)):
         for t in topics:
-            sizes: dict[str, Any] = {
-                "count": t.count,
-                "rate_hz": t.rate_hz,
-                "size_bytes": t.size_bytes,
-            }
-            yield _use(agent, t.name, t.type, speaks=speaks, place=t.place, qos=t.qos, **sizes)
+            more = {"place": t.place, "qos": t.qos, "count": t.count}
+            yield _use(agent, t.name, t.type, ResourceKind.TOPIC, speaks=speaks, **more)
     names = (
         (ResourceKind.SERVICE, True, agent.serves),
         (ResourceKind.SERVICE, False, agent.calls),
@@ -168,16 +154,9 @@ def _written(agent: AgentSpec) -> Iterator[Use]:
 
 def _streams(agent: AgentSpec) -> Iterator[Use]:
     for s in agent.streams:
-        sizes: dict[str, Any] = {
-            "qos": COMPRESSED_STREAM,
-            "rate_hz": s.rate_hz,
-            "size_bytes": s.size_bytes,
-        }
-        yield _use(agent, s.topic, s.type, speaks=True, place=s.place, **sizes)
+        yield _use(agent, s.topic, s.type, speaks=True, place=s.place, qos=COMPRESSED_STREAM)
         if s.camera_info_topic:
-            yield _use(
-                agent, s.camera_info_topic, "sensor_msgs/msg/CameraInfo", speaks=True, implied=True
-            )
+            yield _use(agent, s.camera_info_topic, CAMERA_INFO, speaks=True, implied=True)
 
 
 def _transforms(agent: AgentSpec) -> Iterator[Use]:

@@ -99,7 +99,7 @@ def _one_way(way: Direction) -> bool:
     heard = [policy.domains("rt/global/a", side) for side in (here, there)]
     ends, parts = (
         (way.source, way.target) == (here, there),
-        [Crossing.WHOLE, Crossing.NONE, Crossing.HALF],
+        [Crossing.WHOLE, Crossing.NONE, Crossing.PARTIAL],
     )
     return ends and heard == [{here, there}, {there}] and crosses == parts
 

@@ -155,7 +155,7 @@ _SETS = {
 }
 _CROSSINGS = {
     Crossing.WHOLE: "crosses",
-    Crossing.HALF: "crosses only in part, so that callers wait for ever",
+    Crossing.PARTIAL: "crosses only in part, so that callers wait for ever",
     Crossing.NONE: "stays",
 }
 
