@@ -51,7 +51,9 @@ class LineProcess:
     that ended it.
     """
 
-    keeps = True  #: Whether reports are kept for `expect`; else only `on_report` hears them.
+    buffers_reports = (
+        True  #: Whether reports wait for `expect`; if not, only `on_report` gets them.
+    )
 
     def __init__(
         self,
@@ -75,13 +77,24 @@ class LineProcess:
         argv: Sequence[str],
         *,
         on_report: Callable[[Report], None] = lambda _: None,
-        pass_fds: Sequence[int] = (),
         limit_bytes: int = LINE_LIMIT_BYTES,
+        **options: Any,
     ) -> Self:
-        """Start a process with a limit of a report; its standard error stays ours. Raises an `OSError`."""
+        """Start a process; `options` are those of `asyncio.create_subprocess_exec`.
+
+        Args:
+            name: Name in messages.
+            argv: Program and arguments.
+            on_report: Called with every report.
+            limit_bytes: Maximum size of a report.
+            options: Such as `pass_fds`. Standard error is that of this process by default.
+
+        Raises:
+            OSError: The operating system cannot start it.
+        """
         pipe = asyncio.subprocess.PIPE
         process = await asyncio.create_subprocess_exec(
-            *argv, stdin=pipe, stdout=pipe, limit=limit_bytes, pass_fds=pass_fds
+            *argv, stdin=pipe, stdout=pipe, limit=limit_bytes, **options
         )
         return cls(name, process, on_report)
 
@@ -137,6 +150,10 @@ class LineProcess:
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(number)
 
+    def kill(self) -> None:
+        """End it by force; nothing happens when it is gone."""
+        self.signal(signal.SIGKILL)
+
     async def close(self, *, grace_s: float = 5.0) -> None:
         """End its input, wait until it is gone, and use force after a grace."""
         assert self._process.stdin is not None
@@ -146,7 +163,7 @@ class LineProcess:
                 async with asyncio.timeout(grace_s):
                     await self._process.wait()
         finally:
-            self.signal(signal.SIGKILL)
+            self.kill()
         await self._listening
 
     def _raise_if_over(self, report: Report) -> None:
@@ -161,52 +178,56 @@ class LineProcess:
             async for report in self._reports():
                 self._take(report)
         except Exception:  # of `on_report`; `close` raises it
-            self.signal(signal.SIGKILL)
+            self.kill()
             raise
         finally:
-            self._take({"is": "ended", "status": await self.wait()})
+            self._take({"is": "ended", "status": await self._last_status()})
+
+    async def _last_status(self) -> int:
+        """Return the exit status when everything has ended of which the end is reported."""
+        return await self.wait()
 
     async def _reports(self) -> AsyncIterator[Report]:
         assert self._process.stdout is not None
         try:
             while line := await self._process.stdout.readline():
-                yield _report_from_line(line)
+                yield self._report_of(line)
         except ValueError as error:
-            self.signal(signal.SIGKILL)
+            self.kill()
             yield {"is": "failed", "why": str(error)}
+
+    def _report_of(self, line: bytes) -> Report:
+        """Return the report that a line holds, or raise a `ValueError`."""
+        try:
+            report = json.loads(line)
+        except ValueError:
+            report = None
+        if not isinstance(report, dict) or "is" not in report:
+            raise ValueError(f"given {line[:80]!r}, which is no report")
+        return report
 
     def _take(self, report: Report) -> None:
         if report["is"] in ("failed", "ended"):
             self._over = self._over or report
-        if self.keeps:
+        if self.buffers_reports:
             self._backlog.put_nowait(report)
         self.on_report(report)
 
 
-def _report_from_line(line: bytes) -> Report:
-    """Return the report that a line holds, or raise a `ValueError`."""
-    try:
-        report = json.loads(line)
-    except ValueError:
-        report = None
-    if not isinstance(report, dict) or "is" not in report:
-        raise ValueError(f"given {line[:80]!r}, which is no report")
-    return report
-
-
 # --- Processes that hang -------------------------------------------------------------------------------------
 
-LOOK_PERIOD_S = 1.0  #: How often a process that is watched is looked at, seconds.
-#: How long one that beats may do anything else, in seconds in which it could have beaten.
+CHECK_PERIOD_S = 1.0  #: Period of the checks of a watched process, seconds.
+#: Time without a beat after which a process hangs, in seconds in which it could have beaten.
 HANG_S = 10.0
-_STOPPED_COUNTS = 4.0  # one that is stopped cannot be busy, so it is known sooner
+_STOPPED_COUNTS = 4.0  # a stopped process cannot be busy, so it is detected sooner
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
-class HangWatch:
-    """Whether a process hangs: it has stopped, or signs of life that it used to give are missing.
+class Watchdog:
+    """Detects a process that hangs: it was stopped, or beats that it used to give are missing.
 
-    Only time counts in which it could have given one: while it slept, though a beat was due, or ran. One that
-    waits for a processor does not hang, nor does one whose signs its watcher was too slow to hear.
+    Only time counts in which it could have beaten: while it slept although a beat was due, or ran. A process
+    that waits for a processor does not hang, nor does one whose beats were read late.
     """
 
     def __init__(self) -> None:
@@ -215,30 +236,29 @@ class HangWatch:
         self._cpu_s = 0.0
 
     def beat(self) -> None:
-        """Take a sign of life."""
+        """Take a beat."""
         self._beats, self._missed_s = True, 0.0
 
-    def look(self, pid: int) -> str:
-        """Look at a process, every `LOOK_PERIOD_S`; return how it hangs, else an empty text."""
+    def check(self, pid: int) -> str:
+        """Check a process, every `CHECK_PERIOD_S`; return how it hangs, or an empty text."""
         try:
             fields = Path(f"/proc/{pid}/task/{pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
             return ""
-        return self.judge(fields[0], (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"))
+        return self.check_state(fields[0], (int(fields[11]) + int(fields[12])) / _TICKS_PER_S)
 
-    def judge(self, state: str, cpu_s: float) -> str:
-        """Take the state of its main thread, as Linux names it, and that thread's CPU time; see `look`."""
+    def check_state(self, state: str, cpu_s: float) -> str:
+        """Take the main thread's state, as Linux names it, and its CPU time, s; return as `check` does."""
         ran_s, self._cpu_s = cpu_s - self._cpu_s, cpu_s
-        missed_s = self._missed_s  # which no sign since has taken back; one may be on its way yet
+        before_s = self._missed_s  # the beat of the latest period may not have been read yet
         if state == "T":
-            self._missed_s += _STOPPED_COUNTS * LOOK_PERIOD_S
-        elif self._beats:
-            self._missed_s += LOOK_PERIOD_S if state == "S" else min(ran_s, LOOK_PERIOD_S)
-        else:
+            self._missed_s += _STOPPED_COUNTS * CHECK_PERIOD_S
+            return "it was stopped" if self._missed_s >= HANG_S else ""
+        if not self._beats:
             self._missed_s = 0.0
-        if (self._missed_s if state == "T" else missed_s) < HANG_S:
             return ""
-        return "it was stopped" if state == "T" else f"it gave no sign of life for {HANG_S:g} s"
+        self._missed_s += CHECK_PERIOD_S if state == "S" else min(ran_s, CHECK_PERIOD_S)
+        return f"it gave no watchdog beat for {HANG_S:g} s" if before_s >= HANG_S else ""
 
 
 # --- Groups of processes --------------------------------------------------------------------------------------

@@ -58,25 +58,29 @@ def component(name: str, code: str, *arguments: str) -> Component:
 
 
 class Watched:
-    """A running agent and everything it has told."""
+    """A running agent and its reports."""
 
     def __init__(self, *components, timing: ProcessTiming = TIMING) -> None:
-        self.events = []
-        self.agent = app.Agent(components, timing=timing, on_event=self.events.append)
+        self.reports = []
+        self.agent = app.Agent(components, timing=timing, on_report=self.reports.append)
 
-    def changes(self, name: str) -> list[app.Changed]:
-        return [e for e in self.events if isinstance(e, app.Changed) and e.component == name]
+    def changes(self, name: str, state: State | None = None) -> list[dict]:
+        """Return the changes of a component, or those to a state."""
+        changes = [r for r in self.reports if r["is"] == "component" and r["component"] == name]
+        return [r for r in changes if state is None or State[r["state"].upper()] is state]
 
     def states(self, name: str) -> list[State]:
-        return [e.state for e in self.changes(name)]
+        return [State[change["state"].upper()] for change in self.changes(name)]
 
-    def reports(self, kind: str) -> list[dict]:
-        return [e.report for e in self.events if isinstance(e, app.Said) and e.report["is"] == kind]
+    def children(self) -> list[int]:
+        """Return the processes that components have reported as theirs."""
+        reports = [r["report"] for r in self.reports if r["is"] == "report"]
+        return [report["pid"] for report in reports if report["is"] == "child"]
 
     async def pid(self, name: str, starts: int = 1) -> int:
         """Return the process of the given start, once it serves."""
         await until(lambda: self.states(name).count(State.RUNNING) >= starts)
-        return [e for e in self.changes(name) if e.state is State.RUNNING][-1].pid
+        return self.changes(name, State.RUNNING)[-1]["pid"]
 
 
 @asynccontextmanager
@@ -95,11 +99,11 @@ async def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay
         for kills in range(1, 4):
             os.kill(await watched.pid("router", starts=kills), signal.SIGKILL)
         await watched.pid("router", starts=4)
-        assert watched.events.count(app.Complete()) == 1
-        crashed = [e for e in watched.changes("router") if e.state is State.BACKING_OFF]
-        assert [e.why for e in crashed] == ["killed by SIGKILL"] * 3
-        assert [e.crashes for e in crashed] == [1, 2, 3]
-        assert [round(e.retry_s, 2) for e in crashed] == [0.02, 0.04, 0.08]
+        assert watched.reports.count({"is": "ready"}) == 1
+        crashed = watched.changes("router", State.BACKING_OFF)
+        assert [change["why"] for change in crashed] == ["killed by SIGKILL"] * 3
+        assert [change["crashes"] for change in crashed] == [1, 2, 3]
+        assert [round(change["retry_s"], 2) for change in crashed] == [0.02, 0.04, 0.08]
         assert watched.states("status") == [State.STARTING, State.RUNNING]
         assert lives(other)
     assert watched.states("router")[-2:] == [State.STOPPING, State.STOPPED]
@@ -115,8 +119,8 @@ async def test_a_refused_configuration_or_one_that_dies_on_import_ends_the_agent
     watched = Watched(component("router", "import no_such_module"))
     with pytest.raises(app.ComponentError, match="router: it ended with status 1"):
         await watched.agent.run()
-    words = [e.line for e in watched.events if isinstance(e, app.Wrote)]
-    assert "ModuleNotFoundError: No module named 'no_such_module'" in words
+    lines = [report["line"] for report in watched.reports if report["is"] == "line"]
+    assert "ModuleNotFoundError: No module named 'no_such_module'" in lines
 
 
 async def test_a_component_that_has_served_may_fail_and_is_tried_again(tmp_path):
@@ -127,9 +131,7 @@ async def test_a_component_that_has_served_may_fail_and_is_tried_again(tmp_path)
         marker.touch()
         os.kill(pid, signal.SIGKILL)
         await until(lambda: len(watched.changes("router")) > 6)
-        assert (
-            "wlan7" in [e for e in watched.changes("router") if e.state is State.BACKING_OFF][1].why
-        )
+        assert "wlan7" in watched.changes("router", State.BACKING_OFF)[1]["why"]
         marker.unlink()
         await watched.pid("router", starts=2)
 
@@ -157,7 +159,7 @@ async def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time_or_to
 async def test_what_a_component_has_started_ends_with_it(how):
     async with beside((watched := Watched(component("decoder", PARENT))).agent.run()) as (task,):
         pid = await watched.pid("decoder")
-        assert lives(watched.reports("child")[0]["pid"])
+        assert lives(watched.children()[0])
         if how == "killed":
             os.kill(pid, signal.SIGKILL)
             await watched.pid("decoder", starts=2)
@@ -168,19 +170,19 @@ async def test_what_a_component_has_started_ends_with_it(how):
             await task
     assert task.cancelled() == (how == "cancelled")
     # Its pipe has ended, so it is about to be gone, if it is not yet.
-    await until(lambda: not any(lives(r["pid"]) for r in watched.reports("child")))
+    await until(lambda: not any(map(lives, watched.children())))
 
 
 async def test_a_listener_that_breaks_leaves_no_process():
     pids = []
 
-    def broken(event):
-        if event.state is State.RUNNING:
-            pids.append(event.pid)
+    def broken(report):
+        if report["state"] == "running":
+            pids.append(report["pid"])
             raise BrokenPipeError
 
     with pytest.raises(BrokenPipeError):
-        await app.Agent([component("router", SERVES)], on_event=broken).run()
+        await app.Agent([component("router", SERVES)], on_report=broken).run()
     assert not lives(pids[0])
 
 

@@ -82,7 +82,7 @@ def sensor_of(agent: str) -> SensorDescription:
 class Talker(LineProcess):
     """A process and the reports that it has given."""
 
-    keeps = False
+    buffers_reports = False
 
     @classmethod
     async def begin(cls, argv):

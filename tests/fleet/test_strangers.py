@@ -179,7 +179,7 @@ async def test_who_came_second_is_decoded_when_the_first_has_gone(sim, caplog):
 
 @pytest.mark.parametrize("spare", [False, True], ids=["which had begun", "a spare that never does"])
 async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatch, spare):
-    order, look = Pipe.order, "sfglab.fleet.decoder.node.HangWatch.look"
+    order, look = Pipe.order, "sfglab.fleet.decoder.node.Watchdog.check"
     if spare:
         monkeypatch.setattr(
             Pipe, "order", lambda pipe, **said: order(pipe, **said) if pipe.pid > 1 else None

@@ -11,7 +11,7 @@ from test_agent_supervisor import SERVES, component, running
 from waiting import program
 
 from sfglab.fleet.agent.supervision import Component, State
-from sfglab.processes import HANG_S, HangWatch
+from sfglab.processes import HANG_S, Watchdog
 
 HANGS = """
 import asyncio, sys, time
@@ -26,7 +26,7 @@ run_component(str, serve)
 """
 
 
-NONE = f"no sign of life for {HANG_S:g} s"
+NONE = f"no watchdog beat for {HANG_S:g} s"
 
 
 @pytest.mark.parametrize(
@@ -55,12 +55,12 @@ NONE = f"no sign of life for {HANG_S:g} s"
     ],
 )
 def test_only_who_could_have_beaten_and_did_not_hangs(beats, states, cpu_s, hangs):
-    watch, said = HangWatch(), ""
+    watchdog, why = Watchdog(), ""
     for number, state in enumerate(states):
         if number in beats:
-            watch.beat()
-        said = said or watch.judge(state, number * cpu_s)
-    assert (hangs in said, bool(said)) == (True, bool(hangs))
+            watchdog.beat()
+        why = why or watchdog.check_state(state, number * cpu_s)
+    assert (hangs in why, bool(why)) == (True, bool(hangs))
 
 
 @pytest.mark.live
@@ -69,8 +69,8 @@ async def test_a_component_that_is_stopped_is_started_anew_and_the_agent_says_so
         pids = [await watched.pid(name) for name in ("one", "two")]
         os.kill(pids[0], signal.SIGSTOP)
         assert await watched.pid("one", 2) != pids[0]
-        (back,) = [change for change in watched.changes("one") if change.state is State.BACKING_OFF]
-        assert back.why == "it was stopped"
+        (back,) = watched.changes("one", State.BACKING_OFF)
+        assert back["why"] == "it was stopped"
         assert watched.states("two") == [State.STARTING, State.RUNNING]
 
 
@@ -82,10 +82,8 @@ async def test_a_component_whose_loop_hangs_is_started_anew_and_one_that_beats_i
     async with running(*parts) as watched:
         await watched.pid("hangs", 2)
         assert watched.states("beats") == [State.STARTING, State.RUNNING]
-        (why,) = {
-            change.why for change in watched.changes("hangs") if change.state is State.BACKING_OFF
-        }
-        assert "no sign of life" in why
+        (why,) = {change["why"] for change in watched.changes("hangs", State.BACKING_OFF)}
+        assert "no watchdog beat" in why
 
 
 @contextmanager

@@ -230,7 +230,7 @@ class RosServices:
             self._process = await LineProcess.start(
                 _NAME, self._argv, on_report=self._heard, limit_bytes=_LINE_LIMIT_BYTES
             )
-            self._process.keeps = False
+            self._process.buffers_reports = False
             try:
                 status = await self._process.wait()
             finally:

@@ -1,10 +1,13 @@
 """Agent of a fleet as a process: `sfglab agent up`, or ``python -m sfglab.fleet.agent.app CONFIG``.
 
-The thin shell around `supervision`, in one task, one event after the other. A person gets its events as few
-lines. The second form is a component for programs (see `sfglab.component`): it reports ``ready`` once all of
-its own have served, ``{"is": "component", "component", "state", "pid", "crashes", "why", "retry_s"}`` for every
-change of one, ``{"is": "report", "component", "report"}`` for what one reports, and ``{"is": "line",
-"component", "line"}`` for what one writes on standard error.
+An I/O wrapper around `supervision`, in one task, one event after the other. The second form is a component for
+programs (see `sfglab.component`). An agent gives these reports; a person reads them as few lines (`Narrator`):
+
+- ``{"is": "ready"}``, once when all components have served,
+- ``{"is": "component", "component", "state", "pid", "crashes", "why", "retry_s"}``, for every change of a
+  component: how its process ended or what is waited for, and the wait before the next start,
+- ``{"is": "report", "component", "report"}``, for every other report of a component,
+- ``{"is": "line", "component", "line"}``, for every line that a component writes on standard error.
 """
 
 from __future__ import annotations
@@ -13,8 +16,7 @@ import asyncio
 import json
 import signal
 from dataclasses import dataclass, field
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sfglab.component import (
     END_LIMIT_S,
@@ -39,7 +41,7 @@ from sfglab.fleet.agent.supervision import (
 )
 from sfglab.machine import ProcessTiming
 from sfglab.names import DdsRole, Resource, ros_name_from_dds
-from sfglab.processes import LOOK_PERIOD_S, HangWatch
+from sfglab.processes import CHECK_PERIOD_S, Watchdog
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -48,63 +50,12 @@ if TYPE_CHECKING:
     from sfglab.bus.address import BusAddress
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Changed:
-    """A component's life went on."""
-
-    component: str  #: Its name.
-    state: State  #: Where it stands now.
-    pid: int | None = None  #: Its process; None while there is none.
-    crashes: int = 0  #: How often it has ended although it was wanted.
-    #: How its process ended or what is waited for; empty when there is nothing to say.
-    why: str = ""
-    #: Wait before it is started again, seconds; None when no start is waited for.
-    retry_s: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Said:
-    """A component reported something that is its own business."""
-
-    component: str  #: Its name.
-    report: Report  #: The report.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wrote:
-    """A component wrote a line on standard error."""
-
-    component: str  #: Its name.
-    line: str  #: The line.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Complete:
-    """All components serve for the first time."""
-
-
-AgentEvent = Changed | Said | Wrote | Complete
-
-
-def report_from_event(event: AgentEvent) -> Report:
-    """Return an event as a JSON object: ``is`` is ``component``, ``report``, ``line`` or ``ready``."""
-    if isinstance(event, Complete):
-        return {"is": "ready"}
-    if isinstance(event, Said):
-        return {"is": "report", "component": event.component, "report": event.report}
-    if isinstance(event, Wrote):
-        return {"is": "line", "component": event.component, "line": event.line}
-    values: dict[str, Any] = {"state": event.state.name.lower(), "pid": event.pid}
-    values |= {"crashes": event.crashes, "why": event.why, "retry_s": event.retry_s}
-    return {"is": "component", "component": event.component, **values}
-
-
 class ComponentError(SfglabError, RuntimeError):
     """A component cannot start as it is configured."""
 
     def __init__(self, component: str, why: str) -> None:
-        self.component = component  #: Its name.
-        self.why = why  #: What it said, or how it ended.
+        self.component = component  #: Name of the component.
+        self.why = why  #: Its report, or how it ended.
         super().__init__(why if why.startswith(component) else f"{component}: {why}")
 
 
@@ -115,8 +66,8 @@ class _Unit:
     component: Component
     life: Supervision
     process: ComponentProcess | None = None
-    failure: str = ""  # its last words, when it reported that it failed, or how it hung
-    watch: HangWatch = field(default_factory=HangWatch)
+    failure: str = ""  # reason that the process reported, or how it hung
+    watchdog: Watchdog = field(default_factory=Watchdog)
 
     @property
     def name(self) -> str:
@@ -124,21 +75,21 @@ class _Unit:
 
 
 class Agent:
-    """The components of one agent, supervised; `on_event` is called with everything that happens."""
+    """Supervised components of one agent; `on_report` is called with every report of the agent."""
 
     def __init__(
         self,
         components: Sequence[Component],
         *,
         timing: ProcessTiming | None = None,
-        on_event: Callable[[AgentEvent], None] = lambda _: None,
+        on_report: Callable[[Report], None] = lambda _: None,
     ) -> None:
         timing = timing or ProcessTiming()
         self._units = [_Unit(c, Supervision(c.name, timing)) for c in components]
-        self._on_event = on_event
+        self._on_report = on_report
         self._events: asyncio.Queue[tuple[_Unit, Report] | None] = asyncio.Queue()
         self._refusal: ComponentError | None = None
-        self._complete = False
+        self._is_complete = False
 
     def stop(self) -> None:
         """End all components in order; called again, at once by force."""
@@ -172,19 +123,22 @@ class Agent:
                 while any(unit.life.state not in REST for unit in self._units):
                     await self._step()
         finally:
-            await asyncio.gather(
-                *(u.process.destroy() for u in self._units if u.process is not None)
-            )
+            processes = [unit.process for unit in self._units if unit.process is not None]
+            for process in processes:
+                process.kill()
+            await asyncio.gather(*(process.close() for process in processes))
 
     async def _watch(self) -> None:
-        """End by force what hangs; it is started anew like whatever crashes."""
+        """End processes that hang by force; they are restarted as after a crash."""
         while True:
-            await asyncio.sleep(LOOK_PERIOD_S)
+            await asyncio.sleep(CHECK_PERIOD_S)
             for unit in self._units:
-                process = unit.process if unit.life.state is State.RUNNING else None
-                if process is not None and (why := unit.watch.look(process.pid)):
+                if unit.process is None or unit.life.state is not State.RUNNING:
+                    continue
+                why = unit.watchdog.check(unit.process.pid)
+                if why:
                     unit.failure = why
-                    process.kill()
+                    unit.process.kill()
 
     async def _step(self) -> None:
         """Handle the next event, if there is one before the next deadline, and the timers that ran out."""
@@ -196,52 +150,52 @@ class Agent:
         except TimeoutError:
             pass
         else:
-            await self._handle(event)
+            if event is None:
+                await self._stop_all()
+            else:
+                await self._handle(*event)
         for unit in self._units:
             if unit.life.due(steady_ns()):
                 await self._feed(unit, Input.TIMER)
 
-    async def _handle(self, event: tuple[_Unit, Report] | None) -> None:
-        if event is None:
-            await self._stop_all()
-            return
-        unit, heard = event
-        match heard["is"]:
+    async def _handle(self, unit: _Unit, report: Report) -> None:
+        match report["is"]:
             case "ended":
-                await self._ended(unit, heard["status"])
+                await self._ended(unit, report["status"])
             case "line":
-                self._on_event(Wrote(component=unit.name, line=heard["line"]))
+                self._on_report({"is": "line", "component": unit.name, "line": report["line"]})
             case "ready":
                 await self._feed(unit, Input.READY)
-                if not self._complete and all(unit.life.was_ready for unit in self._units):
-                    self._complete = True
-                    self._on_event(Complete())
+                if not self._is_complete and all(unit.life.was_ready for unit in self._units):
+                    self._is_complete = True
+                    self._on_report({"is": "ready"})
             case "alive":
-                unit.watch.beat()
+                unit.watchdog.beat()
             case "failed":
-                unit.failure = str(heard.get("why", ""))
+                unit.failure = str(report.get("why", ""))
             case _:
-                self._on_event(Said(component=unit.name, report=heard))
+                self._on_report({"is": "report", "component": unit.name, "report": report})
 
     async def _stop_all(self) -> None:
         for unit in self._units:
             await self._feed(unit, Input.TOLD_TO_STOP)
 
     async def _ended(self, unit: _Unit, status: int) -> None:
-        why = unit.failure or _how(status)
+        why = unit.failure or _reason(status)
         unit.process, unit.failure = None, ""
         before = unit.life.state
         action = unit.life.ended(willingly=status >= 0, now_ns=steady_ns())
         if unit.life.state is not before:
-            self._tell(unit, why)
+            self._report_change(unit, why)
         await self._carry_out(unit, action, why)
 
     async def _feed(self, unit: _Unit, given: Input) -> None:
         before = unit.life.state
         await self._carry_out(unit, unit.life.feed(given, now_ns=steady_ns()), "")
-        if unit.life.state is not before:
-            self._tell(
-                unit, "it took too long to start" if unit.life.state is State.REPLACING else ""
+        after = unit.life.state
+        if after is not before:
+            self._report_change(
+                unit, "it took too long to start" if after is State.REPLACING else ""
             )
 
     async def _carry_out(self, unit: _Unit, action: Action | None, why: str) -> None:
@@ -251,48 +205,48 @@ class Agent:
             self._refusal = self._refusal or ComponentError(unit.name, why)
             await self._stop_all()
         elif unit.process is not None and action is Action.TERMINATE:
-            unit.process.terminate()
+            unit.process.signal(signal.SIGTERM)
         elif unit.process is not None and action is Action.KILL:
             unit.process.kill()
 
     async def _start(self, unit: _Unit) -> None:
-        hear = partial(self._hear, unit)
-        unit.watch = HangWatch()
+        def on_report(report: Report) -> None:
+            self._events.put_nowait((unit, report))
+
+        unit.watchdog = Watchdog()
         try:
-            unit.process = await ComponentProcess.start(unit.component, hear)
+            unit.process = await ComponentProcess.launch(unit.component, on_report)
         except OSError as error:
             unit.failure = str(error)
-            hear({"is": "ended", "status": -signal.SIGABRT})
+            on_report({"is": "ended", "status": -signal.SIGABRT})
 
-    def _hear(self, unit: _Unit, heard: Report) -> None:
-        self._events.put_nowait((unit, heard))
-
-    def _tell(self, unit: _Unit, why: str) -> None:
-        deadline_ns = unit.life.deadline_ns if unit.life.state is State.BACKING_OFF else None
-        self._on_event(
-            Changed(
-                component=unit.name,
-                state=unit.life.state,
-                pid=None if unit.process is None else unit.process.pid,
-                crashes=unit.life.crashes,
-                why=why,
-                retry_s=None if deadline_ns is None else (deadline_ns - steady_ns()) / 1e9,
-            )
+    def _report_change(self, unit: _Unit, why: str) -> None:
+        life, retry_s = unit.life, None
+        if life.state is State.BACKING_OFF and life.deadline_ns is not None:
+            retry_s = (life.deadline_ns - steady_ns()) / 1e9
+        self._on_report(
+            {
+                "is": "component",
+                "component": unit.name,
+                "state": life.state.name.lower(),
+                "pid": None if unit.process is None else unit.process.pid,
+                "crashes": life.crashes,
+                "why": why,
+                "retry_s": retry_s,
+            }
         )
 
 
-def _how(status: int) -> str:
+def _reason(status: int) -> str:
     if status < 0:
         return f"killed by {signal.Signals(-status).name}"
-    return (
-        f"it ended with status {status}; its own words stand above"
-        if status
-        else "it ended by itself"
-    )
+    if status:
+        return f"it ended with status {status}; see its output above"
+    return "it ended by itself"
 
 
 class Narrator:
-    """Tells the events of an agent to a person."""
+    """Describes the reports of an agent to a person."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
@@ -300,24 +254,28 @@ class Narrator:
         self._streams: dict[str, str] = {}
 
     def beginning(self) -> str:
-        """Return what is said first."""
+        """Return the first line."""
         local, remote = _place(self._config.local), _place(self._config.remote)
         return f"agent {self._config.agent}: its own {local}, the global {remote}; starting"
 
     def end(self) -> str:
-        """Return what is said last."""
+        """Return the last line."""
         return f"agent {self._config.agent}: everything has ended"
 
-    def lines(self, event: AgentEvent) -> list[str]:
-        """Return what is worth saying of an event, a sentence a line."""
-        if isinstance(event, Complete):
-            return [f"agent {self._config.agent}: ready, end it with Ctrl-C"]
-        if isinstance(event, Wrote):
-            return [f"{event.component}: {event.line}"]
-        words = self._of_report(event.report) if isinstance(event, Said) else _of_change(event)
-        return [f"{event.component}: {word}" for word in words]
+    def lines(self, report: Report) -> list[str]:
+        """Return the lines that are worth printing of a report, one sentence each."""
+        match report["is"]:
+            case "ready":
+                return [f"agent {self._config.agent}: ready, end it with Ctrl-C"]
+            case "line":
+                words = [report["line"]]
+            case "report":
+                words = self._of_component(report["report"])
+            case _:
+                words = _of_change(report)
+        return [f"{report['component']}: {word}" for word in words]
 
-    def _of_report(self, report: Report) -> list[str]:
+    def _of_component(self, report: Report) -> list[str]:
         if report["is"] == "event":
             return [f"{report['agent']} {report['event'].lower()}"]
         if report["is"] == "status" and "paths" in report:
@@ -327,8 +285,8 @@ class Narrator:
         return []
 
     def _of_paths(self, paths: list[Report]) -> list[str]:
-        told = (_path(path["topic"], path["direction"]) for path in paths if path["readers"])
-        before, self._paths = self._paths, frozenset(path for path in told if path)
+        names = {_path(path["topic"], path["direction"]) for path in paths if path["readers"]}
+        before, self._paths = self._paths, frozenset(names - {""})
         opened = [f"{path} opened" for path in sorted(self._paths - before)]
         return opened + [f"{path} closed" for path in sorted(before - self._paths)]
 
@@ -337,23 +295,27 @@ class Narrator:
         if self._streams.get(topic) == state:
             return []
         self._streams[topic] = state
-        who = f"{report['subscribers']} subscriber{'' if report['subscribers'] == 1 else 's'}"
-        return [f"{topic} {state}, {who}"]
+        plural = "" if report["subscribers"] == 1 else "s"
+        return [f"{topic} {state}, {report['subscribers']} subscriber{plural}"]
 
 
-def _of_change(event: Changed) -> list[str]:
-    if event.state is State.RUNNING and event.crashes:
-        times = "a crash" if event.crashes == 1 else f"{event.crashes} crashes"
-        return [f"ready again after {times}"]
-    if event.state is State.BACKING_OFF:
-        return [f"crashed ({event.why}); it is started again in {event.retry_s:.1f} s"]
-    if event.state is State.REPLACING:
-        return [f"{event.why}; it is ended and started again"]
-    return ["ready"] if event.state is State.RUNNING else []
+def _of_change(report: Report) -> list[str]:
+    crashes, why = report["crashes"], report["why"]
+    match report["state"]:
+        case "running" if crashes:
+            return [f"ready again after {'a crash' if crashes == 1 else f'{crashes} crashes'}"]
+        case "running":
+            return ["ready"]
+        case "backing_off":
+            return [f"crashed ({why}); it is started again in {report['retry_s']:.1f} s"]
+        case "replacing":
+            return [f"{why}; it is ended and started again"]
+        case _:
+            return []
 
 
 def _path(dds_topic: str, direction: str) -> str:
-    """Return a path by its name in ROS; empty for replies, and for the queries that discovery makes."""
+    """Return a path with its name in ROS; empty for replies, and for the queries that discovery makes."""
     wire = ros_name_from_dds(dds_topic)
     if wire is None:
         return f"{dds_topic} {direction}"
@@ -367,18 +329,18 @@ def _place(address: BusAddress) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SupervisorConfig:
-    """What an agent's process is told: the result of `plan`."""
+    """Configuration of an agent's process: the result of `plan`."""
 
     components: tuple[Component, ...]  #: The processes to run.
-    timing: ProcessTiming = field(default_factory=ProcessTiming)  #: The waits of every component.
+    timing: ProcessTiming = field(default_factory=ProcessTiming)  #: Time limits and restart delays.
 
 
 async def serve_agent(
     config: AgentConfig, say: Callable[[str], None], *, as_json: bool = False
 ) -> None:
-    """Run an agent for a person at a terminal, until interrupted, hung up or terminated; twice ends it at once.
+    """Run an agent for a person at a terminal, until interrupted or terminated; a second signal ends it at once.
 
-    `say` is given lines for a person, or with `as_json` the JSON reports, of which there are more.
+    `say` is called with lines for a person, or with `as_json` with the JSON reports, of which there are more.
 
     Raises:
         SfglabError: The agent could not be run as it is described.
@@ -386,11 +348,11 @@ async def serve_agent(
     """
     narrator = Narrator(config)
 
-    def tell(event: AgentEvent) -> None:
-        for line in [json.dumps(report_from_event(event))] if as_json else narrator.lines(event):
+    def on_report(report: Report) -> None:
+        for line in [json.dumps(report)] if as_json else narrator.lines(report):
             say(line)
 
-    agent = Agent(plan(config), timing=config.supervision, on_event=tell)
+    agent = Agent(plan(config), timing=config.supervision, on_report=on_report)
     on_stop(agent.stop)
     if not as_json:
         say(narrator.beginning())
@@ -400,14 +362,13 @@ async def serve_agent(
 
 
 async def _serve(config: SupervisorConfig, report: Reporter, _: Orders) -> None:
-    agent = Agent(
-        config.components, timing=config.timing, on_event=lambda e: report(report_from_event(e))
-    )
-    await agent.run()
+    await Agent(config.components, timing=config.timing, on_report=report).run()
+
+
+def _end_limit_s(config: SupervisorConfig) -> int:
+    """Return its own time plus that until its components are ended by force, s."""
+    return END_LIMIT_S + config.timing.stop_ns // NS_PER_S
 
 
 if __name__ == "__main__":
-    # Beside its own time what its components may take until they are ended by force.
-    run_component(
-        SupervisorConfig, _serve, end_limit_s=lambda c: END_LIMIT_S + c.timing.stop_ns // NS_PER_S
-    )
+    run_component(SupervisorConfig, _serve, end_limit_s=_end_limit_s)

@@ -1,16 +1,16 @@
-"""Life of one component of an agent as a table, and its process: started, tried again, ended and given up.
+"""Life cycle of one component of an agent as a table, and its process.
 
-Paper A starts the agent's software by systemd and Docker Compose (section 4.4) and does not say what happens
-after a crash; this table is ours, and the caller passes `now_ns` and carries the actions out. A component leads
-a session of its own, so that an interrupt from the terminal reaches the agent alone and what it has started
-ends with it. Only the agent holds the pipe of its standard input, so it ends when the agent is gone.
+Paper A starts the agent's software with systemd and Docker Compose (section 4.4) and does not describe what
+happens after a crash. The table is sfglab's; the caller passes `now_ns` and carries the actions out. A component
+leads a session of its own: an interrupt from the terminal reaches the agent only, and everything that the
+component has started ends with it. Only the agent holds the pipe of its standard input, so the component ends
+with the agent.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import os
 import signal
 from dataclasses import dataclass
@@ -19,41 +19,44 @@ from typing import TYPE_CHECKING
 
 from sfglab.component import BEATS_VARIABLE, Report
 from sfglab.machine import ProcessLife, ProcessTiming
+from sfglab.processes import LineProcess
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 
 class State(Enum):
-    """Where a component stands."""
+    """State of a component."""
 
     NEW = auto()  #: Nothing has been started yet.
-    STARTING = auto()  #: Its process runs and has not reported that it serves.
-    RUNNING = auto()  #: It serves.
-    REPLACING = auto()  #: It took too long to start and was told to end; another one follows.
-    BACKING_OFF = auto()  #: It is gone; the next start waits.
-    STOPPING = auto()  #: It was told to end for good.
-    STOPPED = auto()  #: Nothing runs, as was wanted.
+    STARTING = auto()  #: The process runs and has not reported yet that it serves.
+    RUNNING = auto()  #: The process serves.
+    REPLACING = (
+        auto()
+    )  #: The process took too long to start and was terminated; another one follows.
+    BACKING_OFF = auto()  #: The process is gone; the next start waits.
+    STOPPING = auto()  #: The process was terminated and is not restarted.
+    STOPPED = auto()  #: Nothing runs, as requested.
     FAILED = auto()  #: Nothing runs, and another try would not help.
 
 
-REST = frozenset({State.STOPPED, State.FAILED})  #: Where a component's life ends.
+REST = frozenset({State.STOPPED, State.FAILED})  #: Final states.
 
 
 class Input(Enum):
-    """What can happen to a component."""
+    """Input of the life cycle: what happens to a component."""
 
     BEGIN = auto()  #: The agent starts.
     READY = auto()  #: The process reports that it serves.
     ENDED = auto()  #: The process is gone, with everything it had started.
-    #: It ended of its own accord before it had ever served: its configuration is wrong.
+    #: The process ended of its own accord before it had ever served: its configuration is wrong.
     REFUSED = auto()
     TIMER = auto()  #: The armed timer ran out.
     TOLD_TO_STOP = auto()  #: The agent is to end; said again, it is to end at once.
 
 
 class Action(Enum):
-    """What the caller has to do after a transition."""
+    """Action after a transition, which the caller carries out."""
 
     START = auto()  #: Start the process and arm the start timer.
     TERMINATE = auto()  #: Tell the process to end and arm the stop timer.
@@ -109,100 +112,80 @@ class Supervision(ProcessLife[State, Input, Action]):
         return self.feed(Input.REFUSED if hopeless else Input.ENDED, now_ns=now_ns)
 
 
-LINE_LIMIT_BYTES = 1 << 22
-GROUP_GRACE_S = 1.0  #: How long what a component has started may outlive it: its pipes have ended.
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
     """One process of an agent."""
 
-    name: str  #: What it is called in messages.
+    name: str  #: Name in messages.
     argv: tuple[str, ...]  #: Program and arguments.
 
 
-class ComponentProcess:
-    """A running component: a process that leads its own session, with three pipes.
+GROUP_GRACE_S = 1.0  #: Time that what a component has started may outlive it: its pipes have ended.
 
-    `hear` takes its reports, ``{"is": "line", "line"}`` for a line on standard error or one that is no report,
-    and at last, when all that it had started is gone, ``{"is": "ended", "status"}``: below zero, the signal.
+
+class ComponentProcess(LineProcess):
+    """A running component, which leads a session of its own.
+
+    It also reports ``{"is": "line", "line": ...}`` for a line on standard error, and for one on standard output
+    that is no report. Its end is reported when everything that it had started has ended.
     """
 
-    def __init__(self, process: asyncio.subprocess.Process, hear: Callable[[Report], None]) -> None:
-        self._process = process
-        self._hear = hear
-        self._listening = asyncio.create_task(self._listen())
+    buffers_reports = False
 
     @classmethod
-    async def start(cls, component: Component, hear: Callable[[Report], None]) -> ComponentProcess:
-        """Start a component; `OSError` if the operating system cannot."""
-        pipe = asyncio.subprocess.PIPE
-        process = await asyncio.create_subprocess_exec(
-            *component.argv,
-            stdin=pipe,
-            stdout=pipe,
-            stderr=pipe,
-            limit=LINE_LIMIT_BYTES,
+    async def launch(
+        cls, component: Component, on_report: Callable[[Report], None]
+    ) -> ComponentProcess:
+        """Start a component. Raises an `OSError` if the operating system cannot."""
+        return await cls.start(
+            component.name,
+            component.argv,
+            on_report=on_report,
+            stderr=asyncio.subprocess.PIPE,
             start_new_session=True,
             env=os.environ | {BEATS_VARIABLE: "1"},
         )
-        return cls(process, hear)
 
-    @property
-    def pid(self) -> int:
-        """Its process id, which is its session's and process group's too."""
-        return self._process.pid
-
-    def terminate(self) -> None:
-        """Tell it to end; it ends what it has started."""
-        with contextlib.suppress(ProcessLookupError):
-            self._process.terminate()
+    def __init__(
+        self,
+        name: str,
+        process: asyncio.subprocess.Process,
+        on_report: Callable[[Report], None] = lambda _: None,
+    ) -> None:
+        super().__init__(name, process, on_report)
+        self._errors = asyncio.create_task(self._read_errors())
 
     def kill(self) -> None:
-        """End it and what it has started by force."""
-        # Until its end was heard, somebody in the group lives, so that nobody else can have its number.
+        """End the component and everything that it has started by force."""
+        # Until its end is reported, a process of its group lives, so that no other group has its number.
         if not self._listening.done():
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
 
-    async def destroy(self) -> None:
-        """End it by force and wait until it is gone; nothing happens when it is."""
-        self.kill()
-        await self._listening
-
-    async def _listen(self) -> None:
-        words = asyncio.create_task(self._pass_on(self._process.stderr, _printed))
-        await self._pass_on(self._process.stdout, _report_from_line)
-        # Standard output is the component's own, so it has ended; standard error is shared by all it has
-        # started and ends with the last of them.
-        await asyncio.wait({words}, timeout=GROUP_GRACE_S)
-        if not words.done():
+    async def _last_status(self) -> int:
+        # Standard output is the component's own, so it has ended. Standard error is shared by everything that
+        # it has started and ends with the last of them.
+        await asyncio.wait({self._errors}, timeout=GROUP_GRACE_S)
+        if not self._errors.done():
             self.kill()
-        await words
-        self._hear({"is": "ended", "status": await self._process.wait()})
+        await self._errors
+        return await self.wait()
 
-    async def _pass_on(
-        self, stream: asyncio.StreamReader | None, value_from_line: Callable[[str], Report]
-    ) -> None:
-        assert stream is not None
+    async def _read_errors(self) -> None:
+        assert self._process.stderr is not None
         try:
-            while line := await stream.readline():
-                self._hear(value_from_line(line.decode(errors="replace").rstrip()))
-        except ValueError:
-            self._hear(
-                _printed(f"a line of more than {LINE_LIMIT_BYTES} bytes; it is ended for that")
-            )
+            while line := await self._process.stderr.readline():
+                self._take(_line_report(line))
+        except ValueError as error:  # a line above the limit
+            self._take({"is": "failed", "why": str(error)})
             self.kill()
 
+    def _report_of(self, line: bytes) -> Report:
+        try:
+            return super()._report_of(line)
+        except ValueError:
+            return _line_report(line)
 
-def _printed(line: str) -> Report:
-    return {"is": "line", "line": line}
 
-
-def _report_from_line(line: str) -> Report:
-    try:
-        report = json.loads(line)
-    except ValueError:
-        return _printed(line)
-    own = isinstance(report, dict) and "is" in report and report["is"] not in ("line", "ended")
-    return report if own else _printed(line)
+def _line_report(line: bytes) -> Report:
+    return {"is": "line", "line": line.decode(errors="replace").rstrip()}

@@ -45,7 +45,7 @@ from sfglab.fleet.decoder.streams import (
     routes_of_topic,
 )
 from sfglab.fleet.discovery.listener import Change, Withdrawn, agent_changes
-from sfglab.processes import LOOK_PERIOD_S, HangWatch
+from sfglab.processes import CHECK_PERIOD_S, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
@@ -84,7 +84,7 @@ class _Pipeline:
     seen: bool = False
     worker: Worker | None = None
     statistics: Statistics | None = None
-    watch: HangWatch = field(default_factory=HangWatch)
+    watch: Watchdog = field(default_factory=Watchdog)
     offer: Publisher | None = None  # shows what could be decoded; nothing is ever sent by it
 
 
@@ -159,10 +159,10 @@ class AgentDecoder:
     async def _watch_workers(self) -> None:
         """End by force the pipeline processes that hang; each is replaced like one that crashes."""
         while True:
-            await asyncio.sleep(LOOK_PERIOD_S)
+            await asyncio.sleep(CHECK_PERIOD_S)
             for pipeline in self._pipelines.values():
                 worker = pipeline.worker if pipeline.life.state in _WATCHED else None
-                if worker is not None and (why := pipeline.watch.look(worker.pid)):
+                if worker is not None and (why := pipeline.watch.check(worker.pid)):
                     _LOG.warning(
                         "decoder: %s: its pipeline process: %s", pipeline.route.local_topic, why
                     )
@@ -298,7 +298,7 @@ class AgentDecoder:
         pipeline.worker = await self._pool.lend(pass_on)
         newest = pipeline.statistics.newest if pipeline.statistics else -1
         after = sys.maxsize if pipeline.seen else newest
-        pipeline.statistics, pipeline.watch, pipeline.seen = None, HangWatch(), True
+        pipeline.statistics, pipeline.watch, pipeline.seen = None, Watchdog(), True
         stream = replace(
             route, after=after, replay_topic=route.replay_topic if self._replay else ""
         )

@@ -149,7 +149,7 @@ Owner = Callable[["Worker", Report], None]
 class Worker(LineProcess):
     """One pipeline process, as the decoder sees it."""
 
-    keeps = False
+    buffers_reports = False
     is_ready = False  #: Whether it has reported that it is.
 
     def belong_to(self, owner: Owner) -> None:
