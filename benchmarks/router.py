@@ -34,7 +34,7 @@ from sfglab.bus import Node, PublishError
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.clib import ANY_STATE, SampleInfo, library
 from sfglab.component import argument_of
-from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.lab.ros2 import PEER, distribution, distributions
 from sfglab.messages import default_message, serialize
 from sfglab.messages.dds import idl_struct

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from sfglab.qos import QoSProfile
 
 Transport = Literal["dds", "shm", "ros", "any"]
+#: Parameter services over DDS, for rmw_cyclonedds, or with the rclpy helper (`sfglab.bus.ros`).
+ParameterTransport = Literal["dds", "ros"]
 MessageType = str | type[Any]
 Callback = Callable[[Any], Awaitable[None] | None]
 Handler = Callable[[Any], Any]

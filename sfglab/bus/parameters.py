@@ -5,7 +5,7 @@ What a component is told is told when it starts: to set a parameter is refused w
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,10 +15,9 @@ from sfglab.messages import default_message, service_type
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+    from sfglab.bus.api import ParameterTransport
     from sfglab.bus.node import Node
 
-#: Over DDS, for rmw_cyclonedds, or by ROS 2's own program (`sfglab.bus.ros`).
-Way = Literal["dds", "ros"]
 READ_ONLY = "it is given when the component starts"
 _SERVICES = (
     "DescribeParameters",
@@ -72,12 +71,12 @@ def parameter_value(value: Any) -> Any:
 class Parameters:
     """The parameters of a started node: a dataclass's fields, those of its parts with dots between."""
 
-    def __init__(self, node: Node, config: Any, transport: Way = "dds") -> None:
+    def __init__(self, node: Node, config: Any, transport: ParameterTransport = "dds") -> None:
         self._values: Mapping[str, Any] = dict(flat(to_json(config)))
         for service in _SERVICES:
             self._serve(node, service, transport)
 
-    def _serve(self, node: Node, service: str, transport: Way) -> None:
+    def _serve(self, node: Node, service: str, transport: ParameterTransport) -> None:
         type_ = service_type(f"rcl_interfaces/srv/{service}")
         words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in service)[
             1:

@@ -229,7 +229,8 @@ def decoder(
       sfglab decoder --domain 7 --interface lo --remote-domain 0 --remote-interface eth0
     """
     from sfglab.bus.address import BusAddress
-    from sfglab.fleet.decoder.node import DecoderConfig, serve_terminal
+    from sfglab.fleet.decoder.config import DecoderConfig
+    from sfglab.fleet.decoder.node import serve_terminal
     from sfglab.fleet.discovery.listener import discovery_topic
     from sfglab.names import default_agent
 

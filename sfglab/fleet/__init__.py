@@ -36,7 +36,7 @@ _MODULES = {
     "TABLE_1": "policy",
     "AgentDescription": "status.description",
     "AgentDiscoverer": "discovery.node",
-    "DecoderConfig": "decoder.node",
+    "DecoderConfig": "decoder.config",
     "Direction": "policy",
     "DiscoverySettings": "discovery.config",
     "Fleet": "fleet_file",
@@ -44,7 +44,7 @@ _MODULES = {
     "Offered": "discovery.listener",
     "Policy": "policy",
     "Router": "router.node",
-    "RouterSettings": "router.node",
+    "RouterSettings": "router.config",
     "StatusProvider": "status.node",
     "StatusSettings": "status.config",
     "Withdrawn": "discovery.listener",
@@ -55,13 +55,15 @@ _MODULES = {
 }
 
 if TYPE_CHECKING:
-    from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
+    from sfglab.fleet.decoder.config import DecoderConfig
+    from sfglab.fleet.decoder.node import run_decoder
     from sfglab.fleet.discovery.config import DiscoverySettings
     from sfglab.fleet.discovery.listener import Offered, Withdrawn, agent_changes, discovery_topic
     from sfglab.fleet.discovery.node import AgentDiscoverer
     from sfglab.fleet.fleet_file import Fleet, load_fleet
     from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
-    from sfglab.fleet.router.node import Router, RouterSettings
+    from sfglab.fleet.router.config import RouterSettings
+    from sfglab.fleet.router.node import Router
     from sfglab.fleet.status.config import StatusSettings
     from sfglab.fleet.status.description import AgentDescription
     from sfglab.fleet.status.node import StatusProvider

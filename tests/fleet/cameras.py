@@ -10,7 +10,8 @@ from waiting import until
 from sfglab.bus import Node
 from sfglab.codecs import H264Encoder, H264Settings, ffmpeg_packet_fields
 from sfglab.component import beside
-from sfglab.fleet.router.node import Router, RouterSettings
+from sfglab.fleet.router.config import RouterSettings
+from sfglab.fleet.router.node import Router
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.qos import QoSProfile, Reliability
 

@@ -10,7 +10,8 @@ from waiting import until
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.component import beside
-from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
+from sfglab.fleet.decoder.config import DecoderConfig
+from sfglab.fleet.decoder.node import run_decoder
 
 
 @pytest.fixture

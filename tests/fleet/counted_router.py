@@ -5,7 +5,8 @@ import gc
 from collections import Counter
 
 from sfglab.component import beside, run_component
-from sfglab.fleet.router.node import RouterConfig, run_router
+from sfglab.fleet.router.config import RouterConfig
+from sfglab.fleet.router.node import run_router
 
 
 async def serve(config, report, orders):

@@ -9,11 +9,11 @@ from sfglab.component import config_from_argument
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.agent import plan as plans
 from sfglab.fleet.agent.app import Narrator
-from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.decoder.config import DecoderConfig
 from sfglab.fleet.discovery.config import DiscoveryConfig
 from sfglab.fleet.fleet_file import read_fleet
-from sfglab.fleet.gop_cache import KeeperConfig
-from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.gop_config import GopCacheConfig
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig
 
 CONFIG = plans.AgentConfig(
@@ -112,7 +112,7 @@ def test_descriptions_are_published_unless_the_fleet_file_selects_the_service():
 def test_a_keeper_runs_where_there_is_video_and_without_lifecycle_no_status_or_discoverer():
     given = arguments(plans.config_from_fleet(FLEET, "go2"))
     assert tuple(given) == plans.COMPONENTS
-    keeper = config_from_argument(KeeperConfig, given["keeper"])
+    keeper = config_from_argument(GopCacheConfig, given["keeper"])
     assert keeper.streams == ("/global/go2/camera_front/color/ffmpeg",)
     assert keeper.address == BusAddress(domain_id=1, interface="lo")
     assert {"status", "discoverer"} & set(

@@ -15,8 +15,10 @@ from waiting import process, until
 from sfglab.codecs import H264Decoder
 from sfglab.component import beside
 from sfglab.errors import SfglabError
-from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
-from sfglab.fleet.gop_cache import REPLAY_QOS, KeeperSettings, StreamKeeper, replay_topic
+from sfglab.fleet.decoder.config import DecoderConfig
+from sfglab.fleet.decoder.node import run_decoder
+from sfglab.fleet.gop_cache import GopCacheNode
+from sfglab.fleet.gop_config import REPLAY_QOS, GopCacheSettings, replay_topic
 from sfglab.messages import default_message, ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
@@ -192,7 +194,7 @@ class NoisyCamera(Camera):
 
 def kept(node):
     """A keeper beside the camera."""
-    return beside(StreamKeeper(node, KeeperSettings(streams=(STREAM,))).run())
+    return beside(GopCacheNode(node, GopCacheSettings(streams=(STREAM,))).run())
 
 
 async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding_and_the_replay_is_left(

@@ -11,7 +11,8 @@ from sfglab.codecs import TABLE_2
 from sfglab.component import beside
 from sfglab.fleet.decoder.pipeline import PATIENCE_S, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import routes_of_topic
-from sfglab.fleet.gop_cache import FFMPEG_PACKET, KeeperSettings, StreamKeeper
+from sfglab.fleet.gop_cache import GopCacheNode
+from sfglab.fleet.gop_config import FFMPEG_PACKET, GopCacheSettings
 from sfglab.messages import default_message
 from sfglab.qos import COMPRESSED_STREAM
 
@@ -64,7 +65,7 @@ def first_picture(
         await asyncio.Event().wait()
 
     async def keep(node):
-        await StreamKeeper(node, KeeperSettings(streams=(STREAM,))).run()
+        await GopCacheNode(node, GopCacheSettings(streams=(STREAM,))).run()
 
     async def main(world):
         async with (

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from sfglab.codecs import FFMPEG_PACKET, H264Settings, image_decoder
 from sfglab.fleet.decoder.splicer import MOST_AHEAD, Phase, Source, Splicer
-from sfglab.fleet.gop_cache import FLAG_DISCARD, FLAG_KEY, GopCache
+from sfglab.fleet.gop_cache import GopCache
+from sfglab.fleet.gop_config import FLAG_DISCARD, FLAG_KEY
 
 LIVE, REPLAY = Source.LIVE, Source.REPLAY
 GOP = 5

@@ -19,11 +19,10 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.component import argument_of, beside
 from sfglab.errors import InvalidValueError
+from sfglab.fleet.router.config import RouterConfig, RouterSettings
 from sfglab.fleet.router.node import (
     Router,
-    RouterConfig,
     RouterRunningError,
-    RouterSettings,
     domain_lock,
     run_router,
     serve_terminal,

@@ -8,7 +8,8 @@ from cameras import behind_router
 
 from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.component import beside
-from sfglab.fleet.router.node import Router, RouterSettings
+from sfglab.fleet.router.config import RouterSettings
+from sfglab.fleet.router.node import Router
 from sfglab.messages import default_message
 
 STRING, METADATA = "std_msgs/msg/String", "sfglab_interfaces/srv/GetMetadata"

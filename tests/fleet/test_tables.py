@@ -1,4 +1,4 @@
-"""Tables of components, pipelines and replays: legal paths act, all else is refused; events of remote agents.
+"""Tables of components and pipelines: legal paths act, all else is refused; events of remote agents.
 
 Their table is judged by the rules of `sfglab.lab.checks.lifecycle`.
 """
@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet import gop_cache
 from sfglab.fleet.agent import supervision
 from sfglab.fleet.decoder import streams as pipelines
 from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS
@@ -15,8 +14,8 @@ from sfglab.machine import BackOff, IllegalInputError, Machine, ProcessTiming
 from sfglab.messages import message_type
 
 WAITS = {"start_ns": 100, "stop_ns": 50, "backoff_ns": 4, "backoff_max_ns": 20, "stable_ns": 1000}
-MODULES = {"component": supervision, "pipeline": pipelines, "replay": gop_cache}
-START = {"component": "NEW", "pipeline": "IDLE", "replay": "IDLE"}
+MODULES = {"component": supervision, "pipeline": pipelines}
+START = {"component": "NEW", "pipeline": "IDLE"}
 ENDS = {"component": supervision.REST, "pipeline": {pipelines.State.GONE}}
 LINGERED = "START CANCEL_TIMER LINGER"
 machines = pytest.mark.parametrize("name", MODULES)
@@ -30,7 +29,6 @@ class Walk:
         self.machine = {
             "component": lambda: supervision.Supervision(name, ProcessTiming(**WAITS)),
             "pipeline": lambda: pipelines.Lifecycle(pipelines.Timing(**WAITS, linger_ns=10)),
-            "replay": lambda: gop_cache.session(name, settle_ns=10),
         }[name]()
         self.actions = []
         for given_input in inputs.split():
@@ -89,8 +87,6 @@ class Walk:
         ("pipeline", "WANTED TIMER ENDED", "START STOP START", "STARTING"),
         ("pipeline", "WANTED UNWANTED WANTED ENDED", "START STOP START", "STARTING"),
         ("pipeline", "WANTED UNWANTED TIMER ENDED", "START STOP KILL CANCEL_TIMER", "IDLE"),
-        ("replay", "READ TIMER UNREAD", "SETTLE BURST RENEW", "IDLE"),
-        ("replay", "READ UNREAD", "SETTLE CANCEL", "IDLE"),
     ],
 )
 def test_a_path_acts_as_wanted(name, inputs, actions, state):
@@ -171,15 +167,10 @@ def test_told_to_stop_while_it_is_replaced_a_component_keeps_the_deadline_of_its
     assert (walk.state, walk.deadline_ns) == ("STOPPING", WAITS["stop_ns"])
 
 
-def test_a_replay_waits_until_its_reader_had_time_to_connect():
-    replay = Walk("replay", "READ").machine
-    assert [replay.due(now_ns) for now_ns in (9, 10)] == [False, True]
-
-
 @machines
 def test_every_state_is_reached_and_only_ends_have_no_way_out(name):
     module = MODULES[name]
-    ends = ENDS.get(name, set())
+    ends = ENDS[name]
     reached = {move[0] for move in module.TRANSITIONS.values()}
     assert reached | {module.State[START[name]]} == set(module.State)
     for state in module.State:
@@ -207,10 +198,9 @@ def test_any_input_in_any_state_is_a_listed_transition_or_refused_without_effect
         ):
             walk.feed(given_input.name)
         assert (walk.machine.state, walk.deadline_ns) == (before, deadline_ns)
-    if name in ("component", "pipeline"):
-        assert (processes == 0) == (
-            walk.state in {"NEW", "STOPPED", "FAILED", "IDLE", "BACKING_OFF", "GONE"}
-        )
+    assert (processes == 0) == (
+        walk.state in {"NEW", "STOPPED", "FAILED", "IDLE", "BACKING_OFF", "GONE"}
+    )
 
 
 @given(st.lists(st.integers(min_value=0, max_value=3000), max_size=60))

@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 
 from sfglab.bus.actions.goals import TRANSITIONS as GOALS
 from sfglab.bus.actions.goals import GoalStatus
+from sfglab.fleet.decoder.streams import TRANSITIONS as PIPELINE
+from sfglab.fleet.decoder.streams import State as PipelineState
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State
-from sfglab.fleet.gop_cache import TRANSITIONS as REPLAY
-from sfglab.fleet.gop_cache import State as ReplayState
 from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
 from sfglab.lab.experiments import lifecycle, naming
 from sfglab.lab.explore import Automaton, transition_part
@@ -21,11 +21,15 @@ from sfglab.soc.gateway import State as CoreState
 from sfglab.soc.gateway import transitions
 
 pytest.importorskip("anywidget")
-TABLES = [(TRANSITIONS, State.UNKNOWN), (REPLAY, ReplayState.IDLE), (GOALS, GoalStatus.ACCEPTED)]
+TABLES = [
+    (TRANSITIONS, State.UNKNOWN),
+    (PIPELINE, PipelineState.IDLE),
+    (GOALS, GoalStatus.ACCEPTED),
+]
 TABLES += [(transitions(), CoreState.START)]
 
 
-@pytest.mark.parametrize(("table", "start"), TABLES, ids=["life cycle", "replay", "goal", "core"])
+@pytest.mark.parametrize(("table", "start"), TABLES, ids=["life cycle", "pipeline", "goal", "core"])
 def test_every_press_does_what_the_table_says_in_the_present_state_or_is_refused(table, start):
     machine = Automaton("machine", table, start, lambda *_: {}, size=(3, 2))
     inputs = dict.fromkeys(given for _, given in table)

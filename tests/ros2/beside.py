@@ -14,7 +14,7 @@ from random_messages import random_message
 
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of
-from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.messages import default_message, deserialize, serialize
 from sfglab.processes import LineProcess
 from sfglab.qos import Durability, QoSProfile

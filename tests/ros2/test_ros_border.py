@@ -9,7 +9,7 @@ from beside import ANSWER_S, EMPTY, STRING, agents, asked, component, listen, pu
 
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
-from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.decoder.config import DecoderConfig
 from sfglab.messages import default_message, serialize
 
 pytestmark = [pytest.mark.live, pytest.mark.ros, pytest.mark.netns]

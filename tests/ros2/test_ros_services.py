@@ -16,7 +16,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.parameters import READ_ONLY, flat
 from sfglab.bus.ros.services import PYTHON_VARIABLE
 from sfglab.fields import to_json
-from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.decoder.config import DecoderConfig
 from sfglab.messages import service_type
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]

@@ -10,18 +10,18 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.bus.parameters import Way  # noqa: TC001 - read at run time
+from sfglab.bus.api import ParameterTransport  # noqa: TC001 - read at run time
 from sfglab.component import argument_of
 from sfglab.domains import MAX_DOMAIN
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.agent.supervision import Component
-from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.decoder.config import DecoderConfig
 from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.discovery.config import Timing as DiscoveryTiming
 from sfglab.fleet.discovery.listener import discovery_topic
-from sfglab.fleet.gop_cache import KeeperConfig
+from sfglab.fleet.gop_config import GopCacheConfig
 from sfglab.fleet.policy import TABLE_1, ForwardRule
-from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
 from sfglab.fleet.status.description import AgentDescription, SensorDescription
 from sfglab.fleet.status.heartbeat import Schedule
@@ -64,7 +64,7 @@ class AgentConfig:
     published_descriptions: bool = True
     #: How ROS 2's tools read what its router and its decoder were told: over "dds" (rmw_cyclonedds), by "ros"
     #: (rmw_fastrtps, with a ROS 2 here), or not at all: twelve endpoints for each.
-    parameters: Way | None = None
+    parameters: ParameterTransport | None = None
     schedule: Schedule = field(default_factory=Schedule)  #: Periods of the heartbeat.
     #: Timeouts of the discoverer.
     discovery: DiscoveryTiming = field(default_factory=DiscoveryTiming)
@@ -163,7 +163,7 @@ _MODULES: dict[str, tuple[str, Callable[[AgentConfig], Any]]] = {
     "discoverer": ("sfglab.fleet.discovery.node", _discoverer),
     "keeper": (
         "sfglab.fleet.gop_cache",
-        lambda c: KeeperConfig(address=c.local, streams=_videos(c)),
+        lambda c: GopCacheConfig(address=c.local, streams=_videos(c)),
     ),
     "decoder": ("sfglab.fleet.decoder.node", _decoder),
 }

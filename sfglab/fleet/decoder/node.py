@@ -17,9 +17,8 @@ from functools import partial
 from signal import SIGKILL
 from typing import TYPE_CHECKING
 
-from sfglab.bus.address import BusAddress
 from sfglab.bus.api import OFFER_KEY, EndpointEvent, user_data
-from sfglab.bus.parameters import Parameters, Way
+from sfglab.bus.parameters import Parameters
 from sfglab.bus.pubsub import Publisher, topic_endpoint
 from sfglab.component import (
     Orders,
@@ -31,6 +30,7 @@ from sfglab.component import (
     steady_ns,
 )
 from sfglab.fields import from_json
+from sfglab.fleet.decoder.config import DecoderConfig
 from sfglab.fleet.decoder.pipeline import LOCAL_QOS, Statistics
 from sfglab.fleet.decoder.process import Worker, WorkerConfig, WorkerPool
 from sfglab.fleet.decoder.streams import (
@@ -314,27 +314,6 @@ class AgentDecoder:
             crashes=pipeline.life.crashes,
             statistics=pipeline.statistics,
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DecoderConfig:
-    """What a decoder process is told."""
-
-    remote: BusAddress  #: Where remote streams arrive.
-    local: BusAddress  #: Where local subscribers are.
-    #: Remote topics to offer from the start, by their names in the schema.
-    streams: tuple[str, ...] = ()
-    discovery_topic: str = ""  #: Topic of discovery events; empty: none is listened to.
-    linger_s: float = 1.0  #: How long a pipeline outlives its last subscriber, seconds.
-    #: Whether streams are joined by their senders' replays; else by the next key frame.
-    replay: bool = True
-    spare: bool = True  #: Whether a pipeline process waits, warm, for the next stream.
-    #: Whether another spare starts when a stream takes it. Without, one process that is there is lent to one
-    #: stream after the other, as a component container loads and unloads what paper A's decoder asks for.
-    refill: bool = True
-    #: Whether ROS 2's tools list what could be decoded, before anybody subscribes.
-    offers: bool = True
-    parameters: Way | None = None  #: How ROS 2's tools read this; None: they do not.
 
 
 async def run_decoder(

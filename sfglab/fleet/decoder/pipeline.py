@@ -20,7 +20,7 @@ from sfglab.codecs import CodecError, image_decoder
 from sfglab.component import beside
 from sfglab.fleet.decoder.splicer import Source, Splicer
 from sfglab.fleet.decoder.streams import RELAY, Route
-from sfglab.fleet.gop_cache import FLAG_DISCARD, FLAG_KEY, REPLAY_QOS
+from sfglab.fleet.gop_config import FLAG_DISCARD, FLAG_KEY, REPLAY_QOS
 from sfglab.messages import default_message, serialize
 from sfglab.qos import COMPRESSED_STREAM, QoSProfile
 

@@ -16,7 +16,7 @@ from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind, Transport
 from sfglab.codecs.errors import MAX_PIXELS
 from sfglab.errors import SfglabError
 from sfglab.fleet.discovery.validation import validated_metadata
-from sfglab.fleet.gop_cache import FFMPEG_PACKET, replay_topic
+from sfglab.fleet.gop_config import FFMPEG_PACKET, replay_topic
 from sfglab.machine import ProcessLife, ProcessTiming
 from sfglab.names import FqnError, Resource, RosFqn, Scope, parse
 

@@ -19,10 +19,9 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointEvent, EndpointKind, host_id
 from sfglab.bus.locks import LockedError, user_lock
-from sfglab.bus.parameters import Parameters, Way
+from sfglab.bus.parameters import Parameters
 from sfglab.component import (
     Report,
     Reporter,
@@ -31,13 +30,13 @@ from sfglab.component import (
     run_until_interrupted,
     steady_ns,
 )
-from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
+from sfglab.errors import SfglabError
+from sfglab.fleet.policy import Policy, Side
 from sfglab.fleet.router.carrier import Carrier, Interest, PathStatus
+from sfglab.fleet.router.config import RouterConfig, RouterSettings
 from sfglab.fleet.router.frames import Frames, TransformGate
 from sfglab.fleet.router.plan import Plan
 from sfglab.fleet.router.ros import RosHalves
-from sfglab.names import SHARED_FRAMES, validate_agent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -86,34 +85,6 @@ _RESOLUTION_NS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RouterSettings:
-    """What a router does."""
-
-    agent: str  #: Whose router it is.
-    #: What crosses the border; by default Table 1 of paper A.
-    rules: tuple[ForwardRule, ...] = TABLE_1
-    linger_s: float = 1.0  #: How long a path outlives its last publisher or subscription, seconds.
-    #: Whether transforms leave under the agent's prefix, and are dropped when they clash.
-    prefix_frames: bool = True
-    #: Frames that all agents mean by the same name and that are never prefixed.
-    shared_frames: tuple[str, ...] = SHARED_FRAMES
-    #: Frames of the agent, without prefix, that others may give a parent.
-    placed_by_others: tuple[str, ...] = ()
-    #: Whether topics that could cross are listed on the other side, as offers of a writer that nothing is sent
-    #: to before somebody subscribes. Each is announced to all agents, wanted or not.
-    offers: bool = False
-
-    def __post_init__(self) -> None:
-        validate_agent(self.agent)
-
-    @property
-    def frames(self) -> Frames:
-        """The names of the agent's frames."""
-        shared, placed = frozenset(self.shared_frames), frozenset(self.placed_by_others)
-        return Frames(agent=self.agent, shared=shared, placed_by_others=placed)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class RouterStatus:
     """What a router does now."""
 
@@ -147,7 +118,7 @@ class Router:
             policy, participants=own, pair=pair, linger_ns=linger_ns, offers=settings.offers
         )
         self._offers = settings.offers
-        self._gate = TransformGate(settings.frames) if settings.prefix_frames else None
+        self._gate = TransformGate(_frames(settings)) if settings.prefix_frames else None
         self._carrier = Carrier(self._nodes, pair=pair, gate=self._gate)
         self._heard: deque[tuple[Side, EndpointEvent]] = deque()
         self._woken = asyncio.Event()
@@ -210,27 +181,17 @@ class Router:
         return bool(actions)
 
 
+def _frames(settings: RouterSettings) -> Frames:
+    shared, placed = frozenset(settings.shared_frames), frozenset(settings.placed_by_others)
+    return Frames(agent=settings.agent, shared=shared, placed_by_others=placed)
+
+
 def _is_topic(event: EndpointEvent, kind: EndpointKind) -> bool:
     return event.endpoint.kind is kind and not event.endpoint.dds_topic.startswith(("rq/", "rr/"))
 
 
 def _now_ns() -> int:
     return steady_ns() + _RESOLUTION_NS
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RouterConfig(RouterSettings):
-    """What a router's process is told, beside what every router is."""
-
-    local: BusAddress  #: The agent's domain.
-    remote: BusAddress  #: The global domain.
-    parameters: Way | None = None  #: How ROS 2's tools read this; None: they do not.
-
-    def __post_init__(self) -> None:
-        RouterSettings.__post_init__(self)
-        if self.local.domain_id == self.remote.domain_id:
-            where = f"router of {self.agent}, domain on both sides"
-            raise InvalidValueError(where, self.local.domain_id, "two")
 
 
 async def run_router(config: RouterConfig, report: Reporter) -> None:

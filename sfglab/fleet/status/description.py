@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from typing import Any
 
 from sfglab import __version__
 from sfglab.errors import SfglabError
 from sfglab.fleet.status.heartbeat import AGENT_METADATA
-from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import FqnError, Scope, parse, validate_ros_name
 
 #: Allowed codecs of a stream; empty: not stated.
@@ -83,6 +81,8 @@ class StreamDescription:
 
     def to_message(self) -> Any:
         """Return the ``StreamInfo``."""
+        from sfglab.messages import message_type
+
         return message_type("sfglab_interfaces/msg/StreamInfo")(**asdict(self))
 
 
@@ -96,6 +96,8 @@ class SensorDescription:
 
     def to_message(self) -> Any:
         """Return the ``SensorInfo``."""
+        from sfglab.messages import message_type
+
         return message_type("sfglab_interfaces/msg/SensorInfo")(
             name=self.name,
             model=self.model,
@@ -132,6 +134,8 @@ class AgentDescription:
             revision: Revision of the description, as in the heartbeats.
             stamp_ns: Time of the description, nanoseconds since the epoch.
         """
+        from sfglab.messages import message_type, stamp_from_ns
+
         return message_type(AGENT_METADATA)(
             agent=agent,
             incarnation=incarnation,
@@ -185,4 +189,6 @@ def accelerators() -> tuple[str, ...]:
 
 def software() -> tuple[str, ...]:
     """Return the versions of sfglab and of the libraries that determine its capabilities."""
+    from importlib.metadata import version
+
     return (f"sfglab {__version__}", *(f"{name} {version(name)}" for name in _LIBRARIES))

@@ -8,7 +8,6 @@ from enum import IntEnum
 from typing import Any
 
 from sfglab.errors import InvalidValueError
-from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import Resource, RosFqnBuilder, Scope, Suffixed
 
 AGENT_HEARTBEAT = "sfglab_interfaces/msg/AgentHeartbeat"
@@ -64,6 +63,8 @@ class Heartbeat:
 
     def to_message(self, stamp_ns: int) -> Any:
         """Return the ``AgentHeartbeat`` with a time stamp in nanoseconds since the epoch."""
+        from sfglab.messages import message_type, stamp_from_ns
+
         values = asdict(self) | {"phase": int(self.phase)}
         return message_type(AGENT_HEARTBEAT)(stamp=stamp_from_ns(stamp_ns), **values)
 

@@ -20,7 +20,7 @@ from sfglab.codecs import (
 )
 from sfglab.codecs.libav import B_FRAMES, NO_START_CODE, has_key_frame, has_start_code
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.gop_cache import FLAG_KEY
+from sfglab.fleet.gop_config import FLAG_KEY
 from sfglab.messages.packets import PacketOrder
 from sfglab.qos import COMPRESSED_STREAM, LATCHED
 from sfglab.view.geometry import DEPTH_ENCODINGS, pinhole_matrix, pixels

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.bus.address import BusAddress
-from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.decoder.config import DecoderConfig
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.lab.baselines import PART, declare, measure_raw
 from sfglab.lab.cells import run_cells

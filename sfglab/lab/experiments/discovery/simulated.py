@@ -25,7 +25,8 @@ from sfglab.bus.sim import Costs, SimNode, World, run_simulated
 from sfglab.component import beside
 from sfglab.fleet.discovery.config import DiscoverySettings
 from sfglab.fleet.discovery.node import AgentDiscoverer
-from sfglab.fleet.router.node import Router, RouterSettings
+from sfglab.fleet.router.config import RouterSettings
+from sfglab.fleet.router.node import Router
 from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.node import StatusProvider
 from sfglab.lab.experiment import seeded

@@ -21,7 +21,7 @@ import numpy as np
 
 from sfglab.bus.address import BusAddress
 from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
-from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
 from sfglab.lab.baselines import PART, REAL, STAND_IN, peer_on
 from sfglab.lab.experiments.discovery.experiment import (

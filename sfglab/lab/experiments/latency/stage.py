@@ -22,10 +22,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.fleet.decoder.node import DecoderConfig
+from sfglab.fleet.decoder.config import DecoderConfig
 from sfglab.fleet.decoder.streams import routes_of_topic
-from sfglab.fleet.gop_cache import KeeperConfig
-from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.gop_config import GopCacheConfig
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.lab.hosts.host import interface_bytes
 from sfglab.lab.streams import FIRST_PICTURE_S, LINGER_S, StreamProcesses
 from sfglab.lab.workers.camera import CameraConfig
@@ -95,7 +95,7 @@ class Running(StreamProcesses):
         }
         routers = {"router": "edge", "router 2": "consumer"}
         keeping = {
-            name: KeeperConfig(address=where, streams=(stream_topic(path),))
+            name: GopCacheConfig(address=where, streams=(stream_topic(path),))
             for name, (where, path) in keepers.items()
         }
         viewer = self.viewer_config(stream_topic("standard"), self._own("consumer"), joined=True)

@@ -10,7 +10,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings, Timing
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
 from sfglab.fleet.discovery.validation import Limits
-from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,

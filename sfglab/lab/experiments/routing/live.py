@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import entries
-from sfglab.fleet.router.node import RouterConfig
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.router.plan import ROUTER_KEY
 from sfglab.lab.checks.routing import NEAR_MISSES, in_table_1
 from sfglab.lab.experiments.routing.experiment import (

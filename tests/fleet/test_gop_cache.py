@@ -1,4 +1,6 @@
-"""What a keeper holds is a group to begin with; on real DDS it is silent until somebody reads."""
+"""GOP cache: it keeps a decodable group, and writes nothing without a reader."""
+
+import asyncio
 
 import pytest
 from cameras import FFMPEG, STREAM, Camera
@@ -7,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.bus import Node
+from sfglab.bus.sim import run_simulated
 from sfglab.component import beside
 from sfglab.errors import InvalidValueError
-from sfglab.fleet import gop_cache
+from sfglab.fleet import gop_cache, gop_config
 from sfglab.qos import SENSOR_DATA
 
-REPLAY = gop_cache.replay_topic(STREAM)
+REPLAY = gop_config.replay_topic(STREAM)
 
 
 def fill(cache: gop_cache.GopCache[int], numbers, gop: int = 5, size_bytes: int = 10) -> list[bool]:
@@ -52,7 +55,7 @@ def test_the_group_of_a_stream_without_numbers_is_kept(clock):
 
 @pytest.mark.parametrize(
     "limits",
-    [gop_cache.Limits(packets=3), gop_cache.Limits(size_bytes=30)],
+    [gop_config.Limits(packets=3), gop_config.Limits(size_bytes=30)],
     ids=["too many packets", "too many bytes"],
 )
 def test_a_group_that_outgrows_the_limits_is_given_up_until_the_next_key_frame(limits):
@@ -72,7 +75,7 @@ def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_li
     numbers, gop, packets
 ):
     cache: gop_cache.GopCache[int] = gop_cache.GopCache(
-        gop_cache.Limits(packets=packets, size_bytes=1000)
+        gop_config.Limits(packets=packets, size_bytes=1000)
     )
     for number in numbers:
         kept = cache.add(number, pts=number, is_key=number % gop == 0, size_bytes=90)
@@ -94,14 +97,14 @@ def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_li
 )
 def test_limits_within_which_nothing_fits_or_beyond_a_replays_history_are_refused(limits, allowed):
     with pytest.raises(InvalidValueError, match=allowed):
-        gop_cache.KeeperSettings(limits=gop_cache.Limits(**limits))
+        gop_config.GopCacheSettings(limits=gop_config.Limits(**limits))
 
 
 def test_a_streams_replay_is_named_by_the_schema():
     for topic in (STREAM, STREAM.replace("global", "local")):
-        assert gop_cache.replay_topic(topic) == f"{topic}_replay"
+        assert gop_config.replay_topic(topic) == f"{topic}_replay"
     assert REPLAY == "/global/go2/camera_front/color/ffmpeg_replay"
-    assert gop_cache.replay_topic(f"{STREAM}_hq") == f"{REPLAY}_hq"
+    assert gop_config.replay_topic(f"{STREAM}_hq") == f"{REPLAY}_hq"
 
 
 @pytest.mark.parametrize(
@@ -109,16 +112,38 @@ def test_a_streams_replay_is_named_by_the_schema():
     ["/global/go2/camera_front/depth/compressed_depth", "/tf", "nonsense", REPLAY],
 )
 def test_what_is_no_numbered_stream_has_no_replay(topic):
-    assert gop_cache.replay_topic(topic) is None
+    assert gop_config.replay_topic(topic) is None
     with pytest.raises(InvalidValueError, match="ffmpeg"):
-        gop_cache.KeeperSettings(streams=(topic,))
+        gop_config.GopCacheSettings(streams=(topic,))
 
 
 async def read(near: Node, count: int) -> list:
-    subscription = near.create_subscription(FFMPEG, REPLAY, qos=gop_cache.REPLAY_QOS)
+    subscription = near.create_subscription(FFMPEG, REPLAY, qos=gop_config.REPLAY_QOS)
     packets = [await subscription.take(timeout_s=60) for _ in range(count)]
     subscription.close()
     return packets
+
+
+@pytest.mark.parametrize("read_s", [0.2, 2.0], ids=["leaves before the replay", "stays"])
+def test_a_replay_waits_until_connections_settle_and_is_not_sent_to_a_reader_that_left(read_s):
+    settings = gop_config.GopCacheSettings(streams=(STREAM,), settle_s=0.5)
+    replayed, times = [], []
+
+    async def main(world):
+        cache = gop_cache.GopCacheNode(world.node("cache"), settings, on_replay=replayed.append)
+        reader = world.node("reader")
+        async with beside(cache.run()):
+            for _ in range(2):
+                await asyncio.sleep(1)
+                times.append(asyncio.get_running_loop().time())
+                subscription = reader.create_subscription(FFMPEG, REPLAY, qos=gop_config.REPLAY_QOS)
+                await asyncio.sleep(0.4)
+                assert len(replayed) == len(times) - 1 if read_s > 1 else not replayed
+                await asyncio.sleep(read_s - 0.4 if read_s > 1 else 0)
+                subscription.close()
+
+    run_simulated(main, seed=1, limit_s=60)
+    assert len(replayed) == (2 if read_s > 1 else 0)
 
 
 @pytest.mark.live
@@ -131,8 +156,8 @@ async def test_each_late_reader_gets_the_group_under_way_and_what_follows_and_no
         Node("keeper", **address) as here,
         Node("reader", **address) as near,
     ):
-        told = gop_cache.KeeperSettings(streams=(STREAM,))
-        keeper = gop_cache.StreamKeeper(here, told, on_replay=replayed.append)
+        told = gop_config.GopCacheSettings(streams=(STREAM,))
+        keeper = gop_cache.GopCacheNode(here, told, on_replay=replayed.append)
         camera = Camera(far)
         camera.gop = 20
         async with beside(keeper.run()), camera.running():
@@ -142,17 +167,17 @@ async def test_each_late_reader_gets_the_group_under_way_and_what_follows_and_no
             packets = await read(near, 60)
             (report,) = replayed
             numbers = [p.pts for p in packets]
-            assert packets[0].flags & gop_cache.FLAG_KEY
+            assert packets[0].flags & gop_config.FLAG_KEY
             assert numbers == list(range(numbers[0], numbers[0] + 60)), "no gap, no repetition"
             assert report.packets <= camera.gop
             burst, rest = packets[: report.packets], packets[report.packets :]
-            assert all(p.flags & gop_cache.FLAG_DISCARD for p in burst[:-1])
-            assert not any(p.flags & gop_cache.FLAG_DISCARD for p in [*burst[-1:], *rest])
+            assert all(p.flags & gop_config.FLAG_DISCARD for p in burst[:-1])
+            assert not any(p.flags & gop_config.FLAG_DISCARD for p in [*burst[-1:], *rest])
             assert report.size_bytes == sum(len(p.data) for p in burst)
             assert (report.gaps, report.overflows) == (0, 0)
             await camera.shot(2 * camera.gop)
             second = await read(near, 3)
-            assert second[0].flags & gop_cache.FLAG_KEY
+            assert second[0].flags & gop_config.FLAG_KEY
             assert second[0].pts > numbers[-1]
             assert len(replayed) == 2
             await camera.shot(2 * camera.gop)
