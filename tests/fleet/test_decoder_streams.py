@@ -1,21 +1,32 @@
 """Remote streams get local names by the schema, what cannot be offered is named; demand follows the graph."""
 
+import asyncio
+import zlib
+
 import numpy as np
 import pytest
 from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM
 
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
-from sfglab.fleet.decoder.pipeline import image_bytes, image_prefix, write_image
+from sfglab.bus.sim import run_simulated
+from sfglab.codecs import COMPRESSED_IMAGE
+from sfglab.component import beside
+from sfglab.fleet.decoder import pipeline, streams
+from sfglab.fleet.decoder.pipeline import StreamCodec, image_prefix, message_bytes, write_message
 from sfglab.fleet.decoder.streams import (
     RELAY,
     Demand,
     StreamError,
+    StreamKind,
     routes_of_agent,
     routes_of_topic,
 )
-from sfglab.messages import default_message, deserialize
+from sfglab.messages import default_message, deserialize, serialize
+from sfglab.names import Resource
 from sfglab.qos import SENSOR_DATA
 from sfglab.spatial.poses import header_msg
+
+BYTES = "std_msgs/msg/UInt8MultiArray"
 
 
 def metadata(topic: str = STREAM, **stream_fields):
@@ -68,6 +79,57 @@ def test_an_agents_metadata_says_what_it_offers():
     assert only.local_topic == "/local/go2/front"
 
 
+class Inflate:
+    """A codec of scans that are compressed with zlib."""
+
+    def __init__(self, route) -> None:
+        assert route.codec == "zlib"
+
+    def feed(self, message):
+        yield np.frombuffer(zlib.decompress(message.data.tobytes()), np.uint8)
+
+    @staticmethod
+    def parts(_header, items):
+        empty = serialize(default_message(BYTES))
+        return empty[:-4] + items.nbytes.to_bytes(4, "little"), items
+
+
+def test_a_new_kind_of_stream_is_one_entry_and_one_codec(monkeypatch):
+    kind = StreamKind(
+        source_type=COMPRESSED_IMAGE,
+        codec="zlib",
+        decoded_type=BYTES,
+        decoded_resource=Resource.SCAN,
+    )
+    monkeypatch.setitem(streams.KINDS, Resource.POINTS, kind)
+    monkeypatch.setitem(pipeline.CODECS, BYTES, StreamCodec(Inflate, Inflate.parts))
+    topic = "/global/go2/lidar/points"
+    by_name, _ = routes_of_topic(topic)
+    (described,), errors = routes_of_agent(metadata(topic, type=COMPRESSED_IMAGE))
+    assert (described.source_topic, described.decoded_type, errors) == (topic, BYTES, ())
+    assert by_name.local_topic == described.local_topic == "/local/go2/lidar/scan"
+    message = default_message(COMPRESSED_IMAGE)
+    message.data = np.frombuffer(zlib.compress(b"scan"), np.uint8)
+
+    async def main(world):
+        remote, local, lidar = (world.node(name) for name in ("remote", "local", "lidar"))
+        outputs = pipeline.Outputs(local, by_name.local_type, by_name.local_topic)
+        subscription = lidar.create_subscription(BYTES, by_name.local_topic)
+        publisher = lidar.create_publisher(COMPRESSED_IMAGE, topic, SENSOR_DATA)
+        counts = pipeline.Statistics()
+        running = pipeline.run_pipeline(
+            by_name, ["dds"], remote=remote, outputs=outputs, counts=counts
+        )
+        async with beside(running):
+            await publisher.wait_for_subscriptions(1, 5)
+            await asyncio.sleep(1)
+            publisher.publish(message)
+            received = await subscription.take(5)
+        assert received.data.tobytes() == b"scan"
+
+    run_simulated(main, seed=1, limit_s=60)
+
+
 @pytest.mark.parametrize(
     ("shape", "dtype", "encoding"),
     [((4, 6, 3), np.uint8, "bgr8"), ((5, 3), np.uint16, "16UC1"), ((3, 3, 3), np.uint8, "bgr8")],
@@ -77,13 +139,13 @@ def test_an_image_written_in_two_parts_is_the_message_itself(shape, dtype, encod
     header = header_msg("camera", 1_700_000_000_123_456_789)
     prefix = image_prefix(header, pixels, encoding)
     buffer = bytearray(len(prefix) + pixels.nbytes)
-    write_image(buffer, prefix, pixels)
-    for data in (bytes(buffer), image_bytes(prefix, pixels)):
+    write_message(buffer, prefix, pixels)
+    for data in (bytes(buffer), message_bytes(prefix, pixels)):
         image = deserialize(data, "sensor_msgs/msg/Image")
         assert (image.height, image.width, image.step) == (shape[0], shape[1], pixels.strides[0])
         assert (image.encoding, image.header) == (encoding, header)
         assert np.array_equal(image.data.view(dtype).reshape(shape), pixels)
-    assert len(image_bytes(prefix, pixels)) % 4 == 0
+    assert len(message_bytes(prefix, pixels)) % 4 == 0
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from cameras import behind_router, packet_message, rolled
 from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.codecs import TABLE_2
 from sfglab.component import beside
-from sfglab.fleet.decoder.pipeline import PATIENCE_S, Statistics, run_pipeline
+from sfglab.fleet.decoder.pipeline import REPLAY_TIMEOUT_S, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.gop_cache import GopCacheNode
 from sfglab.fleet.gop_config import FFMPEG_PACKET, GopCacheSettings
@@ -36,7 +36,7 @@ class Screen:
     def serve(self, _: object) -> None:
         pass
 
-    def publish_image(self, *_: object) -> None:
+    def publish(self, *_: object) -> None:
         self.times_s.append(asyncio.get_running_loop().time())
 
 
@@ -105,5 +105,5 @@ def test_on_a_slow_and_lossy_link_the_group_still_comes_before_the_next_key_fram
 def test_a_replay_that_never_comes_is_given_up_and_the_next_key_frame_awaited(packets):
     waited_s, counts, _ = first_picture(packets, LinkModel(), keeper=False, joined=2, fps=5)
     assert waited_s == pytest.approx((TABLE_2.gop - 2.5) / 5, abs=0.05)
-    assert waited_s > PATIENCE_S
+    assert waited_s > REPLAY_TIMEOUT_S
     assert (counts.replayed, counts.broken) == (0, 0)

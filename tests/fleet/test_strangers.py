@@ -117,11 +117,11 @@ class Pipe:
 class Pool(list):
     """Lends pipes."""
 
-    async def lend(self, owner):
+    async def acquire(self, owner):
         self.append(Pipe(owner, len(self) + 1))
         return self[-1]
 
-    async def take_back(self, pipe):
+    async def release(self, pipe):
         pipe.closing = False
 
 

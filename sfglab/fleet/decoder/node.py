@@ -264,7 +264,7 @@ class AgentDecoder:
         worker, pipeline.worker = pipeline.worker, None
         assert worker is not None
         if reuse:
-            await self._pool.take_back(worker)
+            await self._pool.release(worker)
         else:
             worker.signal(SIGKILL)
         await self._feed(pipeline, Input.ENDED)
@@ -295,7 +295,7 @@ class AgentDecoder:
         def pass_on(worker: Worker, report: Report) -> None:
             self._events.put_nowait(partial(self._heard, route.local_topic, worker, report))
 
-        pipeline.worker = await self._pool.lend(pass_on)
+        pipeline.worker = await self._pool.acquire(pass_on)
         newest = pipeline.statistics.newest if pipeline.statistics else -1
         after = sys.maxsize if pipeline.seen else newest
         pipeline.statistics, pipeline.watch, pipeline.seen = None, Watchdog(), True

@@ -1,7 +1,7 @@
-"""One stream decoded once: from the remote topic to everybody on this device who wants it.
+"""One stream decoded once, from the remote topic to all subscribers on this device.
 
-The coroutine of a pipeline process: it decodes each message once and publishes the picture locally, by shared
-memory and DDS as far as each is wanted; or it relays messages unchanged (camera info).
+The coroutine of a pipeline process: it decodes each message once and publishes the result locally, over shared
+memory and DDS as far as each is subscribed to; or it relays messages unchanged (camera info).
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from sfglab.bus.errors import InvalidMessageError
 from sfglab.codecs import CodecError, image_decoder
 from sfglab.component import beside
 from sfglab.fleet.decoder.splicer import Source, Splicer
-from sfglab.fleet.decoder.streams import RELAY, Route
+from sfglab.fleet.decoder.streams import IMAGE_TYPE, RELAY, Route
 from sfglab.fleet.gop_config import FLAG_DISCARD, FLAG_KEY, REPLAY_QOS
 from sfglab.messages import default_message, serialize
 from sfglab.qos import COMPRESSED_STREAM, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
@@ -38,8 +38,8 @@ def image_prefix(header: Any, pixels: NDArray[np.generic], encoding: str) -> byt
     Pixels have the shape (H, W) or (H, W, channels), C order; the encoding is such as ``bgr8`` or ``16UC1``.
     """
     prefix = _prefix(header.frame_id, encoding, pixels.shape[:2], pixels.strides[0], pixels.nbytes)
-    # From picture to picture only the stamp changes, which stands behind the 4 bytes of the CDR header; to
-    # serialise all of it anew takes ten times as long as to write it into its place.
+    # Between frames only the stamp changes, which follows the 4 bytes of the CDR header. Serialising all fields
+    # takes ten times as long as replacing the stamp.
     stamp = struct.pack("<iI", header.stamp.sec, header.stamp.nanosec)
     return prefix[:4] + stamp + prefix[4 + len(stamp) :]
 
@@ -58,22 +58,44 @@ def _prefix(
     return serialize(image)[:-4] + struct.pack("<I", size_bytes)
 
 
-def write_image(buffer: Any, prefix: bytes, pixels: NDArray[np.generic]) -> None:
-    """Write an Image into a buffer of exactly ``len(prefix) + pixels.nbytes`` bytes."""
+@dataclass(frozen=True, slots=True)
+class StreamCodec:
+    """Codec of the streams that are decoded to messages of one ROS type."""
+
+    #: Returns a route's decoder: `feed(message)` yields decoded values, `skip(message)` decodes without them.
+    decoder: Callable[[Route], Any]
+    #: Returns, from a header and a decoded value, the message's CDR up to its last field, and that field's items.
+    parts: Callable[[Any, Any], tuple[bytes, NDArray[np.generic]]]
+
+
+def _image_decoder(route: Route) -> Any:
+    return image_decoder(route.source_type, route.codec, most_pixels=route.most_pixels)
+
+
+def _image_parts(header: Any, image: Any) -> tuple[bytes, NDArray[np.generic]]:
+    return image_prefix(header, image.array, image.encoding), image.array
+
+
+CODECS = {IMAGE_TYPE: StreamCodec(_image_decoder, _image_parts)}
+"""Codecs by the ROS type of their decoded messages."""
+
+
+def write_message(buffer: Any, prefix: bytes, items: NDArray[np.generic]) -> None:
+    """Write a message into a buffer of exactly ``len(prefix) + items.nbytes`` bytes."""
     view = np.frombuffer(buffer, dtype=np.uint8)
     view[: len(prefix)] = np.frombuffer(prefix, dtype=np.uint8)
-    view[len(prefix) : len(prefix) + pixels.nbytes] = pixels.reshape(-1).view(np.uint8)
+    view[len(prefix) : len(prefix) + items.nbytes] = items.reshape(-1).view(np.uint8)
 
 
-def image_bytes(prefix: bytes, pixels: NDArray[np.generic]) -> bytes:
-    """Return a whole Image, padded to four bytes as the middleware needs it."""
-    body = prefix + pixels.tobytes()
+def message_bytes(prefix: bytes, items: NDArray[np.generic]) -> bytes:
+    """Return a whole message, padded to four bytes as the middleware needs it."""
+    body = prefix + items.tobytes()
     return body + bytes(-len(body) % 4)
 
 
 LOCAL_QOS = QoSProfile(depth=5)  #: Reliable on the device, so that every subscription matches.
 
-PATIENCE_S = 3.0  #: How long a replay may take to connect; a key frame will have come by then.
+REPLAY_TIMEOUT_S = 3.0  #: Time for a replay to connect; a key frame has come by then.
 
 
 @dataclass(slots=True, kw_only=True)
@@ -82,14 +104,14 @@ class Statistics:
 
     received: int = 0  #: Messages from the remote stream.
     replayed: int = 0  #: Messages from its replay.
-    published: int = 0  #: Images handed to local subscribers.
-    newest: int = -1  #: The latest one's number; -1: none, or they have no numbers.
+    published: int = 0  #: Messages published to local subscribers.
+    newest: int = -1  #: Number of the latest frame; -1 if there is none or frames have no numbers.
     broken: int = 0  #: Messages that could not be decoded.
-    last_error: str = ""  #: The latest decoding error; empty without one.
+    last_error: str = ""  #: Latest decoding error; empty without one.
 
 
 class Outputs:
-    """The local publishers of one topic of a ROS type: one for each transport that somebody wants."""
+    """Local publishers of one topic: one for each transport that is subscribed to."""
 
     def __init__(self, local: Node, type_: str, topic: str) -> None:
         self._local = local
@@ -110,15 +132,14 @@ class Outputs:
                 transport=new,  # type: ignore[arg-type]  # the protocol carries text
             )
 
-    def publish_image(self, header: Any, pixels: Any, encoding: str) -> None:
-        """Publish one picture by every transport that is served."""
-        prefix = image_prefix(header, pixels, encoding)
+    def publish(self, prefix: bytes, items: NDArray[np.generic]) -> None:
+        """Publish one message, in the parts of `StreamCodec`, over every transport that is served."""
         for transport, publisher in self._publishers.items():
             if transport == "shm":
-                with publisher.loan(len(prefix) + pixels.nbytes) as buffer:
-                    write_image(buffer, prefix, pixels)
+                with publisher.loan(len(prefix) + items.nbytes) as buffer:
+                    write_message(buffer, prefix, items)
             else:
-                publisher.publish_raw(image_bytes(prefix, pixels))
+                publisher.publish_raw(message_bytes(prefix, items))
 
     def publish_raw(self, cdr: bytes) -> None:
         """Publish one message unchanged by every transport that is served."""
@@ -171,7 +192,7 @@ async def _decode(
             stack.callback(subscription.close)
             return subscription
 
-        # What is far away first, the replay before all: routers connect one topic after the other.
+        # Remote topics first, the replay before all: routers connect one topic after the other.
         replay = subscribe(route.replay_topic, REPLAY_QOS) if route.replay_topic else None
         live = subscribe(route.source_topic, COMPRESSED_STREAM)
         outputs.serve(transports)
@@ -186,7 +207,8 @@ class _Decoding:
     """One stream's packets on their way through the splicer and the decoder to the outputs."""
 
     def __init__(self, route: Route, outputs: Outputs, counts: Statistics) -> None:
-        self._decoder = image_decoder(route.source_type, route.codec, most_pixels=route.most_pixels)
+        self._codec = CODECS[route.decoded_type]
+        self._decoder = self._codec.decoder(route)
         self._numbered = bool(route.replay_topic)
         self._splicer: Splicer[Any] = Splicer(replay=self._numbered, after=route.after)
         self._outputs = outputs
@@ -198,7 +220,7 @@ class _Decoding:
         sources = {Source.LIVE: live, Source.REPLAY: replay}
         async with beside(*(self._pump(s, source) for source, s in sources.items())) as pumps:
             try:
-                async with asyncio.timeout(PATIENCE_S):
+                async with asyncio.timeout(REPLAY_TIMEOUT_S):
                     while self._splicer.needs_replay:
                         await self._step_or_wait()
                         for pump in pumps:
@@ -258,14 +280,17 @@ class _Decoding:
                 self._show(message)
             else:
                 self._decoder.skip(message)
-        except (CodecError, InvalidMessageError) as error:  # or it is larger than what is handed on
+        except (
+            CodecError,
+            InvalidMessageError,
+        ) as error:  # or the image is too large to be published
             self._counts.broken += 1
             self._counts.last_error = str(error)
-        # A burst of queued messages must not keep orders, and newer messages, from being heard.
+        # A burst of queued messages must not delay orders and newer messages.
         await asyncio.sleep(0)
 
     def _show(self, message: Any) -> None:
-        for image in self._decoder.feed(message):
-            self._outputs.publish_image(message.header, image.array, image.encoding)
+        for decoded in self._decoder.feed(message):
+            self._outputs.publish(*self._codec.parts(message.header, decoded))
             self._counts.published += 1
             self._counts.newest = message.pts if self._numbered else -1

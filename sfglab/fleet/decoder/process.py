@@ -1,10 +1,10 @@
-"""Pipeline processes: one for each running pipeline, and one warm spare.
+"""Pipeline processes: one for each running pipeline, and one in standby.
 
-Each is ``python -m sfglab.fleet.decoder.process CONFIG``. Its imports take about a second, so a spare has done
-them already. One process a pipeline: a bitstream that kills the codec kills one stream.
+Each is ``python -m sfglab.fleet.decoder.process CONFIG``. Its imports take about a second; a standby process has
+done them. Every pipeline has a process of its own, so that a bitstream that kills the codec kills one stream.
 
 Orders: ``{"do": "open", "stream": {...}}`` with a `Route`, ``{"do": "serve", "transports": [...]}`` when the
-local topic is wanted by other transports, ``{"do": "close"}``. Reports: ``ready``, ``opened``, ``closed`` (it
+local topic is subscribed to over other transports, ``{"do": "close"}``. Reports: ``ready``, ``opened``, ``closed`` (it
 holds nothing any more), ``broken`` with ``why``, and now and then and at last ``statistics``, `Statistics`.
 """
 
@@ -24,7 +24,7 @@ from sfglab.fields import from_json
 from sfglab.fleet.decoder.pipeline import Outputs, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import IMAGE_TYPE, Route
 from sfglab.messages import default_message, deserialize, serialize
-from sfglab.processes import LineProcess, Member, ProcessFailedError
+from sfglab.processes import LineProcess, Member
 
 if TYPE_CHECKING:
     from sfglab.bus import Node
@@ -88,7 +88,7 @@ class PipelineWorker:
             await run_pipeline(
                 route, transports, remote=self._remote, outputs=outputs, counts=counts
             )
-        except Exception as error:  # noqa: BLE001  # whatever broke it, the decoder must hear of it
+        except Exception as error:  # noqa: BLE001  # the decoder must know of any failure
             self._report({"is": "broken", "why": f"{type(error).__name__}: {error}"})
         finally:
             if reports is not None:
@@ -104,7 +104,7 @@ class PipelineWorker:
 
 
 def _warm_up() -> None:
-    """Do everything that takes long the first time: 0.3 s that a subscriber would wait for."""
+    """Do what takes long the first time: 0.3 s that a subscriber would wait."""
     from importlib import import_module
 
     from sfglab.messages.dds import idl_struct
@@ -134,14 +134,10 @@ async def serve(config: WorkerConfig, report: Reporter, orders: Orders) -> None:
         await PipelineWorker(remote, local, report).run(orders)
 
 
-if __name__ == "__main__":
-    run_component(WorkerConfig, serve)
-
-
 END_GRACE_S = 2.0
-_NAME = "pipeline process"
-REFILL_DELAY_S = 2.0  #: A pipeline that starts needs the processor more than the next spare.
-
+REFILL_DELAY_S = (
+    2.0  #: A pipeline that starts needs the processor more than the next standby process.
+)
 
 Owner = Callable[["Worker", Report], None]
 
@@ -149,11 +145,10 @@ Owner = Callable[["Worker", Report], None]
 class Worker(LineProcess):
     """One pipeline process, as the decoder sees it."""
 
-    buffers_reports = False
-    is_ready = False  #: Whether it has reported that it is.
+    is_ready = False  #: Whether it has reported that it is ready.
 
-    def belong_to(self, owner: Owner) -> None:
-        """Let somebody hear what it reports from now on, its end included."""
+    def assign(self, owner: Owner) -> None:
+        """Give an owner its reports from now on, its end included."""
         self.on_report = partial(owner, self)
 
     async def end(self) -> None:
@@ -162,12 +157,11 @@ class Worker(LineProcess):
 
 
 class WorkerPool:
-    """Starts, lends and ends workers, of which so many spares wait warm; `refill` replaces one that is lent."""
+    """Pipeline processes, of which `spares` wait in standby; with `refill`, one that is acquired is replaced."""
 
     def __init__(self, config: WorkerConfig, *, spares: int = 1, refill: bool = True) -> None:
-        self._command = Member(
-            name=_NAME, module="sfglab.fleet.decoder.process", config=config
-        ).command
+        module = "sfglab.fleet.decoder.process"
+        self._member = Member(name="pipeline process", module=module, config=config)
         self._spares_wanted = spares
         self._refills_wanted = refill
         self._spares: list[Worker] = []
@@ -175,45 +169,42 @@ class WorkerPool:
         self._filling = asyncio.Lock()
         self._refills: set[asyncio.Task[None]] = set()
         self._closed = asyncio.Event()
-        self._last_words = ""
 
     @property
     def pids(self) -> tuple[int, ...]:
-        """Process ids of all workers, spares included."""
+        """Process ids of all workers, standby included."""
         return tuple(sorted(w.pid for w in self._workers if w.status is None))
 
     @property
     def warm(self) -> bool:
-        """Whether all spares that should wait do, ready."""
+        """Whether all standby processes are there and ready."""
         return len(self._spares) >= self._spares_wanted and all(w.is_ready for w in self._spares)
 
     async def start(self) -> None:
-        """Start the spares and return when they are ready; `ProcessFailedError` if they do not start."""
-        await self._fill()
-        while not self.warm:
-            await asyncio.sleep(0.02)
-            if not self._spares:
-                why = f"a pipeline process ended while it started: {self._last_words}"
-                raise ProcessFailedError(f"decoder: {why}")
+        """Start the standby processes and return when they are ready.
 
-    async def lend(self, owner: Owner) -> Worker:
-        """Return a worker for one pipeline, whose reports the owner hears; another spare may start later."""
+        Raises:
+            ProcessFailedError: One of them failed to start.
+        """
+        await self._fill()
+        for worker in tuple(self._spares):
+            await worker.expect("ready", timeout_s=None)
+
+    async def acquire(self, owner: Owner) -> Worker:
+        """Return a worker for one pipeline, whose reports the owner gets; a replacement may start later."""
         worker = self._spares.pop(0) if self._spares else await self._spawn()
-        worker.belong_to(owner)
+        worker.buffers_reports = False
+        worker.assign(owner)
         if self._refills_wanted:
             refill = asyncio.create_task(self._refill())
             self._refills.add(refill)
             refill.add_done_callback(self._refills.discard)
         return worker
 
-    async def take_back(self, worker: Worker) -> None:
-        """Take a worker whose pipeline has ended; it becomes a spare, or ends if there are enough."""
-        worker.belong_to(self._spare_reports)
-        if (
-            worker.status is None
-            and len(self._spares) < self._spares_wanted
-            and not self._closed.is_set()
-        ):
+    async def release(self, worker: Worker) -> None:
+        """Take a worker whose pipeline has ended: into standby, or it ends if there are enough."""
+        worker.assign(self._on_spare_report)
+        if worker.status is None and self._is_short():
             self._spares.append(worker)
         else:
             await worker.end()
@@ -224,6 +215,9 @@ class WorkerPool:
         await asyncio.gather(*self._refills)
         await asyncio.gather(*(worker.end() for worker in tuple(self._workers)))
 
+    def _is_short(self) -> bool:
+        return len(self._spares) < self._spares_wanted and not self._closed.is_set()
+
     async def _refill(self) -> None:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(REFILL_DELAY_S):
@@ -232,20 +226,20 @@ class WorkerPool:
 
     async def _fill(self) -> None:
         async with self._filling:
-            while len(self._spares) < self._spares_wanted and not self._closed.is_set():
+            while self._is_short():
                 self._spares.append(await self._spawn())
 
     async def _spawn(self) -> Worker:
-        worker = await Worker.start(_NAME, self._command)
-        worker.belong_to(self._spare_reports)
+        worker = await Worker.start(self._member.name, self._member.command)
+        worker.assign(self._on_spare_report)
         self._workers = {w for w in self._workers if w.status is None} | {worker}
         return worker
 
-    def _spare_reports(self, worker: Worker, report: Report) -> None:
+    def _on_spare_report(self, worker: Worker, report: Report) -> None:
         worker.is_ready |= report["is"] == "ready"
-        if report["is"] == "ended":
-            self._last_words = self._last_words or f"it ended with status {report['status']}"
-            if worker in self._spares:
-                self._spares.remove(worker)
-        elif report["is"] == "failed":
-            self._last_words = report["why"]
+        if report["is"] == "ended" and worker in self._spares:
+            self._spares.remove(worker)
+
+
+if __name__ == "__main__":
+    run_component(WorkerConfig, serve)

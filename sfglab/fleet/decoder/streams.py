@@ -18,7 +18,7 @@ from sfglab.errors import SfglabError
 from sfglab.fleet.discovery.validation import validated_metadata
 from sfglab.fleet.gop_config import FFMPEG_PACKET, replay_topic
 from sfglab.machine import ProcessLife, ProcessTiming
-from sfglab.names import FqnError, Resource, RosFqn, Scope, parse
+from sfglab.names import FqnError, Resource, RosFqn, Scope, Suffixed, parse
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -29,11 +29,26 @@ IMAGE_TYPE = "sensor_msgs/msg/Image"
 _EDGE_PIXELS = 64  # the largest coding block of H.265
 RELAY = "relay"  #: Codec hint of a stream whose messages pass on as they are.
 
-_TYPES = {
-    Resource.FFMPEG: (FFMPEG_PACKET, "h264"),
-    Resource.COMPRESSED_DEPTH: ("sensor_msgs/msg/CompressedImage", "rvl"),
-    Resource.COMPRESSED: ("sensor_msgs/msg/CompressedImage", ""),
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamKind:
+    """Kind of compressed stream, by the resource in its name."""
+
+    source_type: str  #: ROS type of the compressed messages.
+    codec: str = ""  #: Codec hint; empty if only the messages name their codec.
+    #: ROS type of the decoded messages; `sfglab.fleet.decoder.pipeline.CODECS` has its codec.
+    decoded_type: str = IMAGE_TYPE
+    decoded_resource: Resource = Resource.IMAGE_RAW  #: Resource in the name of the decoded topic.
+
+
+KINDS = {
+    Resource.FFMPEG: StreamKind(source_type=FFMPEG_PACKET, codec="h264"),
+    Resource.COMPRESSED_DEPTH: StreamKind(
+        source_type="sensor_msgs/msg/CompressedImage", codec="rvl"
+    ),
+    Resource.COMPRESSED: StreamKind(source_type="sensor_msgs/msg/CompressedImage"),
 }
+"""Kinds of streams that are decoded."""
 
 
 class StreamError(SfglabError, ValueError):
@@ -53,6 +68,7 @@ class Route:
     source_type: str  #: Its ROS type.
     codec: str  #: Codec hint, or `RELAY` for messages that pass unchanged.
     local_topic: str  #: The local topic.
+    decoded_type: str = IMAGE_TYPE  #: ROS type of the decoded messages.
     #: Where its sender may replay the last group of pictures; empty: nowhere.
     replay_topic: str = ""
     most_pixels: int = MAX_PIXELS  #: Of a picture: as announced, with what codecs add at the edges.
@@ -62,7 +78,7 @@ class Route:
     @property
     def local_type(self) -> str:
         """The ROS type of the local topic."""
-        return self.source_type if self.codec == RELAY else IMAGE_TYPE
+        return self.source_type if self.codec == RELAY else self.decoded_type
 
 
 def routes_of_topic(topic: str) -> tuple[Route, Route]:
@@ -72,13 +88,14 @@ def routes_of_topic(topic: str) -> tuple[Route, Route]:
         StreamError: The name is no compressed image stream of a remote agent.
     """
     fqn = _remote_stream(topic)
-    if fqn.resource not in _TYPES:
-        allowed = ", ".join(sorted(resource.value for resource in _TYPES))
+    kind = KINDS.get(fqn.resource) if isinstance(fqn.resource, Resource) else None
+    if kind is None:
+        allowed = ", ".join(sorted(resource.value for resource in KINDS))
         raise StreamError(
             topic, f"its type does not follow from its name; known are the resources {allowed}"
         )
-    image = _image(fqn, topic, *_TYPES[fqn.resource])
-    return image, _camera_info(image, str(replace(fqn, resource=Resource.CAMERA_INFO)))
+    decoded = _decoded(fqn, topic, kind)
+    return decoded, _camera_info(decoded, str(replace(fqn, resource=Resource.CAMERA_INFO)))
 
 
 def routes_of_agent(metadata: Any) -> tuple[tuple[Route, ...], tuple[SfglabError, ...]]:
@@ -102,19 +119,22 @@ def _take(route: Route, routes: dict[str, Route]) -> None:
 
 def _routes_of_stream(stream: Any) -> Iterable[Route]:
     fqn = _remote_stream(stream.topic)
-    image = _image(fqn, stream.topic, stream.type, stream.codec, stream.decoded_topic)
+    resource = fqn.resource.base if isinstance(fqn.resource, Suffixed) else fqn.resource
+    named = KINDS[resource] if resource in KINDS else StreamKind(source_type=stream.type)
+    kind = replace(named, source_type=stream.type, codec=stream.codec or named.codec)
+    decoded = _decoded(fqn, stream.topic, kind, stream.decoded_topic)
     if stream.width and stream.height:
         most = (stream.width + _EDGE_PIXELS) * (stream.height + _EDGE_PIXELS)
-        image = replace(image, most_pixels=min(most, MAX_PIXELS))
-    yield image
+        decoded = replace(decoded, most_pixels=min(most, MAX_PIXELS))
+    yield decoded
     if stream.camera_info_topic:
-        yield _camera_info(image, stream.camera_info_topic)
+        yield _camera_info(decoded, stream.camera_info_topic)
 
 
-def _camera_info(image: Route, topic: str) -> Route:
+def _camera_info(stream: Route, topic: str) -> Route:
     local = str(replace(_remote_stream(topic), scope=Scope.LOCAL))
     return Route(
-        agent=image.agent,
+        agent=stream.agent,
         source_topic=topic,
         source_type=CAMERA_INFO,
         codec=RELAY,
@@ -122,16 +142,17 @@ def _camera_info(image: Route, topic: str) -> Route:
     )
 
 
-def _image(fqn: RosFqn, topic: str, type_: str, codec: str, local: str = "") -> Route:
-    agent, replay = str(fqn.agent), (replay_topic(topic) or "") if type_ == FFMPEG_PACKET else ""
-    local = local or str(replace(fqn, scope=Scope.LOCAL, resource=Resource.IMAGE_RAW))
+def _decoded(fqn: RosFqn, topic: str, kind: StreamKind, local: str = "") -> Route:
+    replay = replay_topic(topic) if kind.source_type == FFMPEG_PACKET else None
+    local = local or str(replace(fqn, scope=Scope.LOCAL, resource=kind.decoded_resource))
     return Route(
-        agent=agent,
+        agent=str(fqn.agent),
         source_topic=topic,
-        source_type=type_,
-        codec=codec,
+        source_type=kind.source_type,
+        codec=kind.codec,
         local_topic=local,
-        replay_topic=replay,
+        decoded_type=kind.decoded_type,
+        replay_topic=replay or "",
     )
 
 
