@@ -194,7 +194,7 @@ def _agent_config(
     described = None if fleet is None else load_fleet(fleet)
     own = (domain, interface)
     config = config_from_options(agent or default_agent(), described, local=own, remote=remote)
-    return config if offers is None else replace(config, offers=offers)
+    return config if offers is None else replace(config, advertise_unused_topics=offers)
 
 
 def decoder(
@@ -245,8 +245,8 @@ def decoder(
         local=local,
         streams=tuple(streams or ()),
         discovery_topic=discovery_topic(default_agent()),
-        linger_s=linger,
-        offers=offers,
+        idle_timeout_s=linger,
+        advertise_unused_topics=offers,
     )
     run(serve_terminal(config, typer.echo))
 

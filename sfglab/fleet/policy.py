@@ -1,14 +1,14 @@
 """Routing between an agent's domain and the global one: paper A, section 4.1, Eq. 1 and Table 1.
 
-What crosses, and what of a topic's way has to be open for it, as pure functions: the one place that decides it,
-for the in-process router (`sfglab.fleet.router.plan`) and for other routers' configurations.
+Pure functions decide which topics cross and which readers and writers have to be open, for sfglab's router
+(`sfglab.fleet.router.plan`) and for the configurations of other routers.
 
-A reader is opened in the source's domain when somebody subscribes in the target's; outward only if there is a
-source too, so that only what is in use is announced in the global domain. Inward at once: so another agent's
-router learns that somebody here wants the topic, and routers do not wait for each other. A writer is opened
-when there is a source as well, also for one whose samples have to wait; where a router offers what it could
-open, when there is a source, so that ROS 2's tools list it. What a source offers is offered across the border,
-and nothing stronger is requested than a direct connection would have.
+A reader is opened in the source's domain when the target's domain has a subscription. Outward it also needs a
+source, so that only used topics are announced in the global domain. Inward it does not: another agent's router
+then discovers the demand, and routers do not wait for each other. A writer is opened when there is a source too,
+also for one whose samples have to wait; a router that advertises topics opens it for a source alone, so that
+ROS 2's tools list the topic. Writers offer the QoS of their source. Readers request nothing stronger than a
+direct connection would have.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
 
 from sfglab.names import ResourceKind, dds_names
 from sfglab.qos import Durability, History, QoSProfile, Reliability
@@ -40,27 +41,27 @@ class Side(Enum):
 
 
 class Direction(Enum):
-    """Which way a sample crosses the border."""
+    """Direction of a sample across the domain boundary."""
 
     OUTWARD = "outward"  #: From the agent's domain into the global one.
     INWARD = "inward"  #: From the global domain into the agent's.
 
     @property
     def source(self) -> Side:
-        """The side that a sample comes from."""
+        """Side of the publisher."""
         return Side.LOCAL if self is Direction.OUTWARD else Side.GLOBAL
 
     @property
     def target(self) -> Side:
-        """The side that a sample goes to."""
+        """Side of the subscription."""
         return self.source.other
 
 
 class Crossing(Enum):
-    """How much of a ROS name, which may be several DDS topics, crosses."""
+    """Which of the DDS topics of a ROS name cross."""
 
     NONE = "none"
-    #: Only some of its DDS topics: a service whose requests pass and whose replies do not.
+    #: Some of them, as of a service whose requests cross and whose replies do not.
     PARTIAL = "partial"
     WHOLE = "whole"
 
@@ -71,11 +72,11 @@ class ForwardRule:
 
     #: DDS topic names; ``*`` stands for any characters, slashes included, as in the DDS Router.
     pattern: str
-    description: str = ""  #: For people.
-    directions: frozenset[Direction] = frozenset(Direction)  #: The ways it is open.
+    description: str = ""  #: Description for people.
+    directions: frozenset[Direction] = frozenset(Direction)  #: Directions in which it is open.
 
     def matches(self, dds_name: str) -> bool:
-        """Return whether a DDS topic name falls under this rule."""
+        """Return whether a DDS topic matches this rule."""
         return fnmatchcase(dds_name, self.pattern)
 
 
@@ -93,26 +94,26 @@ TABLE_1 = (
 class Policy:
     """The set F_forward of Eq. 1 as rules."""
 
-    rules: tuple[ForwardRule, ...] = TABLE_1  #: What may cross; everything else stays where it is.
+    rules: tuple[ForwardRule, ...] = TABLE_1  #: Rules; topics that match none do not cross.
 
     def crosses(self, dds_name: str, direction: Direction) -> bool:
-        """Return whether samples of a topic on the wire, as "rt/tf", cross the border this way."""
+        """Return whether samples of a DDS topic, as "rt/tf", cross in a direction."""
         return self.deciding(dds_name, direction) is not None
 
     def deciding(self, dds_name: str, direction: Direction) -> ForwardRule | None:
-        """Return the rule that lets a topic on the wire cross this way; None: none does, and it stays."""
-        found = (
-            rule for rule in self.rules if direction in rule.directions and rule.matches(dds_name)
-        )
-        return next(found, None)
+        """Return the rule that lets a DDS topic cross in a direction, or None."""
+        for rule in self.rules:
+            if direction in rule.directions and rule.matches(dds_name):
+                return rule
+        return None
 
     def domains(self, dds_name: str, published_in: Side) -> frozenset[Side]:
-        """Return where a topic on the wire is heard: Eq. 1, with both sides of "D_i <-> D_0" named."""
-        way = Direction.OUTWARD if published_in is Side.LOCAL else Direction.INWARD
-        return frozenset(Side) if self.crosses(dds_name, way) else frozenset({published_in})
+        """Return the sides on which a DDS topic is received: Eq. 1, with both sides of "D_i <-> D_0"."""
+        direction = Direction.OUTWARD if published_in is Side.LOCAL else Direction.INWARD
+        return frozenset(Side) if self.crosses(dds_name, direction) else frozenset({published_in})
 
     def crossing(self, name: str, kind: ResourceKind, direction: Direction) -> Crossing:
-        """Return how much of an absolute ROS name crosses; a half-open service or action hangs its callers.
+        """Return how much of an absolute ROS name crosses; clients of a partly open service wait indefinitely.
 
         The direction is a topic's; a service needs its requests and replies in both.
 
@@ -128,7 +129,7 @@ class Policy:
         return Crossing.PARTIAL if any(passes) else Crossing.NONE
 
 
-#: What a router's reader and volatile writer keep at least; see `MAX_BACKLOG_BYTES`.
+#: Minimum depth of a router's readers and volatile writers; see `MAX_BACKLOG_BYTES`.
 QUEUE_DEPTH = 256
 
 _SERVICE_PREFIXES = ("rq/", "rr/")
@@ -136,12 +137,12 @@ _CALLS_KEPT = 1000  # as `sfglab.bus.ros.program` keeps
 
 
 def requested_qos(dds_topic: str, source: QoSProfile, sinks: Iterable[QoSProfile]) -> QoSProfile:
-    """Return what the router's reader of a source requests.
+    """Return the QoS of the router's reader of a source.
 
-    RELIABLE only where the source offers it and somebody wants it, so that a best-effort subscription costs no
-    retransmission. Latched samples always: who joins late across the border gets them from the router's writer.
+    It is RELIABLE only if the source offers and a subscription requests that, so that best-effort subscriptions
+    cost no retransmission. For latched samples it always is: late joiners get them from the router's writer.
     """
-    latched = source.durability is Durability.TRANSIENT_LOCAL
+    latched = _is_latched(source)
     repaired = latched or any(sink.reliability is Reliability.RELIABLE for sink in sinks)
     everything = source.history is History.KEEP_ALL or dds_topic.startswith(_SERVICE_PREFIXES)
     return QoSProfile(
@@ -153,10 +154,10 @@ def requested_qos(dds_topic: str, source: QoSProfile, sinks: Iterable[QoSProfile
 
 
 def announced_qos(dds_topic: str, sinks: Iterable[QoSProfile]) -> QoSProfile:
-    """Return what the router's reader requests while no source is known: the strongest of the subscriptions."""
+    """Return the QoS of the router's reader without a source: the strongest of the subscriptions."""
     requests = tuple(sinks)
     reliable = any(sink.reliability is Reliability.RELIABLE for sink in requests)
-    latched = any(sink.durability is Durability.TRANSIENT_LOCAL for sink in requests)
+    latched = any(_is_latched(sink) for sink in requests)
     strongest = QoSProfile(
         reliability=Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT,
         durability=Durability.TRANSIENT_LOCAL if latched else Durability.VOLATILE,
@@ -165,10 +166,10 @@ def announced_qos(dds_topic: str, sinks: Iterable[QoSProfile]) -> QoSProfile:
 
 
 def offered_qos(dds_topic: str, source: QoSProfile) -> QoSProfile:
-    """Return what the router's writer offers for a source: the same, but for a volatile history's depth.
+    """Return the QoS of the router's writer for a source: the same except for the depth.
 
-    That is only the sender's own buffer; a shallow one would lose samples that the source's would have kept. Of
-    calls it does not keep all: it would wait for one client that stands still, and with it all others.
+    A volatile history is only the sender's buffer; a shallow one would lose samples that the source's keeps. A
+    writer of calls does not keep all: it would wait for one stalled client, and all others with it.
     """
     if dds_topic.startswith(_SERVICE_PREFIXES):
         return replace(source, history=History.KEEP_LAST, depth=_CALLS_KEPT)
@@ -179,15 +180,15 @@ def offered_qos(dds_topic: str, source: QoSProfile) -> QoSProfile:
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class Path:
-    """The way of one topic across the border."""
+    """Path of one topic across the domain boundary."""
 
-    dds_topic: str  #: The topic on the wire.
-    type: str  #: As `EndpointInfo.type` names it; endpoints of another type are another path.
-    outward: bool  #: Whether it leads from the local domain to the global one.
+    dds_topic: str  #: DDS topic.
+    type: str  #: Type as in `EndpointInfo.type`; endpoints of another type have another path.
+    outward: bool  #: Whether it leads from the agent's domain to the global one.
 
     @property
     def direction(self) -> Direction:
-        """Which way it leads."""
+        """Its direction."""
         return Direction.OUTWARD if self.outward else Direction.INWARD
 
 
@@ -195,160 +196,179 @@ class Path:
 class ReaderSpec:
     """A reader of the router, in the source's domain."""
 
-    path: Path  #: What for.
-    qos: QoSProfile  #: What it requests.
-    transport: Transport = "dds"  #: How its sources send.
-    again: int = 0  #: Of which doubt it reads the sources anew; 0: it is the first.
+    path: Path  #: Its path.
+    qos: QoSProfile  #: Requested QoS.
+    transport: Transport = "dds"  #: Transport of its sources.
+    reread_generation: int = (
+        0  #: Generation in which its sources are read again; 0 for the first reader.
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WriterSpec:
     """A writer of the router, in the target's domain."""
 
-    path: Path  #: What for.
-    qos: QoSProfile  #: What it offers.
-    #: The one source that it stands for, if that one's samples are latched: several in one writer would push
-    #: each other out of its history, and stay when their source has gone; or if its life has a lease. Empty:
-    #: all other sources that offer the same.
+    path: Path  #: Its path.
+    qos: QoSProfile  #: Offered QoS.
+    #: Its only source, if that source is latched or has a liveliness lease. Several latched sources in one writer
+    #: would push each other out of its history, and their samples would stay when they have gone. Empty for all
+    #: other sources that offer the same QoS.
     source: bytes = b""
-    transport: Transport = "dds"  #: How its subscriptions receive.
-    again: int = 0  #: As its reader's.
+    transport: Transport = "dds"  #: Transport to its subscriptions.
+    reread_generation: int = 0  #: Generation of its reader.
 
 
 class Held(Enum):
-    """What is said of a source whose samples must neither pass yet nor be lost."""
+    """Destination of a source whose samples must neither pass yet nor be lost."""
 
     HELD = "held"
 
 
-Verdict = WriterSpec | Held | None  #: Where a source's samples go; None: nowhere.
+Destination = WriterSpec | Held | None  #: Destination of a source's samples; None to drop them.
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What of a path is to be open: readers, writers, and which source of a reader goes to which writer."""
+    """Readers and writers of a path that have to be open, and the destination of each reader's sources."""
 
     readers: tuple[ReaderSpec, ...] = ()
     writers: tuple[WriterSpec, ...] = ()
-    judged: Mapping[ReaderSpec, Mapping[bytes, Verdict]] = field(default_factory=dict)
+    routes: Mapping[ReaderSpec, Mapping[bytes, Destination]] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
 class PathState:
-    """What is known about one path."""
+    """Endpoints of one path, by gid."""
 
-    #: Publishers in the source's domain whose samples may cross, by gid.
+    #: Publishers in the source's domain whose samples may cross.
     sources: dict[bytes, EndpointInfo] = field(default_factory=dict)
-    #: Subscriptions in the target's domain that count, by gid.
+    #: Subscriptions in the target's domain that count.
     sinks: dict[bytes, EndpointInfo] = field(default_factory=dict)
-    #: Publishers in the source's domain whose samples may not cross, by gid.
-    barred: dict[bytes, EndpointInfo] = field(default_factory=dict)
-    held: set[bytes] = field(default_factory=set)  #: Those of `sources` whose samples have to wait.
-    doubts: int = 0  #: How often latched sources were doubted.
-    #: Latched ones of `sources` that somebody seemed to succeed, and in which doubt. They are read anew: who
-    #: lives sends its history again, and what is left of one that was killed is sent to nobody any more.
-    doubted: dict[bytes, int] = field(default_factory=dict)
-    setup: Setup = field(default_factory=Setup)  #: What is open now.
+    #: Publishers in the source's domain whose samples may not cross.
+    blocked_publishers: dict[bytes, EndpointInfo] = field(default_factory=dict)
+    held: set[bytes] = field(default_factory=set)  #: Sources whose samples have to wait.
+    generation: int = (
+        0  #: Number of new publishers so far, each of which may succeed a latched source.
+    )
+    #: Latched sources that a new publisher may succeed, with its generation. They are read again: a source that
+    #: is alive sends its history again, and the rest of a killed source is sent to no late joiner.
+    possibly_stale: dict[bytes, int] = field(default_factory=dict)
+    setup: Setup = field(default_factory=Setup)  #: Current setup.
 
     def __contains__(self, gid: bytes) -> bool:
-        return any(gid in part for part in (self.sources, self.sinks, self.barred))
+        return any(gid in part for part in (self.sources, self.sinks, self.blocked_publishers))
 
     def __bool__(self) -> bool:
-        return bool(self.sources or self.sinks or self.barred)
+        return bool(self.sources or self.sinks or self.blocked_publishers)
 
     def discard(self, gid: bytes) -> None:
-        """Forget an endpoint; harmless for one that is not known."""
-        for part in (self.sources, self.sinks, self.barred):
+        """Forget an endpoint; unknown endpoints are ignored."""
+        for part in (self.sources, self.sinks, self.blocked_publishers):
             part.pop(gid, None)
         self.held.discard(gid)
-        self.doubted.pop(gid, None)
+        self.possibly_stale.pop(gid, None)
 
-    def doubt(self, newcomer: EndpointInfo) -> None:
-        """Doubt the latched sources of other participants that have a new publisher's host and node name."""
-        self.doubts += 1
-        who = newcomer.host, newcomer.node
-        for gid, source in self.sources.items() if newcomer.node else ():
-            latched = source.qos.durability is Durability.TRANSIENT_LOCAL
-            if (
-                latched
-                and (source.host, source.node) == who
-                and source.participant != newcomer.participant
-            ):
-                self.doubted[gid] = self.doubts
+    def mark_possibly_stale(self, newcomer: EndpointInfo) -> None:
+        """Mark latched sources of other participants that have a new publisher's host and node name."""
+        self.generation += 1
+        if not newcomer.node:
+            return
+        for gid, source in self.sources.items():
+            is_namesake = (source.host, source.node) == (newcomer.host, newcomer.node)
+            is_other = source.participant != newcomer.participant
+            if _is_latched(source.qos) and is_namesake and is_other:
+                self.possibly_stale[gid] = self.generation
 
 
-def wanted(path: Path, state: PathState, *, offers: bool = False) -> Setup:
-    """Return what of a path has to be open; with `offers` also writers of topics that nobody wants."""
+class SourceKind(NamedTuple):
+    """Properties of a source on which its reader and writer depend; hundreds of sources may share them."""
+
+    qos: QoSProfile
+    transport: Transport
+    reread_generation: int
+
+
+def wanted(path: Path, state: PathState, *, advertise_unused: bool = False) -> Setup:
+    """Return the setup of a path; with `advertise_unused` there are writers without a subscription."""
     sinks = [sink.qos for sink in state.sinks.values()]
     if not sinks or (path.outward and not state.sources):
-        offered = offers and not path.dds_topic.startswith(_SERVICE_PREFIXES)
-        return Setup(writers=_offered(path, state) if offered else ())
+        if advertise_unused and not path.dds_topic.startswith(_SERVICE_PREFIXES):
+            return Setup(writers=_advertised(path, state))
+        return Setup()
     if not state.sources:
-        readers = {ReaderSpec(path=path, qos=announced_qos(path.dds_topic, sinks)): None}
-        return Setup(tuple(readers), (), _judged(readers, {}, state))
-    transport = _transport(path, {sink.transport for sink in state.sinks.values()})
-    ways, alike = {}, {}
+        reader = ReaderSpec(path=path, qos=announced_qos(path.dds_topic, sinks))
+        return Setup((reader,), (), _routes([reader], {}, state))
+    to = _transport(path, {sink.transport for sink in state.sinks.values()})
+
+    @cache
+    def specs_of(kind: SourceKind) -> tuple[ReaderSpec, WriterSpec]:
+        generation = kind.reread_generation
+        reader = ReaderSpec(
+            path=path,
+            qos=requested_qos(path.dds_topic, kind.qos, sinks),
+            transport=kind.transport,
+            reread_generation=generation,
+        )
+        writer = WriterSpec(
+            path=path,
+            qos=offered_qos(path.dds_topic, kind.qos),
+            transport=to,
+            reread_generation=generation,
+        )
+        return reader, writer
+
+    specs: dict[bytes, tuple[ReaderSpec, WriterSpec]] = {}
     for gid, source in sorted(state.sources.items()):
-        kind = source.qos, source.transport, state.doubted.get(gid, 0)
-        if kind not in alike:  # of one kind there may be hundreds
-            alike[kind] = _way(path, sinks, transport, *kind)
-        reader, writer = alike[kind]
-        ways[gid] = reader, replace(writer, source=gid) if _is_alone(source) else writer
-    readers = dict.fromkeys(reader for reader, _ in alike.values())
-    writers = dict.fromkeys(writer for _, writer in ways.values())
-    return Setup(tuple(readers), tuple(writers), _judged(readers, ways, state))
+        kind = SourceKind(source.qos, source.transport, state.possibly_stale.get(gid, 0))
+        reader, writer = specs_of(kind)
+        if _needs_own_writer(source.qos):
+            writer = replace(writer, source=gid)
+        specs[gid] = reader, writer
+    readers = dict.fromkeys(reader for reader, _ in specs.values())
+    writers = dict.fromkeys(writer for _, writer in specs.values())
+    return Setup(tuple(readers), tuple(writers), _routes(readers, specs, state))
 
 
-def _offered(path: Path, state: PathState) -> tuple[WriterSpec, ...]:
-    """Return writers that show what there is: a volatile source's own, for latched samples another.
+def _advertised(path: Path, state: PathState) -> tuple[WriterSpec, ...]:
+    """Return writers that advertise sources: a volatile source's own writer, for latched sources another one.
 
-    For a latched writer's history of an earlier demand could not be taken back.
+    The history of a latched source's own writer, from an earlier demand, could not be taken back.
     """
     specs: dict[WriterSpec, None] = {}
     for gid, source in sorted(state.sources.items()):
-        alone = _is_alone(source) and source.qos.durability is Durability.VOLATILE
+        is_own = _needs_own_writer(source.qos) and not _is_latched(source.qos)
         qos = offered_qos(path.dds_topic, source.qos)
-        specs[WriterSpec(path=path, qos=qos, source=gid if alone else b"")] = None
+        specs[WriterSpec(path=path, qos=qos, source=gid if is_own else b"")] = None
     return tuple(specs)
 
 
 def _transport(path: Path, sinks: set[Transport]) -> Transport:
-    """Return how the subscriptions are reached: a request goes to one server, a reply to all."""
+    """Return the transport to the subscriptions: a request goes to one server, a reply to all."""
     if len(sinks) > 1 and path.dds_topic.startswith("rr/"):
         return "any"
     return "ros" if "ros" in sinks else "dds"
 
 
-def _way(  # noqa: PLR0913, PLR0917 - what a reader and a writer are made of
-    path: Path,
-    sinks: Iterable[QoSProfile],
-    to: Transport,
-    qos: QoSProfile,
-    of: Transport,
-    again: int,
-) -> tuple[ReaderSpec, WriterSpec]:
-    reader = ReaderSpec(
-        path=path, qos=requested_qos(path.dds_topic, qos, sinks), transport=of, again=again
-    )
-    return reader, WriterSpec(
-        path=path, qos=offered_qos(path.dds_topic, qos), transport=to, again=again
-    )
+def _is_latched(qos: QoSProfile) -> bool:
+    return qos.durability is Durability.TRANSIENT_LOCAL
 
 
-def _is_alone(source: EndpointInfo) -> bool:
-    return source.qos.durability is Durability.TRANSIENT_LOCAL or source.qos.lease_ns is not None
+def _needs_own_writer(qos: QoSProfile) -> bool:
+    return _is_latched(qos) or qos.lease_ns is not None
 
 
-def _judged(
+def _routes(
     readers: Iterable[ReaderSpec],
-    ways: Mapping[bytes, tuple[ReaderSpec, WriterSpec]],
+    specs: Mapping[bytes, tuple[ReaderSpec, WriterSpec]],
     state: PathState,
-) -> dict[ReaderSpec, dict[bytes, Verdict]]:
-    """Say for every reader where each publisher's samples go: each source is heard by one reader alone."""
-    judged: dict[ReaderSpec, dict[bytes, Verdict]] = {}
+) -> dict[ReaderSpec, dict[bytes, Destination]]:
+    """Return every publisher's destination per reader: only one reader forwards a source's samples."""
+    routes: dict[ReaderSpec, dict[bytes, Destination]] = {}
     for reader in readers:
-        judged[reader] = verdicts = dict.fromkeys(state.barred)
-        for gid, (own, writer) in ways.items():
-            here = Held.HELD if gid in state.held else writer
-            verdicts[gid] = here if own == reader else None
-    return judged
+        destinations: dict[bytes, Destination] = dict.fromkeys(state.blocked_publishers)
+        for gid, (own, writer) in specs.items():
+            destinations[gid] = None
+            if own == reader:
+                destinations[gid] = Held.HELD if gid in state.held else writer
+        routes[reader] = destinations
+    return routes

@@ -1,4 +1,4 @@
-"""Refusals that are said once each: whoever sends what is refused must not fill the log with it."""
+"""Warnings that are logged once: a sender of refused input must not fill the log."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ if TYPE_CHECKING:
     import logging
     from collections.abc import Hashable
 
-MAX_SAID = 1000  #: How many different things are said at most.
+MAX_WARNINGS = 1000  #: Maximum number of different warnings.
 
 
-class SaidOnce:
-    """Warnings of one log, of which each is given once, by its key."""
+class WarnOnce:
+    """Warnings of one logger, each logged once per key."""
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
-        self._said: set[Hashable] = set()
+        self._keys: set[Hashable] = set()
 
     def __call__(self, key: Hashable, sentence: str) -> None:
-        """Say a sentence, unless its key has been said or too much has."""
-        if key not in self._said and len(self._said) < MAX_SAID:
-            self._said.add(key)
+        """Log a warning, unless its key has been logged or the maximum is reached."""
+        if key not in self._keys and len(self._keys) < MAX_WARNINGS:
+            self._keys.add(key)
             self._log.warning("%s", sentence)

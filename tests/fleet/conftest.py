@@ -34,7 +34,9 @@ def serve(domains):
     @asynccontextmanager
     async def serving(streams=(STREAM,), **told):
         remote, local = domains
-        config = DecoderConfig(remote=remote, local=local, streams=streams, linger_s=0.05, **told)
+        config = DecoderConfig(
+            remote=remote, local=local, streams=streams, idle_timeout_s=0.05, **told
+        )
         decoder = Decoder()
         decoding = run_decoder(config, on_status=decoder.note, on_ready=decoder.is_ready)
         async with (

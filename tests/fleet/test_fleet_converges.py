@@ -167,7 +167,7 @@ class Fleet:
             schedule=SCHEDULE,
             discovery=DISCOVERY,
             supervision=SUPERVISION,
-            linger_s=0.2,
+            idle_timeout_s=0.2,
             detect=False,
         )
 

@@ -53,8 +53,8 @@ async def routing(local: int, remote: int, **settings):
         Node("router", domain_id=local, interface="lo") as near,
         Node("router", domain_id=remote, interface="lo") as far,
     ):
-        agent = RouterSettings(agent=f"robot{local}", **{"linger_s": 0.1, **settings})
-        router = Router(near, far, agent, pair=f"host/{local}")
+        agent = RouterSettings(agent=f"robot{local}", **{"idle_timeout_s": 0.1, **settings})
+        router = Router(near, far, agent, tag=f"host/{local}")
         async with beside(router.run()):
             yield router
 
@@ -186,7 +186,7 @@ async def test_routers_that_come_and_go_leave_nothing(ids):
 
 def config_of(ids, **more) -> RouterConfig:
     local, remote = (BusAddress(domain_id=domain, interface="lo") for domain in (ids[1], ids[0]))
-    return RouterConfig(agent="go2", local=local, remote=remote, linger_s=0.1, **more)
+    return RouterConfig(agent="go2", local=local, remote=remote, idle_timeout_s=0.1, **more)
 
 
 async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_that_of_all_who_live(
@@ -310,7 +310,7 @@ async def test_a_router_has_what_it_had_when_a_hundred_others_have_come_and_gone
         BusAddress(domain_id=domain, interface="lo") for domain in (local, remote)
     )
     config = RouterConfig(
-        agent=f"robot{local}", linger_s=0.05, local=near_address, remote=far_address
+        agent=f"robot{local}", idle_timeout_s=0.05, local=near_address, remote=far_address
     )
     program = Path(__file__).with_name("counted_router.py")
     router = await LineProcess.start("router", (sys.executable, str(program), argument_of(config)))

@@ -21,7 +21,15 @@ from sfglab.fleet.policy import (
     Side,
     WriterSpec,
 )
-from sfglab.fleet.router.plan import PATIENCE_NS, ROUTER_KEY, Close, Forget, Judge, Open, Plan
+from sfglab.fleet.router.plan import (
+    REPLY_READER_TIMEOUT_NS,
+    ROUTER_KEY,
+    AssignRoute,
+    Close,
+    Open,
+    Plan,
+    RemoveSource,
+)
 from sfglab.fleet.router.ros import RosHalves
 from sfglab.lab.checks.routing import in_table_1
 from sfglab.names import ResourceKind
@@ -127,23 +135,27 @@ class Router:
         self.heard = {side: deque() for side in Side}
         self.tag = user_data({ROUTER_KEY: name})
         own = frozenset(self.participants.values())
-        self.plan = Plan(POLICY, participants=own, pair=name, linger_ns=SECOND, offers=world.offers)
+        self.plan = Plan(
+            POLICY,
+            participants=own,
+            tag=name,
+            linger_ns=SECOND,
+            advertise_unused_topics=world.offers,
+        )
         self.open: dict[ReaderSpec | WriterSpec, bytes] = {}
         self.judged: dict[tuple[bytes, bytes], bytes | None] = {}
         self.done = []
 
     def hear(self, side: Side) -> None:
-        self.carry_out(
-            self.plan.feed([(side, self.heard[side].popleft())], now_ns=self.world.now_ns)
-        )
+        self.apply(self.plan.feed([(side, self.heard[side].popleft())], now_ns=self.world.now_ns))
 
     def tick(self) -> None:
-        self.carry_out(self.plan.feed((), now_ns=self.world.now_ns))
+        self.apply(self.plan.feed((), now_ns=self.world.now_ns))
 
     def domain_of(self, gid: bytes) -> int:
         return next(d for d in self.domains.values() if gid in self.world.domains[d])
 
-    def carry_out(self, actions) -> None:
+    def apply(self, actions) -> None:
         self.done += actions
         for action in actions:
             match action:
@@ -154,11 +166,11 @@ class Router:
                     gid = self.open.pop(spec)
                     self.world.remove(self.domain_of(gid), gid)
                     self.judged = {key: w for key, w in self.judged.items() if key[0] != gid}
-                case Judge(reader=reader, source=source, writer=writer):
+                case AssignRoute(reader=reader, source=source, writer=writer):
                     self.judged[self.open[reader], source.gid] = (
                         self.open[writer] if writer else None
                     )
-                case Forget(reader=reader, source=gid):
+                case RemoveSource(reader=reader, source=gid):
                     self.judged.pop(
                         (self.open[reader], gid), None
                     )  # one that was held was never judged
@@ -285,7 +297,9 @@ class Fleet(RuleBasedStateMachine):
                 others = [e for e in known.values() if e.participant != reader.participant]
                 heard = {e.gid for e in others if matches(e, reader)}
                 assert heard <= {gid for r, gid in router.judged if r == reader.gid}
-                assert not set(router.open.values()) & set(router.plan.paths[spec.path].barred)
+                assert not set(router.open.values()) & set(
+                    router.plan.paths[spec.path].blocked_publishers
+                )
 
     def teardown(self):
         for domain, endpoint in self.world.plain():
@@ -397,7 +411,7 @@ def test_latched_sources_get_a_writer_each_that_goes_with_them_and_volatile_ones
     one.done.clear()
     world.remove(1, leaving.gid)
     world.settle()
-    assert [type(a) for a in one.done] == [Forget, Close]
+    assert [type(a) for a in one.done] == [RemoveSource, Close]
     assert one.done[1].what.source == leaving.gid
     assert [spec.source for spec in one.open if isinstance(spec, WriterSpec)] == [kept.gid]
 
@@ -498,14 +512,14 @@ def test_a_request_does_not_wait_for_ever_and_a_client_that_left_is_forgotten():
     world, one = services.world, services.router
     silent, gone = (services.half(who, PUB) for who in "ab")
     services.hear()
-    assert one.plan.deadline_ns == PATIENCE_NS
+    assert one.plan.deadline_ns == REPLY_READER_TIMEOUT_NS
     world.remove(GLOBAL, gone.gid)
     services.hear()
     world.now_ns = SECOND
     one.tick()
     assert services.passes(gone) is None
-    assert [a.source for a in one.done if isinstance(a, Forget)] == [gone.gid]
-    world.now_ns = PATIENCE_NS
+    assert [a.source for a in one.done if isinstance(a, RemoveSource)] == [gone.gid]
+    world.now_ns = REPLY_READER_TIMEOUT_NS
     one.tick()
     assert services.passes(silent)
     assert one.plan.deadline_ns is None

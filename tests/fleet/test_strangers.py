@@ -131,7 +131,7 @@ async def decoding(world):
     async with world.node("decoder", host="pc") as node:
         node.create_subscription(IMAGE, LOCAL)
         pool = Pool()
-        decoder = AgentDecoder(node, pool, offers=False)
+        decoder = AgentDecoder(node, pool, advertise_unused_topics=False)
 
         async def offer(agent, *codecs):
             stream = {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
@@ -196,7 +196,7 @@ async def test_a_decoder_that_is_told_to_end_as_something_happens_ends(sim, monk
     monkeypatch.setattr(Pipe, "order", lambda *_, **__: None)  # so that a time-out of its runs
     async with sim.node("decoder", host="pc") as node:
         node.create_subscription(IMAGE, LOCAL)
-        decoder = AgentDecoder(node, pool := Pool(), offers=False)
+        decoder = AgentDecoder(node, pool := Pool(), advertise_unused_topics=False)
         stream = {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
         decoder.offer("go2", [Route(agent="go2", codec="h264", **stream)])
         async with beside(decoder.run()) as (task,):
@@ -211,7 +211,7 @@ async def test_whoever_saw_a_killed_pipeline_waits_for_the_stream_and_who_comes_
 ):
     async with sim.node("decoder", host="pc") as node:
         pool, stream = Pool(), {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
-        decoder = AgentDecoder(node, pool, offers=False)
+        decoder = AgentDecoder(node, pool, advertise_unused_topics=False)
         async with beside(decoder.run()):
             decoder.offer("go2", [Route(agent="go2", codec="h264", **stream)])
             await asyncio.sleep(1)
@@ -277,7 +277,10 @@ async def test_an_evil_agent_changes_nothing_in_anothers_local_topics_and_tree(s
         ]
         mine = node.create_publisher(TF_TYPE, "/tf", LATCHED)
         pool = Pool()
-        decoder, discoverer = AgentDecoder(node, pool, offers=False), AgentDiscoverer(node, PC)
+        decoder, discoverer = (
+            AgentDecoder(node, pool, advertise_unused_topics=False),
+            AgentDiscoverer(node, PC),
+        )
         async with beside(router.run(), discoverer.run(), decoder.run(event)):
             for second in range(30):
                 mine.publish_raw(tf(("odom", "base_link")))

@@ -49,7 +49,9 @@ async def agents(network, peer, domains, *more, **config):
         starting, remote = {}, BusAddress(domain_id=5, interface="eth0")
         for name, domain in domains.items():
             host, local = network.hosts[name], BusAddress(domain_id=domain, interface="lo")
-            router = RouterConfig(agent=name, local=local, remote=remote, linger_s=0.2, **config)
+            router = RouterConfig(
+                agent=name, local=local, remote=remote, idle_timeout_s=0.2, **config
+            )
             starting[f"{name}'s router"] = component(host, "sfglab.fleet.router.node", router)
             starting[name] = peer(name, host, ROS_DOMAIN_ID=domain)
         for name, agent in more:

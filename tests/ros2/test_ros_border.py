@@ -40,7 +40,7 @@ def ends(graph, topic):
     },
 )
 async def test_what_could_be_had_is_listed_before_anybody_subscribes(network, peer, distribution):
-    async with agents(network, peer, DOMAINS, offers=True) as ros:
+    async with agents(network, peer, DOMAINS, advertise_unused_topics=True) as ros:
         await listed_then_opened(network, ros["go2"], ros["spot"], names=distribution == "jazzy")
 
 
@@ -48,7 +48,9 @@ async def listed_then_opened(network, go2, spot, *, names):
     await publish(go2, STATE, {})
     await publish(go2, MAP)
     local = BusAddress(domain_id=DOMAINS["spot"], interface="lo")
-    config = DecoderConfig(remote=local, local=local, streams=(STREAM,), linger_s=0.1, spare=False)
+    config = DecoderConfig(
+        remote=local, local=local, streams=(STREAM,), idle_timeout_s=0.1, spare=False
+    )
     router, its_decoder = ("/router", "/agent_decoder") if names else 2 * (NAMELESS,)
     listed = {
         STATE: [("PUBLISHER", STRING, "volatile", router)],
@@ -127,7 +129,9 @@ class Told:
     "latched past, for Fast DDS does not announce how deep it is",
 )
 async def test_qos_is_across_two_routers_what_it_is_without(network, peer):
-    async with agents(network, peer, DOMAINS, ("beside", "go2"), offers=True) as ros:
+    async with agents(
+        network, peer, DOMAINS, ("beside", "go2"), advertise_unused_topics=True
+    ) as ros:
         go2, hearers = ros["go2"], (ros["beside"], ros["spot"])
         told = [Told(hearer) for hearer in hearers]
         await everybody_hears(go2, hearers, told)
@@ -184,7 +188,7 @@ DEEP, SECONDS, RATE_HZ = {"depth": 1000}, {"jazzy": 10, "kilted": 2}, 100
 
 @pytest.mark.feature("Across two routers: 100 messages a second, none lost", condition="reliable")
 async def test_reliable_topics_lose_nothing_across_two_routers(network, peer, distribution):
-    async with agents(network, peer, DOMAINS, offers=True) as ros:
+    async with agents(network, peer, DOMAINS, advertise_unused_topics=True) as ros:
         await all_arrive(ros, STRING, EMPTY, times=RATE_HZ * SECONDS[distribution], rate_hz=RATE_HZ)
 
 
@@ -197,7 +201,7 @@ IMAGES, IMAGE_BYTES = 60, 640 * 480 * 3
 )
 async def test_images_arrive_across_two_routers(network, peer):
     image = default_message(IMAGE, data=np.zeros(IMAGE_BYTES, np.uint8))
-    async with agents(network, peer, DOMAINS, offers=True) as ros:
+    async with agents(network, peer, DOMAINS, advertise_unused_topics=True) as ros:
         await all_arrive(ros, IMAGE, serialize(image).hex(), times=IMAGES, rate_hz=30)
 
 

@@ -229,10 +229,12 @@ async def test_parameters_are_what_the_component_was_told(ros_node, python, doma
         read = await asked(ros, "parameters", "parameters", node="/agent_decoder")
     said = dict(flat(to_json(config)))
     assert read["values"] == said
-    assert {name: said[name] for name in ("streams", "local.domain_id", "linger_s", "replay")} == {
+    assert {
+        name: said[name] for name in ("streams", "local.domain_id", "idle_timeout_s", "replay")
+    } == {
         "streams": list(streams),
         "local.domain_id": domain_id,
-        "linger_s": 1.0,
+        "idle_timeout_s": 1.0,
         "replay": True,
     }
     assert (read["read_only"], read["why"]) == (True, READ_ONLY)

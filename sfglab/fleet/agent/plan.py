@@ -53,12 +53,12 @@ class AgentConfig:
         str, ...
     ] = ()  #: Frames of the agent to which others may publish a parent.
     #: Time that a decoding pipeline is kept after its last subscriber left, s.
-    linger_s: float = 1.0
+    idle_timeout_s: float = 1.0
     replay: bool = True  #: Whether the decoder requests a replay from the sender of a stream.
     spare: bool = True  #: Whether the decoder keeps a spare pipeline process.
     #: Whether ROS 2's tools list what its decoder could decode and its router could open. In the global domain
     #: it costs 0.6 kB for each topic and other agent, once.
-    offers: bool = True
+    advertise_unused_topics: bool = True
     #: Whether descriptions are published on a topic and read there. If false, each agent queries the paper's
     #: metadata service of each other agent.
     published_descriptions: bool = True
@@ -112,7 +112,7 @@ def router_config(config: AgentConfig) -> RouterConfig:
         prefix_frames=config.prefix_frames,
         shared_frames=config.shared_frames,
         placed_by_others=config.placed_by_others,
-        offers=config.offers,
+        advertise_unused_topics=config.advertise_unused_topics,
         parameters=config.parameters,
     )
 
@@ -149,10 +149,10 @@ def _decoder(config: AgentConfig) -> DecoderConfig:
         remote=config.local,
         local=config.local,
         discovery_topic=discovery_topic(config.agent),
-        linger_s=config.linger_s,
+        idle_timeout_s=config.idle_timeout_s,
         replay=config.replay,
         spare=config.spare,
-        offers=config.offers,
+        advertise_unused_topics=config.advertise_unused_topics,
         parameters=config.parameters,
     )
 
@@ -181,7 +181,7 @@ def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
         prefix_frames=spec.tf.prefix_frames,
         shared_frames=spec.tf.shared_frames,
         placed_by_others=spec.tf.placed_by_others,
-        offers=fleet.offers,
+        advertise_unused_topics=fleet.offers,
         published_descriptions=fleet.descriptions == "published",
     )
     return config if spec.lifecycle else without(config, ("status", "discoverer"))

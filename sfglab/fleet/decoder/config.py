@@ -16,13 +16,15 @@ class DecoderConfig:
     local: BusAddress  #: Domain of the local subscribers.
     streams: tuple[str, ...] = ()  #: Remote topics that are offered from the start.
     discovery_topic: str = ""  #: Topic of discovery events; empty for none.
-    linger_s: float = 1.0  #: Time that a pipeline is kept after its last subscriber left, s.
+    idle_timeout_s: float = 1.0  #: Time that a pipeline is kept after its last subscriber left, s.
     #: Whether pipelines begin with the GOP replay of the stream's sender, not with the next key frame.
     replay: bool = True
     spare: bool = True  #: Whether a standby pipeline process waits for the next stream.
     #: Whether another standby process is started when a stream takes it. If false, one process serves one
     #: stream after the other, as a component container loads and unloads components in the paper.
     refill: bool = True
-    offers: bool = True  #: Whether decodable topics are advertised before anybody subscribes.
+    advertise_unused_topics: bool = (
+        True  #: Whether decodable topics are advertised before anybody subscribes.
+    )
     #: Parameter services, with which ROS 2's tools read this configuration; None for none.
     parameters: ParameterTransport | None = None

@@ -91,7 +91,7 @@ class _Pipeline:
 class AgentDecoder:
     """Demand-driven decoding of remote streams for all subscribers on this device; the pool is started.
 
-    With `replay`, streams are joined by their replay where their sender offers one. With `offers`, every stream
+    With `replay`, streams are joined by their replay where their sender offers one. With `advertise_unused_topics`, every stream
     has a silent writer beside that of its pipeline, so that ROS 2's tools list it. `on_status` is called with a
     stream's status whenever its state or counts change.
     """
@@ -103,11 +103,11 @@ class AgentDecoder:
         *,
         timing: Timing | None = None,
         replay: bool = True,
-        offers: bool = True,
+        advertise_unused_topics: bool = True,
         on_status: Callable[[PipelineStatus], None] | None = None,
     ) -> None:
         self._local = local
-        self._offers = offers
+        self._advertises = advertise_unused_topics
         self._pool = pool
         self._timing = timing or Timing()
         self._replay = replay
@@ -223,7 +223,7 @@ class AgentDecoder:
 
     async def _add(self, route: Route) -> None:
         pipeline = self._pipelines[route.local_topic] = _Pipeline(route, Lifecycle(self._timing))
-        if self._offers:
+        if self._advertises:
             endpoint = topic_endpoint(
                 route.local_type, route.local_topic, LOCAL_QOS, user_data=OFFER
             )
@@ -342,13 +342,13 @@ async def run_decoder(
             Parameters(local, config, config.parameters)
         try:
             await pool.start()
-            timing = Timing(linger_ns=round(config.linger_s * 1e9))
+            timing = Timing(linger_ns=round(config.idle_timeout_s * 1e9))
             decoder = AgentDecoder(
                 local,
                 pool,
                 timing=timing,
                 replay=config.replay,
-                offers=config.offers,
+                advertise_unused_topics=config.advertise_unused_topics,
                 on_status=on_status,
             )
             for agent in sorted({route.agent for route in routes}):

@@ -33,7 +33,7 @@ from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HIST
 from sfglab.fleet.discovery.published import PublishedDescriptions
 from sfglab.fleet.discovery.registry import AgentStatus, Move, Order, Registry
 from sfglab.fleet.discovery.validation import Refusal, validated_metadata
-from sfglab.fleet.refusals import SaidOnce
+from sfglab.fleet.refusals import WarnOnce
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
     AGENT_METADATA,
@@ -151,7 +151,7 @@ class AgentDiscoverer:
         self._node = node
         self._settings = settings
         self._on_event = on_event
-        self._warn_once = SaidOnce(_LOG)
+        self._warn_once = WarnOnce(_LOG)
         self._registry = Registry(
             settings.agent,
             timing=settings.timing,

@@ -18,7 +18,7 @@ class RouterSettings:
     agent: str  #: Name of the agent.
     rules: tuple[ForwardRule, ...] = TABLE_1  #: Forwarding rules.
     #: Time that a path stays open after its last publisher or subscription has gone, s.
-    linger_s: float = 1.0
+    idle_timeout_s: float = 1.0
     #: Whether TF frames leave with the agent's prefix; transforms of frames that clash are dropped.
     prefix_frames: bool = True
     shared_frames: tuple[str, ...] = SHARED_FRAMES  #: Frames without prefix, common to all agents.
@@ -26,7 +26,7 @@ class RouterSettings:
     placed_by_others: tuple[str, ...] = ()
     #: Whether a writer advertises each topic that could be forwarded, before it is subscribed to. All agents
     #: discover these writers.
-    offers: bool = False
+    advertise_unused_topics: bool = False
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)

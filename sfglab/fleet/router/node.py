@@ -7,7 +7,7 @@ keep: in the agent's domain its services, and so its actions, are called and ans
 
 As a process (`sfglab router`, or ``python -m sfglab.fleet.router.node CONFIG``; see `sfglab.component`) it
 reports, beside ``ready``, ``{"is": "status", "paths": [...], "clashed": n}`` whenever paths change and every
-five seconds; a path is a `PathStatus`. It does nothing else: a busy thread beside it would cost milliseconds.
+five seconds; a path is a `PathStatus`. The process has no other task: a busy thread would cost milliseconds.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from sfglab.component import (
 )
 from sfglab.errors import SfglabError
 from sfglab.fleet.policy import Policy, Side
-from sfglab.fleet.router.carrier import Carrier, Interest, PathStatus
 from sfglab.fleet.router.config import RouterConfig, RouterSettings
 from sfglab.fleet.router.frames import Frames, TransformGate
 from sfglab.fleet.router.plan import Plan
 from sfglab.fleet.router.ros import RosHalves
+from sfglab.fleet.router.table import CounterpartWatcher, ForwardingTable, PathStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -76,27 +76,32 @@ def domain_lock(domain_id: int) -> Iterator[None]:
         yield
 
 
-#: Largest message that a router's process takes in; a larger one does not cross.
+#: Maximum size of a message that a router's process forwards.
 MAX_SAMPLE_BYTES = 64 << 20
-STATUS_PERIOD_S = 5.0  #: How often the status is told when nothing changes, seconds.
+STATUS_PERIOD_S = 5.0  #: Period of status reports while nothing changes, s.
 
-# Loops keep time in floats of seconds, or in milliseconds: this much before a deadline it counts as reached.
+# Event loops count time in floats or milliseconds: a deadline counts as reached this much earlier.
 _RESOLUTION_NS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouterStatus:
-    """What a router does now."""
+    """Current state of a router."""
 
     paths: tuple[PathStatus, ...] = ()  #: All open paths.
-    clashed: int = 0  #: Transforms that were dropped because their frames clash.
+    clashed: int = 0  #: Number of transforms that were dropped because of clashing frames.
 
 
 class Router:
-    """Forwards what the policy lets cross, on demand, between nodes of its own on both domains.
+    """Forwards topics and services that the policy lets cross, on demand, between nodes on both domains.
 
-    `pair` names these domains among all routers, so that two of one pair know each other; empty: as the agent.
-    `on_status` is given the status whenever paths change, and every `STATUS_PERIOD_S`.
+    Args:
+        local: Node in the agent's domain.
+        remote: Node in the global domain.
+        settings: Settings.
+        tag: Name of the agent's domain among all hosts. Routers of one domain ignore each other's endpoints.
+            By default the agent's name.
+        on_status: Called with the status whenever paths change, and every `STATUS_PERIOD_S`.
     """
 
     def __init__(
@@ -105,59 +110,63 @@ class Router:
         remote: Node,
         settings: RouterSettings,
         *,
-        pair: str = "",
+        tag: str = "",
         on_status: Callable[[RouterStatus], None] = lambda _: None,
     ) -> None:
         self._nodes = {Side.LOCAL: local, Side.GLOBAL: remote}
         self._on_status = on_status
-        policy = Policy(rules=settings.rules)
-        pair, own = pair or settings.agent, frozenset(node.guid for node in self._nodes.values())
-        self._ros = RosHalves(local.backend.ros, policy, self._hear)
-        linger_ns = round(settings.linger_s * 1e9)
+        policy, tag = Policy(rules=settings.rules), tag or settings.agent
+        self._advertises = settings.advertise_unused_topics
+        self._ros = RosHalves(local.backend.ros, policy, self._add_event)
         self._plan = Plan(
-            policy, participants=own, pair=pair, linger_ns=linger_ns, offers=settings.offers
+            policy,
+            participants=frozenset(node.guid for node in self._nodes.values()),
+            tag=tag,
+            linger_ns=round(settings.idle_timeout_s * 1e9),
+            advertise_unused_topics=self._advertises,
         )
-        self._offers = settings.offers
         self._gate = TransformGate(_frames(settings)) if settings.prefix_frames else None
-        self._carrier = Carrier(self._nodes, pair=pair, gate=self._gate)
-        self._heard: deque[tuple[Side, EndpointEvent]] = deque()
+        self._table = ForwardingTable(self._nodes, tag=tag, gate=self._gate)
+        self._events: deque[tuple[Side, EndpointEvent]] = deque()
         self._woken = asyncio.Event()
 
     @property
     def status(self) -> RouterStatus:
-        """What it does now."""
+        """Current state."""
         clashed = 0 if self._gate is None else self._gate.clashed
-        return RouterStatus(paths=self._carrier.paths, clashed=clashed)
+        return RouterStatus(paths=self._table.paths, clashed=clashed)
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Route until cancelled, from `on_ready` on; everything it opened is closed when this returns."""
-        local, remote = (self._nodes[side] for side in (Side.LOCAL, Side.GLOBAL))
-        interest = Interest(remote.graph, partial(self._ros.feed, Side.GLOBAL))
+        local, remote = self._nodes[Side.LOCAL], self._nodes[Side.GLOBAL]
+        counterparts = CounterpartWatcher(remote.graph, partial(self._ros.feed, Side.GLOBAL))
 
-        def hear(event: EndpointEvent) -> None:
-            if event.endpoint.participant not in (local.guid, *local.backend.ros.participants):
-                if not (self._offers and _is_topic(event, EndpointKind.SUBSCRIPTION)):
-                    interest.feed(event)
-                self._ros.feed(Side.LOCAL, event)
+        def on_local(event: EndpointEvent) -> None:
+            if event.endpoint.participant in (local.guid, *local.backend.ros.participants):
+                return
+            # `on_publisher` gets all publishers of topics, so that subscriptions need no watch.
+            if not (self._advertises and _is_topic(event, EndpointKind.SUBSCRIPTION)):
+                counterparts.feed(event)
+            self._ros.feed(Side.LOCAL, event)
 
-        def hear_publisher(event: EndpointEvent) -> None:
+        def on_publisher(event: EndpointEvent) -> None:
             if _is_topic(event, EndpointKind.PUBLISHER):
                 self._ros.feed(Side.GLOBAL, event)
 
-        ends = [local.graph.listen(hear)]
-        if self._offers:  # all publishers there, met or not; then nothing has to ask for those
-            ends.append(remote.graph.listen(hear_publisher))
+        ends = [local.graph.listen(on_local)]
+        if self._advertises:
+            ends.append(remote.graph.listen(on_publisher))
         on_ready()
         try:
             await self._route()
         finally:
             for end in ends:
                 end()
-            interest.close()
-            self._carrier.close()
+            counterparts.close()
+            self._table.close()
 
-    def _hear(self, side: Side, event: EndpointEvent) -> None:
-        self._heard.append((side, event))
+    def _add_event(self, side: Side, event: EndpointEvent) -> None:
+        self._events.append((side, event))
         self._woken.set()
 
     async def _route(self) -> None:
@@ -173,11 +182,11 @@ class Router:
             await is_set_before(self._woken, due_ns / 1e9)
 
     def _catch_up(self, now_ns: int) -> bool:
-        """Take in what was heard and what lingered long enough; return whether that changed anything."""
-        heard = list(self._heard)
-        self._heard.clear()
-        actions = self._plan.feed(heard, now_ns=now_ns)
-        self._carrier.carry_out(actions)
+        """Apply all events and timeouts; return whether paths changed."""
+        events = list(self._events)
+        self._events.clear()
+        actions = self._plan.feed(events, now_ns=now_ns)
+        self._table.apply(actions)
         return bool(actions)
 
 
@@ -203,30 +212,25 @@ async def run_router(config: RouterConfig, report: Reporter) -> None:
     """
     from sfglab.bus import Node
 
-    far = config.remote.options()
+    near = config.local.options() | {"max_sample_bytes": MAX_SAMPLE_BYTES}
+    # In the global domain, routers of all agents meet.
+    far = config.remote.options() | {"max_sample_bytes": MAX_SAMPLE_BYTES}
+    far["namespace"] = f"/{config.agent}"
+
+    def on_status(status: RouterStatus) -> None:
+        report({"is": "status", **asdict(status)})
+
     with domain_lock(config.local.domain_id):
-        async with (
-            Node("router", **config.local.options(), max_sample_bytes=MAX_SAMPLE_BYTES) as local,
-            # Every agent has one, and in the global domain they meet.
-            Node(
-                "router", namespace=f"/{config.agent}", **far, max_sample_bytes=MAX_SAMPLE_BYTES
-            ) as remote,
-        ):
-            pair = f"{host_id()}/{config.local.domain_id}"
-            router = Router(
-                local,
-                remote,
-                config,
-                pair=pair,
-                on_status=lambda s: report({"is": "status", **asdict(s)}),
-            )
+        async with Node("router", **near) as local, Node("router", **far) as remote:
+            tag = f"{host_id()}/{config.local.domain_id}"
+            router = Router(local, remote, config, tag=tag, on_status=on_status)
             if config.parameters is not None:
                 Parameters(local, config, config.parameters)
             await router.run(on_ready=lambda: report({"is": "ready"}))
 
 
 async def serve_terminal(config: RouterConfig, say: Callable[[str], None]) -> None:
-    """Run a router for a person at a terminal; say a line for each path that begins or ceases to carry samples.
+    """Run a router for a person at a terminal; print a line for each path that is opened or closed.
 
     Raises:
         RouterRunningError: This host has a router of the agent's domain.

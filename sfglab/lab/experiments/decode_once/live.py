@@ -82,7 +82,7 @@ class StageProcesses(StreamProcesses):
             remote=self.shared("consumer"),
             local=local,
             streams=(self.topic,),
-            linger_s=LINGER_S,
+            idle_timeout_s=LINGER_S,
             refill=False,
         )
         viewer = self.viewer_config(self.topic, local)

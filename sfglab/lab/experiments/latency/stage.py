@@ -147,7 +147,7 @@ class Running(StreamProcesses):
 
     def _router(self, host: str) -> RouterConfig:
         return RouterConfig(
-            agent=host, local=self._own(host), remote=self.shared(host), linger_s=LINGER_S
+            agent=host, local=self._own(host), remote=self.shared(host), idle_timeout_s=LINGER_S
         )
 
     def _decoder(self, path: str) -> DecoderConfig:
@@ -156,7 +156,7 @@ class Running(StreamProcesses):
             remote=self.shared("consumer") if path == "decoder" else own,
             local=own,
             streams=(stream_topic(path),),
-            linger_s=LINGER_S,
+            idle_timeout_s=LINGER_S,
             replay=path not in PAPERS,
             spare=path != "on_demand",
             refill=path not in PAPERS,

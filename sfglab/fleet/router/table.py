@@ -1,6 +1,6 @@
-"""Open paths of a router: forwards and outlets, and which endpoints of the global domain it has to hear of.
+"""Open paths of a router, and which endpoints of the global domain it has to discover.
 
-Knows what is open; refuses to know why (`plan`).
+The table knows which paths are open; `plan` decides which ones have to be.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from sfglab.bus.errors import BusError
 from sfglab.bus.forwarding import ForwardCounts
 from sfglab.fleet.policy import Direction, ReaderSpec, WriterSpec
 from sfglab.fleet.router.frames import TF_TYPE
-from sfglab.fleet.router.plan import ROUTER_KEY, Close, Forget, Judge, Open
+from sfglab.fleet.router.plan import ROUTER_KEY, AssignRoute, Close, Open, RemoveSource
 from sfglab.names import TF, TF_STATIC, dds_topic
 from sfglab.qos import Durability, Liveliness
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from sfglab.bus import EndpointEvent, EndpointInfo, Graph, Node
     from sfglab.bus.forwarding import Forward, RawWriter, Transform
@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from sfglab.fleet.router.frames import TransformGate
     from sfglab.fleet.router.plan import Action
 
-
+_log = logging.getLogger(__name__)
+_TF_TOPICS = frozenset({dds_topic(TF), dds_topic(TF_STATIC)})
 _OTHER = {
     EndpointKind.PUBLISHER: EndpointKind.SUBSCRIPTION,
     EndpointKind.SUBSCRIPTION: EndpointKind.PUBLISHER,
@@ -50,19 +51,20 @@ class _Watch:
     there: dict[bytes, EndpointInfo] = field(default_factory=dict)
 
 
-class Interest:
-    """Watches in the domain of a graph the counterparts of what another domain has.
+class CounterpartWatcher:
+    """Watches, in the domain of a graph, the counterparts of another domain's endpoints.
 
-    `hear` is given what happens to counterparts, and that they have gone when nothing meets them any more.
+    `on_event` is called with events of counterparts, and with their removal when the last endpoint that they
+    are counterparts of has gone.
     """
 
-    def __init__(self, graph: Graph, hear: Callable[[EndpointEvent], None]) -> None:
+    def __init__(self, graph: Graph, on_event: Callable[[EndpointEvent], None]) -> None:
         self._graph = graph
-        self._hear = hear
+        self._on_event = on_event
         self._watches: dict[_Topic, _Watch] = {}
 
     def feed(self, event: EndpointEvent) -> None:
-        """Take an event of the other domain: an endpoint whose counterparts matter, or do not any more."""
+        """Take an event of the other domain: counterparts of this endpoint matter, or no longer."""
         endpoint = event.endpoint
         topic = (endpoint.dds_topic, _OTHER[endpoint.kind])
         if isinstance(event, EndpointAdded):
@@ -73,7 +75,7 @@ class Interest:
                 self._forget(topic, watch)
 
     def close(self) -> None:
-        """Watch nothing any more; again is harmless."""
+        """End all watches; idempotent."""
         for watch in self._watches.values():
             watch.end()
         self._watches.clear()
@@ -81,54 +83,55 @@ class Interest:
     def _watch(self, topic: _Topic) -> _Watch:
         if topic not in self._watches:
             watch = self._watches[topic] = _Watch(end=lambda: None)
-            watch.end = self._graph.watch(*topic, partial(self._heard, topic))
+            watch.end = self._graph.watch(*topic, partial(self._on_counterpart, topic))
         return self._watches[topic]
 
-    def _heard(self, topic: _Topic, event: EndpointEvent) -> None:
+    def _on_counterpart(self, topic: _Topic, event: EndpointEvent) -> None:
         if (watch := self._watches.get(topic)) is None:
             return
         if isinstance(event, EndpointAdded):
             watch.there[event.endpoint.gid] = event.endpoint
         else:
             watch.there.pop(event.endpoint.gid, None)
-        self._hear(event)
+        self._on_event(event)
 
     def _forget(self, topic: _Topic, watch: _Watch) -> None:
         del self._watches[topic]
         watch.end()
         for endpoint in watch.there.values():
-            self._hear(EndpointRemoved(endpoint=endpoint))
-
-
-_log = logging.getLogger(__name__)
-_TF_TOPICS = frozenset({dds_topic(TF), dds_topic(TF_STATIC)})
+            self._on_event(EndpointRemoved(endpoint=endpoint))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathStatus:
-    """One path that is open."""
+    """One open path."""
 
-    topic: str  #: The topic on the wire.
-    type: str  #: Its type.
+    topic: str  #: DDS topic.
+    type: str  #: Type of its samples.
     direction: str  #: "outward" or "inward".
-    readers: int  #: How many readers the router has for it.
-    writers: int  #: How many writers.
-    forwarded: int  #: Samples forwarded since it was opened.
-    dropped: int  #: Samples not forwarded.
-    bytes: int  #: CDR forwarded, in bytes.
+    readers: int  #: Number of the router's readers.
+    writers: int  #: Number of the router's writers.
+    forwarded: int  #: Number of forwarded samples since the path was opened.
+    dropped: int  #: Number of samples that were not forwarded.
+    bytes: int  #: Size of the forwarded CDR.
 
 
 @dataclass(slots=True)
 class _OpenPath:
     readers: dict[ReaderSpec, Forward[Any, Any]] = field(default_factory=dict)
     writers: dict[WriterSpec, RawWriter] = field(default_factory=dict)
-    #: What readers did that were replaced.
-    past: ForwardCounts = field(default_factory=ForwardCounts)
+    past: ForwardCounts = field(default_factory=ForwardCounts)  # of readers that were closed
 
-    def retire(self, counts: ForwardCounts) -> None:
-        self.past.forwarded += counts.forwarded
-        self.past.dropped += counts.dropped
-        self.past.bytes += counts.bytes
+    def close_reader(self, spec: ReaderSpec) -> bool:
+        """Close a reader and keep its counts; return whether it was open."""
+        forward = self.readers.pop(spec, None)
+        if forward is None:
+            return False
+        forward.close()
+        self.past.forwarded += forward.counts.forwarded
+        self.past.dropped += forward.counts.dropped
+        self.past.bytes += forward.counts.bytes
+        return True
 
     def status(self, path: Path) -> PathStatus:
         counts = [self.past, *(forward.counts for forward in self.readers.values())]
@@ -144,41 +147,47 @@ class _OpenPath:
         )
 
 
-class Carrier:
-    """The open half of a router, whose endpoints' USER_DATA names a pair of domains; without a gate if None."""
+class ForwardingTable:
+    """Open paths of a router.
 
-    def __init__(
-        self, nodes: Mapping[Side, Node], *, pair: str, gate: TransformGate | None
-    ) -> None:
-        self._tag = user_data({ROUTER_KEY: pair})
+    Args:
+        nodes: The router's node in each domain.
+        tag: Name of the agent's domain, in USER_DATA of the router's endpoints.
+        gate: Checks and renames transforms; None forwards them unchanged.
+    """
+
+    def __init__(self, nodes: Mapping[Side, Node], *, tag: str, gate: TransformGate | None) -> None:
+        self._user_data = user_data({ROUTER_KEY: tag})
         self._gate = gate
         self._forwarders = {
-            way: nodes[way.source].open_forwarder(nodes[way.target]) for way in Direction
+            direction: nodes[direction.source].open_forwarder(nodes[direction.target])
+            for direction in Direction
         }
         self._open: dict[Path, _OpenPath] = {}
+        # Publishers of transforms by reader and source, and the routes of readers of other agents' transforms.
         self._owners: dict[ReaderSpec, dict[bytes, str]] = {}
-        self._judged: dict[ReaderSpec, dict[bytes, Judge]] = {}  # of readers of others' transforms
+        self._routes: dict[ReaderSpec, dict[bytes, AssignRoute]] = {}
 
     @property
     def paths(self) -> tuple[PathStatus, ...]:
         """All open paths, sorted by topic, type and direction."""
         return tuple(self._open[path].status(path) for path in sorted(self._open))
 
-    def carry_out(self, actions: list[Action]) -> None:
-        """Do what a plan says, in its order."""
+    def apply(self, actions: Iterable[Action]) -> None:
+        """Carry out the actions of a plan in their order."""
         for action in actions:
             match action:
                 case Open(what=ReaderSpec() | WriterSpec() as spec):
                     self._open_one(spec)
                 case Close(what=ReaderSpec() | WriterSpec() as spec):
                     self._close(spec)
-                case Judge():
-                    self._judge(action)
-                case Forget(reader=reader, source=gid):
-                    self._forget(reader, gid)
+                case AssignRoute():
+                    self._assign(action)
+                case RemoveSource(reader=reader, source=gid):
+                    self._remove_source(reader, gid)
 
     def close(self) -> None:
-        """Close everything."""
+        """Close all paths."""
         for opened in self._open.values():
             for forward in opened.readers.values():
                 forward.close()
@@ -187,25 +196,26 @@ class Carrier:
         self._open.clear()
 
     def _open_one(self, spec: ReaderSpec | WriterSpec) -> None:
-        path = spec.path
+        path, qos = spec.path, spec.qos
         forwarder = self._forwarders[path.direction]
-        topic, tag = path.dds_topic, self._tag
         endpoint = RawEndpoint(
-            dds_topic=topic, type=path.type, qos=spec.qos, user_data=tag, transport=spec.transport
+            dds_topic=path.dds_topic,
+            type=path.type,
+            qos=qos,
+            user_data=self._user_data,
+            transport=spec.transport,
         )
         opened = self._open.setdefault(path, _OpenPath())
         try:
             if isinstance(spec, ReaderSpec):
                 opened.readers[spec] = forwarder.open(endpoint)
-            else:
-                if (
-                    spec.qos.liveliness is Liveliness.MANUAL_BY_TOPIC
-                    and spec.qos.lease_ns is not None
-                ):
-                    _log.warning(
-                        "%s: life that is asserted without a message does not cross", path.dds_topic
-                    )
-                opened.writers[spec] = forwarder.open_writer(endpoint)
+                return
+            if qos.liveliness is Liveliness.MANUAL_BY_TOPIC and qos.lease_ns is not None:
+                _log.warning(
+                    "%s: MANUAL_BY_TOPIC liveliness assertions are not forwarded; only samples renew it",
+                    path.dds_topic,
+                )
+            opened.writers[spec] = forwarder.open_writer(endpoint)
         except BusError:
             # A topic that cannot be served must not end the others.
             _log.exception("%s %s cannot be forwarded", path.direction.value, path.dds_topic)
@@ -215,60 +225,54 @@ class Carrier:
         if isinstance(spec, WriterSpec):
             if (writer := opened.writers.pop(spec, None)) is not None:
                 writer.close()
-        elif (forward := opened.readers.pop(spec, None)) is not None:
-            forward.close()
-            opened.retire(forward.counts)
-            self._judged.pop(spec, None)
-            self._let_go(self._owners.pop(spec, {}))
+        elif opened.close_reader(spec):
+            self._routes.pop(spec, None)
+            self._release_frames(self._owners.pop(spec, {}))
         if not opened.readers and not opened.writers:
             del self._open[spec.path]
 
-    def _judge(self, judge: Judge) -> None:
-        reader, source, writer = judge.reader, judge.source, judge.writer
+    def _assign(self, route: AssignRoute) -> None:
+        reader, source = route.reader, route.source
         opened = self._open[reader.path]
-        if (
-            self._gate is not None
-            and reader.path.dds_topic in _TF_TOPICS
-            and not reader.path.outward
-        ):
-            self._judged.setdefault(reader, {})[source.gid] = judge
+        is_tf = reader.path.dds_topic in _TF_TOPICS
+        if self._gate is not None and is_tf and not reader.path.outward:
+            self._routes.setdefault(reader, {})[source.gid] = route
         if (forward := opened.readers.get(reader)) is None:
             return
-        outlet = None if writer is None else opened.writers.get(writer)
-        if outlet is None:
+        writer = None if route.writer is None else opened.writers.get(route.writer)
+        if writer is None:
             forward.refuse(source.gid)
         else:
-            forward.admit(source.gid, outlet, self._transform(reader, source))
+            forward.admit(source.gid, writer, self._transform(reader, source))
 
-    def _forget(self, reader: ReaderSpec, gid: bytes) -> None:
+    def _remove_source(self, reader: ReaderSpec, gid: bytes) -> None:
         if (forward := self._open[reader.path].readers.get(reader)) is not None:
             forward.forget(gid)
-        self._judged.get(reader, {}).pop(gid, None)
+        self._routes.get(reader, {}).pop(gid, None)
         if (owner := self._owners.get(reader, {}).pop(gid, None)) is not None:
-            self._let_go({gid: owner})
+            self._release_frames({gid: owner})
 
-    def _let_go(self, gone: Mapping[bytes, str]) -> None:
-        """Let others move the frames of those who no longer publish transforms."""
-        if gone and self._gate is not None:
-            kept = (owner for owners in self._owners.values() for owner in owners.values())
-            if self._gate.keep_owners(frozenset(kept)):
-                for reader in [
-                    r for r in self._judged if r.qos.durability is Durability.TRANSIENT_LOCAL
-                ]:
+    def _release_frames(self, gone: Mapping[bytes, str]) -> None:
+        """Let other publishers move the frames of publishers that have gone."""
+        if not gone or self._gate is None:
+            return
+        remaining = set[str]()
+        for owners in self._owners.values():
+            remaining.update(owners.values())
+        if self._gate.keep_owners(frozenset(remaining)):
+            for reader in list(self._routes):
+                if reader.qos.durability is Durability.TRANSIENT_LOCAL:
                     self._read_again(reader)
 
     def _read_again(self, reader: ReaderSpec) -> None:
-        """Read a latched history anew: what was refused for another's sake is not sent again by itself."""
-        opened = self._open[reader.path]
-        if (forward := opened.readers.pop(reader, None)) is not None:
-            forward.close()
-            opened.retire(forward.counts)
+        """Read latched transforms again: those that were refused because of another publisher are not repeated."""
+        if self._open[reader.path].close_reader(reader):
             self._open_one(reader)
-            for judge in list(self._judged[reader].values()):
-                self._judge(judge)
+            for route in list(self._routes[reader].values()):
+                self._assign(route)
 
     def _transform(self, reader: ReaderSpec, source: EndpointInfo) -> Transform | None:
-        """Return what is done with a source's samples on their way; None: nothing."""
+        """Return the function that a source's samples pass through; None for none."""
         path = reader.path
         if self._gate is None or path.dds_topic not in _TF_TOPICS or path.type != TF_TYPE:
             return None
