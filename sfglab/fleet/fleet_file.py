@@ -431,7 +431,14 @@ def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
     return _read(Document(text, file, one_line=True))
 
 
+_FORMER_DESCRIPTIONS = {"asked": "queried", "offered": "published"}
+
+
 def _read(document: Document) -> Fleet:
+    given = document.value.get("descriptions") if isinstance(document.value, dict) else None
+    if isinstance(given, str) and given in _FORMER_DESCRIPTIONS:
+        allowed = f"{_FORMER_DESCRIPTIONS[given]}, its new name"
+        raise document.refusal(("descriptions",), given, allowed)
     file = document.read(FleetFile)
     if not file.agents:
         raise document.refusal(("agents",), None, "at least one agent")
