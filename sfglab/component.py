@@ -24,12 +24,12 @@ from sfglab.fields import from_json, to_json
 C = TypeVar("C")
 Report = dict[str, Any]  #: An order or a report.
 Reporter = Callable[[Report], None]  #: Takes a report.
-Orders = asyncio.Queue[Report]  #: What a component is told, in order.
+Orders = asyncio.Queue[Report]  #: Orders of a component.
 
-#: Set in a component's environment, it makes it give signs of life.
+#: Environment variable that makes a component report watchdog beats.
 BEATS_VARIABLE = "SFGLAB_BEATS"
-BEAT_PERIOD_S = 1.0  #: How often, seconds.
-END_LIMIT_S = 10  #: How long a component that starts no others may take to end, in seconds.
+BEAT_PERIOD_S = 1.0  #: Period of watchdog beats, s.
+END_LIMIT_S = 10  #: Time limit for the end of a component that starts no others, s.
 ORDER_LIMIT_BYTES = 1 << 22
 
 
@@ -50,7 +50,7 @@ def run_component(
 
     One that has not ended so many seconds later, by its configuration, the kernel ends.
     """
-    # Whoever started it decides when it ends; an interrupt from the terminal reaches that one as well.
+    # The parent decides when the component ends; an interrupt from the terminal reaches the parent as well.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     report = claim_standard_output()
     orders = Orders()
@@ -114,7 +114,7 @@ async def end_tasks(*tasks: asyncio.Task[Any]) -> None:
 
 
 async def _beating(body: Awaitable[None], report: Reporter) -> None:
-    """Give a sign of life every second beside what a component does."""
+    """Report a watchdog beat every second while a component serves."""
 
     async def beat() -> None:
         while True:
@@ -145,9 +145,7 @@ async def _until_told(body: Awaitable[None], orders: Orders, end_limit_s: int) -
     hearing = asyncio.create_task(_hear(orders))
 
     def end() -> None:
-        signal.alarm(
-            end_limit_s
-        )  # unhandled it ends the process, whatever our threads are waiting for
+        signal.alarm(end_limit_s)  # unhandled, it ends the process also while threads wait
         serving.cancel()
 
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, end)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 LINE_LIMIT_BYTES = 1 << 22
-START_LIMIT_S = 180.0  #: How long a member of a group may take until it serves, in seconds.
+START_LIMIT_S = 180.0  #: Time limit for the start of a group's member, s.
 _NOTICE_S = 0.3
 
 
@@ -61,10 +61,10 @@ class LineProcess:
         process: asyncio.subprocess.Process,
         on_report: Callable[[Report], None] = lambda _: None,
     ) -> None:
-        self.name = name  #: What it is called in messages.
+        self.name = name  #: Name in messages.
         #: Called with every report as it comes, also with those that `expect` returns.
         self.on_report = on_report
-        self.readiness: Report = {}  #: What it reported when it was ready, in a group.
+        self.readiness: Report = {}  #: Its report when it was ready, in a group.
         self._process = process
         self._over: Report | None = None
         self._backlog: asyncio.Queue[Report] = asyncio.Queue()
@@ -123,7 +123,7 @@ class LineProcess:
     async def expect(self, kind: str, *, timeout_s: float | None) -> Report:
         """Return the next report of a kind; those before it have been given to `on_report` and are dropped.
 
-        The kind ``ended`` waits for the end, None for ever. Raises `ProcessFailedError` if it fails, ends, or
+        The kind ``ended`` waits for the end, None waits indefinitely. Raises `ProcessFailedError` if it fails, ends, or
         is late.
         """
         try:
@@ -170,7 +170,7 @@ class LineProcess:
         if report["is"] == "failed":
             raise ProcessFailedError(f"{self.name}: {report['why']}")
         if report["is"] == "ended":
-            self._backlog.put_nowait(report)  # for whoever waits next
+            self._backlog.put_nowait(report)  # another caller may wait for it
             raise ProcessFailedError(f"{self.name}: it ended with status {report['status']}")
 
     async def _listen(self) -> None:
@@ -268,13 +268,15 @@ class Watchdog:
 class Member:
     """A process of a group, as data: how it is started, and what it sends to whom."""
 
-    name: str  #: What it is called, in the group and in messages.
+    name: str  #: Name in the group and in messages.
     module: str  #: Run as ``python -m MODULE CONFIG``.
     config: Any = None  #: Its one argument: a dataclass, or a text; None: it has none.
     host: str = ""  #: The host that it runs on.
     ready: str = "ready"  #: Kind of the report by which it says that it serves.
     through: str = ""  #: Module that is run with module and configuration as its arguments instead.
-    sends: tuple[tuple[str, str], ...] = ()  #: To whom it sends, and what: ``("viewer", "H.264")``.
+    sends: tuple[
+        tuple[str, str], ...
+    ] = ()  #: Receivers and what it sends them: ``("viewer", "H.264")``.
     pass_fds: tuple[int, ...] = ()  #: File descriptors that it inherits.
 
     @property
@@ -358,7 +360,7 @@ class ProcessGroup:
         await self._end([name])
 
     async def restart(self, name: str) -> None:
-        """End a member, unless it is gone already, and start it anew."""
+        """End a member, unless it is gone already, and start it again."""
         member = self._members[name]
         await self.end(name)
         await self.start(member)
@@ -371,7 +373,7 @@ class ProcessGroup:
     async def expect(
         self, kind: str, names: Iterable[str] | None = None, *, timeout_s: float | None
     ) -> dict[str, Report]:
-        """Return the next report of a kind of each member, or of those named, by name; None waits for ever."""
+        """Return the next report of a kind of each member, or of those named, by name; None waits indefinitely."""
         chosen = self if names is None else names
         return await self._watched(
             {n: self._processes[n].expect(kind, timeout_s=timeout_s) for n in chosen}

@@ -1,7 +1,7 @@
-"""Fleet as values, read from its file: names that agents use, their frames, and the machines they run on.
+"""Fleet file: names that agents use, their frames, and the machines they run on.
 
-Refuses what is not a fleet at all: unknown keys, wrong types, forbidden names and domains, impossible machines.
-Whether it makes sense is for `sfglab.fleet.lint`; what runs on the machines (paper A, 4.4) for `sfglab.deploy`.
+A file with unknown keys, wrong types, forbidden names or domains, or impossible machines is refused. Whether the
+fleet works is checked by `sfglab.fleet.lint`; `sfglab.deploy` deploys it (paper A, section 4.4).
 """
 
 from __future__ import annotations
@@ -82,17 +82,17 @@ def _ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str:
 class _QoS:
     """QoS of an endpoint; what is left out is ROS 2's default."""
 
-    reliability: Reliability = DEFAULT.reliability  #: Whether what is lost is sent again.
-    #: Whether who joins later gets what was sent before.
+    reliability: Reliability = DEFAULT.reliability  #: Whether lost messages are sent again.
+    #: Whether late joiners get earlier messages.
     durability: Durability = DEFAULT.durability
     history: History = DEFAULT.history  #: Whether all messages are kept, or the last `depth`.
     depth: int = between(DEFAULT.depth, 1)  #: Messages that are kept.
     #: Longest time between two messages.
     deadline_s: float | None = field(default=None, metadata=_POSITIVE)
-    #: After it a message is of no use.
+    #: Time after which a message is dropped.
     lifespan_s: float | None = field(default=None, metadata=_POSITIVE)
-    liveliness: Liveliness = DEFAULT.liveliness  #: Who says that a publisher lives.
-    #: Longest silence of who lives.
+    liveliness: Liveliness = DEFAULT.liveliness  #: Source of a publisher's liveliness assertions.
+    #: Longest time between liveliness assertions.
     lease_s: float | None = field(default=None, metadata=_POSITIVE)
 
 
@@ -127,9 +127,9 @@ OptionalTopic = Annotated[str, ReadAs(Annotated[str | None, OR_NULL], _optional)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Part:
-    """A part of the file, which remembers its place; that does not count when parts are compared."""
+    """A part of the file with its place, which comparisons ignore."""
 
-    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Where it stands.
+    place: Place = field(default=NOWHERE, compare=False, repr=False)  #: Place in the file.
 
 
 class Architecture(Enum):
@@ -140,7 +140,7 @@ class Architecture(Enum):
 
 
 class Accelerator(Enum):
-    """What a machine has beside its processor that can encode, decode or compute."""
+    """Hardware of a machine, beside its processor, that can encode, decode or compute."""
 
     JETSON = "jetson"
     CUDA = "cuda"
@@ -151,7 +151,7 @@ class Accelerator(Enum):
 
 
 class RosDistribution(Enum):
-    """The ROS 2 distribution inside the images, for the user's own nodes: sfglab needs none."""
+    """ROS 2 distribution inside the images, which the user's nodes may need and sfglab does not."""
 
     NONE = "none"
     HUMBLE = "humble"
@@ -159,14 +159,14 @@ class RosDistribution(Enum):
 
 
 class RouterSoftware(Enum):
-    """What runs in an agent's second container."""
+    """Router in an agent's second container."""
 
     SFGLAB = "sfglab"
     DDS_ROUTER = "dds-router"
 
 
 class ContainerNetwork(Enum):
-    """Which network the agent's container sees."""
+    """Network of the agent's container."""
 
     BRIDGE = "bridge"
     HOST = "host"
@@ -177,15 +177,15 @@ class HostSpec(_Part):
     """The machine that an agent runs on."""
 
     model: str = ""  #: Maker and model, for people.
-    #: Where SSH reaches it, ``[user@]host``; empty: it is this machine.
+    #: Address for SSH, ``[user@]host``; empty for this machine.
     address: Annotated[str, Matching(ADDRESS, "[user@]host, as ssh takes it")] = ""
     architecture: Architecture = Architecture.AMD64  #: Its processor's.
-    #: What it has; None leaves it to detection.
+    #: Its accelerator; None detects it.
     accelerator: Annotated[
         Accelerator | None, ReadAs(Literal[AUTO] | Accelerator, lambda a: None if a == AUTO else a)
     ] = None
-    #: What the agent's container sees: a bridge of its own, or, for robots whose own controllers speak DDS over
-    #: a cable, the host's interfaces.
+    #: Network of the agent's container: a bridge of its own, or the host's interfaces, for robots whose
+    #: controllers use DDS over a cable.
     network: ContainerNetwork = ContainerNetwork.BRIDGE
     #: Device nodes that the agent needs beside its accelerator's, as in ``/dev/video0``.
     devices: tuple[Annotated[str, Matching(DEVICE, "device nodes, as in /dev/video0")], ...] = ()
@@ -199,14 +199,14 @@ class HostSpec(_Part):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeploymentSpec(_Part):
-    """What is the same for all machines of a fleet."""
+    """Settings of all machines of a fleet."""
 
-    #: Where its images belong, a repository prefix as in ``localhost/esslingen``.
+    #: Repository prefix of its images, as in ``localhost/esslingen``.
     images: Annotated[
         str, Matching(REPOSITORY, "a repository of images, as in localhost/esslingen")
     ] = "localhost/fleet"
     ros: RosDistribution = RosDistribution.NONE  #: The ROS 2 distribution inside the images.
-    router: RouterSoftware = RouterSoftware.SFGLAB  #: What runs in the second container.
+    router: RouterSoftware = RouterSoftware.SFGLAB  #: Router in the second container.
     #: Image of another's router; empty for our own.
     router_image: Annotated[str, Matching(IMAGE, "an image, as in ubuntu-ddsrouter:v3.5.0")] = ""
     #: Agents or hosts whose clocks count.
@@ -221,7 +221,7 @@ class TopicUse(_Part):
 
     name: Topic  #: Absolute ROS name.
     type: str = ""  #: ROS type; empty where the file does not say.
-    #: What its endpoints offer or request; None where the file does not say.
+    #: QoS that its endpoints offer or request; None if not given.
     qos: Annotated[
         QoSProfile | None,
         ReadAs(Annotated[Literal[tuple(PROFILES)] | _QoS | None, OR_NULL], _profile),
@@ -271,9 +271,9 @@ class StreamSpec(_Part):
     rate_hz: float = field(metadata=_POSITIVE)  #: Messages a second.
     #: Mean serialized size of a message; None: the file does not say.
     size_bytes: int | None = between(None, 1)
-    #: Where the decoded stream belongs; empty: derived from `topic`.
+    #: Topic of the decoded stream; empty to derive it from `topic`.
     decoded_topic: OptionalTopic = ""
-    #: Where the calibration is published; empty: nowhere.
+    #: Topic of the calibration; empty if there is none.
     camera_info_topic: OptionalTopic = ""
 
 
@@ -283,7 +283,7 @@ class SensorSpec(_Part):
 
     name: str  #: Unique within its agent.
     model: str = ""  #: Maker and model, for people.
-    streams: tuple[StreamSpec, ...] = ()  #: What leaves the agent.
+    streams: tuple[StreamSpec, ...] = ()  #: Streams that leave the agent.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -293,7 +293,7 @@ class FrameSpec(_Part):
     child: str  #: The frame that is placed.
     parent: str  #: The frame in which it is placed.
     static: bool = False  #: Sent once on /tf_static instead of again and again on /tf.
-    #: How often it is sent; needed when it is not static.
+    #: Rate, Hz; required if it is not static.
     rate_hz: float = between(0.0, without=(0,))
 
 
@@ -331,7 +331,7 @@ class AgentSpec(_Part):
     processes: int = between(1, 1)  #: ROS processes, each a DDS participant.
     #: Whether it runs status provider and discoverer (paper A, section 4.2).
     lifecycle: bool = True
-    sensors: tuple[SensorSpec, ...] = ()  #: What its metadata announces.
+    sensors: tuple[SensorSpec, ...] = ()  #: Sensors in its metadata.
     tf: FrameTree = field(default_factory=FrameTree)  #: Its transforms.
     #: Topics, without those of `sensors`, `tf` and `lifecycle`.
     publishes: tuple[Annotated[TopicUse, ShortFor("name")], ...] = ()
@@ -350,7 +350,7 @@ class AgentSpec(_Part):
 
     @property
     def description(self) -> AgentDescription:
-        """What the file says of its sensors; accelerators and software are not in it."""
+        """Description of its sensors, without accelerators and software."""
         return AgentDescription(sensors=tuple(map(_describe, self.sensors)))
 
 
@@ -395,7 +395,7 @@ class Fleet(_Shared):
 
     global_domain: int = 0  #: The domain that all routers join, D_0 in the paper.
     policy: Policy = field(default_factory=Policy)  #: Forwarding rules.
-    #: Where each rule of the policy stands; empty where the file names a known one.
+    #: Place of each rule of the policy; empty if the file names a known policy.
     rule_places: tuple[Place, ...] = field(default=(), compare=False, repr=False)
 
     def __repr__(self) -> str:
@@ -471,7 +471,7 @@ def _agent(agent: AgentSpec, interface: str | None) -> AgentSpec:
 
 
 def _deployment(document: Document, file: FleetFile) -> DeploymentSpec:
-    """Return what is the same for all machines, images by default under the fleet's name."""
+    """Return the settings of all machines, with images under the fleet's name by default."""
     if "images" in document.value.get("deployment", ()):
         return file.deployment
     name = re.sub("[^a-z0-9]+", "-", file.name.lower()).strip("-") or "fleet"

@@ -43,8 +43,8 @@ class Side(Enum):
 class Direction(Enum):
     """Direction of a sample across the domain boundary."""
 
-    OUTWARD = "outward"  #: From the agent's domain into the global one.
-    INWARD = "inward"  #: From the global domain into the agent's.
+    OUTWARD = "outward"  #: Agent's domain to global domain.
+    INWARD = "inward"  #: Global domain to agent's domain.
 
     @property
     def source(self) -> Side:

@@ -56,14 +56,14 @@ class AgentConfig:
     idle_timeout_s: float = 1.0
     replay: bool = True  #: Whether the decoder requests a replay from the sender of a stream.
     spare: bool = True  #: Whether the decoder keeps a spare pipeline process.
-    #: Whether ROS 2's tools list what its decoder could decode and its router could open. In the global domain
-    #: it costs 0.6 kB for each topic and other agent, once.
+    #: Whether router and decoder advertise topics before anybody subscribes, so that ROS 2's tools list them. In
+    #: the global domain it costs 0.6 kB per topic and other agent, once.
     advertise_unused_topics: bool = True
     #: Whether descriptions are published on a topic and read there. If false, each agent queries the paper's
     #: metadata service of each other agent.
     published_descriptions: bool = True
-    #: How ROS 2's tools read what its router and its decoder were told: over "dds" (rmw_cyclonedds), by "ros"
-    #: (rmw_fastrtps, with a ROS 2 here), or not at all: twelve endpoints for each.
+    #: Parameter services of router and decoder for ROS 2's tools: over "dds" (rmw_cyclonedds) or "ros"
+    #: (rmw_fastrtps, with ROS 2 on this host), twelve endpoints each; None for none.
     parameters: ParameterTransport | None = None
     schedule: Schedule = field(default_factory=Schedule)  #: Periods of the heartbeat.
     #: Timeouts of the discoverer.
@@ -138,7 +138,7 @@ def _discoverer(config: AgentConfig) -> DiscoveryConfig:
 
 
 def _videos(config: AgentConfig) -> tuple[str, ...]:
-    """Return the streams of which only a whole group of pictures is of use to whoever joins."""
+    """Return the streams whose late joiners need a whole group of pictures."""
     streams = (stream for sensor in config.sensors for stream in sensor.streams)
     return tuple(stream.topic for stream in streams if stream.codec == "h264")
 

@@ -93,7 +93,7 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
     (_S.STOPPED, _I.TOLD_TO_STOP): (_S.STOPPED, None),
     (_S.FAILED, _I.TOLD_TO_STOP): (_S.FAILED, None),
 }
-"""(state, input) -> (next state, action). What is not listed is illegal and changes nothing."""
+"""(state, input) -> (next state, action). All other inputs are illegal and change nothing."""
 
 
 class Supervision(ProcessLife[State, Input, Action]):

@@ -59,7 +59,7 @@ _WATCHED = (
     State.RUNNING,
     State.LINGERING,
 )  # a spare may have been stopped while it waited
-#: USER_DATA of writers that only show what could be decoded.
+#: USER_DATA of writers that only advertise a topic.
 OFFER = user_data({OFFER_KEY: "decoder"})
 
 
@@ -71,7 +71,7 @@ class PipelineStatus:
     source_topic: str  #: The remote topic.
     state: str  #: Name of the life cycle's state.
     subscribers: int  #: Local subscriptions.
-    crashes: int  #: How often its pipeline ended although it was wanted.
+    crashes: int  #: Number of crashes of its pipeline.
     statistics: Statistics | None  #: Its latest counts; None before the first.
 
 
@@ -80,12 +80,12 @@ class _Pipeline:
     route: Route
     life: Lifecycle
     wanted: bool = False
-    # whether subscribers may have seen any pictures of an earlier pipeline, or decoder
+    # whether subscribers may have received frames of an earlier pipeline or decoder
     seen: bool = False
     worker: Worker | None = None
     statistics: Statistics | None = None
     watch: Watchdog = field(default_factory=Watchdog)
-    offer: Publisher | None = None  # shows what could be decoded; nothing is ever sent by it
+    offer: Publisher | None = None  # advertises the topic; nothing is published
 
 
 class AgentDecoder:
@@ -114,16 +114,16 @@ class AgentDecoder:
         self._on_status = on_status or (lambda _: None)
         self._demand = Demand()
         self._pipelines: dict[str, _Pipeline] = {}
-        # By local topic and agent all offers in their order: who is not the first has its turn later.
+        # Routes by local topic and agent, in their order: the first is decoded until it is withdrawn.
         self._offered: dict[str, dict[str, Route]] = {}
         self._events: asyncio.Queue[Callable[[], Awaitable[None]]] = asyncio.Queue()
 
     def offer(self, agent: str, routes: Iterable[Route]) -> None:
-        """Offer exactly these streams of a remote agent from now on; none withdraws the agent."""
+        """Decode exactly these streams of a remote agent on demand; an empty sequence withdraws the agent."""
         self._events.put_nowait(partial(self._know, agent, tuple(routes)))
 
     def hear(self, change: Change) -> None:
-        """Take what a remote agent offers from now on, or that it is gone."""
+        """Take a change of a remote agent's streams."""
         if isinstance(change, Withdrawn):
             self.offer(change.agent, ())
             return
@@ -157,7 +157,7 @@ class AgentDecoder:
             self._events.put_nowait(partial(self._see, event))
 
     async def _watch_workers(self) -> None:
-        """End by force the pipeline processes that hang; each is replaced like one that crashes."""
+        """End pipeline processes that hang by force; they are replaced as after a crash."""
         while True:
             await asyncio.sleep(CHECK_PERIOD_S)
             for pipeline in self._pipelines.values():
@@ -211,7 +211,7 @@ class AgentDecoder:
             await self._settle(topic)
 
     async def _settle(self, topic: str) -> None:
-        """Have a topic decoded from the first that offers it, once whatever else was there has gone."""
+        """Decode a topic of the first agent that has it, after the pipeline of another one has gone."""
         by_agent = self._offered.get(topic, {})
         pipeline = self._pipelines.get(topic)
         if not by_agent:
@@ -271,7 +271,7 @@ class AgentDecoder:
 
     async def _feed(self, pipeline: _Pipeline, given: Input) -> None:
         if not pipeline.life.allows(given):
-            return  # a withdrawn stream's demand, for instance, is nobody's business any more
+            return  # such as demand for a stream that was withdrawn
         await self._carry_out(pipeline, pipeline.life.feed(given, now_ns=steady_ns()))
         pipeline.seen &= pipeline.life.state is not State.IDLE
         self._on_status(self._status(pipeline))
@@ -336,7 +336,7 @@ async def run_decoder(
     routes = [route for topic in config.streams for route in routes_of_topic(topic)]
     workers = WorkerConfig(remote=config.remote, local=config.local)
     pool = WorkerPool(workers, spares=int(config.spare), refill=config.refill)
-    # The node first: what is wrong with the domain or interface is said once, here, and not by processes.
+    # The node first, so that a wrong domain or interface is reported once and not by each process.
     async with Node("agent_decoder", **asdict(config.local)) as local:
         if config.parameters is not None:
             Parameters(local, config, config.parameters)

@@ -37,8 +37,8 @@ REPORT_PERIOD_S = 1.0
 class WorkerConfig:
     """A worker's two sides; equal addresses share one node."""
 
-    remote: BusAddress  #: Where the compressed streams are.
-    local: BusAddress  #: Where the decoded topics go.
+    remote: BusAddress  #: Domain of the compressed streams.
+    local: BusAddress  #: Domain of the decoded topics.
 
 
 class PipelineWorker:

@@ -38,9 +38,9 @@ class Phase(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Step(Generic[M]):
-    """What to decode next."""
+    """The next packet to decode."""
 
-    packet: M  #: Whatever stands for the packet.
+    packet: M  #: The packet, or a value that represents it.
     #: Whether its picture is wanted; if not, it is decoded for the pictures that follow.
     show: bool
 
@@ -60,7 +60,7 @@ class Splicer(Generic[M]):
     """
 
     def __init__(self, *, replay: bool, after: int = -1) -> None:
-        self.phase = Phase.JOINING if replay else Phase.FOLLOWING  #: How far it is.
+        self.phase = Phase.JOINING if replay else Phase.FOLLOWING  #: Current phase.
         self._chain: deque[_Packet[M]] = deque()  # contiguous, not decoded yet
         self._ahead: dict[int, _Packet[M]] = {}  # beyond the chain's end
         self._start: int | None = None  # of the chain, decoded part included
@@ -154,7 +154,7 @@ class Splicer(Generic[M]):
         return self._start is not None and self._start <= pts <= self._end
 
     def _is_past(self, packet: _Packet[M]) -> bool:
-        # A key frame from before the chain is not past: the sender has started anew.
+        # A key frame from before the chain is not old: the sender has restarted.
         before = self._start is not None and packet.pts < self._start
         return self._holds(packet.pts) or (before and not packet.is_key)
 

@@ -69,9 +69,11 @@ class Route:
     codec: str  #: Codec hint, or `RELAY` for messages that pass unchanged.
     local_topic: str  #: The local topic.
     decoded_type: str = IMAGE_TYPE  #: ROS type of the decoded messages.
-    #: Where its sender may replay the last group of pictures; empty: nowhere.
+    #: Topic on which its sender may replay the last group of pictures; empty for none.
     replay_topic: str = ""
-    most_pixels: int = MAX_PIXELS  #: Of a picture: as announced, with what codecs add at the edges.
+    most_pixels: int = (
+        MAX_PIXELS  #: Maximum number of pixels of a frame, with what codecs add at the edges.
+    )
     #: Number of the newest picture that subscribers may have seen of an earlier pipeline.
     after: int = -1
 
@@ -190,7 +192,7 @@ class Demand:
         return endpoint.topic
 
     def transports(self, topic: str) -> frozenset[Transport]:
-        """Return the transports by which a topic is wanted; empty when nobody subscribes."""
+        """Return the transports of a topic's subscriptions."""
         return frozenset(self._subscriptions.get(topic, {}).values())
 
     def count(self, topic: str) -> int:
@@ -199,9 +201,9 @@ class Demand:
 
 
 class State(Enum):
-    """Where a pipeline stands."""
+    """State of a pipeline."""
 
-    IDLE = auto()  #: The stream is known; nobody wants it; nothing runs.
+    IDLE = auto()  #: The stream is known and has no subscriber; nothing runs.
     STARTING = auto()  #: A pipeline was asked for and has not reported yet.
     RUNNING = auto()  #: The pipeline is up.
     #: The last subscriber left a moment ago; the pipeline is kept in case one returns.
@@ -214,7 +216,7 @@ class State(Enum):
 
 
 class Input(Enum):
-    """What can happen to a pipeline."""
+    """Input of the life cycle: what happens to a pipeline."""
 
     WANTED = auto()  #: The first local subscriber appeared.
     UNWANTED = auto()  #: The last local subscriber left.
@@ -225,7 +227,7 @@ class Input(Enum):
 
 
 class Action(Enum):
-    """What the caller has to do after a transition."""
+    """Action after a transition, which the caller carries out."""
 
     START = auto()  #: Start the pipeline and arm the start timer.
     STOP = auto()  #: Tell the pipeline to end and arm the stop timer.
@@ -273,18 +275,18 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
     (_S.LEAVING, _I.ENDED): (_S.GONE, _A.CANCEL_TIMER),
     (_S.LEAVING, _I.TIMER): (_S.LEAVING, _A.KILL),
 }
-"""(state, input) -> (next state, action). What is not listed is illegal and changes nothing."""
+"""(state, input) -> (next state, action). All other inputs are illegal and change nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing(ProcessTiming):
-    """How long a pipeline waits for what, in nanoseconds."""
+    """Time limits and delays of a pipeline, ns."""
 
     start_ns: int = 10_000_000_000
     stop_ns: int = 2_000_000_000
     backoff_ns: int = 100_000_000
     backoff_max_ns: int = 5_000_000_000
-    linger_ns: int = 1_000_000_000  #: How long a pipeline outlives its last subscriber.
+    linger_ns: int = 1_000_000_000  #: Time that a pipeline is kept after its last subscriber left.
 
 
 class Lifecycle(ProcessLife[State, Input, Action]):

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edge:
-    """One transform as others hear it."""
+    """One transform as other agents receive it."""
 
-    agent: str  #: Who broadcasts it.
-    child: str  #: The frame that is placed, with prefix.
-    parent: str  #: The frame in which it is placed, with prefix.
+    agent: str  #: Agent that broadcasts it.
+    child: str  #: Child frame, with prefix.
+    parent: str  #: Parent frame, with prefix.
     frame: FrameSpec  #: As the agent's nodes write it.
 
 

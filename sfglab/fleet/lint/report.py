@@ -29,12 +29,12 @@ class Severity(Enum):
 class Finding:
     """One thing that is wrong or worth knowing."""
 
-    severity: Severity  #: How bad it is.
+    severity: Severity  #: Its severity.
     code: str  #: Its kind, a short stable name.
-    place: Place  #: Where it stands.
-    what: str  #: What was found.
-    why: str  #: What follows from it, and by which rule.
-    remedy: str = ""  #: What to do; empty where there is nothing to do.
+    place: Place  #: Its place in the file.
+    what: str  #: The problem.
+    why: str  #: Its consequence, and the rule behind it.
+    remedy: str = ""  #: The solution; empty if none is needed.
 
 
 # How a check makes one.
@@ -45,7 +45,7 @@ a_remark = partial(Finding, severity=Severity.INFO)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hearing:
-    """Who hears whom under one name."""
+    """Agents that use one name, and whether it crosses."""
 
     name: str  #: ROS name.
     kind: ResourceKind  #: Topic, service or action.
@@ -57,14 +57,14 @@ class Hearing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Announcements:
-    """What discovery has to say between hosts, for the whole fleet."""
+    """Traffic of discovery between the hosts of a fleet."""
 
     participants: int  #: Participants in the domain that hosts share.
     endpoints: int  #: Endpoints in it.
     #: Ordered pairs of participants on different hosts: each tells the other about itself.
     pairs: int
     announced: int  #: Announcements of an endpoint to a participant on another host.
-    estimated_bytes: int  #: What hosts receive for both, together.
+    estimated_bytes: int  #: Bytes that all hosts receive for both.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,8 +85,8 @@ class Report:
 
     fleet: str  #: Name of the fleet.
     findings: tuple[Finding, ...]  #: The worst first, then in the order of the file.
-    hearings: tuple[Hearing, ...]  #: Who hears what, by name.
-    discovery: Discovery  #: What discovery will cost.
+    hearings: tuple[Hearing, ...]  #: Receivers by name.
+    discovery: Discovery  #: Cost of discovery.
 
     def count(self, severity: Severity) -> int:
         """Return how many findings are of a severity."""

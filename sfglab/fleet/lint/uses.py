@@ -35,32 +35,32 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 class Use:
     """One agent's use of one name."""
 
-    agent: str  #: Who.
+    agent: str  #: Name of the agent.
     name: str  #: ROS name.
     kind: ResourceKind  #: Topic, service or action.
     speaks: bool  #: Publishes or serves it; else subscribes or calls it.
     type: str = ""  #: ROS type; empty where unknown.
-    qos: QoSProfile | None = None  #: Of a topic's endpoints; None where unknown.
+    qos: QoSProfile | None = None  #: QoS of a topic's endpoints; None if unknown.
     count: int = 1  #: Endpoints, or servers and clients.
     implied: bool = False  #: Not written in the file as such.
-    place: Place = NOWHERE  #: Where it comes from.
+    place: Place = NOWHERE  #: Its place in the file.
 
 
 @dataclass(slots=True)
 class Meeting:
-    """Everybody who uses one name."""
+    """All uses of one name."""
 
     speakers: list[Use] = field(default_factory=list)  #: Uses that publish or serve.
     hearers: list[Use] = field(default_factory=list)  #: Uses that subscribe or call.
 
     @property
     def first(self) -> Use:
-        """Any of the uses, for the place."""
+        """Any of the uses, whose place is reported."""
         return (self.speakers + self.hearers)[0]
 
     @property
     def implied(self) -> bool:
-        """Whether nobody has written the name into the file."""
+        """Whether the name is not written in the file."""
         return all(use.implied for use in self.speakers + self.hearers)
 
 
@@ -74,7 +74,7 @@ class View:
 
     @cached_property
     def meetings(self) -> dict[tuple[ResourceKind, str], Meeting]:
-        """Everybody who uses a name, by kind and name."""
+        """All uses of a name, by kind and name."""
         found: dict[tuple[ResourceKind, str], Meeting] = defaultdict(Meeting)
         for use in self.uses:
             meeting = found[use.kind, use.name]
