@@ -15,13 +15,14 @@ import json
 import os
 import signal
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
 from typing import Any, TypeVar
 
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json, to_json
 
 C = TypeVar("C")
+T = TypeVar("T")
 Report = dict[str, Any]  #: An order or a report.
 Reporter = Callable[[Report], None]  #: Takes a report.
 Orders = asyncio.Queue[Report]  #: Orders of a component.
@@ -128,6 +129,16 @@ async def _beating(body: Awaitable[None], report: Reporter) -> None:
 def steady_ns() -> int:
     """Return the running loop's time, nanoseconds, for waits: no correction of the host's clock moves it."""
     return round(asyncio.get_running_loop().time() * 1e9)
+
+
+async def next_before(items: asyncio.Queue[T], times_ns: Iterable[int | None]) -> T | None:
+    """Return the next item of a queue, or None if the first of these times of the loop's clock comes earlier."""
+    due_ns = min((time_ns for time_ns in times_ns if time_ns is not None), default=None)
+    try:
+        async with asyncio.timeout_at(None if due_ns is None else due_ns / 1e9):
+            return await items.get()
+    except TimeoutError:
+        return None
 
 
 async def is_set_before(event: asyncio.Event, time_s: float) -> bool:

@@ -16,6 +16,7 @@ import asyncio
 import json
 import signal
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from sfglab.component import (
@@ -24,6 +25,7 @@ from sfglab.component import (
     Report,
     Reporter,
     beside,
+    next_before,
     on_stop,
     run_component,
     steady_ns,
@@ -45,7 +47,7 @@ from sfglab.processes import CHECK_PERIOD_S, Watchdog
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Awaitable, Callable, Sequence
 
     from sfglab.bus.address import BusAddress
 
@@ -87,13 +89,13 @@ class Agent:
         timing = timing or ProcessTiming()
         self._units = [_Unit(c, Supervision(c.name, timing)) for c in components]
         self._on_report = on_report
-        self._events: asyncio.Queue[tuple[_Unit, Report] | None] = asyncio.Queue()
+        self._events: asyncio.Queue[Callable[[], Awaitable[None]]] = asyncio.Queue()
         self._refusal: ComponentError | None = None
         self._is_complete = False
 
     def stop(self) -> None:
         """End all components in order; called again, at once by force."""
-        self._events.put_nowait(None)
+        self._events.put_nowait(self._stop_all)
 
     async def run(self) -> None:
         """Run until `stop` is called or this is cancelled; no process is left when it returns.
@@ -142,18 +144,9 @@ class Agent:
 
     async def _step(self) -> None:
         """Handle the next event, if there is one before the next deadline, and the timers that ran out."""
-        deadlines = [u.life.deadline_ns for u in self._units if u.life.deadline_ns is not None]
-        wait_s = max(0.0, (min(deadlines) - steady_ns()) / 1e9) if deadlines else None
-        try:
-            async with asyncio.timeout(wait_s):
-                event = await self._events.get()
-        except TimeoutError:
-            pass
-        else:
-            if event is None:
-                await self._stop_all()
-            else:
-                await self._handle(*event)
+        event = await next_before(self._events, [unit.life.deadline_ns for unit in self._units])
+        if event is not None:
+            await event()
         for unit in self._units:
             if unit.life.due(steady_ns()):
                 await self._feed(unit, Input.TIMER)
@@ -211,7 +204,7 @@ class Agent:
 
     async def _start(self, unit: _Unit) -> None:
         def on_report(report: Report) -> None:
-            self._events.put_nowait((unit, report))
+            self._events.put_nowait(partial(self._handle, unit, report))
 
         unit.watchdog = Watchdog()
         try:

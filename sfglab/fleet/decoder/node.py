@@ -25,6 +25,7 @@ from sfglab.component import (
     Report,
     Reporter,
     beside,
+    next_before,
     run_component,
     run_until_interrupted,
     steady_ns,
@@ -174,17 +175,9 @@ class AgentDecoder:
 
     async def _step(self) -> None:
         """Handle the next event, or the timers that ran out before it."""
-        now_ns = steady_ns()
-        deadlines = [
-            p.life.deadline_ns for p in self._pipelines.values() if p.life.deadline_ns is not None
-        ]
-        wait_s = max(0.0, (min(deadlines) - now_ns) / 1e9) if deadlines else None
-        try:
-            async with asyncio.timeout(wait_s):
-                handle = await self._events.get()
-        except TimeoutError:
-            handle = self._run_timers
-        await handle()
+        deadlines = [pipeline.life.deadline_ns for pipeline in self._pipelines.values()]
+        event = await next_before(self._events, deadlines)
+        await (event or self._run_timers)()
 
     async def _see(self, event: EndpointEvent) -> None:
         topic = self._demand.feed(event)
