@@ -59,7 +59,7 @@ class Peer(rclpy_peer.Peer):
         report("passed", cdr=[serialize_message(message).hex() for message in messages])
 
     def echo(self, types, qos):
-        """Publish below /back whatever is published below /forth, a topic a type."""
+        """Publish each message below /forth again below /back, on one topic for each type."""
         for name in types:
             topic, kind, profile = name.replace("/", "_"), interface(name), profile_of(qos)
             publisher = self.node.create_publisher(kind, f"/back/{topic}", profile)

@@ -1,11 +1,16 @@
-"""The ROS 2 nodes of one agent, started at an order: ``python -m sfglab.lab.workers.ros_nodes CONFIG``.
+"""The ROS 2 nodes of one agent: ``python -m sfglab.lab.workers.ros_nodes CONFIG``.
 
-Stands for as many processes of demo_nodes_cpp; a Python process for each of them would measure Python. Each node
+Each node replaces a process of demo_nodes_cpp, because one Python process per node would measure Python. A node
 is made with raw C calls: a Cyclone stack, a participant, and the endpoints of a node of demo_nodes_cpp under Humble
-with rmw_cyclonedds. These are rclcpp's six parameter services (rclcpp, parameter_service.cpp), /parameter_events
-both ways (node_parameters.cpp, time_source.cpp), /rosout (rcl, logging_rosout.h), its own topic (demo_nodes_cpp,
-talker.cpp and listener.cpp) and one participant for each process with `ros_discovery_info` (rmw_cyclonedds_cpp,
-rmw_node.cpp). Types are opaque: ROS 2 endpoints announce a type's name and no description of it.
+with rmw_cyclonedds:
+
+- the six parameter services of rclcpp (rclcpp, parameter_service.cpp);
+- /parameter_events, published and subscribed (rclcpp, node_parameters.cpp and time_source.cpp);
+- /rosout (rcl, logging_rosout.h);
+- its own topic (demo_nodes_cpp, talker.cpp and listener.cpp);
+- `ros_discovery_info`, once per process (rmw_cyclonedds_cpp, rmw_node.cpp).
+
+Types are opaque: endpoints of ROS 2 announce the name of a type and no description.
 
 Everything is loaded before ``ready`` is reported; the order ``start`` creates the nodes. The first node then polls
 its graph, as an operator would. It reports ``resolved`` when it has discovered every endpoint and the announcement
@@ -40,7 +45,7 @@ if TYPE_CHECKING:
 
 _POLL_S = 0.02
 _BATCH = 256
-# Stacks of one process need domain ids of their own, whatever domain they join on the network.
+# The stacks of a process need different domain ids, although they join one domain on the network.
 _FIRST_STACK_ID = 110
 _ROS_TOPICS = (b"rt/", b"rq/", b"rr/", b"ros_discovery_info")
 TALKER, LISTENER = "talker", "listener"
@@ -60,13 +65,13 @@ _INFO_TYPE = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosNodesConfig:
-    """What the process is told."""
+    """Configuration of the process."""
 
     namespace: str  #: Namespace of the nodes and of their topics.
-    address: BusAddress  #: Where they stand.
+    address: BusAddress  #: Address of the nodes on the bus.
     talkers: int = 10  #: Publishing nodes; the n-th talker and the n-th listener share a topic.
     listeners: int = 10  #: Subscribing nodes.
-    peers: int = 0  #: How many other agents there are in the domain, each with as many nodes.
+    peers: int = 0  #: Number of other agents in the domain, each with as many nodes.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +81,7 @@ class EndpointPlan:
     writer: bool  #: Whether it writes.
     topic: str  #: The topic on the wire.
     type: str  #: The type on the wire.
-    qos: QoSProfile  #: What it offers or requests.
+    qos: QoSProfile  #: Offered or requested QoS.
     user_data: bytes = b""  #: Its USER_DATA.
 
 
@@ -103,7 +108,7 @@ def _parameter_services(node: str) -> Iterator[EndpointPlan]:
     for number, (name, type_) in enumerate(_PARAMETER_SERVICES.items()):
         request, reply = dds_service(f"{node}/{name}")
         kind = f"rcl_interfaces::srv::dds_::{type_}_"
-        # Of the length of rmw_cyclonedds's random ids; nobody pairs them here.
+        # As long as the random ids of rmw_cyclonedds. They identify no pair here.
         identity = user_data({"serviceid": ".".join(["00"] * 15 + [f"{number:02x}"])})
         for writer, topic, half in ((False, request, "Request_"), (True, reply, "Response_")):
             yield EndpointPlan(
@@ -112,9 +117,9 @@ def _parameter_services(node: str) -> Iterator[EndpointPlan]:
 
 
 class RosStack:
-    """One node in a stack of its own: for everybody else, a process.
+    """One node with its own Cyclone stack, which other participants discover as a process.
 
-    The configuration's `domain_id` is this stack's alone, its `external_domain_id` that of all.
+    The configuration's `domain_id` is that of this stack only, and `external_domain_id` that of all stacks.
 
     Raises:
         BusError: Cyclone DDS cannot create something.
@@ -147,10 +152,10 @@ class RosStack:
     def _announce(
         self, writer: int, namespace: str, name: str, made: list[tuple[EndpointPlan, int]]
     ) -> None:
-        """Publish which endpoints the node has: once, where rclcpp does so after each.
+        """Publish the endpoints of the node once; rclcpp publishes them after each endpoint.
 
-        That was tried, too: no other bytes are received (2 x 20 nodes: 3.5 MB beside 3.7 MB), since whoever
-        comes later is sent the last one only.
+        Publishing after each endpoint did not change the received bytes (2 x 20 nodes: 3.5 MB beside 3.7 MB),
+        because a late joiner receives the last sample only.
         """
         own = [
             (plan.writer, entity_guid(handle)) for plan, handle in made if plan.topic != INFO_TOPIC
@@ -231,7 +236,10 @@ def _checked(handle: int, what: str) -> int:
 
 
 class _Poller:
-    """What one node's graph shows of the other agents' nodes; `own` are GUID prefixes of its own agent's."""
+    """The graph of one node: endpoints of the other agents, and announcements of all nodes.
+
+    `own` has the GUID prefixes of the nodes of its own agent.
+    """
 
     def __init__(self, stack: RosStack, own: frozenset[bytes]) -> None:
         lib = library()
