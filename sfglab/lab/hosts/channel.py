@@ -47,7 +47,9 @@ class Channel:
         # The child must find the same modules.
         modules = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
         numbers = (other.fileno(), *descriptors)
-        with other:
+        with other, contextlib.ExitStack() as failed:
+            failed.callback(self._log.close)
+            failed.callback(self._control.close)
             self._process = subprocess.Popen(
                 [*command, *map(str, numbers)],
                 env=os.environ | {"PYTHONPATH": modules},
@@ -58,6 +60,7 @@ class Channel:
                 # Ctrl-C in a terminal must reach the creator first, which then ends things in order.
                 start_new_session=True,
             )
+            failed.pop_all()
 
     def request(self, operation: str, /, **arguments: Any) -> Any:
         """Request one of the process's operations, and return what the operation returns.
