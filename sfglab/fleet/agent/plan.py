@@ -56,7 +56,7 @@ class AgentConfig:
     idle_timeout_s: float = 1.0
     replay: bool = True  #: Whether the decoder requests a replay from the sender of a stream.
     spare: bool = True  #: Whether the decoder keeps a spare pipeline process.
-    #: Whether router and decoder advertise topics before anybody subscribes, so that ROS 2's tools list them. In
+    #: Whether router and decoder advertise topics before a subscription exists, so that ROS 2's tools list them. In
     #: the global domain it costs 0.6 kB per topic and other agent, once.
     advertise_unused_topics: bool = True
     #: Whether descriptions are published on a topic and read there. If false, each agent queries the paper's

@@ -24,7 +24,7 @@ class DecoderConfig:
     #: stream after the other, as a component container loads and unloads components in the paper.
     refill: bool = True
     advertise_unused_topics: bool = (
-        True  #: Whether decodable topics are advertised before anybody subscribes.
+        True  #: Whether decodable topics are advertised before a subscription exists.
     )
     #: Parameter services, with which ROS 2's tools read this configuration; None for none.
     parameters: ParameterTransport | None = None
