@@ -41,6 +41,8 @@ RENAMED = {
     "01_naming": "01_names_and_border",
     "02_depth_codecs": "03_decode_once",
     "04_routing": "01_names_and_border",
+    "05_lifecycle": "05_discovery",
+    "06_discovery": "05_discovery",
     "09_transmission": "09_loss",
     "10_cooperation": "10_hallway",
     "11_gateways": "11_mapping_and_gateway",

@@ -52,8 +52,8 @@ def _discovery(run: Run[Any]) -> pd.DataFrame:
     finding = discovery.exp.measure(run)[_BYTES]
     received_mb = finding.ends["MB received by standard"]
     saved = 10**finding.estimate.value
-    agents = discovery.analysis.PAPERS_LARGEST
-    nodes = sum(discovery.analysis.live(run).main_nodes())
+    agents = discovery.PAPERS_LARGEST
+    nodes = discovery.main_nodes(run)
     return pd.DataFrame(
         {"without": [received_mb], "with": [received_mb / saved]},
         index=pd.Index(

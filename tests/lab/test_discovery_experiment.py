@@ -2,30 +2,31 @@
 
 import asyncio
 import json
-import math
 import os
 import subprocess
 import sys
 from statistics import mean
 
 import pytest
-from made_logs import CLAIMS, made_run
+from made_logs import CLAIMS, made_run, reference
 
 from sfglab.bus.address import BusAddress
 from sfglab.errors import InvalidValueError
 from sfglab.lab.bench import Options
 from sfglab.lab.claims import How, Verdict, judge
-from sfglab.lab.experiments.discovery import Fleet, exp
+from sfglab.lab.experiments.discovery import Fleet, exp, results
 from sfglab.lab.experiments.discovery import simulated as world
 from sfglab.lab.experiments.discovery.experiment import (
     LAUNCHED,
+    PUBLISHING,
+    QUERYING,
     ROUTED,
     STANDARD,
     Scale,
     Stage,
     cells_of,
 )
-from sfglab.lab.experiments.discovery.stage import Ingress
+from sfglab.lab.experiments.discovery.live import Ingress
 from sfglab.lab.hosts.host import InterfaceBytes
 from sfglab.lab.workers.ros_nodes import LISTENER, TALKER, RosNodesConfig, endpoints_of
 from sfglab.processes import Member, ProcessGroup
@@ -69,9 +70,9 @@ def simulated(mode, agents, seed):
     """Return rows of a simulated fleet by table."""
     rows = []
     for host in range(agents):
-        seconds, received = known(mode, agents, host)
+        seconds, _ = known(mode, agents, host)
         row = {"mode": mode, "agents": agents, "seed": seed, "host": host, **NODES}
-        rows.append({**row, "resolved_s": seconds, "rx_bytes": received})
+        rows.append({**row, "resolved_s": seconds})
     return {"simulated": rows}
 
 
@@ -139,12 +140,10 @@ def test_fleets_of_two_or_started_at_once_do_not_answer_claims_about_six(made):
     assert exp.measure(made(*(fleet(i, *one) for i, one in enumerate(fleets)))) == {}
 
 
-def test_without_live_fleets_ours_are_simulated_and_say_so(made):
-    run = made(*(simulated(mode, 6, seed) for seed in range(2) for mode in (STANDARD, ROUTED)))
-    claims = exp.measure(run)
-    assert claims.keys() == {"A-DISC-TIME-OURS", "A-DISC-BYTES-OURS"}
-    assert {one.how for one in claims.values()} == {How.SIMULATED}
-    assert claims["A-DISC-BYTES-OURS"].estimate.value == pytest.approx(3.0)
+def test_simulated_fleets_answer_no_claim_and_have_their_figure(made):
+    modes = (STANDARD, QUERYING, PUBLISHING)
+    run = made(*(simulated(mode, agents, 0) for mode in modes for agents in (2, 4)))
+    assert exp.measure(run) == {}
     assert set(exp.figures(run)) == {"discovery_scale"}
 
 
@@ -154,7 +153,7 @@ def test_standard_and_routed_fleets_of_one_size_are_run_side_by_side():
         Stage(mode=ROUTED, agents=(2, 3, 5), repeats=2),
         Stage(mode=ROUTED, agents=(2,), talkers=1, listeners=1),
     )
-    cells = cells_of(exp.config(stages=stages, seed=1))
+    cells = cells_of(stages, 1)
     assert len(cells) == len(set(cells)) == 2 + 6 + 1
     kinds = [(c.agents, c.talkers) for c in cells]
     runs = [kind for i, kind in enumerate(kinds) if i == 0 or kinds[i - 1] != kind]
@@ -171,10 +170,11 @@ def test_profiles_reach_their_sizes_stages_make_sense_and_fleets_are_named_the_l
     assert (
         max(exp.config("quick").simulated.agents)
         == max(exp.config("paper").simulated.agents)
-        == 1000
+        == world.MOST_AGENTS[QUERYING]
+        == 25
     )
-    fleets = world.fleets_of(exp.config(simulated=Scale(agents=(10, 2), talkers=2, listeners=1)))
-    wanted = [(mode, agents) for agents in (2, 10) for mode in (STANDARD, ROUTED)]
+    fleets = world.fleets_of(exp.config(simulated=Scale(agents=(26, 10, 2), talkers=2)))
+    wanted = [(STANDARD, 2), (QUERYING, 2), (PUBLISHING, 2), (QUERYING, 10), (PUBLISHING, 10)]
     assert [(one.mode, one.agents) for one in fleets] == wanted
 
 
@@ -187,13 +187,13 @@ def test_ingress_is_interpolated_between_readings(monkeypatch):
             return InterfaceBytes(self.received, 0, self.received // 100, 0)
 
     stamps = iter((0, 10, 20))
-    monkeypatch.setattr("sfglab.lab.experiments.discovery.stage.time.time_ns", lambda: next(stamps))
+    monkeypatch.setattr("sfglab.lab.experiments.discovery.live.time.time_ns", lambda: next(stamps))
     ingress = Ingress([Meter()])
     for _ in range(3):
         ingress.read()
-    assert ingress.between(0, 0, 15) == (pytest.approx(1500), pytest.approx(15))
-    assert ingress.between(0, 10, 20) == (pytest.approx(1000), pytest.approx(10))
-    assert ingress.between(0, 0, 99) == (pytest.approx(2000), pytest.approx(20))
+    assert ingress.between(0, 0, 15) == pytest.approx(1500)
+    assert ingress.between(0, 10, 20) == pytest.approx(1000)
+    assert ingress.between(0, 0, 99) == pytest.approx(2000)
 
 
 def test_a_demo_node_has_the_eighteen_endpoints_of_humble():
@@ -271,30 +271,30 @@ def test_without_separate_hosts_nothing_is_passed_off_as_live(tmp_path):
     assert exp.measure(run) == {}
 
 
-def test_every_routed_agent_finds_all_others_by_two_endpoints_for_each_ordered_pair():
-    agents = Fleet(mode=ROUTED, agents=5, talkers=1, listeners=1)
+@pytest.mark.parametrize("mode", [QUERYING, PUBLISHING])
+def test_every_routed_agent_finds_all_others(mode):
+    agents = Fleet(mode=mode, agents=5, talkers=1, listeners=1)
     rows = world.simulate_fleet(agents, 0)
     assert [row["host"] for row in rows] == list(range(5))
     assert not any(row["censored"] for row in rows)
     assert all(0.03 < row["resolved_s"] < 5 for row in rows)
     assert world.simulate_fleet(agents, 0) == rows
-    outcome = world.run_fleet(Fleet(mode=ROUTED, agents=6, talkers=1, listeners=1))
-    # Each agent: its heartbeats both ways and its service, and a client of every other agent's.
-    assert outcome.announced == pytest.approx(6 * 4 + 2 * 6 * 5, rel=0.2)
 
 
-def test_where_descriptions_are_published_an_agent_has_five_endpoints_however_many_there_are(
-    monkeypatch,
-):
-    for name in ("StatusSettings", "DiscoverySettings"):
-        settings = getattr(world, name)
-        monkeypatch.setattr(
-            world, name, lambda agent, settings=settings, **_: settings(agent=agent)
-        )
-    for agents in (6, 12):
-        outcome = world.run_fleet(Fleet(mode=ROUTED, agents=agents))
-        assert outcome.announced == 5 * agents
-        assert not any(host.censored for host in outcome.hosts)
+@pytest.mark.parametrize("agents", [2, 3, 6, 12])
+@pytest.mark.parametrize("mode", [QUERYING, PUBLISHING])
+def test_the_formula_gives_the_endpoints_that_the_simulation_counts(mode, agents):
+    rows = world.simulate_fleet(Fleet(mode=mode, agents=agents), 0)
+    assert {row["endpoints"] for row in rows} == {results.endpoints(mode, agents, 20)}
+
+
+def test_a_standard_fleet_has_the_endpoints_of_all_nodes_and_takes_longer_with_more_agents():
+    few, more = (
+        world.simulate_fleet(Fleet(mode=STANDARD, agents=agents, talkers=4, listeners=4), 0)
+        for agents in (2, 4)
+    )
+    assert few[0]["endpoints"] == results.endpoints(STANDARD, 2, 8) == 2 * 8 * 18
+    assert mean(row["resolved_s"] for row in few) < mean(row["resolved_s"] for row in more)
 
 
 COUNTED_BYTES = {
@@ -314,24 +314,14 @@ COUNTED_BYTES = {
 
 @pytest.mark.parametrize(("mode", "agents"), COUNTED_BYTES)
 def test_the_bytes_are_those_of_the_former_simulation_that_counted_packets(mode, agents):
-    fleet = Fleet(mode=mode, agents=agents, talkers=10, listeners=10)
     share = 0.01 if mode == STANDARD else 0.025
     counted = COUNTED_BYTES[mode, agents]
-    assert world.received_bytes(fleet) == pytest.approx(counted, rel=share)
+    assert results.received_bytes(mode, agents) == pytest.approx(counted, rel=share)
 
 
-def test_a_fleet_too_large_to_be_simulated_has_bytes_and_no_time():
-    host = world.run_fleet(Fleet(mode=ROUTED, agents=26)).hosts[25]
-    assert math.isnan(host.resolved_s)
-    assert host.rx_bytes == 6216 * 25 + 1342 * 26 * 25
-    assert not host.censored
-
-
-def test_a_standard_fleet_above_four_agents_is_on_the_line_of_two_and_three():
-    few, more, many = (
-        world.run_fleet(Fleet(mode=STANDARD, agents=agents, talkers=2, listeners=2)).hosts
-        for agents in (2, 3, 100)
-    )
-    few_s, more_s = (mean(host.resolved_s for host in hosts) for hosts in (few, more))
-    assert len(many) == 100
-    assert many[0].resolved_s == pytest.approx(few_s + 98 * (more_s - few_s))
+def test_only_fleets_that_were_simulated_count_as_simulated():
+    fleets = results.simulated_fleets(reference(exp)).groupby("mode")["agents"].unique()
+    assert {mode: sorted(sizes) for mode, sizes in fleets.items()} == {
+        QUERYING: [2, 4, 6, 12, 25, 50, 100],
+        STANDARD: [2, 4],
+    }

@@ -20,7 +20,8 @@ from waiting import wait_until
 from sfglab.errors import InvalidValueError
 from sfglab.fields import Bounds, between, to_json
 from sfglab.lab import notebook
-from sfglab.lab.experiments import EXPERIMENTS, depth_codecs, discovery, experiment, transmission
+from sfglab.lab.experiment import Experiment, Look, Profiled
+from sfglab.lab.experiments import EXPERIMENTS, depth_codecs, experiment, transmission
 from sfglab.lab.explore import explore
 from sfglab.lab.explore.form import Form, unit_of
 from sfglab.lab.notebook import draw_setup
@@ -128,19 +129,72 @@ def test_what_cannot_be_turned_is_refused_by_name():
         explore(transmission.exp, "nothing")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """A part of a configuration."""
+
+    agents: tuple[int, ...] = ()  #: Sizes of the fleet.
+    talkers: int = 10  #: Publishing nodes of each agent.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fleets(Profiled):
+    """A configuration with a part."""
+
+    simulated: Scale = Scale(agents=(2, 4))  #: Simulated fleets.
+    seed: int = 0  #: The seed.
+
+
+fleets = Experiment("fleets", Fleets, where="A 1", smoke={}, paper={})
+
+
+@fleets.table("fleet")
+class FleetRow:
+    """A fleet."""
+
+    agents: int  #: Size.
+    nodes: int  #: Nodes of all agents.
+
+
+@fleets.sweep(
+    "fleet",
+    over=lambda config: [replace(config.simulated, agents=(n,)) for n in config.simulated.agents],
+    seeds=lambda config: [config.seed],
+)
+def count_nodes(scale, _seed):
+    """Return the nodes of a fleet."""
+    (agents,) = scale.agents
+    return {"agents": agents, "nodes": agents * scale.talkers}
+
+
+@fleets.look(
+    "fleet",
+    Look(
+        turn=("simulated.agents", "simulated.talkers"),
+        needs=("fleet",),
+        size=(4, 2),
+        start={"simulated": Scale(agents=(6,))},
+        within={"simulated.talkers": Bounds(1, 20), "simulated.agents": Bounds(2, 16)},
+    ),
+)
+def draw_nodes(figure, run):
+    """Draw the nodes of fleets."""
+    figure.subplots().plot(run["fleet"]["agents"], run["fleet"]["nodes"])
+
+
 async def test_a_part_of_a_configuration_is_turned_within_what_follows_a_slider():
-    look = discovery.exp.looks["fleet"]
-    config = discovery.exp.config("quick", **look.start)
+    look = fleets.looks["fleet"]
+    config = fleets.config("quick", **look.start)
     form = Form(config, look.turn, within=look.within)
     agents = form.controls["simulated.agents"]
     assert (agents.min, agents.max, agents.value) == (2, 16, 6)
     assert agents.tooltip == "Sizes of the fleet."
     agents.value = 3
-    form.controls["simulated.talkers"].value = form.controls["simulated.listeners"].value = 1
-    assert form.config.simulated == replace(config.simulated, agents=(3,), talkers=1, listeners=1)
-    async with preview(discovery.exp, "fleet", form.config) as run:
-        assert set(run["simulated"]["mode"]) == {"standard", "routed"}
-        assert len(draw_look(discovery.exp, "fleet", run).axes) == 2
+    form.controls["simulated.talkers"].value = 1
+    assert form.config.simulated == replace(config.simulated, agents=(3,), talkers=1)
+    async with preview(fleets, "fleet", form.config) as run:
+        assert run["fleet"].to_numpy().tolist() == [[3, 3]]
+        assert len(draw_look(fleets, "fleet", run).axes) == 1
     form.reset()
     assert form.config == config
 

@@ -27,7 +27,7 @@ def test_the_index_has_every_notebook_under_its_paper_with_figure_and_verdicts()
     assert html.count("<img alt=") == len(EXPERIMENTS)
     assert html.count(">not yet<") == len(ledger)
     assert 'href="09_loss.ipynb"' in papers[1]
-    assert papers[0].index("05_lifecycle") < papers[0].index("03_decode_once"), "by section"
+    assert papers[0].index("05_discovery") < papers[0].index("03_decode_once"), "by section"
 
 
 def test_the_index_has_a_line_for_each_experiment_of_a_notebook(tmp_path):

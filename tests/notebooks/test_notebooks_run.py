@@ -23,6 +23,7 @@ ROOT = Path(__file__).parents[2]
 INDEX = "00_index"
 SHOWN = "data/reference/cooperation.mcap"
 CONSTANTS = "data/reference/decode_once.mcap"  # of the explorer of notebook 03
+COUNTED = "data/reference/discovery.mcap"  # bytes of simulated fleets in notebook 05
 LOSS = ("latency", "live", "loss", "validation")
 # What the notebooks draw in a smoke test.
 FIGURES_ANYWHERE = {
@@ -40,8 +41,7 @@ FIGURES_ANYWHERE = {
 FIGURES_OF_HOSTS = {
     "01_names_and_border": {"naming_schema", "routing_border"},
     "03_decode_once": {"decode_once_h264", "depth_codecs"},
-    "05_lifecycle": {"heartbeats", "discovery_states"},
-    "06_discovery": {"discovery_fleet", "discovery_scale"},
+    "05_discovery": {"heartbeats", "discovery_states", "discovery_fleet", "discovery_scale"},
     "07_latency": {"latency"},
     "14_mocap": {"mocap_error", "mocap_offset", "mocap_trees"},
     "16_visualisation": {"visualisation_latency", "visualisation_points"},
@@ -53,11 +53,11 @@ NAMES = [*FIGURES_ANYWHERE, *(pytest.param(name, marks=LIVE) for name in FIGURES
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """A checkout of its own, with two logs, for readers to look at; what runs for it is gone at the end."""
+    """A checkout of its own, with three logs, for readers to look at; what runs for it is gone at the end."""
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
     shutil.copytree(ROOT / "data", tmp_path / "data", ignore=shutil.ignore_patterns("reference"))
     (tmp_path / "data" / "reference").mkdir()
-    for log in (SHOWN, CONSTANTS):
+    for log in (SHOWN, CONSTANTS, COUNTED):
         shutil.copy(ROOT / log, tmp_path / log)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     yield Project(root=tmp_path)

@@ -18,7 +18,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.deploy.deployment import FLEET_FILE, Deployment
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.hosts import Host, Network
-from sfglab.lab.workers.graph_observer import ObserverConfig
+from sfglab.lab.workers.peer import PeerConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
@@ -124,20 +124,22 @@ async def _discovered(process: asyncio.subprocess.Process, wanted: set[str]) -> 
 
 
 async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> dict[int, list[str]]:
+    """Return the DDS topics of all endpoints that are seen from outside, by domain."""
     domains = (pairs[0][0].network.global_domain, *(d.network.local_domain for d, _ in pairs))
-    addresses = tuple(
-        BusAddress(domain_id=domain, interface=outside.interface) for domain in domains
-    )
-    config = ObserverConfig(addresses=addresses, seconds=LOOKING_S)
-    onlooker = Member(
-        name="onlooker", module="sfglab.lab.workers.graph_observer", config=config, ready="seen"
-    )
-    start_s = LOOKING_S + MEETING_S
+    members = []
+    for domain in dict.fromkeys(domains):
+        address = BusAddress(domain_id=domain, interface=outside.interface)
+        config = PeerConfig(name="onlooker", address=address)
+        members.append(Member(name=str(domain), module="sfglab.lab.workers.peer", config=config))
     async with ProcessGroup(
-        [onlooker], wrap_command=lambda _, command: outside.argv(command), start_s=start_s
+        members, wrap_command=lambda _, command: outside.argv(command), start_s=MEETING_S
     ) as group:
-        seen = group["onlooker"].readiness
-    return {int(domain): topics for domain, topics in seen["domains"].items()}
+        await asyncio.sleep(LOOKING_S)
+        told = await group.ask("told", timeout_s=MEETING_S, do="tell")
+    seen = {}
+    for name, report in told.items():
+        seen[int(name)] = sorted(topic for topic, *_ in report["endpoints"])
+    return seen
 
 
 def _meeting_row(names: Sequence[str], found: Sequence[set[str]]) -> CheckRow:
@@ -164,9 +166,8 @@ def _row(check: str, checked: int, wrong: Sequence[str], example: str) -> CheckR
 
 def _global_row(pairs: Sequence[tuple[Deployment, Bundle]], seen: dict[int, list[str]]) -> CheckRow:
     topics = seen[pairs[0][0].network.global_domain]
-    # Both halves of a service have a name of their own: rq/global/..., rr/global/....
-    local = [t for t in topics if not re.fullmatch(r"(rq|rr)?/(global/.*|tf|tf_static)", t)]
-    wrong = local or ["no heartbeat"] * ("/global/agent_heartbeat" not in topics)
+    local = [t for t in topics if not re.fullmatch(r"r[tqr]/(global/.*|tf|tf_static)", t)]
+    wrong = local or ["no heartbeat"] * ("rt/global/agent_heartbeat" not in topics)
     example = local[0] if local else f"{len(topics)} endpoints, {len(set(topics))} names"
     check = "the global domain shows global names only, and the heartbeats among them"
     return _row(check, 1, wrong[:1], example)

@@ -1,23 +1,16 @@
-"""Fleets in the simulated world: *routed* with the agents' own components, *standard* with bare endpoints.
+"""Fleets in the simulated world: routed ones with sfglab's components, standard ones with bare endpoints.
 
-Of a routed agent only the ROS 2 nodes are left out, of which nothing crosses. The simulated world
-gives times and no bytes; bytes follow from formulas (`received_bytes`). Queries take two endpoints
-for each ordered pair of agents: above `EXACT_MOST` routed agents no time is simulated, and only the
-bytes are given. What a standard agent waits for grows in proportion to the other agents, so that
-times of larger fleets follow from two small ones.
-
-Every agent has a computer of its own, of which each process has a core (routed) or its share of
-`CORES` (standard). What processes spend is calibrated to live fleets: `ROUTED_COSTS`,
-`STANDARD_COSTS`.
+The nodes of a routed agent are left out, because nothing of them crosses its router. Each agent has a
+computer of its own. Each of its processes has a core (routed), or its share of `CORES` (standard). The
+costs of processes are calibrated to live fleets. The simulated world gives times and endpoints, and
+counts no bytes.
 """
 
 from __future__ import annotations
 
 import asyncio
-import math
-from dataclasses import asdict, dataclass, replace
-from functools import lru_cache, partial
-from statistics import mean
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointAdded, EndpointEvent, RawEndpoint
@@ -30,213 +23,157 @@ from sfglab.fleet.router.node import Router
 from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.node import StatusProvider
 from sfglab.lab.experiment import seeded
-from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Config, Fleet, exp
+from sfglab.lab.experiments.discovery.experiment import (
+    PUBLISHING,
+    QUERYING,
+    STANDARD,
+    Config,
+    Fleet,
+    exp,
+)
 from sfglab.lab.workers.ros_nodes import LISTENER, TALKER, endpoints_of
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from sfglab.bus.sim.network import Host
     from sfglab.fleet.discovery.registry import Order
 
-CORES = 4  #: Of an agent's computer: a Raspberry Pi 5 in paper A, section 5.1.
-
+CORES = 4  #: Cores of an agent's computer: a Raspberry Pi 5 in paper A, section 5.1.
 ROUTED_COSTS = Costs(start_s=0.03, message_s=0.3e-3, endpoint_s=2e-3, announcement_s=50e-6)
-"""Such that an agent's three components spend about 0.1 s and 30 ms for each peer, as in live fleets of 2 to 12
-agents on two cores; how it divides among messages and endpoints is an estimate."""
-
+"""An agent's three components spend about 0.1 s and 30 ms per peer, as in live fleets of 2 to 12 agents on
+two cores. The division among messages and endpoints is an estimate."""
 STANDARD_COSTS = Costs(announcement_s=70e-6)
-"""Of each process for each endpoint of the domain: 1.0 s for an agent with 20 nodes and one peer, live."""
-
-LIMIT_S = 300.0  #: When a fleet that is not complete is given up, virtual seconds.
-
-#: Agents of the largest fleets that are simulated agent by agent.
-EXACT_MOST = {STANDARD: 4, ROUTED: 25}
+"""Per process and endpoint of the domain: 1.0 s for an agent with 20 nodes and one peer, live."""
+LIMIT_S = 300.0  #: Time after which an incomplete fleet is given up, simulated s.
+MOST_AGENTS = {STANDARD: 4, QUERYING: 25, PUBLISHING: 25}
+"""Agents of the largest simulated fleet. All nodes of a standard one are simulated, 20 per agent."""
+ENDPOINTS_PER_NODE = len(endpoints_of(TALKER, "/a/b", "/c"))
 _LOCAL_DOMAIN = 1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HostOutcome:
-    """What came of one agent."""
-
-    #: When it had resolved all its peers, seconds since the start; `LIMIT_S` if it had not, NaN of
-    #: a fleet that is too large to be simulated.
-    resolved_s: float
-    rx_bytes: float  #: Received at its interface until then, by formula.
-    censored: bool  #: Whether it was given up.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FleetOutcome:
-    """What came of a fleet."""
-
-    hosts: tuple[HostOutcome, ...]  #: One for each agent.
-    #: How many endpoints the global domain had had when the last agent was complete.
-    announced: int
 
 
 def fleets_of(config: Config) -> list[Fleet]:
     """Return the fleets to simulate, the largest last."""
     scale = config.simulated
-    return [
-        Fleet(mode=mode, agents=agents, talkers=scale.talkers, listeners=scale.listeners)
-        for agents in sorted(scale.agents)
-        for mode in (STANDARD, ROUTED)
-    ]
+    fleets = []
+    for agents in sorted(scale.agents):
+        for mode, most in MOST_AGENTS.items():
+            if agents <= most:
+                fleet = Fleet(
+                    mode=mode, agents=agents, talkers=scale.talkers, listeners=scale.listeners
+                )
+                fleets.append(fleet)
+    return fleets
 
 
 @exp.sweep(
     "simulated", over=fleets_of, seeds=lambda config: seeded(config, config.simulated.repeats)
 )
 def simulate_fleet(fleet: Fleet, seed: int) -> tuple[dict[str, Any], ...]:
-    """Run one fleet until every agent knows its peers, and return one row an agent."""
-    return tuple(
-        {"host": number, **asdict(host)} for number, host in enumerate(run_fleet(fleet, seed).hosts)
-    )
-
-
-def run_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
-    """Run one fleet until every agent knows its peers."""
+    """Run one fleet until each agent has discovered its peers; return one row per agent."""
+    ours = (fleet.talkers + fleet.listeners) * ENDPOINTS_PER_NODE
     if fleet.mode == STANDARD:
-        return _standard_fleet(fleet, seed)
-    if fleet.agents > EXACT_MOST[ROUTED]:
-        host = HostOutcome(resolved_s=math.nan, rx_bytes=received_bytes(fleet), censored=False)
-        return FleetOutcome(hosts=(host,) * fleet.agents, announced=0)
-    return run_simulated(partial(_routed, fleet), seed=seed, costs=_routed_costs(fleet))
+        share = max(1.0, (fleet.talkers + fleet.listeners) / CORES)
+        costs = Costs(announcement_s=STANDARD_COSTS.announcement_s * share)
+        return run_simulated(partial(run_standard, fleet), seed=seed, costs=costs)
+    start_s = ROUTED_COSTS.start_s + ours * ROUTED_COSTS.announcement_s
+    costs = replace(ROUTED_COSTS, start_s=start_s)
+    return run_simulated(partial(run_routed, fleet), seed=seed, costs=costs)
 
 
-def received_bytes(fleet: Fleet) -> float:
-    """Return what an agent's interface receives until it has resolved its peers, by formula.
+@dataclass(slots=True)
+class Arrivals:
+    """Times at which agents have discovered all their peers."""
 
-    The constants come from a former simulation that counted each packet of Cyclone DDS 11.0.1. Of
-    routed fleets they follow from 2 and 6 agents and hold within 2.5 % up to 50 agents (19 % too low
-    at 100); of standard fleets from agents with 2 and 20 nodes, and hold within 1 % in between.
-    """
-    n, nodes = fleet.agents, fleet.talkers + fleet.listeners
-    if fleet.mode == ROUTED:
-        return 6216.0 * (n - 1) + 1342.0 * n * (n - 1)
-    return (n - 1) * (4913.0 * nodes + 6367.0 * nodes**2)
+    world: World
+    agents: list[str]  #: Names of the agents, which are those of their hosts.
+    resolved_s: dict[str, float] = field(default_factory=dict)  #: Time by agent, s.
+    is_complete: asyncio.Event = field(default_factory=asyncio.Event)
 
+    def add(self, agent: str) -> None:
+        """Note that an agent has discovered all its peers now."""
+        self.resolved_s[agent] = self.world.now_ns / NS_PER_S
+        if len(self.resolved_s) == len(self.agents):
+            self.is_complete.set()
 
-def _routed_costs(fleet: Fleet) -> Costs:
-    ours = (fleet.talkers + fleet.listeners) * len(endpoints_of(TALKER, "/a/b", "/c"))
-    return replace(ROUTED_COSTS, start_s=ROUTED_COSTS.start_s + ours * ROUTED_COSTS.announcement_s)
-
-
-@lru_cache(maxsize=64)
-def _standard_fleet(fleet: Fleet, seed: int) -> FleetOutcome:
-    """Simulate a small fleet, or follow the line through two smaller ones, which all larger ones have."""
-    if fleet.agents > EXACT_MOST[STANDARD]:
-        few, more = (_standard_fleet(replace(fleet, agents=agents), seed) for agents in (2, 3))
-        return _extrapolated(few, more, fleet)
-    share = (fleet.talkers + fleet.listeners) / CORES
-    costs = replace(STANDARD_COSTS, announcement_s=STANDARD_COSTS.announcement_s * max(1.0, share))
-    return run_simulated(partial(_standard, fleet), seed=seed, costs=costs)
-
-
-def _extrapolated(two: FleetOutcome, three: FleetOutcome, fleet: Fleet) -> FleetOutcome:
-    """Return a fleet of which each agent is the mean one on the line through fleets of two and three."""
-    first_s, second_s = (mean(host.resolved_s for host in one.hosts) for one in (two, three))
-    found_s = first_s + (fleet.agents - 2) * (second_s - first_s)
-    host = HostOutcome(
-        resolved_s=min(LIMIT_S, found_s),
-        rx_bytes=received_bytes(fleet),
-        censored=found_s > LIMIT_S,
-    )
-    each = two.announced // len(two.hosts)
-    return FleetOutcome(hosts=(host,) * fleet.agents, announced=each * fleet.agents)
-
-
-def _name(host: int) -> str:
-    return f"agent{host:04d}"
-
-
-class _Arrivals:
-    """Notes when each host has heard of everything that it waits for."""
-
-    def __init__(self, world: World, fleet: Fleet) -> None:
-        self._outcomes: dict[str, HostOutcome] = {}
-        self._world, self._hosts = world, fleet.agents
-        self._rx_bytes = received_bytes(fleet)
-        self._all = asyncio.Event()
-
-    def complete(self, host: str) -> None:
-        self._note(host, censored=False)
-        if len(self._outcomes) == self._hosts:
-            self._all.set()
-
-    async def wait(self) -> tuple[HostOutcome, ...]:
-        """Return all outcomes when all hosts are complete, or when it has taken too long."""
+    async def rows(self) -> tuple[dict[str, Any], ...]:
+        """Return one row per agent when all are complete, or when the limit is over."""
         try:
             async with asyncio.timeout(LIMIT_S):
-                await self._all.wait()
+                await self.is_complete.wait()
         except TimeoutError:
-            for host in map(_name, range(self._hosts)):
-                if host not in self._outcomes:
-                    self._note(host, censored=True)
-        return tuple(self._outcomes[_name(host)] for host in range(self._hosts))
-
-    def _note(self, host: str, *, censored: bool) -> None:
-        now_s = self._world.now_ns / NS_PER_S
-        self._outcomes[host] = HostOutcome(
-            resolved_s=now_s, rx_bytes=self._rx_bytes, censored=censored
-        )
-
-
-async def _routed(fleet: Fleet, world: World) -> FleetOutcome:
-    names = [_name(host) for host in range(fleet.agents)]
-    for name in names:
-        world.host(name)
-    arrivals = _Arrivals(world, fleet)
-    async with beside(*(run() for name in names for run in _components(world, name, arrivals))):
-        hosts = await arrivals.wait()
-        announced = world.announced()
-    return FleetOutcome(hosts=hosts, announced=announced)
+            pass
+        rows = []
+        for host, agent in enumerate(self.agents):
+            row = {
+                "host": host,
+                "resolved_s": self.resolved_s.get(agent, LIMIT_S),
+                "censored": agent not in self.resolved_s,
+                "endpoints": self.world.announced(),
+            }
+            rows.append(row)
+        return tuple(rows)
 
 
-def _components(
-    world: World, name: str, arrivals: _Arrivals
+def _arrivals(world: World, fleet: Fleet) -> Arrivals:
+    agents = [f"agent{number:04d}" for number in range(fleet.agents)]
+    return Arrivals(world, agents)
+
+
+async def run_routed(fleet: Fleet, world: World) -> tuple[dict[str, Any], ...]:
+    """Run a fleet of agents behind routers."""
+    arrivals = _arrivals(world, fleet)
+    for agent in arrivals.agents:
+        world.host(agent)
+    bodies = []
+    for agent in arrivals.agents:
+        bodies += components(arrivals, agent, publishes=fleet.mode == PUBLISHING)
+    async with beside(*(run() for run in bodies)):
+        return await arrivals.rows()
+
+
+def components(
+    arrivals: Arrivals, agent: str, *, publishes: bool
 ) -> list[Callable[[], Coroutine[Any, Any, None]]]:
     """Return what runs on one agent: router, status provider and discoverer."""
-    inside = partial(world.node, host=name, domain_id=_LOCAL_DOMAIN, reach="host")
+    world = arrivals.world
+    inside = partial(world.node, host=agent, domain_id=_LOCAL_DOMAIN, reach="host")
     near = inside("router", process="router")
-    far = world.node("router", process="router", host=name)
-    found: set[str] = set()
-
-    def hear(news: Order) -> None:
-        if news.event == "DISCOVERED":
-            found.add(news.agent)
-            if len(found) == len(world.hosts) - 1:
-                arrivals.complete(name)
-
+    far = world.node("router", process="router", host=agent)
     status = inside("agent_status_provider")
     discoverer = inside("agent_discoverer")
-    # The paper's agents query each other's metadata service.
-    provided = StatusSettings(agent=name, publish_description=False)
-    discovered = DiscoverySettings(agent=name, use_published_descriptions=False)
+    found: set[str] = set()
+
+    def discover(order: Order) -> None:
+        if order.event == "DISCOVERED":
+            found.add(order.agent)
+            if len(found) == len(arrivals.agents) - 1:
+                arrivals.add(agent)
+
+    provided = StatusSettings(agent=agent, publish_description=publishes)
+    discovered = DiscoverySettings(agent=agent, use_published_descriptions=publishes)
     return [
-        Router(near, far, RouterSettings(agent=name)).run,
+        Router(near, far, RouterSettings(agent=agent)).run,
         StatusProvider(status, provided).run,
-        AgentDiscoverer(discoverer, discovered, on_event=hear).run,
+        AgentDiscoverer(discoverer, discovered, on_event=discover).run,
     ]
 
 
-async def _standard(fleet: Fleet, world: World) -> FleetOutcome:
-    arrivals = _Arrivals(world, fleet)
+async def run_standard(fleet: Fleet, world: World) -> tuple[dict[str, Any], ...]:
+    """Run a fleet whose nodes are all in one domain."""
+    arrivals = _arrivals(world, fleet)
     roles = [TALKER] * fleet.talkers + [LISTENER] * fleet.listeners
-    each = len(roles) * len(endpoints_of(TALKER, "/a/b", "/c"))
-    for host in range(fleet.agents):
-        name = _name(host)
-        nodes = [_ros_node(world, name, role, number) for number, role in enumerate(roles)]
-        _watch(nodes[0], world.host(name), each * (fleet.agents - 1), arrivals)
-    return FleetOutcome(hosts=await arrivals.wait(), announced=world.announced())
+    remote = len(roles) * ENDPOINTS_PER_NODE * (fleet.agents - 1)
+    for agent in arrivals.agents:
+        nodes = [ros_node(world, agent, role, number) for number, role in enumerate(roles)]
+        watch(nodes[0], agent, remote, arrivals)
+    return await arrivals.rows()
 
 
-def _ros_node(world: World, host: str, role: str, number: int) -> SimNode:
-    """Return a node with the endpoints that one of demo_nodes_cpp has, discovery info among them."""
+def ros_node(world: World, host: str, role: str, number: int) -> SimNode:
+    """Return a node with the endpoints of one of demo_nodes_cpp."""
     node = world.node(f"{role}_{number}", host=host)
-    ends = node.open_forwarder(node)  # bare endpoints, whose samples nobody looks at
+    ends = node.open_forwarder(node)  # bare endpoints without samples
     for plan in endpoints_of(role, f"/{host}/{role}_{number}", f"/{host}/chatter_{number}"):
         endpoint = RawEndpoint(
             dds_topic=plan.topic, type=plan.type, qos=plan.qos, user_data=plan.user_data
@@ -248,14 +185,15 @@ def _ros_node(world: World, host: str, role: str, number: int) -> SimNode:
     return node
 
 
-def _watch(node: SimNode, host: Host, remote: int, arrivals: _Arrivals) -> None:
-    """Complete a host once one of its nodes knows all endpoints of the others; its nodes learn at one pace."""
+def watch(node: SimNode, agent: str, remote: int, arrivals: Arrivals) -> None:
+    """Complete an agent when one of its nodes knows all endpoints of the others; its nodes are equally fast."""
     known: set[bytes] = set()
+    own = arrivals.world.host(agent).id
 
     def hear(event: EndpointEvent) -> None:
-        if isinstance(event, EndpointAdded) and event.endpoint.host != host.id:
+        if isinstance(event, EndpointAdded) and event.endpoint.host != own:
             known.add(event.endpoint.gid)
             if len(known) == remote:
-                arrivals.complete(host.name)
+                arrivals.add(agent)
 
     node.graph.listen(hear)

@@ -1,11 +1,27 @@
 """Heartbeats and the life cycle of remote agents: paper A, section 4.2, Fig. 3.
 
-Status providers beat at the paper's periods; then a discoverer is led through every transition of its table by
-real processes, stopped, killed and started again, and by false agents.
+Status providers send heartbeats at the paper's periods. Then a discoverer is led through the
+transitions of its table by a real process, which is stopped, killed and started again, and by agents
+that do not run.
 """
 
-from sfglab.lab.experiments.lifecycle.analysis import heartbeat_checks, intervals, transitions
+from sfglab.lab.experiments.lifecycle import live  # noqa: F401 - declares its parts
 from sfglab.lab.experiments.lifecycle.experiment import exp
-from sfglab.lab.experiments.lifecycle.figures import press_lifecycle, press_states
+from sfglab.lab.experiments.lifecycle.results import (
+    heartbeat_checks,
+    heartbeat_table,
+    intervals,
+    press_lifecycle,
+    press_states,
+    transitions,
+)
 
-__all__ = ["exp", "heartbeat_checks", "intervals", "press_lifecycle", "press_states", "transitions"]
+__all__ = [
+    "exp",
+    "heartbeat_checks",
+    "heartbeat_table",
+    "intervals",
+    "press_lifecycle",
+    "press_states",
+    "transitions",
+]

@@ -24,7 +24,7 @@ from sfglab.lab.experiments.routing.experiment import (
     may_cross,
     parties_of,
 )
-from sfglab.lab.workers.test_peer import TRANSFORMS, PeerConfig, TopicUse
+from sfglab.lab.workers.peer import TRANSFORMS, PeerConfig, TopicUse
 from sfglab.names import TF, TF_STATIC, Resource, RosFqnBuilder, Scope, dds_topic
 from sfglab.processes import Member, ProcessGroup
 
@@ -44,7 +44,7 @@ PATIENCE_S = 15.0  #: Longest wait for messages that may cross, s.
 POLL_S = 0.5  #: Time between two looks at what was heard.
 _COUNTS = ("received", "repeated", "disordered", "restamped", "missing", "misnamed")
 _ROUTER = "sfglab.fleet.router.node"
-_PEER = "sfglab.lab.workers.test_peer"
+_PEER = "sfglab.lab.workers.peer"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +113,7 @@ class Fleet(ProcessGroup):
     def _peer(self, party: PartyRow) -> Member:
         is_behind = party.domain != GLOBAL_DOMAIN
         config = PeerConfig(
-            party=party.party,
+            name=party.party,
             address=_local(party) if is_behind else self._global(party),
             behind_router=is_behind,
             topics=tuple(self._uses(party.party)),
@@ -214,7 +214,8 @@ async def call_all(fleet: Fleet, call_s: float) -> dict[str, dict[str, str]]:
         names = [name for name in services if may_cross(name) is must_answer]
         reports = await fleet.ask_all("called", do="call", names=names, timeout_s=timeout_s)
         for caller, report in reports.items():
-            answers[caller].update(zip(names, report["answers"], strict=True))
+            servers = [answer["message"] for answer in report["answers"]]
+            answers[caller].update(zip(names, servers, strict=True))
     return answers
 
 
@@ -269,7 +270,7 @@ def endpoint_rows(parties: Sequence[PartyRow], told: dict[str, Report]) -> Itera
     others = [party.party for party in parties if party.domain == GLOBAL_DOMAIN]
     own = {told[party]["participant"] for party in others}
     for party in others:
-        for dds, kind, owner, tag in told[party]["endpoints"]:
+        for dds, kind, owner, tag in dict.fromkeys(map(tuple, told[party]["endpoints"])):
             if owner not in own:
                 router = entries(tag.encode()).get(ROUTER_KEY, "")
                 yield EndpointRow(seen_by=party, dds_topic=dds, kind=kind, router=router)

@@ -1,0 +1,357 @@
+"""Live fleets: their processes, the signal that starts them, and what is measured.
+
+All agents share this machine's cores. Started at a pace, the work of one start is done before the next.
+Time is counted from the last start order, and bytes from the first. Fleets are live on separate hosts
+only.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.bus.address import BusAddress
+from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
+from sfglab.fleet.router.config import RouterConfig
+from sfglab.fleet.status.config import StatusConfig, StatusSettings
+from sfglab.lab.baselines import PART, REAL, STAND_IN, peer_on
+from sfglab.lab.experiments.discovery.experiment import (
+    COMPOSED,
+    LAUNCHED,
+    ROUTED,
+    STANDARD,
+    Cell,
+    Config,
+    FleetRow,
+    HostRow,
+    cells_of,
+    exp,
+    host_names,
+)
+from sfglab.lab.meters import MeterRow, Window
+from sfglab.lab.ros2 import RosMissingError
+from sfglab.lab.workers.ros_nodes import RosNodesConfig
+from sfglab.processes import Member, ProcessGroup
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sfglab.lab.bench import Bench
+    from sfglab.lab.testbed import CountsBytes, Testbed
+
+GLOBAL_DOMAIN = 0
+LOAD_S = 300.0  #: Longest time until all processes are loaded, s.
+PERIOD_S = 0.02  #: Time between two readings of the interfaces' counters, s.
+ROUTER, STATUS, DISCOVERER = (
+    "sfglab.fleet.router.node",
+    "sfglab.fleet.status.node",
+    "sfglab.fleet.discovery.node",
+)
+"""Components of a routed agent."""
+NODES = ", nodes"  #: End of the names of processes with ROS 2 nodes.
+
+
+@exp.part("fleets", total=lambda config: len(cells_of(config.stages, config.seed)))
+async def start_fleets(bench: Bench[Config]) -> None:
+    """Start the fleets one after the other."""
+    if bench.hosts is None or not bench.hosts.separate:
+        return
+    for number, cell in enumerate(cells_of(bench.config.stages, bench.config.seed)):
+        async with LiveFleet(cell, bench.config, bench.testbed) as fleet:
+            outcome = await start(fleet, bench)
+        for host, end_ns in enumerate(outcome.ends_ns):
+            bench.write("host", outcome.host_row(number, host), at_ns=end_ns)
+        nodes, components = outcome.meters["nodes"], outcome.meters["components"]
+        row = FleetRow(
+            cell=number,
+            **asdict(cell),
+            resolved_s=outcome.seconds(max(outcome.ends_ns)),
+            censored=None in outcome.resolved_ns,
+            window_s=nodes.window_s,
+            nodes_cpu_s=cpu_s(nodes),
+            components_cpu_s=cpu_s(components),
+        )
+        # Last, so that a cell that is in the log is complete.
+        bench.write("cell", row, at_ns=max(outcome.ends_ns))
+        bench.advance(f"{cell.mode} {cell.agents}")
+
+
+@exp.part(
+    PART,
+    total=lambda config: len(cells_of(config.ros2, config.seed)),
+    skips=(RosMissingError,),
+)
+async def start_with_ros2(bench: Bench[Config]) -> None:
+    """Start fleets of real ROS 2, and fleets of sfglab with the same nodes."""
+    cells = cells_of(bench.config.ros2, bench.config.seed)
+    # All are made before one is started, so that a missing ROS 2 is noticed at once.
+    fleets = [LiveFleet(cell, bench.config, bench.testbed) for cell in cells]
+    for cell, each in zip(cells, fleets, strict=True):
+        async with each as fleet:
+            outcome = await start(fleet, bench)
+        rows = [outcome.host_row(0, host) for host in range(cell.agents)]
+        busy = [cpu_s(meter) / meter.window_s for meter in outcome.meters.values()]
+        quantities = {
+            "until an agent knows its peers (s)": [row.resolved_s for row in rows],
+            "received until then (MB)": [row.own_bytes / 1e6 for row in rows],
+            "cores busy": [sum(busy)],
+            "longest pause of an observer (s)": [outcome.ingress.longest_pause_s],
+        }
+        kind = STAND_IN if cell.mode == STANDARD else cell.mode
+        setting = f"{cell.agents} x {cell.talkers + cell.listeners}"
+        for quantity, values in quantities.items():
+            of = {"setting": setting, "kind": kind, "quantity": quantity, "repeat": cell.repeat}
+            bench.write_all(PART, [{**of, "value": value} for value in values])
+        bench.advance(f"{cell.mode} {cell.agents}")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Measurements of one start. Times are ns since the epoch."""
+
+    begin_ns: int  #: Time of the first start order.
+    ordered_ns: int  #: Time of the last start order.
+    resolved_ns: list[int | None]  #: Time at which each agent was complete; None: not in time.
+    given_up_ns: int  #: Time at which incomplete agents were given up.
+    ingress: Ingress  #: Received bytes.
+    meters: dict[str, MeterRow]  #: Reading of the meters by label.
+
+    @property
+    def ends_ns(self) -> list[int]:
+        """Time at which each agent was complete or given up."""
+        return [self.given_up_ns if at_ns is None else at_ns for at_ns in self.resolved_ns]
+
+    def seconds(self, at_ns: int) -> float:
+        """Return a time as seconds since the last start order."""
+        return (at_ns - self.ordered_ns) / NS_PER_S
+
+    def host_row(self, cell: int, host: int) -> HostRow:
+        """Return the row of an agent."""
+        end_ns = self.ends_ns[host]
+        return HostRow(
+            cell=cell,
+            host=host,
+            resolved_s=self.seconds(end_ns),
+            censored=self.resolved_ns[host] is None,
+            own_bytes=self.ingress.between(host, self.begin_ns, end_ns),
+        )
+
+
+async def start(fleet: LiveFleet, bench: Bench[Config]) -> Outcome:
+    """Start a fleet and measure until it is complete or given up."""
+    ingress = Ingress([bench.testbed.meter(host) for host in fleet.hosts])
+    pids = {"nodes": fleet.node_pids, "components": fleet.component_pids}
+    window = Window(cpu=pids, interfaces={})
+    ingress.read()
+    window.sample(time.time_ns())
+    begin_ns = time.time_ns()
+    reading = asyncio.create_task(ingress.run())
+    try:
+        ordered_ns, resolved_ns = await fleet.discover(bench.config.timeout_s)
+    finally:
+        reading.cancel()
+        with suppress(asyncio.CancelledError):
+            await reading
+    ingress.read()
+    end_ns = time.time_ns()
+    meters = {row.label: row for row in window.sample(end_ns)}
+    return Outcome(begin_ns, ordered_ns, resolved_ns, end_ns, ingress, meters)
+
+
+def cpu_s(meter: MeterRow) -> float:
+    """Return the CPU time in the window of a meter, s; NaN without processes."""
+    return math.nan if meter.cpu_percent is None else meter.cpu_percent / 100 * meter.window_s
+
+
+class LiveFleet(ProcessGroup):
+    """The processes of a fleet, named by host and module, loaded and idle when it is entered.
+
+    Processes of a launched fleet do not exist before the start order. The test bed has at least as
+    many hosts as there are agents.
+    """
+
+    def __init__(self, cell: Cell, config: Config, testbed: Testbed) -> None:
+        self.hosts = host_names(cell.agents)  #: Hosts that take part.
+        self._cell = cell
+        self._config = config
+        self._testbed = testbed
+        self._is_launched = cell.mode == LAUNCHED
+        self._agents = {host: self._processes_of(n, host) for n, host in enumerate(self.hosts, 1)}
+        idle = [] if self._is_launched else [m for each in self._agents.values() for m in each]
+        super().__init__(idle, wrap_command=testbed.argv, start_s=LOAD_S)
+
+    @property
+    def start_order(self) -> dict[str, Any]:
+        """The order that starts its processes; real ROS 2 needs all of it."""
+        return {
+            "do": "start",
+            "fleet": self.hosts,
+            "talkers": self._cell.talkers,
+            "listeners": self._cell.listeners,
+            "composed": self._cell.mode == COMPOSED,
+        }
+
+    def node_pids(self) -> list[int]:
+        """Return the process ids of the ROS 2 nodes."""
+        return [self[name].pid for name in self if name.endswith(NODES)]
+
+    def component_pids(self) -> list[int]:
+        """Return the process ids of routers, status providers and discoverers."""
+        return [self[name].pid for name in self if not name.endswith(NODES)]
+
+    async def discover(self, timeout_s: float) -> tuple[int, list[int | None]]:
+        """Order all starts, and wait until each agent has discovered its peers.
+
+        Args:
+            timeout_s: Longest wait after the last order, s.
+
+        Returns:
+            Time of the last order, and the time at which each agent was complete, ns since the epoch;
+            None for an agent that was not complete in time.
+
+        Raises:
+            ProcessFailedError: A process failed.
+        """
+        orders_ns, starts = [], []
+        begin_s = time.monotonic()
+        for number, host in enumerate(self.hosts):
+            await asyncio.sleep(begin_s + number * self._cell.pace_s - time.monotonic())
+            orders_ns.append(time.time_ns())
+            starts.append(asyncio.create_task(self._begin(host)))
+        await asyncio.gather(*starts)
+        waits = [self._within(timeout_s, host) for host in self.hosts]
+        return max(orders_ns), list(await asyncio.gather(*waits))
+
+    async def _begin(self, host: str) -> None:
+        """Order an agent's start; its processes are launched if they do not exist."""
+        members = self._agents[host]
+        if not self._is_launched:
+            self.order([member.name for member in members], **self.start_order)
+            return
+        nodes, *components = members
+
+        async def begin_nodes() -> None:
+            await self.start(nodes)
+            self.order([nodes.name], **self.start_order)
+
+        await asyncio.gather(begin_nodes(), *map(self.start, components))
+
+    async def _within(self, timeout_s: float, host: str) -> int | None:
+        """Return the time at which an agent had discovered its peers; None: not in time."""
+        nodes, *components = self._agents[host]
+        with suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                if not components:
+                    report = await self[nodes.name].expect("resolved", timeout_s=None)
+                    return int(report["t_ns"])
+                return await self._wait_routed([member.name for member in components])
+        return None
+
+    async def _wait_routed(self, components: list[str]) -> int:
+        """Return the time at which the discoverer had announced each peer; a component's failure is raised."""
+        *others, discoverer = components
+        if self._is_launched:  # all were ready before
+            return await self._announced(discoverer)
+        ready = self.expect("ready", others, timeout_s=None)
+        announced_ns, _ = await asyncio.gather(self._announced(discoverer), ready)
+        return announced_ns
+
+    async def _announced(self, discoverer: str) -> int:
+        found: set[str] = set()
+        while True:
+            event = await self[discoverer].expect("event", timeout_s=None)
+            if event["event"] == "DISCOVERED":
+                found.add(event["agent"])
+            if len(found) == len(self.hosts) - 1:
+                return int(event["t_ns"])
+
+    def _processes_of(self, number: int, host: str) -> list[Member]:
+        """Return the processes of an agent, its nodes first."""
+        cell, name = self._cell, host + NODES
+        if cell.mode in (REAL, COMPOSED):
+            return [peer_on(self._testbed, host, name, host, "crowd")]
+        is_routed = cell.mode in (ROUTED, LAUNCHED)
+        remote = BusAddress(
+            domain_id=GLOBAL_DOMAIN,
+            interface=self._testbed.interface(host),
+            multicast=self._config.multicast,
+        )
+        local = BusAddress(domain_id=GLOBAL_DOMAIN + number, interface="lo")
+        nodes = RosNodesConfig(
+            namespace=f"/{host}",
+            address=local if is_routed else remote,
+            talkers=cell.talkers,
+            listeners=cell.listeners,
+            peers=0 if is_routed else cell.agents - 1,
+        )
+        module = "sfglab.lab.workers.ros_nodes"
+        members = [Member(name=name, host=host, module=module, config=nodes)]
+        if is_routed:
+            members += self._components(host, local, remote)
+        return members
+
+    def _components(self, host: str, local: BusAddress, remote: BusAddress) -> list[Member]:
+        """Return router, status provider and discoverer of an agent, the discoverer last."""
+        publishes = not self._is_launched  # the paper's agents query each other's service
+        status = StatusSettings(agent=host, publish_description=publishes)
+        discovery = DiscoverySettings(agent=host, use_published_descriptions=publishes)
+        configs = {
+            ROUTER: RouterConfig(agent=host, local=local, remote=remote),
+            # Accelerators are not searched for: the result does not cross the router.
+            STATUS: StatusConfig(address=local, settings=status, detect=False),
+            DISCOVERER: DiscoveryConfig(address=local, settings=discovery),
+        }
+        members = []
+        for module, config in configs.items():
+            member = Member(name=f"{host}, {module}", host=host, module=module, config=config)
+            if not self._is_launched:
+                member = replace(member, ready="idle", through="sfglab.lab.workers.idle")
+            members.append(member)
+        return members
+
+
+class Ingress:
+    """Bytes that interfaces have received, over time.
+
+    Each reading has a time stamp of its own. Where a busy machine delays readings, only the
+    resolution suffers.
+    """
+
+    def __init__(self, meters: Sequence[CountsBytes]) -> None:
+        self._meters = meters
+        self._readings: list[list[tuple[int, int]]] = [[] for _ in meters]
+
+    def read(self) -> None:
+        """Read all counters once."""
+        for meter, readings in zip(self._meters, self._readings, strict=True):
+            received = meter.interface_bytes().rx_bytes
+            readings.append((time.time_ns(), received))
+
+    @property
+    def longest_pause_s(self) -> float:
+        """Longest time between two readings, s; beyond their period the reader had to wait for a core."""
+        times_ns = np.array(self._readings[0], dtype=np.int64)[:, 0]
+        return float(np.max(np.diff(times_ns))) / NS_PER_S
+
+    async def run(self) -> None:
+        """Read until cancelled."""
+        while True:
+            self.read()
+            await asyncio.sleep(PERIOD_S)
+
+    def between(self, place: int, start_ns: int, end_ns: int) -> float:
+        """Return the bytes that an interface received between two times, ns since the epoch.
+
+        Between readings they are interpolated. `place` is that of the interface among the meters.
+        """
+        times_ns, received = np.array(self._readings[place], dtype=np.int64).T
+        ends_s = (0.0, (end_ns - start_ns) / NS_PER_S)
+        first, last = np.interp(ends_s, (times_ns - start_ns) / NS_PER_S, received - received[0])
+        return float(last - first)

@@ -1,0 +1,446 @@
+"""Live parts: heartbeats are timed, and a discoverer is led through the transitions of its table.
+
+A made-up agent follows a script. Each step waits for the transition that it causes. All scripts are
+played again with new agents if a transition is missing because a script was too slow.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import signal
+from collections import Counter, defaultdict
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.address import BusAddress
+from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
+from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Announced, Input, State
+from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
+from sfglab.fleet.discovery.validation import Limits
+from sfglab.fleet.router.config import RouterConfig
+from sfglab.fleet.status.config import StatusConfig, StatusSettings
+from sfglab.fleet.status.heartbeat import (
+    AGENT_HEARTBEAT,
+    MIN_PERIOD_S,
+    Heartbeat,
+    Schedule,
+    heartbeat_topic,
+    metadata_service,
+)
+from sfglab.lab.bench import as_row
+from sfglab.lab.experiments.lifecycle.experiment import (
+    ROBOT,
+    STATION,
+    AnswerRow,
+    BeatRow,
+    Config,
+    JoinRow,
+    MoveRow,
+    QueryRow,
+    WireEndpointRow,
+    exp,
+)
+from sfglab.lab.workers.peer import PeerConfig
+from sfglab.messages import deserialize, message_type
+from sfglab.processes import Member, ProcessFailedError, ProcessGroup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sfglab.component import Report
+    from sfglab.lab.bench import Bench
+
+GLOBAL_DOMAIN = 0
+LOOPBACK_DOMAIN = 93
+"""Global domain where all hosts are this one, so that no other run is met in domain 0."""
+FIRST_LOCAL_DOMAIN = 94  #: Domain of the first agent behind a router, on its host's loopback.
+WALKER = "walker"  #: The agent with a status provider of its own; all others are made up.
+MADE_UP = "made-up agents"  #: Name of the process that plays them.
+PLACES = 40  #: Places in the discoverer's table.
+STEP_S = 60.0  #: Longest time of a step.
+CALL_S = 10.0  #: Time limit of a call of a metadata service, s.
+LONG_S = 30.0  #: Announced period of a made-up agent whose silence must not be noticed, s.
+_PEER = "sfglab.lab.workers.peer"
+_IDLE = "sfglab.lab.workers.idle"
+Step = tuple[State, Input]
+
+
+class Stage(ProcessGroup):
+    """Processes whose reports go into the log."""
+
+    def __init__(self, bench: Bench[Config], *members: Member) -> None:
+        super().__init__(members, wrap_command=bench.testbed.argv, on_report=self._take)
+        self.bench = bench  #: Context of the run.
+        #: Number of heartbeats of the steady state that ``first`` received, by agent.
+        self.steady: Counter[str] = Counter()
+        self.moves: defaultdict[str, list[Step]] = defaultdict(list)  #: Transitions by agent.
+        self.states: dict[str, State] = {}  #: Last state by agent.
+        self._changed = asyncio.Event()
+
+    def address(self, host: str) -> BusAddress:
+        """Return the address of a host in the global domain."""
+        domain_id = GLOBAL_DOMAIN if self.bench.testbed.separate else LOOPBACK_DOMAIN
+        return BusAddress(domain_id=domain_id, interface=self.bench.testbed.interface(host))
+
+    def listener(self, name: str, *topics: str) -> Member:
+        """Return a listener to heartbeats and topics of discovery events, loaded until it is to listen."""
+        types = {heartbeat_topic(): AGENT_HEARTBEAT, **dict.fromkeys(topics, DISCOVERY_EVENT)}
+        config = PeerConfig(name=f"listener_{name}", address=self.address(STATION), reports=types)
+        return Member(
+            name=name, host=STATION, module=_PEER, config=config, ready="idle", through=_IDLE
+        )
+
+    async def listen(self, name: str) -> None:
+        """Let a listener join the domain."""
+        joined = await self.ask("ready", [name], timeout_s=STEP_S, do="start")
+        self.bench.write(JoinRow(listener=name, t_ns=joined[name]["t_ns"]))
+
+    async def until(
+        self, what: str, fact: Callable[[], bool], *, timeout_s: float = STEP_S
+    ) -> None:
+        """Return when a fact about the reports holds.
+
+        Raises:
+            ProcessFailedError: The fact does not hold in time.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not fact():
+                    self._changed.clear()
+                    await self._changed.wait()
+        except TimeoutError:
+            raise ProcessFailedError(f"{what}: not within {timeout_s:g} s") from None
+
+    def taken(self) -> set[Step]:
+        """Return the transitions that were taken."""
+        return set().union(*self.moves.values())
+
+    def _take(self, name: str, report: Report) -> None:
+        match report["is"]:
+            case "heard":
+                self._record(name, report)
+            case "move":
+                self._move(name, report)
+            case "asked":
+                self.bench.write(as_row(QueryRow, {}, report), at_ns=report["t_ns"])
+        self._changed.set()
+
+    def _move(self, discoverer: str, report: Report) -> None:
+        own = {"discoverer": discoverer, "actions": ";".join(report["actions"])}
+        row = as_row(MoveRow, own, report)
+        self.bench.write(row, at_ns=row.t_ns)
+        self.moves[row.agent].append((State[row.before], Input[row.given]))
+        self.states[row.agent] = State[row.after]
+
+    def _record(self, listener: str, report: Report) -> None:
+        """Record a message of a listener; those of ``first`` go into the log as they are."""
+        topic, cdr = report["topic"], base64.b64decode(report["cdr"])
+        type_ = AGENT_HEARTBEAT if topic == heartbeat_topic() else DISCOVERY_EVENT
+        times = {"log_time_ns": report["received_ns"], "publish_time_ns": report["sent_ns"]}
+        if listener == "first":
+            self.bench.log.write_raw(topic, type_, cdr, **times)
+        if type_ == AGENT_HEARTBEAT:
+            beat = Heartbeat.from_message(deserialize(cdr, message_type(type_)))
+            row = as_row(BeatRow, {"listener": listener}, beat, report)
+            self.bench.write(row, at_ns=row.received_ns)
+            if listener == "first":
+                self.steady[beat.agent] += beat.phase
+
+
+def status_provider(agent: str, schedule: Schedule, address: BusAddress) -> Member:
+    """Return the status provider of an agent, whose description is queried as in the paper."""
+    settings = StatusSettings(agent=agent, schedule=schedule, publish_description=False)
+    config = StatusConfig(address=address, settings=settings, detect=False)
+    return Member(name=agent, host=ROBOT, module="sfglab.fleet.status.node", config=config)
+
+
+# --- Heartbeats -------------------------------------------------------------------------------
+
+
+@exp.part("heartbeats", total=2)
+async def time_heartbeats(bench: Bench[Config]) -> None:
+    """Let agents send heartbeats; listen from the start, and once more from the steady state on."""
+    config = bench.config
+    agents = [f"robot{number + 1}" for number in range(config.agents)]
+    async with Stage(bench) as stage:
+        await stage.start(stage.listener("first"), stage.listener("late"))
+        await stage.listen("first")
+        shared = stage.address(ROBOT)
+        addresses = dict.fromkeys(agents, shared)
+        if config.routed:
+            for number, agent in enumerate(agents):
+                domain_id = FIRST_LOCAL_DOMAIN + number
+                addresses[agent] = BusAddress(domain_id=domain_id, interface="lo")
+            routers = [router(agent, addresses[agent], shared) for agent in agents]
+            await stage.start(*routers)
+        providers = [status_provider(a, config.schedule, addresses[a]) for a in agents]
+        await stage.start(*providers)
+        bench.advance("start-up")
+        await steady_beats(stage, 2)
+        # Between two heartbeats, so that the first one that a late joiner receives is an old one.
+        await asyncio.sleep(0.3 * config.schedule.steady_period_s)
+        await stage.listen("late")
+        await call_services(stage, agents)
+        bench.advance("steady state")
+        await steady_beats(stage, config.steady_beats + 1)
+
+
+def router(agent: str, local: BusAddress, remote: BusAddress) -> Member:
+    """Return the router of an agent."""
+    config = RouterConfig(agent=agent, local=local, remote=remote)
+    module = "sfglab.fleet.router.node"
+    return Member(name=f"router of {agent}", host=ROBOT, module=module, config=config)
+
+
+async def steady_beats(stage: Stage, count: int) -> None:
+    """Return when each agent has sent a number of heartbeats in the steady state."""
+    schedule = stage.bench.config.schedule
+    agents = stage.bench.config.agents
+
+    def is_reached() -> bool:
+        return len(stage.steady) == agents and min(stage.steady.values()) >= count
+
+    limit_s = 20 + schedule.startup_s + (count + 1) * schedule.steady_period_s
+    await stage.until(f"{count} heartbeats in the steady state", is_reached, timeout_s=limit_s)
+
+
+async def call_services(stage: Stage, agents: Sequence[str]) -> None:
+    """Call the agents' metadata services, and write down the publishers of heartbeats."""
+    services = [metadata_service(agent) for agent in agents]
+    stage["first"].order(do="call", names=services, timeout_s=CALL_S)
+    called = await stage.expect("called", ["first"], timeout_s=STEP_S)
+    for agent, service, answer in zip(agents, services, called["first"]["answers"], strict=True):
+        stage.bench.write(as_row(AnswerRow, {"agent": agent, "service": service}, answer))
+    looked = await stage.ask("publishers", ["first"], timeout_s=STEP_S, do="look")
+    for found in looked["first"]["publishers"]:
+        stage.bench.write(WireEndpointRow(**found))
+
+
+# --- Transitions ------------------------------------------------------------------------------
+
+
+@exp.part("transitions")
+async def lead_discoverer(bench: Bench[Config]) -> None:
+    """Lead a discoverer through its table, with a real status provider and with made-up agents."""
+    config = bench.config
+    async with Stage(bench) as stage:
+        settings = DiscoverySettings(
+            agent=STATION,
+            max_queries=32,
+            use_published_descriptions=False,
+            timing=config.timing,
+            limits=Limits(max_agents=PLACES),
+            query_timeout_s=config.query_timeout_s,
+        )
+        discovery = DiscoveryConfig(
+            address=stage.address(STATION), settings=settings, report_moves=True
+        )
+        made_up = PeerConfig(
+            name="made_up", address=stage.address(ROBOT), late_s=1.5 * config.query_timeout_s
+        )
+        await stage.start(
+            stage.listener("first", discovery_topic(STATION)),
+            Member(
+                name=STATION, host=STATION, module="sfglab.fleet.discovery.node", config=discovery
+            ),
+            Member(name=MADE_UP, host=ROBOT, module=_PEER, config=made_up),
+        )
+        await stage.listen("first")
+        outcomes = await asyncio.gather(walk(stage), play_scripts(stage), return_exceptions=True)
+        for outcome in outcomes:
+            if outcome is not None:
+                raise outcome
+        await overfill(stage)
+
+
+class Track:
+    """The transitions of one agent, read on from the last one that was waited for."""
+
+    def __init__(self, agent: str, stage: Stage) -> None:
+        self.agent = agent  #: Name of the agent.
+        self.stage = stage  #: Where it is played.
+        self._read = 0
+
+    async def sees(self, *given: Input, before: State | None = None) -> None:
+        """Wait for a transition with one of some inputs, from a state if one is given."""
+        moves = self.stage.moves[self.agent]
+
+        def place() -> int:
+            """Return how many transitions there are up to that one; 0: there is none."""
+            for number in range(self._read, len(moves)):
+                state, taken = moves[number]
+                if taken in given and before in (None, state):
+                    return number + 1
+            return 0
+
+        names = " or ".join(each.name for each in given)
+        await self.stage.until(f"{self.agent}: {names}", lambda: place() > 0)
+        self._read = place()
+
+    async def reaches(self, state: State) -> None:
+        """Wait until the agent is in a state."""
+        what = f"{self.agent}: {state.name}"
+        await self.stage.until(what, lambda: self.stage.states.get(self.agent) is state)
+        self._read = len(self.stage.moves[self.agent])
+
+
+class Puppet(Track):
+    """A made-up agent."""
+
+    def __init__(self, agent: str, stage: Stage) -> None:
+        super().__init__(agent, stage)
+        self._incarnation = 1000
+        self._revision = 1
+
+    def mode(self, mode: str) -> None:
+        """Set how it answers from now on."""
+        self.stage[MADE_UP].order(do="mode", agent=self.agent, mode=mode)
+
+    def beat(self, given: Input = Input.HEARD, *, period_s: float = LONG_S) -> None:
+        """Send a heartbeat that is an input for the discoverer: plain, a change or a restart."""
+        self._revision += given is Input.CHANGED
+        self._incarnation += given is Input.RESTARTED
+        self.stage[MADE_UP].order(
+            do="beat",
+            agent=self.agent,
+            incarnation=self._incarnation,
+            revision=self._revision,
+            period_s=period_s,
+        )
+
+    async def beats(self, *inputs: Input) -> None:
+        """Send heartbeats, each after the transition that the one before causes."""
+        for given in inputs:
+            self.beat(given)
+            await self.sees(given)
+
+    async def falls_silent(self) -> None:
+        """Send the last heartbeat, and wait until the agent is missed."""
+        self.beat(period_s=MIN_PERIOD_S)
+        await self.sees(Input.SILENT)
+
+    async def is_announced(self, announced: Announced) -> None:
+        """Bring the agent to a row of the table: what local consumers were told about it."""
+        if announced is Announced.NOTHING:
+            return
+        self.mode("answer")
+        await self.beats(Input.HEARD)
+        await self.reaches(State.ACTIVE)
+        if announced is Announced.LOST:
+            await self.falls_silent()
+
+    async def is_queried(self, announced: Announced, mode: str) -> None:
+        """Let the discoverer query the agent, which answers in a mode."""
+        self.mode(mode)
+        await self.beats(Input.HEARD if announced is Announced.NOTHING else Input.CHANGED)
+
+
+async def whole_row(puppet: Puppet, announced: Announced) -> None:
+    """Visit the three states of a row."""
+    await puppet.is_queried(announced, "mute")
+    await puppet.beats(Input.HEARD, Input.CHANGED, Input.RESTARTED)
+    await puppet.sees(Input.FAILED)
+    await puppet.beats(Input.HEARD, Input.CHANGED)
+    await puppet.sees(Input.RETRY)
+    await puppet.sees(Input.FAILED)
+    await puppet.beats(Input.RESTARTED)
+    puppet.mode("answer")
+    is_new = announced is Announced.NOTHING
+    await puppet.sees(Input.ANSWERED if is_new else Input.ANSWERED_ANEW)
+
+
+async def same_start_answers(puppet: Puppet, announced: Announced) -> None:
+    """Answer a query at once."""
+    await puppet.is_queried(announced, "answer")
+    await puppet.sees(Input.ANSWERED)
+
+
+async def silent_when_queried(puppet: Puppet, announced: Announced) -> None:
+    """Fall silent during a query."""
+    await puppet.is_queried(announced, "mute")
+    await puppet.falls_silent()
+
+
+async def silent_after_failure(puppet: Puppet, announced: Announced) -> None:
+    """Fall silent after an answer that came too late."""
+    await puppet.is_queried(announced, "late")
+    await puppet.sees(Input.FAILED)
+    await puppet.falls_silent()
+
+
+async def comes_and_goes(puppet: Puppet, _: Announced) -> None:
+    """Restart, fall silent and return, and at last stay away."""
+    await puppet.beats(Input.HEARD, Input.RESTARTED)
+    await puppet.sees(Input.ANSWERED_ANEW)
+    await puppet.falls_silent()
+    await puppet.beats(Input.HEARD)
+    await puppet.falls_silent()
+    await puppet.beats(Input.RESTARTED)
+    await puppet.sees(Input.ANSWERED_ANEW)
+    await puppet.falls_silent()
+    await puppet.sees(Input.EXPIRED)
+
+
+_ANYWHERE = (whole_row, same_start_answers, silent_when_queried, silent_after_failure)
+SCRIPTS = (
+    *((script, announced) for script in _ANYWHERE for announced in Announced),
+    (comes_and_goes, Announced.PRESENT),
+)
+"""Scripts, and the row of the table in which each begins."""
+FULL_TABLE = (State.BACKING_OFF, Input.EXPIRED)
+"""The transition that no script causes: an agent loses its place in a full table."""
+
+
+async def play_scripts(stage: Stage) -> None:
+    """Play all scripts at once, and again while a transition is missing."""
+
+    async def play(puppet: Puppet, script: Any, announced: Announced) -> None:
+        await puppet.is_announced(announced)
+        await script(puppet, announced)
+
+    for attempt in range(stage.bench.config.attempts):
+        plays = []
+        for number, (script, announced) in enumerate(SCRIPTS):
+            puppet = Puppet(f"puppet{number}_{attempt}", stage)
+            plays.append(play(puppet, script, announced))
+        for outcome in await asyncio.gather(*plays, return_exceptions=True):
+            if isinstance(outcome, BaseException) and not isinstance(outcome, ProcessFailedError):
+                raise outcome
+        if TRANSITIONS.keys() - stage.taken() <= {FULL_TABLE}:
+            return
+
+
+async def walk(stage: Stage) -> None:
+    """Change, stop, continue, kill and restart the status provider of a real agent."""
+    period_s = stage.bench.config.walker_period_s
+    schedule = Schedule(startup_period_s=period_s, steady_period_s=period_s, startup_s=0)
+    member = status_provider(WALKER, schedule, stage.address(ROBOT))
+    track = Track(WALKER, stage)
+    await stage.start(member)
+    await track.sees(Input.ANSWERED)
+    stage[WALKER].order(description={"software": ["changed at run time"]})
+    await track.sees(Input.ANSWERED)
+    stage[WALKER].signal(signal.SIGSTOP)
+    await track.sees(Input.SILENT)
+    stage[WALKER].signal(signal.SIGCONT)
+    await track.sees(Input.HEARD, before=State.LOST)
+    for waits in (False, True):
+        await stage.kill(WALKER)
+        if waits:
+            await track.reaches(State.LOST)
+        await stage.start(member)
+        # On a machine that stalls, the agent may have been forgotten before it is back.
+        await track.sees(Input.ANSWERED_ANEW, Input.ANSWERED)
+    await stage.kill(WALKER)
+    await track.sees(Input.EXPIRED)
+
+
+async def overfill(stage: Stage) -> None:
+    """Let agents that refuse to answer come until one of them loses its place in the table."""
+    for number in range(2 * PLACES):
+        if FULL_TABLE in stage.taken():
+            return
+        puppet = Puppet(f"refusing{number}", stage)
+        await puppet.is_queried(Announced.NOTHING, "refuse")
+        await puppet.sees(Input.FAILED)
+    raise ProcessFailedError("no agent lost its place in the full table")

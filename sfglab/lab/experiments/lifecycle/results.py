@@ -1,0 +1,393 @@
+"""Checks of heartbeats, transitions that were taken, the claims A-HEARTBEAT and A-DFA, and figures.
+
+Everything is computed from the log, and from rules that are written apart from the discoverer's table.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from sfglab.fleet.discovery.lifecycle import (
+    ANNOUNCEMENTS,
+    STATED,
+    TRANSITIONS,
+    Action,
+    Input,
+    State,
+)
+from sfglab.fleet.discovery.listener import DISCOVERY_EVENT
+from sfglab.lab.checks import lifecycle
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.lifecycle.experiment import Config, exp
+from sfglab.lab.experiments.lifecycle.states import draw_run, draw_to_press
+from sfglab.lab.explore import Automaton
+from sfglab.lab.figures import PAPER_STYLE, note, series
+from sfglab.lab.runs import Run, derived, lines_of
+from sfglab.lab.stats import exactly, median_of
+from sfglab.messages import message_type
+from sfglab.record import LogReader
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from matplotlib.figure import Figure
+
+TOPIC = "/global/agent_heartbeat"
+SERVICE = "/global/{agent}/get_metadata"
+"""Names as paper A, section 4.2 prints them."""
+HEARTBEAT_TYPE = "sfglab_interfaces/msg/AgentHeartbeat"
+OFFERED = (TOPIC, HEARTBEAT_TYPE, "reliable", "transient_local")
+AT_ONCE_S = (
+    1.0  #: A late joiner that receives within this time has not waited for the next heartbeat.
+)
+#: Cyclone DDS repeats a request for one more second, so that it may arrive after its query failed.
+LATE_REQUEST_NS = 1_250_000_000
+PHASES = ("start-up", "steady state")
+STYLES = (series("proxy"), series("third"))
+PAPER_PERIODS_S = (1.0, 5.0)  #: Periods of the two phases in paper A, section 4.2, s.
+
+
+# --- Heartbeats -------------------------------------------------------------------------------
+
+
+@derived
+def beats_of(run: Run[Config], listener: str) -> pd.DataFrame:
+    """Return the heartbeats of the agents that were timed, as a listener received them, in order."""
+    table = run["beat"]
+    is_timed = table["agent"].isin(run["answer"]["agent"])
+    return table[is_timed & (table["listener"] == listener)].sort_values("received_ns")
+
+
+@derived
+def intervals(run: Run[Config]) -> pd.DataFrame:
+    """Return the time from each heartbeat to the next, as the listener on another host received them.
+
+    Returns:
+        One row per heartbeat except each agent's last: ``agent``, ``phase``, the announced
+        ``period_s``, the time ``since_s`` since the agent's first heartbeat, and ``gap_s``, the
+        time until its next one.
+    """
+    beats = beats_of(run, "first")
+    received = beats.groupby("agent")["received_ns"]
+    table = beats.assign(
+        gap_s=(received.shift(-1) - beats["received_ns"]) / NS_PER_S,
+        since_s=(beats["received_ns"] - received.transform("first")) / NS_PER_S,
+    )
+    table = table.dropna(subset=["gap_s"]).sort_values(["agent", "since_s"], ignore_index=True)
+    return table[["agent", "phase", "period_s", "since_s", "gap_s"]]
+
+
+def joined_ns(run: Run[Config]) -> int:
+    """Return the time at which the late listener joined, ns since the epoch."""
+    joins = run["join"]
+    return int(joins.loc[joins["listener"] == "late", "t_ns"].iloc[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A statement of the paper about heartbeats, and whether it held."""
+
+    what: str  #: The statement.
+    agent: str  #: Agent that was checked; empty: all of them.
+    held: bool  #: Whether the statement held.
+    seen: str  #: What was seen.
+
+
+@derived
+def heartbeat_checks(run: Run[Config]) -> list[Check]:
+    """Check the statements of section 4.2, agent by agent."""
+    checks = [check_topic(run)]
+    for agent in sorted(run["answer"]["agent"]):
+        checks += check_periods(run, agent)
+        checks += [check_phases(run, agent), check_late(run, agent), check_service(run, agent)]
+    return checks
+
+
+def heartbeat_table(run: Run[Config]) -> pd.DataFrame:
+    """Return the checks as a table for readers."""
+    rows = [
+        (each.agent or "all", each.what, each.held, each.seen) for each in heartbeat_checks(run)
+    ]
+    return pd.DataFrame(rows, columns=["agent", "check", "held", "seen"])
+
+
+def check_topic(run: Run[Config]) -> Check:
+    """Check that each agent has one latched publisher on the paper's topic."""
+    agents = len(run["answer"])
+    table = run["endpoint"][["topic", "type", "reliability", "durability"]]
+    offered = [tuple(row) for row in table.to_numpy().tolist()]
+    seen = f"{len(offered)} publishers of {agents} agents: {sorted(set(offered))}"
+    held = offered == [OFFERED] * agents
+    return Check("one publisher per agent on the paper's topic, latched", "", held, seen)
+
+
+def check_periods(run: Run[Config], agent: str) -> Iterator[Check]:
+    """Check the median intervals of both phases, and the announced times."""
+    schedule, tolerance = run.config.schedule, run.config.tolerance
+    table = intervals(run)
+    table = table[table["agent"] == agent]
+    within = f"within {100 * tolerance:g} %"
+    periods = (("startup", schedule.startup_period_s), ("steady", schedule.steady_period_s))
+    for phase, (name, stated) in enumerate(periods):
+        median = float(table.loc[table["phase"] == phase, "gap_s"].median())
+        what = f"median {name} period {within} of {stated:g} s"
+        held = abs(median - stated) <= tolerance * stated
+        yield Check(what, agent, held, f"{median:.4f} s")
+    error = float(((table["gap_s"] - table["period_s"]).abs() / table["gap_s"]).median())
+    what = f"announced time until the next heartbeat {within}"
+    yield Check(what, agent, error <= tolerance, f"median error {100 * error:.2f} %")
+
+
+def check_phases(run: Run[Config], agent: str) -> Check:
+    """Check the number of start-up heartbeats, and that none comes after the first steady one."""
+    schedule = run.config.schedule
+    beats = beats_of(run, "first").sort_values("sent_ns")
+    phases = beats.loc[beats["agent"] == agent, "phase"].tolist()
+    expected = int(np.ceil(schedule.startup_s / schedule.startup_period_s))
+    held = phases == sorted(phases) and phases.count(0) == expected
+    what = f"{expected} heartbeats of the start-up phase, then the steady state"
+    return Check(what, agent, held, "".join(map(str, phases)))
+
+
+def check_late(run: Run[Config], agent: str) -> Check:
+    """Check that a listener that joins between two heartbeats receives the last one without waiting."""
+    what = "a late joiner receives the last heartbeat at once"
+    beats = beats_of(run, "late")
+    beats = beats[beats["agent"] == agent]
+    if beats.empty:
+        return Check(what, agent, held=False, seen="none was received")
+    first = beats.iloc[0]
+    after_s = (first["received_ns"] - joined_ns(run)) / NS_PER_S
+    age_s = (joined_ns(run) - first["sent_ns"]) / NS_PER_S
+    limit_s = min(AT_ONCE_S, 0.5 * run.config.schedule.steady_period_s)
+    held = bool(after_s <= limit_s and age_s > 0)
+    return Check(what, agent, held, f"after {after_s:.3f} s, sent {age_s:.2f} s before it joined")
+
+
+def check_service(run: Run[Config], agent: str) -> Check:
+    """Check that the paper's service answers, and describes the start that sends the heartbeats."""
+    answer = run["answer"].set_index("agent").loc[agent]
+    beats = pd.concat([beats_of(run, "first"), beats_of(run, "late")])
+    incarnations = set(beats.loc[beats["agent"] == agent, "incarnation"])
+    is_named = answer["service"] == SERVICE.format(agent=agent)
+    held = bool(answer["answered"] and is_named and incarnations == {answer["incarnation"]})
+    what = "the paper's service answers with the same start of the agent"
+    return Check(what, agent, held, f"{answer['service']} after {answer['took_s']:.3f} s")
+
+
+@exp.claim("A-HEARTBEAT", how=How.LIVE)
+def paper_heartbeats(run: Run[Config]) -> Finding | None:
+    """Return the share of checks that hold; None at other periods than the paper's."""
+    if not run.config.at_paper_periods:
+        return None
+    checks = heartbeat_checks(run)
+    held = [check.held for check in checks]
+    gaps = intervals(run).groupby("phase")["gap_s"]
+    medians = {phase: str(median_of(values.to_numpy(), unit="s")) for phase, values in gaps}
+    details = {
+        "hosts": str(run.metadata("hosts")["description"]),
+        "checks": f"{sum(held)} of {len(held)}",
+        "tolerance of periods": f"{100 * run.config.tolerance:g} % (medians per agent)",
+        "start-up period": medians[0],
+        "steady period": medians[1],
+        "start-up phase": f"{run.config.schedule.startup_s:g} s; the paper states no duration",
+        "path": "through each agent's router" if run.config.routed else "without routers",
+    }
+    failed = [f"{each.agent}: {each.what}: {each.seen}" for each in checks if not each.held]
+    estimate = exactly(float(np.mean(held)), "share of checks that hold")
+    return Finding(estimate=estimate, details=details, reason="; ".join(failed))
+
+
+@exp.figure("heartbeats", size=(10, 3.6))
+def draw_heartbeats(figure: Figure, run: Run[Config]) -> None:
+    """Draw the intervals between heartbeats over time, with the paper's periods."""
+    table = intervals(run)
+    axes = figure.subplots()
+    for phase, (name, style) in enumerate(zip(PHASES, STYLES, strict=True)):
+        rows = table[table["phase"] == phase]
+        label = f"measured, {name}: median {rows['gap_s'].median():.3f} s"
+        axes.plot(rows["since_s"], rows["gap_s"], linestyle="", alpha=0.7, label=label, **style)
+        if run.config.at_paper_periods:
+            period_s = PAPER_PERIODS_S[phase]
+            label = f"paper, {name}: {period_s:g} s"
+            axes.axhline(period_s, color=style["color"], label=label, **PAPER_STYLE)
+    first_ns = beats_of(run, "first").groupby("agent")["received_ns"].min()
+    joined_s = float(((joined_ns(run) - first_ns) / NS_PER_S).median())
+    events = (
+        (run.config.schedule.startup_s, "start-up ends", "--"),
+        (joined_s, "late joiner", ":"),
+    )
+    for at_s, name, line in events:
+        axes.axvline(at_s, ymax=0.68, color="black", linewidth=1, linestyle=line, label=name)
+    axes.set(xlabel="time since an agent's first heartbeat (s)", ylabel="interval (s)")
+    axes.set_ylim(0, 1.6 * table["gap_s"].max())
+    axes.legend(ncols=3, loc="upper center", fontsize=8.5)
+    held = [check.held for check in heartbeat_checks(run)]
+    scaled = "" if run.config.at_paper_periods else ", faster than the paper's"
+    title = f"Heartbeats of {len(run['answer'])} agents, received on another host{scaled}"
+    figure.suptitle(f"{title}: {sum(held)} of {len(held)} checks hold")
+    note(figure, f"{len(table)} intervals, one marker each", run)
+
+
+# --- Transitions ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transitions:
+    """The transitions of the table, and how often each was taken."""
+
+    taken: dict[tuple[State, Input], int]  #: Number by state and input.
+    #: Moves that break a rule, or do not begin in the state in which the agent was.
+    strange: int
+    queries: int  #: Queries that arrived at made-up agents.
+    doubled: int  #: Those that arrived while an earlier one to the same agent was outstanding.
+    announced: dict[str, int]  #: Number of discovery events by the moves' actions, by name.
+
+    @property
+    def reached(self) -> float:
+        """Share of the table's transitions that were taken."""
+        return float(np.mean([count > 0 for count in self.taken.values()]))
+
+
+@derived
+def transitions(run: Run[Config]) -> Transitions:
+    """Count the transitions that were taken; each is compared with the rules, not with the table."""
+    taken: Counter[tuple[State, Input]] = Counter()
+    announced: Counter[str] = Counter()
+    states: dict[tuple[str, str], str] = {}
+    strange = 0
+    for move in lines_of(run["move"]):
+        key = (State[move.before], Input[move.given])
+        actions = tuple(Action[name] for name in move.actions.split(";") if name)
+        announced.update(action.name for action in actions if action in ANNOUNCEMENTS)
+        known = states.get((move.discoverer, move.agent), State.UNKNOWN.name)
+        states[move.discoverer, move.agent] = move.after
+        if known == move.before and lifecycle.ruled(*key) == (State[move.after], actions):
+            taken[key] += 1
+        else:
+            strange += 1
+    return Transitions(
+        taken={key: taken[key] for key in TRANSITIONS},
+        strange=strange,
+        queries=len(run["query"]),
+        doubled=doubled_queries(run),
+        announced=dict(sorted(announced.items())),
+    )
+
+
+def doubled_queries(run: Run[Config]) -> int:
+    """Return the number of queries that arrived while an earlier one was outstanding."""
+    moves = run["move"].sort_values("t_ns")
+    doubled = 0
+    for agent, arrivals in run["query"].groupby("agent")["t_ns"]:
+        spans = outstanding(moves[moves["agent"] == agent])
+        for t_ns in sorted(arrivals):
+            fitting = [span for span in spans if span[0] <= t_ns <= span[1] + LATE_REQUEST_NS]
+            if fitting:
+                spans.remove(fitting[0])
+            else:
+                doubled += 1
+    return doubled
+
+
+def outstanding(moves: pd.DataFrame) -> list[tuple[int, int]]:
+    """Return when each query to one agent began and ended, which may be never, in order."""
+    ends = {Input.ANSWERED.name, Input.ANSWERED_ANEW.name, Input.FAILED.name}
+    spans = []
+    begun_ns: int | None = None
+    for move in lines_of(moves):
+        actions = move.actions.split(";")
+        if begun_ns is not None and (move.given in ends or Action.ABANDON.name in actions):
+            spans.append((begun_ns, move.t_ns))
+            begun_ns = None
+        if Action.QUERY.name in actions:
+            begun_ns = move.t_ns
+    if begun_ns is not None:
+        spans.append((begun_ns, 2**62))
+    return spans
+
+
+@derived
+def events(run: Run[Config]) -> dict[str, int]:
+    """Return the number of discovery events that a listener received, by name."""
+    constants = message_type(DISCOVERY_EVENT)
+    names = {getattr(constants, action.name): action.name for action in ANNOUNCEMENTS}
+    counts: Counter[str] = Counter()
+    with LogReader(run.log) as reader:
+        for topic in reader.topics:
+            if topic.endswith("/agent_discovery_event"):
+                counts.update(names[each.message.event] for each in reader.decoded(topic))
+    return dict(sorted(counts.items()))
+
+
+@exp.claim("A-DFA", how=How.LIVE)
+def paper_transitions(run: Run[Config]) -> Finding:
+    """Return the share of the paper's transitions that were taken.
+
+    It is 0 if a move broke the rules, a second query was outstanding, or an event was not received.
+    """
+    found, received = transitions(run), events(run)
+    silent = [name for name, count in found.announced.items() if received.get(name) != count]
+    wrong = {
+        "moves against the rules": found.strange,
+        "queries while one was outstanding": found.doubled,
+        "kinds of events that were not received as often as announced": len(silent),
+    }
+    reasons = [f"{count} {what}" for what, count in wrong.items() if count]
+    stated, missing = [], []
+    for (state, given), words in STATED.items():
+        count = found.taken[state, given]
+        stated.append(f"{state.name} on {given.name} x {count} ({words!r})")
+        if not count:
+            missing.append(f"{state.name} on {given.name}")
+    share = 0.0 if reasons else 1 - len(missing) / len(STATED)
+    if missing:
+        reasons.insert(0, f"not reached: {', '.join(missing)}")
+    details = {
+        "hosts": str(run.metadata("hosts")["description"]),
+        "stated by the paper's words": ", ".join(stated),
+        "transitions reached": f"{found.reached:.0%} of {len(found.taken)}",
+        "queries at made-up agents": f"{found.queries}, while one was outstanding: {found.doubled}",
+        "discovery events received": str(received),
+        "waits": "shortened: a second or less where the default is up to ten minutes",
+    }
+    estimate = exactly(share, "share of stated transitions reached live")
+    return Finding(estimate=estimate, details=details, reason="; ".join(reasons))
+
+
+@exp.figure("discovery_states", size=(10, 9.2))
+def draw_states(figure: Figure, run: Run[Config]) -> None:
+    """Draw the life cycle of a remote agent, and how often the run took each transition."""
+    found = transitions(run)
+    is_taken = {key: count > 0 for key, count in found.taken.items()}
+    stated = sum(is_taken[key] for key in STATED)
+    ours = sum(is_taken.values()) - stated
+    draw_run(figure.subplots(), found.taken)
+    figure.suptitle(
+        f"Life cycle of a remote agent (after paper A, Fig. 3): the run took {stated} of "
+        f"{len(STATED)} transitions of the paper and {ours} of {len(TRANSITIONS) - len(STATED)} of sfglab\n"
+        f"{found.doubled} queries while one was outstanding, {found.strange} moves against the rules",
+        fontsize="medium",
+    )
+
+
+def press_states(run: Run[Config]) -> Automaton:
+    """Return the life cycle to click: by hand, or as the run's agents went through it."""
+    moves = run["move"].sort_values("t_ns", kind="stable")
+    groups = moves.groupby(["discoverer", "agent"], sort=False)
+    by_kinds = sorted(groups, key=lambda each: -len(each[1][["before", "given"]].drop_duplicates()))
+    runs = {}
+    for (discoverer, agent), rows in by_kinds:
+        runs[f"{agent}, seen by {discoverer}"] = [Input[name] for name in rows["given"]]
+    return press_lifecycle(runs)
+
+
+def press_lifecycle(runs: Mapping[str, Sequence[Input]] | None = None) -> Automaton:
+    """Return the life cycle to click: by hand, or through runs, given as their inputs."""
+    return Automaton("agent", TRANSITIONS, State.UNKNOWN, draw_to_press, size=(10, 8.8), runs=runs)

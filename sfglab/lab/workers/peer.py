@@ -1,0 +1,410 @@
+"""A peer on a node of its own: ``python -m sfglab.lab.workers.peer CONFIG``.
+
+A peer publishes numbered messages and counts those of others, reports messages and endpoints as
+they arrive, serves and calls metadata services, and plays agents that do not run. Reports are JSON
+lines. The report ``ready`` has the time of its subscriptions as ``t_ns``, ns since the epoch.
+
+Orders, each ``{"do": ...}``:
+
+- ``talk``, ``hush``: begins or ends to publish. Report ``hushed`` with the number ``sent``.
+- ``tell``: reports ``told``, what was ``heard`` from each source, and all ``endpoints`` ever seen.
+- ``late``: subscribes to static transforms. Report ``late`` with the messages ``received`` by source.
+- ``call``: calls services. Report ``called`` with ``answers`` in the order of the names.
+- ``look``: reports ``publishers`` of the topics whose messages it reports.
+- ``beat``, ``mode``: an agent that does not run sends a heartbeat, or answers differently from now on.
+
+Without order come ``heard`` (a message of a topic in `PeerConfig.reports`, as CDR in base64) and
+``asked`` (a call of the metadata service of an agent that does not run).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import time
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus import Node, Publisher, Subscription
+from sfglab.bus.address import BusAddress
+from sfglab.bus.api import EndpointAdded, MessageInfo
+from sfglab.bus.errors import BusError
+from sfglab.component import Orders, Report, Reporter, end_tasks, run_component
+from sfglab.errors import SfglabError
+from sfglab.fleet.status.description import AgentDescription
+from sfglab.fleet.status.heartbeat import (
+    AGENT_HEARTBEAT,
+    GET_METADATA,
+    Heartbeat,
+    Phase,
+    heartbeat_topic,
+    metadata_service,
+)
+from sfglab.messages import (
+    default_message,
+    message_type,
+    ns_from_stamp,
+    serialize,
+    service_type,
+    stamp_from_ns,
+)
+from sfglab.names import TF_STATIC
+from sfglab.qos import LATCHED, Durability, QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine, Sequence
+
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+QUIET_S = 0.3  #: Time without a message after which none is expected any more, s.
+VOLATILE = QoSProfile(depth=200)
+LATE = QoSProfile(depth=100, durability=LATCHED.durability)
+"""QoS of a subscriber to the last message of many publishers, as tf2's listeners have it."""
+ALL = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1000)
+"""QoS of subscriptions whose messages are reported."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicUse:
+    """A topic with numbered messages."""
+
+    name: str  #: ROS name.
+    type: str  #: ROS type: ``std_msgs/msg/String`` or `TRANSFORMS`.
+    latched: bool  #: Published once, transient local.
+    publish: bool  #: Whether the peer publishes.
+    subscribe: bool  #: Whether the peer subscribes.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PeerConfig:
+    """Configuration of a peer."""
+
+    name: str  #: Name of its node, and of the source in its messages.
+    address: BusAddress  #: Address on the bus.
+    topics: tuple[TopicUse, ...] = ()  #: Topics with numbered messages.
+    rate_hz: float = 10.0  #: Messages per second on each topic that is not latched.
+    #: Whether a router adds the prefix of its transforms; otherwise the peer writes it.
+    behind_router: bool = False
+    serves: tuple[str, ...] = ()  #: Metadata services that answer with its name.
+    reports: dict[str, str] = field(default_factory=dict)  #: Types of topics that it reports.
+    late_s: float = 0.0  #: Time of an answer in mode ``late``, s.
+
+
+@dataclass(slots=True)
+class ReceiveStatistics:
+    """Messages that arrived from one source under one name."""
+
+    numbers: set[int] = field(default_factory=set)  #: Numbers that arrived.
+    received: int = 0  #: Messages, repeated ones counted again.
+    repeated: int = 0  #: Messages whose number had arrived before.
+    disordered: int = 0  #: Messages that arrived after a later number.
+    restamped: int = 0  #: Messages whose source time stamp is not the publisher's.
+    misnamed: int = 0  #: Transforms that lack their source's prefix, or have one too many.
+
+    def note(self, number: int, stamp_ns: int, info: MessageInfo) -> None:
+        """Count one message."""
+        self.received += 1
+        self.repeated += number in self.numbers
+        self.disordered += bool(self.numbers) and number < max(self.numbers)
+        self.restamped += info.source_timestamp_ns != stamp_ns
+        self.numbers.add(number)
+
+    def report(self) -> Report:
+        """Return the counts as JSON values."""
+        span = max(self.numbers) - min(self.numbers) + 1 if self.numbers else 0
+        return {
+            "received": self.received,
+            "repeated": self.repeated,
+            "disordered": self.disordered,
+            "restamped": self.restamped,
+            "missing": span - len(self.numbers),
+            "misnamed": self.misnamed,
+        }
+
+
+@dataclass(slots=True)
+class _Agent:
+    """An agent that does not run."""
+
+    publisher: Publisher  #: Publisher of its heartbeats.
+    mode: str = "answer"  #: ``answer``, ``refuse``, ``late`` or ``mute``.
+    incarnation: int = 0
+    revision: int = 0
+    changed: asyncio.Event = field(default_factory=asyncio.Event)  #: Set when the mode changes.
+
+
+class _Peer:
+    """A peer on its node."""
+
+    def __init__(self, node: Node, config: PeerConfig, report: Reporter) -> None:
+        self._node = node
+        self._config = config
+        self._report = report
+        self._tasks: list[asyncio.Task[None]] = []
+        self._endpoints: dict[str, tuple[str, str, str, str]] = {}
+        self._heard: dict[tuple[str, str], ReceiveStatistics] = defaultdict(ReceiveStatistics)
+        self._last_s = 0.0
+        self._sent = 0
+        self._talking: asyncio.Task[None] | None = None
+        self._publishers: dict[TopicUse, Publisher] = {}
+        self._agents: dict[str, _Agent] = {}
+
+    async def serve(self, orders: Orders) -> None:
+        """Open all endpoints, report ``ready``, and follow orders until cancelled."""
+        try:
+            t_ns = self._node.get_clock().now_ns()
+            self._open()
+            self._report({"is": "ready", "t_ns": t_ns})
+            while True:
+                await self._obey(await orders.get())
+        finally:
+            await end_tasks(*self._tasks)
+
+    def _open(self) -> None:
+        self._spawn(self._watch())
+        for name, type_ in self._config.reports.items():
+            subscription = self._node.create_subscription(type_, name, qos=ALL, raw=True)
+            self._spawn(self._forward(subscription))
+        for topic in self._config.topics:
+            qos = LATCHED if topic.latched else VOLATILE
+            if topic.publish:
+                publisher = self._node.create_publisher(topic.type, topic.name, qos)
+                self._publishers[topic] = publisher
+            if topic.subscribe:
+                qos = LATE if topic.latched else VOLATILE
+                subscription = self._node.create_subscription(topic.type, topic.name, qos=qos)
+                self._spawn(self._count(subscription, topic.name))
+        for name in self._config.serves:
+            self._node.create_service(GET_METADATA, name, self._answer)
+        self._publish(latched=True)
+
+    async def _obey(self, order: Report) -> None:
+        match order["do"]:
+            case "talk":
+                self._talking = self._spawn(self._talk())
+            case "hush":
+                assert self._talking is not None, "it talks"
+                self._talking.cancel()
+                await self._quiet()
+                self._report({"is": "hushed", "sent": self._sent})
+            case "tell":
+                self._report(self._told())
+            case "late":
+                counts = await self._come_late(order["expected"], order["timeout_s"])
+                self._report({"is": "late", "received": counts})
+            case "call":
+                calls = [self._call(name, order["timeout_s"]) for name in order["names"]]
+                self._report({"is": "called", "answers": await asyncio.gather(*calls)})
+            case "look":
+                self._report({"is": "publishers", "publishers": self._look()})
+            case "mode":
+                self._set_mode(self._agent(order["agent"]), order["mode"])
+            case "beat":
+                self._beat(self._agent(order["agent"]), order)
+
+    def _spawn(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task = asyncio.create_task(coroutine)
+        self._tasks.append(task)
+        return task
+
+    # Endpoints, and messages that are reported.
+
+    async def _watch(self) -> None:
+        async for event in self._node.graph.events():
+            if isinstance(event, EndpointAdded):
+                end = event.endpoint
+                owner, tag = end.participant.hex(), end.user_data.decode(errors="replace")
+                self._endpoints[end.gid.hex()] = (end.dds_topic, end.kind.value, owner, tag)
+
+    def _look(self) -> list[Report]:
+        found = []
+        for topic in self._config.reports:
+            for publisher in self._node.graph.publishers(topic):
+                row = {
+                    "topic": topic,
+                    "type": publisher.type,
+                    "reliability": publisher.qos.reliability.value,
+                    "durability": publisher.qos.durability.value,
+                }
+                found.append(row)
+        return found
+
+    async def _forward(self, subscription: Subscription) -> None:
+        while True:
+            cdr, info = await subscription.take_with_info()
+            report = {
+                "is": "heard",
+                "topic": subscription.topic_name,
+                "cdr": base64.b64encode(cdr).decode(),
+                "sent_ns": info.source_timestamp_ns,
+                "received_ns": info.received_timestamp_ns,
+            }
+            self._report(report)
+
+    # Numbered messages.
+
+    async def _talk(self) -> None:
+        while True:
+            self._sent += 1
+            self._publish(latched=False)
+            await asyncio.sleep(1 / self._config.rate_hz)
+
+    def _publish(self, *, latched: bool) -> None:
+        for topic, publisher in self._publishers.items():
+            if topic.latched is latched:
+                stamp_ns = time.time_ns()
+                cdr = serialize(self._message(topic.type, stamp_ns))
+                publisher.publish_raw(cdr, source_timestamp_ns=stamp_ns)
+
+    def _message(self, type_: str, stamp_ns: int) -> Any:
+        name, number = self._config.name, self._sent
+        if type_ != TRANSFORMS:
+            return message_type(type_)(data=f"{name} {number} {stamp_ns}")
+        stamped = default_message("geometry_msgs/msg/TransformStamped")
+        stamped.header.stamp = stamp_from_ns(stamp_ns)
+        stamped.header.frame_id = "map"
+        stamped.child_frame_id = "probe" if self._config.behind_router else f"{name}/probe"
+        stamped.transform.translation.x = float(number)
+        stamped.transform.rotation.w = 1.0
+        return message_type(TRANSFORMS)(transforms=[stamped])
+
+    async def _count(self, subscription: Subscription, name: str) -> None:
+        while True:
+            message, info = await subscription.take_with_info()
+            self._last_s = time.monotonic()
+            source, number, stamp_ns, is_named = self._read(message)
+            statistics = self._heard[name, source]
+            statistics.note(number, stamp_ns, info)
+            statistics.misnamed += not is_named
+
+    def _read(self, message: Any) -> tuple[str, int, int, bool]:
+        """Return source, number and stamp of a message, and whether a transform has the right names."""
+        if not hasattr(message, "transforms"):
+            source, number, stamp = message.data.split()
+            return source, int(number), int(stamp), True
+        transform = message.transforms[0]
+        owner, slash, frame = transform.child_frame_id.partition("/")
+        source = owner if slash else self._config.name
+        is_own = self._config.behind_router and source == self._config.name
+        is_named = bool(slash) is not is_own
+        is_named = is_named and transform.header.frame_id == "map" and frame in {"probe", ""}
+        number = int(transform.transform.translation.x)
+        return source, number, ns_from_stamp(transform.header.stamp), is_named
+
+    async def _quiet(self) -> None:
+        """Return when nothing has arrived for a while."""
+        while (left_s := self._last_s + QUIET_S - time.monotonic()) > 0:  # noqa: ASYNC110 - quiet is no event
+            await asyncio.sleep(left_s)
+
+    async def _come_late(self, expected: int, timeout_s: float) -> dict[str, int]:
+        """Subscribe to static transforms; return the number of messages by source."""
+        counts: dict[str, int] = defaultdict(int)
+        subscription = self._node.create_subscription(TRANSFORMS, TF_STATIC, qos=LATE)
+        deadline_s = time.monotonic() + timeout_s
+        with contextlib.suppress(BusError, TimeoutError):
+            while (left_s := deadline_s - time.monotonic()) > 0:
+                message = await subscription.take(timeout_s=left_s)
+                counts[self._read(message)[0]] += 1
+                if len(counts) == expected:  # from now on only repeated messages can come
+                    deadline_s = min(deadline_s, time.monotonic() + QUIET_S)
+        subscription.close()
+        return counts
+
+    def _told(self) -> Report:
+        heard = []
+        for (name, source), statistics in sorted(self._heard.items()):
+            heard.append({"name": name, "source": source, **statistics.report()})
+        endpoints: Sequence[tuple[str, ...]] = sorted(self._endpoints.values())
+        participant = self._node.guid.hex()
+        return {"is": "told", "heard": heard, "endpoints": endpoints, "participant": participant}
+
+    # Metadata services.
+
+    def _answer(self, _request: Any) -> Any:
+        metadata = default_message("sfglab_interfaces/msg/AgentMetadata")
+        response = service_type(GET_METADATA).response
+        return response(success=True, message=self._config.name, metadata=metadata)
+
+    async def _call(self, name: str, timeout_s: float) -> Report:
+        """Call a metadata service; return whether it answered, its text, incarnation and time, s."""
+        client = self._node.create_client(GET_METADATA, name)
+        start_s = time.monotonic()
+        answer = {"answered": False, "message": "", "incarnation": 0}
+        with contextlib.suppress(SfglabError):
+            await client.wait_for_service(timeout_s=timeout_s)
+            request = service_type(GET_METADATA).request()
+            response = await client.call(request, timeout_s=max(timeout_s, 5.0))
+            incarnation = int(response.metadata.incarnation)
+            answer = {
+                "answered": bool(response.success),
+                "message": str(response.message),
+                "incarnation": incarnation,
+            }
+        client.close()
+        return {**answer, "took_s": time.monotonic() - start_s}
+
+    # Agents that do not run.
+
+    def _agent(self, name: str) -> _Agent:
+        """Return an agent that does not run; it is made when it is new."""
+        if name not in self._agents:
+            publisher = self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
+            agent = _Agent(publisher)
+
+            async def answer(_request: Any) -> Any:
+                return await self._answer_for(name, agent)
+
+            self._node.create_service(GET_METADATA, metadata_service(name), answer)
+            self._agents[name] = agent
+        return self._agents[name]
+
+    def _set_mode(self, agent: _Agent, mode: str) -> None:
+        agent.mode = mode
+        agent.changed.set()
+        agent.changed = asyncio.Event()
+
+    def _beat(self, agent: _Agent, order: Report) -> None:
+        agent.incarnation, agent.revision = order["incarnation"], order["revision"]
+        heartbeat = Heartbeat(
+            agent=order["agent"],
+            incarnation=agent.incarnation,
+            revision=agent.revision,
+            phase=Phase.STARTUP,
+            period_s=order["period_s"],
+            version="made up",
+        )
+        agent.publisher.publish(heartbeat.to_message(self._node.get_clock().now_ns()))
+
+    async def _answer_for(self, name: str, agent: _Agent) -> Any:
+        clock = self._node.get_clock()
+        self._report({"is": "asked", "agent": name, "t_ns": clock.now_ns()})
+        if agent.mode == "late":
+            await asyncio.sleep(self._config.late_s)
+        while agent.mode == "mute":
+            await agent.changed.wait()
+        metadata = AgentDescription(software=("made up",)).to_message(
+            name,
+            incarnation=agent.incarnation,
+            revision=agent.revision,
+            stamp_ns=clock.now_ns(),
+        )
+        is_refused = agent.mode == "refuse"
+        message = "refused as ordered" if is_refused else ""
+        response = service_type(GET_METADATA).response
+        return response(success=not is_refused, message=message, metadata=metadata)
+
+
+async def serve(config: PeerConfig, report: Reporter, orders: Orders) -> None:
+    """Be the process."""
+    async with Node(config.name, **config.address.options()) as node:
+        await _Peer(node, config, report).serve(orders)
+
+
+def main() -> None:
+    """Run the process. `sfglab.lab.workers.idle` also calls it."""
+    run_component(PeerConfig, serve)
+
+
+if __name__ == "__main__":
+    main()
