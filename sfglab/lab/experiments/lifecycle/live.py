@@ -258,7 +258,7 @@ class Track:
 
     def __init__(self, agent: str, stage: Stage) -> None:
         self.agent = agent  #: Name of the agent.
-        self.stage = stage  #: Where it is played.
+        self.stage = stage  #: Processes of the part.
         self._read = 0
 
     async def sees(self, *given: Input, before: State | None = None) -> None:

@@ -96,7 +96,7 @@ class Check:
     what: str  #: The statement.
     agent: str  #: Agent that was checked; empty: all of them.
     held: bool  #: Whether the statement held.
-    seen: str  #: What was seen.
+    seen: str  #: Observed values, as text.
 
 
 @derived
