@@ -16,10 +16,10 @@ export PYTHONDONTWRITEBYTECODE :=
 INSTALL := -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --require-hashes -r
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ros robot yosys lock reproduce test lab figures screenshots claims fuzz soak check format lint types bench size book clean
+.PHONY: help setup ros ros2 robot yosys lock reproduce test lab figures screenshots claims fuzz soak check format lint types bench size book clean
 
 help: ## List the targets
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z0-9]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
 
 setup: $(VENV)/.ready ## Create .venv from the lock file (done by every other target when needed)
 
@@ -49,6 +49,9 @@ ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted bes
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python $(INSTALL) $<
 	@touch $@
+
+ros2: ros $(VENV)/.tests ## Test and measure beside ROS 2 (PROFILE=quick|paper), record it, and renew the README's table
+	$(BIN)/python tests/ros2/record.py $(PROFILE)
 
 yosys: setup ## Add Yosys to .venv: area and proof of the gateway as hardware
 	$(BIN)/python $(INSTALL) yosys.lock

@@ -82,7 +82,7 @@ async def show_camera(talker: Node, listener: Node) -> None:
     route = routes_of_topic(CAMERA)[0]
     outputs = Outputs(listener, IMAGE, route.local_topic)
     decoded = run_pipeline(route, ["shm"], remote=listener, outputs=outputs, counts=Statistics())
-    options = {"qos": SENSOR_DATA, "transport": "shm"}
+    options: dict[str, Any] = {"qos": SENSOR_DATA, "transport": "shm"}
     frames = listener.create_subscription(IMAGE, route.local_topic, **options)
 
     def send() -> None:

@@ -17,13 +17,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
 import typer
 
 import sfglab
 from sfglab.cli import app
 from sfglab.fields import bounds_of, field_docs, to_json
 from sfglab.lab.experiment import PROFILES
-from sfglab.lab.experiments import EXPERIMENTS, experiment
+from sfglab.lab.experiments import EXPERIMENTS, experiment, ros2
 from sfglab.lab.formats import FORMATS, Format
 from sfglab.lab.ledger import compute_ledger
 from sfglab.lab.paths import find_project
@@ -65,6 +66,7 @@ def write_pages(folder: Path) -> None:
         folder / "extend.md",
         {"experiment-of-design": _experiment(), "toy-bus": f"```python\n{toy}```"},
     )
+    _replace(folder / "ros2.md", ros2_tables())
     reference = folder / "reference"
     for sub in ("formats", "api"):
         (reference / sub).mkdir(parents=True)
@@ -79,9 +81,10 @@ def write_pages(folder: Path) -> None:
 
 
 def _linked_within_the_book(notebook: str) -> str:
-    """Return a notebook whose links in outputs to other notebooks and to pages are the book's."""
+    """Return a notebook whose links to pages, and in outputs to other notebooks, are the book's."""
     text = re.sub(r'href=\\"\.\./notebooks/(\w+)\.ipynb', r'href=\\"\1.html', notebook)
     text = re.sub(r'href=\\"\.\./book/(\w+)\.md', r'href=\\"../\1.html', text)
+    text = re.sub(r"\]\(\.\./book/(\w+)\.md", r"](../\1.md", text)
     return re.sub(r'(href=\\"\d\d_\w+\.)ipynb', r"\1html", text)
 
 
@@ -106,6 +109,27 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         f"| {' | '.join(' '.join(c.split()).replace('|', chr(92) + '|') for c in r)} |"
         for r in lines
     )
+
+
+def markdown(frame: pd.DataFrame) -> str:
+    """Return a table of texts as a Markdown table."""
+    return table([*frame.columns], frame.to_numpy().tolist())
+
+
+def ros2_tables() -> dict[str, str]:
+    """Return features, and medians of rclpy and its stand-ins, from the committed logs, by mark."""
+    tables = []
+    for name in ros2.BASELINES:
+        frame = ros2.compared(ros2.baseline(name)).map(ros2_cell)
+        frame.insert(0, "stand-in of", name)
+        tables.append(frame)
+    features, baselines = ros2.feature_table(), pd.concat(tables)
+    return {"ros2-features": markdown(features), "ros2-baselines": markdown(baselines)}
+
+
+def ros2_cell(value: object) -> str:
+    """Return a number with three significant digits, and a text as it is."""
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 # Formats

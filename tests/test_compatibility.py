@@ -1,4 +1,4 @@
-"""What is said to work beside ROS 2: the README's table is what the tests show, and their outcomes decide."""
+"""What is said to work beside ROS 2: what the tests show, in README and book; and their outcomes decide."""
 
 import sys
 from pathlib import Path
@@ -7,17 +7,36 @@ import pandas as pd
 import pytest
 from test_readme import README, readme
 
-from sfglab.lab.experiments.ros2 import CANNOT, FAILS, UNTESTED, WORKS, FeatureRow, compatibility
+from sfglab.lab.experiments import ros2
+from sfglab.lab.experiments.ros2.experiment import FeatureRow
+from sfglab.lab.experiments.ros2.results import (
+    CANNOT,
+    FAILS,
+    UNTESTED,
+    WORKS,
+    compatibility,
+)
 
-sys.path.append(str(Path(__file__).parent / "ros2"))  # where these tests find each other
-import features
+ROOT = Path(__file__).parents[1]
+sys.path += [str(ROOT / "tests" / "ros2"), str(ROOT / "book")]
+import features  # noqa: E402
+import pages  # noqa: E402
 
 
 def test_the_readme_has_the_table_that_the_tests_show():
-    """`python tests/ros2/features.py` writes it anew."""
-    assert README.read_text(encoding="utf-8") == readme(
-        features.BEGIN, features.table(), features.END
-    )
+    """`make ros2` renews it."""
+    table = features.table(features.shown())
+    assert README.read_text(encoding="utf-8") == readme(features.BEGIN, table, features.END)
+
+
+def test_the_book_has_the_tables_of_the_logs():
+    page, tables = (ROOT / "book" / "ros2.md").read_text(encoding="utf-8"), pages.ros2_tables()
+    assert [mark for mark in tables if f"<!-- {mark} -->" not in page] == []
+    rows = [line.split(" | ") for table in tables.values() for line in table.splitlines()]
+    for feature, *verdicts in ros2.feature_table().itertuples(index=False):
+        assert [f"| {feature}", *verdicts[:-1], f"{verdicts[-1]} |"] in rows
+    for name in ros2.BASELINES:
+        assert any(row[0] == f"| {name}" for row in rows), name
 
 
 def test_every_test_beside_ros_2_says_what_it_shows():

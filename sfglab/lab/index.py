@@ -25,7 +25,6 @@ PAPERS = {
     "with Caches and QoS Balancing Optimization",
     "C": "Mapping and Optimizing Communication in ROS 2-based Applications on Configurable System-on-Chip "
     "Platforms",
-    "beside": "Interoperability with ROS 2",
 }
 COLORS = {
     "reproduced": "#00664B",
@@ -63,9 +62,8 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
     rows.sort()
     html = _source(ledger)
     for paper, title in PAPERS.items():
-        part = f"Paper {paper}" if len(paper) == 1 else paper.capitalize()
         lines = "".join(row for where, row in rows if where.startswith(paper))
-        html += f"<h3>{part}: {title}</h3><table><tbody>{lines}</tbody></table>"
+        html += f"<h3>Paper {paper}: {title}</h3><table><tbody>{lines}</tbody></table>"
     return IndexPage(html)
 
 

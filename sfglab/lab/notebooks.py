@@ -48,6 +48,8 @@ RENAMED = {
     "11_gateways": "11_mapping_and_gateway",
     "19_phases": "09_loss",
 }
+#: Commands that run what has no notebook, by its name or the former name of its notebook.
+COMMANDS = {"ros2": "make ros2", "18_ros2": "make ros2"}
 #: Environment variable of a kernel: path of the executed copy that its outputs go to.
 COPY_VARIABLE = "SFGLAB_NOTEBOOK_COPY"
 _EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")
@@ -114,6 +116,8 @@ def _one_notebook(name: str, every: Sequence[Path], project: Project) -> Path:
         fitting = fitting or [path for path in every if path.match(f"{pattern}.ipynb")]
     if not fitting and wanted in RENAMED:
         raise NotebookError(f"notebook {wanted} is now called {RENAMED[wanted]}; use this name")
+    if not fitting and wanted in COMMANDS:
+        raise NotebookError(f"{wanted} has no notebook: {COMMANDS[wanted]} runs and records it")
     if len(fitting) != 1:
         fault = "fits several notebooks" if fitting else "is no notebook"
         there = ", ".join(path.stem for path in every)

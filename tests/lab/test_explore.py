@@ -265,7 +265,6 @@ async def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(mon
 @pytest.mark.parametrize(
     ("name", "look", "changes", "said"),
     [
-        ("latency", "budget", {"gop": 10}, ()),
         ("depth_codecs", "codecs", {"frames": 1, "png_level": 1, "noise_mm": 5.0}, ()),
     ],
 )
@@ -309,8 +308,6 @@ def test_run_all_ends_in_the_figures_and_claims_of_that_run(project):
 
 @pytest.mark.live
 def test_keep_is_offered_where_there_are_tables_and_what_is_kept_opens(project):
-    with closing(explore(experiment("latency"))) as explorer:
-        assert "keep" not in explorer._buttons
     with closing(explore(depth_codecs.exp)) as explorer:
         explorer.keep()
         finished(explorer)

@@ -67,9 +67,9 @@ PRESSED = [
     ("node:camera", SAYS % "fixed in hardware, where it has no implementation"),
 ]
 """Parts to press one after the other, and what is true afterwards."""
-LIVE = """from sfglab.lab.experiments import latency
+LIVE = """from sfglab.lab.experiments import discovery
 from sfglab.lab.explore import explore
-explore(latency.exp)"""
+explore(discovery.exp)"""
 VIEWER = """from sfglab.lab.explore.viewer import LogViewer
 LogViewer({log!r})"""
 STEP = "document.querySelector('.jp-OutputArea')?.innerText.includes('shown: step %d of')"
@@ -344,7 +344,7 @@ def test_a_live_run_is_stopped_from_the_page_and_leaves_nothing(run, browser, la
     browser.press("Run all")
     wait_until(
         lambda: len(descendants() - before) > 3, ANSWER_S
-    )  # the run's process, a camera, subscribers
+    )  # the run's process, nodes, routers
     browser.press("Stop")
     browser.wait_for(SAYS % "stopped; nothing was kept", ANSWER_S)
     assert descendants() <= before

@@ -23,8 +23,8 @@ def test_the_index_has_every_notebook_under_its_paper_with_figure_and_verdicts()
     ledger = Ledger(entry_for(claim, None) for claim in load_claims(PROJECT.claims))
     html = make_index(PROJECT, ledger)._repr_html_()
     papers = html.split("<h3>")[1:]
-    assert [paper.count("<tr>") for paper in papers] == [11, 4, 3, 1]
-    assert html.count("<img alt=") == len(EXPERIMENTS)
+    assert [paper.count("<tr>") for paper in papers] == [11, 4, 3]
+    assert html.count("<img alt=") == len(EXPERIMENTS) - 1, "all but ros2, which has no notebook"
     assert html.count(">not yet<") == len(ledger)
     assert 'href="09_loss.ipynb"' in papers[1]
     assert papers[0].index("05_discovery") < papers[0].index("03_decode_once"), "by section"
@@ -39,7 +39,7 @@ def test_the_index_has_a_line_for_each_experiment_of_a_notebook(tmp_path):
     ledger = Ledger(entry_for(claim, None) for claim in load_claims(PROJECT.claims))
     html = make_index(Project(root=tmp_path), ledger)._repr_html_()
     papers = html.split("<h3>")[1:]
-    assert [paper.count('href="01_both.ipynb"') for paper in papers] == [1, 0, 1, 0]
+    assert [paper.count('href="01_both.ipynb"') for paper in papers] == [1, 0, 1]
     assert "A-FQN" in papers[0]
     assert "C-MAP" in papers[2]
 

@@ -1,18 +1,16 @@
 """The latency experiment: known delays are found again. Its live run is that of its notebook."""
 
-import numpy as np
 import pytest
-from made_logs import CLAIMS, made_run
+from made_logs import CLAIMS, made_run, reference
 
-from sfglab.lab.claims import entry_for, render_in_full
-from sfglab.lab.experiments.latency import analysis, checks, exp
-from sfglab.lab.experiments.latency.experiment import looks_of
-from sfglab.lab.experiments.latency.stage import PATHS
+from sfglab.lab.claims import entry_for
+from sfglab.lab.experiments.latency import checks, exp, first_frame, results
+from sfglab.lab.experiments.latency.experiment import PATHS, groups_of
+from sfglab.lab.explore.interactive import argument_texts, setting_of
 
 MS = 10**6
 GLASS_MS = {"standard": 8, "decoder": 9, "agent": 11, "container": 12, "on_demand": 12}
 FIRST_MS = {"standard": 500, "decoder": 60, "agent": 75, "container": 900, "on_demand": 1200}
-BEFORE = [path for path in PATHS if path != "container"]
 REPEATS, STRANGER = 4, 10**6
 
 
@@ -30,17 +28,17 @@ def looked(look, repeat, path, ordered_ns):
     return {**row, "first_ns": first_ns, "replay_packets": replayed}
 
 
-def run_of(file, paths):
+@pytest.fixture
+def made(tmp_path):
     """A log as a run writes it, with known delays, and a slow beginning of every look."""
     stray = REPEATS * len(PATHS)
     tables = {
-        "idle": [{"label": label, "cpu_percent": 1.5} for label in ("camera", "keeper", "router")],
         "look": [looked(stray, REPEATS, "agent", 0)],
         "sight": [{"look": stray, "number": STRANGER, "seen_ns": 1}],
         "camera": [],
     }
     for repeat in range(REPEATS):
-        for place, name in enumerate(paths):
+        for place, name in enumerate(PATHS):
             look, started_ns = repeat * len(PATHS) + place, (repeat * 10 + place) * 1000 * MS
             tables["look"].append(looked(look, repeat, name, started_ns))
             for position in range(6):
@@ -49,20 +47,14 @@ def run_of(file, paths):
                 seen_ns = stamp_ns + (GLASS_MS[name] + repeat + late) * MS
                 tables["camera"].append({"number": number, "stamp_ns": stamp_ns})
                 tables["sight"].append({"look": look, "number": number, "seen_ns": seen_ns})
-    return made_run(exp, file, tables, stream={"encoder": "none", "gop_s": 1.0})
-
-
-@pytest.fixture
-def made(tmp_path):
-    return run_of(tmp_path / "made.mcap", PATHS)
+    return made_run(exp, tmp_path / "made.mcap", tables, stream={"encoder": "none"})
 
 
 def test_what_a_path_adds_is_found_within_a_repetition(made):
-    assert analysis.glass_median(made, "standard").value == pytest.approx(8 + 1.5)
-    assert analysis.added(made, "decoder").value == pytest.approx(1)
-    assert analysis.added(made, "container", to="agent").value == pytest.approx(1)
-    assert "on_demand" not in set(analysis.sights(made)["path"])
-    assert analysis.idle_cost(made, "keeper") == pytest.approx(1.5)
+    assert results.glass_median(made, "standard").value == pytest.approx(8 + 1.5)
+    assert results.added(made, "decoder").value == pytest.approx(1)
+    assert results.added(made, "container", to="agent").value == pytest.approx(1)
+    assert "on_demand" not in set(results.sights(made)["path"])
 
 
 def test_a_picture_that_the_camera_did_not_send_is_noticed(made):
@@ -92,29 +84,28 @@ def test_the_papers_way_and_ours_are_claims_of_their_own(made):
     assert said in entries["A-FIRST"].measured.reason
 
 
-def test_a_log_without_the_papers_way_leaves_its_claims_open_and_says_why(tmp_path):
-    old = run_of(tmp_path / "old.mcap", BEFORE)
-    entries = judged(old)
-    for name in ("A-G2G", "A-FIRST"):
-        assert entries[name].verdict.value == "not yet"
-        assert "the log has no looks through a component container" in entries[name].reason
-        assert entries[name].as_json()["value"] is None
-        assert "nan" not in render_in_full([entries[name]])
-    assert entries["A-FIRST-OURS"].verdict.value == "better"
-    assert "container" not in str(exp.figures(old)["latency"][1].keys())
+def test_every_repetition_subscribes_on_all_paths_at_one_phase_and_phases_cover_the_gop():
+    groups = groups_of(exp.config(repeats=10, seed=1))
+    counter = 0
+    for repeat, group in enumerate(groups):
+        assert (group.repeat, group.first) == (repeat, counter)
+        counter += len(group.paths)
+        left_out = {"on_demand"} if repeat % 2 else set()
+        assert sorted(group.paths) == sorted(set(PATHS) - left_out)
+    assert counter == 10 * len(PATHS) - 5
+    assert len({group.paths for group in groups}) > 1
+    assert sorted(int(10 * group.phase) for group in groups) == list(range(10))
 
 
-def test_every_repetition_asks_all_paths_at_one_phase_and_phases_cover_the_group():
-    config = exp.config(repeats=10)
-    looks = looks_of(config, rng=np.random.default_rng(1))
-    assert len(looks) == 10 * len(PATHS) - 5
-    orders = set()
-    for repeat in range(10):
-        asked = [look for look in looks if look.repeat == repeat]
-        assert {look.path for look in asked} == set(PATHS) - (
-            {"on_demand"} if repeat % 2 else set()
-        )
-        assert len({look.phase for look in asked}) == 1
-        orders.add(tuple(look.path for look in asked))
-    assert len(orders) > 1
-    assert sorted({int(10 * look.phase) for look in looks}) == list(range(10))
+def test_the_explorer_has_the_reference_run_at_its_length_and_waits_for_half_a_group():
+    usual, longer = (first_frame(gop=gop).at("first frame", gop) for gop in (30, 300))
+    run = reference(exp)
+    names = {path: label.replace("\n", " ") for path, label in results.FIRST_BARS.items()}
+    for path, name in names.items():
+        (time_ms,) = usual.set_index("series").loc[[name], "y"]
+        # The phases of the run are drawn, and their mean is not exactly half a group.
+        assert time_ms == pytest.approx(results.first_mean(run, path).value, abs=30), path
+    waited_ms = longer.set_index("series")["y"] - usual.set_index("series")["y"]
+    assert waited_ms[names["standard"]] == pytest.approx(9 * 500)
+    assert waited_ms[names["agent"]] < 9 * 500 / 10
+    assert set(argument_texts(first_frame)) == {*vars(setting_of(first_frame))}

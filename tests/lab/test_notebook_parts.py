@@ -11,7 +11,7 @@ from nbformat.v4 import new_code_cell, new_notebook, new_output
 from sfglab.lab import notebook
 from sfglab.lab.experiments import experiment
 from sfglab.lab.notebook_outputs import normalise
-from sfglab.lab.notebooks import COPY_VARIABLE, RENAMED, NotebookError, find_notebooks
+from sfglab.lab.notebooks import COMMANDS, COPY_VARIABLE, RENAMED, NotebookError, find_notebooks
 from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[2]
@@ -85,6 +85,12 @@ def test_a_notebook_that_was_renamed_is_refused_with_its_new_name(former, name):
     with pytest.raises(NotebookError, match=f"{former} is now called {name}"):
         find_notebooks(PROJECT, [f"notebooks/{former}.ipynb"])
     assert find_notebooks(PROJECT, [name])
+
+
+@pytest.mark.parametrize(("name", "command"), COMMANDS.items())
+def test_what_has_no_notebook_is_refused_with_the_command_that_runs_it(name, command):
+    with pytest.raises(NotebookError, match=f"{name} has no notebook: {command} runs and records"):
+        find_notebooks(PROJECT, [name])
 
 
 @pytest.mark.parametrize(("count", "shown"), [(0, 0), (10, 10), (11, 10)])

@@ -35,7 +35,8 @@ def pytest_runtest_makereport(item, call):
         with Path(os.environ["SFGLAB_FEATURES"]).open("a", encoding="utf-8") as told:
             for row in features.rows_of(item.obj, [item.callspec.params["distribution"]]):
                 ended = replace(row, outcome=report.outcome, duration_s=round(report.duration, 2))
-                told.write(json.dumps(asdict(ended)) + "\n")
+                place = {"place": item.session.items.index(item)}
+                told.write(json.dumps(place | asdict(ended)) + "\n")
     return report
 
 

@@ -1,27 +1,19 @@
-"""The features that tests beside ROS 2 show by their marks, and the README's table of them.
+"""The features that tests beside ROS 2 show by their marks, and the README's table.
 
-    @pytest.mark.feature("Topics", condition="on one host", cannot={"kilted": "why"})
-
-`python tests/ros2/features.py` writes the table anew.
+@pytest.mark.feature("Topics", condition="on one host", cannot={"kilted": "why"})
 """
 
-import sys
 from importlib import import_module
 from pathlib import Path
 
 import pandas as pd
 
-from sfglab.lab.experiments.ros2 import UNTESTED, FeatureRow, compatibility
+from sfglab.lab.experiments import ros2
+from sfglab.lab.experiments.ros2.experiment import FeatureRow
 from sfglab.lab.ros2 import TESTED
 
 HERE = Path(__file__).parent
-BEGIN, END = "<!-- compatibility: tests/ros2/features.py -->\n", "<!-- end -->\n"
-# Nobody has a build of these for these tests.
-ELSEWHERE = (
-    "rmw_cyclonedds_cpp, rmw_connextdds, rmw_zenoh_cpp",
-    "Humble, Rolling",
-    "ROS 2 on aarch64",
-)
+BEGIN, END = "<!-- compatibility: make ros2 -->\n", "<!-- end -->\n"
 
 
 def rows_of(function, distributions=TESTED):
@@ -51,17 +43,15 @@ def tests():
     ]
 
 
-def table():
-    """Return the README's table, as it is while all tests pass."""
-    rows = pd.DataFrame([row for test in tests() for row in rows_of(test)])
+def shown():
+    """Return the outcomes of all tests, as they are while all pass."""
+    return pd.DataFrame([row for test in tests() for row in rows_of(test)])
+
+
+def table(outcomes):
+    """Return the README's table of outcomes."""
     lines = [f"| beside real rclpy | {' | '.join(map(str.capitalize, TESTED))} |", "|---|---|---|"]
-    lines += [f"| {' | '.join(row)} |" for row in compatibility(rows).itertuples(index=False)]
-    lines += [f"| {name} | {UNTESTED} | {UNTESTED} |" for name in ELSEWHERE]
+    lines += [
+        f"| {' | '.join(row)} |" for row in ros2.feature_table(outcomes).itertuples(index=False)
+    ]
     return "\n".join(lines) + "\n"
-
-
-if __name__ == "__main__":
-    sys.path.append(str(HERE.parent))  # where tests find what they share
-    from test_readme import README, readme
-
-    README.write_text(readme(BEGIN, table(), END), encoding="utf-8")

@@ -119,8 +119,6 @@ class Explorer:
             ),
             "stop": button("Stop", self.stop, "Stop what runs; nothing of it is kept"),
         }
-        if not declared.needs:
-            del self._buttons["keep"]  # there is no table to keep
         self._buttons["stop"].disabled = True
         self.widget = self._arranged()
         self._worker = Worker(Task(experiment=exp.name), self._take)

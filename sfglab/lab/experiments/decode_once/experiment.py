@@ -50,8 +50,6 @@ class Config(Profiled):
 
     source: str = "photos"  #: Source of the colour stream; depth comes from the stereo pair.
     stages: tuple[Stage, ...] = (_COLOUR, _DEPTH)  #: Streams, one after the other.
-    #: Numbers of subscribers of raw images, of real ROS 2 and of sfglab.
-    ros2: tuple[int, ...] = (1, 3)
     samples: int = 3  #: Number of meter readings in a cell.
     period_s: float = 0.7  #: Time between readings, s.
     #: Time between the last subscriber's first frame and the first reading of a cell, s.
@@ -80,7 +78,6 @@ exp = Experiment(
         "period_s": 0.3,
         "settle_s": 0.1,
         "raw_s": 1.2,
-        "ros2": (1,),
     },
     paper={
         "stages": (_WHOLE, replace(_WHOLE, codec="rvl", source="stereo")),
@@ -102,7 +99,10 @@ exp = Experiment(
         Link("decoder", "viewer", "pictures (dds)"),
         Link("decoder", "viewer", "pictures (proxy)", over="shared memory"),
     ),
-    removed={"most": dict.fromkeys(PROFILES, 10)},
+    removed={
+        "most": dict.fromkeys(PROFILES, 10),
+        "ros2": {"smoke": [1], "quick": [1, 3], "paper": [1, 3]},
+    },
 )
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from sfglab.bus.address import BusAddress
 from sfglab.fleet.decoder.config import DecoderConfig
 from sfglab.fleet.decoder.streams import routes_of_topic
-from sfglab.lab.baselines import PART, declare, measure_raw
 from sfglab.lab.cells import run_cells
 from sfglab.lab.experiments.decode_once.experiment import (
     HANDED_ON,
@@ -25,7 +24,6 @@ from sfglab.lab.experiments.decode_once.experiment import (
     groups_of,
 )
 from sfglab.lab.meters import MeterRow, measure
-from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.streams import FIRST_PICTURE_S, LINGER_S, StreamProcesses
 from sfglab.lab.workers.camera import CameraConfig
 from sfglab.processes import Member, ProcessFailedError
@@ -240,25 +238,4 @@ async def measure_cells(bench: Bench[Config]) -> None:
         play=play,
         write=write,
         at_once=1,
-    )
-
-
-declare(
-    exp,
-    "Raw images by number of subscribers: rclpy costs more CPU than the stand-in and loses some",
-)
-
-
-@exp.part(
-    PART, total=lambda config: 2 * config.samples * len(config.ros2), skips=(RosMissingError,)
-)
-async def measure_beside_ros2(bench: Bench[Config]) -> None:
-    """Measure what subscribers of raw images cost, those of rclpy and those of sfglab."""
-    config = bench.config
-    await measure_raw(
-        bench,
-        ("CPU of a subscriber (% of a core)", "pictures received (%)"),
-        counts=config.ros2,
-        repeats=config.samples,
-        look_s=2 * config.period_s,
     )

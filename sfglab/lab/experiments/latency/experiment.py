@@ -1,236 +1,156 @@
-"""Runs of latency: looks at all paths, interleaved, at phases drawn over the group of pictures."""
+"""Configuration and tables of the experiment on latency, and the order of its subscriptions.
+
+A group is one repetition: a subscription on each path, all at one phase of the group of pictures (GOP).
+"""
 
 from __future__ import annotations
 
-import asyncio
-import time
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
+from sfglab.codecs import TABLE_2
 from sfglab.fields import between
-from sfglab.lab.baselines import PART, declare, measure_raw
-from sfglab.lab.bench import Bench, as_row
-from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.lab.experiments.latency.stage import PATHS, Running
-from sfglab.lab.meters import measure
-from sfglab.lab.ros2 import RosMissingError
-from sfglab.units import BITS_PER_BYTE, BITS_PER_MBIT
+from sfglab.lab.bench import TableRow
+from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
 
-GLASS_PATHS = ("standard", "decoder", "agent", "container")
-"""Those whose steady state is measured as well; the fifth differs from the fourth in its beginning only."""
+PATHS = ("standard", "decoder", "agent", "container", "on_demand")
+"""Paths from the camera to the viewer, see `sfglab.lab.experiments.latency.live`."""
+STEADY_PATHS = ("standard", "decoder", "agent", "container")
+"""Paths whose steady state is measured. ``on_demand`` differs from ``container`` in its start only."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """The whole run."""
+    """Stream, number of subscriptions and times of the run."""
 
-    #: How often every path is subscribed to; that by a new process half as often.
+    #: Number of subscriptions on each path; on ``on_demand`` half as many.
     repeats: int = 20
-    look_s: float = 0.5  #: How long the viewer looks on after its first picture, seconds.
-    skipped: int = 3  #: Pictures at the beginning of a look that do not count for glass-to-glass.
-    idle_s: float = 3.0  #: How long the idle load is measured, seconds.
-    ros2: int = 6  #: How often a subscriber of real ROS 2 looks at raw images, beside ours.
-    source: str = "photos"  #: Where frames come from, as `open_source` takes it.
+    look_s: float = 0.5  #: Time that the viewer receives after its first picture, s.
+    #: Number of pictures at the start of a subscription that do not count for the steady state.
+    skipped: int = 3
+    source: str = "photos"  #: Source of the frames, as `open_source` takes it.
     encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
-    gop: int = between(30, 1, 300, log=True)  #: Frames from key frame to key frame.
-    bitrate_mbit_s: float = between(4.0, 0.5, 20.0, log=True)  #: Of the stream [Mbit/s].
-    #: Of the network in the computed budget; the live one is as fast as it is [Mbit/s].
-    link_mbit_s: float = between(50.0, 5.0, 1000.0, log=True)
-    #: How far DDS uses multicast between hosts: ``spdp`` (discovery only, as Cyclone DDS does on Wi-Fi, the
-    #: paper's network) or ``default`` (data too, on a wired link).
-    multicast: str = "spdp"
-    seed: int = 0  #: Seed of the frames' path, the phases and the order of paths.
+    gop: int = between(30, 1, 300, log=True)  #: Number of frames from key frame to key frame.
+    bitrate_mbit_s: float = between(4.0, 0.5, 20.0, log=True)  #: Bit rate of the stream [Mbit/s].
+    #: Use of multicast by DDS between hosts: ``spdp`` (for discovery only, as Cyclone DDS does on
+    #: Wi-Fi, the paper's network) or ``default`` (for data as well, on a wired link).
+    multicast: Literal["spdp", "default"] = "spdp"
+    seed: int = 0  #: Seed of the frames' path, of the phases and of the order of paths.
+
+
+def gop_s(config: Config) -> float:
+    """Return the time from key frame to key frame, s."""
+    return config.gop / TABLE_2.fps
 
 
 exp = Experiment(
     "latency",
     Config,
     where="A 5.4",
-    smoke={"repeats": 2, "look_s": 0.4, "idle_s": 0.5, "ros2": 1},
-    paper={"repeats": 120, "look_s": 1.0, "idle_s": 30.0, "ros2": 120},
+    smoke={"repeats": 2, "look_s": 0.4},
+    paper={"repeats": 120, "look_s": 1.0},
     hosts=("edge", "consumer"),
     actors=(
         Actor("camera", "edge", "encodes once, publishes on four topics"),
-        Actor(
-            "keeper",
-            "edge",
-            "keeps the last group of pictures",
-            count="2: own domain, global domain",
-        ),
-        Actor("router", "edge", "own domain to the global one"),
-        Actor("router 2", "consumer", "global domain to the own one"),
-        Actor(
-            "decoder", "consumer", "decodes once", count="4: decoder, agent, container, on_demand"
-        ),
-        Actor("viewer", "consumer", "looks along one path at a time"),
+        Actor("GOP cache", "edge", "stores the current group of pictures", count="2"),
+        Actor("router", "edge", "agent's domain to the global one"),
+        Actor("router 2", "consumer", "global domain to the consumer's"),
+        Actor("decoder", "consumer", "decodes once, on demand", count="4: one for each path"),
+        Actor("viewer", "consumer", "subscribes on one path at a time"),
     ),
     links=(
         Link("camera", "viewer", "compressed (standard)", boundary="network"),
         Link("camera", "decoder", "compressed (decoder)", boundary="network"),
-        Link("camera", "keeper", "compressed"),
-        Link("keeper", "decoder", "replay (decoder)", boundary="network"),
+        Link("camera", "GOP cache", "compressed"),
+        Link("GOP cache", "decoder", "replay (decoder)", boundary="network"),
         Link("camera", "router", "compressed (agent, container, on_demand)"),
-        Link("keeper", "router", "replay (agent)"),
+        Link("GOP cache", "router", "replay (agent)"),
         Link("router", "router 2", "compressed, replay", boundary="network"),
         Link("router 2", "decoder", "compressed, replay"),
         Link("decoder", "viewer", "pictures (decoder, agent)", over="shared memory"),
         Link("decoder", "viewer", "pictures (container, on_demand)"),
     ),
+    removed={
+        "idle_s": {"smoke": 0.5, "quick": 3.0, "paper": 30.0},
+        "ros2": {"smoke": 1, "quick": 6, "paper": 120},
+        "link_mbit_s": dict.fromkeys(PROFILES, 50.0),
+    },
 )
 
 
 @exp.table("look")
-class LookRow:
-    """One subscription: from the order to subscribe to the order to stop."""
+class LookRow(TableRow):
+    """One subscription, from the order to subscribe to the order to stop."""
 
     look: int  #: Counter from 0.
-    repeat: int  #: Which repetition.
+    repeat: int  #: Number of the repetition.
     path: str  #: One of `PATHS`.
-    #: When the order was to be given, as a share of the group of pictures, 0 at its key frame.
+    #: Time of the order to subscribe, as a share of the GOP; 0 is the key frame.
     phase: float
-    ordered_ns: int  #: When the viewer had the order to subscribe (Unix time).
-    first_ns: int  #: When it had its first picture in hand (Unix time).
-    pictures: int  #: Pictures it saw.
+    ordered_ns: int  #: Time at which the viewer received the order to subscribe (Unix time), ns.
+    first_ns: int  #: Time at which it held its first picture (Unix time), ns.
+    pictures: int  #: Pictures that it received.
     unreadable: int  #: Pictures with a stamp that the camera did not send.
-    missed: int  #: Numbers skipped between two pictures.
+    missed: int  #: Numbers that were skipped.
     disordered: int  #: Pictures that were not newer than the one before.
-    broken: int  #: Messages that the viewer could not decode.
-    replay_packets: int  #: Packets in the keepers' bursts for this look; 0 without a replay.
-    replay_bytes: int  #: Their size.
+    broken: int  #: Messages that could not be decoded.
+    replay_packets: int  #: Packets that the GOP caches sent for this subscription.
+    replay_bytes: int  #: Size of these packets.
 
 
 @exp.table("sight")
-class SightRow:
-    """A picture in the viewer's hands."""
+class SightRow(TableRow):
+    """A picture that the viewer held."""
 
-    look: int  #: The look.
-    number: int  #: Number of the frame.
-    seen_ns: int  #: When it was in hand (Unix time).
+    look: int  #: Counter of the subscription.
+    number: int  #: Number of the frame, see `ShotRow`.
+    seen_ns: int  #: Time at which the viewer held it (Unix time), ns.
 
 
 @exp.table("camera")
-class ShotRow:
+class ShotRow(TableRow):
     """A frame that the camera sent."""
 
-    number: int  #: Counter from 0.
-    stamp_ns: int  #: Capture stamp (Unix time).
+    number: int  #: Number drawn into its pixels, plus `NUMBERS` for each repetition before.
+    stamp_ns: int  #: Capture stamp (Unix time), ns.
     size_bytes: int  #: Compressed size.
 
 
-@exp.table("idle")
-class IdleRow:
-    """What something costs on the camera's host while nobody looks, in one window."""
+NUMBERS = 10**6
+"""Distance of the frame numbers of two repetitions in the tables.
 
-    #: ``camera``, ``keeper`` or ``router``; ``keeper`` is the one in the agent's own domain.
-    label: str
-    cpu_percent: float  #: CPU of its process, per cent of one core.
-    tx_mbit_s: float  #: Sent at the host's interface by everybody, Mbit/s.
-    loopback_mbit_s: float  #: Carried by the host's loopback for everybody, Mbit/s.
-    window_s: float  #: Length of the window, seconds.
+A repetition may have another camera process, which counts from 0 again.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
-    """One subscription to be made."""
+class Group:
+    """The subscriptions of one repetition."""
 
-    repeat: int  #: Which repetition.
-    path: str  #: One of `PATHS`.
-    phase: float  #: When in the group of pictures, 0 to 1.
+    repeat: int  #: Number of the repetition.
+    phase: float  #: Time of the orders to subscribe, as a share of the GOP.
+    first: int  #: Counter of the first subscription.
+    paths: tuple[str, ...]  #: Paths, in the order of the subscriptions.
 
 
-def looks_of(config: Config, *, rng: np.random.Generator) -> list[Look]:
-    """Return all looks in the order in which they are made.
+def groups_of(config: Config) -> list[Group]:
+    """Return all repetitions, with random phases and orders of paths.
 
-    Every repetition subscribes to all paths in random order at one phase of the group of pictures; phases are
-    drawn from equal shares of the group (stratified). What takes long and is judged by nothing, a new process
-    for each look, is asked in every second repetition.
+    Each phase is drawn from another one of equal shares of the GOP (stratified sampling). The path
+    ``on_demand``, whose subscriptions take longest, is part of every second repetition.
     """
-    shares = (rng.permutation(config.repeats) + rng.uniform(size=config.repeats)) / config.repeats
-    return [
-        Look(repeat=repeat, path=str(path), phase=float(phase))
-        for repeat, phase in enumerate(shares)
-        for path in rng.permutation(PATHS)
-        if path != "on_demand" or repeat % 2 == 0
-    ]
-
-
-def _all_looks(config: Config) -> list[Look]:
-    return looks_of(config, rng=np.random.default_rng(config.seed))
-
-
-@exp.part("looks", total=lambda config: len(_all_looks(config)))
-async def measure_looks(bench: Bench[Config]) -> None:
-    """Measure the idle load, then all looks."""
-    looks = _all_looks(bench.config)
-    async with Running(bench.config, bench.testbed) as running:
-        bench.metadata("stream", {"encoder": running.encoder, "gop_s": running.gop_s})
-        for path in PATHS:
-            # Unmeasured: what only the first time of a process costs is not asked here.
-            await running.look(path)
-            await running.stop(path)
-        await _measure_idle(running, bench)
-        for number, look in enumerate(looks):
-            await _measure_look(number, look, running, bench)
-            bench.advance(look.path)
-    for number, stamp_ns, size_bytes in running.sent:
-        row = {"number": number, "stamp_ns": stamp_ns, "size_bytes": size_bytes}
-        bench.write("camera", row, at_ns=stamp_ns)
-
-
-declare(
-    exp, "Raw images, one subscriber: a real one (rclpy) is later than our stand-in, and loses some"
-)
-
-
-@exp.part(PART, total=lambda config: 2 * config.ros2, skips=(RosMissingError,))
-async def look_beside_ros2(bench: Bench[Config]) -> None:
-    """Let subscribers of raw images look, real ones beside ours."""
-    quantities = ("capture to picture in hand (ms)", "first picture (ms)", "pictures received (%)")
-    await measure_raw(
-        bench, quantities, counts=(1,), repeats=bench.config.ros2, look_s=bench.config.look_s
-    )
-
-
-async def _measure_idle(running: Running, bench: Bench[Config]) -> None:
-    """Measure what the edge pays while nobody looks."""
-    before, started = running.loopback_bytes(), time.monotonic()
-    readings = await measure(
-        bench.config.idle_s,
-        bench.config.idle_s,
-        cpu=running.pids,
-        interfaces=dict.fromkeys(running.pids, bench.testbed.meter("edge")),
-        clock_ns=time.time_ns,
-    )
-    carried_bps = (running.loopback_bytes() - before) * BITS_PER_BYTE / (time.monotonic() - started)
-    for reading in readings:
-        assert reading.cpu_percent is not None, "every label has a process"
-        assert reading.tx_bps is not None, "every label has an interface"
-        rates_bps = {"tx_mbit_s": reading.tx_bps, "loopback_mbit_s": carried_bps}
-        row = {name: rate_bps / BITS_PER_MBIT for name, rate_bps in rates_bps.items()}
-        bench.write("idle", as_row(IdleRow, row, reading), at_ns=reading.t_ns)
-
-
-async def _measure_look(number: int, look: Look, running: Running, bench: Bench[Config]) -> None:
-    await running.wait_for_phase(look.phase)
-    running.replays.clear()
-    first = await running.look(look.path)
-    if look.path in GLASS_PATHS:
-        await asyncio.sleep(bench.config.look_s)
-    seen = await running.stop(look.path)
-    now_ns = time.time_ns()
-    for picture, seen_ns in seen["sightings"]:
-        bench.write("sight", {"look": number, "number": picture, "seen_ns": seen_ns}, at_ns=seen_ns)
-    row: dict[str, Any] = {
-        "look": number,
-        **asdict(look),
-        "ordered_ns": first["ordered_ns"],
-        "first_ns": first["seen_ns"],
-        "pictures": seen["frames"],
-        **{name: seen[name] for name in ("unreadable", "missed", "disordered", "broken")},
-        "replay_packets": sum(packets for packets, _ in running.replays),
-        "replay_bytes": sum(size for _, size in running.replays),
-    }
-    # Last, so that a look that is in the log is complete.
-    bench.write("look", row, at_ns=now_ns)
+    rng = np.random.default_rng(config.seed)
+    places = rng.permutation(config.repeats)
+    phases = (places + rng.uniform(size=config.repeats)) / config.repeats
+    groups = []
+    first = 0
+    for repeat, phase in enumerate(phases):
+        paths = rng.permutation(PATHS).tolist()
+        if repeat % 2:
+            paths.remove("on_demand")
+        group = Group(repeat=repeat, phase=float(phase), first=first, paths=tuple(paths))
+        groups.append(group)
+        first += len(paths)
+    return groups

@@ -1,0 +1,265 @@
+"""The live part: a camera on the edge host, routers, decoders and one viewer on both.
+
+The camera encodes each frame once and publishes it on four topics, which belong to the paths:
+
+standard   camera - global domain - viewer, which decodes. There is no router and no decoder.
+decoder    camera - global domain - decoder - shared memory - viewer. It has a GOP cache and a standby process.
+agent      camera - edge's domain - router - global domain - router - consumer's domain - decoder - shared
+           memory - viewer. It has a GOP cache and a standby process: sfglab's variant.
+container  As agent, but as in the paper: the decoder is loaded on demand into a running process, its component
+           container. It does not ask the GOP cache, and publishes pictures over DDS.
+on_demand  As container, but the decoder is loaded into a process that is started for it.
+
+As in the paper the edge agent is already discovered: the viewer runs, and its nodes are in their domains.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.address import BusAddress
+from sfglab.codecs import TABLE_2
+from sfglab.fleet.decoder.config import DecoderConfig
+from sfglab.fleet.decoder.streams import routes_of_topic
+from sfglab.fleet.gop_config import GopCacheConfig
+from sfglab.fleet.router.config import RouterConfig
+from sfglab.lab.cells import run_cells
+from sfglab.lab.experiments.latency.experiment import (
+    NUMBERS,
+    PATHS,
+    STEADY_PATHS,
+    Config,
+    Group,
+    LookRow,
+    ShotRow,
+    SightRow,
+    exp,
+    gop_s,
+    groups_of,
+)
+from sfglab.lab.streams import FIRST_PICTURE_S, LINGER_S, StreamProcesses
+from sfglab.lab.workers.camera import CameraConfig
+from sfglab.processes import Member
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from sfglab.component import Report
+    from sfglab.lab.bench import Bench
+    from sfglab.lab.testbed import Testbed
+
+DECODER_PATHS = PATHS[1:]  #: Paths with a decoder.
+PAPER_PATHS = ("container", "on_demand")  #: Paths as in the paper.
+MODES = {"standard": "standard", "decoder": "proxy", "agent": "proxy"} | dict.fromkeys(
+    PAPER_PATHS, "dds"
+)
+"""How the viewer receives, by path."""
+TOPICS = {
+    "standard": "/global/edge/camera_direct/color/ffmpeg",
+    "decoder": "/global/edge/camera_direct/color/ffmpeg",
+    "agent": "/global/edge/camera_front/color/ffmpeg",
+    "container": "/global/edge/camera_paper/color/ffmpeg",
+    "on_demand": "/global/edge/camera_process/color/ffmpeg",
+}
+"""Topic of the camera's compressed stream, by path."""
+ROUTERS = {"router": ("edge", "outward"), "router 2": ("consumer", "inward")}
+"""Host of each router, and the direction of the camera's topics.
+
+In the other direction a path is always open: the GOP cache subscribes to a topic that may cross.
+"""
+DOMAINS = {"edge": 41, "consumer": 42}
+_COUNTS = ("unreadable", "missed", "disordered", "broken")
+
+
+class Processes(StreamProcesses):
+    """The processes of the experiment, which all subscriptions share."""
+
+    def __init__(self, config: Config, testbed: Testbed) -> None:
+        self._open_paths: dict[str, int] = {}  # number of open paths of the camera, by router
+        #: Packets and bytes of each replay that a GOP cache reported.
+        self.replays: list[tuple[int, int]] = []
+        super().__init__(config, testbed)
+
+    def first_members(self) -> list[Member]:
+        """Return camera, GOP caches, routers, viewer and decoders."""
+        config, own = self._config, self._own
+        places = [(self.shared("edge"), TOPICS["standard"])]
+        places += [(own("edge"), TOPICS[path]) for path in ("agent", *PAPER_PATHS)]
+        camera = CameraConfig(
+            places=tuple(places),
+            source=config.source,
+            seed=config.seed,
+            encoder=config.encoder,
+            fps=TABLE_2.fps,
+            gop=config.gop,
+            bitrate_bps=round(config.bitrate_mbit_s * 1e6),
+        )
+        module = "sfglab.lab.workers.camera"
+        members = [
+            Member(name="camera", host="edge", module=module, config=camera, ready="running")
+        ]
+        caches = {"agent": own("edge"), "decoder": self.shared("edge")}
+        for path, address in caches.items():
+            name, module = f"GOP cache of {path}", "sfglab.fleet.gop_cache"
+            cache = GopCacheConfig(address=address, streams=(TOPICS[path],))
+            members.append(Member(name=name, host="edge", module=module, config=cache))
+        for name, (host, _) in ROUTERS.items():
+            module, remote = "sfglab.fleet.router.node", self.shared(host)
+            router = RouterConfig(
+                agent=host, local=own(host), remote=remote, idle_timeout_s=LINGER_S
+            )
+            members.append(Member(name=name, host=host, module=module, config=router))
+        module = "sfglab.lab.workers.viewer"
+        viewer = self.viewer_config(TOPICS["standard"], own("consumer"), joined=True)
+        members.append(Member(name="viewer", host="consumer", module=module, config=viewer))
+        for path in DECODER_PATHS:
+            module, decoder = "sfglab.fleet.decoder.node", self._decoder(path)
+            members.append(Member(name=path, host="consumer", module=module, config=decoder))
+        return members
+
+    def _own(self, host: str) -> BusAddress:
+        return BusAddress(domain_id=DOMAINS[host], interface="lo")
+
+    def _decoder(self, path: str) -> DecoderConfig:
+        own = self._own("consumer")
+        return DecoderConfig(
+            remote=self.shared("consumer") if path == "decoder" else own,
+            local=own,
+            streams=(TOPICS[path],),
+            idle_timeout_s=LINGER_S,
+            replay=path not in PAPER_PATHS,
+            spare=path != "on_demand",
+            refill=path not in PAPER_PATHS,
+        )
+
+    async def settle(self) -> None:
+        """Wait for a frame and the standby processes, and subscribe once on each path."""
+        await self["camera"].expect("sent", timeout_s=FIRST_PICTURE_S)
+        for path in DECODER_PATHS:
+            await self.warm(path)
+        for path in PATHS:
+            # What only a process's first subscription costs is not measured.
+            await self.subscribe(path)
+            await self.stop(path)
+
+    def note(self, name: str, report: Report) -> None:
+        """Take frames, replays and open paths from a report."""
+        super().note(name, report)
+        if report["is"] == "replayed":
+            self.replays.append((report["packets"], report["size_bytes"]))
+        elif report["is"] == "status" and name in ROUTERS:
+            _, direction = ROUTERS[name]
+            ways = [path["direction"] for path in report["paths"] if "camera_" in path["topic"]]
+            self._open_paths[name] = ways.count(direction)
+
+    async def wait_for_phase(self, phase: float) -> None:
+        """Wait until a share of a GOP has passed.
+
+        The camera has an absolute schedule, so the time of all key frames follows from any frame.
+        """
+        number, stamp_ns, _ = self.sent[0]
+        gop_ns = gop_s(self._config) * NS_PER_S
+        key_ns = stamp_ns - number * gop_ns / self._config.gop
+        now = (time.time_ns() - key_ns) / gop_ns % 1.0
+        await asyncio.sleep((phase - now) % 1.0 * gop_s(self._config))
+
+    async def subscribe(self, path: str) -> Report:
+        """Let the viewer subscribe, and return its report of the first picture.
+
+        Raises:
+            ProcessFailedError: It received none in time, or a process failed.
+        """
+        image, _ = routes_of_topic(TOPICS[path])
+        topic = image.source_topic if path == "standard" else image.local_topic
+        order = {"do": "look", "mode": MODES[path], "topic": topic}
+        first = await self.ask("first", ["viewer"], timeout_s=FIRST_PICTURE_S, **order)
+        return first["viewer"]
+
+    async def stop(self, path: str) -> Report:
+        """Let the viewer stop, wait until nothing of a path is open, and return the viewer's report."""
+        seen = await self.seen(["viewer"])
+        if path != "standard":
+            await self.released(path)
+            await self.warm(path)
+        async with asyncio.timeout(FIRST_PICTURE_S):
+            while any(self._open_paths.values()):
+                self.check()
+                await asyncio.sleep(0.01)
+        return seen["viewer"]
+
+    async def frames_until(self, number: int) -> list[tuple[int, int, int]]:
+        """Return the frames that the camera has sent, once it has reported a number."""
+        while self.sent[-1][0] < number:
+            await self["camera"].expect("sent", timeout_s=FIRST_PICTURE_S)
+        return self.sent
+
+    async def measure(self, group: Group) -> dict[str, list[Any]]:
+        """Subscribe on each path of a group.
+
+        Returns:
+            Rows by table.
+        """
+        rows: dict[str, list[Any]] = {"camera": [], "sight": [], "look": []}
+        # A replay begins with the key frame before the subscription.
+        del self.sent[: -self._config.gop]
+        base = group.repeat * NUMBERS
+        newest = 0
+        for place, path in enumerate(group.paths):
+            await self.wait_for_phase(group.phase)
+            self.replays.clear()
+            first = await self.subscribe(path)
+            if path in STEADY_PATHS:
+                await asyncio.sleep(self._config.look_s)
+            seen = await self.stop(path)
+            look = group.first + place
+            for number, seen_ns in seen["sightings"]:
+                rows["sight"].append(SightRow(look=look, number=base + number, seen_ns=seen_ns))
+                newest = max(newest, number)
+            counts = {name: seen[name] for name in _COUNTS}
+            row = LookRow(
+                look=look,
+                repeat=group.repeat,
+                path=path,
+                phase=group.phase,
+                ordered_ns=first["ordered_ns"],
+                first_ns=first["seen_ns"],
+                pictures=seen["frames"],
+                replay_packets=sum(packets for packets, _ in self.replays),
+                replay_bytes=sum(size for _, size in self.replays),
+                **counts,
+            )
+            rows["look"].append(row)
+        for number, stamp_ns, size_bytes in await self.frames_until(newest):
+            frame = ShotRow(number=base + number, stamp_ns=stamp_ns, size_bytes=size_bytes)
+            rows["camera"].append(frame)
+        return rows
+
+
+@exp.part("looks", total=lambda config: config.repeats)
+async def measure_groups(bench: Bench[Config]) -> None:
+    """Measure all repetitions, one after the other on the same processes."""
+    config = bench.config
+    encoders: dict[str, None] = {}
+
+    async def play(processes: Processes, group: Group, _: int) -> dict[str, list[Any]]:
+        rows = await processes.measure(group)
+        return {"encoder": [processes.encoder], **rows}
+
+    def write(rows: dict[str, list[Any]]) -> None:
+        encoders.update(dict.fromkeys(rows.pop("encoder")))
+        for table, measured in rows.items():
+            bench.write_all(table, measured)
+
+    await run_cells(
+        bench,
+        "looks",
+        dict.fromkeys(groups_of(config), 1),
+        stage_of=lambda _: "all",
+        start=lambda _: Processes(config, bench.testbed),
+        play=play,
+        write=write,
+        at_once=1,
+    )
+    stream = {"encoder": ", ".join(encoders), "gop_s": gop_s(config)}
+    bench.metadata("stream", stream)

@@ -1,0 +1,343 @@
+"""Ages of pictures and times to the first picture by path, claims, figure and explorer.
+
+A picture is known by the number in its pixels. Its capture stamp is that of the camera's frame with the
+same number, and not that of a message's header.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+
+from sfglab.codecs import TABLE_2
+from sfglab.fields import Bounds
+from sfglab.lab import pictures
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.latency.experiment import STEADY_PATHS, Config, exp, gop_s
+from sfglab.lab.figures import COLORS, PAPER_STYLE, note
+from sfglab.lab.paper import paper
+from sfglab.lab.paths import find_project
+from sfglab.lab.runs import Run, derived
+from sfglab.lab.stats import Estimate, Floats, bootstrap, line_fit, median_of, ratio_of
+from sfglab.units import NS_PER_MS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+STANDARD, PAPERS, OURS, NEW_PROCESS = "standard", "container", "agent", "on_demand"
+FIRST_ENDS = {STANDARD: "standard (ms)", PAPERS: "on demand (ms)"}
+"""Keys of the paper's times to the first frame, by path."""
+STEADY_BARS = {
+    STANDARD: "Standard: each\nsubscriber decodes",
+    PAPERS: "Paper: routers +\ndecoder, DDS",
+    OURS: "sfglab: routers +\ndecoder, shared\nmemory",
+    "decoder": "sfglab without\nrouters",
+}
+FIRST_BARS = {
+    STANDARD: "Standard",
+    PAPERS: "Paper: component\ncontainer",
+    NEW_PROCESS: "Paper: new\nprocess",
+    OURS: "sfglab: standby\nprocess + GOP\nreplay",
+}
+BAR_COLORS = {
+    STANDARD: COLORS["standard"],
+    PAPERS: COLORS["third"],
+    NEW_PROCESS: COLORS["fourth"],
+    OURS: COLORS["proxy"],
+    "decoder": COLORS["network"],
+}
+
+
+# --- Times ------------------------------------------------------------------------------------
+
+
+@derived
+def looks(run: Run[Config]) -> pd.DataFrame:
+    """Return the subscriptions with two times of the first picture, ms.
+
+    They are ``first_ms`` since the order to subscribe, and ``first_age_ms`` since its capture, which is NaN if
+    the camera did not send it.
+    """
+    first = run["sight"].drop_duplicates("look").merge(run["camera"], on="number")
+    first["first_age_ms"] = (first["seen_ns"] - first["stamp_ns"]) / NS_PER_MS
+    table = run["look"].merge(first[["look", "first_age_ms"]], on="look", how="left")
+    return table.assign(first_ms=(table["first_ns"] - table["ordered_ns"]) / NS_PER_MS)
+
+
+@derived
+def sights(run: Run[Config]) -> pd.DataFrame:
+    """Return the pictures of the steady state, with their age ``glass_ms``, ms."""
+    seen = run["sight"]
+    steady = seen[seen.groupby("look").cumcount() >= run.config.skipped]
+    steady = steady.merge(run["look"][["look", "repeat", "path"]], on="look")
+    steady = steady[steady["path"].isin(STEADY_PATHS)]
+    steady = steady.merge(run["camera"][["number", "stamp_ns"]], on="number")
+    return steady.assign(glass_ms=(steady["seen_ns"] - steady["stamp_ns"]) / NS_PER_MS)
+
+
+def look_medians(run: Run[Config]) -> pd.DataFrame:
+    """Return the median age of each subscription's pictures, ms, by repetition and path."""
+    return sights(run).pivot_table("glass_ms", "repeat", "path", aggfunc="median")
+
+
+def firsts(run: Run[Config]) -> pd.DataFrame:
+    """Return the time to the first picture, ms, by repetition and path; NaN: not subscribed."""
+    return looks(run).pivot_table("first_ms", "repeat", "path")
+
+
+def glass_median(run: Run[Config], path: str) -> Estimate:
+    """Estimate the age of pictures on a path by the median over subscriptions."""
+    return median_of(look_medians(run)[path].dropna().to_numpy(), unit="ms")
+
+
+def added(run: Run[Config], path: str, *, to: str = STANDARD) -> Estimate:
+    """Estimate what a path adds to another one: the median of the differences in repetitions."""
+    medians = look_medians(run)
+    return median_of((medians[path] - medians[to]).dropna().to_numpy(), unit="ms added")
+
+
+def mean_of(samples: Floats) -> Estimate:
+    """Estimate the mean of times, ms."""
+    return bootstrap([samples], lambda drawn: float(np.mean(drawn[0])), unit="ms")
+
+
+def first_mean(run: Run[Config], path: str) -> Estimate:
+    """Estimate the mean time to the first picture on a path."""
+    return mean_of(firsts(run)[path].dropna().to_numpy())
+
+
+def loading(run: Run[Config], path: str) -> Estimate:
+    """Estimate what a path adds to the mean time of standard, within repetitions."""
+    times = firsts(run)
+    return mean_of((times[path] - times[STANDARD]).dropna().to_numpy())
+
+
+def first_ratio(run: Run[Config], path: str) -> Estimate:
+    """Estimate the ratio of a path's mean time to the first picture to that of standard.
+
+    Paths of one repetition subscribe at one phase of the GOP, so repetitions are resampled.
+    """
+    pairs = firsts(run)[[path, STANDARD]].dropna().to_numpy()
+    return ratio_of(pairs, np.mean, unit="times standard")
+
+
+def checks(run: Run[Config]) -> pd.DataFrame:
+    """Return, by path, counts of the pictures that the viewer received.
+
+    ``unknown`` counts first pictures that the camera did not send. ``oldest_ms`` is the largest age of a first
+    picture.
+    """
+    by_path = looks(run).groupby("path", sort=False)
+    columns = ["pictures", "unreadable", "missed", "disordered", "broken"]
+    table = by_path[[*columns, "replay_packets", "replay_bytes"]].sum()
+    table["looks"] = by_path.size()
+    table["unknown"] = table["looks"] - by_path["first_age_ms"].count()
+    table["oldest_ms"] = by_path["first_age_ms"].max()
+    return table.reset_index()
+
+
+# --- Claims -----------------------------------------------------------------------------------
+
+
+def hosts_of(run: Run[Config]) -> dict[str, str]:
+    """Return the details that name hosts and encoder of a run."""
+    description, encoder = run.metadata("hosts")["description"], run.metadata("stream")["encoder"]
+    return {"hosts": str(description), "encoder": str(encoder)}
+
+
+def steady_details(run: Run[Config]) -> dict[str, str]:
+    """Return the details of both claims on the age of pictures."""
+    return {
+        **hosts_of(run),
+        "standard": str(glass_median(run, STANDARD)),
+        "pictures": str(len(sights(run))),
+        "what is measured": "capture stamp to decoded pixels in the viewer's hands; no lens, no display",
+    }
+
+
+@exp.claim("A-G2G", how=How.LIVE)
+def glass_to_glass(run: Run[Config]) -> Finding:
+    """Return what routers, decoder and DDS add to the age of a picture, as in the paper."""
+    by_dds = added(run, PAPERS, to=OURS)
+    details = {
+        **steady_details(run),
+        "judged by": "two routers, the decoder, and DDS to the viewer",
+        "by shared memory to the viewer": str(added(run, OURS)),
+        "DDS in place of shared memory": str(by_dds),
+        "pictures lost on the way": str(checks(run).set_index("path")["missed"][PAPERS]),
+    }
+    reason = f"of it DDS in place of shared memory: {by_dds}"
+    return Finding(estimate=added(run, PAPERS), details=details, reason=reason)
+
+
+@exp.claim("A-G2G-OURS", how=How.LIVE)
+def glass_to_glass_ours(run: Run[Config]) -> Finding:
+    """Return what routers, decoder and shared memory add to the age of a picture."""
+    details = {**steady_details(run), "without routers": str(added(run, "decoder"))}
+    return Finding(estimate=added(run, OURS), details=details)
+
+
+@exp.claim("A-FIRST", how=How.LIVE)
+def first_picture(run: Run[Config]) -> Finding:
+    """Return the time to the first picture in a component container, relative to standard."""
+    details = {
+        **hosts_of(run),
+        "judged by": "a component container: a process that is there, libraries loaded; on demand it opens "
+        "subscription, codec and publisher, waits for the next key frame, and hands pictures on by DDS",
+        "in a process that is started for it": str(first_mean(run, NEW_PROCESS)),
+        "in such a process, times standard": str(first_ratio(run, NEW_PROCESS)),
+        "subscriptions a path": str(len(firsts(run))),
+    }
+    in_paper_ms = paper("A-FIRST", FIRST_ENDS[PAPERS]) - paper("A-FIRST", FIRST_ENDS[STANDARD])
+    wait_ms = 500 * gop_s(run.config)
+    reason = (
+        f"both wait for a key frame; loading adds {loading(run, PAPERS)} in a container and "
+        f"{loading(run, NEW_PROCESS)} in a new process, {in_paper_ms:.0f} ms in the paper, about as a "
+        f"second such wait would ({wait_ms:.0f} ms)"
+    )
+    ends = {key: first_mean(run, path).value for path, key in FIRST_ENDS.items()}
+    return Finding(estimate=first_ratio(run, PAPERS), details=details, reason=reason, ends=ends)
+
+
+@exp.claim("A-FIRST-OURS", how=How.LIVE)
+def first_picture_ours(run: Run[Config]) -> Finding:
+    """Return the time to the first picture with standby process and GOP replay, relative to standard."""
+    table = looks(run)
+    replayed = table[table["path"] == OURS]["replay_packets"].mean()
+    details = {
+        **hosts_of(run),
+        "standard": str(first_mean(run, STANDARD)),
+        "with replay, through routers": str(first_mean(run, OURS)),
+        "with replay, decoder in the global domain": str(first_mean(run, "decoder")),
+        "packets replayed": f"{replayed:.1f} on average",
+        "subscriptions a path": str(len(firsts(run))),
+    }
+    return Finding(estimate=first_ratio(run, OURS), details=details)
+
+
+# --- Figure -----------------------------------------------------------------------------------
+
+
+@exp.figure("latency", size=(11.6, 4.4))
+def draw_latency(figure: Figure, run: Run[Config]) -> None:
+    """Draw the age of pictures in the steady state (left) and the time to the first picture (right)."""
+    steady, first = figure.subplots(1, 2)
+    medians, times = look_medians(run), firsts(run)
+    standard_ms = glass_median(run, STANDARD).value
+    expected_ms = {PAPERS: standard_ms + paper("A-G2G")}
+    draw_bars(steady, medians, STEADY_BARS, medians.median(), expected_ms)
+    base_ms, more_ms = paper("A-G2G", FIRST_ENDS[STANDARD]), paper("A-G2G")
+    steady.set_title(
+        f"Capture-to-receive latency (no display; paper, with display: {base_ms:g} + {more_ms:g} ms)",
+        fontsize=9,
+    )
+    steady.set_ylabel("latency (ms)")
+    expected_ms = {path: paper("A-FIRST", key) for path, key in FIRST_ENDS.items()}
+    draw_bars(first, times, FIRST_BARS, times.mean(), expected_ms)
+    in_paper = " and ".join(f"{value:g}" for value in expected_ms.values())
+    first.set_title(f"Time to first frame after subscribing (paper: {in_paper} ms)", fontsize=9)
+    first.set_ylabel("time to first frame (ms)")
+    before_ms, after_ms = times[STANDARD].mean(), times[OURS].mean()
+    figure.suptitle(
+        f"Routers and decoder add {added(run, PAPERS).value:.1f} ms; with a GOP cache the first frame "
+        f"arrives {before_ms / after_ms:.1f} times sooner ({after_ms:.0f} instead of {before_ms:.0f} ms)",
+        fontsize=11,
+    )
+    bars = "bars: median (left), mean (right); error bars: 16th to 84th percentile"
+    note(figure, f"one dot per subscription; {bars}", run)
+
+
+def draw_bars(
+    axes: Axes,
+    samples: pd.DataFrame,
+    labels: dict[str, str],
+    heights: pd.Series,
+    expected_ms: dict[str, float],
+) -> None:
+    """Draw a bar per path with its samples, and the paper's values.
+
+    Args:
+        axes: Axes to draw into.
+        samples: Times, ms, by repetition and path.
+        labels: Names of the paths that are drawn, in their order.
+        heights: Heights of the bars, ms, by path.
+        expected_ms: The paper's values, ms, by path.
+    """
+    names = []
+    for place, path in enumerate(labels):
+        times, height = samples[path].dropna(), heights[path]
+        # The paper draws one standard deviation. Of normal samples this is the same, and it does not follow
+        # one subscription during which the machine was busy.
+        low, high = np.percentile(times, (16, 84))
+        error = [[max(height - low, 0)], [max(high - height, 0)]]
+        axes.bar(place, height, 0.5, color=BAR_COLORS[path], yerr=error, capsize=4)
+        beside = place + np.linspace(-0.25, 0.25, len(times))
+        axes.plot(beside, times, ".", color="black", markersize=3, alpha=0.4)
+        digits = 1 if height < 20 else 0
+        names.append(f"{labels[path]}\n{height:.{digits}f} ms (n = {len(times)})")
+    places = [[*labels].index(path) for path in expected_ms]
+    low, high = np.array(places) - 0.38, np.array(places) + 0.38
+    style = {**PAPER_STYLE, "color": "black", "label": "paper A, 5.4"}
+    lines = axes.hlines([*expected_ms.values()], low, high, **style)
+    axes.legend(handles=[lines], fontsize=8.5, loc="upper right")
+    axes.set_xticks(range(len(names)), names)
+    axes.grid(visible=False, axis="x")
+    axes.set_ylim(0, 1.15 * axes.dataLim.ymax)
+
+
+# --- Explorer ---------------------------------------------------------------------------------
+
+GOP = Annotated[int, Bounds(1, 300, log=True)]
+Rate = Annotated[float, Bounds(1, 120, log=True)]
+
+LENGTHS = (1, 2, 3, 5, 10, 20, 30, 60, 100, 200, 300)
+_GOP = pictures.Axis("frames per GOP", "", 1, 300, log=True, ticks=(1, 10, 30, 100, 300))
+_WAIT = pictures.Axis(
+    "time to first frame", "ms", 10, 200_000, log=True, ticks=(10, 100, 1000, 10_000, 100_000)
+)
+
+
+@cache
+def reference_times() -> tuple[dict[str, float], float]:
+    """Return times of the reference run, ms: on each path without a wait, and for each replayed packet."""
+    run = exp.load(find_project().reference_logs / f"{exp.name}.mcap")
+    # A key frame arrives as late as any picture.
+    rest_ms = {STANDARD: glass_median(run, STANDARD).value}
+    for path in (PAPERS, NEW_PROCESS):
+        rest_ms[path] = rest_ms[STANDARD] + loading(run, path).value
+    replays = looks(run).query("path == @OURS")[["replay_packets", "first_ms"]].to_numpy(float)
+    packet_ms, rest_ms[OURS] = line_fit(*replays.T)
+    return rest_ms, packet_ms
+
+
+@exp.explorer
+def first_frame(*, gop: GOP = 30, rate_hz: Rate = TABLE_2.fps) -> pictures.Picture:
+    """Return the mean time to the first frame over the length of the group of pictures (GOP).
+
+    *Computed*: without a GOP cache a subscriber waits for half a GOP on average; with it, half a GOP is replayed.
+    *Assumed*: loading, and each replayed packet, take as long as in the reference run.
+
+    Args:
+        gop: Frames from key frame to key frame, of the dots.
+        rate_hz: Frame rate of the camera [Hz].
+    """
+    rest_ms, packet_ms = reference_times()
+    lengths = np.array([*LENGTHS, gop])
+    drawn, means = [], []
+    for path, label in FIRST_BARS.items():
+        frame_ms = packet_ms if path == OURS else 1000 / rate_hz
+        times_ms = (rest_ms[path] + frame_ms * lengths / 2).tolist()
+        name = label.replace("\n", " ")
+        line = pictures.Series(name=name, color=BAR_COLORS[path], x=LENGTHS, y=times_ms[:-1])
+        dot = pictures.Series(
+            name=name, color=BAR_COLORS[path], x=[gop], y=times_ms[-1:], kind="dot"
+        )
+        drawn += [line, dot]
+        means.append(f"{name}: {times_ms[-1]:.0f} ms")
+    said = f"Mean time to the first frame with {gop} frames per GOP at {rate_hz:g} Hz. "
+    panel = pictures.Panel(title="first frame", x=_GOP, y=_WAIT, series=tuple(drawn))
+    return pictures.Picture(said=said + "; ".join(means), panels=(panel,))

@@ -1,0 +1,92 @@
+"""Configuration and tables of the experiment with real ROS 2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sfglab.lab.bench import TableRow
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
+from sfglab.lab.ros2 import TESTED
+
+REAL, STAND_IN = "standard ROS 2", "stand-in"
+"""Kinds of a baseline: nodes of rclpy, and the nodes of sfglab that stand for them."""
+TABLE = "ros2"
+"""Table of the baselines."""
+BASELINES = {
+    "decode_once": "Raw images: rclpy takes more CPU than the stand-in, and loses some",
+    "latency": "Raw images, one subscriber: rclpy is later than the stand-in, and loses some",
+}
+"""Titles of the baselines' figures, by the experiment that has the stand-in."""
+SETTINGS = {"decode_once": "subscribers", "latency": "subscribers"}
+"""Names of the baselines' settings."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Raw:
+    """Measurements of subscribers of raw images."""
+
+    counts: tuple[int, ...] = (1,)  #: Numbers of subscribers.
+    repeats: int  #: Number of repetitions.
+    look_s: float  #: Duration of a measurement, s.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config(Profiled):
+    """Tests and measurements of the run."""
+
+    distributions: tuple[str, ...] = TESTED  #: Distributions of ROS 2 that the tests are run with.
+    #: Expression that selects tests by name, as pytest's option ``-k``; empty: all.
+    only: str = ""
+    decode_once: Raw = Raw(counts=(1, 3), repeats=3, look_s=1.4)  #: Baseline of decoding once.
+    latency: Raw = Raw(repeats=6, look_s=0.5)  #: Baseline of latency.
+    seed: int = 0  #: Seed of the order of measurements.
+
+
+exp = Experiment(
+    "ros2",
+    Config,
+    where="beside all papers",
+    smoke={
+        "distributions": ("jazzy",),
+        "only": "bytes_behind",
+        "decode_once": Raw(repeats=4, look_s=0.6),
+        "latency": Raw(repeats=1, look_s=0.4),
+    },
+    paper={
+        "decode_once": Raw(counts=(1, 3), repeats=60, look_s=2.0),
+        "latency": Raw(repeats=120, look_s=1.0),
+    },
+    actors=(
+        Actor("node", "this machine or a host", "sfglab's nodes, routers and decoders"),
+        Actor("rclpy", "the same, or another host", "a ROS 2 node on its own Fast DDS"),
+    ),
+    links=(
+        Link("node", "rclpy", "topics, services, actions"),
+        Link("rclpy", "node", "topics, services, actions"),
+    ),
+    removed={"slow": {"smoke": False, "quick": False, "paper": True}},
+)
+
+
+@exp.table("test")
+class FeatureRow(TableRow):
+    """A test with one distribution, for one feature that it shows."""
+
+    feature: str  #: Feature, in the words of a ROS 2 user.
+    distribution: str  #: Distribution of ROS 2.
+    test: str  #: Name of the test.
+    outcome: str  #: ``passed``, ``failed`` or ``skipped``.
+    condition: str = ""  #: Condition under which the feature works.
+    cannot: str = ""  #: Reason why it cannot work; the test shows that it does not.
+    duration_s: float = 0.0  #: Duration of the test, s.
+
+
+@exp.table(TABLE)
+class BesideRow(TableRow):
+    """One value of real ROS 2, of its stand-in, or of another kind beside them."""
+
+    setting: str  #: What was measured, the same for all kinds.
+    quantity: str  #: Quantity with its unit.
+    kind: str  #: `REAL`, `STAND_IN` or another kind.
+    repeat: int  #: Number of the repetition.
+    value: float  #: The value.

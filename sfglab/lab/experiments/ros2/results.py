@@ -1,0 +1,161 @@
+"""The feature table, and the baselines of real ROS 2 beside their stand-ins."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from sfglab.lab.experiments.ros2.experiment import (
+    BASELINES,
+    REAL,
+    SETTINGS,
+    STAND_IN,
+    TABLE,
+    Config,
+    exp,
+)
+from sfglab.lab.figures import note, series
+from sfglab.lab.paths import find_project
+from sfglab.lab.ros2 import TESTED
+from sfglab.lab.runs import lines_of
+from sfglab.lab.stats import Estimate, paired_ratios
+from sfglab.record import LogReader
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sfglab.lab.runs import Run
+
+WORKS, FAILS, CANNOT, UNTESTED = "works", "fails", "cannot work", "untested against the real thing"
+ELSEWHERE = (
+    "rmw_cyclonedds_cpp, rmw_connextdds, rmw_zenoh_cpp",
+    "Humble, Rolling",
+    "ROS 2 on aarch64",
+)
+"""What no test covers, because there is no build of it for them."""
+STYLES = ("standard", "proxy", "third", "fourth")
+
+
+# --- Features ---------------------------------------------------------------------------------
+
+
+def verdict(rows: pd.DataFrame) -> str:
+    """Return what the tests of a feature with one distribution say together."""
+    if rows.empty or (rows["outcome"] == "skipped").all():
+        return UNTESTED
+    if (rows["outcome"] == "failed").any():
+        return FAILS
+    reasons = [reason for reason in rows["cannot"].unique() if reason]
+    if reasons:
+        return f"{CANNOT}: {'; '.join(reasons)}"
+    conditions = [condition for condition in rows["condition"].unique() if condition]
+    return ", ".join([WORKS, *conditions])
+
+
+def compatibility(tests: pd.DataFrame) -> pd.DataFrame:
+    """Return the verdict on each feature, in the order of the tests, by distribution."""
+    lines = []
+    for feature, of_feature in tests.groupby("feature", sort=False):
+        line = {"feature": feature}
+        for name in TESTED:
+            line[name] = verdict(of_feature[of_feature["distribution"] == name])
+        lines.append(line)
+    return pd.DataFrame(lines)
+
+
+def feature_table(tests: pd.DataFrame | None = None) -> pd.DataFrame:
+    """Return the table of outcomes, those of the committed log if None, and what no test covers."""
+    if tests is None:
+        tests = committed("ros2")["test"]
+    untested = pd.DataFrame({"feature": ELSEWHERE} | dict.fromkeys(TESTED, UNTESTED))
+    return pd.concat([compatibility(tests), untested], ignore_index=True)
+
+
+def committed(log: str) -> Run[Config]:
+    """Return the run of a committed log."""
+    return exp.load(find_project().reference_logs / f"{log}.mcap")
+
+
+# --- Baselines --------------------------------------------------------------------------------
+
+
+def log_of(name: str) -> Path:
+    """Return the committed log of a baseline, which is also that of an earlier version."""
+    return find_project().reference_logs / f"{name}_{TABLE}.mcap"
+
+
+def baseline(name: str, run: Run[Config] | None = None) -> pd.DataFrame:
+    """Return the rows of a baseline: those of a run of this part, otherwise those of the committed log."""
+    if run is not None and len(run[TABLE]):
+        return run[TABLE]
+    if not log_of(name).is_file():
+        return pd.DataFrame()
+    with LogReader(log_of(name)) as reader:
+        return reader.table(TABLE)
+
+
+def compared(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return medians of real ROS 2 and of its stand-in, and their ratio, by quantity and setting."""
+    by = ["quantity", "setting"]
+    medians = rows.groupby([*by, "kind", "repeat"], sort=False)["value"].median().reset_index()
+    pairs = medians[medians["kind"].isin([REAL, STAND_IN])]
+    both = pairs.groupby(by)["kind"].transform("nunique") == 2
+    order = (STAND_IN, REAL)
+    table = paired_ratios(pairs[both], by=by, pair="kind", order=order, values=["value"])
+    ratios = []
+    for line in lines_of(table):
+        ratio = Estimate(value=line.ratio, low=line.low, high=line.high, unit="times")
+        ratios.append(str(ratio))
+    return table[[*by, REAL, STAND_IN]].assign(**{"stand-in / ROS 2": ratios})
+
+
+@exp.figure("decode_once_ros2", size=(11.5, 3.6), when=lambda _: log_of("decode_once").is_file())
+def draw_decode_once(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw CPU and received pictures of subscribers of raw images, of rclpy and of sfglab."""
+    return draw_baseline(figure, run, "decode_once")
+
+
+@exp.figure("latency_ros2", size=(11.5, 3.6), when=lambda _: log_of("latency").is_file())
+def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw ages of raw images and times to the first one, of rclpy and of sfglab."""
+    return draw_baseline(figure, run, "latency")
+
+
+def draw_baseline(figure: Figure, run: Run[Config], name: str) -> dict[str, Any]:
+    """Draw the values of a baseline over the settings, with medians; return the sidecar."""
+    rows = baseline(name, run)
+    quantities = rows["quantity"].unique()
+    panels = figure.subplots(1, len(quantities), squeeze=False)[0]
+    for axes, quantity in zip(panels, quantities, strict=True):
+        draw_quantity(axes, rows[rows["quantity"] == quantity])
+        axes.set(title=quantity, xlabel=SETTINGS[name])
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower right", ncols=len(labels))
+    figure.suptitle(BASELINES[name])
+    note(figure, f"one dot per value, lines: medians; {rows['repeat'].nunique()} repetitions")
+    log = run.log if len(run[TABLE]) else log_of(name)
+    return {"log": log.name, "compared": compared(rows)}
+
+
+def draw_quantity(axes: Axes, rows: pd.DataFrame) -> None:
+    """Draw the values of one quantity."""
+    settings = sorted(rows["setting"].unique())
+    kinds = sorted(rows["kind"].unique(), key=lambda kind: (not kind.startswith(REAL), kind))
+    for place, kind in enumerate(kinds):
+        style = series(STYLES[place])
+        of_kind = rows[rows["kind"] == kind]
+        shift = 0.2 * (place - (len(kinds) - 1) / 2)
+        x = of_kind["setting"].map(settings.index) + shift
+        dots = {"linestyle": "", "markersize": 4, "alpha": 0.6, **style}
+        axes.plot(x, of_kind["value"], label=kind, **dots)
+        medians = of_kind["value"].groupby(x).median()
+        axes.hlines(medians, medians.index - 0.08, medians.index + 0.08, color=style["color"])
+    axes.set_xticks(range(len(settings)), settings)
+    if len(settings) > 5:
+        axes.tick_params(axis="x", labelrotation=60, labelsize=8)
+    axes.set_xlim(-0.5, len(settings) - 0.5)
+    axes.set_ylim(0, 1.1 * rows["value"].max() or 1.0)
