@@ -122,8 +122,7 @@ def _row(
 ) -> tuple[str, str]:
     """Return an experiment's paper with section, and its line."""
     committed = [n for n in exp.drawings if (project.figures / f"{n}.png").is_file()]
-    # The comparison with ROS 2 nodes is a side study, and not the result.
-    name = next((n for n in committed if not n.endswith("_ros2") or len(committed) == 1), "")
+    name = committed[0] if committed else ""
     caption = exp.caption(name) if name else ""
     picture = _thumbnail(project.figures / f"{name}.png", caption) if name else ""
     claims = verdicts_html(entry for entry in ledger if entry.claim.experiment == exp.name)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sfglab.errors import InvalidValueError
-from sfglab.lab.baselines import REAL, declare
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
@@ -17,7 +17,6 @@ STANDARD = "standard"
 LAUNCHED = "launched"
 #: The sfglab variant: all processes are loaded before the order, and agents publish descriptions.
 ROUTED = "routed"
-COMPOSED = f"{REAL}, composed"  #: All nodes of an agent in one process, which is one participant.
 #: Simulated routed agents that query each other's service, as in the paper.
 QUERYING = "routed"
 PUBLISHING = "published"  #: Simulated routed agents that publish their descriptions.
@@ -31,7 +30,7 @@ class Stage:
         InvalidValueError: There is no such mode, or an agent would have no peer or no node.
     """
 
-    mode: str  #: ``standard``, ``launched``, ``routed``, or for real ROS 2 `REAL` or `COMPOSED`.
+    mode: str  #: ``standard``, ``launched`` or ``routed``.
     agents: tuple[int, ...]  #: Sizes of the fleet.
     talkers: int = 10  #: Publishing nodes per agent.
     listeners: int = 10  #: Subscribing nodes per agent.
@@ -39,7 +38,7 @@ class Stage:
     pace_s: float = 0.0  #: Time from one agent's start to the next one's, s; 0: all at once.
 
     def __post_init__(self) -> None:
-        modes = (STANDARD, LAUNCHED, ROUTED, REAL, COMPOSED)
+        modes = (STANDARD, LAUNCHED, ROUTED)
         if self.mode not in modes:
             raise InvalidValueError("mode", self.mode, ", ".join(modes))
         if min(self.agents) < 2 or self.talkers + self.listeners < 1:
@@ -68,16 +67,17 @@ _FEW = tuple(
 _PACES_S = {LAUNCHED: 2.5, ROUTED: 1.0}
 
 
-def with_ros2(repeats: int, *fleets: tuple[int, int]) -> tuple[Stage, ...]:
-    """Return fleets of real ROS 2, and fleets of sfglab of the same agents and nodes per role."""
-    stages = []
-    for agents, nodes in fleets:
-        for mode, count in ((REAL, repeats), (STANDARD, repeats), (ROUTED, 1)):
-            stage = Stage(
-                mode=mode, agents=(agents,), talkers=nodes, listeners=nodes, repeats=count
-            )
-            stages.append(stage)
-    return tuple(stages)
+def _former_ros2() -> list[dict[str, Any]]:
+    """Return the fleets of the former part ``ros2``, as logs of the profile quick have them."""
+    stages = [("standard ROS 2, composed", 6, 10, 1)]
+    for agents, nodes in ((4, 3), (2, 10)):
+        modes = {"standard ROS 2": 2, STANDARD: 2, ROUTED: 1}
+        stages[:0] = [(mode, agents, nodes, repeats) for mode, repeats in modes.items()]
+    former = []
+    for mode, agents, nodes, repeats in stages:
+        stage = {"mode": mode, "agents": [agents], "talkers": nodes, "listeners": nodes}
+        former.append({**stage, "repeats": repeats, "pace_s": 0.0})
+    return former
 
 
 def paced(repeats: int, sizes: tuple[int, ...]) -> tuple[Stage, ...]:
@@ -101,12 +101,6 @@ class Config(Profiled):
         Stage(mode=STANDARD, agents=(2, 3, 4, 6)),
         Stage(mode=LAUNCHED, agents=(6,)),
         Stage(mode=ROUTED, agents=(2, 4, 6)),
-    )
-    #: Fleets of real ROS 2 and of sfglab: at most 40 participants, which two cores suffice for by the
-    #: busy cores in the log. Composed, the paper's largest.
-    ros2: tuple[Stage, ...] = (
-        *with_ros2(2, (2, 10), (4, 3)),
-        Stage(mode=COMPOSED, agents=(6,)),
     )
     simulated: Scale = Scale(agents=(2, 4, 6, 12, 25))  #: Simulated fleets.
     #: Time from its start after which an incomplete fleet is given up, s.
@@ -170,7 +164,7 @@ def cells_of(stages: tuple[Stage, ...], seed: int) -> list[Cell]:
 
 def hosts_of(config: Config) -> list[str]:
     """Return the names of the hosts that the largest live fleet needs."""
-    sizes = [max(stage.agents) for stage in config.stages + config.ros2]
+    sizes = [max(stage.agents) for stage in config.stages]
     return host_names(max(sizes, default=0))
 
 
@@ -184,7 +178,6 @@ exp = Experiment(
             Stage(mode=ROUTED, agents=(2,), talkers=2, listeners=1),
             Stage(mode=LAUNCHED, agents=(2,), talkers=2, listeners=1, pace_s=0.5),
         ),
-        "ros2": with_ros2(1, (2, 1)),
         "simulated": Scale(agents=(2, 10), talkers=2, listeners=1),
         "timeout_s": 20.0,
     },
@@ -196,10 +189,6 @@ exp = Experiment(
             Stage(mode=LAUNCHED, agents=_FLEETS, repeats=120),
             Stage(mode=ROUTED, agents=_FLEETS, repeats=120),
             Stage(mode=ROUTED, agents=(2, 4, 6, 8, 12, 16), talkers=1, listeners=1, repeats=10),
-        ),
-        "ros2": (
-            *with_ros2(20, (2, 10), (3, 6), (4, 3), (6, 2)),
-            Stage(mode=COMPOSED, agents=_FLEETS, repeats=20),
         ),
         "simulated": Scale(agents=(2, 3, 4, 5, 6, 10, 15, 20, 25), repeats=5),
         "timeout_s": 300.0,
@@ -219,9 +208,8 @@ exp = Experiment(
         Link("router", "discoverer", "peers' heartbeats, metadata"),
         Link("router", "peers", "heartbeats, metadata", boundary="the network"),
     ),
+    removed={"ros2": {"quick": _former_ros2()}},
 )
-
-declare(exp, "Discovery, agents x nodes: real ROS 2 (rclpy, Fast DDS), its stand-in, and routed")
 
 
 @exp.table("cell")

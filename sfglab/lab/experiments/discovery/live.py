@@ -20,12 +20,9 @@ from sfglab.bus.address import BusAddress
 from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
-from sfglab.lab.baselines import PART, REAL, STAND_IN, peer_on
 from sfglab.lab.experiments.discovery.experiment import (
-    COMPOSED,
     LAUNCHED,
     ROUTED,
-    STANDARD,
     Cell,
     Config,
     FleetRow,
@@ -35,7 +32,6 @@ from sfglab.lab.experiments.discovery.experiment import (
     host_names,
 )
 from sfglab.lab.meters import MeterRow, Window
-from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.workers.ros_nodes import RosNodesConfig
 from sfglab.processes import Member, ProcessGroup
 from sfglab.units import NS_PER_S
@@ -80,35 +76,6 @@ async def start_fleets(bench: Bench[Config]) -> None:
         )
         # Last, so that a cell that is in the log is complete.
         bench.write("cell", row, at_ns=max(outcome.ends_ns))
-        bench.advance(f"{cell.mode} {cell.agents}")
-
-
-@exp.part(
-    PART,
-    total=lambda config: len(cells_of(config.ros2, config.seed)),
-    skips=(RosMissingError,),
-)
-async def start_with_ros2(bench: Bench[Config]) -> None:
-    """Start fleets of real ROS 2, and fleets of sfglab with the same nodes."""
-    cells = cells_of(bench.config.ros2, bench.config.seed)
-    # All are made before one is started, so that a missing ROS 2 is noticed at once.
-    fleets = [LiveFleet(cell, bench.config, bench.testbed) for cell in cells]
-    for cell, each in zip(cells, fleets, strict=True):
-        async with each as fleet:
-            outcome = await start(fleet, bench)
-        rows = [outcome.host_row(0, host) for host in range(cell.agents)]
-        busy = [cpu_s(meter) / meter.window_s for meter in outcome.meters.values()]
-        quantities = {
-            "until an agent knows its peers (s)": [row.resolved_s for row in rows],
-            "received until then (MB)": [row.own_bytes / 1e6 for row in rows],
-            "cores busy": [sum(busy)],
-            "longest pause of an observer (s)": [outcome.ingress.longest_pause_s],
-        }
-        kind = STAND_IN if cell.mode == STANDARD else cell.mode
-        setting = f"{cell.agents} x {cell.talkers + cell.listeners}"
-        for quantity, values in quantities.items():
-            of = {"setting": setting, "kind": kind, "quantity": quantity, "repeat": cell.repeat}
-            bench.write_all(PART, [{**of, "value": value} for value in values])
         bench.advance(f"{cell.mode} {cell.agents}")
 
 
@@ -183,19 +150,18 @@ class LiveFleet(ProcessGroup):
         self._config = config
         self._testbed = testbed
         self._is_launched = cell.mode == LAUNCHED
-        self._agents = {host: self._processes_of(n, host) for n, host in enumerate(self.hosts, 1)}
+        self._agents = {host: self.processes_of(n, host) for n, host in enumerate(self.hosts, 1)}
         idle = [] if self._is_launched else [m for each in self._agents.values() for m in each]
         super().__init__(idle, wrap_command=testbed.argv, start_s=LOAD_S)
 
     @property
     def start_order(self) -> dict[str, Any]:
-        """The order that starts its processes; real ROS 2 needs all of it."""
+        """The order that starts its processes."""
         return {
             "do": "start",
             "fleet": self.hosts,
             "talkers": self._cell.talkers,
             "listeners": self._cell.listeners,
-            "composed": self._cell.mode == COMPOSED,
         }
 
     def node_pids(self) -> list[int]:
@@ -272,11 +238,9 @@ class LiveFleet(ProcessGroup):
             if len(found) == len(self.hosts) - 1:
                 return int(event["t_ns"])
 
-    def _processes_of(self, number: int, host: str) -> list[Member]:
+    def processes_of(self, number: int, host: str) -> list[Member]:
         """Return the processes of an agent, its nodes first."""
         cell, name = self._cell, host + NODES
-        if cell.mode in (REAL, COMPOSED):
-            return [peer_on(self._testbed, host, name, host, "crowd")]
         is_routed = cell.mode in (ROUTED, LAUNCHED)
         remote = BusAddress(
             domain_id=GLOBAL_DOMAIN,

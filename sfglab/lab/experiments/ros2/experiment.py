@@ -6,18 +6,22 @@ from dataclasses import dataclass
 
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
+from sfglab.lab.experiments.discovery.experiment import ROUTED
 from sfglab.lab.ros2 import TESTED
 
 REAL, STAND_IN = "standard ROS 2", "stand-in"
 """Kinds of a baseline: nodes of rclpy, and the nodes of sfglab that stand for them."""
+COMPOSED = f"{REAL}, composed"
+"""Kind with all nodes of an agent in one process, which is one participant of DDS."""
 TABLE = "ros2"
 """Table of the baselines."""
 BASELINES = {
+    "discovery": "Discovery: ROS 2 nodes (rclpy on Fast DDS), their stand-in, and agents behind routers",
     "decode_once": "Raw images: rclpy takes more CPU than the stand-in, and loses some",
     "latency": "Raw images, one subscriber: rclpy is later than the stand-in, and loses some",
 }
 """Titles of the baselines' figures, by the experiment that has the stand-in."""
-SETTINGS = {"decode_once": "subscribers", "latency": "subscribers"}
+SETTINGS = {"discovery": "agents x nodes", "decode_once": "subscribers", "latency": "subscribers"}
 """Names of the baselines' settings."""
 
 
@@ -31,6 +35,20 @@ class Raw:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Fleets:
+    """Fleets of one size that are compared."""
+
+    agents: int  #: Number of agents.
+    nodes: int = 10  #: Number of publishing nodes of an agent, and of subscribing ones.
+    repeats: int  #: Number of starts of each kind.
+    kinds: tuple[str, ...] = (
+        REAL,
+        STAND_IN,
+        ROUTED,
+    )  #: `REAL`, `STAND_IN`, `COMPOSED` or ``routed``.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
     """Tests and measurements of the run."""
 
@@ -39,6 +57,16 @@ class Config(Profiled):
     only: str = ""
     decode_once: Raw = Raw(counts=(1, 3), repeats=3, look_s=1.4)  #: Baseline of decoding once.
     latency: Raw = Raw(repeats=6, look_s=0.5)  #: Baseline of latency.
+    #: Baseline of discovery: at most 40 participants, which two cores carry, and the paper's largest fleet, composed.
+    fleets: tuple[Fleets, ...] = (
+        Fleets(agents=2, repeats=2),
+        Fleets(agents=4, nodes=3, repeats=2),
+        Fleets(agents=6, repeats=1, kinds=(COMPOSED,)),
+    )
+    #: Time after which a fleet is given up, s.
+    timeout_s: float = 120.0
+    #: Use of multicast by DDS between agents: ``default`` is that of ROS 2.
+    multicast: str = "default"
     seed: int = 0  #: Seed of the order of measurements.
 
 
@@ -51,10 +79,20 @@ exp = Experiment(
         "only": "bytes_behind",
         "decode_once": Raw(repeats=4, look_s=0.6),
         "latency": Raw(repeats=1, look_s=0.4),
+        "fleets": (Fleets(agents=2, nodes=1, repeats=1),),
+        "timeout_s": 60.0,
     },
     paper={
         "decode_once": Raw(counts=(1, 3), repeats=60, look_s=2.0),
         "latency": Raw(repeats=120, look_s=1.0),
+        "fleets": (
+            Fleets(agents=2, repeats=20),
+            Fleets(agents=3, nodes=6, repeats=20),
+            Fleets(agents=4, nodes=3, repeats=20),
+            Fleets(agents=6, nodes=2, repeats=20),
+            *(Fleets(agents=count, repeats=20, kinds=(COMPOSED,)) for count in range(2, 7)),
+        ),
+        "timeout_s": 300.0,
     },
     actors=(
         Actor("node", "this machine or a host", "sfglab's nodes, routers and decoders"),

@@ -1,25 +1,30 @@
 """Parts: the tests in ``tests/ros2``, and nodes of rclpy beside those of sfglab that stand for them.
 
-A camera of rclpy on the edge host sends raw images, and
+Fleets of agents start as in the experiment on discovery. A camera of rclpy on the edge host sends raw images, and
 subscribers on the consumer host read every pixel.
 """
 
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import COMPRESSED_IMAGE
 from sfglab.lab.experiment import SkippedPartError
+from sfglab.lab.experiments.discovery.experiment import STANDARD, Cell, host_names
+from sfglab.lab.experiments.discovery.live import NODES, LiveFleet, start
 from sfglab.lab.experiments.ros2.experiment import (
+    COMPOSED,
     REAL,
     STAND_IN,
     TABLE,
@@ -223,3 +228,61 @@ async def measure_latency(bench: Bench[Config]) -> None:
     """Measure the age of pictures and the time to the first one."""
     quantities = ("capture to picture in hand (ms)", "first picture (ms)", "pictures received (%)")
     await measure_raw(bench, bench.config.latency, quantities)
+
+
+class RosFleet(LiveFleet):
+    """A fleet whose nodes are of rclpy."""
+
+    @property
+    def start_order(self) -> dict[str, Any]:
+        """The order that starts its processes."""
+        return {**super().start_order, "composed": self._cell.mode == COMPOSED}
+
+    def processes_of(self, _: int, host: str) -> list[Member]:
+        """Return the only process of an agent."""
+        return [peer_on(host, host + NODES, host, "crowd")]
+
+
+def cells_of(config: Config) -> list[Cell]:
+    """Return all starts in the order of the run: sizes of fleets are shuffled, and the starts of each."""
+    rng = np.random.default_rng(config.seed)
+    cells = []
+    for place in rng.permutation(len(config.fleets)):
+        one = config.fleets[place]
+        size = {"agents": one.agents, "talkers": one.nodes, "listeners": one.nodes}
+        starts = list(itertools.product(one.kinds, range(one.repeats)))
+        rng.shuffle(starts)
+        cells += [Cell(mode=kind, repeat=int(repeat), **size) for kind, repeat in starts]
+    return cells
+
+
+@exp.part("discovery", total=lambda config: len(cells_of(config)), skips=(RosMissingError,))
+async def measure_discovery(bench: Bench[Any]) -> None:
+    """Measure how long agents need to know each other, and what they receive until then."""
+    config = bench.config
+    cells = cells_of(config)
+    agents = max(cell.agents for cell in cells)
+    bench.hosts = separate_hosts(bench, *host_names(agents))
+    for cell in cells:
+        if cell.mode in (REAL, COMPOSED):
+            started: LiveFleet = RosFleet(cell, config, bench.hosts)
+        else:
+            mode = STANDARD if cell.mode == STAND_IN else cell.mode
+            started = LiveFleet(replace(cell, mode=mode), config, bench.hosts)
+        async with started as fleet:
+            outcome = await start(fleet, bench)
+        times_s, received_mb = [], []
+        for host, end_ns in enumerate(outcome.ends_ns):
+            received = outcome.ingress.between(host, outcome.begin_ns, end_ns)
+            received_mb.append(received / 1e6)
+            times_s.append(outcome.seconds(end_ns))
+        cpu_percent = sum(meter.cpu_percent or 0.0 for meter in outcome.meters.values())
+        values = {
+            "until an agent knows its peers (s)": times_s,
+            "received until then (MB)": received_mb,
+            "cores busy": [cpu_percent / 100],
+            "longest pause of an observer (s)": [outcome.ingress.longest_pause_s],
+        }
+        setting = f"{cell.agents} x {cell.talkers + cell.listeners}"
+        bench.write_all(TABLE, rows_of(values, setting, cell.mode, cell.repeat))
+        bench.advance(f"{cell.mode} {cell.agents}")

@@ -113,6 +113,12 @@ def compared(rows: pd.DataFrame) -> pd.DataFrame:
     return table[[*by, REAL, STAND_IN]].assign(**{"stand-in / ROS 2": ratios})
 
 
+@exp.figure("discovery_ros2", size=(11.5, 3.6), when=lambda _: log_of("discovery").is_file())
+def draw_discovery(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+    """Draw discovery times and received bytes of fleets of ROS 2 nodes and of their stand-ins."""
+    return draw_baseline(figure, run, "discovery")
+
+
 @exp.figure("decode_once_ros2", size=(11.5, 3.6), when=lambda _: log_of("decode_once").is_file())
 def draw_decode_once(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw CPU and received pictures of subscribers of raw images, of rclpy and of sfglab."""
@@ -132,7 +138,8 @@ def draw_baseline(figure: Figure, run: Run[Config], name: str) -> dict[str, Any]
     panels = figure.subplots(1, len(quantities), squeeze=False)[0]
     for axes, quantity in zip(panels, quantities, strict=True):
         draw_quantity(axes, rows[rows["quantity"] == quantity])
-        axes.set(title=quantity, xlabel=SETTINGS[name])
+        axes.set_title(quantity, fontsize=9)
+        axes.set_xlabel(SETTINGS[name])
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower right", ncols=len(labels))
     figure.suptitle(BASELINES[name])
