@@ -28,14 +28,18 @@ from sfglab.bus.address import BusAddress  # noqa: E402
 from sfglab.component import beside  # noqa: E402
 from sfglab.fleet.decoder.pipeline import Outputs, Statistics, run_pipeline  # noqa: E402
 from sfglab.fleet.decoder.streams import routes_of_topic  # noqa: E402
-from sfglab.fleet.discovery.node import (  # noqa: E402
+from sfglab.fleet.discovery.node import (  # type: ignore[attr-defined]  # noqa: E402 - as earlier versions
     DiscoveryConfig,
     DiscoverySettings,
     run_discoverer,
 )
 from sfglab.fleet.router.node import RouterConfig, run_router  # noqa: E402
 from sfglab.fleet.status.heartbeat import Schedule  # noqa: E402
-from sfglab.fleet.status.node import StatusConfig, StatusSettings, run_status  # noqa: E402
+from sfglab.fleet.status.node import (  # type: ignore[attr-defined]  # noqa: E402 - as earlier versions
+    StatusConfig,
+    StatusSettings,
+    run_status,
+)
 from sfglab.lab.sources import open_source  # noqa: E402
 from sfglab.lab.testbed import held_domains  # noqa: E402
 from sfglab.messages import default_message, message_type  # noqa: E402
