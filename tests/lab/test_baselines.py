@@ -55,7 +55,7 @@ def root(tmp_path, monkeypatch):
         pytest.param(None, "needs ROS 2: make ros", marks=pytest.mark.netns),
         (
             False,
-            "needs network namespaces: real ROS 2 would meet whoever else is on this network",
+            "needs network namespaces: real ROS 2 would discover other nodes of this network",
         ),
     ],
     ids=["no ROS 2", "one host"],

@@ -54,7 +54,7 @@ PAPER_PATHS = ("container", "on_demand")  #: Paths as in the paper.
 MODES = {"standard": "standard", "decoder": "proxy", "agent": "proxy"} | dict.fromkeys(
     PAPER_PATHS, "dds"
 )
-"""How the viewer receives, by path."""
+"""Mode of the viewer, by path."""
 TOPICS = {
     "standard": "/global/edge/camera_direct/color/ffmpeg",
     "decoder": "/global/edge/camera_direct/color/ffmpeg",
@@ -139,7 +139,7 @@ class Processes(StreamProcesses):
         for path in DECODER_PATHS:
             await self.warm(path)
         for path in PATHS:
-            # What only a process's first subscription costs is not measured.
+            # The first subscription of a process is not measured, because it takes longer.
             await self.subscribe(path)
             await self.stop(path)
 

@@ -123,7 +123,7 @@ class FeatureRow(TableRow):
 class BesideRow(TableRow):
     """One value of real ROS 2, of its stand-in, or of another kind beside them."""
 
-    setting: str  #: What was measured, the same for all kinds.
+    setting: str  #: Setting of the measurement, the same for all kinds.
     quantity: str  #: Quantity with its unit.
     kind: str  #: `REAL`, `STAND_IN` or another kind.
     repeat: int  #: Number of the repetition.

@@ -113,7 +113,7 @@ def separate_hosts(bench: Bench[Config], *names: str) -> Testbed:
     testbed = bench.stack.enter_context(Testbed(*names, separate=bench.options.separate))
     if not testbed.separate:
         raise SkippedPartError(
-            "needs network namespaces: real ROS 2 would meet whoever else is on this network"
+            "needs network namespaces: real ROS 2 would discover other nodes of this network"
         )
     return testbed
 

@@ -36,7 +36,7 @@ ELSEWHERE = (
     "Humble, Rolling",
     "ROS 2 on aarch64",
 )
-"""What no test covers, because there is no build of it for them."""
+"""Features without a test, because the tests have no build of them."""
 STYLES = ("standard", "proxy", "third", "fourth")
 
 
