@@ -113,7 +113,7 @@ class SightRow(TableRow):
 class ShotRow(TableRow):
     """A frame that the camera sent."""
 
-    number: int  #: Number drawn into its pixels, plus `NUMBERS` for each repetition before.
+    number: int  #: Number of the frame, plus `NUMBERS` for each repetition before.
     stamp_ns: int  #: Capture stamp (Unix time), ns.
     size_bytes: int  #: Compressed size.
 
