@@ -1,7 +1,6 @@
 """Ages of pictures and times to the first picture by path, claims, figure and explorer.
 
-A picture is known by the number in its pixels. Its capture stamp is that of the camera's frame with the
-same number, and not that of a message's header.
+A picture is identified by its capture stamp, which is also in the camera's own table of frames.
 """
 
 from __future__ import annotations
