@@ -149,7 +149,7 @@ fleets = Experiment("fleets", Fleets, where="A 1", smoke={}, paper={})
 
 
 @fleets.table("fleet")
-class FleetRow:
+class ToyFleetRow:
     """A fleet."""
 
     agents: int  #: Size.

@@ -263,13 +263,16 @@ async def measure_discovery(bench: Bench[Any]) -> None:
     cells = cells_of(config)
     agents = max(cell.agents for cell in cells)
     bench.hosts = separate_hosts(bench, *host_names(agents))
+    # All are made before one is started, so that a missing ROS 2 is noticed at once.
+    fleets: list[LiveFleet] = []
     for cell in cells:
         if cell.mode in (REAL, COMPOSED):
-            started: LiveFleet = RosFleet(cell, config, bench.hosts)
+            fleets.append(RosFleet(cell, config, bench.hosts))
         else:
             mode = STANDARD if cell.mode == STAND_IN else cell.mode
-            started = LiveFleet(replace(cell, mode=mode), config, bench.hosts)
-        async with started as fleet:
+            fleets.append(LiveFleet(replace(cell, mode=mode), config, bench.hosts))
+    for cell, each in zip(cells, fleets, strict=True):
+        async with each as fleet:
             outcome = await start(fleet, bench)
         times_s, received_mb = [], []
         for host, end_ns in enumerate(outcome.ends_ns):
