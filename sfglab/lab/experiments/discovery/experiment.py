@@ -67,17 +67,28 @@ _FEW = tuple(
 _PACES_S = {LAUNCHED: 2.5, ROUTED: 1.0}
 
 
-def _former_ros2() -> list[dict[str, Any]]:
-    """Return the fleets of the former part ``ros2``, as logs of the profile quick have them."""
-    stages = [("standard ROS 2, composed", 6, 10, 1)]
-    for agents, nodes in ((4, 3), (2, 10)):
-        modes = {"standard ROS 2": 2, STANDARD: 2, ROUTED: 1}
-        stages[:0] = [(mode, agents, nodes, repeats) for mode, repeats in modes.items()]
+def _former_ros2(
+    repeats: int, fleets: tuple[tuple[int, int], ...], composed: tuple[int, ...]
+) -> list[dict[str, Any]]:
+    """Return the fleets of the former part ``ros2`` as logs have them; `fleets` are agents and nodes."""
+    modes = {"standard ROS 2": repeats, STANDARD: repeats, ROUTED: 1}
+    stages = []
+    for agents, nodes in fleets:
+        for mode, count in modes.items():
+            stages.append((mode, [agents], nodes, count))
+    stages.append(("standard ROS 2, composed", list(composed), 10, repeats if composed[1:] else 1))
     former = []
-    for mode, agents, nodes, repeats in stages:
-        stage = {"mode": mode, "agents": [agents], "talkers": nodes, "listeners": nodes}
-        former.append({**stage, "repeats": repeats, "pace_s": 0.0})
+    for mode, sizes, nodes, count in stages:
+        stage = {"mode": mode, "agents": sizes, "talkers": nodes, "listeners": nodes}
+        former.append({**stage, "repeats": count, "pace_s": 0.0})
     return former
+
+
+_FORMER_ROS2 = {
+    "quick": _former_ros2(2, ((2, 10), (4, 3)), (6,)),
+    "paper": _former_ros2(20, ((2, 10), (3, 6), (4, 3), (6, 2)), _FLEETS),
+}
+"""The removed field ``ros2``, by profile."""
 
 
 def paced(repeats: int, sizes: tuple[int, ...]) -> tuple[Stage, ...]:
@@ -208,7 +219,7 @@ exp = Experiment(
         Link("router", "discoverer", "peers' heartbeats, metadata"),
         Link("router", "peers", "heartbeats, metadata", boundary="the network"),
     ),
-    removed={"ros2": {"quick": _former_ros2()}},
+    removed={"ros2": _FORMER_ROS2},
 )
 
 
