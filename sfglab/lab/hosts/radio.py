@@ -1,4 +1,4 @@
-"""What the radio between test hosts has done since its medium was set."""
+"""Counters of the radio between test hosts, since its medium was set."""
 
 from __future__ import annotations
 
