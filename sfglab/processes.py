@@ -51,9 +51,8 @@ class LineProcess:
     that ended it.
     """
 
-    buffers_reports = (
-        True  #: Whether reports wait for `expect`; if not, only `on_report` gets them.
-    )
+    #: Whether reports wait for `expect`; if not, only `on_report` gets them.
+    buffers_reports = True
 
     def __init__(
         self,

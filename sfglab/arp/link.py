@@ -62,9 +62,8 @@ class Link:
     round_s: Floats
     again_s: float  #: Time that a reader waits besides before it requests the same again, seconds.
     period_s: float  #: Period of heartbeats that travel alone, seconds.
-    final_within_s: (
-        float  #: A heartbeat that follows a sample sooner than this asks for no answer, seconds.
-    )
+    #: A heartbeat that follows a sample sooner than this asks for no answer, seconds.
+    final_within_s: float
     nack_most: int  #: Samples that one request can name.
     #: Share of a topic's samples of which the medium loses a frame, shape (n,).
     loss: Floats

@@ -137,9 +137,8 @@ class _Stream:
         self._on_replay = on_replay
         self._cache: GopCache[Any] = GopCache(settings.limits)
         self._readers: set[bytes] = set()
-        self._timer: asyncio.Task[None] | None = (
-            None  # until connections to the first reader settle
-        )
+        # until connections to the first reader settle
+        self._timer: asyncio.Task[None] | None = None
         self._is_serving = False  # whether the group was sent, so that every packet follows
         self._publisher = self._advertise()
 

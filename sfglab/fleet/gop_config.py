@@ -19,9 +19,8 @@ FLAG_KEY = 1
 
 FLAG_DISCARD = 4  #: Flag of a packet whose frame is decoded and not shown (AV_PKT_FLAG_DISCARD).
 
-REPLAY_DEPTH = (
-    256  #: Maximum length of a group of pictures, packets: the depth of a router's reader.
-)
+#: Maximum length of a group of pictures, packets: the depth of a router's reader.
+REPLAY_DEPTH = 256
 
 REPLAY_QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=REPLAY_DEPTH)
 """Reliable, because one lost packet spoils a group; latched, so that a router that connects loses none."""

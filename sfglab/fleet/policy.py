@@ -199,9 +199,8 @@ class ReaderSpec:
     path: Path  #: Its path.
     qos: QoSProfile  #: Requested QoS.
     transport: Transport = "dds"  #: Transport of its sources.
-    reread_generation: int = (
-        0  #: Generation in which its sources are read again; 0 for the first reader.
-    )
+    #: Generation in which its sources are read again; 0 for the first reader.
+    reread_generation: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -247,9 +246,8 @@ class PathState:
     #: Publishers in the source's domain whose samples may not cross.
     blocked_publishers: dict[bytes, EndpointInfo] = field(default_factory=dict)
     held: set[bytes] = field(default_factory=set)  #: Sources whose samples have to wait.
-    generation: int = (
-        0  #: Number of new publishers so far, each of which may succeed a latched source.
-    )
+    #: Number of new publishers so far, each of which may succeed a latched source.
+    generation: int = 0
     #: Latched sources that a new publisher may succeed, with its generation. They are read again: a source that
     #: is alive sends its history again, and the rest of a killed source is sent to no late joiner.
     possibly_stale: dict[bytes, int] = field(default_factory=dict)

@@ -78,9 +78,8 @@ class Criterion:
     modes: tuple[str, ...]
     #: Smallest and largest value of each condition, bounds included.
     region: Mapping[str, tuple[float, float]]
-    measure: (
-        str  #: Quantity computed in each condition, and the rule by which the claim holds there.
-    )
+    #: Quantity computed in each condition, and the rule by which the claim holds there.
+    measure: str
     unit: str  #: Unit of the value.
     band: tuple[float, float]  #: Acceptance range: lowest and highest value that is reproduced.
     experiment: str  #: Name of the experiment whose runs it judges.

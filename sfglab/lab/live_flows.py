@@ -110,9 +110,8 @@ async def live_hosts(*names: str, ros: RosMode | None = None) -> AsyncIterator[L
 
 def _member(host: Host, ros: RosMode | None) -> Member:
     if ros:
-        profiles = (
-            f"{library}_DEFAULT_PROFILES_FILE" for library in ("FASTDDS", "FASTRTPS")
-        )  # 3.x, 2.x
+        libraries = ("FASTDDS", "FASTRTPS")  # 3.x, 2.x
+        profiles = [f"{library}_DEFAULT_PROFILES_FILE" for library in libraries]
         environment = (
             ("RMW_FASTRTPS_PUBLICATION_MODE", str(ros)),
             *((n, str(_SELDOM)) for n in profiles),

@@ -163,9 +163,8 @@ class FrameFields(NamedTuple):
     final: int  #: 1: the heartbeat asks for no answer.
     oldest: int  #: Oldest sample that the heartbeat announces.
     newest: int  #: Newest sample that the heartbeat announces.
-    bits: (
-        int  #: Bitmap of `BITMAP_WORDS` words: samples of a BURST, requested samples of an ACKNACK.
-    )
+    #: Bitmap of `BITMAP_WORDS` words: samples of a BURST, requested samples of an ACKNACK.
+    bits: int
 
 
 class Trace(NamedTuple):
@@ -252,9 +251,8 @@ class Delivery(NamedTuple):
 
 
 BITMAP_WORDS = 4
-BITMAP = (
-    64 * BITMAP_WORDS
-)  #: Samples that one request or BURST can name (RTPS 2.5, clause 9.4.2.6).
+#: Samples that one request or BURST can name (RTPS 2.5, clause 9.4.2.6).
+BITMAP = 64 * BITMAP_WORDS
 
 
 @cache

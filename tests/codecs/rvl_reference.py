@@ -55,9 +55,8 @@ def decode_nibbles(nibbles: NDArray[np.uint8], pixels: NDArray[np.uint16]) -> in
     previous = 0
     at = 0
     run = 0
-    index = (
-        -2
-    )  # what comes next: -2 and -1 are the two run lengths, from 0 on it is a pixel of the run
+    # what comes next: -2 and -1 are the two run lengths, from 0 on it is a pixel of the run
+    index = -2
     while at < len(pixels):
         value = 0
         scale = 1

@@ -31,9 +31,8 @@ class State(Enum):
     NEW = auto()  #: Nothing has been started yet.
     STARTING = auto()  #: The process runs and has not reported yet that it serves.
     RUNNING = auto()  #: The process serves.
-    REPLACING = (
-        auto()
-    )  #: The process took too long to start and was terminated; another one follows.
+    #: The process took too long to start and was terminated; another one follows.
+    REPLACING = auto()
     BACKING_OFF = auto()  #: The process is gone; the next start waits.
     STOPPING = auto()  #: The process was terminated and is not restarted.
     STOPPED = auto()  #: Nothing runs, as requested.

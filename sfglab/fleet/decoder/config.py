@@ -23,8 +23,7 @@ class DecoderConfig:
     #: Whether another standby process is started when a stream takes it. If false, one process serves one
     #: stream after the other, as a component container loads and unloads components in the paper.
     refill: bool = True
-    advertise_unused_topics: bool = (
-        True  #: Whether decodable topics are advertised before a subscription exists.
-    )
+    #: Whether decodable topics are advertised before a subscription exists.
+    advertise_unused_topics: bool = True
     #: Parameter services, with which ROS 2's tools read this configuration; None for none.
     parameters: ParameterTransport | None = None

@@ -135,9 +135,8 @@ async def serve(config: WorkerConfig, report: Reporter, orders: Orders) -> None:
 
 
 END_GRACE_S = 2.0
-REFILL_DELAY_S = (
-    2.0  #: A pipeline that starts needs the processor more than the next standby process.
-)
+#: A pipeline that starts needs the processor more than the next standby process.
+REFILL_DELAY_S = 2.0
 
 Owner = Callable[["Worker", Report], None]
 

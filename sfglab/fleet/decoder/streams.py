@@ -71,9 +71,8 @@ class Route:
     decoded_type: str = IMAGE_TYPE  #: ROS type of the decoded messages.
     #: Topic on which its sender may replay the last group of pictures; empty for none.
     replay_topic: str = ""
-    most_pixels: int = (
-        MAX_PIXELS  #: Maximum number of pixels of a frame, with what codecs add at the edges.
-    )
+    #: Maximum number of pixels of a frame, with what codecs add at the edges.
+    most_pixels: int = MAX_PIXELS
     #: Number of the newest picture that subscribers may have seen of an earlier pipeline.
     after: int = -1
 

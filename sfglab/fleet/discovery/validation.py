@@ -28,9 +28,8 @@ if TYPE_CHECKING:
 
 #: Maximum number of streams of one agent: a decoder creates an endpoint for each of them.
 MAX_STREAMS = 128
-MAX_ENTRIES = (
-    64  #: Maximum number of sensors, of hardware codecs and of software entries per agent.
-)
+#: Maximum number of sensors, of hardware codecs and of software entries per agent.
+MAX_ENTRIES = 64
 _MAX_VERSION_LENGTH = 128
 
 

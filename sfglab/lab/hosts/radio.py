@@ -31,9 +31,8 @@ class RadioCounters:
 
     hosts: dict[str, RadioHost] = field(default_factory=dict)  #: By name.
     delivered: int = 0  #: Frames that reached a receiver, each receiver counted.
-    late: int = (
-        0  #: Of those, frames that were delivered more than `LATE_AFTER_S` after they were due.
-    )
+    #: Of those, frames that were delivered more than `LATE_AFTER_S` after they were due.
+    late: int = 0
     late_sum_ns: int = 0  #: Sum of the delays beyond the due time, of all frames, ns.
     late_most_ns: int = 0  #: The longest of these delays, ns.
     overrun: int = 0  #: Frames that the kernel dropped because the relay did not take them, or it.

@@ -298,9 +298,8 @@ class Player:
                 continue
             sent_ns, value = sample
             assert inlet.since_ns is not None
-            since_ns = (
-                inlet.since_ns if inlet.since_ns > sent_ns else time.time_ns()
-            )  # sent since then
+            # sent since then
+            since_ns = inlet.since_ns if inlet.since_ns > sent_ns else time.time_ns()
             start_ns = max(executor.free_ns, since_ns)
             done_ns = executor.free_ns = start_ns + inlet.cost_ns(value, start_ns)
             inlet.since_ns = now_ns

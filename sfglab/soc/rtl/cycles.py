@@ -44,9 +44,8 @@ class MemoryPath(Enum):
     #: A node broadcasts the message, and the core writes it once.
     GATEWAY_IN = "gateway, stream to memory"
     SHARED_READS = "shared reads"  #: Every node reads the message; they take turns, chunk by chunk.
-    WRITE = (
-        "write"  #: One node writes the message. The cycles do not depend on the number of nodes.
-    )
+    #: One node writes the message. The cycles do not depend on the number of nodes.
+    WRITE = "write"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -148,9 +148,8 @@ class WaypointKeys(PoseKeys):
     #: Above the previous waypoint's.
     time_s: float = field(metadata=bounds(0, LATEST_NS // NS_PER_S))
     name: str = ""  #: The name, if it has one.
-    align: Align = (
-        Align.NONE
-    )  #: The direction of its x axis; unless none, the orientation is derived.
+    #: The direction of its x axis; unless none, the orientation is derived.
+    align: Align = Align.NONE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -371,9 +371,8 @@ class Communication(Visualizer):
         labels = [f"{agent.name} (domain {agent.domain})" for agent in fleet.agents]
         angles = np.arange(len(nodes)) * 2 * math.pi / max(1, len(nodes))
         radius = 80 + 20 * len(nodes)  # pixels, so that neighbours do not lie on each other
-        places = (
-            np.column_stack([np.cos(angles), 0.4 * np.sin(angles)]) * radius
-        )  # names, and views, are wide
+        # names, and views, are wide
+        places = np.column_stack([np.cos(angles), 0.4 * np.sin(angles)]) * radius
         shared = _for_all(edges, nodes)
         pairs = sorted({(speaker, hearer) for speaker, hearer, name in edges if name not in shared})
         canvas.log(

@@ -43,9 +43,8 @@ SERVICE = "/global/{agent}/get_metadata"
 """Names as paper A, section 4.2 prints them."""
 HEARTBEAT_TYPE = "sfglab_interfaces/msg/AgentHeartbeat"
 OFFERED = (TOPIC, HEARTBEAT_TYPE, "reliable", "transient_local")
-AT_ONCE_S = (
-    1.0  #: A late joiner that receives within this time has not waited for the next heartbeat.
-)
+#: A late joiner that receives within this time has not waited for the next heartbeat.
+AT_ONCE_S = 1.0
 #: Cyclone DDS repeats a request for one more second, so that it may arrive after its query failed.
 LATE_REQUEST_NS = 1_250_000_000
 PHASES = ("start-up", "steady state")
