@@ -226,11 +226,6 @@ class TopicUse(_Part):
         QoSProfile | None,
         ReadAs(Annotated[Literal[tuple(PROFILES)] | _QoS | None, OR_NULL], _profile),
     ] = None
-    #: Messages a second of all its publishers here; None where the file does not say.
-    rate_hz: float | None = field(default=None, metadata=_POSITIVE)
-    size_bytes: int | None = between(
-        None
-    )  #: Mean serialized size; None where the file does not say.
     count: int = between(1, 1)  #: Endpoints of this agent.
 
 
@@ -269,8 +264,6 @@ class StreamSpec(_Part):
     width: int = field(metadata=bounds(1))  #: Pixels.
     height: int = field(metadata=bounds(1))  #: Pixels.
     rate_hz: float = field(metadata=_POSITIVE)  #: Messages a second.
-    #: Mean serialized size of a message; None: the file does not say.
-    size_bytes: int | None = between(None, 1)
     #: Topic of the decoded stream; empty to derive it from `topic`.
     decoded_topic: OptionalTopic = ""
     #: Topic of the calibration; empty if there is none.
@@ -293,14 +286,6 @@ class FrameSpec(_Part):
     child: str  #: The frame that is placed.
     parent: str  #: The frame in which it is placed.
     static: bool = False  #: Sent once on /tf_static instead of again and again on /tf.
-    #: Rate, Hz; required if it is not static.
-    rate_hz: float = between(0.0, without=(0,))
-
-
-def _frame(frame: FrameSpec) -> FrameSpec:
-    if not frame.static and not frame.rate_hz:
-        raise InvalidValueError("rate_hz", None, "'rate_hz' is needed here")
-    return frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -308,7 +293,7 @@ class FrameTree(_Part):
     """The transforms of one agent."""
 
     #: One transform each.
-    frames: tuple[Annotated[FrameSpec, ReadAs(FrameSpec, _frame)], ...] = ()
+    frames: tuple[FrameSpec, ...] = ()
     #: Frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 asks.
     prefix_frames: bool = True
     #: Frames that all agents mean by the same name and that are never prefixed.

@@ -40,7 +40,6 @@ agents:
             width: 640
             height: 360
             rate_hz: 30
-            size_bytes: 16700
   bare: {domain: 2, lifecycle: false}
 """)
 

@@ -78,7 +78,7 @@ def tree(frames: str, *, prefix: bool = True, shared: str = "map") -> str:
 
 
 def edge(child: str, parent: str, *, static: bool = False) -> str:
-    return f"{{child: {child}, parent: {parent}, static: {str(static).lower()}, rate_hz: 10}}"
+    return f"{{child: {child}, parent: {parent}, static: {str(static).lower()}}}"
 
 
 def bare(child: str, parent: str) -> str:

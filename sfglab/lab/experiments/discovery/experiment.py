@@ -67,26 +67,35 @@ _FEW = tuple(
 _PACES_S = {LAUNCHED: 2.5, ROUTED: 1.0}
 
 
-def _former_ros2(
-    repeats: int, fleets: tuple[tuple[int, int], ...], composed: tuple[int, ...]
-) -> list[dict[str, Any]]:
-    """Return the fleets of the former part ``ros2`` as logs have them; `fleets` are agents and nodes."""
-    modes = {"standard ROS 2": repeats, STANDARD: repeats, ROUTED: 1}
-    stages = []
-    for agents, nodes in fleets:
-        for mode, count in modes.items():
-            stages.append((mode, [agents], nodes, count))
-    stages.append(("standard ROS 2, composed", list(composed), 10, repeats if composed[1:] else 1))
-    former = []
-    for mode, sizes, nodes, count in stages:
-        stage = {"mode": mode, "agents": sizes, "talkers": nodes, "listeners": nodes}
-        former.append({**stage, "repeats": count, "pace_s": 0.0})
-    return former
+def _former_fleet(mode: str, agents: tuple[int, ...], nodes: int, repeats: int) -> dict[str, Any]:
+    """Return a fleet of the former part ``ros2`` as logs have it."""
+    return {
+        "mode": mode,
+        "agents": [*agents],
+        "talkers": nodes,
+        "listeners": nodes,
+        "repeats": repeats,
+        "pace_s": 0.0,
+    }
 
 
+def _former_fleets(repeats: int, *sizes: tuple[int, int]) -> list[dict[str, Any]]:
+    """Return the fleets of each mode that the part compared; a size is agents and nodes of a role."""
+    fleets = []
+    for agents, nodes in sizes:
+        fleets.append(_former_fleet("standard ROS 2", (agents,), nodes, repeats))
+        fleets.append(_former_fleet(STANDARD, (agents,), nodes, repeats))
+        fleets.append(_former_fleet(ROUTED, (agents,), nodes, 1))
+    return fleets
+
+
+_COMPOSED = "standard ROS 2, composed"
 _FORMER_ROS2 = {
-    "quick": _former_ros2(2, ((2, 10), (4, 3)), (6,)),
-    "paper": _former_ros2(20, ((2, 10), (3, 6), (4, 3), (6, 2)), _FLEETS),
+    "quick": [*_former_fleets(2, (2, 10), (4, 3)), _former_fleet(_COMPOSED, (6,), 10, 1)],
+    "paper": [
+        *_former_fleets(20, (2, 10), (3, 6), (4, 3), (6, 2)),
+        _former_fleet(_COMPOSED, _FLEETS, 10, 20),
+    ],
 }
 """The removed field ``ros2``, by profile."""
 

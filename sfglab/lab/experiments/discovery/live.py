@@ -60,8 +60,8 @@ async def start_fleets(bench: Bench[Config]) -> None:
     if bench.hosts is None or not bench.hosts.separate:
         return
     for number, cell in enumerate(cells_of(bench.config.stages, bench.config.seed)):
-        async with LiveFleet(cell, bench.config, bench.testbed) as fleet:
-            outcome = await start(fleet, bench)
+        async with LiveFleet(cell, bench.testbed, multicast=bench.config.multicast) as fleet:
+            outcome = await start(fleet, bench.config.timeout_s)
         for host, end_ns in enumerate(outcome.ends_ns):
             bench.write("host", outcome.host_row(number, host), at_ns=end_ns)
         nodes, components = outcome.meters["nodes"], outcome.meters["components"]
@@ -111,9 +111,9 @@ class Outcome:
         )
 
 
-async def start(fleet: LiveFleet, bench: Bench[Config]) -> Outcome:
-    """Start a fleet and measure until it is complete or given up."""
-    ingress = Ingress([bench.testbed.meter(host) for host in fleet.hosts])
+async def start(fleet: LiveFleet, timeout_s: float) -> Outcome:
+    """Start a fleet and measure until it is complete, or given up some seconds after the last order."""
+    ingress = Ingress(fleet.meters())
     pids = {"nodes": fleet.node_pids, "components": fleet.component_pids}
     window = Window(cpu=pids, interfaces={})
     ingress.read()
@@ -121,7 +121,7 @@ async def start(fleet: LiveFleet, bench: Bench[Config]) -> Outcome:
     begin_ns = time.time_ns()
     reading = asyncio.create_task(ingress.run())
     try:
-        ordered_ns, resolved_ns = await fleet.discover(bench.config.timeout_s)
+        ordered_ns, resolved_ns = await fleet.discover(timeout_s)
     finally:
         reading.cancel()
         with suppress(asyncio.CancelledError):
@@ -144,11 +144,11 @@ class LiveFleet(ProcessGroup):
     many hosts as there are agents.
     """
 
-    def __init__(self, cell: Cell, config: Config, testbed: Testbed) -> None:
+    def __init__(self, cell: Cell, testbed: Testbed, *, multicast: str) -> None:
         self.hosts = host_names(cell.agents)  #: Hosts that take part.
         self._cell = cell
-        self._config = config
         self._testbed = testbed
+        self._multicast = multicast
         self._is_launched = cell.mode == LAUNCHED
         self._agents = {host: self.processes_of(n, host) for n, host in enumerate(self.hosts, 1)}
         idle = [] if self._is_launched else [m for each in self._agents.values() for m in each]
@@ -163,6 +163,10 @@ class LiveFleet(ProcessGroup):
             "talkers": self._cell.talkers,
             "listeners": self._cell.listeners,
         }
+
+    def meters(self) -> list[CountsBytes]:
+        """Return the counters of its hosts' interfaces."""
+        return [self._testbed.meter(host) for host in self.hosts]
 
     def node_pids(self) -> list[int]:
         """Return the process ids of the ROS 2 nodes."""
@@ -245,7 +249,7 @@ class LiveFleet(ProcessGroup):
         remote = BusAddress(
             domain_id=GLOBAL_DOMAIN,
             interface=self._testbed.interface(host),
-            multicast=self._config.multicast,
+            multicast=self._multicast,
         )
         local = BusAddress(domain_id=GLOBAL_DOMAIN + number, interface="lo")
         nodes = RosNodesConfig(

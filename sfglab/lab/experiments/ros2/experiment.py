@@ -41,11 +41,8 @@ class Fleets:
     agents: int  #: Number of agents.
     nodes: int = 10  #: Number of publishing nodes of an agent, and of subscribing ones.
     repeats: int  #: Number of starts of each kind.
-    kinds: tuple[str, ...] = (
-        REAL,
-        STAND_IN,
-        ROUTED,
-    )  #: `REAL`, `STAND_IN`, `COMPOSED` or ``routed``.
+    #: `REAL`, `STAND_IN`, `COMPOSED` or ``routed``.
+    kinds: tuple[str, ...] = (REAL, STAND_IN, ROUTED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +54,8 @@ class Config(Profiled):
     only: str = ""
     decode_once: Raw = Raw(counts=(1, 3), repeats=3, look_s=1.4)  #: Baseline of decoding once.
     latency: Raw = Raw(repeats=6, look_s=0.5)  #: Baseline of latency.
-    #: Baseline of discovery: at most 40 participants, which two cores carry, and the paper's largest fleet, composed.
+    #: Baseline of discovery: at most 40 participants, which two cores suffice for, and the paper's largest
+    #: fleet, composed.
     fleets: tuple[Fleets, ...] = (
         Fleets(agents=2, repeats=2),
         Fleets(agents=4, nodes=3, repeats=2),

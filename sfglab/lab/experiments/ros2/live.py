@@ -257,23 +257,21 @@ def cells_of(config: Config) -> list[Cell]:
 
 
 @exp.part("discovery", total=lambda config: len(cells_of(config)), skips=(RosMissingError,))
-async def measure_discovery(bench: Bench[Any]) -> None:
+async def measure_discovery(bench: Bench[Config]) -> None:
     """Measure how long agents need to know each other, and what they receive until then."""
     config = bench.config
     cells = cells_of(config)
     agents = max(cell.agents for cell in cells)
-    bench.hosts = separate_hosts(bench, *host_names(agents))
+    testbed = separate_hosts(bench, *host_names(agents))
     # All are made before one is started, so that a missing ROS 2 is noticed at once.
     fleets: list[LiveFleet] = []
     for cell in cells:
-        if cell.mode in (REAL, COMPOSED):
-            fleets.append(RosFleet(cell, config, bench.hosts))
-        else:
-            mode = STANDARD if cell.mode == STAND_IN else cell.mode
-            fleets.append(LiveFleet(replace(cell, mode=mode), config, bench.hosts))
+        kind = RosFleet if cell.mode in (REAL, COMPOSED) else LiveFleet
+        mode = STANDARD if cell.mode == STAND_IN else cell.mode
+        fleets.append(kind(replace(cell, mode=mode), testbed, multicast=config.multicast))
     for cell, each in zip(cells, fleets, strict=True):
         async with each as fleet:
-            outcome = await start(fleet, bench)
+            outcome = await start(fleet, config.timeout_s)
         times_s, received_mb = [], []
         for host, end_ns in enumerate(outcome.ends_ns):
             received = outcome.ingress.between(host, outcome.begin_ns, end_ns)
