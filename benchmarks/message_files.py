@@ -7,6 +7,7 @@ share one process, so that one profiler sees the calls in all its threads. Of ea
 after the other. A file counts if it is called during each of them.
 """
 
+import argparse
 import asyncio
 import sys
 import threading
@@ -19,7 +20,11 @@ from typing import Any
 
 import numpy as np
 
-TREE = Path(sys.argv[2] if "--tree" in sys.argv else Path(__file__).parents[1]).resolve()
+parser = argparse.ArgumentParser(
+    description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+)
+parser.add_argument("--tree", type=Path, default=Path(__file__).parents[1], help="Checkout.")
+TREE = parser.parse_args().tree.resolve()
 sys.path.insert(0, str(TREE))
 
 from sfglab import codecs  # noqa: E402 - of the checkout

@@ -1,7 +1,8 @@
-"""Services of rmw_fastrtps at a router: those that ROS 2's program serves are events, the others a sentence.
+"""Services of rmw_fastrtps at a router: a program of ROS 2 forwards some of them, and the router reports the others.
 
-rclpy takes a server framed as rmw_cyclonedds does for one of its own, and a request that only such a one hears
-is lost. So beside rmw_fastrtps the program runs before anybody asks, and serves what a framed client asks for.
+A client of rmw_fastrtps matches a server that frames its messages as rmw_cyclonedds does, and its request is
+lost there. So where rmw_fastrtps is seen, the program runs before the first request. It also serves the services
+that clients with the framing of rmw_cyclonedds call.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Test hosts: several hosts on one machine, with addresses, links and processes of their own.
+"""Test hosts: several hosts on one machine, with addresses and processes of their own.
 
     with Network() as network:
         edge, station = network.add_host("edge"), network.add_host("station")
         network.set_radio(Medium(rate_bps=10e6, loss=0.05))
         process = edge.popen([sys.executable, "-m", "..."])
 
-Everything is gone at the end of the block, also after an exception or when the creating process is killed.
+The end of the block removes everything, also after an exception or when the creating process is killed.
 """
 
 from sfglab.lab.hosts.host import (

@@ -19,7 +19,7 @@ CLONE_NEWNET = 0x40000000
 _CAP_NET_ADMIN, _CAP_SYS_ADMIN = 12, 21
 # signal(7); Python ignores both from its start, and exec hands that down.
 _IGNORED_BY_PYTHON = (13, 25)
-# What env(1) and nohup(1) return: own failure, found but not executable, not found.
+# Exit statuses of env(1) and nohup(1): own failure, found but not executable, not found.
 _EXIT_OWN, _EXIT_CANNOT_RUN, _EXIT_NOT_FOUND = 125, 126, 127
 
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -91,8 +91,8 @@ def join(pid: int, inode: int, how: str) -> None:
         raise ProcessLookupError(f"process {pid} is not the holder of this host any more")
     for fd, flag in opened:
         setns(fd, flag)
-    # Whoever closes the network ends its holders first and then looks for members: having joined before the
-    # holder ended, we are seen then.
+    # A network that closes ends its holders first, and then looks for members. This process joined before the
+    # holder ended, so it is found.
     if os.stat(f"/proc/{pid}/ns/net").st_ino != inode:  # noqa: PTH116 - pathlib costs 10 ms
         raise ProcessLookupError(f"the host of process {pid} closed meanwhile")
 

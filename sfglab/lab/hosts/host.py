@@ -34,7 +34,7 @@ class HostsUnavailableError(SfglabError, OSError):
     """This machine does not let us make network namespaces."""
 
     def __init__(self, reason: str) -> None:
-        self.reason = reason  #: What the kernel or the starting process said.
+        self.reason = reason  #: Error of the kernel or of the starting process.
         super().__init__(
             f"test hosts need network namespaces, which failed here: {reason}. {_REMEDY}"
         )
@@ -129,7 +129,7 @@ ENTER = (sys.executable, "-I", "-S", str(Path(__file__).with_name("enter.py")))
 
 
 class InterfaceBytes(NamedTuple):
-    """What an interface has carried since it exists: Ethernet frames, without their checksums."""
+    """Bytes and packets of an interface since it exists: Ethernet frames, without their checksums."""
 
     rx_bytes: int
     tx_bytes: int
@@ -165,7 +165,7 @@ class Host:
         self._how = how
         # Keeps the namespace, and with it the inode, unique as long as we refer to it.
         self._namespace = os.open(f"/proc/{holder}/ns/net", os.O_RDONLY)
-        #: Of its network namespace, its identity in the kernel.
+        #: Number of its network namespace in the kernel.
         self.inode = os.fstat(self._namespace).st_ino
         self._started: list[subprocess.Popen[Any]] = []
         self._closed = False

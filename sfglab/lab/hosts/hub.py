@@ -136,7 +136,7 @@ class _Hub:
                 return
 
     def close(self) -> None:
-        """End the holders, then whatever is left inside: our descriptors keep the namespaces distinct."""
+        """End the holders, and then all processes inside; open descriptors keep the namespaces distinct."""
         if self._relay is not None:
             self._relay.close()
         for pid in self._holders:

@@ -1,8 +1,8 @@
 """Several hosts on one machine, joined by one Ethernet: network namespaces made through netlink.
 
-Needs root or a user namespace, no external program, and leaves nothing behind, whatever ends it. The hub that
-owns them is a process of its own, because only a process that has entered a namespace can work in it, and
-because cleaning up must outlive the creator.
+The network needs root or a user namespace, and no external program. It leaves nothing behind, whatever ends it.
+The hub owns the namespaces. It is a process of its own, because only a process that has entered a namespace can
+work in it, and because cleaning up must outlive the creator.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Capability:
     ok: bool  #: It can.
     #: As root, rootless in a user namespace, or not at all.
     how: Literal["root", "rootless", "none"]
-    reason: str = ""  #: What stands against it; empty when nothing does.
+    reason: str = ""  #: Reason why it cannot; empty if it can.
 
 
 _CLOSED = "this network is closed: use it inside its `with` block"
@@ -177,10 +177,11 @@ class Network:
     def set_radio(self, medium: Medium, *, seed: int = 0) -> None:
         """Join the hosts by a medium that they share instead of the Ethernet, or change that medium.
 
-        A process relays every frame as the medium says; see `RadioCounters.kept_up` for whether it could. The
-        queue is the relay's and hosts never wait, unless it blocks: then it is their kernel's, as long as a
-        socket's buffer, whatever `queue_frames` says. Losses follow the seed, but which frame meets which
-        number depends on the machine. Counters begin anew. A frame's size is its Ethernet header and payload.
+        A process relays every frame by the rules of the medium; `RadioCounters.kept_up` states whether it was
+        fast enough. The relay has the queue, and hosts never wait. A queue that blocks is the one of the host's
+        kernel; its length is that of a socket's buffer, and `queue_frames` has no effect. The seed gives the
+        random numbers of the losses. The machine decides which frame takes which number. Counters begin at 0.
+        The size of a frame is that of its Ethernet header and payload.
 
         Raises:
             InvalidValueError: The queue blocks, and the medium is shared, as a host's kernel cannot know who

@@ -11,11 +11,11 @@ LATE_AFTER_S = 0.002  #: Delay beyond the due time from which a frame is late.
 
 @dataclass(slots=True, kw_only=True)
 class RadioHost:
-    """What one host has done with the medium since it was set."""
+    """Counters of one host, since the medium was set."""
 
     frames: int = 0  #: Frames that it sent.
     bytes_: int = 0  #: Their bytes: Ethernet header and payload, no checksum.
-    airtime_ns: int = 0  #: How long they were on air, nanoseconds.
+    airtime_ns: int = 0  #: Airtime of these frames, ns.
     queue_full: int = 0  #: Frames that found its queue full.
     lost: int = 0  #: Frames of it that a receiver did not get, each receiver counted.
 
@@ -27,11 +27,11 @@ class RadioHost:
 
 @dataclass(slots=True, kw_only=True)
 class RadioCounters:
-    """What the radio has done since its medium was set, and whether it kept up."""
+    """Counters of all hosts, since the medium was set."""
 
     hosts: dict[str, RadioHost] = field(default_factory=dict)  #: By name.
     delivered: int = 0  #: Frames that reached a receiver, each receiver counted.
-    #: Of those, frames that were delivered more than `LATE_AFTER_S` after they were due.
+    #: Delivered frames that came more than `LATE_AFTER_S` after they were due.
     late: int = 0
     late_sum_ns: int = 0  #: Sum of the delays beyond the due time, of all frames, ns.
     late_most_ns: int = 0  #: The longest of these delays, ns.

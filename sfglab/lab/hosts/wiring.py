@@ -67,7 +67,7 @@ def _mac(number: int) -> str:
 
 
 def _compute_checksums(interface: str) -> None:
-    """Have the sender finish its checksums; between two cables' ends the kernel leaves that to nobody."""
+    """Let the sender compute its checksums, which the kernel omits between the ends of a virtual cable."""
     off = struct.pack("@II", _ETHTOOL_STXCSUM, 0)
     value = ctypes.create_string_buffer(off, len(off))
     request = struct.pack("@16sP", interface.encode(), ctypes.addressof(value))
@@ -144,7 +144,7 @@ class Wiring:
         return port
 
     def _introduce(self, port: Port, other: Port) -> None:
-        """Tell a host another's Ethernet address, so that nobody asks for it."""
+        """Give a host the Ethernet address of another one, so that it sends no ARP request."""
         with self.inside(port.namespace) as netlink:
             known = {"dst": other.address, "lladdr": other.mac, "nud": "permanent"}
             netlink.neigh("replace", ifindex=port.inner_index, **known)
@@ -155,7 +155,7 @@ class Wiring:
         self.netlink.link("set", index=port.outer_index, master=bridge)
 
     def take_over(self, port: Port) -> None:
-        """Take a host off the bridge, for a relay of frames to take its place."""
+        """Take a host off the bridge; a relay of frames replaces the bridge."""
         with self._standing_in(port.namespace):
             _compute_checksums(INTERFACE)
         self.set_connected(port, connected=False)

@@ -377,7 +377,7 @@ def draw_states(figure: Figure, run: Run[Config]) -> None:
 
 
 def press_states(run: Run[Config]) -> Automaton:
-    """Return the life cycle to click: by hand, or as the run's agents went through it."""
+    """Return the clickable life cycle, with the inputs of each agent of the run to replay."""
     moves = run["move"].sort_values("t_ns", kind="stable")
     groups = moves.groupby(["discoverer", "agent"], sort=False)
     by_kinds = sorted(groups, key=lambda each: -len(each[1][["before", "given"]].drop_duplicates()))
@@ -388,5 +388,5 @@ def press_states(run: Run[Config]) -> Automaton:
 
 
 def press_lifecycle(runs: Mapping[str, Sequence[Input]] | None = None) -> Automaton:
-    """Return the life cycle to click: by hand, or through runs, given as their inputs."""
+    """Return the clickable life cycle; `runs` are inputs to replay, by name."""
     return Automaton("agent", TRANSITIONS, State.UNKNOWN, draw_to_press, size=(10, 8.8), runs=runs)

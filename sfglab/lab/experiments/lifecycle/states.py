@@ -159,7 +159,7 @@ class _Table:
     def _draw_arrow(
         self, transitions: Sequence[Transition], corners: Sequence[Point], at: Point, *, up: bool
     ) -> None:
-        """Draw the transitions from one state to another as one arrow with a line of text each."""
+        """Draw the transitions from one state to another as one arrow; each has a line of text."""
         key = tuple(transitions)
         style = self._style(transitions)
         arrow = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, **style}
