@@ -1,4 +1,4 @@
-"""What is said to work beside ROS 2: what the tests show, in README and book; and their outcomes decide."""
+"""What is said to work beside ROS 2: README and book have the log's tables, and the log what the tests show."""
 
 import sys
 from pathlib import Path
@@ -11,6 +11,7 @@ from sfglab.lab.experiments import ros2
 from sfglab.lab.experiments.ros2.experiment import FeatureRow
 from sfglab.lab.experiments.ros2.results import (
     CANNOT,
+    ELSEWHERE,
     FAILS,
     UNTESTED,
     WORKS,
@@ -23,10 +24,11 @@ import features  # noqa: E402
 import pages  # noqa: E402
 
 
-def test_the_readme_has_the_table_that_the_tests_show():
-    """`make ros2` renews it."""
-    table = features.table(features.shown())
-    assert README.read_text(encoding="utf-8") == readme(features.BEGIN, table, features.END)
+def test_the_readme_has_the_table_of_the_log():
+    """`make ros2` records it, and renews the README."""
+    assert README.read_text(encoding="utf-8") == readme(
+        features.BEGIN, features.table(), features.END
+    )
 
 
 def test_the_book_has_the_tables_of_the_logs():
@@ -37,6 +39,13 @@ def test_the_book_has_the_tables_of_the_logs():
         assert [f"| {feature}", *verdicts[:-1], f"{verdicts[-1]} |"] in rows
     for name in ros2.BASELINES:
         assert any(row[0] == f"| {name}" for row in rows), name
+
+
+def test_the_log_has_every_feature_that_the_tests_show_and_no_other():
+    """With the verdicts that follow if all tests pass, in the order of the tests."""
+    shown = pd.DataFrame([row for test in features.tests() for row in features.rows_of(test)])
+    table = ros2.feature_table()
+    assert table.iloc[: -len(ELSEWHERE)].equals(compatibility(shown))
 
 
 def test_every_test_beside_ros_2_says_what_it_shows():

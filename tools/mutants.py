@@ -7,8 +7,9 @@ Mutants are drawn by a seed, kind by kind: comparisons, integers off by one, dro
 arguments and fields, dropped and exchanged rows of tables, `and` for `or`. Texts, types and `raise`
 are not changed. Each is judged in a copy of the tree by the tests of the package that need no live
 processes, namespaces, ROS 2 or browser. A mutant is seen if a test fails, or if the tests take three
-times as much CPU time as without it, or ten times as long. With coverage.py installed, the branches
-that the tests cover are counted, too.
+times as much CPU time as without it, or ten times as long. coverage.py counts the branches that the
+tests cover, and tells which files of tests run the changed line: these run first, and the others
+only where the line also runs outside of test functions.
 """
 
 from __future__ import annotations
@@ -59,6 +60,7 @@ class Mutant:
     """One change of one module."""
 
     module: Path  #: The module, from the top folder.
+    line: int  #: Line of the change before it.
     kind: str  #: Kind of the change.
     diff: str  #: The changed lines, before and after.
     source: str  #: The whole module.
@@ -87,10 +89,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             cpu_s=round(CPU_TIMES * (_cpu_of_children_s() - cpu_s) + 10),
             real_s=TIMES * (time.monotonic() - started) + 60,
         )
-        covered = branches_covered(copies[0], tests, given.package)
+        covered, runs = coverage_of(copies[0], tests, given.package)
         mutants = draw(tree, given.package, given.count, given.seed)
+        judges = [judges_of(copies[0], tests, runs, mutant) for mutant in mutants]
         with ThreadPoolExecutor(given.processes) as pool:
-            seen = list(pool.map(partial(is_seen, copies, tests, limit), mutants))
+            seen = list(pool.map(partial(is_seen, copies, limit), judges, mutants))
     survived = [m for m, was_seen in zip(mutants, seen, strict=True) if not was_seen]
     result = {
         "package": given.package,
@@ -162,20 +165,47 @@ def _run(
     )
 
 
-def branches_covered(copy: Path, tests: Sequence[str], package: str) -> float | None:
-    """Return the share of branches that the tests cover, %; None without coverage.py."""
+def coverage_of(
+    copy: Path, tests: Sequence[str], package: str
+) -> tuple[float | None, dict[str, dict[str, list[str]]]]:
+    """Return the share of branches that the tests cover, %, and what runs each line of each module.
+
+    What runs a line are names of test functions, with their modules; an empty name stands for all that
+    is not called by a test function. Both are empty without coverage.py.
+    """
     if find_spec("coverage") is None:
-        return None
+        return None, {}
+    settings = copy / "contexts.ini"
+    settings.write_text("[run]\ndynamic_context = test_function\n", "utf-8")
     source = f"--source={copy / 'sfglab' / package}"
-    argv = [sys.executable, "-m", "coverage", "run", "--branch", source]
+    argv = [sys.executable, "-m", "coverage", "run", "--branch", f"--rcfile={settings}", source]
     argv += ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", MARKS, *tests]
     _run(argv, copy, None)
-    _run([sys.executable, "-m", "coverage", "json", "-o", "coverage.json"], copy, None)
-    totals = json.loads((copy / "coverage.json").read_text("utf-8"))["totals"]
-    return round(100 * totals["covered_branches"] / max(1, totals["num_branches"]), 1)
+    argv = [sys.executable, "-m", "coverage", "json", "--show-contexts", "-o", "coverage.json"]
+    _run(argv, copy, None)
+    found = json.loads((copy / "coverage.json").read_text("utf-8"))
+    totals = found["totals"]
+    covered = round(100 * totals["covered_branches"] / max(1, totals["num_branches"]), 1)
+    return covered, {name: file["contexts"] for name, file in found["files"].items()}
 
 
-def is_seen(copies: list[Path], tests: Sequence[str], limit: Limit, mutant: Mutant) -> bool:
+def judges_of(
+    copy: Path, tests: Sequence[str], runs: dict[str, dict[str, list[str]]], mutant: Mutant
+) -> list[str]:
+    """Return the files of tests that can see a mutant, those that run its line first."""
+    files: list[Path] = []
+    for name in tests:
+        path = copy / name
+        files += sorted(path.rglob("test_*.py")) if path.is_dir() else [path]
+    contexts = runs.get(str(mutant.module), {}).get(str(mutant.line), [""])
+    names = {part for context in contexts for part in context.split(".")}
+    near = [str(file.relative_to(copy)) for file in files if file.stem in names]
+    if near and "" not in contexts:
+        return near
+    return [*near, *(str(f.relative_to(copy)) for f in files if f.stem not in names)]
+
+
+def is_seen(copies: list[Path], limit: Limit, tests: Sequence[str], mutant: Mutant) -> bool:
     """Return whether the tests fail with a mutant in one of the copies that nobody uses."""
     copy = copies.pop()
     file = copy / mutant.module
@@ -266,6 +296,7 @@ def _mutant(tree: Path, module: Path, place: int, number: int) -> Mutant | None:
     before = ast.unparse(parsed)
     node = list(changeable(parsed))[place]
     kind, instead = list(changes(node))[number]
+    line = node.lineno  # type: ignore[attr-defined]  # what can be changed has one
     for field, value in instead.items():
         setattr(node, field, value)
     after = ast.unparse(parsed)
@@ -273,7 +304,8 @@ def _mutant(tree: Path, module: Path, place: int, number: int) -> Mutant | None:
         return None
     lines = difflib.unified_diff(before.splitlines(), after.splitlines(), n=0, lineterm="")
     changed = [line for line in lines if line[:3] not in {"---", "+++", "@@ "}]
-    return Mutant(module=module, kind=kind, diff="\n".join(changed), source=after)
+    diff = "\n".join(changed)
+    return Mutant(module=module, line=line, kind=kind, diff=diff, source=after)
 
 
 if __name__ == "__main__":

@@ -34,8 +34,9 @@ DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20
 NODE_KEY = "sfglab.node"
 HOST_KEY = "sfglab.host"
 SHM_KEY = "sfglab.shm"
-OFFER_KEY = "sfglab.offer"  #: On writers that send nothing: somebody would, if it were wanted.
-#: Where shared-memory endpoints show themselves and no ordinary one matches them.
+#: Of a writer that advertises a topic and sends nothing before a subscription exists.
+OFFER_KEY = "sfglab.offer"
+#: Partition in which shared-memory endpoints are announced, so that no DDS endpoint matches them.
 SHM_PARTITION = "sfglab.shm"
 
 #: Fast DDS's vendor id, with which its GUIDs begin (RTPS 2.5, clause 9.3.1.5).
@@ -43,7 +44,7 @@ FAST_DDS = b"\x01\x0f"
 
 
 class EndpointKind(Enum):
-    """Which way an endpoint's messages flow."""
+    """Direction in which an endpoint's messages flow."""
 
     PUBLISHER = "publisher"
     SUBSCRIPTION = "subscription"
@@ -51,11 +52,11 @@ class EndpointKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageInfo:
-    """What is known about a received message beside its content."""
+    """Metadata of a received message."""
 
-    #: When it was published, by the publisher's clock (Unix time, nanoseconds).
+    #: Time of publication by the publisher's clock, Unix time, ns.
     source_timestamp_ns: int
-    #: When it was taken from the transport, by this host's clock (Unix time, ns).
+    #: Time at which it was taken from the transport, by this host's clock, Unix time, ns.
     received_timestamp_ns: int
     publisher_gid: bytes  #: The 16-byte DDS GUID of the publisher; zeros when it was already gone.
 
@@ -68,7 +69,7 @@ class RawEndpoint:
     #: As `EndpointInfo.type` names it: the ROS type, or the DDS type when it has no ROS name. On topics below
     #: "rq/" and "rr/" the CDR begins with the 16 bytes of `sfglab.messages.frame_service`.
     type: str
-    qos: QoSProfile  #: What is requested or offered.
+    qos: QoSProfile  #: QoS that a reader requests or a writer offers.
     user_data: bytes = b""  #: The endpoint's USER_DATA, which the others' graphs show.
     name: str = ""  #: The ROS name of the topic or service, for error messages.
     #: Endpoints of different transports do not meet. "ros" is for services (`sfglab.bus.ros`), "any" for a
@@ -76,7 +77,8 @@ class RawEndpoint:
     transport: Transport = "dds"
     #: The limit of one message's CDR with "shm".
     max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES
-    #: Whether samples pass as they are and own endpoints do not match, for a router.
+    #: Whether the endpoint belongs to a router. Samples then keep their form, and endpoints of the same
+    #: participant do not match it.
     forwards: bool = False
     #: Whether samples are handed over in the thread that takes them, if there is one.
     threaded: bool = False
@@ -102,11 +104,13 @@ class EndpointInfo:
     #: The ROS type ("std_msgs/msg/String"), or the DDS type as it is when it has no ROS name.
     type: str
     gid: bytes  #: The endpoint's 16-byte DDS GUID.
-    qos: QoSProfile  #: What the endpoint offers or requests.
+    qos: QoSProfile  #: QoS that the endpoint offers or requests.
     #: "dds", "shm" for what announces a shared-memory endpoint, or "ros" for a service's half in rmw_fastrtps.
     transport: Transport = "dds"
     participant: bytes = b""  #: The 16-byte GUID of its participant.
-    host: str = ""  #: Which host it lives on: a host id of sfglab, else a host name, else empty.
+    host: str = (
+        ""  #: Host of the endpoint: a host id of sfglab, otherwise a host name, otherwise empty.
+    )
     #: The full name of the node that owns it, else empty. Of nodes that are not sfglab's it is known only once
     #: the graph was asked for nodes.
     node: str = ""

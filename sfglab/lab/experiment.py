@@ -64,9 +64,9 @@ class Actor:
     """A process or node of an experiment's set-up."""
 
     name: str  #: Its name; a group of equal ones bears the name of one.
-    host: str  #: Where it runs.
+    host: str  #: Host on which it runs.
     does: str = ""  #: Its part, a few words.
-    count: str = "1"  #: How many there are, as text.
+    count: str = "1"  #: Number of such actors, as text.
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +75,9 @@ class Link:
 
     source: str  #: Name of the actor that sends.
     target: str  #: Name of the actor that receives.
-    carries: str  #: What is sent.
-    over: str = "DDS"  #: By which transport.
-    #: What it crosses, if anything: a border, the network, the device, the memory interface.
+    carries: str  #: Messages that are sent.
+    over: str = "DDS"  #: Transport.
+    #: Boundary that it crosses: a border, the network, the device, the memory interface; empty for none.
     boundary: str = ""
 
 
@@ -86,7 +86,7 @@ class Setup:
     """An experiment's hosts, processes, and who sends what to whom: data, of which a picture can be drawn."""
 
     actors: tuple[Actor, ...] = ()  #: Processes and nodes.
-    links: tuple[Link, ...] = ()  #: Who sends what to whom.
+    links: tuple[Link, ...] = ()  #: Ways of the messages between the actors.
 
     def __post_init__(self) -> None:
         names = {actor.name for actor in self.actors}
@@ -151,8 +151,12 @@ class Look:
     #: Tables of sweeps, and names of parts, that it is drawn from; may be empty.
     needs: Collection[str]
     size: tuple[float, float]  #: Width and height, inches.
-    start: Mapping[str, Any] = field(default_factory=dict)  #: What differs from ``quick`` at first.
-    coarse: Mapping[str, Any] = field(default_factory=dict)  #: What a first picture sets anew.
+    start: Mapping[str, Any] = field(
+        default_factory=dict
+    )  #: Fields whose first value is not that of ``quick``.
+    coarse: Mapping[str, Any] = field(
+        default_factory=dict
+    )  #: Fields that the first, coarse picture changes.
     #: Narrower bounds, to follow a slider.
     within: Mapping[str, Bounds] = field(default_factory=dict)
     reference: str = ""  #: The experiment's figure that is shown for comparison; empty: none.
@@ -163,12 +167,18 @@ class Look:
 class Experiment(Generic[C]):
     """An experiment; `setup` shows its actors and the links between them.
 
-    The name is that in `EXPERIMENTS`, of logs and journals; `config` a frozen dataclass whose defaults are the
-    profile ``quick``, with documentation and bounds on its fields: a field `profile` is filled in, a field
-    `seed` is nobody's change. `where` is paper and section; `smoke` and `paper` are fields that these profiles
-    change; `hosts` names test hosts that the run is on, or is a function of the configuration that does.
-    `removed` are fields of older logs with the value in each profile: a log with another value counts for no
-    claim.
+    Args:
+        name: Name in `EXPERIMENTS`, which logs and journals bear.
+        config: Frozen dataclass with documentation and bounds on its fields. Its defaults are the profile
+            ``quick``. A field `profile` is filled in, and a changed field `seed` makes no variation.
+        where: Paper and section.
+        smoke: Fields that the profile ``smoke`` changes.
+        paper: Fields that the profile ``paper`` changes.
+        hosts: Names of the test hosts of a run, or a function of the configuration that returns them.
+        actors: Processes and nodes of the set-up.
+        links: Ways of the messages between the actors.
+        removed: Fields of older logs with their value in each profile. A log with another value counts for
+            no claim.
     """
 
     def __init__(  # noqa: PLR0913  # what an experiment declares in one place
@@ -201,7 +211,7 @@ class Experiment(Generic[C]):
     def __repr__(self) -> str:
         return f"<experiment {self.name}: paper {self.where}>"
 
-    # What an experiment declares.
+    # Declarations of an experiment.
 
     def table(self, *names: str) -> Callable[[type[T]], type[T]]:
         """Declare the class of tables' rows, as a dataclass: its fields' names and texts go into the log.
@@ -324,7 +334,7 @@ class Experiment(Generic[C]):
         self.explorers[function.__name__] = function
         return function
 
-    # What the kit makes of it.
+    # Use of the declarations.
 
     @property
     def claims(self) -> tuple[str, ...]:
@@ -338,7 +348,7 @@ class Experiment(Generic[C]):
 
     @property
     def measures(self) -> bool:
-        """Whether it has a live or timed part, of which whoever works beside it may change a figure."""
+        """Whether it has a live or timed part, whose figures depend on other work on the machine."""
         return bool(self._hosts) or any(
             p.timed or inspect.iscoroutinefunction(p.function) for p in self._parts
         )
@@ -348,10 +358,14 @@ class Experiment(Generic[C]):
         return caption_of(self._drawings[name].function) or name
 
     def config(self, profile: str = QUICK, **changes: Any) -> C:
-        """Return the configuration of a profile, ``smoke``, ``quick`` or ``paper``, with fields set anew.
+        """Return the configuration of a profile with changed fields.
 
-        Values as JSON has them are read by the fields' types. Raises `InvalidValueError` if there is no such
-        profile or field, or a field cannot hold its value.
+        Args:
+            profile: ``smoke``, ``quick`` or ``paper``.
+            changes: Values of fields; values of JSON are converted to the fields' types.
+
+        Raises:
+            InvalidValueError: There is no such profile or field, or a field cannot hold its value.
         """
         if profile not in self._profiles:
             raise InvalidValueError("profile", profile, ", ".join(self._profiles))
@@ -375,15 +389,19 @@ class Experiment(Generic[C]):
     ) -> Run[C]:
         """Run the experiment into one log.
 
-        Sweeps come first; interrupted, the same run goes on where it was. Then the parts write, in their order.
-        The log is a new one below ``runs/`` without a path. A run with fields that are set anew speaks for no
-        claim, unless it is only the seed.
+        Sweeps run first, then the parts in their order. After an interruption the same run continues its
+        sweeps where they ended. A run with changed fields counts for no claim, unless only the seed differs.
+
+        Args:
+            profile: ``smoke``, ``quick`` or ``paper``.
+            path: Log to write; None for a new one below ``runs/``.
+            options: Options of the run.
+            changes: Values of fields, as `config` has them.
 
         Raises:
-            InvalidValueError: The configuration is not one.
-            LogError: There is a log of that name.
-            SfglabError: What the parts raise; what was written until then is in ``<log>.part``, if it is not
-                explored.
+            InvalidValueError: A field cannot hold its value.
+            LogError: The log exists.
+            SfglabError: A part failed. Rows written before are in ``<log>.part``, unless the run is explored.
         """
         config = self.config(profile, **changes)
         path = path or new_log(find_project(), self.name, profile)

@@ -43,12 +43,12 @@ START_S, MATCH_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.15, 60.0
 #: Repairs that come later than this are rare, and a live second costs a second.
 LONGEST_DRAIN_S = 1.5
 
-#: What hosts find each other over.
+#: Medium over which hosts discover each other.
 QUIET = Medium(rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0)
 SETTLE_S = {True: 0.3, False: 1.5}
 """Until what was said about endpoints is acknowledged, by `Vendor.prompt`: Fast DDS asks after a second."""
 
-PROBE_S = 2.0  #: How long a topic is published that shows the hosts' own delay.
+PROBE_S = 2.0  #: Time for which a topic is published that shows the delay of the hosts, s.
 _SELDOM = Path(workers.__file__).with_name("quiet_participants.xml")
 
 _STAMP_SLACK_NS = 2  # RTPS counts time in units of 2**-32 s (RTPS 2.5, clause 9.3.2)
@@ -59,22 +59,23 @@ MODES: dict[str, RosMode | None] = {
     "fast_dds_async": "ASYNCHRONOUS",
     "cyclone_dds": None,
 }
-"""How presets are played: in which mode a real ROS 2 node publishes; None: on Cyclone DDS, by ourselves."""
+"""Publication mode of a real ROS 2 node for each preset; None where sfglab publishes on Cyclone DDS."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Played:
-    """What a live run came to."""
+    """Result of a live run."""
 
-    #: What the model has to run beside it: as asked, with the drain that it had. The medium's latency
-    #: includes what kernel, relay and DDS add to a sample's airtime between the applications, measured
-    #: with one topic alone on a calm medium.
+    #: Scenario for the model beside it: the given one, with the drain of the live run. The latency of its
+    #: medium includes what kernel, relay and DDS add to a sample's airtime between the applications. That
+    #: is measured with one topic alone on a calm medium.
     scenario: Scenario
-    #: As the model's; a sample that never came has the fate UNDERWAY, as nobody saw why. Counts are
-    #: ``held``, ``compared``, and ``missed`` for what was due while a process of rclpy was not let run.
+    #: Outcome in the form of the model's. A sample that never arrived has the fate UNDERWAY, because its
+    #: cause is unknown. Counts are ``held``, ``compared`` and ``missed``; the last one counts samples that
+    #: were due while a process of rclpy did not run.
     outcome: Outcome
     radio: RadioCounters  #: The medium's own counters.
-    #: How late a host's process published, 95th percentile, of the latest host, seconds.
+    #: 95th percentile of the delay of publication, of the host where it is largest, s.
     late_p95_s: float
 
     @property

@@ -1,9 +1,9 @@
 """Meters: CPU time of process trees and bytes at interfaces, with the machine's own load beside them.
 
 CPU time is read from the processes' own clocks in nanoseconds (clock_getcpuclockid(3)); 100 % is one core. One
-sample costs about 12 us for each process on the machine. Soft interrupts are charged to whoever was
-interrupted. A process that ends between two readings is not lost: its last reading stays in the sum, and what
-its parent reports as reaped (proc(5)) covers what was never read.
+sample costs about 12 us for each process on the machine. The kernel charges soft interrupts to the process that
+they interrupt. The CPU time of a process that ends between two readings is counted: its last reading stays in the
+sum, and the rest is in the time of reaped children that its parent reports (proc(5)).
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessStat:
-    """What one process has used since its start, as ``/proc/PID/stat`` has it (proc(5)) or more precisely."""
+    """CPU time of one process since its start, from ``/proc/PID/stat`` (proc(5)) or a more precise clock."""
 
     parent: int  #: Its parent at the time of reading.
-    #: When it started, since the machine's start; tells it from a later owner of the pid.
+    #: Time of its start since the start of the machine; identifies it where a pid is used again.
     started_ns: int
     own_ns: int  #: CPU time of all its threads, in nanoseconds.
     reaped_ns: int = 0  #: CPU time of its children that ended and were waited for, and of theirs.
@@ -54,7 +54,7 @@ def tree(parents: Mapping[int, int], roots: Iterable[int]) -> set[int]:
 
 @dataclass(slots=True)
 class _Account:
-    """What is known of one process, and the last readings of its children that ended."""
+    """Readings of one process, and the last readings of its children that ended."""
 
     last: ProcessStat
     own_before_ns: int
@@ -117,13 +117,13 @@ class CpuLedger:
         if account is not None:
             account.last = reading
             return
-        # Who started after the last sample did all its work since; of others only what follows counts.
+        # All CPU time of a process that started after the last sample counts; of others only later CPU time.
         newborn = self._last_ns is not None and reading.started_ns >= self._last_ns
         own_ns, reaped_ns = (0, 0) if newborn else (reading.own_ns, reading.reaped_ns)
         self._accounts[pid] = _Account(reading, own_before_ns=own_ns, reaped_before_ns=reaped_ns)
 
 
-#: Processes, or what is asked for them at each sample.
+#: Processes, or a function that returns them at each sample.
 Pids = Iterable[int] | Callable[[], Iterable[int]]
 
 _TICK_NS = NS_PER_S // os.sysconf("SC_CLK_TCK")
@@ -132,11 +132,11 @@ _CPUCLOCK_SCHED = 2  # linux/posix-timers.h: the precise clock of a process
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeterRow:
-    """What one label used during one window; None where that was not measured."""
+    """CPU time and traffic of one label during one window; None where they were not measured."""
 
     t_ns: int  #: End of the window on the run's clock.
     window_s: float  #: Its length in seconds.
-    label: str  #: What was measured.
+    label: str  #: Name of the measured processes or interface.
     cpu_percent: float | None  #: CPU time of its processes; 100 is one core.
     rx_bps: float | None  #: Bits per second received at its interface.
     tx_bps: float | None  #: Bits per second sent there.
@@ -147,7 +147,7 @@ class MeterRow:
 
 
 def counted(before: int, after: int) -> int:
-    """Return by how much a counter grew; one that fell was started anew, as 64 bits do not wrap."""
+    """Return the growth of a counter. A smaller value means a restart, because 64 bits do not overflow."""
     return after - before if after >= before else after
 
 
@@ -196,7 +196,11 @@ class CpuMeter:
         self._ledger = CpuLedger()
 
     def sample(self, table: Mapping[int, ProcessStat] | None = None) -> int:
-        """Return the CPU time since the first sample, ns, from a `process_table`, read anew when None."""
+        """Return the CPU time since the first sample, ns.
+
+        Args:
+            table: A `process_table`; None to read it.
+        """
         clock_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // _TICK_NS * _TICK_NS
         table = process_table() if table is None else table
         roots, self._pids = (self._pids(), self._pids) if callable(self._pids) else (self._pids, ())
@@ -237,7 +241,7 @@ class Window:
 
     def sample(self, now_ns: int) -> list[MeterRow]:
         """Read all meters; return a row for each label, in order, none at the first: it opens a window."""
-        # First, for it has no time of its own, and the table takes long on a busy machine.
+        # First, because it has no time stamp, and reading the table takes long on a busy machine.
         times = psutil.cpu_times()  # guest time is contained in user and nice
         table = process_table()
         busy_s = times.user + times.nice + times.system + times.irq + times.softirq

@@ -33,6 +33,7 @@ from sfglab.messages.store import (
     register_interfaces,
     service_type,
     stamp_from_ns,
+    type_hash,
     type_name,
 )
 from sfglab.messages.type_names import TypeNameError, dds_type_name, ros_type_name
@@ -66,6 +67,7 @@ __all__ = [
     "serialized_size",
     "service_type",
     "stamp_from_ns",
+    "type_hash",
     "type_name",
     "unframe_service",
 ]

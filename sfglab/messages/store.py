@@ -406,6 +406,37 @@ def definition(type_or_name: type[Any] | str) -> str:
     return "".join([part.rstrip("\n") + "\n" for part in parts])
 
 
+def type_hash(type_or_name: type[Any] | str) -> str:
+    """Return a type's hash as ROS 2 has it since Iron, such as `RIHS01_df668c...` (REP 2016).
+
+    Raises:
+        UnknownTypeError: There is no such type.
+    """
+    from rosbags.typesys.store import Typestore
+
+    name = type_name(type_or_name)
+    dependencies: dict[str, str] = {}
+    _add_dependencies(name, dependencies)
+    store = Typestore()
+    for used in (name, *dependencies):
+        constants, fields = type_store().fielddefs[used]
+        store.fielddefs[used] = (constants, [(field, _hashed(desc)) for field, desc in fields])
+    return store.hash_rihs01(name)
+
+
+def _hashed(desc: Any) -> Any:
+    """Return a field's description as rosidl hashes it: `char` is `uint8`; rosbags tells them apart."""
+    from rosbags.interfaces import Nodetype
+
+    kind, rest = desc
+    if kind is Nodetype.BASE:
+        return (kind, ("uint8", 0)) if rest[0] == "char" else desc
+    if kind is Nodetype.NAME:
+        return desc
+    element, count = rest
+    return (kind, (_hashed(element), count))
+
+
 def _add_dependencies(name: str, texts: dict[str, str]) -> None:
     """Add the text of each type that a type uses, and of those that they use, in order of first use."""
     for _, inner in _used(type_store().fielddefs[name]):

@@ -4,7 +4,10 @@ import zlib
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from random_messages import random_message
+from rosbags.serde import SerdeError
 
 from sfglab import messages
 from sfglab.messages import (
@@ -14,6 +17,7 @@ from sfglab.messages import (
     deserialize,
     serialize,
 )
+from sfglab.messages.store import type_store
 
 IMAGE, TF = "sensor_msgs/msg/Image", "tf2_msgs/msg/TFMessage"
 NUMBERS = "std_msgs/msg/Float64MultiArray"
@@ -22,6 +26,39 @@ SENSORS = [f"sensor_msgs/msg/{name}" for name in ("PointCloud2", "Imu", "Image",
 
 def image(pixels):
     return default_message(IMAGE, height=1, width=pixels.size, encoding="mono8", data=pixels)
+
+
+def read_by_rosbags(cdr):
+    store = type_store()
+    definition = store.get_msgdef(IMAGE)
+    decode = definition.deserialize_cdr_le if cdr[1] else definition.deserialize_cdr_be
+    return decode(memoryview(cdr).toreadonly()[4:], 0, definition.cls, store)[0]
+
+
+@given(
+    st.text(max_size=5),
+    st.text(max_size=9),
+    st.binary(max_size=9),
+    st.lists(st.tuples(st.integers(1, 70), st.integers(0, 255)), max_size=2),
+    st.integers(0, 90),
+)
+def test_an_image_is_read_or_refused_as_by_rosbags(frame_id, encoding, pixels, changes, kept):
+    header = default_message("std_msgs/msg/Header", frame_id=frame_id)
+    message = image(np.frombuffer(pixels, np.uint8))
+    message.header, message.encoding, message.step = header, encoding, len(pixels)
+    cdr = bytearray(serialize(message))
+    for place, value in changes:
+        cdr[place % len(cdr)] = value
+    cdr = cdr[: len(cdr) - max(0, kept - 80)]
+    if bytes(cdr[:2]) not in {b"\0\0", b"\0\1"}:
+        return
+    try:
+        expected = repr(read_by_rosbags(cdr))
+    except (SerdeError, struct.error, ValueError, IndexError):
+        with pytest.raises(CdrError):
+            deserialize(cdr, IMAGE)
+    else:
+        assert repr(deserialize(cdr, IMAGE)) == expected
 
 
 def test_golden_bytes_of_an_agent_heartbeat_and_big_endian_is_read():

@@ -13,6 +13,7 @@ from sfglab.messages import (
     default_message,
     message_type,
     ros_type_name,
+    type_hash,
     type_name,
 )
 from sfglab.messages.store import register, type_store
@@ -26,9 +27,22 @@ COPIED = {
 }
 
 
+# From the JSON files of ROS 2 Jazzy's packages, where a character is hashed as a uint8.
+HASHES = {
+    "std_msgs/msg/String": "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    "std_msgs/msg/Char": "3ad2d04dd29ba19d04b16659afa3ccaedd691914b02a64e82e252f2fa6a586a9",
+    "sensor_msgs/msg/PointCloud2": "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
+}
+
+
 @pytest.mark.parametrize(("name", "fields"), COPIED.items())
 def test_types_of_other_packages_have_their_fields_in_wire_order(name, fields):
     assert [field for field, _ in type_store().fielddefs[name][1]] == fields.split()
+
+
+@pytest.mark.parametrize(("name", "hash_"), HASHES.items())
+def test_types_have_the_hashes_of_ros_2(name, hash_):
+    assert type_hash(name) == f"RIHS01_{hash_}"
 
 
 def test_every_line_of_our_interfaces_has_a_comment():

@@ -35,7 +35,7 @@ def pytest_runtest_makereport(item, call):
         with Path(os.environ["SFGLAB_FEATURES"]).open("a", encoding="utf-8") as told:
             for row in features.rows_of(item.obj, [item.callspec.params["distribution"]]):
                 ended = replace(row, outcome=report.outcome, duration_s=round(report.duration, 2))
-                place = {"place": item.session.items.index(item)}
+                place = {"place": [item.path.name, item.reportinfo()[1]]}
                 told.write(json.dumps(place | asdict(ended)) + "\n")
     return report
 

@@ -1,12 +1,10 @@
-"""The features that tests beside ROS 2 show by their marks, and the README's table.
+"""The features that tests beside ROS 2 show by their marks, and the README's table, from the committed log.
 
 @pytest.mark.feature("Topics", condition="on one host", cannot={"kilted": "why"})
 """
 
 from importlib import import_module
 from pathlib import Path
-
-import pandas as pd
 
 from sfglab.lab.experiments import ros2
 from sfglab.lab.experiments.ros2.experiment import FeatureRow
@@ -43,15 +41,8 @@ def tests():
     ]
 
 
-def shown():
-    """Return the outcomes of all tests, as they are while all pass."""
-    return pd.DataFrame([row for test in tests() for row in rows_of(test)])
-
-
-def table(outcomes):
-    """Return the README's table of outcomes."""
+def table():
+    """Return the README's table."""
     lines = [f"| beside real rclpy | {' | '.join(map(str.capitalize, TESTED))} |", "|---|---|---|"]
-    lines += [
-        f"| {' | '.join(row)} |" for row in ros2.feature_table(outcomes).itertuples(index=False)
-    ]
+    lines += [f"| {' | '.join(row)} |" for row in ros2.feature_table().itertuples(index=False)]
     return "\n".join(lines) + "\n"

@@ -21,6 +21,9 @@ from sfglab.spatial.frames.listener import TF_QOS, TF_STATIC_QOS, TRANSFORMS, Fr
 pytestmark = [pytest.mark.live, pytest.mark.ros]
 
 OURS = "sfglab_interfaces"
+HASHES = """import json, sys
+from sfglab.messages import message_types, type_hash
+print(json.dumps({name: type_hash(name) for name in message_types() if name in sys.argv}))"""
 # rosidl's own for tests.
 NOT_SHIPPED = {"test_msgs"}
 
@@ -40,6 +43,19 @@ async def test_services_that_we_bring_are_those_of_the_distribution(peer, distri
         register_interfaces(file)  # refuses other fields
     async with peer() as ros:
         assert await bent(ros, names, times=10, seed=21) == []
+
+
+@pytest.mark.feature("Hashes (RIHS01) of the types of ROS 2's own packages")
+def test_types_have_the_hashes_of_the_distribution(distribution):
+    """In a process of its own, because a process has the types of one distribution."""
+    share = distributions()[distribution].python.parents[1] / "share"
+    files = {f"{file.parents[1].name}/msg/{file.stem}": file for file in share.glob("*/msg/*.json")}
+    argv = [sys.executable, "-c", HASHES, *files]
+    ours = json.loads(subprocess.run(argv, check=True, capture_output=True).stdout)
+    assert len(ours) > 130
+    for name, hash_ in ours.items():
+        theirs = json.loads(files[name].read_text("utf-8"))["type_hashes"]
+        assert {"type_name": name, "hash_string": hash_} in theirs
 
 
 @pytest.mark.feature(

@@ -13,6 +13,7 @@ import os
 import sys
 import time
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,7 +70,7 @@ async def run_tests(bench: Bench[Config]) -> None:
         bench.attach(f"{name}.txt", printed, "text/plain")
         lines = outcomes.read_text(encoding="utf-8").splitlines() if outcomes.exists() else []
         # Several processes run the tests: their rows are in the order of the tests' ends.
-        for row in sorted(map(json.loads, lines), key=lambda row: int(row["place"])):
+        for row in sorted(map(json.loads, lines), key=itemgetter("place")):
             del row["place"]
             bench.write(FeatureRow(**row))
         bench.advance(name)

@@ -28,7 +28,7 @@ class PartyRow:
 
     party: str  #: Its name.
     domain: int  #: Its DDS domain; 0 is the global one.
-    host: str  #: Where it runs.
+    host: str  #: Host on which it runs.
 
 
 def parties_of(agents: int) -> tuple[PartyRow, ...]:
@@ -45,11 +45,11 @@ class Config(Profiled):
 
     #: Agents behind a router each; two parties in the global domain come in addition.
     agents: int = 3
-    seconds: float = 6.0  #: How long all parties publish at least, s.
+    seconds: float = 6.0  #: Minimum time for which all parties publish, s.
     rate_hz: float = 10.0  #: Messages per second of every party on every topic.
     busy: int = 20  #: Further local topics of every agent.
     random_names: int = 20_000  #: Random DDS names that the policy is asked about.
-    call_s: float = 1.0  #: How long a caller waits for a server that it must not reach, s.
+    call_s: float = 1.0  #: Timeout of a call to a server that the caller must not reach, s.
     seed: int = 0  #: Seed of the random names.
 
 
@@ -80,14 +80,14 @@ exp.table("party")(PartyRow)
 
 @exp.table("heard")
 class HeardRow(TableRow):
-    """What one party heard of another under one name."""
+    """Messages under one name that one party received from another."""
 
     name: str  #: ROS name.
     dds_topic: str  #: Its DDS topic.
-    source: str  #: Who published.
-    hearer: str  #: Who subscribed.
-    source_domain: int  #: Where the source is.
-    hearer_domain: int  #: Where the hearer is.
+    source: str  #: Party that publishes.
+    hearer: str  #: Party that subscribes.
+    source_domain: int  #: DDS domain of the publishing party.
+    hearer_domain: int  #: DDS domain of the subscribing party.
     sent: int  #: Messages that the source published.
     received: int  #: Messages that arrived, repeated ones counted again.
     repeated: int  #: Messages that arrived more than once.
@@ -104,7 +104,7 @@ class EndpointRow(TableRow):
     seen_by: str  #: The party that discovered it.
     dds_topic: str  #: Its DDS topic.
     kind: str  #: ``publisher`` or ``subscription``.
-    router: str  #: Which pair of domains its router serves; empty when it is no router's.
+    router: str  #: Pair of domains that its router serves; empty if it belongs to no router.
 
 
 @exp.table("call")
@@ -112,19 +112,19 @@ class CallRow(TableRow):
     """One call of a service."""
 
     name: str  #: ROS name.
-    caller: str  #: Who called.
-    server: str  #: Who serves.
-    caller_domain: int  #: Where the caller is.
-    server_domain: int  #: Where the server is.
+    caller: str  #: Party that calls.
+    server: str  #: Party that serves.
+    caller_domain: int  #: DDS domain of the calling party.
+    server_domain: int  #: DDS domain of the serving party.
     answered: bool  #: Whether an answer of that server came.
 
 
 @exp.table("latched")
 class LatchedRow(TableRow):
-    """What a late subscriber of static transforms received of a party that had published once."""
+    """Static transforms that a late subscriber received from a party that had published once."""
 
-    source: str  #: Who published.
-    hearer: str  #: Who subscribed late.
+    source: str  #: Party that publishes.
+    hearer: str  #: Party that subscribes late.
     received: int  #: Messages that arrived.
 
 
