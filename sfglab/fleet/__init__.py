@@ -1,4 +1,4 @@
-"""Fleets: what every agent of one runs, after paper A, section 4, and the file that describes them all.
+"""Fleets: the nodes that every agent of a fleet runs (paper A, section 4), and the file that describes a fleet.
 
 A public name is loaded from its module at its first use, because a process that needs one module of this
 package starts faster without the others.

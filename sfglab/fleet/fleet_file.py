@@ -1,7 +1,7 @@
-"""Fleet file: names that agents use, their frames, and the machines they run on.
+"""Fleet file: names that agents use, their frames, and their target hosts.
 
-A file with unknown keys, wrong types, forbidden names or domains, or impossible machines is refused. Whether the
-fleet works is checked by `sfglab.fleet.lint`; `sfglab.deploy` deploys it (paper A, section 4.4).
+A file with unknown keys, wrong types, forbidden names or domains, or impossible hosts is refused.
+`sfglab.fleet.lint` checks whether the fleet works, and `sfglab.deploy` deploys it (paper A, section 4.4).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ PROFILES = {
 _POSITIVE = bounds(without=(0,))
 
 
-AUTO = "auto"  #: In place of an accelerator's name: found out on the machine.
+AUTO = "auto"  #: Value instead of an accelerator's name: the accelerator is detected on the host.
 _COMPONENT = r"[a-z0-9]+(?:(?:\.|_{1,2}|-+)[a-z0-9]+)*"
 _REGISTRY = r"[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?(?::[0-9]{1,5})?"
 REPOSITORY = re.compile(rf"(?:{_REGISTRY}/)?{_COMPONENT}(?:/{_COMPONENT})*")
@@ -80,19 +80,20 @@ def _ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _QoS:
-    """QoS of an endpoint; what is left out is ROS 2's default."""
+    """QoS of an endpoint; missing fields have ROS 2's defaults."""
 
-    reliability: Reliability = DEFAULT.reliability  #: Whether lost messages are sent again.
-    #: Whether late joiners get earlier messages.
+    #: RELIABLE, with retransmission, or BEST_EFFORT.
+    reliability: Reliability = DEFAULT.reliability
+    #: Whether late joiners receive earlier messages.
     durability: Durability = DEFAULT.durability
     history: History = DEFAULT.history  #: Whether all messages are kept, or the last `depth`.
-    depth: int = between(DEFAULT.depth, 1)  #: Messages that are kept.
-    #: Longest time between two messages.
+    depth: int = between(DEFAULT.depth, 1)  #: Number of messages that are kept.
+    #: Longest time between two messages, s; None for no limit.
     deadline_s: float | None = field(default=None, metadata=_POSITIVE)
-    #: Time after which a message is dropped.
+    #: Time after which a message is dropped, s; None for no limit.
     lifespan_s: float | None = field(default=None, metadata=_POSITIVE)
     liveliness: Liveliness = DEFAULT.liveliness  #: Source of a publisher's liveliness assertions.
-    #: Longest time between liveliness assertions.
+    #: Longest time between liveliness assertions, s; None for no limit.
     lease_s: float | None = field(default=None, metadata=_POSITIVE)
 
 
@@ -140,7 +141,7 @@ class Architecture(Enum):
 
 
 class Accelerator(Enum):
-    """Hardware of a machine, beside its processor, that can encode, decode or compute."""
+    """Hardware of a target host, beside its processor, that can encode, decode or compute."""
 
     JETSON = "jetson"
     CUDA = "cuda"
@@ -151,7 +152,7 @@ class Accelerator(Enum):
 
 
 class RosDistribution(Enum):
-    """ROS 2 distribution inside the images, which the user's nodes may need and sfglab does not."""
+    """ROS 2 distribution inside the images; the user's nodes may need one, sfglab does not."""
 
     NONE = "none"
     HUMBLE = "humble"
@@ -174,18 +175,18 @@ class ContainerNetwork(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostSpec(_Part):
-    """The machine that an agent runs on."""
+    """Target host of an agent."""
 
-    model: str = ""  #: Maker and model, for people.
+    model: str = ""  #: Manufacturer and model, as information for people.
     #: Address for SSH, ``[user@]host``; empty for this machine.
     address: Annotated[str, Matching(ADDRESS, "[user@]host, as ssh takes it")] = ""
-    architecture: Architecture = Architecture.AMD64  #: Its processor's.
-    #: Its accelerator; None detects it.
+    architecture: Architecture = Architecture.AMD64  #: Architecture of its processor.
+    #: Its accelerator; None: it is detected.
     accelerator: Annotated[
         Accelerator | None, ReadAs(Literal[AUTO] | Accelerator, lambda a: None if a == AUTO else a)
     ] = None
-    #: Network of the agent's container: a bridge of its own, or the host's interfaces, for robots whose
-    #: controllers use DDS over a cable.
+    #: Network of the agent's container: a bridge of its own, or the host's interfaces. The latter is for
+    #: robots whose controllers use DDS over a cable.
     network: ContainerNetwork = ContainerNetwork.BRIDGE
     #: Device nodes that the agent needs beside its accelerator's, as in ``/dev/video0``.
     devices: tuple[Annotated[str, Matching(DEVICE, "device nodes, as in /dev/video0")], ...] = ()
@@ -193,23 +194,24 @@ class HostSpec(_Part):
     workspace: Annotated[str, ReadAs(str, _folder)] = ""
     #: Debian packages that the agent's own software needs.
     packages: tuple[Annotated[str, Matching(PACKAGE, "names of Debian packages")], ...] = ()
-    #: Program and arguments of the user's software, beside the agent; empty: none.
+    #: Program and arguments of the user's software, which runs beside the agent; empty: none.
     launch: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeploymentSpec(_Part):
-    """Settings of all machines of a fleet."""
+    """Settings of all target hosts of a fleet."""
 
     #: Repository prefix of its images, as in ``localhost/esslingen``.
     images: Annotated[
         str, Matching(REPOSITORY, "a repository of images, as in localhost/esslingen")
     ] = "localhost/fleet"
     ros: RosDistribution = RosDistribution.NONE  #: The ROS 2 distribution inside the images.
-    router: RouterSoftware = RouterSoftware.SFGLAB  #: Router in the second container.
-    #: Image of another's router; empty for our own.
+    #: Software of the router in the second container.
+    router: RouterSoftware = RouterSoftware.SFGLAB
+    #: Image of a router of another project; empty for that of sfglab.
     router_image: Annotated[str, Matching(IMAGE, "an image, as in ubuntu-ddsrouter:v3.5.0")] = ""
-    #: Agents or hosts whose clocks count.
+    #: Agents or hosts that serve the time.
     time_servers: tuple[
         Annotated[str, Matching(HOST, "agents' or hosts' names or addresses")], ...
     ] = ()
@@ -220,13 +222,13 @@ class TopicUse(_Part):
     """A topic that an agent's nodes publish or subscribe."""
 
     name: Topic  #: Absolute ROS name.
-    type: str = ""  #: ROS type; empty where the file does not say.
+    type: str = ""  #: ROS type; empty if the file does not give it.
     #: QoS that its endpoints offer or request; None if not given.
     qos: Annotated[
         QoSProfile | None,
         ReadAs(Annotated[Literal[tuple(PROFILES)] | _QoS | None, OR_NULL], _profile),
     ] = None
-    count: int = between(1, 1)  #: Endpoints of this agent.
+    count: int = between(1, 1)  #: Number of its endpoints in this agent.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -234,11 +236,11 @@ class NameUse(_Part):
     """A service or an action that an agent serves or calls."""
 
     name: str  #: Absolute ROS name.
-    type: str = ""  #: ROS type; empty where the file does not say.
+    type: str = ""  #: ROS type; empty if the file does not give it.
 
 
 def _named(kind: ResourceKind) -> ReadAs:
-    """Return what checks the name of a service or an action."""
+    """Return the check of the name of a service or an action."""
 
     def checked(use: NameUse) -> NameUse:
         try:
@@ -258,12 +260,12 @@ Action = Annotated[NameUse, _named(ResourceKind.ACTION)]
 class StreamSpec(_Part):
     """A sensor's compressed stream, as the agent's metadata announces it (sfglab_interfaces/msg/StreamInfo)."""
 
-    topic: Topic  #: Global topic that carries it.
+    topic: Topic  #: Global topic of the stream.
     type: str  #: ROS type of its messages.
-    codec: Literal["h264", "rvl", "png", "jpeg"]  #: Codec.
-    width: int = field(metadata=bounds(1))  #: Pixels.
-    height: int = field(metadata=bounds(1))  #: Pixels.
-    rate_hz: float = field(metadata=_POSITIVE)  #: Messages a second.
+    codec: Literal["h264", "rvl", "png", "jpeg"]  #: Codec of the messages.
+    width: int = field(metadata=bounds(1))  #: Width of the images, pixels.
+    height: int = field(metadata=bounds(1))  #: Height of the images, pixels.
+    rate_hz: float = field(metadata=_POSITIVE)  #: Rate, messages per second.
     #: Topic of the decoded stream; empty to derive it from `topic`.
     decoded_topic: OptionalTopic = ""
     #: Topic of the calibration; empty if there is none.
@@ -272,10 +274,10 @@ class StreamSpec(_Part):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorSpec(_Part):
-    """A sensor and what it sends (sfglab_interfaces/msg/SensorInfo)."""
+    """A sensor and its streams (sfglab_interfaces/msg/SensorInfo)."""
 
-    name: str  #: Unique within its agent.
-    model: str = ""  #: Maker and model, for people.
+    name: str  #: Name, unique within its agent.
+    model: str = ""  #: Manufacturer and model, as information for people.
     streams: tuple[StreamSpec, ...] = ()  #: Streams that leave the agent.
 
 
@@ -283,29 +285,30 @@ class SensorSpec(_Part):
 class FrameSpec(_Part):
     """One transform that an agent broadcasts, with frame names as its nodes write them."""
 
-    child: str  #: The frame that is placed.
-    parent: str  #: The frame in which it is placed.
-    static: bool = False  #: Sent once on /tf_static instead of again and again on /tf.
+    child: str  #: Child frame.
+    parent: str  #: Parent frame.
+    #: Whether it is sent once on /tf_static; otherwise it is sent periodically on /tf.
+    static: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTree(_Part):
     """The transforms of one agent."""
 
-    #: One transform each.
+    #: The transforms.
     frames: tuple[FrameSpec, ...] = ()
-    #: Frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 asks.
+    #: Whether frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 requires.
     prefix_frames: bool = True
-    #: Frames that all agents mean by the same name and that are never prefixed.
+    #: Frames that all agents mean by the same name, and that never get a prefix.
     shared_frames: tuple[str, ...] = SHARED_FRAMES
-    #: Frames of this agent, without prefix, that others may give a parent.
+    #: Frames of this agent, without prefix, to which others may publish a parent.
     placed_by_others: tuple[str, ...] = ()
-    static_broadcasters: int = between(1, 1)  #: Nodes that publish on /tf_static.
+    static_broadcasters: int = between(1, 1)  #: Number of nodes that publish on /tf_static.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentSpec(_Part):
-    """One agent: a computer, or several, behind one router."""
+    """One agent: one or several computers behind one router."""
 
     name: str  #: The agent segment of its names.
     domain: int = field(metadata=bounds(0, MAX_DOMAIN))  #: Its own DDS domain, D_i in the paper.
@@ -313,19 +316,19 @@ class AgentSpec(_Part):
     global_interface: str | None = None
     #: Interface of its own domain; None leaves the choice to DDS.
     local_interface: str | None = None
-    processes: int = between(1, 1)  #: ROS processes, each a DDS participant.
+    processes: int = between(1, 1)  #: Number of ROS processes, each of which is a DDS participant.
     #: Whether it runs status provider and discoverer (paper A, section 4.2).
     lifecycle: bool = True
     sensors: tuple[SensorSpec, ...] = ()  #: Sensors in its metadata.
     tf: FrameTree = field(default_factory=FrameTree)  #: Its transforms.
-    #: Topics, without those of `sensors`, `tf` and `lifecycle`.
+    #: Published topics, without those of `sensors`, `tf` and `lifecycle`.
     publishes: tuple[Annotated[TopicUse, ShortFor("name")], ...] = ()
-    subscribes: tuple[Annotated[TopicUse, ShortFor("name")], ...] = ()  #: Topics.
-    serves: tuple[Service, ...] = ()  #: Services.
-    calls: tuple[Service, ...] = ()  #: Services.
-    action_servers: tuple[Action, ...] = ()  #: Actions.
-    action_clients: tuple[Action, ...] = ()  #: Actions.
-    #: The machine it runs on; None where the file does not say, so that it cannot be deployed.
+    subscribes: tuple[Annotated[TopicUse, ShortFor("name")], ...] = ()  #: Subscribed topics.
+    serves: tuple[Service, ...] = ()  #: Services that it serves.
+    calls: tuple[Service, ...] = ()  #: Services that it calls.
+    action_servers: tuple[Action, ...] = ()  #: Actions that it serves.
+    action_clients: tuple[Action, ...] = ()  #: Actions that it calls.
+    #: Target host; None: not given, and the agent cannot be deployed.
     host: HostSpec | None = None
 
     @property
@@ -343,8 +346,8 @@ class AgentSpec(_Part):
 class _GlobalDomain:
     """The global domain, which all routers join."""
 
-    domain: int = between(0, 0, MAX_DOMAIN)  #: Its number, D_0 in the paper.
-    #: Interface to it of agents that name none; None leaves the choice to DDS.
+    domain: int = between(0, 0, MAX_DOMAIN)  #: Number of the domain, D_0 in the paper.
+    #: Interface to it for agents that give none; None leaves the choice to DDS.
     interface: str | None = None
 
 
@@ -358,9 +361,9 @@ class _Shared(_Part):
     #: Exchange of agents' descriptions: published on a latched topic, or queried over each agent's metadata
     #: service, as in the paper.
     descriptions: Literal["published", "queried"] = "published"
-    #: In the order of the file; at least one.
+    #: Its agents, at least one, in the order of the file.
     agents: Annotated[tuple[AgentSpec, ...], ByName("name")]
-    #: Settings of all their machines.
+    #: Settings of all target hosts.
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)
 
 
@@ -407,12 +410,12 @@ def _agent_row(agent: AgentSpec) -> tuple[object, ...]:
 
 
 def load_fleet(path: Path | str) -> Fleet:
-    """Read a fleet from a file; a `DocumentError` says where it is none, what is given and what is allowed."""
+    """Read a fleet from a file; a `DocumentError` names the place, the given and the allowed values."""
     return _read(Document.of_file(Path(path), "a fleet file in UTF-8", one_line=True))
 
 
 def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
-    """Read a fleet from the YAML text of a file, whose name is for messages; errors as of `load_fleet`."""
+    """Read a fleet from the YAML text of a file; errors contain its name, and are those of `load_fleet`."""
     return _read(Document(text, file, one_line=True))
 
 

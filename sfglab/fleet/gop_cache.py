@@ -1,13 +1,14 @@
-"""GOP cache: keeps every stream's last group of pictures beside its camera and replays it to late joiners.
+"""GOP cache: keeps every stream's last group of pictures near its camera and replays it to late joiners.
 
-Paper A, section 5.4: a subscriber waits for the next key frame, half a second on average with the groups of
-Table 2; the other end is `sfglab.fleet.decoder.splicer`. The cache subscribes to the compressed streams in the
-agent's domain, where a copy needs no radio, and offers each stream's replay on a companion topic. Nothing is
-written without a reader. For a reader, the packets since the last key frame are sent at once, all but the newest
-with `FLAG_DISCARD`. Every packet follows as it comes, until the reader has caught up with the stream and leaves.
+Without it, a subscriber waits for the next key frame, half a second on average with the groups of Table 2
+(paper A, section 5.4). `sfglab.fleet.decoder.splicer` is the receiving side. The cache subscribes to the
+compressed streams in the agent's domain, where a copy needs no radio. It offers each stream's replay on a
+companion topic, and writes only while that topic has a reader. A reader receives the packets since the last
+key frame at once, all but the newest with `FLAG_DISCARD`. Every later packet follows as it arrives, until
+the reader has reached the live stream and leaves.
 
-As a process (``python -m sfglab.fleet.gop_cache CONFIG``; see `sfglab.component`) it reports, beside ``ready``,
-every replay, ``{"is": "replayed", "topic", "packets", "size_bytes", "gaps", "overflows"}``.
+As a process (``python -m sfglab.fleet.gop_cache CONFIG``; see `sfglab.component`) it reports, beside
+``ready``, every replay, ``{"is": "replayed", "topic", "packets", "size_bytes", "gaps", "overflows"}``.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class GopCache(Generic[M]):
         return tuple(self._packets)
 
     def add(self, packet: M, *, pts: int, is_key: bool, size_bytes: int) -> bool:
-        """Take the next packet, in the order of `PacketOrder`; return whether it is kept."""
+        """Process the next packet, in the order of `PacketOrder`; return whether it is kept."""
         is_missing = self._order.missing(pts)
         if is_key:
             self._clear()
@@ -96,7 +97,7 @@ class Replayed:
 
 
 class GopCacheNode:
-    """Keeps and replays streams in an agent's domain; `on_replay` is called with every replay."""
+    """Node that keeps and replays streams in an agent's domain; `on_replay` is called with every replay."""
 
     def __init__(
         self,
@@ -121,7 +122,7 @@ class GopCacheNode:
 
 
 class _Stream:
-    """One stream: its cache, and its replay."""
+    """One stream with its cache and its replay."""
 
     def __init__(
         self,
@@ -137,7 +138,7 @@ class _Stream:
         self._on_replay = on_replay
         self._cache: GopCache[Any] = GopCache(settings.limits)
         self._readers: set[bytes] = set()
-        # until connections to the first reader settle
+        # wait until the connections to the first reader settle
         self._timer: asyncio.Task[None] | None = None
         self._is_serving = False  # whether the group was sent, so that every packet follows
         self._publisher = self._advertise()
@@ -195,7 +196,7 @@ class _Stream:
         self._cancel_timer()
         if self._is_serving:
             self._is_serving = False
-            # A latched writer's history cannot be taken back; a new writer has none.
+            # The history of a transient-local writer cannot be withdrawn; a new writer has none.
             self._publisher.close()
             self._publisher = self._advertise()
 

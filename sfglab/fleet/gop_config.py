@@ -23,7 +23,8 @@ FLAG_DISCARD = 4  #: Flag of a packet whose frame is decoded and not shown (AV_P
 REPLAY_DEPTH = 256
 
 REPLAY_QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=REPLAY_DEPTH)
-"""Reliable, because one lost packet spoils a group; latched, so that a router that connects loses none."""
+"""QoS of a replay: reliable, because one lost packet spoils a group; transient local, so that a router
+that connects late loses no packet."""
 
 
 def replay_topic(stream_topic: str) -> str | None:
@@ -58,9 +59,9 @@ class GopCacheSettings:
 
     streams: tuple[str, ...] = ()  #: Topics of the compressed streams.
     limits: Limits = field(default_factory=Limits)  #: Limits of each group of pictures.
-    #: Time between the discovery of the first reader and the replay, s. A router opens both its sides at once,
-    #: and packets that are sent before its other side is matched are repaired later: over two routers a replay
-    #: took 0.11 s without this wait and 0.02 s with it.
+    #: Time between the discovery of the first reader and the replay, s. A router opens both its sides at
+    #: once. Packets that are sent before its other side is matched are retransmitted later. Over two
+    #: routers a replay took 0.11 s without this wait and 0.02 s with it.
     settle_s: float = 0.01
 
     def __post_init__(self) -> None:

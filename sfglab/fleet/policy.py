@@ -1,7 +1,7 @@
 """Routing between an agent's domain and the global one: paper A, section 4.1, Eq. 1 and Table 1.
 
-Pure functions decide which topics cross and which readers and writers have to be open, for sfglab's router
-(`sfglab.fleet.router.plan`) and for the configurations of other routers.
+Pure functions decide which topics are forwarded and which readers and writers have to be open, for sfglab's
+router (`sfglab.fleet.router.plan`) and for the configurations of other routers.
 
 A reader is opened in the source's domain when the target's domain has a subscription. Outward it also needs a
 source, so that only used topics are announced in the global domain. Inward it does not: another agent's router
@@ -36,7 +36,7 @@ class Side(Enum):
 
     @property
     def other(self) -> Side:
-        """The side across the border."""
+        """The opposite side of the domain boundary."""
         return Side.GLOBAL if self is Side.LOCAL else Side.LOCAL
 
 
@@ -58,10 +58,10 @@ class Direction(Enum):
 
 
 class Crossing(Enum):
-    """Which of the DDS topics of a ROS name cross."""
+    """How many of the DDS topics of a ROS name are forwarded: all, some or none."""
 
     NONE = "none"
-    #: Some of them, as of a service whose requests cross and whose replies do not.
+    #: Some of them are, such as the requests of a service without its replies.
     PARTIAL = "partial"
     WHOLE = "whole"
 
@@ -101,7 +101,7 @@ class Policy:
         return self.deciding(dds_name, direction) is not None
 
     def deciding(self, dds_name: str, direction: Direction) -> ForwardRule | None:
-        """Return the rule that lets a DDS topic cross in a direction, or None."""
+        """Return the rule that forwards a DDS topic in a direction, or None."""
         for rule in self.rules:
             if direction in rule.directions and rule.matches(dds_name):
                 return rule
@@ -113,7 +113,7 @@ class Policy:
         return frozenset(Side) if self.crosses(dds_name, direction) else frozenset({published_in})
 
     def crossing(self, name: str, kind: ResourceKind, direction: Direction) -> Crossing:
-        """Return how much of an absolute ROS name crosses; clients of a partly open service wait indefinitely.
+        """Return how much of a ROS name is forwarded; clients of a partly forwarded service wait indefinitely.
 
         The direction is a topic's; a service needs its requests and replies in both.
 

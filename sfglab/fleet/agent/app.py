@@ -1,11 +1,12 @@
 """Agent of a fleet as a process: `sfglab agent up`, or ``python -m sfglab.fleet.agent.app CONFIG``.
 
-An I/O wrapper around `supervision`, in one task, one event after the other. The second form is a component for
-programs (see `sfglab.component`). An agent gives these reports; a person reads them as few lines (`Narrator`):
+The module is an I/O wrapper of `supervision`. One task handles one event after the other. The second form
+is a component for programs (see `sfglab.component`). `Narrator` turns the reports of an agent into a few
+lines for a person. The reports are:
 
 - ``{"is": "ready"}``, once when all components have served,
 - ``{"is": "component", "component", "state", "pid", "crashes", "why", "retry_s"}``, for every change of a
-  component: how its process ended or what is waited for, and the wait before the next start,
+  component: the end of its process or the event that it waits for, and the wait before the next start,
 - ``{"is": "report", "component", "report"}``, for every other report of a component,
 - ``{"is": "line", "component", "line"}``, for every line that a component writes on standard error.
 """
@@ -57,18 +58,19 @@ class ComponentError(SfglabError, RuntimeError):
 
     def __init__(self, component: str, why: str) -> None:
         self.component = component  #: Name of the component.
-        self.why = why  #: Its report, or how it ended.
+        self.why = why  #: Its report, or the way in which it ended.
         super().__init__(why if why.startswith(component) else f"{component}: {why}")
 
 
 @dataclass(slots=True)
 class _Unit:
-    """A component, its life, and its process while there is one."""
+    """Component with its life cycle, and its process while one runs."""
 
     component: Component
     life: Supervision
     process: ComponentProcess | None = None
-    failure: str = ""  # reason that the process reported, or how it hung
+    # reason that the process reported, or the way in which it became unresponsive
+    failure: str = ""
     watchdog: Watchdog = field(default_factory=Watchdog)
 
     @property
@@ -94,7 +96,7 @@ class Agent:
         self._is_complete = False
 
     def stop(self) -> None:
-        """End all components in order; called again, at once by force."""
+        """End all components in order; a second call ends them at once by force."""
         self._events.put_nowait(self._stop_all)
 
     async def run(self) -> None:
@@ -131,7 +133,7 @@ class Agent:
             await asyncio.gather(*(process.close() for process in processes))
 
     async def _watch(self) -> None:
-        """End processes that hang by force; they are restarted as after a crash."""
+        """End unresponsive processes by force; they are restarted as after a crash."""
         while True:
             await asyncio.sleep(CHECK_PERIOD_S)
             for unit in self._units:
@@ -143,7 +145,7 @@ class Agent:
                     unit.process.kill()
 
     async def _step(self) -> None:
-        """Handle the next event, if there is one before the next deadline, and the timers that ran out."""
+        """Handle the next event if it comes before the next deadline, and then the expired timers."""
         event = await next_before(self._events, [unit.life.deadline_ns for unit in self._units])
         if event is not None:
             await event()
@@ -239,7 +241,7 @@ def _reason(status: int) -> str:
 
 
 class Narrator:
-    """Describes the reports of an agent to a person."""
+    """Description of an agent's reports for a person."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
@@ -256,7 +258,7 @@ class Narrator:
         return f"agent {self._config.agent}: everything has ended"
 
     def lines(self, report: Report) -> list[str]:
-        """Return the lines that are worth printing of a report, one sentence each."""
+        """Return the lines that describe a report, one sentence each; none for details."""
         match report["is"]:
             case "ready":
                 return [f"agent {self._config.agent}: ready, end it with Ctrl-C"]
@@ -308,7 +310,7 @@ def _of_change(report: Report) -> list[str]:
 
 
 def _path(dds_topic: str, direction: str) -> str:
-    """Return a path with its name in ROS; empty for replies, and for the queries that discovery makes."""
+    """Return a path by its ROS name; empty for replies and for the queries of discovery."""
     wire = ros_name_from_dds(dds_topic)
     if wire is None:
         return f"{dds_topic} {direction}"
@@ -333,7 +335,7 @@ async def serve_agent(
 ) -> None:
     """Run an agent for a person at a terminal, until interrupted or terminated; a second signal ends it at once.
 
-    `say` is called with lines for a person, or with `as_json` with the JSON reports, of which there are more.
+    `say` is called with lines for a person. With `as_json` it is called with every report as JSON.
 
     Raises:
         SfglabError: The agent could not be run as it is described.
@@ -359,7 +361,7 @@ async def _serve(config: SupervisorConfig, report: Reporter, _: Orders) -> None:
 
 
 def _end_limit_s(config: SupervisorConfig) -> int:
-    """Return its own time plus that until its components are ended by force, s."""
+    """Return the time after which the agent is ended by force, s: its own limit and that of its components."""
     return END_LIMIT_S + config.timing.stop_ns // NS_PER_S
 
 

@@ -1,6 +1,6 @@
-"""Processes of an agent and what each of them is told, from the fleet file and the command line.
+"""Processes of an agent and their configurations, from the fleet file and the command line.
 
-Pure. Everything that can be refused beforehand is refused here, before anything has been started.
+The module is pure. It refuses everything that can be refused before a process starts.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from sfglab.fleet.fleet_file import Fleet
 
 
-COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder")  #: In order of start.
+#: Names of the components, in order of start.
+COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,14 +69,14 @@ class AgentConfig:
     schedule: Schedule = field(default_factory=Schedule)  #: Periods of the heartbeat.
     #: Timeouts of the discoverer.
     discovery: DiscoveryTiming = field(default_factory=DiscoveryTiming)
-    #: Whether its metadata says which accelerators work here, which takes a trial of each.
+    #: Whether the metadata lists the accelerators that work on this host. Each of them is tried.
     detect: bool = True
     #: Time limits and restart delays of the components.
     supervision: ProcessTiming = field(default_factory=ProcessTiming)
 
 
 def plan(config: AgentConfig) -> tuple[Component, ...]:
-    """Return the processes of an agent, in the order of `COMPONENTS`; no keeper where there is nothing to keep.
+    """Return the processes of an agent, in the order of `COMPONENTS`; no GOP cache without a stream to keep.
 
     Raises:
         SfglabError: A domain, name, description or wait is not allowed.
@@ -103,7 +104,7 @@ def without(config: AgentConfig, components: Iterable[str]) -> AgentConfig:
 
 
 def router_config(config: AgentConfig) -> RouterConfig:
-    """Return what the router of an agent is told."""
+    """Return the configuration of an agent's router."""
     return RouterConfig(
         agent=config.agent,
         local=config.local,
@@ -170,7 +171,7 @@ _MODULES: dict[str, tuple[str, Callable[[AgentConfig], Any]]] = {
 
 
 def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
-    """Return what a fleet file says of one agent; `InvalidValueError` if the fleet has no such agent."""
+    """Return an agent's configuration from a fleet file; `InvalidValueError` if the fleet has no such agent."""
     spec = fleet.agent(agent)
     config = AgentConfig(
         agent=agent,
@@ -188,16 +189,17 @@ def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
 
 
 Side = tuple[int | None, str | None]
-"""DDS domain and network interface that are given for one side of the border; None: not given."""
+"""DDS domain and network interface given for one side of the domain boundary; None: not given."""
 
 
 def config_from_options(
     agent: str, fleet: Fleet | None, *, local: Side = (None, None), remote: Side = (None, None)
 ) -> AgentConfig:
-    """Return the agent of the command line: over the fleet file, or of its own domain and the global one, 0.
+    """Return an agent's configuration from options over a fleet file; without a file the global domain is 0.
 
     Raises:
-        InvalidValueError: Nothing says which domain is its own, or the fleet has no such agent.
+        InvalidValueError: Its own domain is given neither by an option nor by a file, or the fleet has no
+            such agent.
     """
     domain_id, _ = local
     if fleet is not None:
@@ -213,7 +215,7 @@ def config_from_options(
 
 
 def _over(address: BusAddress, given: Side) -> BusAddress:
-    """Return an address with what is given in place of its own values."""
+    """Return an address in which the given values replace its own."""
     domain_id, interface = given
     if domain_id is not None:
         address = replace(address, domain_id=domain_id)

@@ -1,10 +1,10 @@
 """Life cycle of one component of an agent as a table, and its process.
 
 Paper A starts the agent's software with systemd and Docker Compose (section 4.4) and does not describe what
-happens after a crash. The table is sfglab's; the caller passes `now_ns` and carries the actions out. A component
-leads a session of its own: an interrupt from the terminal reaches the agent only, and everything that the
-component has started ends with it. Only the agent holds the pipe of its standard input, so the component ends
-with the agent.
+happens after a crash. The table is sfglab's; the caller passes `now_ns` and executes the actions. A
+component leads a session of its own. An interrupt from the terminal therefore reaches the agent only, and
+all descendants of the component end with it. Only the agent holds the pipe of its standard input, so the
+component ends with the agent.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ class State(Enum):
     BACKING_OFF = auto()  #: The process is gone; the next start waits.
     STOPPING = auto()  #: The process was terminated and is not restarted.
     STOPPED = auto()  #: Nothing runs, as requested.
-    FAILED = auto()  #: Nothing runs, and another try would not help.
+    FAILED = auto()  #: Nothing runs, and a restart would not help.
 
 
 REST = frozenset({State.STOPPED, State.FAILED})  #: Final states.
 
 
 class Input(Enum):
-    """Input of the life cycle: what happens to a component."""
+    """Input of the life cycle: an event of a component."""
 
     BEGIN = auto()  #: The agent starts.
     READY = auto()  #: The process reports that it serves.
@@ -51,18 +51,18 @@ class Input(Enum):
     #: The process ended of its own accord before it had ever served: its configuration is wrong.
     REFUSED = auto()
     TIMER = auto()  #: The armed timer ran out.
-    TOLD_TO_STOP = auto()  #: The agent is to end; said again, it is to end at once.
+    TOLD_TO_STOP = auto()  #: The agent is to end; a second time: it is to end at once.
 
 
 class Action(Enum):
-    """Action after a transition, which the caller carries out."""
+    """Action after a transition, which the caller executes."""
 
     START = auto()  #: Start the process and arm the start timer.
     TERMINATE = auto()  #: Tell the process to end and arm the stop timer.
-    KILL = auto()  #: The process does not end as told, or not soon enough: end it by force.
+    KILL = auto()  #: End the process by force, because it did not end when told to.
     BACK_OFF = auto()  #: Arm the back-off timer.
-    GIVE_UP = auto()  #: End the agent: it cannot be what it was configured to be.
-    CANCEL_TIMER = auto()  #: Nothing is waited for any more.
+    GIVE_UP = auto()  #: End the agent, because a component cannot run as configured.
+    CANCEL_TIMER = auto()  #: Disarm the timer.
 
 
 _S, _I, _A = State, Input, Action
@@ -75,7 +75,7 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
     (_S.STARTING, _I.REFUSED): (_S.FAILED, _A.GIVE_UP),
     (_S.STARTING, _I.TIMER): (_S.REPLACING, _A.TERMINATE),
     (_S.STARTING, _I.TOLD_TO_STOP): (_S.STOPPING, _A.TERMINATE),
-    # A component that reports that it serves when that is known, or when it was told to end, changes nothing.
+    # A component that reports again that it serves, or after the order to end, changes nothing.
     (_S.RUNNING, _I.READY): (_S.RUNNING, None),
     (_S.RUNNING, _I.ENDED): (_S.BACKING_OFF, _A.BACK_OFF),
     (_S.RUNNING, _I.TOLD_TO_STOP): (_S.STOPPING, _A.TERMINATE),
@@ -96,7 +96,7 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
 
 
 class Supervision(ProcessLife[State, Input, Action]):
-    """One component's state, its timer and its count of crashes; its name is for messages."""
+    """State, timer and number of crashes of one component; messages contain its name."""
 
     READY = Input.READY
     BACK_OFF = Action.BACK_OFF
@@ -106,7 +106,7 @@ class Supervision(ProcessLife[State, Input, Action]):
         super().__init__(name, TRANSITIONS, State.NEW, waits_ns=waits_ns, timing=timing)
 
     def ended(self, *, willingly: bool, now_ns: int) -> Action | None:
-        """Take the end of a process as `Input.ENDED`, or `REFUSED` where another try would not help."""
+        """Process the end of a process as `Input.ENDED`, or as `REFUSED` where a restart would not help."""
         hopeless = willingly and self.state is State.STARTING and not self.was_ready
         return self.feed(Input.REFUSED if hopeless else Input.ENDED, now_ns=now_ns)
 
@@ -119,14 +119,15 @@ class Component:
     argv: tuple[str, ...]  #: Program and arguments.
 
 
-GROUP_GRACE_S = 1.0  #: Time that what a component has started may outlive it: its pipes have ended.
+#: Time for which descendants of a component may outlive it, s; they are then ended by force.
+GROUP_GRACE_S = 1.0
 
 
 class ComponentProcess(LineProcess):
     """A running component, which leads a session of its own.
 
-    It also reports ``{"is": "line", "line": ...}`` for a line on standard error, and for one on standard output
-    that is no report. Its end is reported when everything that it had started has ended.
+    It also reports ``{"is": "line", "line": ...}`` for a line on standard error, and for a line on standard
+    output that is no report. Its end is reported after the end of all its descendants.
     """
 
     buffers_reports = False
@@ -135,7 +136,7 @@ class ComponentProcess(LineProcess):
     async def launch(
         cls, component: Component, on_report: Callable[[Report], None]
     ) -> ComponentProcess:
-        """Start a component. Raises an `OSError` if the operating system cannot."""
+        """Start a component. Raises an `OSError` if the operating system cannot start it."""
         return await cls.start(
             component.name,
             component.argv,
@@ -155,15 +156,15 @@ class ComponentProcess(LineProcess):
         self._errors = asyncio.create_task(self._read_errors())
 
     def kill(self) -> None:
-        """End the component and everything that it has started by force."""
-        # Until its end is reported, a process of its group lives, so that no other group has its number.
+        """End the component and all its descendants by force."""
+        # Until the end is reported, a process of the group lives. Therefore no other group has its number.
         if not self._listening.done():
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
 
     async def _last_status(self) -> int:
-        # Standard output is the component's own, so it has ended. Standard error is shared by everything that
-        # it has started and ends with the last of them.
+        # The end of standard output means the end of the component itself. All its descendants share
+        # standard error, which ends with the last of them.
         await asyncio.wait({self._errors}, timeout=GROUP_GRACE_S)
         if not self._errors.done():
             self.kill()
@@ -175,7 +176,7 @@ class ComponentProcess(LineProcess):
         try:
             while line := await self._process.stderr.readline():
                 self._take(_line_report(line))
-        except ValueError as error:  # a line above the limit
+        except ValueError as error:  # a line that exceeds the limit
             self._take({"is": "failed", "why": str(error)})
             self.kill()
 

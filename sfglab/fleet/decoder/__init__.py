@@ -1,1 +1,1 @@
-"""Decoding once per device, on demand: paper A, section 4.3, Fig. 4."""
+"""Decoding of a stream once per device, on demand: paper A, section 4.3, Fig. 4."""

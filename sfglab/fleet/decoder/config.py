@@ -21,7 +21,7 @@ class DecoderConfig:
     replay: bool = True
     spare: bool = True  #: Whether a standby pipeline process waits for the next stream.
     #: Whether another standby process is started when a stream takes it. If false, one process serves one
-    #: stream after the other, as a component container loads and unloads components in the paper.
+    #: stream after the other, as a component container in the paper loads and unloads components.
     refill: bool = True
     #: Whether decodable topics are advertised before a subscription exists.
     advertise_unused_topics: bool = True

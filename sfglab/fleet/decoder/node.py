@@ -1,10 +1,10 @@
 """Agent's decoder: starts a pipeline when a local subscriber appears, ends it when the last one leaves.
 
-The thin shell around `streams` (paper A, section 4.3, Fig. 4), in one task, one event after the other. As a
-process (`sfglab decoder`, or ``python -m sfglab.fleet.decoder.node CONFIG``; see `sfglab.component`) it
-reports, beside ``ready``, every change of a stream, ``{"is": "status", ...}`` with a `PipelineStatus`. Any
-order, a JSON object, is answered with ``{"is": "processes", "pids", "warm"}``: whether a spare pipeline process
-is warm.
+The module is an I/O wrapper of `streams` (paper A, section 4.3, Fig. 4). One task handles one event after
+the other. As a process (`sfglab decoder`, or ``python -m sfglab.fleet.decoder.node CONFIG``; see
+`sfglab.component`) it reports, beside ``ready``, every change of a stream, ``{"is": "status", ...}`` with a
+`PipelineStatus`. It answers each order, a JSON object, with ``{"is": "processes", "pids", "warm"}``.
+``warm`` states whether a spare pipeline process is ready.
 """
 
 from __future__ import annotations
@@ -59,14 +59,14 @@ _WATCHED = (
     State.STARTING,
     State.RUNNING,
     State.LINGERING,
-)  # a spare may have been stopped while it waited
+)  # A spare process may have been stopped while it waited.
 #: USER_DATA of writers that only advertise a topic.
 OFFER = user_data({OFFER_KEY: "decoder"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PipelineStatus:
-    """One stream, as the decoder sees it now."""
+    """Current state of one stream in the decoder."""
 
     local_topic: str  #: The local topic.
     source_topic: str  #: The remote topic.
@@ -90,11 +90,12 @@ class _Pipeline:
 
 
 class AgentDecoder:
-    """Demand-driven decoding of remote streams for all subscribers on this device; the pool is started.
+    """Demand-driven decoding of remote streams for all subscribers on this device; the caller starts the pool.
 
-    With `replay`, streams are joined by their replay where their sender offers one. With `advertise_unused_topics`, every stream
-    has a silent writer beside that of its pipeline, so that ROS 2's tools list it. `on_status` is called with a
-    stream's status whenever its state or counts change.
+    With `replay`, a pipeline begins with the GOP replay of its stream, if the sender offers one. With
+    `advertise_unused_topics`, every stream has a second writer, which publishes nothing. Its purpose is
+    that ROS 2's tools list the topic. `on_status` is called with a stream's status whenever its state or
+    counts change.
     """
 
     def __init__(  # noqa: PLR0913 - by keyword
@@ -115,7 +116,7 @@ class AgentDecoder:
         self._on_status = on_status or (lambda _: None)
         self._demand = Demand()
         self._pipelines: dict[str, _Pipeline] = {}
-        # Routes by local topic and agent, in their order: the first is decoded until it is withdrawn.
+        # Routes by local topic and agent, in their order: the first one is decoded until it is withdrawn.
         self._offered: dict[str, dict[str, Route]] = {}
         self._events: asyncio.Queue[Callable[[], Awaitable[None]]] = asyncio.Queue()
 
@@ -124,7 +125,7 @@ class AgentDecoder:
         self._events.put_nowait(partial(self._know, agent, tuple(routes)))
 
     def hear(self, change: Change) -> None:
-        """Take a change of a remote agent's streams."""
+        """Process a change of a remote agent's streams."""
         if isinstance(change, Withdrawn):
             self.offer(change.agent, ())
             return
@@ -138,7 +139,7 @@ class AgentDecoder:
         return tuple(self._status(p) for _, p in sorted(self._pipelines.items()))
 
     async def run(self, discovery_topic: str = "") -> None:
-        """Serve until cancelled, then release all but the pool; the discoverer's topic may be empty."""
+        """Serve until cancelled, then release everything except the pool; the discoverer's topic may be empty."""
         watched = [self._watch_graph(), self._watch_workers()]
         watched += [self._watch_agents(discovery_topic)] if discovery_topic else []
         try:
@@ -158,7 +159,7 @@ class AgentDecoder:
             self._events.put_nowait(partial(self._see, event))
 
     async def _watch_workers(self) -> None:
-        """End pipeline processes that hang by force; they are replaced as after a crash."""
+        """End unresponsive pipeline processes by force; they are replaced as after a crash."""
         while True:
             await asyncio.sleep(CHECK_PERIOD_S)
             for pipeline in self._pipelines.values():
@@ -174,7 +175,7 @@ class AgentDecoder:
             self.hear(change)
 
     async def _step(self) -> None:
-        """Handle the next event, or the timers that ran out before it."""
+        """Handle the expired timers, or the next event that comes before them."""
         deadlines = [pipeline.life.deadline_ns for pipeline in self._pipelines.values()]
         event = await next_before(self._events, deadlines)
         await (event or self._run_timers)()
@@ -204,7 +205,7 @@ class AgentDecoder:
             await self._settle(topic)
 
     async def _settle(self, topic: str) -> None:
-        """Decode a topic of the first agent that has it, after the pipeline of another one has gone."""
+        """Decode a topic of the first agent that has it, after the pipeline of another agent has gone."""
         by_agent = self._offered.get(topic, {})
         pipeline = self._pipelines.get(topic)
         if not by_agent:
@@ -329,7 +330,8 @@ async def run_decoder(
     routes = [route for topic in config.streams for route in routes_of_topic(topic)]
     workers = WorkerConfig(remote=config.remote, local=config.local)
     pool = WorkerPool(workers, spares=int(config.spare), refill=config.refill)
-    # The node first, so that a wrong domain or interface is reported once and not by each process.
+    # The node is created first, so that a wrong domain or interface is reported once and not by each
+    # process.
     async with Node("agent_decoder", **asdict(config.local)) as local:
         if config.parameters is not None:
             Parameters(local, config, config.parameters)
@@ -373,7 +375,7 @@ async def _serve(config: DecoderConfig, report: Reporter, orders: Orders) -> Non
 
 
 async def serve_terminal(config: DecoderConfig, say: Callable[[str], None]) -> None:
-    """Run a decoder for a person at a terminal; say a line for each change of a stream's state."""
+    """Run a decoder for a person at a terminal; print a line for each change of a stream's state."""
     states: dict[str, str] = {}
 
     def note(status: PipelineStatus) -> None:

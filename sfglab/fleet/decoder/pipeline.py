@@ -1,7 +1,7 @@
-"""One stream decoded once, from the remote topic to all subscribers on this device.
+"""Decoding of one stream, from the remote topic to all subscribers on this device.
 
-The coroutine of a pipeline process: it decodes each message once and publishes the result locally, over shared
-memory and DDS as far as each is subscribed to; or it relays messages unchanged (camera info).
+The coroutine of a pipeline process decodes each message once and publishes the result locally, over shared
+memory and DDS as far as each is subscribed to. Messages of camera info it relays unchanged.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ def _prefix(
     image.encoding = encoding
     image.is_bigendian = 0
     image.step = step
-    # An empty sequence ends in its length, a 4-byte aligned uint32: put the real one there.
+    # The CDR of an empty sequence ends in its length, a 4-byte aligned uint32. It is replaced by the real
+    # length.
     return serialize(image)[:-4] + struct.pack("<I", size_bytes)
 
 
@@ -62,9 +63,11 @@ def _prefix(
 class StreamCodec:
     """Codec of the streams that are decoded to messages of one ROS type."""
 
-    #: Returns a route's decoder: `feed(message)` yields decoded values, `skip(message)` decodes without them.
+    #: Function that returns a route's decoder: `feed(message)` yields decoded values, `skip(message)`
+    #: decodes without them.
     decoder: Callable[[Route], Any]
-    #: Returns, from a header and a decoded value, the message's CDR up to its last field, and that field's items.
+    #: Function of a header and a decoded value that returns the message's CDR up to its last field, and
+    #: that field's items.
     parts: Callable[[Any, Any], tuple[bytes, NDArray[np.generic]]]
 
 
@@ -88,14 +91,15 @@ def write_message(buffer: Any, prefix: bytes, items: NDArray[np.generic]) -> Non
 
 
 def message_bytes(prefix: bytes, items: NDArray[np.generic]) -> bytes:
-    """Return a whole message, padded to four bytes as the middleware needs it."""
+    """Return a whole message, padded to a multiple of four bytes as the middleware requires."""
     body = prefix + items.tobytes()
     return body + bytes(-len(body) % 4)
 
 
-LOCAL_QOS = QoSProfile(depth=5)  #: Reliable on the device, so that every subscription matches.
+LOCAL_QOS = QoSProfile(depth=5)  #: QoS on the device: reliable, so that every subscription matches.
 
-REPLAY_TIMEOUT_S = 3.0  #: Time for a replay to connect; a key frame has come by then.
+#: Time for a replay to connect, s; the live stream has sent a key frame by then.
+REPLAY_TIMEOUT_S = 3.0
 
 
 @dataclass(slots=True, kw_only=True)
@@ -111,7 +115,7 @@ class Statistics:
 
 
 class Outputs:
-    """Local publishers of one topic: one for each transport that is subscribed to."""
+    """Local publishers of one topic: one for each subscribed transport."""
 
     def __init__(self, local: Node, type_: str, topic: str) -> None:
         self._local = local
@@ -133,7 +137,7 @@ class Outputs:
             )
 
     def publish(self, prefix: bytes, items: NDArray[np.generic]) -> None:
-        """Publish one message, in the parts of `StreamCodec`, over every transport that is served."""
+        """Publish one message, in the parts of `StreamCodec`, over every transport in use."""
         for transport, publisher in self._publishers.items():
             if transport == "shm":
                 with publisher.loan(len(prefix) + items.nbytes) as buffer:
@@ -142,12 +146,12 @@ class Outputs:
                 publisher.publish_raw(message_bytes(prefix, items))
 
     def publish_raw(self, cdr: bytes) -> None:
-        """Publish one message unchanged by every transport that is served."""
+        """Publish one message unchanged over every transport in use."""
         for publisher in self._publishers.values():
             publisher.publish_raw(cdr)
 
     def close(self) -> None:
-        """End all publishers; again is harmless."""
+        """Close all publishers; idempotent."""
         self.serve(())
 
 
@@ -192,7 +196,8 @@ async def _decode(
             stack.callback(subscription.close)
             return subscription
 
-        # Remote topics first, the replay before all: routers connect one topic after the other.
+        # Remote topics come first and the replay before all others, because routers connect one topic after
+        # the other.
         replay = subscribe(route.replay_topic, REPLAY_QOS) if route.replay_topic else None
         live = subscribe(route.source_topic, COMPRESSED_STREAM)
         outputs.serve(transports)
@@ -204,7 +209,7 @@ async def _decode(
 
 
 class _Decoding:
-    """One stream's packets on their way through the splicer and the decoder to the outputs."""
+    """Path of one stream's packets through the splicer and the decoder to the outputs."""
 
     def __init__(self, route: Route, outputs: Outputs, counts: Statistics) -> None:
         self._codec = CODECS[route.decoded_type]
@@ -216,7 +221,7 @@ class _Decoding:
         self._arrived = asyncio.Event()
 
     async def join(self, live: Subscription, replay: Subscription) -> None:
-        """Decode what comes from both until the live stream alone is enough."""
+        """Decode packets of both sources until the live stream alone is enough."""
         sources = {Source.LIVE: live, Source.REPLAY: replay}
         async with beside(*(self._pump(s, source) for source, s in sources.items())) as pumps:
             try:
@@ -230,7 +235,7 @@ class _Decoding:
                 self._splicer.give_up()
 
     async def follow(self, live: Subscription) -> None:
-        """Decode what is left from joining, and then the live stream as it comes."""
+        """Decode the rest of the joining phase, and then the live stream as it arrives."""
         await self._drain()
         messages = aiter(live)
         while not self._splicer.done:
@@ -267,7 +272,7 @@ class _Decoding:
             pass
 
     async def _step(self) -> bool:
-        """Decode the next message; return False where there is none."""
+        """Decode the next message; return False if there is none."""
         step = self._splicer.next()
         if step is None:
             return False

@@ -1,11 +1,13 @@
 """Pipeline processes: one for each running pipeline, and one in standby.
 
-Each is ``python -m sfglab.fleet.decoder.process CONFIG``. Its imports take about a second; a standby process has
-done them. Every pipeline has a process of its own, so that a bitstream that kills the codec kills one stream.
+Each is ``python -m sfglab.fleet.decoder.process CONFIG``. Its imports take about a second; a standby
+process has done them. Each pipeline has a process of its own. A bitstream that crashes the codec therefore
+ends one stream only.
 
-Orders: ``{"do": "open", "stream": {...}}`` with a `Route`, ``{"do": "serve", "transports": [...]}`` when the
-local topic is subscribed to over other transports, ``{"do": "close"}``. Reports: ``ready``, ``opened``, ``closed`` (it
-holds nothing any more), ``broken`` with ``why``, and now and then and at last ``statistics``, `Statistics`.
+Orders: ``{"do": "open", "stream": {...}}`` with a `Route`, ``{"do": "serve", "transports": [...]}`` when
+the transports of the local subscriptions change, ``{"do": "close"}``. Reports: ``ready``, ``opened``,
+``closed`` after everything is released, ``broken`` with ``why``, and ``statistics``, `Statistics`,
+periodically and at the end.
 """
 
 from __future__ import annotations
@@ -35,14 +37,14 @@ REPORT_PERIOD_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerConfig:
-    """A worker's two sides; equal addresses share one node."""
+    """Addresses of a pipeline process; equal addresses share one node."""
 
     remote: BusAddress  #: Domain of the compressed streams.
     local: BusAddress  #: Domain of the decoded topics.
 
 
 class PipelineWorker:
-    """Takes orders, runs one pipeline at a time from `remote` to `local`, and reports."""
+    """Process that takes orders, runs one pipeline at a time from `remote` to `local`, and reports."""
 
     def __init__(self, remote: Node, local: Node, report: Reporter) -> None:
         self._remote = remote
@@ -52,7 +54,7 @@ class PipelineWorker:
         self._outputs: Outputs | None = None
 
     async def run(self, orders: Orders) -> None:
-        """Obey until cancelled."""
+        """Follow orders until cancelled."""
         self._report({"is": "ready"})
         try:
             while True:
@@ -104,13 +106,13 @@ class PipelineWorker:
 
 
 def _warm_up() -> None:
-    """Do what takes long the first time: 0.3 s that a subscriber would wait."""
+    """Do the work that is slow the first time: a subscriber would wait 0.3 s for it."""
     from importlib import import_module
 
     from sfglab.messages.dds import idl_struct
 
     import_module("sfglab.bus.shm.writer")
-    with contextlib.suppress(CodecError):  # a stream that needs it will say so
+    with contextlib.suppress(CodecError):  # a stream that needs this codec reports the error
         image_decoder(FFMPEG_PACKET, "h264")
     for type_ in (FFMPEG_PACKET, IMAGE_TYPE):
         idl_struct(type_)
@@ -118,7 +120,7 @@ def _warm_up() -> None:
 
 
 async def serve(config: WorkerConfig, report: Reporter, orders: Orders) -> None:
-    """Be the process."""
+    """Run the process."""
     from sfglab.bus import Node
 
     _warm_up()
@@ -135,7 +137,7 @@ async def serve(config: WorkerConfig, report: Reporter, orders: Orders) -> None:
 
 
 END_GRACE_S = 2.0
-#: A pipeline that starts needs the processor more than the next standby process.
+#: Delay before the next standby process starts, s, because a starting pipeline needs the processor.
 REFILL_DELAY_S = 2.0
 
 Owner = Callable[["Worker", Report], None]
@@ -147,16 +149,16 @@ class Worker(LineProcess):
     is_ready = False  #: Whether it has reported that it is ready.
 
     def assign(self, owner: Owner) -> None:
-        """Give an owner its reports from now on, its end included."""
+        """Send all further reports to an owner, including that of its end."""
         self.on_report = partial(owner, self)
 
     async def end(self) -> None:
-        """Tell it to end and wait; by force after a grace."""
+        """Tell it to end and wait; end it by force after a grace period."""
         await self.close(grace_s=END_GRACE_S)
 
 
 class WorkerPool:
-    """Pipeline processes, of which `spares` wait in standby; with `refill`, one that is acquired is replaced."""
+    """Pipeline processes, of which `spares` are in standby; with `refill`, an acquired one is replaced."""
 
     def __init__(self, config: WorkerConfig, *, spares: int = 1, refill: bool = True) -> None:
         module = "sfglab.fleet.decoder.process"
@@ -176,7 +178,7 @@ class WorkerPool:
 
     @property
     def warm(self) -> bool:
-        """Whether all standby processes are there and ready."""
+        """Whether all standby processes are running and ready."""
         return len(self._spares) >= self._spares_wanted and all(w.is_ready for w in self._spares)
 
     async def start(self) -> None:
@@ -190,7 +192,7 @@ class WorkerPool:
             await worker.expect("ready", timeout_s=None)
 
     async def acquire(self, owner: Owner) -> Worker:
-        """Return a worker for one pipeline, whose reports the owner gets; a replacement may start later."""
+        """Return a process for one pipeline, whose reports go to the owner; a replacement may start later."""
         worker = self._spares.pop(0) if self._spares else await self._spawn()
         worker.buffers_reports = False
         worker.assign(owner)
@@ -201,7 +203,7 @@ class WorkerPool:
         return worker
 
     async def release(self, worker: Worker) -> None:
-        """Take a worker whose pipeline has ended: into standby, or it ends if there are enough."""
+        """Take back a process whose pipeline has ended: to standby, or to its end if there are enough."""
         worker.assign(self._on_spare_report)
         if worker.status is None and self._is_short():
             self._spares.append(worker)

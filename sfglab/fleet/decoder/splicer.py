@@ -1,9 +1,10 @@
-"""Late-join splicer: a video stream that is under way, from its replay first, then live, without a seam.
+"""Late-join splicer: joins a running video stream from its replay and continues live without a gap.
 
 Two sources carry the same numbered packets, in any order and with gaps: the live stream, and the replay
-(`sfglab.fleet.gop_cache`) that repeats the group of pictures from its key frame. The splicer makes one chain of
-them that begins with a key frame and has no gap, says which pictures are worth showing, and when the replay can
-be left. It ends in, and falls back to, the live stream alone. Pure: knows numbers and key frames.
+(`sfglab.fleet.gop_cache`) that repeats the group of pictures from its key frame. The splicer makes one
+chain of them, which begins with a key frame and has no gap. It also decides which frames are shown, and
+when the replay is no longer needed. It ends with the live stream alone, and falls back to it. The module is
+pure: it depends on numbers and key frames only.
 """
 
 from __future__ import annotations
@@ -17,23 +18,23 @@ from sfglab.messages.packets import PacketOrder
 
 M = TypeVar("M")
 
-#: Packets that wait for one that is missing; beyond that it will not come any more.
+#: Maximum number of packets that wait for a missing one; beyond it, the missing one is given up.
 MOST_AHEAD = 512
 
 
 class Source(Enum):
-    """Where a packet comes from."""
+    """Source of a packet."""
 
     LIVE = auto()
     REPLAY = auto()
 
 
 class Phase(Enum):
-    """How far the joining is."""
+    """Phase of joining a stream."""
 
     JOINING = auto()  #: Both sources are needed.
-    CONNECTED = auto()  #: The live stream has reached the chain; the replay can be left.
-    FOLLOWING = auto()  #: Packets of the live stream pass as they come, gaps included.
+    CONNECTED = auto()  #: The live stream has reached the chain; the replay is no longer needed.
+    FOLLOWING = auto()  #: Packets of the live stream pass as they arrive, gaps included.
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,7 @@ class Step(Generic[M]):
     """The next packet to decode."""
 
     packet: M  #: The packet, or a value that represents it.
-    #: Whether its picture is wanted; if not, it is decoded for the pictures that follow.
+    #: Whether its frame is shown; otherwise it is decoded for the frames that follow.
     show: bool
 
 
@@ -54,9 +55,9 @@ class _Packet(Generic[M]):
 
 
 class Splicer(Generic[M]):
-    """Joins one stream once; without a replay to begin with, packets of the live stream pass as they come.
+    """Splicer of one stream; without a replay, packets of the live stream pass as they arrive from the start.
 
-    Pictures up to the number `after` may have been seen before.
+    Subscribers may have seen frames up to the number `after`.
     """
 
     def __init__(self, *, replay: bool, after: int = -1) -> None:
@@ -73,20 +74,21 @@ class Splicer(Generic[M]):
 
     @property
     def done(self) -> bool:
-        """Whether it has nothing to decide any more: each further packet of the live stream follows."""
+        """Whether nothing remains to be decided: each further packet of the live stream follows."""
         return self.phase is Phase.FOLLOWING and not self._key_needed and not self._chain
 
     @property
     def needs_replay(self) -> bool:
-        """Whether the replay is of any more use."""
+        """Whether the replay is still needed."""
         return self.phase is Phase.JOINING
 
     def take(
         self, packet: M, source: Source, *, pts: int, is_key: bool, shown: bool = True
     ) -> None:
-        """Take a packet of a source, numbered by `pts` without gaps; a decoder may start where `is_key`.
+        """Process a packet of a source, numbered by `pts` without gaps; a decoder may start where `is_key`.
 
-        A live stream whose `pts` are no numbers passes as it comes, from its next key frame on.
+        A live stream whose `pts` are times instead of numbers passes as it arrives, from its next key frame
+        on.
         """
         taken = _Packet(pts, is_key, shown, packet)
         if source is Source.LIVE:
@@ -100,19 +102,20 @@ class Splicer(Generic[M]):
             self._take_following(taken)
 
     def give_up(self) -> None:
-        """Go on without the replay, from the live stream's next key frame."""
+        """Continue without the replay, from the live stream's next key frame."""
         if self.phase is Phase.JOINING:
             self._ahead.clear()
             self._key_needed = True
             self.phase = Phase.FOLLOWING
 
     def next(self) -> Step[M] | None:
-        """Return what to decode next, of what has come so far; None: nothing is ready.
+        """Return the next packet to decode; None if no packet is ready.
 
-        Until the first picture is shown, only the newest one at hand is worth showing: the others are the past.
-        Once the live stream has reached the chain its last picture is the present. Until then a replay that
-        another asked for may run through seconds of the past: a further picture of it, and a first one that may
-        have been seen, has to be as new as the live stream.
+        Until the first frame is shown, only the newest available one is worth showing, because the others
+        are outdated. After the live stream has reached the chain, the last frame of the chain is current.
+        Before that, a replay that another reader requested may contain seconds of the past. A further frame
+        of it must therefore be as new as the live stream, and so must a first frame that may have been
+        seen.
         """
         if not self._chain:
             return None
@@ -130,7 +133,7 @@ class Splicer(Generic[M]):
         if packet.is_key and beyond:
             self._begin(packet)
             if source is Source.LIVE:
-                # The stream itself begins here; what is missing before it does not matter any more.
+                # The stream itself begins here; packets that are missing before it are not needed.
                 self._start = None
                 self._connect()
                 return
@@ -154,7 +157,7 @@ class Splicer(Generic[M]):
         return self._start is not None and self._start <= pts <= self._end
 
     def _is_past(self, packet: _Packet[M]) -> bool:
-        # A key frame from before the chain is not old: the sender has restarted.
+        # A key frame from before the chain is not outdated: the sender has restarted.
         before = self._start is not None and packet.pts < self._start
         return self._holds(packet.pts) or (before and not packet.is_key)
 
@@ -165,7 +168,7 @@ class Splicer(Generic[M]):
         self._ahead = {pts: p for pts, p in self._ahead.items() if pts > packet.pts}
 
     def _extend(self) -> None:
-        """Append contiguous packets; connect when live is reached."""
+        """Append contiguous packets; connect when the chain contains the newest live packet."""
         if self._start is not None:
             while (packet := self._ahead.pop(self._end + 1, None)) is not None:
                 self._chain.append(packet)

@@ -1,9 +1,10 @@
-"""Streams that can be wanted on this device, the demand for them, and the life of a pipeline as a table.
+"""Streams that can be decoded on this device, the demand for them, and the life cycle of a pipeline as a table.
 
 A compressed stream ``/global/<agent>/<component>/<stream>/<resource>`` is offered on this device as
 ``/local/<agent>/<component>/<stream>/image_raw``, its camera info under the same name in the local scope
-(paper A, section 4.3: "decoded or relayed topic"). A pipeline waits for a local subscription and goes with the
-last one (Fig. 4); the recovery from a crash is ours. Pure: the caller passes `now_ns` and carries actions out.
+(paper A, section 4.3: "decoded or relayed topic"). A pipeline starts with the first local subscription and
+ends after the last one (Fig. 4); the recovery from a crash is ours. The module is pure: the caller passes
+`now_ns` and executes the actions.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMAGE_TYPE = "sensor_msgs/msg/Image"
 _EDGE_PIXELS = 64  # the largest coding block of H.265
-RELAY = "relay"  #: Codec hint of a stream whose messages pass on as they are.
+RELAY = "relay"  #: Codec hint of a stream whose messages are relayed unchanged.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,14 +67,14 @@ class Route:
     agent: str  #: The remote agent.
     source_topic: str  #: The remote topic.
     source_type: str  #: Its ROS type.
-    codec: str  #: Codec hint, or `RELAY` for messages that pass unchanged.
+    codec: str  #: Codec hint, or `RELAY` for messages that are relayed unchanged.
     local_topic: str  #: The local topic.
     decoded_type: str = IMAGE_TYPE  #: ROS type of the decoded messages.
     #: Topic on which its sender may replay the last group of pictures; empty for none.
     replay_topic: str = ""
     #: Maximum number of pixels of a frame, with what codecs add at the edges.
     most_pixels: int = MAX_PIXELS
-    #: Number of the newest picture that subscribers may have seen of an earlier pipeline.
+    #: Number of the newest frame of an earlier pipeline that subscribers may have seen; -1 for none.
     after: int = -1
 
     @property
@@ -83,7 +84,7 @@ class Route:
 
 
 def routes_of_topic(topic: str) -> tuple[Route, Route]:
-    """Return the routes of a stream of which only the schema's name is known: its image and camera info.
+    """Return the routes of a stream, its image and its camera info, from its name in the schema alone.
 
     Raises:
         StreamError: The name is no compressed image stream of a remote agent.
@@ -100,7 +101,7 @@ def routes_of_topic(topic: str) -> tuple[Route, Route]:
 
 
 def routes_of_agent(metadata: Any) -> tuple[tuple[Route, ...], tuple[SfglabError, ...]]:
-    """Return the routes of all streams that an ``AgentMetadata`` lists, and what is wrong with the others."""
+    """Return the routes of all streams in an ``AgentMetadata``, and an error for each other stream."""
     metadata, refused = validated_metadata(metadata)
     routes: dict[str, Route] = {}
     errors: list[SfglabError] = list(refused)
@@ -177,7 +178,7 @@ class Demand:
         self._subscriptions: dict[str, dict[bytes, Transport]] = {}
 
     def feed(self, event: EndpointEvent) -> str | None:
-        """Take one graph event; return the topic whose demand may have changed, if it is a subscription's."""
+        """Process a graph event; return a subscription's topic, whose demand may have changed, else None."""
         endpoint = event.endpoint
         if endpoint.kind is not EndpointKind.SUBSCRIPTION:
             return None
@@ -203,37 +204,37 @@ class State(Enum):
     """State of a pipeline."""
 
     IDLE = auto()  #: The stream is known and has no subscriber; nothing runs.
-    STARTING = auto()  #: A pipeline was asked for and has not reported yet.
-    RUNNING = auto()  #: The pipeline is up.
-    #: The last subscriber left a moment ago; the pipeline is kept in case one returns.
+    STARTING = auto()  #: A pipeline was started and has not reported yet.
+    RUNNING = auto()  #: The pipeline runs.
+    #: The last subscriber has just left; the pipeline is kept in case one returns.
     LINGERING = auto()
     STOPPING = auto()  #: The pipeline was told to end.
-    RESTARTING = auto()  #: The pipeline was told to end, and is wanted again.
-    BACKING_OFF = auto()  #: The pipeline died while wanted; the next try waits.
+    RESTARTING = auto()  #: The pipeline was told to end, and is needed again.
+    BACKING_OFF = auto()  #: The pipeline crashed while it was needed; the next start waits.
     LEAVING = auto()  #: The stream was withdrawn; the pipeline was told to end.
     GONE = auto()  #: The stream was withdrawn and nothing runs.
 
 
 class Input(Enum):
-    """Input of the life cycle: what happens to a pipeline."""
+    """Input of the life cycle: an event of a pipeline."""
 
     WANTED = auto()  #: The first local subscriber appeared.
     UNWANTED = auto()  #: The last local subscriber left.
-    STARTED = auto()  #: The pipeline reports that it is up.
-    ENDED = auto()  #: The pipeline is gone, as told or by a crash.
+    STARTED = auto()  #: The pipeline reports that it runs.
+    ENDED = auto()  #: The pipeline is gone, as told or after a crash.
     TIMER = auto()  #: The armed timer ran out.
     WITHDRAWN = auto()  #: The remote agent or its stream is no longer known.
 
 
 class Action(Enum):
-    """Action after a transition, which the caller carries out."""
+    """Action after a transition, which the caller executes."""
 
     START = auto()  #: Start the pipeline and arm the start timer.
     STOP = auto()  #: Tell the pipeline to end and arm the stop timer.
-    KILL = auto()  #: The pipeline does not end as told: end it by force.
+    KILL = auto()  #: End the pipeline by force, because it did not end when told to.
     LINGER = auto()  #: Arm the linger timer.
     BACK_OFF = auto()  #: Arm the back-off timer.
-    CANCEL_TIMER = auto()  #: Nothing is waited for any more.
+    CANCEL_TIMER = auto()  #: Disarm the timer.
 
 
 _S, _I, _A = State, Input, Action
@@ -289,7 +290,7 @@ class Timing(ProcessTiming):
 
 
 class Lifecycle(ProcessLife[State, Input, Action]):
-    """One pipeline's state, its timer and its count of crashes."""
+    """State, timer and number of crashes of one pipeline."""
 
     READY = Input.STARTED
     BACK_OFF = Action.BACK_OFF

@@ -60,7 +60,7 @@ class State(Enum):
 
 
 class Input(Enum):
-    """Input of the life cycle: what happens to a remote agent."""
+    """Input of the life cycle: an event of a remote agent."""
 
     HEARD = auto()  #: A heartbeat without news.
     #: A heartbeat of the same incarnation with another revision of the description.

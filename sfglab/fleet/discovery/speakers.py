@@ -1,10 +1,10 @@
 """Sources of the heartbeats of one agent: each publisher with each incarnation that it claims.
 
 Any participant can send heartbeats with any name. Therefore a source is trusted only after the agent has
-answered a query with the incarnation that the source claims. If one of several sources falls silent, the others
-must prove again that the agent is present. So a false period neither hides nor fakes an agent's death. Two
-sources that send in turn are two agents with one name, or one of them is spoofed. The module does not depend on
-messages or states.
+answered a query with the incarnation that the source claims. If one of several sources falls silent, the
+others must prove again that the agent is present. A false period therefore neither hides the loss of an
+agent nor simulates one. Two sources that send in turn are two agents with one name, or one of them is
+spoofed. The module does not depend on messages or states.
 """
 
 from __future__ import annotations

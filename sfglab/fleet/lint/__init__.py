@@ -1,4 +1,4 @@
-"""The border linter: what a fleet's routers will let through, checked before anything runs."""
+"""Fleet linter: predicts what a fleet's routers will forward, before anything runs."""
 
 from sfglab.fleet.lint.linter import CHECKS, lint, lint_file
 from sfglab.fleet.lint.report import Finding, Severity, render, render_findings

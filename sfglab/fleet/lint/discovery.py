@@ -18,17 +18,21 @@ if TYPE_CHECKING:
     from sfglab.fleet.policy import Policy
 
 ROS_ENDPOINTS = 17
-"""Endpoints of each ROS 2 process: rosout, parameter events and ros_discovery_info both ways, six parameter services."""
+"""Endpoints of each ROS 2 process: a writer of rosout, a writer and a reader each of parameter events and
+ros_discovery_info, and six parameter services."""
 
 PAIR_BYTES = 1300
 ENDPOINT_BYTES = 460
-"""Received per ordered pair of participants, and per endpoint announced to one: fitted to two hosts with 20
-participants each (Cyclone DDS, multicast). Repeats among six hosts under full load made it up to six times."""
+"""Bytes received per ordered pair of participants, and per endpoint announced to one participant.
+
+The values were fitted to two hosts with 20 participants each (Cyclone DDS, multicast). With six hosts under
+full load, repeated messages increased the traffic up to six times.
+"""
 
 
 @dataclass(slots=True)
 class _Endpoints:
-    """Numbers of DDS endpoints of one agent by topic; latched writers are also counted apart."""
+    """Numbers of DDS endpoints of one agent by topic; transient-local writers are also counted separately."""
 
     writers: Counter[str] = field(default_factory=Counter)
     readers: Counter[str] = field(default_factory=Counter)
@@ -55,7 +59,7 @@ def _endpoints(uses: Iterable[Use]) -> _Endpoints:
 
 
 def discovery(view: View) -> Discovery:
-    """Return what discovery costs with one domain for all, and through routers."""
+    """Return the estimated traffic of discovery with one domain for all agents, and through routers."""
     ends, local, shown = {}, {}, {}
     for agent in view.fleet.agents:
         ends[agent.name] = _endpoints(use for use in view.uses if use.agent == agent.name)
@@ -72,7 +76,7 @@ def discovery(view: View) -> Discovery:
 
 
 def _shown(policy: Policy, agent: str, ends: Mapping[str, _Endpoints]) -> int:
-    """Return how many endpoints the agent's router has in the global domain."""
+    """Return the number of endpoints of an agent's router in the global domain."""
     own = ends[agent]
     others = [end.readers for name, end in ends.items() if name != agent]
     count = sum(policy.crosses(dds, Direction.INWARD) for dds in own.readers)
@@ -84,7 +88,7 @@ def _shown(policy: Policy, agent: str, ends: Mapping[str, _Endpoints]) -> int:
 
 
 def _announcements(hosts: Iterable[tuple[int, int]]) -> Announcements:
-    """Count what participants announce to those of other hosts; a host is (participants, endpoints)."""
+    """Count what participants announce to participants of other hosts; a host is (participants, endpoints)."""
     counts = list(hosts)
     participants = sum(p for p, _ in counts)
     endpoints = sum(e for _, e in counts)

@@ -1,6 +1,7 @@
-"""Checks of transform frames: all agents' trees put together, as every agent sees them behind its router.
+"""Checks of transform frames: the TF trees of all agents together, as every agent sees them behind its router.
 
-Table 1 of paper A forwards /tf and /tf_static; 4.1 asks for prefixes against clashes, 4.5 for a single root.
+Table 1 of paper A forwards /tf and /tf_static. Section 4.1 requires prefixes against clashes, section 4.5 a
+single root.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class Edge:
     agent: str  #: Agent that broadcasts it.
     child: str  #: Child frame, with prefix.
     parent: str  #: Parent frame, with prefix.
-    frame: FrameSpec  #: As the agent's nodes write it.
+    frame: FrameSpec  #: Transform as the agent's nodes write it.
 
 
 def edges_of(agent: AgentSpec) -> tuple[Edge, ...]:
@@ -46,7 +47,7 @@ def edges_of(agent: AgentSpec) -> tuple[Edge, ...]:
 
 
 def roots_of(edges: Iterable[Edge]) -> dict[str, str]:
-    """Return the root above every frame, by its last parent; frames in a circle have none."""
+    """Return the root of every frame, along its last parents; frames in a cycle have none."""
     parents = {edge.child: edge.parent for edge in edges}
     roots = {}
     for frame in {*parents, *parents.values()}:
@@ -62,7 +63,7 @@ def roots_of(edges: Iterable[Edge]) -> dict[str, str]:
 
 
 def check_frames(view: View) -> Iterator[Finding]:
-    """Find frames that clash, circles, and trees without a common root."""
+    """Find frames that clash, cycles, and trees without a common root."""
     edges: list[Edge] = []
     for agent in view.fleet.agents:
         tree = edges_of(agent)
@@ -75,7 +76,7 @@ def check_frames(view: View) -> Iterator[Finding]:
 
 
 def _check_tree(agent: AgentSpec, tree: Sequence[Edge]) -> Iterator[Finding]:
-    """Find what is wrong with one agent's tree alone."""
+    """Find the errors within one agent's tree."""
     repeated = _by_child(tree, lambda edges: len(edges) > 1)
     for child, edges in repeated.items():
         parents = sorted({edge.parent for edge in edges})

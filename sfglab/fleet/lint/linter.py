@@ -1,4 +1,4 @@
-"""Border linter: all checks of one fleet, and the checks of services and actions."""
+"""Fleet linter: all checks of one fleet, and the checks of services and actions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def check_rule_pairs(view: View) -> Iterator[Finding]:
-    """Find rules that forward one half of services and not the other, or only in one direction."""
+    """Find rules that forward one endpoint of services without the other, or only in one direction."""
     other = {"rq/": "rr/", "rr/": "rq/"}
     rules = view.fleet.policy.rules
     places = view.fleet.rule_places or (view.fleet.place,) * len(rules)
@@ -55,12 +55,12 @@ def check_rule_pairs(view: View) -> Iterator[Finding]:
 
 
 def check_servers(view: View) -> Iterator[Finding]:
-    """Find clients without a server in reach, and names that several agents serve."""
+    """Find clients that reach no server, and names that several agents serve."""
     for (kind, name), meeting in view.meetings.items():
         if kind is ResourceKind.TOPIC:
             continue
         crossing = view.crossing(name, kind)
-        # The rule itself is reported in place of names that the file only implies.
+        # Names that only the file implies are not reported here, because the rule itself is reported.
         if crossing is Crossing.PARTIAL and not meeting.implied:
             yield _half_open(view, kind, name, meeting)
         yield from _without_server(kind, name, meeting, crossing)
@@ -115,7 +115,7 @@ def _without_server(
 
 
 def check_hazards(view: View) -> Iterator[Finding]:
-    """Find crossing services and actions whose names make a DDS Router confuse request and reply."""
+    """Find forwarded services and actions whose names make a DDS Router confuse request and reply."""
     for (kind, name), meeting in view.meetings.items():
         hazards = router_hazards(name, kind)
         if hazards and view.crossing(name, kind) is not Crossing.NONE:
@@ -146,7 +146,7 @@ CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     check_static_transforms,
     check_frames,
 )
-"""Every check, in the order in which findings of one severity and line are listed."""
+"""All checks. Findings of equal severity and line are listed in this order."""
 
 
 def lint(fleet: Fleet) -> Report:
@@ -164,7 +164,7 @@ def lint(fleet: Fleet) -> Report:
 
 
 def lint_file(path: Path | str) -> tuple[str, int]:
-    """Return the report on a fleet file and an exit code: 0, 1 with errors, 2 if it is no fleet."""
+    """Return the report on a fleet file and an exit code: 0, 1 with errors, 2 if it is no fleet file."""
     try:
         report = lint(load_fleet(path))
     except DocumentError as error:

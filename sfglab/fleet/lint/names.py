@@ -1,4 +1,4 @@
-"""Checks of domains and of names: what crosses or not, QoS, types, and latched transforms."""
+"""Checks of domains and names: forwarded names, QoS, types, and static transforms."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def check_qos(view: View) -> Iterator[Finding]:
-    """Find subscriptions that request more than a publisher in reach offers."""
+    """Find subscriptions that request more than a matching publisher offers."""
     for publisher, subscriber in _pairs(view, ResourceKind.TOPIC):
         offered, requested = publisher.qos, subscriber.qos
         if offered is None or requested is None or publisher.name == TF_STATIC:
@@ -81,7 +81,7 @@ def _pairs(view: View, kind: ResourceKind) -> Iterator[tuple[Use, Use]]:
                 yield pair
 
 
-#: Above it, ports are in Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
+#: Highest domain whose ports are below Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
 LAST_SAFE_DOMAIN = 101
 
 ROS_OWN = frozenset({TF, TF_STATIC, "/rosout", "/parameter_events", "/clock", "/diagnostics"})
@@ -120,7 +120,7 @@ def check_domains(view: View) -> Iterator[Finding]:
 
 
 def check_topics_cross(view: View) -> Iterator[Finding]:
-    """Find topics that their subscriber cannot receive, and crossing topics without a subscriber."""
+    """Find topics that their subscriber cannot receive, and forwarded topics without a subscriber."""
     for (kind, name), meeting in view.meetings.items():
         if kind is not ResourceKind.TOPIC:
             continue
@@ -159,7 +159,7 @@ def _without_publisher(name: str, meeting: Meeting, *, crosses: bool) -> Iterato
 
 
 def check_schema(view: View) -> Iterator[Finding]:
-    """Find names outside the schema that cross, and names that stay because they are nearly global."""
+    """Find forwarded names outside the schema, and names that are not forwarded but nearly global."""
     for (kind, name), meeting in view.meetings.items():
         if name in ROS_OWN or any(part.startswith("_") for part in name.split("/")):
             continue
@@ -206,7 +206,7 @@ def check_descriptions(view: View) -> Iterator[Finding]:
 
 
 def _global_form(name: str, agent: str) -> str:
-    """Return how a name could look in the global scope; a hint, not a parsed name."""
+    """Return a similar name in the global scope, as a hint; the name is not parsed."""
     first, *rest = name.split("/")[1:]
     is_local = first == Scope.LOCAL.value
     tail = [agent, first, *rest]

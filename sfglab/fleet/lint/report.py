@@ -1,4 +1,4 @@
-"""Report of the linter as values and as text: findings, which agent receives what, and discovery."""
+"""Report of the linter as values and as text: findings, receivers by name, and traffic of discovery."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ if TYPE_CHECKING:
 
 
 class Severity(Enum):
-    """How bad a finding is, the worst first."""
+    """Severity of a finding, the worst first."""
 
-    ERROR = "error"  #: Something that the fleet relies on will not work.
-    WARNING = "warning"  #: It works, but probably not as meant, or not for long.
-    INFO = "info"  #: Worth knowing.
+    ERROR = "error"  #: The fleet relies on something that will not work.
+    WARNING = "warning"  #: It works, but probably not as intended, or not indefinitely.
+    INFO = "info"  #: Information.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One thing that is wrong or worth knowing."""
+    """One error, warning or information about a fleet."""
 
     severity: Severity  #: Its severity.
     code: str  #: Its kind, a short stable name.
     place: Place  #: Its place in the file.
     what: str  #: The problem.
-    why: str  #: Its consequence, and the rule behind it.
+    why: str  #: Its consequence, and the rule that it follows from.
     remedy: str = ""  #: The solution; empty if none is needed.
 
 
-# How a check makes one.
+# Function with which a check makes a finding.
 an_error = partial(Finding, severity=Severity.ERROR)
 a_warning = partial(Finding, severity=Severity.WARNING)
 a_remark = partial(Finding, severity=Severity.INFO)
@@ -45,61 +45,62 @@ a_remark = partial(Finding, severity=Severity.INFO)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hearing:
-    """Agents that use one name, and whether it crosses."""
+    """Agents that use one name, and whether it is forwarded between them."""
 
     name: str  #: ROS name.
     kind: ResourceKind  #: Topic, service or action.
     speakers: tuple[str, ...]  #: Agents that publish or serve it.
     hearers: tuple[str, ...]  #: Agents that subscribe or call it.
-    crosses: bool  #: Whether it gets from one agent to another.
-    rules: tuple[str, ...]  #: Patterns of the rules that let it cross.
+    crosses: bool  #: Whether it is forwarded from one agent to another.
+    rules: tuple[str, ...]  #: Patterns of the rules that forward it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Announcements:
     """Traffic of discovery between the hosts of a fleet."""
 
-    participants: int  #: Participants in the domain that hosts share.
-    endpoints: int  #: Endpoints in it.
-    #: Ordered pairs of participants on different hosts: each tells the other about itself.
+    participants: int  #: Number of participants in the domain that the hosts share.
+    endpoints: int  #: Number of endpoints in it.
+    #: Number of ordered pairs of participants on different hosts: each announces itself to the other.
     pairs: int
-    announced: int  #: Announcements of an endpoint to a participant on another host.
-    estimated_bytes: int  #: Bytes that all hosts receive for both.
+    announced: int  #: Number of announcements of an endpoint to a participant on another host.
+    estimated_bytes: int  #: Estimated bytes that all hosts receive for both.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Discovery:
-    """Discovery with one domain for all, and through routers."""
+    """Discovery with one domain for all agents, and through routers."""
 
-    standard: Announcements  #: Every process of every agent in one domain.
-    routed: Announcements  #: Only the routers meet, and show what is wanted across.
-    #: Participants and endpoints in each agent's own domain, by agent.
+    standard: Announcements  #: Traffic if all processes of all agents share one domain.
+    #: Traffic if only the routers share a domain, in which they announce what other agents need.
+    routed: Announcements
+    #: Numbers of participants and endpoints in each agent's own domain, by agent.
     local: dict[str, tuple[int, int]]
-    #: Endpoints that each agent's router shows in the global domain, by agent.
+    #: Number of endpoints that each agent's router has in the global domain, by agent.
     shown: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """Everything the linter has to say about a fleet."""
+    """Complete report on a fleet."""
 
     fleet: str  #: Name of the fleet.
-    findings: tuple[Finding, ...]  #: The worst first, then in the order of the file.
-    hearings: tuple[Hearing, ...]  #: Receivers by name.
-    discovery: Discovery  #: Cost of discovery.
+    findings: tuple[Finding, ...]  #: Findings, the worst first, then in the order of the file.
+    hearings: tuple[Hearing, ...]  #: Senders and receivers by name.
+    discovery: Discovery  #: Traffic of discovery.
 
     def count(self, severity: Severity) -> int:
-        """Return how many findings are of a severity."""
+        """Return the number of findings of a severity."""
         return sum(f.severity is severity for f in self.findings)
 
     @property
     def exit_code(self) -> int:
-        """1 if there is an error, else 0."""
+        """Exit code: 1 if there is an error, else 0."""
         return 1 if self.count(Severity.ERROR) else 0
 
 
 def render(report: Report) -> str:
-    """Return a report as text: findings, which agent receives what, and discovery."""
+    """Return a report as text: findings, receivers by name, and traffic of discovery."""
     counts = []
     for severity in Severity:
         count = report.count(severity)

@@ -1,4 +1,4 @@
-"""Uses of names in a fleet, also those that the file only implies (paper A, 4.2), and what reaches whom."""
+"""Uses of names in a fleet, implied ones included (paper A, 4.2), and the agents that they reach."""
 
 from __future__ import annotations
 
@@ -38,11 +38,12 @@ class Use:
     agent: str  #: Name of the agent.
     name: str  #: ROS name.
     kind: ResourceKind  #: Topic, service or action.
-    speaks: bool  #: Publishes or serves it; else subscribes or calls it.
-    type: str = ""  #: ROS type; empty where unknown.
+    #: Whether the agent publishes or serves it; otherwise it subscribes to it or calls it.
+    speaks: bool
+    type: str = ""  #: ROS type; empty if unknown.
     qos: QoSProfile | None = None  #: QoS of a topic's endpoints; None if unknown.
-    count: int = 1  #: Endpoints, or servers and clients.
-    implied: bool = False  #: Not written in the file as such.
+    count: int = 1  #: Number of endpoints, or of servers and clients.
+    implied: bool = False  #: Whether the file only implies it.
     place: Place = NOWHERE  #: Its place in the file.
 
 
@@ -55,26 +56,26 @@ class Meeting:
 
     @property
     def first(self) -> Use:
-        """Any of the uses, whose place is reported."""
+        """First of the uses, whose place is reported."""
         return (self.speakers + self.hearers)[0]
 
     @property
     def implied(self) -> bool:
-        """Whether the name is not written in the file."""
+        """Whether the file only implies the name."""
         return all(use.implied for use in self.speakers + self.hearers)
 
 
 class View:
-    """A fleet seen by name."""
+    """Uses of a fleet by name."""
 
     def __init__(self, fleet: Fleet) -> None:
-        self.fleet = fleet  #: As given.
-        #: By file order.
+        self.fleet = fleet  #: The fleet.
+        #: All uses, in the order of the file.
         self.uses = tuple(use for agent in fleet.agents for use in _uses_of(agent, fleet))
 
     @cached_property
     def meetings(self) -> dict[tuple[ResourceKind, str], Meeting]:
-        """All uses of a name, by kind and name."""
+        """Uses by kind and name."""
         found: dict[tuple[ResourceKind, str], Meeting] = defaultdict(Meeting)
         for use in self.uses:
             meeting = found[use.kind, use.name]
@@ -82,21 +83,21 @@ class View:
         return dict(found)
 
     def crossing(self, name: str, kind: ResourceKind) -> Crossing:
-        """Return how much of a name gets from one agent to another: out at one router, in at the next."""
+        """Return how much of a name is forwarded from one agent to another, over the routers of both."""
         ways = {self.fleet.policy.crossing(name, kind, way) for way in Direction}
         if len(ways) == 1:
             return ways.pop()
         return Crossing.NONE if kind is ResourceKind.TOPIC else Crossing.PARTIAL
 
     def reaches(self, speaker: Use, hearer: Use) -> bool:
-        """Return whether what one use says is heard by the other."""
+        """Return whether one use's samples or requests reach the other."""
         return (
             speaker.agent == hearer.agent
             or self.crossing(speaker.name, speaker.kind) is Crossing.WHOLE
         )
 
     def hearings(self) -> tuple[Hearing, ...]:
-        """Return which agents receive what, for names that cross or that several agents use."""
+        """Return senders and receivers of each name that is forwarded or that several agents use."""
         rows = []
         for kind, name in sorted(self.meetings, key=lambda key: (key[1], key[0].value)):
             meeting = self.meetings[kind, name]

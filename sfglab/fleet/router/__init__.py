@@ -1,1 +1,1 @@
-"""Schema-driven traffic routing: paper A, section 4.1. `sfglab.fleet.policy` decides what crosses."""
+"""Schema-driven traffic routing: paper A, section 4.1. `sfglab.fleet.policy` decides what is forwarded."""

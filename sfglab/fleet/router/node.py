@@ -1,9 +1,9 @@
 """Router between an agent's domain and the global one: paper A, section 4.1, Eq. 1 and Table 1.
 
-A thin shell around `plan`, in one task, on nodes of any backend. Services framed as rmw_cyclonedds does pass as
-they are. rmw_fastrtps finds the call of a reply by RTPS sample identities, which a forwarded sample does not
-keep: in the agent's domain its services, and so its actions, are called and answered by a program of ROS 2
-(`sfglab.bus.ros`); without one they do not cross.
+The module is an I/O wrapper of `plan`, in one task, on nodes of any backend. Services with the framing of
+rmw_cyclonedds are forwarded unchanged. rmw_fastrtps finds the call of a reply by RTPS sample identities,
+which a forwarded sample does not keep: in the agent's domain a program of ROS 2 (`sfglab.bus.ros`) calls
+and answers its services and actions. Without such a program they are not forwarded.
 
 As a process (`sfglab router`, or ``python -m sfglab.fleet.router.node CONFIG``; see `sfglab.component`) it
 reports, beside ``ready``, ``{"is": "status", "paths": [...], "clashed": n}`` whenever paths change and every

@@ -1,9 +1,10 @@
 """Actions of a router when endpoints come and go: what it opens and closes.
 
-Pure: takes events of the graphs of both domains and the time, returns actions. `sfglab.fleet.policy` decides
-what has to be open. An endpoint that has gone counts for a while longer, so that a restart does not close its
-path. Routers do not loop: in the agent's domain no router's endpoints count, and in the global domain none of
-routers of the same agent's domain. A client's requests wait for the path of their replies (`Replies`).
+The module is pure: it takes events of the graphs of both domains and the time, and returns actions.
+`sfglab.fleet.policy` decides what has to be open. An endpoint that has gone counts for a while longer, so
+that a restart does not close its path. Routers do not loop: in the agent's domain no router's endpoints
+count, and in the global domain none of routers of the same agent's domain. A client's requests wait for the
+path of their replies (`Replies`).
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ if TYPE_CHECKING:
 
 
 REPLY_READER_TIMEOUT_NS = 2_000_000_000
-"""Longest wait of requests for a reply reader, ns: several repairs of a lost discovery message."""
+"""Longest wait of requests for a reply reader, ns; it covers several retransmissions of a lost discovery
+message."""
 
 # rmw_cyclonedds names the client on both endpoints: a participant may have several clients of a service.
 _CLIENT_KEY = "clientid"

@@ -32,9 +32,9 @@ _log = logging.getLogger(__name__)
 
 
 class RosHalves:
-    """Passes on the first and the last of half a service's endpoints in the agent's domain as one endpoint.
+    """Forwards the first and the last of the request or reply endpoints of a service as one endpoint.
 
-    Endpoints of other middleware pass as they are.
+    Endpoints of other middleware pass unchanged.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class RosHalves:
             self._serve(side, event, framed=framed)
 
     def _serve(self, side: Side, event: EndpointEvent, *, framed: bool) -> None:
-        """Take an event of what the program is to serve, if it may cross."""
+        """Process an event of a service that the program may serve, if it may be forwarded."""
         endpoint = event.endpoint
         outward = (endpoint.kind is EndpointKind.PUBLISHER) is (side is Side.LOCAL)
         if not self._policy.crosses(
@@ -97,7 +97,7 @@ class RosHalves:
 
 
 def _asks(endpoint: EndpointInfo) -> bool:
-    """Whether it is half a client over DDS, and none of a router's, whose requests are others'."""
+    """Whether it is an endpoint of a client over DDS, and not one that a router made for a remote client."""
     prefix = "rq/" if endpoint.kind is EndpointKind.PUBLISHER else "rr/"
     there = endpoint.transport == "dds" and endpoint.dds_topic.startswith(prefix)
     return there and ROUTER_KEY not in entries(endpoint.user_data)

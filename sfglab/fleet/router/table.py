@@ -1,4 +1,4 @@
-"""Open paths of a router, and which endpoints of the global domain it has to discover.
+"""Open paths of a router, and the endpoints of the global domain that it has to discover.
 
 The table knows which paths are open; `plan` decides which ones have to be.
 """
@@ -64,7 +64,7 @@ class CounterpartWatcher:
         self._watches: dict[_Topic, _Watch] = {}
 
     def feed(self, event: EndpointEvent) -> None:
-        """Take an event of the other domain: counterparts of this endpoint matter, or no longer."""
+        """Process an event of the other domain: begin or end the watch for counterparts of an endpoint."""
         endpoint = event.endpoint
         topic = (endpoint.dds_topic, _OTHER[endpoint.kind])
         if isinstance(event, EndpointAdded):
