@@ -1,6 +1,7 @@
-"""ROS 2 messages without ROS: types, definitions, and bytes as they are on the wire.
+"""ROS 2 messages without an installation of ROS 2: types, definitions, and serialised bytes.
 
-All of ROS 2 Humble, FFMPEGPacket and CompressedVideo, and our own interfaces (the files under `interfaces/`).
+The types are all of ROS 2 Humble, FFMPEGPacket, CompressedVideo, and the interfaces of sfglab (the files in
+`interfaces/`).
 """
 
 from sfglab.messages.cdr import (

@@ -1,6 +1,7 @@
-"""Messages to bytes and back: plain CDR, little endian, as ROS 2 puts it on the wire and into logs.
+"""Serialisation of messages as plain CDR, little endian, the form that ROS 2 uses on the network and in logs.
 
-Knows the encapsulation header (RTPS 2.5, clause 10.2) and its padding. Refuses to know where bytes come from.
+The module handles the encapsulation header (RTPS 2.5, clause 10.2) and its padding. It does not depend on
+the source of the bytes.
 """
 
 from __future__ import annotations
@@ -36,15 +37,15 @@ _HEADER = b"\x00\x01\x00\x00"  # CDR_LE, no options
 _WHOLE: Any = (int, np.integer, np.bool_)
 _NUMBERS: Any = (*_WHOLE, float, np.floating)
 _IMAGE = "sensor_msgs/msg/Image"
-_ALIGNMENT = 4  # Cyclone DDS takes nothing whose length is not a multiple
+_ALIGNMENT = 4  # Cyclone DDS rejects lengths that are not a multiple of it
 
 
 class CdrError(MessageError):
     """Bytes that are not a message of the type, or a message that cannot become bytes."""
 
     def __init__(self, type_name: str, reason: str, *, size_bytes: int | None = None) -> None:
-        self.type_name = type_name  #: The type in question.
-        self.size_bytes = size_bytes  #: Length of the bytes; None when serialising.
+        self.type_name = type_name  #: Type of the message.
+        self.size_bytes = size_bytes  #: Length of the bytes; None for an error of serialisation.
         self.reason = reason  #: Reason.
         what = (
             "cannot serialise" if size_bytes is None else f"not in these {size_bytes} bytes of CDR"
@@ -66,7 +67,7 @@ def _scalar_misfit(value: Any, base: str) -> str | None:
 
 
 def _array_misfit(value: Any, base: str) -> str:
-    """Return why a value is no array of numbers of a type; empty if it is one."""
+    """Return why a value is no array of numbers of a type; empty if it is such an array."""
     wanted = numpy_dtype(base)
     if not isinstance(value, np.ndarray):
         return f": given {type(value).__name__}, allowed is a NumPy array of {wanted}"
@@ -78,7 +79,7 @@ def _array_misfit(value: Any, base: str) -> str:
 
 
 def _misfit(store: Typestore, value: Any, desc: FieldDesc) -> str | None:
-    """Return why a value does not fit a field, or None; the path to the field comes first."""
+    """Return why a value does not fit a field, or None. The text begins with the path to the field."""
     from rosbags.interfaces import Nodetype
 
     if desc[0] == Nodetype.BASE:
@@ -93,7 +94,7 @@ def _misfit(store: Typestore, value: Any, desc: FieldDesc) -> str | None:
 
 
 def _parts_of(store: Typestore, value: Any, desc: FieldDesc) -> list[tuple[str, Any, Any]] | str:
-    """Return step, value and type of each part of a message or list, or why it is none."""
+    """Return path step, value and type of each part of a message or list, or the reason why it is neither."""
     from rosbags.interfaces import Nodetype
 
     kind = desc[0]
@@ -129,17 +130,17 @@ def _writing_errors() -> tuple[type[Exception], ...]:
 
 @functools.cache
 def _known(message_class: Any) -> tuple[Msgdef[Any], Typestore]:
-    """Return how rosbags writes a type, and its store; looked up once per type."""
+    """Return the definition of a type, with which rosbags writes it, and its store; looked up once per type."""
     store = type_store()
     return store.get_msgdef(type_name(message_class)), store
 
 
 def serialized_size(message: Any) -> int:
-    """Return how many bytes `serialize` and `serialize_into` produce, with the 4-byte header and the padding.
+    """Return the number of bytes that `serialize` and `serialize_into` write, with 4-byte header and padding.
 
     Raises:
-        CdrError: A field holds something of the wrong kind.
-        UnknownTypeError: Not a message.
+        CdrError: A field has a value of the wrong kind.
+        UnknownTypeError: It is no message.
     """
     definition, store = _known(message.__class__)
     try:
@@ -150,7 +151,7 @@ def serialized_size(message: Any) -> int:
 
 
 def _write(message: Any, view: memoryview) -> None:
-    """Fill zeroed memory of exactly the right size."""
+    """Write a message into zeroed memory of exactly its size."""
     definition, store = _known(message.__class__)
     view[:4] = _HEADER
     try:
@@ -162,14 +163,15 @@ def _write(message: Any, view: memoryview) -> None:
 def serialize(message: Any) -> bytes:
     """Return a message as little-endian CDR with its 4-byte header, padded to a multiple of 4.
 
-    Numeric arrays must be contiguous one-dimensional NumPy arrays of the field's dtype; another dtype of the
-    same width is not noticed. Padding is zero, so equal messages give equal bytes.
+    Numeric arrays must be contiguous one-dimensional NumPy arrays of the field's dtype. Another dtype of
+    the same width is not detected. Padding is zero, so equal messages give equal bytes.
 
     Raises:
-        CdrError: A field holds something of the wrong kind or out of range; the message names the field.
-        UnknownTypeError: Not a message.
+        CdrError: A field has a value of the wrong kind or out of range; the message names the field.
+        UnknownTypeError: It is no message.
     """
-    # Written in place and returned without a copy, which for an image would take longer than all the rest.
+    # The bytes are written in place and returned without a copy. For an image, a copy would take longer
+    # than all other steps together.
     memory = BytesIO(bytes(serialized_size(message)))
     with memory.getbuffer() as view:
         _write(message, view)
@@ -177,11 +179,11 @@ def serialize(message: Any) -> bytes:
 
 
 def serialize_into(message: Any, buffer: Buffer) -> int:
-    """Write what `serialize` returns into contiguous memory, of at least as many bytes; return how many.
+    """Write a message as `serialize` does into contiguous memory that is large enough; return the number of bytes.
 
     Raises:
-        CdrError: As for `serialize`, or the buffer is too small; then its content is undefined.
-        UnknownTypeError: Not a message.
+        CdrError: As for `serialize`, or the buffer is too small. After an error, its content is undefined.
+        UnknownTypeError: It is no message.
     """
     size = serialized_size(message)
     view = memoryview(buffer).cast("B")
@@ -189,13 +191,13 @@ def serialize_into(message: Any, buffer: Buffer) -> int:
         raise CdrError(
             type_name(type(message)), f"given a buffer of {view.nbytes} bytes, needed are {size}"
         )
-    np.frombuffer(view, np.uint8, size).fill(0)  # alignment gaps must not show what was here before
+    np.frombuffer(view, np.uint8, size).fill(0)  # old content must not remain in alignment gaps
     _write(message, view[:size])
     return size
 
 
 def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
-    """Return a function from CDR bytes to messages; what does not change between messages is done here."""
+    """Return a function from CDR bytes to messages. Work that is equal for all messages is done once, here."""
     from rosbags.serde import SerdeError
 
     definition = store.get_msgdef(name)
@@ -210,7 +212,7 @@ def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
             return message
         decode = definition.deserialize_cdr_le if view[1] else definition.deserialize_cdr_be
         try:
-            # Bytes may follow, as rclpy takes them: Fast DDS over-estimates what a message needs.
+            # Further bytes may follow, as rclpy accepts them: Fast DDS overestimates the size of a message.
             return decode(view[4:], 0, definition.cls, store)[0]
         except (SerdeError, struct.error, ValueError, IndexError) as exc:
             raise CdrError(name, str(exc), size_bytes=view.nbytes) from exc
@@ -221,9 +223,9 @@ def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
 def _image_reader(store: Typestore) -> Callable[[memoryview], Any]:
     """Return a function from the little-endian CDR of a sensor_msgs/Image to the message.
 
-    It makes three calls of `struct` where the general decoder makes one for every field; with cold caches
-    each call counts several times. The function returns None for all other bytes: the general decoder reads
-    them, or says what is wrong.
+    It makes three calls of `struct`, while the general decoder makes one for each field. With cold caches
+    each call costs several times as much. The function returns None for all other bytes. The general
+    decoder then reads them, or reports the error.
     """
     image, header, time = (
         store.types[name] for name in (_IMAGE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
@@ -276,21 +278,22 @@ def decoder(type_or_name: type[Any] | str) -> Callable[[Buffer], Any]:
 def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:
     """Return the message in a CDR buffer of either byte order; numeric arrays are read-only views of it.
 
-    The views keep the buffer alive: an mmap or shared memory cannot be closed before they are gone. Arrays of
-    wide numbers may be unaligned in memory, which NumPy handles; `copy()` to change or to keep one.
+    The views keep the buffer alive: an mmap or shared memory cannot be closed before they are gone. Arrays
+    of wide numbers may be unaligned in memory, which NumPy handles. Use `copy()` to change or to keep an
+    array.
 
     Raises:
-        CdrError: The bytes are truncated, malformed or of another type; what follows a message does not matter.
+        CdrError: The bytes are truncated, malformed or of another type; bytes after the message are ignored.
         UnknownTypeError: There is no such type.
     """
     return decoder(type_or_name)(data)
 
 
 def register_definition(name: str, text: str) -> None:
-    """Add the type of a definition with its dependencies, as logs have it; those that are there already stay.
+    """Add the type of a definition with its dependencies, as in logs; types that exist already are kept.
 
     Raises:
-        MessageError: It cannot be read, or is not what the store has under this name.
+        MessageError: The definition cannot be read, or differs from that of the store under this name.
     """
     if name in type_store().fielddefs:
         if not is_known_as(name, text):
@@ -309,7 +312,7 @@ def register_definition(name: str, text: str) -> None:
 def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:
     """Return a `deserialize` for a type known only by its definition, as `definition` returns it.
 
-    Its types are apart from those of `message_type`, even when a name is the same.
+    Its types are separate from those of `message_type`, also if they have equal names.
 
     Raises:
         CdrError: The text is no complete definition of the type.

@@ -1,6 +1,6 @@
-"""Message types for Cyclone DDS: `IdlStruct` classes made from the same definitions as everything else.
+"""Message types for Cyclone DDS: `IdlStruct` classes, made from the same definitions as all other types.
 
-Not imported by the facade, because it loads the DDS library.
+The package's `__init__` does not import this module, because it loads the DDS library.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _HALVES = ("Request", "Response")
 
 
 def _generic(constructor: Any) -> Any:
-    """Return the same, without the library's annotation, which does not know that it can be subscripted."""
+    """Return the constructor without the library's annotation, according to which it cannot be subscripted."""
     return constructor
 
 
@@ -62,7 +62,8 @@ def _annotation(desc: FieldDesc) -> Any:
 
 def _made(name: str, header: dict[str, Any]) -> type[IdlStruct]:
     fields = header | {field: _annotation(desc) for field, desc in type_store().fielddefs[name][1]}
-    # A dataclass cannot have such a field. Raw CDR does not need one; typed (de)serialisation is off for them.
+    # A dataclass cannot have such a field. Raw CDR does not need a dataclass; typed (de)serialisation is
+    # disabled for these types.
     plain = not any(keyword.iskeyword(field) or hasattr(IdlStruct, field) for field in fields)
     return make_idl_struct(name.rpartition("/")[2], dds_type_name(name), fields, dataclassify=plain)
 
@@ -73,7 +74,7 @@ def _struct(name: str) -> type[IdlStruct]:
 
 
 def idl_struct(type_or_name: type[Any] | str) -> type[IdlStruct]:
-    """Return the Cyclone DDS type, for raw CDR, of a message or half a service, made on first use and kept.
+    """Return the Cyclone DDS type, for raw CDR, of a message, a request or a reply; it is made on first use.
 
     Raises:
         UnknownTypeError: There is no such type.
@@ -85,10 +86,10 @@ def idl_struct(type_or_name: type[Any] | str) -> type[IdlStruct]:
 
 @functools.cache
 def service_idl_struct(name: str) -> tuple[type[IdlStruct], type[IdlStruct]]:
-    """Return the Cyclone DDS types of a service's request and reply as rmw_cyclonedds puts them on the wire.
+    """Return the Cyclone DDS types of a service's request and reply, with the header of rmw_cyclonedds.
 
-    Before the fields stand `rmw_client_guid` (uint64) and `rmw_sequence` (int64), as `frame_service` makes
-    them.
+    The first fields are `rmw_client_guid` (uint64) and `rmw_sequence` (int64), as in the result of
+    `frame_service`.
 
     Raises:
         UnknownTypeError: There is no such service.
@@ -99,7 +100,7 @@ def service_idl_struct(name: str) -> tuple[type[IdlStruct], type[IdlStruct]]:
 
 
 def service_half_idl_struct(name: str) -> type[IdlStruct]:
-    """Return one of `service_idl_struct`, as for `sfglab_interfaces/srv/GetMetadata_Request`.
+    """Return one of the types of `service_idl_struct`, such as that of `sfglab_interfaces/srv/GetMetadata_Request`.
 
     Raises:
         UnknownTypeError: There is no such service.
@@ -110,8 +111,8 @@ def service_half_idl_struct(name: str) -> type[IdlStruct]:
 
 @functools.cache
 def opaque_idl_struct(name: str) -> type[IdlStruct]:
-    """Return a Cyclone DDS type of which only the name, ROS' or DDS', is known, to pass any CDR on as it is.
+    """Return a Cyclone DDS type for a type name, in the form of ROS or of DDS, which forwards any CDR unchanged.
 
-    It matches endpoints that announce no description of their type, which are those of ROS 2, and opaque ones.
+    It matches endpoints that announce no type description: those of ROS 2 and opaque ones.
     """
     return make_idl_struct("Opaque", announced_type_name(name), {"first_octet": types.uint8})

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-MOST_LOST = 256  #: Largest step that is taken for lost packets: the longest group of pictures.
-LEAST_TIME = 10  #: Smallest step of a time: milliseconds between pictures at 100 Hz.
+#: Largest step of `pts` that counts as lost packets: the longest group of pictures.
+MOST_LOST = 256
+LEAST_TIME = 10  #: Smallest step of a time: milliseconds between frames at 100 Hz.
 
 
 class PacketOrder:
-    """Finds missing packets of one stream.
+    """Detector of missing packets of one stream.
 
     ffmpeg_image_transport numbers packets, so each step but 1 means that packets are missing. Other drivers
-    write a time (nanoseconds, 90 kHz, milliseconds) or always 0. A loss in such a stream cannot be noticed.
-    Milliseconds are known by two steps of `LEAST_TIME` or more in a row before any step of 1.
+    write a time (nanoseconds, 90 kHz, milliseconds) or always 0. A loss in such a stream cannot be
+    detected. A stream in milliseconds is recognised by two successive steps of `LEAST_TIME` or more before
+    any step of 1.
     """
 
     def __init__(self) -> None:
-        #: Whether the latest difference of two `pts` is that of times or of a constant.
+        #: Whether the latest difference of two `pts` is that of a time or of a constant.
         self.is_time = False
         #: Whether the latest packet has a smaller `pts`, as before a B frame.
         self.is_reordered = False
@@ -24,7 +26,7 @@ class PacketOrder:
         self._time_steps = 0
 
     def missing(self, pts: int) -> bool:
-        """Take the next packet's `pts` and return whether packets before it are missing."""
+        """Process the next packet's `pts`, and return whether packets before it are missing."""
         last, self._last = self._last, pts
         if last is None:
             return False

@@ -1,6 +1,7 @@
-"""Rows of measurement tables as ROS messages, so that any reader of a log understands them.
+"""Rows of measurement tables as ROS messages, so that any reader of a log can decode them.
 
-Knows how a frozen dataclass becomes `sfglab_rows/msg/<ClassName>`. Refuses to know where rows are written.
+The module turns a frozen dataclass into `sfglab_rows/msg/<ClassName>`. It does not depend on the place
+where rows are written.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ from sfglab.messages.store import MessageError, numpy_dtype, register
 _PACKAGE = "sfglab_rows"
 _SCALARS = {bool: "bool", int: "int64", float: "float64", str: "string"}
 _ARRAY_KINDS = "biuf"
-# rosidl's rules (rosidl_adapter, parser.py): what a foreign tool would otherwise refuse to read.
+# rosidl's rules (rosidl_adapter, parser.py); other tools would refuse to read names that break them.
 _CLASS_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 _FIELD_NAME = re.compile(r"[a-z](?:_?[a-z0-9]+)*")
-# Annotations may name these although the module imports them for type checkers only.
+# Annotations may use these names, although the module imports them for type checkers only.
 _KNOWN = {"np": np, "NDArray": NDArray, "Sequence": Sequence}
 _types: dict[type[Any], tuple[type[Any], dict[str, str]]] = {}
 
 
 def _field_type(hint: Any, place: str) -> str:
-    """Return the interface language's word for an annotation."""
+    """Return the type of the interface language for an annotation."""
     if isinstance(hint, type) and hint in _SCALARS:
         return _SCALARS[hint]
     if (
@@ -55,7 +56,7 @@ def _field_type(hint: Any, place: str) -> str:
 
 
 def _fields(row_class: type[Any]) -> dict[str, str]:
-    """Return the words of the interface language for each field, by name."""
+    """Return the types of the interface language for each field, by name."""
     name = row_class.__name__
     if not (dataclasses.is_dataclass(row_class) and _CLASS_NAME.fullmatch(name)):
         raise MessageError(
@@ -90,11 +91,13 @@ def _registered(row_class: type[Any]) -> tuple[type[Any], dict[str, str]]:
 
 
 def row_type(row_class: type[Any]) -> type[Any]:
-    """Return the message type of a table's rows, `sfglab_rows/msg/<ClassName>`, registering it on first use.
+    """Return the message type of a table's rows, `sfglab_rows/msg/<ClassName>`, and register it on first use.
+
+    The documentation of the fields becomes comments of the definition.
 
     Args:
-        row_class: A dataclass of int (as int64), float (float64), bool, str, enums of text (string), lists and
-            tuples of any length of these, and NumPy arrays of numbers, whose documentation becomes comments.
+        row_class: A dataclass. Types of fields are int (as int64), float (float64), bool, str, enums of text
+            (string), and NumPy arrays of numbers. Lists and tuples of any length of these are allowed as well.
 
     Raises:
         MessageError: A field is of another type, a name is not allowed in a message, or another row class has
@@ -114,7 +117,7 @@ def _value(value: Any, word: str) -> Any:
     if base == "string":
         return list(value)
     array, dtype = np.asarray(value), numpy_dtype(base)
-    # An empty list has no kind; anything else must not lose a fraction on the way.
+    # An empty list has no kind; all other lists must not lose a fraction in the conversion.
     return np.zeros(0, dtype) if array.size == 0 else array.astype(dtype, "C", casting="same_kind")
 
 

@@ -1,6 +1,7 @@
-"""Requests and replies with the service header of rmw_cyclonedds, 16 bytes in front of the fields.
+"""Requests and replies with the service header of rmw_cyclonedds, 16 bytes before the fields.
 
-The frame is `cdds_request_header_t`; rmw_fastrtps has none, so the two do not understand each other's services.
+The frame is `cdds_request_header_t`. rmw_fastrtps has no such header, so the two middlewares cannot call
+each other's services.
 """
 
 from __future__ import annotations
@@ -25,31 +26,32 @@ _ENCAPSULATION_BYTES = 4
 _FRAME = {
     0: struct.Struct(">Qq"),
     1: struct.Struct("<Qq"),
-}  # by the second octet of the encapsulation
+}  # key: second octet of the encapsulation
 
 
 class ServiceFrame(NamedTuple):
-    """One request or reply, taken apart."""
+    """Parts of one request or reply."""
 
     client_guid: int  #: Id of the client; a reply repeats it.
     sequence: int  #: Number of the request; a reply repeats it.
-    cdr: bytes  #: The request or response alone, as `deserialize` takes it.
+    cdr: bytes  #: CDR of the request or response alone, as `deserialize` takes it.
 
 
 def frame_service(frame: ServiceFrame) -> bytes:
-    """Return the bytes that go to DDS, of the type `sfglab.messages.dds.service_idl_struct` makes.
+    """Return the bytes for DDS, of the type that `sfglab.messages.dds.service_idl_struct` makes.
 
-    Encapsulation, guid, sequence number, fields; the 16 bytes keep every alignment.
+    They are encapsulation, GUID, sequence number and fields. The 16 bytes of the header keep every
+    alignment.
     """
     header = _FRAME[1].pack(frame.client_guid, frame.sequence)
     return b"".join((frame.cdr[:_ENCAPSULATION_BYTES], header, frame.cdr[_ENCAPSULATION_BYTES:]))
 
 
 def unframe_service(data: bytes) -> ServiceFrame:
-    """Return the two numbers and the plain CDR of a request or reply that came from DDS, in either byte order.
+    """Return client, sequence number and plain CDR of a request or reply from DDS, in either byte order.
 
     Raises:
-        MessageError: Too short, or not CDR.
+        MessageError: The data are too short, or no CDR.
     """
     start = _ENCAPSULATION_BYTES
     end = start + _FRAME[1].size
@@ -67,14 +69,14 @@ _MARK = "_FeedbackMessage"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActionType:
-    """An action as message types, all dataclasses with `__msgtype__`."""
+    """Message types of an action, all dataclasses with `__msgtype__`."""
 
-    name: str  #: Such as `sfglab_interfaces/action/FollowTrajectory`.
+    name: str  #: Name of the action, such as `sfglab_interfaces/action/FollowTrajectory`.
     goal: type[Any]  #: Type of goals.
     result: type[Any]  #: Type of results.
     feedback: type[Any]  #: Type of feedback.
-    send_goal: ServiceType  #: The service that asks for a goal.
-    get_result: ServiceType  #: The service that waits for its result.
+    send_goal: ServiceType  #: Service that requests a goal.
+    get_result: ServiceType  #: Service that waits for the result of a goal.
     feedback_message: type[Any]  #: Type of the feedback topic: a goal's id and its feedback.
 
 
@@ -100,7 +102,7 @@ def action_type(name: str) -> ActionType:
 
 
 def register_action(name: str, text: str) -> ActionType:
-    """Add the action `package/action/Name` of an `.action` text, whose types are in the store, or return it.
+    """Add the action `package/action/Name` of an `.action` text, or return it; its field types are in the store.
 
     Raises:
         MessageError: The text has not three parts, or the name belongs to an action with other fields.

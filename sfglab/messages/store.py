@@ -1,6 +1,7 @@
-"""The one store of message types: ROS 2's of the distribution in ROS_DISTRO, our interfaces, and a user's.
+"""The store of message types: those of the ROS 2 distribution in ROS_DISTRO, of sfglab, and of the user.
 
-ROS 2 Humble's stand where no later distribution is named. Refuses to know bytes (`cdr`) and middleware (`dds`).
+The types are those of ROS 2 Humble where no later distribution is given. The module depends neither on
+serialisation (`cdr`) nor on middleware (`dds`).
 """
 
 from __future__ import annotations
@@ -26,11 +27,12 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
 
-#: Paths for `register_interfaces`, also in what we start.
+#: Environment variable with paths for `register_interfaces`; child processes inherit it.
 INTERFACES_VARIABLE = "SFGLAB_INTERFACES"
 _log = logging.getLogger("sfglab.messages")
 RULE = "=" * 80
-# Of a definition, as work of who reads it: ROS 2's own have at most 119 values and 5,000 characters.
+# Limits of a definition, which bound the work of its readers: ROS 2's own have at most 119 values and 5,000
+# characters.
 _MOST_VALUES = 4096
 _MOST_LINES = 1500
 _MOST_CHARACTERS = 2**18
@@ -48,8 +50,8 @@ class UnknownTypeError(SfglabError, LookupError):
     """A type that the store does not hold."""
 
     def __init__(self, name: object, *, near: tuple[str, ...] = ()) -> None:
-        self.name = name  #: The unknown name.
-        self.near = near  #: Names of types that look similar, best first.
+        self.name = name  #: Unknown name.
+        self.near = near  #: Names of similar types, the most similar first.
         own = "names look like std_msgs/msg/String; types of your own: register_interfaces, --interfaces"
         hint = f"did you mean {', '.join(near)}?" if near else own
         super().__init__(f"message type {name!r} is unknown: {hint}")
@@ -59,19 +61,21 @@ class UnknownTypeError(SfglabError, LookupError):
 class ServiceType:
     """A service as a pair of message types."""
 
-    #: Such as `std_srvs/srv/Empty`, or one of an action's, such as `pkg/action/Name_SendGoal`.
+    #: Name of a service, such as `std_srvs/srv/Empty`, or of an action's service, such as
+    #: `pkg/action/Name_SendGoal`.
     name: str
-    request: type[Any]  #: The type of requests; a dataclass with `__msgtype__`.
-    response: type[Any]  #: The type of responses; a dataclass with `__msgtype__`.
+    request: type[Any]  #: Type of requests; a dataclass with `__msgtype__`.
+    response: type[Any]  #: Type of responses; a dataclass with `__msgtype__`.
 
 
 def parse_definition(name: str, text: str) -> Typesdict:
     """Return the types in a `.msg` text with its dependencies by their full names, the named one first.
 
-    Further types follow after a line of 80 equal signs and `MSG: pkg/Type`. Fields are as rosbags keeps them.
+    Further types follow after a line of 80 equal signs and `MSG: pkg/Type`. Fields are in the form of
+    rosbags.
 
     Raises:
-        MessageError: It cannot be read, or is larger than definitions are.
+        MessageError: The text cannot be read, or exceeds the size of a definition.
     """
     from rosbags.typesys import TypesysError, get_types_from_msg
 
@@ -82,11 +86,12 @@ def parse_definition(name: str, text: str) -> Typesdict:
         raise MessageError(
             f"{name}: given {lines} lines of definition, {len(text)} characters, {allowed}"
         )
-    # rosbags files everything under /msg/, where short names are looked for, and wants the last line to end.
+    # rosbags files every type under /msg/, where it looks for short names. It requires a line break at the
+    # end.
     filed = _FOLDER.sub("/msg/", name)
     try:
         (_, first), *rest = get_types_from_msg(text.rstrip() + "\n", filed).items()
-    # Beside its own error rosbags passes on what names and numbers raise that it did not expect.
+    # Beside its own error, rosbags passes on the errors that unexpected names and numbers raise.
     except (TypesysError, SyntaxError, ValueError, LookupError, TypeError, AssertionError) as error:
         raise MessageError(f"{name}: its definition cannot be read: {error}") from error
     return {name: first, **dict(rest)}
@@ -121,7 +126,7 @@ def _shipped_texts() -> Iterator[tuple[str, str]]:
 
 
 def _types_of() -> str:
-    """Return the distribution of ROS 2 whose types are used: that of ROS_DISTRO, at least Humble."""
+    """Return the distribution of ROS 2 whose types are used: that in ROS_DISTRO if it is later than Humble."""
     named = os.environ.get("ROS_DISTRO", "")
     return named if named in {"iron", "jazzy", "kilted", "lyrical"} else "humble"
 
@@ -131,7 +136,8 @@ def _built_store() -> Typestore:
     from rosbags.serde import cdr, primitives
     from rosbags.typesys import Stores, get_typestore
 
-    # An octet has no sign (IDL 4.2, clause 7.4.1.4.4.2.6); rosbags gives `byte` one and refuses 128 and more.
+    # An octet has no sign (IDL 4.2, clause 7.4.1.4.4.2.6), but rosbags gives `byte` a sign and refuses 128
+    # and more.
     for packing in ("pack", "unpack"):
         for order in ("le", "be"):
             setattr(
@@ -139,8 +145,8 @@ def _built_store() -> Typestore:
                 f"{packing}_byte_{order}",
                 getattr(primitives, f"{packing}_char_{order}"),
             )
-    # rclpy reads text that is not UTF-8 with U+FFFD in its place, and an empty string without its
-    # terminating zero; rosbags refuses the message.
+    # rclpy replaces bytes that are not UTF-8 by U+FFFD, and accepts an empty string without its terminating
+    # zero. rosbags refuses such messages.
     compile_lines = cdr.compile_lines  # type: ignore[attr-defined]
     cdr.compile_lines = lambda lines: compile_lines([_tolerant(line) for line in lines])  # type: ignore[attr-defined]
     store = get_typestore(Stores(f"ros2_{_types_of()}"))
@@ -154,16 +160,16 @@ def _built_store() -> Typestore:
 
 
 def _tolerant(line: str) -> str:
-    """Return a line of rosbags' reader of strings as rclpy reads them."""
+    """Return a line of rosbags' string reader, changed so that it reads strings as rclpy does."""
     line = line.replace("check_string(", "length and check_string(")
     return line.replace(").decode()", ').decode(errors="replace")')
 
 
 def type_store() -> Typestore:
-    """Return the store as rosbags knows it; built on first use, once per process."""
+    """Return the store in the form of rosbags; it is built on first use, once per process."""
     with _lock:
         paths = tuple(_to_register)
-        _to_register.clear()  # first: to register asks for the store
+        _to_register.clear()  # before the loop, because registering calls this function
         for path in paths:
             register_interfaces(Path(path))
         return _built_store()
@@ -173,26 +179,26 @@ def register(name: str, text: str) -> type[Any]:
     """Add the type `pkg/msg/Type` of a `.msg` text without dependencies to the store, or return it.
 
     Raises:
-        MessageError: It cannot be read, or the name belongs to a type with other fields.
+        MessageError: The text cannot be read, or the name belongs to a type with other fields.
     """
     add_types({name: text})
     return type_store().types[name]
 
 
 def register_interfaces(path: Path) -> tuple[str, ...]:
-    """Add the types of ROS 2 packages, or of one of their files, to the store, and return their names, sorted.
+    """Add the types of ROS 2 packages, or of one of their files, to the store; return their names, sorted.
 
         register_interfaces(Path("/opt/ros/jazzy/share/example_interfaces"))
 
     Args:
         path: A package's folder with `msg`, `srv` and `action` folders, in a source tree or below `share`; a
-            folder of such packages; or one `.msg`, `.srv` or `.action` file in such a folder. Types that they
-            use and that are neither among them nor in the store yet are added first, by a call of their own.
-            Types with `wstring`, which we do not have, are left out of a folder, with a warning.
+            folder of such packages; or one `.msg`, `.srv` or `.action` file in such a folder. Types on which
+            they depend must be among them or in the store; otherwise register those first.
+            Types with `wstring`, which sfglab does not support, are left out of a folder, with a warning.
 
     Raises:
-        MessageError: There is no such file; a definition cannot be read, uses a type that is not there, or
-            belongs to a type with other fields; the one file has `wstring`. Nothing was added then.
+        MessageError: There is no such file; a definition cannot be read, uses an unknown type, or belongs to
+            a type with other fields; the only file has `wstring`. Nothing was added in these cases.
     """
     found = [path] if path.is_file() else path.rglob("*")
     files = sorted(f for f in found if f.suffix[1:] in _SUFFIXES and f.parent.name == f.suffix[1:])
@@ -212,7 +218,7 @@ def register_interfaces(path: Path) -> tuple[str, ...]:
 
 
 def _name_of(file: Path) -> str:
-    """Return the full name of the interface in a file; its package's manifest knows better than the folder."""
+    """Return the full name of the interface in a file; the package's manifest overrides the folder's name."""
     package = file.absolute().parents[1]
     manifest = package / "package.xml"
     said = (
@@ -224,7 +230,7 @@ def _name_of(file: Path) -> str:
 
 
 def _with_wstring(parts: Mapping[Path, Mapping[str, str]]) -> set[Path]:
-    """Return the files with `wstring`, or with a type of such a file."""
+    """Return the files with `wstring`, or with a type from such a file."""
     uses = {
         file: {i for n, text in part.items() for _, i in _used(parse_definition(n, text)[n])}
         for file, part in parts.items()
@@ -241,7 +247,7 @@ def _with_wstring(parts: Mapping[Path, Mapping[str, str]]) -> set[Path]:
 
 
 def add_types(texts: Mapping[str, str]) -> None:
-    """Add types, all or none, by their full names; those that are there already stay."""
+    """Add types, all or none, by their full names; types that exist already are kept."""
     with _lock:
         store = type_store()
         parsed = {name: parse_definition(name, text)[name] for name, text in texts.items()}
@@ -257,7 +263,7 @@ def is_known(name: str) -> bool:
 
 
 def is_known_as(name: str, text: str) -> bool:
-    """Return whether a definition with its dependencies, as `definition` returns it, is that of the store."""
+    """Return whether a definition with its dependencies, as `definition` returns it, equals that of the store."""
     known = type_store().fielddefs
     try:
         return name in known and all(
@@ -272,7 +278,7 @@ def _agree(known: Any, given: Any) -> bool:
 
 
 def _used(definition: Any) -> Iterator[tuple[str, str]]:
-    """Yield the fields of a definition whose type is a message, with its name."""
+    """Yield each field of a definition that has a message type, with the type's name."""
     from rosbags.interfaces import Nodetype
 
     for field, desc in definition[1]:
@@ -282,7 +288,7 @@ def _used(definition: Any) -> Iterator[tuple[str, str]]:
 
 
 def check_new(store: Typestore, parsed: Typesdict) -> None:
-    """Refuse definitions that contradict the store or use what is not there."""
+    """Refuse definitions that contradict the store or use unknown types."""
     for name, definition_ in parsed.items():
         if name in store.fielddefs and not _agree(store.fielddefs[name], definition_):
             raise MessageError(
@@ -301,18 +307,18 @@ def check_new(store: Typestore, parsed: Typesdict) -> None:
 
 
 def _check_work(name: str, known: Mapping[str, Any], values: dict[str, int]) -> int:
-    """Return how many values a type has at least, one for an array of numbers; `values` are those known.
+    """Return the least number of values of a type; an array of numbers is one. `values` has the known results.
 
     Raises:
-        MessageError: More than its readers, which are generated with a line for each, are made for; or it
-            contains itself.
+        MessageError: There are more values than the generated readers allow, which have a line for each; or
+            the type contains itself.
     """
     from rosbags.interfaces import Nodetype
 
     if name not in values:
         values[name] = (
             _MOST_VALUES + 1
-        )  # until it is counted: more than allowed for who contains itself
+        )  # Preliminary, above the limit: a type that contains itself is then refused.
         count = 1
         for field, desc in known[name][1]:
             is_list = desc[0] in {Nodetype.ARRAY, Nodetype.SEQUENCE}
@@ -335,14 +341,15 @@ def _check_work(name: str, known: Mapping[str, Any], values: dict[str, int]) -> 
 
 
 def message_types() -> tuple[str, ...]:
-    """Return the names of all types that the store holds, sorted; services appear as their two halves."""
+    """Return the names of all types in the store, sorted; a service has a request type and a response type."""
     return tuple(sorted(type_store().types))
 
 
 def message_type(name: str) -> type[Any]:
     """Return a message type by its full name, `package/msg/Name`; there is no short form.
 
-    A dataclass of numbers, strings, NumPy arrays, messages or lists of these, with the constants as attributes.
+    It is a dataclass of numbers, strings, NumPy arrays, messages or lists of these. Constants are
+    attributes.
 
     Raises:
         UnknownTypeError: There is no such type; the message lists similar names.
@@ -378,7 +385,7 @@ def type_name(type_or_name: type[Any] | str) -> str:
     """Return the full name of a message type, such as `std_msgs/msg/String`; a name is checked.
 
     Raises:
-        UnknownTypeError: Neither a message type nor the name of one.
+        UnknownTypeError: It is neither a message type nor the name of one.
     """
     if isinstance(type_or_name, str):
         return message_type(type_or_name).__msgtype__  # type: ignore[no-any-return]  # set by rosbags
@@ -389,7 +396,7 @@ def type_name(type_or_name: type[Any] | str) -> str:
 
 
 def definition(type_or_name: type[Any] | str) -> str:
-    """Return a type's definition with all it depends on, as MCAP's `ros2msg` encoding and rosbag2 keep it.
+    """Return a type's definition with all dependencies, in the form of MCAP's `ros2msg` encoding and rosbag2.
 
     Each dependency follows after 80 equal signs and `MSG: package/Name`.
 
@@ -407,7 +414,7 @@ def definition(type_or_name: type[Any] | str) -> str:
 
 
 def type_hash(type_or_name: type[Any] | str) -> str:
-    """Return a type's hash as ROS 2 has it since Iron, such as `RIHS01_df668c...` (REP 2016).
+    """Return a type's hash in the form that ROS 2 uses since Iron, such as `RIHS01_df668c...` (REP 2016).
 
     Raises:
         UnknownTypeError: There is no such type.
@@ -425,7 +432,7 @@ def type_hash(type_or_name: type[Any] | str) -> str:
 
 
 def _hashed(desc: Any) -> Any:
-    """Return a field's description as rosidl hashes it: `char` is `uint8`; rosbags tells them apart."""
+    """Return a field's description in the form that rosidl hashes: `char` is `uint8`, unlike in rosbags."""
     from rosbags.interfaces import Nodetype
 
     kind, rest = desc
@@ -438,7 +445,7 @@ def _hashed(desc: Any) -> Any:
 
 
 def _add_dependencies(name: str, texts: dict[str, str]) -> None:
-    """Add the text of each type that a type uses, and of those that they use, in order of first use."""
+    """Add the text of each type that a type uses, directly or through others, in order of first use."""
     for _, inner in _used(type_store().fielddefs[name]):
         if inner not in texts:
             texts[inner] = _text_of(inner)
@@ -446,7 +453,7 @@ def _add_dependencies(name: str, texts: dict[str, str]) -> None:
 
 
 def _text_of(name: str) -> str:
-    """Return the text of a type as it was given, with its comments; rosbags keeps none."""
+    """Return the original text of a type, with its comments, which rosbags does not keep."""
     if name in _sources:
         return _sources[name]
     text, _ = type_store().gendefhash(name, {}, ros_version=2)
@@ -458,7 +465,7 @@ def numpy_dtype(base: str) -> np.dtype[Any]:
     return np.dtype({"bool": "bool", "char": "uint8", "byte": "uint8"}.get(base, base))
 
 
-# A field with a default in a .msg text; a constant has an equal sign.
+# A field with a default in a .msg text; the line of a constant has an equal sign.
 _DEFAULT = re.compile(
     r"""^[ \t]*[\w/]+(?:<=\d+)?(?:\[[^\]]*\])?[ \t]+(\w+)[ \t]+("[^"]*"|'[^']*'|\[.*?\]|[^\s#=]+)""",
     re.MULTILINE,
@@ -467,9 +474,9 @@ _DEFAULT = re.compile(
 
 @functools.cache
 def _defaults_of(name: str) -> dict[str, str]:
-    """Return the defaults that the definition of a type gives its fields, as text."""
+    """Return the default values in the definition of a type, as text by field."""
     if name == "geometry_msgs/msg/Quaternion":
-        # Of ROS 2's own types rosbags leaves the defaults out; these two are not zero.
+        # rosbags omits the defaults of ROS 2's own types; only these two are not zero.
         return {"w": "1"}
     if name == "sensor_msgs/msg/NavSatStatus":
         status = getattr(type_store().types[name], "STATUS_UNKNOWN", 0)  # since Iron
@@ -538,12 +545,12 @@ _ACTION_WRAPPERS = {
 
 
 def action_texts(name: str, text: str) -> dict[str, str]:
-    """Return the message texts of an `.action` text by full names: three parts, and what carries them.
+    """Return the message texts of an `.action` text by full names: its three parts, and their wrappers.
 
-    The wrappers are those of ROS 2's design (design.ros2.org, "Actions"); each text needs only those before.
+    The wrappers are those of ROS 2's design (design.ros2.org, "Actions"); each text uses only earlier ones.
 
     Raises:
-        MessageError: It has another number of parts.
+        MessageError: The text has another number of parts.
     """
     parts = _ACTION_RULE.split(text)
     if len(parts) != len(_ACTION_PARTS):
@@ -558,14 +565,14 @@ def action_texts(name: str, text: str) -> dict[str, str]:
 
 
 EMPTY = "structure_needs_at_least_one_member"
-"""The octet that rosbags gives a message without fields, when it is registered (rosidl's rule)."""
+"""Name of the octet that rosbags adds to a message without fields when it is registered (rosidl's rule)."""
 _SUFFIXES = ("msg", "srv", "action")
-_WSTRING = "/wstring"  #: Suffix of the type that rosbags takes `wstring` for.
+_WSTRING = "/wstring"  #: Suffix of the type that rosbags reads in place of `wstring`.
 _SECONDS = range(-(2**31), 2**31)
 
 
 def stamp_from_ns(stamp_ns: int) -> Any:
-    """Return the `builtin_interfaces/msg/Time` of nanoseconds since the epoch, of negative seconds below 0.
+    """Return the `builtin_interfaces/msg/Time` of nanoseconds since the epoch; negative ones have negative seconds.
 
     Raises:
         MessageError: The seconds do not fit into 32 bits.
@@ -578,5 +585,5 @@ def stamp_from_ns(stamp_ns: int) -> Any:
 
 
 def ns_from_stamp(stamp: Any) -> int:
-    """Return a stamp's nanoseconds since the epoch, exact, from its `sec` and `nanosec`."""
+    """Return the nanoseconds since the epoch of a stamp with `sec` and `nanosec`, without rounding."""
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)

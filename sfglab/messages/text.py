@@ -1,6 +1,6 @@
-"""Messages as YAML, as ROS 2's tools print and read it.
+"""Messages as YAML, in the form that ROS 2's tools print and read.
 
-Knows fields and their values. Refuses to know where a message is from.
+The module depends on fields and their values only.
 """
 
 from __future__ import annotations
@@ -33,18 +33,19 @@ _HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Style:
-    """How much of a message is shown, in the words of `ros2 topic echo`."""
+    """Extent to which a message is printed, in the terms of `ros2 topic echo`."""
 
-    truncate_length: int | None = None  #: Longer strings and arrays are cut there; None: never.
-    no_arr: bool = False  #: Whether arrays are only described.
-    no_str: bool = False  #: Whether strings are only described.
+    #: Length to which strings and arrays are cut; None: they are not cut.
+    truncate_length: int | None = None
+    no_arr: bool = False  #: Whether arrays are described instead of printed.
+    no_str: bool = False  #: Whether strings are described instead of printed.
 
 
 _WHOLE = Style()
 
 
 def fields_with_types(message: Any) -> Iterator[tuple[str, Any, Any]]:
-    """Yield the name, type and value of each field of a message, the type as rosbags has it."""
+    """Yield name, type and value of each field of a message; the type is in the form of rosbags."""
     for name, type_ in type_store().get_msgdef(message.__msgtype__).fields:
         if name != EMPTY:
             yield name, type_, getattr(message, name)
@@ -69,7 +70,7 @@ def _plain(value: Any, type_: Any, style: Style) -> Any:
     if style.no_arr:
         return _described(inner if isinstance(inner, str) else inner[0], len(value), type_)
     kept = value if most is None else value[:most]
-    if isinstance(kept, np.ndarray):  # rosbags reads bytes with a sign
+    if isinstance(kept, np.ndarray):  # rosbags reads bytes as signed numbers
         items = kept.astype(numpy_dtype(inner[0]), copy=False).tolist()
     else:
         items = [_plain(one, type_[1][0], style) for one in kept]
@@ -89,18 +90,18 @@ def _is_array(type_: Any) -> bool:
 
 
 def to_yaml(values: Any) -> str:
-    """Return values of a message, or one of them, as ROS 2's tools print them, with a line break at the end."""
+    """Return values of a message, or one of them, in the form of ROS 2's tools, with a line break at the end."""
     import yaml
 
     text: str = yaml.dump(values, allow_unicode=True, width=sys.maxsize, sort_keys=False)
-    return text.removesuffix("...\n")  # behind a single value
+    return text.removesuffix("...\n")  # YAML's end mark after a single value
 
 
 def value_at(values: Any, way: str, place: str) -> Any:
-    """Return the value that a way of names and numbers leads to, as in ``pose.position.x`` or ``ranges[0]``.
+    """Return the value at a path of names and numbers, such as ``pose.position.x`` or ``ranges[0]``.
 
     Raises:
-        InvalidValueError: It leads to none; names what is there.
+        InvalidValueError: The path leads to no value; the error lists the names that exist.
     """
     found = values
     for name, index in STEP.findall(way):
@@ -121,7 +122,7 @@ def value_at(values: Any, way: str, place: str) -> Any:
 
 
 def message_from_yaml(type_name: str, text: str, place: str) -> Any:
-    """Return a message with the fields of a YAML text; ``now`` is the time, ``auto`` a header with it.
+    """Return a message with the fields of a YAML text; ``now`` stands for the time, ``auto`` for a header with it.
 
     Raises:
         InvalidValueError: The text is no YAML, or its values are not those of the type.

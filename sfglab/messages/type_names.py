@@ -1,6 +1,6 @@
 """Names of types, as ROS 2 writes them and as it announces them in DDS.
 
-Knows the two forms. Refuses to know which types there are (`store`).
+The module converts the two forms. It does not depend on the types that exist (`store`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import re
 from sfglab.messages.store import MessageError
 
 # rosidl_adapter's rules for packages and messages (Humble); services add _Request, _Response and _Event.
-_PACKAGE = r"[a-z](?:_?[a-z0-9])*"  # unambiguous, so that matching takes linear time: names of unknown peers are matched
+# The pattern is unambiguous, so that matching names of unknown peers takes linear time.
+_PACKAGE = r"[a-z](?:_?[a-z0-9])*"
 _NAME = r"[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*"
 _ROS = re.compile(rf"(?P<package>{_PACKAGE})/(?P<kind>msg|srv|action)/(?P<name>{_NAME})")
 _DDS = re.compile(rf"(?P<package>{_PACKAGE})::(?P<kind>msg|srv|action)::dds_::(?P<name>{_NAME})_")
@@ -23,7 +24,8 @@ class TypeNameError(MessageError):
 def dds_type_name(name: str) -> str:
     """Return the name under which ROS 2 announces a type in DDS (rosidl_typesupport_introspection).
 
-    `std_msgs/msg/String` gives `std_msgs::msg::dds_::String_`; so do halves, as `std_srvs/srv/Empty_Request`.
+    `std_msgs/msg/String` gives `std_msgs::msg::dds_::String_`. Requests and responses have such names as
+    well, such as `std_srvs/srv/Empty_Request`.
 
     Raises:
         TypeNameError: The name has another form.
@@ -34,7 +36,7 @@ def dds_type_name(name: str) -> str:
 
 
 def announced_type_name(name: str) -> str:
-    """Return the name under which a type is announced in DDS, given that or the one that ROS 2 has for it."""
+    """Return the name under which a type is announced in DDS, from this name or from its name in ROS 2."""
     return dds_type_name(name) if _ROS.fullmatch(name) else name
 
 

@@ -1,6 +1,6 @@
 """The naming schema of paper A (section 4.1, Fig. 2), and ROS 2 names on DDS.
 
-Floor 0: imports nothing of sfglab but `sfglab.errors`, and only the standard library besides.
+The package is in layer 0: it imports only `sfglab.errors` and the standard library.
 
     >>> from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream, parse
     >>> camera = RosFqnBuilder().scope(Scope.GLOBAL).agent("go2").component(Component.CAMERA, "front")

@@ -1,8 +1,8 @@
-"""Agents' names: which ones there may be, which one an agent has by default, and the frames that bear it.
+"""Names of agents: allowed names, the default name, and the prefix of frames.
 
-Paper A, section 4.1: the set A is resolved at run time, from `SFG_AGENT_NAME` or the sanitised host name; and
-"for transform topics, appropriate frame prefixing is required to prevent TF frame ID clashes". How the prefix
-looks is ours: the agent's segment, so that frames of agent go2 are ``go2/...``.
+Paper A, section 4.1: the set A is resolved at run time, from `SFG_AGENT_NAME` or the sanitised host name;
+and "for transform topics, appropriate frame prefixing is required to prevent TF frame ID clashes". The form
+of the prefix is ours. It is the agent's segment, so that frames of agent go2 are ``go2/...``.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ AGENT_VARIABLE = "SFG_AGENT_NAME"  #: The environment variable that names the ag
 def validate_agent(agent: str) -> str:
     """Return an agent's name unchanged if every name of the schema can carry it.
 
-    Refused beside wrong characters: what reads as a scope, component, stream or resource, so that a forgotten
-    agent is found; and what a DDS router breaks in `/global/<agent>/get_metadata`, such as `torq`.
+    Wrong characters are refused. The names of scopes, components, streams and resources are refused as
+    well, so that a forgotten agent is detected. So are names that a DDS router breaks in
+    `/global/<agent>/get_metadata`, such as `torq`.
 
     Raises:
         FqnError: With segment `agent`.
@@ -39,14 +40,15 @@ def validate_agent(agent: str) -> str:
 
 
 def sanitize_agent(hostname: str) -> str:
-    """Return the agent's name that a host name stands for.
+    """Return the agent's name for a host name.
 
-    The first label in lower case, every run of other characters than ASCII letters and digits one
-    underscore, none at the ends, and `agent_` before a leading digit: `Go2-Jetson.local` is `go2_jetson`,
-    `7up` is `agent_7up`. Hosts that differ only in what is dropped get the same name: set `SFG_AGENT_NAME`.
+    It is the first label of the host name, in lower case. Each run of characters other than ASCII letters
+    and digits becomes one underscore, and none remains at the ends. A leading digit gets the prefix
+    `agent_`: `Go2-Jetson.local` gives `go2_jetson`, `7up` gives `agent_7up`. Hosts that differ only in
+    removed parts get the same name; set `SFG_AGENT_NAME` there.
 
     Raises:
-        FqnError: If nothing remains, or what remains is not a name for an agent.
+        FqnError: Nothing remains, or the rest is not a name for an agent.
     """
     label = hostname.partition(".")[0].lower()
     name = re.sub(r"[^a-z0-9]+", "_", label).strip("_")
@@ -63,8 +65,8 @@ def default_agent(environ: Mapping[str, str] = os.environ, hostname: str | None 
     """Return this agent's name: `SFG_AGENT_NAME` if set, else the sanitised host name.
 
     Raises:
-        FqnError: If the variable holds no valid name (it is never changed, and empty is not unset), or the
-            host name gives none.
+        FqnError: The variable holds no valid name, or the host name gives none. The variable's value is never
+            changed, and an empty value counts as set.
     """
     given = environ.get(AGENT_VARIABLE)
     if given is not None:
@@ -79,18 +81,19 @@ def _validated(agent: str, origin: str) -> str:
         raise FqnError("agent", agent, f"{error.allowed}; {origin}") from error
 
 
-SHARED_FRAMES = ("map", "earth", "world")  #: Roots that all agents share: REP 105's without `odom`.
+#: Root frames that all agents share: those of REP 105 without `odom`.
+SHARED_FRAMES = ("map", "earth", "world")
 
 
 def prefixed_frame(
     frame: str, agent: str, *, shared: frozenset[str] = frozenset(SHARED_FRAMES)
 ) -> str:
-    """Return a frame's name as others see it: the agent's prefix, where there is an agent and no slash yet."""
+    """Return the name of a frame outside the agent: prefixed, if there is an agent and the name has no slash."""
     frame = frame.removeprefix("/")  # as tf2 does
     return frame if not agent or "/" in frame or frame in shared else f"{agent}/{frame}"
 
 
 def frame_owner(frame: str) -> str:
-    """Return the agent whose frame it is; empty for a frame without prefix."""
+    """Return the agent that owns a frame; empty for a frame without prefix."""
     agent, slash, _ = frame.partition("/")
     return agent if slash else ""

@@ -1,14 +1,14 @@
 """The naming schema of paper A, section 4.1 and Fig. 2: `/scope[/agent[/component[/stream]]]/resource`.
 
-The paper's tuple (s, a, c, d, r) makes scope and resource mandatory and lets each of the others be empty. Here
-an optional segment needs the one before it: a stream is a stream *of* a component, a component a part *of* an
-agent (without the agent, two agents' lidars would share one global name). So the number of segments alone says
-what each one is. All names that the paper prints are of this form: `/global/agent_heartbeat`,
-`/global/<agent>/get_metadata`, `/local/<agent>/agent_discovery_event`.
+In the paper's tuple (s, a, c, d, r), scope and resource are mandatory and each of the others may be empty.
+Here an optional segment requires the one before it: a stream is a stream *of* a component, a component a
+part *of* an agent. Without the agent, two agents' lidars would share one global name. The number of
+segments alone therefore gives the meaning of each. All names that the paper prints have this form:
+`/global/agent_heartbeat`, `/global/<agent>/get_metadata`, `/local/<agent>/agent_discovery_event`.
 
-Which resource may stand where is decided by its `After` flags and the last segment before it, not by the scope.
-`str()` of a `RosFqn` and `parse` are inverse to each other; whether a custom resource is a topic, a service or
-an action does not stand in a name, so `parse` is told.
+The `After` flags of a resource and the last segment before it decide whether it may stand there; the scope
+does not matter. `str()` of a `RosFqn` and `parse` are inverse to each other. A name does not state whether
+a custom resource is a topic, a service or an action, so `parse` has an argument for it.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ class RosFqn:
     """One name as the tuple (scope, agent, component, stream, resource); `str()` is the ROS name.
 
     Raises:
-        FqnError: Naming the segment that the schema does not allow.
+        FqnError: The schema does not allow a segment, which the error names.
     """
 
     scope: Scope  #: Local or global.
-    agent: str | None = None  #: Agent that uses the name, or None.
-    component: ComponentSegment | None = None  #: Part of the agent, or None.
-    stream: StreamSegment | None = None  #: Data stream of the component, or None.
+    agent: str | None = None  #: Agent that uses the name; None for none.
+    component: ComponentSegment | None = None  #: Part of the agent; None for none.
+    stream: StreamSegment | None = None  #: Data stream of the component; None for none.
     resource: ResourceSegment  #: Topic, service or action.
 
     def __post_init__(self) -> None:
@@ -101,7 +101,7 @@ class RosFqn:
 
     @property
     def preceding(self) -> After:
-        """The kind of segment that stands before the resource."""
+        """The kind of the last segment before the resource."""
         return After[self.segments[-2][0].upper()]
 
     @property
@@ -111,7 +111,7 @@ class RosFqn:
 
     @property
     def dds_names(self) -> tuple[str, ...]:
-        """DDS topics of the name: one for a topic, two for a service, eight for an action."""
+        """DDS topics of the name: one for topics, two for services, eight for actions."""
         return dds_names(str(self), self.kind)
 
 
@@ -119,7 +119,7 @@ def parse(name: str, kind: ResourceKind | None = None) -> RosFqn:
     """Return the tuple of an absolute ROS name; without a kind a custom resource is a topic.
 
     Raises:
-        FqnError: Naming the segment that the schema does not allow, `name` for the whole.
+        FqnError: The schema does not allow a segment, which the error names; `name` for the whole.
     """
     scope, middle, last = _shares(name)
     agent, component, stream = middle
@@ -209,11 +209,12 @@ def _check_routable(fqn: RosFqn) -> None:
 
 
 class RosFqnBuilder:
-    """Collects the segments of one name, in any order; a later call replaces an earlier one.
+    """Builder of one name from its segments, in any order; a later call replaces an earlier one.
 
-    The builder of paper A, section 4.1: names from enumerations. Every method returns a new builder. An agent
-    that is neither given nor excluded is this host's, as `default_agent` says. Component, stream and resource
-    take a suffix, as in `Component.CAMERA, "front"` or `Stream.INFRA, "1"`; a wrong one raises `FqnError`.
+    It is the builder of paper A, section 4.1: names from enumerations. Every method returns a new builder.
+    If the agent is neither given nor excluded, it is this host's (`default_agent`). Component, stream and
+    resource take a suffix, as in `Component.CAMERA, "front"` or `Stream.INFRA, "1"`; a wrong one raises
+    `FqnError`.
     """
 
     __slots__ = ("_segments",)
@@ -246,10 +247,10 @@ class RosFqnBuilder:
         return self._with("resource", resource, suffix)
 
     def build(self) -> RosFqn:
-        """Return the name; for an agent neither given nor excluded, ask the environment and the host.
+        """Return the name; an agent that is neither given nor excluded comes from the environment or the host.
 
         Raises:
-            FqnError: Naming the segment that is missing or not allowed.
+            FqnError: A segment is missing or not allowed; the error names it.
         """
         if "scope" not in self._segments:
             raise FqnError("scope", None, "Scope.LOCAL or Scope.GLOBAL; it is mandatory")
@@ -277,7 +278,7 @@ def all_standard_fqns(agent: str) -> Iterator[RosFqn]:
     """Yield every name that standard values without suffix can make for one agent, each once.
 
     Raises:
-        FqnError: If the agent's name is not allowed.
+        FqnError: The agent's name is not allowed.
     """
     for scope in Scope:
         for resource in _permitted(After.SCOPE):

@@ -1,7 +1,7 @@
-"""Grammar of ROS 2 names: characters, length, how relative ones become absolute, and how they stand on DDS.
+"""Grammar of ROS 2 names: characters, length, resolution of relative names, and names on DDS.
 
-Sources: design.ros2.org, "Topic and Service Names", "Topic and Service name mapping to DDS", "Actions"; length
-limits of rmw and RTPS. Refuses to know the schema of paper A.
+Sources: design.ros2.org, "Topic and Service Names", "Topic and Service name mapping to DDS", "Actions";
+length limits of rmw and RTPS. The module does not depend on the schema of paper A.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from itertools import chain
 
 from sfglab.errors import InvalidValueError
 
-TF = "/tf"  #: The transform topic: routed by Table 1 of paper A, but outside the schema.
-#: The static transform topic: routed by Table 1 of paper A, but outside the schema.
+TF = "/tf"  #: Transform topic: routed by Table 1 of paper A, but outside the schema.
+#: Static transform topic: routed by Table 1 of paper A, but outside the schema.
 TF_STATIC = "/tf_static"
 
 # rmw/validate_full_topic_name.h, 255 - 8 with the leading slash; a namespace leaves room for 2 more.
@@ -40,8 +40,8 @@ _WORDS_RULE = (
 class FqnError(InvalidValueError):
     """A name, or one segment of it, that the rules do not allow.
 
-    Its place is what is wrong: scope, agent, component, stream, resource, suffix, custom, namespace, node, or
-    name for the whole.
+    Its place is the wrong part: scope, agent, component, stream, resource, suffix, custom, namespace, node,
+    or name for the whole.
     """
 
 
@@ -63,14 +63,14 @@ _MAX_LENGTH = {
 def max_name_length(kind: ResourceKind) -> int:
     """Return the longest allowed ROS name: 247 characters for topics, 246 for services, 226 for actions.
 
-    rmw reserves 8 characters for prefixes, but `rq` and `Request` take 9, and actions append their longest
-    part.
+    rmw reserves 8 characters for prefixes. However, `rq` and `Request` take 9, and the names of actions get
+    a further part, of which the longest counts.
     """
     return _MAX_LENGTH[kind]
 
 
 def validate_ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str:
-    """Return an absolute ROS name unchanged if it is valid, which repeated underscores, unlike in rmw, are not.
+    """Return an absolute ROS name unchanged if it is valid; unlike in rmw, repeated underscores are invalid.
 
     Raises:
         FqnError: With segment `name`.
@@ -86,15 +86,16 @@ def validate_ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str
 
 
 def is_wire_ros_name(name: str) -> bool:
-    """Tell whether a ROS 2 node could have made this absolute name (`rmw_validate_full_topic_name`)."""
+    """Return whether a ROS 2 node could have made this absolute name (`rmw_validate_full_topic_name`)."""
     return ROS_NAME.fullmatch(name) is not None
 
 
 def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
-    """Return the absolute form of a name as a node sees it, like `Node.resolve_topic_name` of rclpy.
+    """Return the absolute form of a name in a node, like `Node.resolve_topic_name` of rclpy.
 
-    `/x` stays, `x` becomes `<namespace>/x`, `~/x` becomes `<namespace>/<node>/x`; no substitutions such as
-    `{node}`. `""` is the root namespace and a missing first slash is added. Topics' limits hold.
+    `/x` stays, `x` becomes `<namespace>/x`, `~/x` becomes `<namespace>/<node>/x`. There are no
+    substitutions such as `{node}`. `""` is the root namespace, and a missing first slash is added. The
+    limits are those of topics.
 
     Raises:
         FqnError: With segment `namespace`, `node` or `name`.
@@ -130,7 +131,7 @@ _REPLY = "Reply"
 
 
 class DdsRole(Enum):
-    """Role of a DDS topic for ROS 2; the value is its prefix."""
+    """Role of a DDS topic in ROS 2; the value is its prefix."""
 
     TOPIC = "rt"
     REQUEST = "rq"
@@ -142,17 +143,17 @@ _TAIL = {DdsRole.TOPIC: "", DdsRole.REQUEST: _REQUEST, DdsRole.REPLY: _REPLY}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireName:
-    """The ROS side of a DDS topic name."""
+    """Role and ROS name of a DDS topic."""
 
-    role: DdsRole  #: Topic, or one half of a service.
-    name: str  #: Absolute ROS name; of an action's parts with `/_action/` in it.
+    role: DdsRole  #: Topic, or requests or replies of a service.
+    name: str  #: Absolute ROS name; for parts of an action it contains `/_action/`.
 
 
 def dds_topic(name: str) -> str:
     """Return the DDS topic of a ROS topic: `/chatter` is `rt/chatter`.
 
     Raises:
-        FqnError: If the name is not a valid absolute topic name.
+        FqnError: The name is not a valid absolute topic name.
     """
     return _mangled(DdsRole.TOPIC, validate_ros_name(name))
 
@@ -161,17 +162,17 @@ def dds_service(name: str) -> tuple[str, str]:
     """Return a service's request and reply topics: `/add` is `rq/addRequest` and `rr/addReply`.
 
     Raises:
-        FqnError: If the name is not a valid absolute service name.
+        FqnError: The name is not a valid absolute service name.
     """
     validate_ros_name(name, ResourceKind.SERVICE)
     return _mangled(DdsRole.REQUEST, name), _mangled(DdsRole.REPLY, name)
 
 
 def dds_names(name: str, kind: ResourceKind) -> tuple[str, ...]:
-    """Return every DDS topic that a topic (1), service (2) or action (8, below `<name>/_action/`) uses.
+    """Return all DDS topics of a topic (1), a service (2) or an action (8, below `<name>/_action/`).
 
     Raises:
-        FqnError: If the name is not valid for its kind.
+        FqnError: The name is not valid for its kind.
     """
     if kind is ResourceKind.TOPIC:
         return (dds_topic(name),)
@@ -187,7 +188,7 @@ def dds_names(name: str, kind: ResourceKind) -> tuple[str, ...]:
 
 
 def ros_name_from_dds(dds_name: str) -> WireName | None:
-    """Return the ROS side of a DDS topic name, as lenient as rmw, or None where the topic is not ROS 2's."""
+    """Return role and ROS name of a DDS topic, as lenient as rmw; None if the topic is not one of ROS 2."""
     for role, tail in _TAIL.items():
         if dds_name.startswith(role.value + "/") and dds_name.endswith(tail):
             name = dds_name.removeprefix(role.value).removesuffix(tail)
@@ -196,11 +197,11 @@ def ros_name_from_dds(dds_name: str) -> WireName | None:
 
 
 def router_breaks(segment: str, *, followed: bool) -> bool:
-    """Tell whether a segment of a service's name makes a DDS router confuse request and reply.
+    """Return whether a segment of a service's name makes a DDS router confuse request and reply.
 
-    The router derives one half of a service from the other by replacing *every* `rq/` by `rr/` and every
-    `Request` by `Reply`, or the reverse (eProsima DDS-Pipe, RpcTopic.cpp). Nothing else breaks: neither word
-    can arise across a border, because its capital R stands only at its beginning.
+    The router derives the reply topic from the request topic by replacing *every* `rq/` by `rr/` and every
+    `Request` by `Reply`, or the reverse (eProsima DDS-Pipe, RpcTopic.cpp). No other texts are affected:
+    neither word can arise across two segments, because its capital R is only at its beginning.
     """
     return _REQUEST in segment or _REPLY in segment or (followed and segment.endswith(("rq", "rr")))
 

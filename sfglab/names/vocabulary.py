@@ -1,14 +1,14 @@
-"""The standard values of the schema's segments, their suffixes, and the `Custom` escape hatch.
+"""Standard values of the schema's segments, their suffixes, and `Custom` for other values.
 
-The sets S, C, D and R of paper A, section 4.1, for a mixed fleet, and how one segment is written so that it can
-be read back in one way:
+The values are those of the sets S, C, D and R of paper A, section 4.1, of a mixed fleet. The rules below
+make each segment readable in exactly one way:
 
-* A suffix of digits only is appended directly (`infra1`, as camera drivers write it), every other suffix
-  behind an underscore (`camera_front`). A standard value ends in a letter, so the border is clear.
+* A suffix of digits only is appended directly (`infra1`, as camera drivers write it). Every other suffix follows
+  an underscore (`camera_front`). A standard value ends in a letter, so that the suffix can be separated.
 * The longest standard value wins. A suffix that would spell another value is refused: `compressed` with the
   suffix `depth` would be `compressed_depth`.
-* A `Custom` segment must not spell a standard value of any set, nor a value of its own set with a suffix, in
-  either form (`camera_front`, `camera_1`).
+* A `Custom` segment must not spell a standard value of any set. It must not spell a value of its own set with a
+  suffix either, in both forms (`camera_front`, `camera_1`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _DIGITS = re.compile(r"[0-9]+")
 
 
 class Scope(Enum):
-    """The set S: whether a name stays in the agent's domain or crosses into the global one."""
+    """The set S: whether a name stays in the agent's domain or is forwarded to the global one."""
 
     LOCAL = "local"
     GLOBAL = "global"
@@ -44,15 +44,15 @@ class After(Flag):
 class _Standard(Enum):
     @property
     def text(self) -> str:
-        """The segment as it stands in a name."""
+        """Text of the segment in a name."""
         return str(self.value)
 
     def suffixed(self, suffix: str) -> Suffixed[Self]:
         """Return this value with a suffix, for example `Component.CAMERA.suffixed("front")`.
 
         Raises:
-            FqnError: If the suffix has other characters than letters, digits and single underscores
-                between them, or if the result spells another standard value.
+            FqnError: The suffix has other characters than letters, digits and single underscores
+                between them, or the result spells another standard value.
         """
         return Suffixed(base=self, suffix=suffix)
 
@@ -108,8 +108,8 @@ class Stream(_Standard):
     AUDIO = "audio"
 
 
-# Places of resources: data of a sensor belongs to a component or one of its streams, state and motion to a whole
-# agent or one of its components, life-cycle resources to the fleet or an agent.
+# Places of resources. Sensor data belong to a component or one of its streams, state and motion to an agent
+# or one of its components, life-cycle resources to the fleet or an agent.
 _SENSOR = After.COMPONENT | After.STREAM
 _BODY = After.AGENT | After.COMPONENT
 _SHARED = After.SCOPE | After.AGENT | After.COMPONENT
@@ -117,9 +117,9 @@ _TOPIC, _SERVICE, _ACTION = ResourceKind.TOPIC, ResourceKind.SERVICE, ResourceKi
 
 
 class Resource(_Standard):
-    """The set R: what is published, called or commanded."""
+    """The set R: topics, services and actions."""
 
-    after: After  #: The kinds of segment it may follow.
+    after: After  #: Kinds of segment that it may follow.
     kind: ResourceKind  #: Topic, service or action.
 
     def __new__(cls, text: str, after: After, kind: ResourceKind) -> Self:
@@ -177,7 +177,7 @@ StandardT = TypeVar("StandardT", bound=_Standard)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suffixed(Generic[StandardT]):
-    """A standard value with more granularity, for example a front and a rear camera."""
+    """A standard value with a suffix, for example for a front and a rear camera."""
 
     base: StandardT  #: The standard value.
     suffix: str  #: Letters and digits, with single underscores between them.
@@ -195,24 +195,25 @@ class Suffixed(Generic[StandardT]):
 
     @property
     def text(self) -> str:
-        """The segment as it stands in a name."""
+        """Text of the segment in a name."""
         joint = "" if _DIGITS.fullmatch(self.suffix) else "_"
         return f"{self.base.text}{joint}{self.suffix}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Custom:
-    """A segment that the standard does not know: the escape hatch of paper A, section 4.1."""
+    """A segment outside the standard sets, as paper A, section 4.1, provides for."""
 
     text: str = field(kw_only=False)  #: Words of letters and digits, joined by underscores.
-    kind: ResourceKind = ResourceKind.TOPIC  #: For a resource only: topic, service or action.
+    #: Topic, service or action of a resource; other segments have no kind.
+    kind: ResourceKind = ResourceKind.TOPIC
 
     def __post_init__(self) -> None:
         check_words("custom", self.text)
 
     @property
     def after(self) -> After:
-        """The kinds of segment a custom resource may follow: all."""
+        """Kinds of segment that a custom resource may follow: all."""
         return After.SCOPE | After.AGENT | After.COMPONENT | After.STREAM
 
 
@@ -220,7 +221,7 @@ def read_standard(values: type[StandardT], text: str) -> StandardT | Suffixed[St
     """Return the standard value, with its suffix if any, that a checked segment spells, or None.
 
     Raises:
-        FqnError: If an underscore stands before a suffix of digits; `camera1` is the one spelling.
+        FqnError: An underscore precedes a suffix of digits; only `camera1` is allowed.
     """
     spelled = _split(values, text)
     if spelled is None:
@@ -236,7 +237,7 @@ def read_standard(values: type[StandardT], text: str) -> StandardT | Suffixed[St
 
 
 def check_unmistakable(segment: str, text: str, *, own: type[_Standard]) -> None:
-    """Raise `FqnError` if free text could be taken for a standard value, or its own set's with a suffix."""
+    """Raise `FqnError` if a text spells a standard value, or one of its own set with a suffix."""
     meant = _standard_texts().get(text)
     if meant is not None:
         raise FqnError(segment, text, f"a name that cannot be mistaken for the standard {meant}")
@@ -250,7 +251,7 @@ def check_unmistakable(segment: str, text: str, *, own: type[_Standard]) -> None
 
 @cache
 def _standard_texts() -> dict[str, Enum]:
-    """Return the standard value that a text is; the first set's where several have it."""
+    """Return the standard values by text; if several sets have a text, the first of S, C, D and R counts."""
     return {
         value.value: value for values in (Resource, Stream, Component, Scope) for value in values
     }
@@ -263,7 +264,7 @@ def _longest_first(values: type[StandardT]) -> tuple[tuple[str, StandardT], ...]
 
 
 def _split(values: type[StandardT], text: str) -> tuple[StandardT, str] | None:
-    """Return the longest standard value at the start of a text, and what stands behind it."""
+    """Return the longest standard value at the start of a text, and the rest of the text."""
     for standard, value in _longest_first(values):
         if text.startswith(standard):
             rest = text.removeprefix(standard)
