@@ -21,30 +21,30 @@ if TYPE_CHECKING:
     from sfglab.record import LogWriter
 
 C = TypeVar("C")
-Row = Any  #: An instance of a table's class, or its fields as a mapping.
+Row = Any  #: Instance of a table's class, or its fields as a mapping.
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 class TableRow:
-    """Base of a table's rows: `Experiment.table` makes a subclass a frozen dataclass, which mypy knows."""
+    """Base of a table's rows: `Experiment.table` makes a subclass a frozen dataclass, which mypy can check."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """How a run is made on this machine, beside its configuration."""
+    """Options of a run on this machine, which are no part of its configuration."""
 
-    #: False insists on one host; None takes separate hosts where the machine can.
+    #: Whether hosts are separate; None: they are where the machine can do that.
     separate: bool | None = None
-    workers: Workers | None = None  #: Workers of the sweeps; None: those that each sweep names.
+    workers: Workers | None = None  #: Workers of the sweeps; None: each sweep has its own.
     #: Whether the run is for an interactive plot: its log counts for no claim.
     explored: bool = False
-    #: Tables of sweeps and names of parts that are run; None: all.
+    #: Tables of sweeps and names of parts that run; None: all.
     only: frozenset[str] | None = None
 
     def wants(self, name: str) -> bool:
-        """Return whether a sweep's table or a part is run."""
+        """Return whether a sweep or a part is to run, by its table or name."""
         return self.only is None or name in self.only
 
 
@@ -61,7 +61,7 @@ def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
 
 
 def rows_of(row_class: type[Any], result: Any, *origins: Any) -> list[Any]:
-    """Return the rows of a task's result, which is a row or a tuple of rows for `as_row`."""
+    """Return the rows of a task's result, which is a row or a tuple of rows; `as_row` completes each."""
     return [
         as_row(row_class, row, *origins)
         for row in (result if isinstance(result, tuple) else (result,))
@@ -78,10 +78,12 @@ class Bench(Generic[C]):
     log: LogWriter  #: The log, for messages that are no rows.
     row_classes: Mapping[str, type[Any]]  #: Classes of rows by table.
     rows: Mapping[str, list[Any]]  #: Rows of the sweeps, by table.
-    stack: ExitStack  #: Ends with the run.
+    stack: ExitStack  #: Contexts that end with the run.
     hosts: Testbed | None = None  #: The experiment's hosts, if it declares any.
-    timed: bool = True  #: Whether rows get the time of writing; else their place in the table.
-    advance: Callable[[str], None] = lambda _: None  #: Reports a step of the current part.
+    #: Whether rows have the time of writing; otherwise they have their number in the table.
+    timed: bool = True
+    #: Function that reports a step of the current part.
+    advance: Callable[[str], None] = lambda _: None
     #: Cases by check; when a part ends, each check is written as a `CheckRow`.
     cases: defaultdict[str, list[Case]] = field(default_factory=lambda: defaultdict(list))
     _places: Counter[str] = field(default_factory=Counter)

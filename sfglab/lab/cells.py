@@ -1,8 +1,8 @@
-"""Live cells: parts of an experiment that are played with processes, each for some repetitions.
+"""Live cells: parts of an experiment that run with processes, each for some repetitions.
 
-Cells of one stage share processes or hosts. A finished cell is in the part's journal at once, so that an
-interrupted run continues behind it. A cell whose processes fail is played once more with new ones. A stage
-whose processes fail twice in a row to start is left out with its remaining cells.
+Cells of one stage share processes or hosts. The part's journal stores each finished cell, so that an
+interrupted run continues after it. A cell whose processes fail is run once more with new ones. If the
+processes of a stage fail twice in a row to start, its remaining cells are left out.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 S = TypeVar("S", bound="Hashable")
 H = TypeVar("H")
-Job = tuple[int, int]  #: A play: place of its cell, and its repetition.
+Job = tuple[int, int]  #: Place of a cell, and number of its repetition.
 
 _TRIES = 2  #: Number of attempts at a cell, and at the start of a stage.
 
@@ -45,10 +45,10 @@ async def run_cells(  # noqa: PLR0913 - options
     at_once: int,
     write: Callable[[Any], None] | None = None,
 ) -> None:
-    """Play cells and write their rows into a table, repetition by repetition.
+    """Run cells and write their rows into a table, repetition by repetition.
 
-    The metadata of the table's name lists under `FAILED_CELLS` the cells that failed twice, or whose
-    stage failed twice to start, with the reason. A run with such cells counts for no claim.
+    The metadata with the table's name lists the cells that failed twice, or whose stage failed twice to
+    start, with the reason, under `FAILED_CELLS`. A run with such cells counts for no claim.
 
     Args:
         bench: Context of the run.
@@ -56,12 +56,12 @@ async def run_cells(  # noqa: PLR0913 - options
         cells: Number of repetitions by cell. A cell is a frozen dataclass.
         stage_of: Returns the stage of a cell.
         start: Provides the processes of a stage.
-        play: Plays a cell on them for one repetition; returns a row or a tuple of rows.
-        at_once: Number of stages that are played at the same time.
+        play: Runs a cell on these processes for one repetition; returns a row or a tuple of rows.
+        at_once: Number of stages that run at the same time.
         write: Writes a result of `play`, as the journal returns it. None: its rows go into the table.
 
     Raises:
-        SkippedPartError: There is no cell to play.
+        SkippedPartError: There is no cell to run.
     """
     if not any(cells.values()):
         raise SkippedPartError("not asked for")
@@ -107,27 +107,28 @@ async def run_cells(  # noqa: PLR0913 - options
 
 
 def rows_in(result: Any) -> Sequence[Any]:
-    """Return the rows of a play, which returned a row or several."""
+    """Return the rows of one repetition, whose result is a row or several."""
     return result if isinstance(result, tuple | list) else (result,)
 
 
 @dataclass(slots=True, kw_only=True)
 class _Plays:
-    """Plays that are missing, and those that are given up."""
+    """Repetitions that are missing, and those that are given up."""
 
     cells: Sequence[Any]  #: All cells.
-    finished: Mapping[Job, Any]  #: Results of finished plays, from the journal.
-    advance: Callable[[str], None]  #: Advances the bar.
-    #: Number of failures of each play, and in a row of the start of each stage.
+    finished: Mapping[Job, Any]  #: Results of finished repetitions, from the journal.
+    advance: Callable[[str], None]  #: Function that advances the progress bar.
+    #: Numbers of failures: of each repetition, and in a row of the start of each stage.
     failures: Counter[Any] = field(default_factory=Counter)
-    given_up: dict[Job, str] = field(default_factory=dict)  #: Error of the last attempt by play.
+    #: Error of the last attempt by repetition.
+    given_up: dict[Job, str] = field(default_factory=dict)
 
     def missing(self, jobs: Iterable[Job]) -> list[Job]:
-        """Return those plays that are neither finished nor given up."""
+        """Return the repetitions that are neither finished nor given up."""
         return [job for job in jobs if job not in self.finished and job not in self.given_up]
 
     def failed(self, what: Any, jobs: Iterable[Job], error: Exception) -> None:
-        """Count a failure, and give plays up if it is the last attempt."""
+        """Count a failure, and give repetitions up after the last attempt."""
         self.failures[what] += 1
         if self.failures[what] < _TRIES:
             return
@@ -136,7 +137,7 @@ class _Plays:
             self.advance(f"{self.text_of(job)}: failed")
 
     def text_of(self, job: Job) -> str:
-        """Return the cell and repetition of a play."""
+        """Return the cell and the number of a repetition."""
         place, repeat = job
         return f"{self.cells[place]}, repetition {repeat}"
 

@@ -43,7 +43,7 @@ _START_TIME = re.compile(r"\d{8}T\d{4}(?=\d\d-)")
 
 
 class How(Enum):
-    """The way in which a value was obtained."""
+    """Origin of a value: measurement, simulation or computation."""
 
     LIVE = "live"
     SIMULATED = "simulated"
@@ -52,15 +52,17 @@ class How(Enum):
 
 
 class Verdict(Enum):
-    """The result of comparing our value with the claim of the paper."""
+    """Result of comparing our value with the claim of the paper."""
 
     REPRODUCED = "reproduced"
     BETTER = "better"
-    #: The sfglab variant is in the acceptance range. As another method, it cannot reproduce.
+    #: The sfglab variant is in the acceptance range. It is another method, so it cannot reproduce the
+    #: claim.
     AS_GOOD = "as good"
-    #: In the acceptance range, but computed with constants that were fitted to the same numbers.
+    #: The value is in the acceptance range, but depends on constants that were fitted to the same numbers.
     FITTED = "fitted"
-    #: Conditions that the paper leaves open, or runs, differ in the verdict, or a part is missing.
+    #: The verdict differs between runs or between conditions that the paper leaves open, or a part is
+    #: missing.
     UNDECIDED = "undecided"
     DEVIATES = "deviates"
     NOT_YET = "not yet"
@@ -81,7 +83,8 @@ class Criterion:
     #: Quantity computed in each condition, and the rule by which the claim holds there.
     measure: str
     unit: str  #: Unit of the value.
-    band: tuple[float, float]  #: Acceptance range: lowest and highest value that is reproduced.
+    #: Acceptance range: lowest and highest value that count as reproduced.
+    band: tuple[float, float]
     experiment: str  #: Name of the experiment whose runs it judges.
 
 
@@ -97,7 +100,8 @@ class Claim(Shown):
     #: Further numbers that the paper states, by name, for figures and details; no verdict uses them.
     numbers: Mapping[str, float] = field(default_factory=dict)
     unit: str  #: Unit of the paper's value and of ours.
-    band: tuple[float, float]  #: Acceptance range: lowest and highest value that is reproduced.
+    #: Acceptance range: lowest and highest value that count as reproduced.
+    band: tuple[float, float]
     #: Side of the range on which a value is better.
     better: Literal["above", "below"] | None = None
     #: Acceptance ranges of the statement's other values, such as the other end of a range, by name.
@@ -126,7 +130,8 @@ class Finding:
     #: Alternatives: the value under other conditions that the paper leaves open, by condition.
     under: Mapping[str, Estimate] = field(default_factory=dict)
     fitted: str = ""  #: Constants that were fitted to the claim's own numbers; empty: none.
-    by_criterion: bool = False  #: Whether the claim's criterion judges it, instead of its `band`.
+    #: Whether the claim's criterion judges the value, instead of its `band`.
+    by_criterion: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Contents manager of `sfglab lab`: a notebook that was only read stays as it is.
+"""Contents manager of `sfglab lab`: a notebook that was only read stays unchanged.
 
 When a kernel starts, JupyterLab writes the kernel's `language_info`, with the version of Python,
 into the notebook. If this changes the notebook, JupyterLab asks to save it on closing. So the server
@@ -17,7 +17,7 @@ COMMITTED = {"name": "python"}
 
 
 class Contents(AsyncLargeFileManager):  # type: ignore[misc]  # it carries no types
-    """The files of a checkout, with notebooks that hold no version of Python."""
+    """Files of a checkout, with notebooks that hold no version of Python."""
 
     async def get(self, path: str, content: bool = True, **options: Any) -> dict[str, Any]:  # noqa: FBT001, FBT002
         """Return a file; a Python notebook gets the `language_info` of this server's kernel."""

@@ -1,4 +1,7 @@
-"""Doctor: what this machine can do, tried, in words without its paths and name, and what follows."""
+"""Doctor: tries what this machine can do, and reports the results and their consequences.
+
+The report contains no paths and no name of the machine.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ _LOOPBACK = "127.0.0.1"
 _ENOUGH_CORES = 4
 _ENOUGH_MEMORY_BYTES = 4 << 30
 _BUSY_SHARE = 0.25
-# An uncompressed Full HD colour image is 6 MB; Linux gives a socket 208 KiB unless asked.
+# An uncompressed Full HD colour image has 6 MB, and Linux gives a socket 208 KiB by default.
 _RECEIVE_BUFFER_BYTES = 4 * _MIB
 _SHARED_MEMORY_BYTES = 256 * _MIB
 _DDS_TIMEOUT_S = 15.0
@@ -33,7 +36,7 @@ _NO_VIDEO = "experiments with compressed video do not run"
 
 
 class Level(Enum):
-    """How well something works here."""
+    """Result of a check."""
 
     OK = "ok"
     LIMITED = "limited"
@@ -42,12 +45,12 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One thing that was looked at."""
+    """One result of the doctor."""
 
-    topic: str  #: What it is about.
-    level: Level  #: How well it works.
-    said: str  #: What was found.
-    consequence: str  #: What an experiment does with that.
+    topic: str  #: Subject of the check.
+    level: Level  #: Level of the result.
+    said: str  #: Observation.
+    consequence: str  #: Consequence for experiments.
 
     @property
     def ok(self) -> bool:
@@ -60,7 +63,7 @@ _Verdict = tuple[Level, str, str]
 
 @dataclass(frozen=True, slots=True)
 class _Check:
-    """One line of the table of checks; `without` is the consequence when it fails as expected."""
+    """One line of the table of checks; `without` is the consequence of an expected error."""
 
     topic: str
     run: Callable[[], _Verdict]
@@ -106,7 +109,7 @@ def _capacity() -> _Verdict:
 
 def _receive_buffer() -> _Verdict:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        # The kernel doubles the figure that is set for its own bookkeeping (socket(7)), and not the default.
+        # The kernel doubles a requested size for its own bookkeeping (socket(7)), but not the default.
         unasked = probe.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
         granted = probe.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
@@ -131,7 +134,7 @@ def _shared_memory() -> _Verdict:
     os.close(os.memfd_create("sfglab-probe"))
     with tempfile.TemporaryFile(dir="/dev/shm") as file:
         file.write(b"x")
-    status = os.statvfs("/dev/shm")  # noqa: S108 - the very thing to be tried
+    status = os.statvfs("/dev/shm")  # noqa: S108 - the check is about this folder
     free = status.f_bavail * status.f_frsize
     said = f"memfd works, {free / _MIB:.0f} MiB free in /dev/shm"
     if free < _SHARED_MEMORY_BYTES:
@@ -170,7 +173,7 @@ print(DomainParticipant(77).guid)
 
 def _dds() -> _Verdict:
     start_s = time.perf_counter()
-    # In a process of its own: DDS that hangs or crashes must not take the doctor along.
+    # DDS runs in a process of its own, because it must not stall or crash the doctor.
     subprocess.run(
         [sys.executable, "-c", _DDS_PROBE],
         env=os.environ | {"CYCLONEDDS_URI": _DDS_CONFIG},
@@ -261,7 +264,7 @@ _CHECKS = (
 
 
 def _tame(text: str) -> str:
-    """Remove paths and the machine's name from somebody else's words, and make one line of them."""
+    """Return a text of other software on one line, without paths and the machine's name."""
     text = re.sub(r"(?<![\w.])/(?!(?:dev|proc|sys)/)(?:[^\s/'\":,;()]+/)+", "", text)
     text = text.replace(socket.gethostname(), "this machine")
     return " ".join(text.split())
@@ -290,12 +293,12 @@ def _examine(check: _Check) -> Finding:
 
 
 def diagnose() -> list[Finding]:
-    """Look at everything that experiments depend on; takes a few seconds and leaves nothing behind."""
+    """Check everything that experiments depend on; takes a few seconds and leaves nothing behind."""
     return [_examine(check) for check in _CHECKS]
 
 
 def render(findings: list[Finding]) -> str:
-    """Return what `diagnose` found as plain text for a terminal."""
+    """Return the results of `diagnose` as plain text for a terminal."""
     texts = [
         f"[{f.level.value}] {f.topic}\n    found: {f.said}\n    so:    {f.consequence}"
         for f in findings

@@ -1,9 +1,10 @@
-"""The experiment kit: an experiment declares, its cells return rows, its live parts write them.
+"""Experiments: an experiment declares its parts, its cells return rows, and its live parts write rows.
 
     exp = Experiment("transmission", Config, where="B 3.1", smoke={"seeds": 1}, paper={"seeds": 30})
 
-declares a configuration whose defaults are the profile ``quick``; decorators add the rest. The kit gives
-profiles, the log, progress, resuming, typed configuration on the way back, twins, the ledger's entries.
+declares a configuration, whose defaults are the profile ``quick``. Decorators declare the rest. The module
+provides profiles, the log, progress, resumption, typed configurations of logs, sidecars of figures, and
+entries of the ledger.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 QUICK, PAPER = "quick", "paper"
-#: Names of the profiles. All notebooks together take minutes with the first, up to 45 minutes with
-#: the second, and hours with the third, which has the papers' full counts.
+#: Names of the profiles. All notebooks together take minutes with the first and up to 45 minutes with the
+#: second. With the third, which has the papers' full counts, they take hours.
 PROFILES = (SMOKE, QUICK, PAPER)
 SMOKE_TITLE = "smoke test: too short for a conclusion"
 _UNCOUNTED = ("seed", "profile")
@@ -49,44 +50,44 @@ _OPTIONS = Options()
 
 
 class SkippedPartError(SfglabError):
-    """A part that was not run; its sentence goes into the log."""
+    """A part that was not run; the log contains its message."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profiled(Shown):
     """A configuration that names its profile."""
 
-    profile: str = QUICK  #: Name of the profile it came from.
+    profile: str = QUICK  #: Name of its profile.
 
 
 @dataclass(frozen=True, slots=True)
 class Actor:
     """A process or node of an experiment's set-up."""
 
-    name: str  #: Its name; a group of equal ones bears the name of one.
+    name: str  #: Name of the actor; for a group of equal actors, the name of one.
     host: str  #: Host on which it runs.
-    does: str = ""  #: Its part, a few words.
+    does: str = ""  #: Role, in a few words.
     count: str = "1"  #: Number of such actors, as text.
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A way that messages take between two actors."""
+    """A link for messages between two actors."""
 
     source: str  #: Name of the actor that sends.
     target: str  #: Name of the actor that receives.
     carries: str  #: Messages that are sent.
     over: str = "DDS"  #: Transport.
-    #: Boundary that it crosses: a border, the network, the device, the memory interface; empty for none.
+    #: Boundary that it crosses: a domain, the network, the device or the memory interface; empty for none.
     boundary: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """An experiment's hosts, processes, and who sends what to whom: data, of which a picture can be drawn."""
+    """Hosts, processes and message links of an experiment, from which a diagram is drawn."""
 
     actors: tuple[Actor, ...] = ()  #: Processes and nodes.
-    links: tuple[Link, ...] = ()  #: Ways of the messages between the actors.
+    links: tuple[Link, ...] = ()  #: Links for messages between the actors.
 
     def __post_init__(self) -> None:
         names = {actor.name for actor in self.actors}
@@ -124,12 +125,12 @@ class _Drawing:
 
 
 def seeded(config: Any, seeds: int) -> range:
-    """Return so many seeds from the configuration's own on."""
+    """Return a number of seeds, starting with the configuration's own."""
     return range(config.seed, config.seed + seeds)
 
 
 def _mark_as_smoke(figure: Figure) -> None:
-    """Put before a figure's title that its run was too short for a conclusion."""
+    """Mark a figure's title: the run was too short for a conclusion."""
     title = figure.get_suptitle()
     titled = next((axes for axes in figure.axes if axes.get_title()), None)
     if not title and titled is not None:
@@ -139,28 +140,28 @@ def _mark_as_smoke(figure: Figure) -> None:
 
 
 def _numbers(value: Any) -> Any:
-    """Return what a figure shows as JSON has it, a table column by column."""
+    """Return a value that a figure shows as JSON values; a table becomes lists by column."""
     return value.to_dict(orient="list") if hasattr(value, "columns") else to_json(value)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """A figure that follows what a reader turns, computed from a few quick tables."""
+    """An interactive plot, which follows the reader's settings and is computed from a few fast tables."""
 
-    turn: Sequence[str]  #: Fields of the configuration that a form offers first.
-    #: Tables of sweeps, and names of parts, that it is drawn from; may be empty.
+    turn: Sequence[str]  #: Fields of the configuration that a form shows first.
+    #: Tables of sweeps, and names of parts, that it needs; may be empty.
     needs: Collection[str]
     size: tuple[float, float]  #: Width and height, inches.
     start: Mapping[str, Any] = field(
         default_factory=dict
-    )  #: Fields whose first value is not that of ``quick``.
+    )  #: Fields whose first value differs from ``quick``.
     coarse: Mapping[str, Any] = field(
         default_factory=dict
-    )  #: Fields that the first, coarse picture changes.
-    #: Narrower bounds, to follow a slider.
+    )  #: Fields that the first, coarse plot changes.
+    #: Narrower bounds, so that the plot can follow a slider.
     within: Mapping[str, Bounds] = field(default_factory=dict)
     reference: str = ""  #: The experiment's figure that is shown for comparison; empty: none.
-    #: Draws into an empty figure.
+    #: Function that draws into an empty figure.
     draw: Callable[[Figure, Run[Any]], Any] = lambda _figure, _run: None
 
 
@@ -168,7 +169,7 @@ class Experiment(Generic[C]):
     """An experiment; `setup` shows its actors and the links between them.
 
     Args:
-        name: Name in `EXPERIMENTS`, which logs and journals bear.
+        name: Name in `EXPERIMENTS`, in logs and in journals.
         config: Frozen dataclass with documentation and bounds on its fields. Its defaults are the profile
             ``quick``. A field `profile` is filled in, and a changed field `seed` makes no variation.
         where: Paper and section.
@@ -176,7 +177,7 @@ class Experiment(Generic[C]):
         paper: Fields that the profile ``paper`` changes.
         hosts: Names of the test hosts of a run, or a function of the configuration that returns them.
         actors: Processes and nodes of the set-up.
-        links: Ways of the messages between the actors.
+        links: Links for messages between the actors.
         removed: Fields of older logs with their value in each profile. A log with another value counts for
             no claim.
     """
@@ -214,13 +215,13 @@ class Experiment(Generic[C]):
     # Declarations of an experiment.
 
     def table(self, *names: str) -> Callable[[type[T]], type[T]]:
-        """Declare the class of tables' rows, as a dataclass: its fields' names and texts go into the log.
+        """Declare the class of tables' rows, as a dataclass. The names and texts of its fields go into the log.
 
-        In a subclass of `TableRow`, mypy finds fields that are missing, unknown or of another type.
+        In a subclass of `TableRow`, mypy finds missing and unknown fields and wrong types.
         """
 
         def declare(row_class: type[T]) -> type[T]:
-            if "__dataclass_fields__" not in vars(row_class):  # of its own, not inherited
+            if "__dataclass_fields__" not in vars(row_class):  # its own one, not an inherited one
                 row_class = dataclass(frozen=True, slots=True, kw_only=True)(row_class)
             self.tables |= dict.fromkeys(names, row_class)
             return row_class
@@ -236,12 +237,18 @@ class Experiment(Generic[C]):
         workers: Workers = Workers(),  # noqa: B008  # frozen
         at_ns: Callable[[Any], int] | None = None,
     ) -> Callable[[F], F]:
-        """Declare a sweep whose rows are a table; the function stays plain, an interrupted sweep goes on.
+        """Declare a sweep with a table of rows; an interrupted sweep continues. The function itself is not changed.
 
-        The function takes a point and a seed, and returns a row, a mapping, or a tuple of them; to mappings the
-        point's fields and the seed are added. The table is also the name of the journal. `over` gives the
-        points, `seeds` the seeds: without it so many of the configuration's; `workers` do the work, and `at_ns`
-        gives a row's time in the log: without it its place, so that equal seeds give equal logs.
+        The function takes a point and a seed, and returns a row, a mapping, or a tuple of them. Mappings
+        get the point's fields and the seed. The table's name is also that of the journal.
+
+        Args:
+            table: Name of the table.
+            over: Returns the points.
+            seeds: Returns the seeds. By default, their number is the configuration's `seeds`.
+            workers: Workers of the sweep.
+            at_ns: Returns a row's time in the log. None: its number in the table, so that equal seeds give equal
+                logs.
         """
 
         def declare(task: F) -> F:
@@ -261,12 +268,15 @@ class Experiment(Generic[C]):
         skips: tuple[type[Exception], ...] = (),
         timed: bool = True,
     ) -> Callable[[F], F]:
-        """Declare a part: a function, sync or async, that takes a `Bench` and writes; parts run in this order.
+        """Declare a part: a function, sync or async, that takes a `Bench` and writes rows. Parts run in this order.
 
-        It advances `total` steps, or as many as a function of the configuration says. Errors of `skips` mean
-        that this machine cannot do it: the reason goes into the metadata of the part's name, as does that of a
-        `SkippedPartError`. Rows get the time of writing if `timed`, else their place in the table, so that
-        equal seeds give equal logs.
+        Args:
+            name: Name of the part.
+            total: Number of its steps, or a function of the configuration that returns it.
+            skips: Errors because of which this machine cannot run the part. As for a `SkippedPartError`, the
+                reason goes into the metadata with the part's name.
+            timed: Whether rows have the time of writing; otherwise they have their number in the table, so that
+                equal seeds give equal logs.
         """
 
         def declare(function: F) -> F:
@@ -298,13 +308,19 @@ class Experiment(Generic[C]):
         when: Callable[[Run[C]], bool] = lambda _: True,
         measured: bool | None = None,
     ) -> Callable[[F], F]:
-        """Declare a figure of a size in inches: a function of an empty figure and a run draws it.
+        """Declare a figure with its size in inches. The function takes an empty figure and a run, and draws.
 
-        The sidecar comes from the run: machine, repetitions and the tables that were read. The note begins with
-        the words that the function passes to `note`, and ends with repetitions and machine, or *computed* if
-        nothing in the figure is measured: `measured`, None: as the experiment. If the function returns a dictionary of JSON values,
-        dataclasses and tables, this is the sidecar, and the note is the function's alone. `when` says whether
-        a run has the figure.
+        By default, the sidecar comes from the run: machine, repetitions and the tables that were read. The
+        note then begins with the words that the function passes to `note`. It ends with repetitions and
+        machine, or with *computed* if nothing in the figure is measured. If the function returns a
+        dictionary of JSON values, dataclasses and tables, this is the sidecar, and the function alone
+        writes the note.
+
+        Args:
+            name: Name of the figure.
+            size: Width and height, inches.
+            when: Returns whether a run has the figure.
+            measured: Whether the figure shows measured values; None: as the experiment.
         """
 
         def declare(function: F) -> F:
@@ -316,7 +332,7 @@ class Experiment(Generic[C]):
         return declare
 
     def look(self, name: str, look: Look) -> Callable[[F], F]:
-        """Declare a look: a function that draws from the tables it needs whenever a reader turns a field."""
+        """Declare an interactive plot: the function draws from its tables whenever a reader changes a field."""
 
         def declare(function: F) -> F:
             self.looks[name] = replace(look, draw=function)
@@ -325,11 +341,11 @@ class Experiment(Generic[C]):
         return declare
 
     def explorer(self, function: F) -> F:
-        """Declare an explorer: a function that returns the picture of a setting.
+        """Declare an explorer: a function that returns the plot for a setting.
 
-        Its parameters have types with bounds, as ``Annotated[float, Bounds(1, 9)]``, default values, and
-        their texts with units in brackets in the section ``Args`` of its documentation. It stays a plain function.
-        A simulation is a generator of pictures, coarse ones first.
+        Its parameters have default values, and types with bounds, such as ``Annotated[float, Bounds(1,
+        9)]``. Their texts, with units in brackets, are in the section ``Args`` of its documentation. The
+        function itself is not changed. A simulation is a generator of plots, coarse ones first.
         """
         self.explorers[function.__name__] = function
         return function
@@ -348,13 +364,13 @@ class Experiment(Generic[C]):
 
     @property
     def measures(self) -> bool:
-        """Whether it has a live or timed part, whose figures depend on other work on the machine."""
+        """Whether it has a live or timed part, whose results depend on other work on the machine."""
         return bool(self._hosts) or any(
             p.timed or inspect.iscoroutinefunction(p.function) for p in self._parts
         )
 
     def caption(self, name: str) -> str:
-        """Return what a figure shows, one sentence, from the documentation of the function that draws it."""
+        """Return the sentence that describes a figure, from the documentation of the function that draws it."""
         return caption_of(self._drawings[name].function) or name
 
     def config(self, profile: str = QUICK, **changes: Any) -> C:
@@ -389,8 +405,8 @@ class Experiment(Generic[C]):
     ) -> Run[C]:
         """Run the experiment into one log.
 
-        Sweeps run first, then the parts in their order. After an interruption the same run continues its
-        sweeps where they ended. A run with changed fields counts for no claim, unless only the seed differs.
+        Sweeps run first, then the parts in their order. After an interruption, the same run continues its
+        sweeps. A run with changed fields counts for no claim, unless only the seed differs.
 
         Args:
             profile: ``smoke``, ``quick`` or ``paper``.
@@ -410,7 +426,7 @@ class Experiment(Generic[C]):
         path.parent.mkdir(parents=True, exist_ok=True)
         with journals(path, f"{self.name}-{profile}") as journal:
             sweeps = [one for one in self.sweeps if options.wants(one.table)]
-            # A smoke test's sweeps are over before processes would have started.
+            # In a smoke test, sweeps take less time than starting processes would.
             usual = options.workers or (Workers(threads=True) if profile == SMOKE else None)
             rows = {
                 one.table: self._swept(one, config, journal(one.table), usual) for one in sweeps
@@ -460,7 +476,7 @@ class Experiment(Generic[C]):
         options: Options,
         done: Mapping[str, Any],
     ) -> None:
-        """Write a log: a sweep's rows by table, what the parts write, and how the run was completed."""
+        """Write a log: the rows of the sweeps by table, the output of the parts, and the completion record."""
         with ExitStack() as stack:
             live = options.only is None or any(options.wants(part.name) for part in self._parts)
             hosted = self._hosts if live else ()
@@ -517,7 +533,7 @@ class Experiment(Generic[C]):
                 bench.metadata(part.name, {"hindrance": getattr(error, "reason", str(error))})
 
     def measure(self, run: Run[C]) -> dict[str, Measured]:
-        """Return our figures for the claims that a run answers, by claim."""
+        """Return our values for the claims that a run answers, by claim."""
         found = {}
         for name, (answer, how) in self._claims.items():
             if (finding := answer(run)) is not None:
@@ -527,7 +543,7 @@ class Experiment(Generic[C]):
         return found
 
     def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:
-        """Draw a figure of a run, with the numbers that it shows; `InvalidValueError` if there is none."""
+        """Draw a figure of a run; return it and the values that it shows. `InvalidValueError` if there is none."""
         from matplotlib.figure import Figure
 
         if name not in self._drawings:

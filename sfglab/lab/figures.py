@@ -1,7 +1,8 @@
 """Figures: one style, and one function that saves them.
 
-A figure is written as deterministic SVG and as PNG, with a JSON sidecar: log, parameters, versions, and either
-the numbers that it shows or the tables that it was drawn from with their numbers of rows.
+A figure is written as deterministic SVG and as PNG, with a JSON sidecar. The sidecar has log, parameters
+and versions. It also has either the values that the figure shows, or the tables that it was drawn from with
+their numbers of rows.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ if TYPE_CHECKING:
 
     Cell = tuple[str, str]  # a text and its colour
 
-# After Okabe and Ito's palette, distinct for all common kinds of colour blindness; blue is darker and green
-# lighter than theirs, so that the three ways which are compared most differ in grey as well.
+# The palette is based on that of Okabe and Ito, distinct for all common kinds of colour blindness. Blue is
+# darker and green is lighter, so that the three methods which are compared most also differ in grey.
 COLORS = {
     "standard": "#D55E00",
     "proxy": "#00528A",
@@ -48,9 +49,9 @@ METHOD_COLORS = {
 """Colours of paper B's methods, the same in every figure."""
 MARKERS = {"standard": "o", "proxy": "s", "network": "^", "third": "D", "fourth": "v"}
 PAPER_STYLE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.4, "alpha": 0.75}
-"""How a paper's own line is drawn beside ours: dashed, in the colour of what it states."""
+"""Style of a line with values of the paper: dashed, in the colour of our values of the same quantity."""
 
-PAGE_DPI = 90  #: Resolution of pictures in a notebook.
+PAGE_DPI = 90  #: Resolution of images in a notebook, dots per inch.
 
 
 def series(key: str) -> dict[str, Any]:
@@ -61,7 +62,7 @@ def series(key: str) -> dict[str, Any]:
 def grouped_bars(
     axes: Axes, table: pd.DataFrame, colors: Iterable[str], *, width: float
 ) -> list[NDArray[np.floating]]:
-    """Draw one group of bars per table row and one bar per column; return the positions. Width 1: no space."""
+    """Draw one group of bars per table row and one bar per column; return positions. Width 1: no gaps."""
     count = len(table.columns)
     each = width / count
     spots = [np.arange(len(table)) + (place - (count - 1) / 2) * each for place in range(count)]
@@ -72,13 +73,13 @@ def grouped_bars(
 
 
 def note(figure: Figure, text: str, live: Run[Any] | None = None) -> None:
-    """Say below a figure how its numbers were got: of a live run its hosts, how many, what bars mean."""
+    """Write the origin of the values below a figure; for a live run, the note begins with its hosts."""
     where = f"live, {live.metadata('hosts')['description']}; " if live else ""
     figure.supxlabel(where + text, x=0.005, ha="left", fontsize=8.5, color="0.25")
 
 
 def default_sidecar(run: Run[Any]) -> dict[str, Any]:
-    """Return what a figure shows, from its run: machine, repetitions, and rows of the tables that were read."""
+    """Return the sidecar of a figure from its run: machine, repetitions, and rows of the tables that were read."""
     machine = run.metadata("run").get("machine", {})
     tables = {}
     repetitions = 1
@@ -92,7 +93,7 @@ def default_sidecar(run: Run[Any]) -> dict[str, Any]:
 
 
 def add_note(figure: Figure, sidecar: Mapping[str, Any], *, measured: bool) -> None:
-    """Add repetitions and machine of a sidecar to the note below a figure, or that it was computed."""
+    """Append repetitions and machine of a sidecar, or "computed", to the note below a figure."""
     parts = [figure.get_supxlabel()]
     if sidecar["repetitions"] > 1:
         parts.append(f"{sidecar['repetitions']} repetitions")
@@ -108,7 +109,7 @@ def lines(
     Args:
         axes: Axes to draw into.
         frame: The values.
-        styles: Properties of matplotlib's lines by column; a column that is missing gets matplotlib's defaults.
+        styles: Properties of matplotlib's lines by column; other columns get matplotlib's defaults.
         style: Properties of all lines; they override `styles`.
     """
     for column in frame:
@@ -128,7 +129,7 @@ def bytes_axis(axes: Axes) -> None:
 def paper_line(
     axes: Axes, value: float, *, at: float = 1.0, below: bool = False, **style: Any
 ) -> None:
-    """Draw a value of the y axis that the paper states: a dashed line with its number.
+    """Draw a value that the paper states as a dashed line across the y axis, with its number.
 
     Args:
         axes: Axes to draw into.
@@ -153,7 +154,7 @@ def paper_line(
 def word_table(
     figure: Figure, head: Sequence[str], rows: Mapping[str, Sequence[Cell]], *, wrap: int
 ) -> None:
-    """Draw a table into a figure, which becomes as high as that needs: by row its cells, texts with colours."""
+    """Draw a table of coloured texts into a figure, by row its cells; the figure gets the height of the table."""
     lines = [
         [fill(text, wrap) for text in (name, *(text for text, _ in row))]
         for name, row in rows.items()
@@ -193,7 +194,7 @@ _RC: dict[Any, Any] = {
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw in the project's style; matplotlib's own settings are as before afterwards."""
+    """Draw in the project's style; matplotlib's own settings are restored afterwards."""
     import matplotlib as mpl
 
     with mpl.rc_context(_RC):
@@ -201,7 +202,7 @@ def house_style() -> Iterator[None]:
 
 
 def drawn(size: tuple[float, float], draw: Callable[..., object], *args: Any) -> Figure:
-    """Return a figure of a size, inches, into which a function has drawn in the project's style."""
+    """Return a figure of a size in inches, into which a function has drawn in the project's style."""
     from matplotlib.figure import Figure
 
     with house_style():
@@ -211,7 +212,7 @@ def drawn(size: tuple[float, float], draw: Callable[..., object], *args: Any) ->
 
 
 def save_figure(figure: Figure, stem: Path, twin: Mapping[str, Any]) -> list[Path]:
-    """Write a figure, by a path without suffix, as SVG and PNG beside its twin, JSON; return the files."""
+    """Write a figure as SVG and PNG, with its sidecar as JSON, to a path without suffix; return the files."""
     stem.parent.mkdir(parents=True, exist_ok=True)
     svg, png, note = (stem.with_name(stem.name + suffix) for suffix in (".svg", ".png", ".json"))
     with house_style():
@@ -223,7 +224,7 @@ def save_figure(figure: Figure, stem: Path, twin: Mapping[str, Any]) -> list[Pat
 
 
 def _numbered(svg: str) -> str:
-    """Return a picture whose marks and clips are counted: their hashes follow a coordinate's last digit."""
+    """Return an SVG with numbered marks and clips: their hashes depend on a coordinate's last digit."""
     hashed = re.findall(r'id="([a-z]+?)([0-9a-f]{10})"', svg)
     names = {
         kind + digest: f"{kind}{place}"
@@ -235,7 +236,7 @@ def _numbered(svg: str) -> str:
 
 
 def settled(value: Any) -> Any:
-    """Return what a twin holds, with as many digits of each number as do not depend on the processor."""
+    """Return a sidecar's values, with as many digits of each number as are equal on all processors."""
     if isinstance(value, Mapping):
         return {key: settled(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
@@ -244,7 +245,7 @@ def settled(value: Any) -> Any:
 
 
 def png_of(figure: Figure) -> bytes:
-    """Return a figure as PNG, as large as a page shows it."""
+    """Return a figure as PNG, in the size of a page."""
     buffer = io.BytesIO()
     with house_style():
         figure.savefig(buffer, format="png", dpi=PAGE_DPI)
@@ -252,7 +253,7 @@ def png_of(figure: Figure) -> bytes:
 
 
 def few_colors(png: bytes, size: tuple[int, int] = (4096, 4096), colors: int = 128) -> bytes:
-    """Return a picture of few colours, no larger than a size in pixels: a quarter of the bytes or less."""
+    """Return an image with few colours, no larger than a size in pixels: a quarter of the bytes or less."""
     from PIL import Image
 
     buffer = io.BytesIO()
@@ -264,7 +265,7 @@ def few_colors(png: bytes, size: tuple[int, int] = (4096, 4096), colors: int = 1
 
 
 def caption_of(thing: object) -> str:
-    """Return what a function draws, or what a class shows: the first paragraph of its documentation."""
+    """Return the caption of a function or a class: the first paragraph of its documentation."""
     text = (inspect.getdoc(thing) or "").partition("\n\n")[0]
     said = " ".join(text.removeprefix("Draw ").split())
     return said[:1].upper() + said[1:]

@@ -94,9 +94,10 @@ class FindingsCache:
             self._inputs.append(f"{log.name} {state.st_size} {state.st_mtime_ns}".encode())
 
     def findings_of(self, name: str, log: Path) -> Findings:
-        """Return the findings of an experiment from a log; errors as of the function `findings_of`."""
+        """Return the findings of an experiment from a log; errors are those of the function `findings_of`."""
         file = self._folder / name / f"{log.stem}.json"
-        with suppress(OSError, ValueError, LookupError, TypeError):  # Not there, or damaged.
+        # The file is missing or damaged.
+        with suppress(OSError, ValueError, LookupError, TypeError):
             kept = json.loads(file.read_text("utf-8"))
             if kept["key"] == self._key(log, kept["modules"]):
                 findings: Findings = from_json(Findings, kept["findings"])
@@ -104,7 +105,8 @@ class FindingsCache:
         found = findings_of(name, log)
         modules = modules_of(f"sfglab.lab.experiments.{name}", __name__)
         kept = {"key": self._key(log, modules), "modules": modules, "findings": to_json(found)}
-        with suppress(OSError):  # A folder that cannot be written only costs time.
+        # If the folder cannot be written, the findings are only computed again.
+        with suppress(OSError):
             file.parent.mkdir(parents=True, exist_ok=True)
             part = file.with_suffix(".part")
             part.write_text(json.dumps(kept), encoding="utf-8")
@@ -119,7 +121,7 @@ class FindingsCache:
 
 
 def modules_of(*names: str) -> list[str]:
-    """Return the modules of sfglab that modules import, directly or through others, with themselves.
+    """Return modules of sfglab with all modules of sfglab that they import, directly or through others.
 
     Imports in functions count, and those for type checkers do not. A module that is imported by a
     computed name is not found.

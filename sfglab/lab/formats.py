@@ -1,11 +1,11 @@
-"""Formats of the files that people write: what reads each, an example, and its JSON Schema."""
+"""Formats of user-written files: the command that reads each, an example, and its JSON Schema."""
 
 from __future__ import annotations
 
-from collections.abc import Callable  # noqa: TC003 - a field's type
+from collections.abc import Callable  # noqa: TC003 - type of a field
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path  # noqa: TC003 - the same
+from pathlib import Path  # noqa: TC003 - type of a field
 from typing import Any
 
 from sfglab.arp.topics import TopicKeys, load_topics
@@ -21,11 +21,11 @@ from sfglab.spatial.scene.files import load_scene, scene_keys
 class Format:
     """A file format."""
 
-    title: str  #: What such a file is.
-    read_by: str  #: The command that takes it first.
-    files: str  #: Examples in ``data``, as a pattern.
-    load: Callable[[Path], Any]  #: Reads such a file, or refuses it.
-    schema: Callable[[], Schema]  #: Makes its JSON Schema.
+    title: str  #: Title of the format.
+    read_by: str  #: First command that reads such a file.
+    files: str  #: Pattern of the examples in ``data``.
+    load: Callable[[Path], Any]  #: Function that reads such a file, or refuses it.
+    schema: Callable[[], Schema]  #: Function that makes its JSON Schema.
 
 
 FORMATS = {

@@ -1,4 +1,4 @@
-"""Checks of a fleet's files: releases, layers, what checkers say of them, and fleets that must not pass."""
+"""Checks of a fleet's files: releases, layers, verdicts of checkers, and fleets that must be refused."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment, Release
     from sfglab.lab.checks import CheckRow
 
-LAYERS = ("base", "adapter", "application")  #: Paper A, Fig. 5, from the hardware upwards.
+#: Layers of an image from the hardware upwards: paper A, Fig. 5.
+LAYERS = ("base", "adapter", "application")
 
 _STAGE = re.compile(r"^FROM\s+(?P<base>\S+)\s+AS\s+(?P<name>\S+)", re.MULTILINE | re.IGNORECASE)
 
@@ -79,12 +80,12 @@ _MEANINGS = (
 
 
 def meaning_of(path: str) -> str:
-    """Return what a file within an agent's folder is for, empty for one that no bundle has."""
+    """Return the purpose of a file in an agent's folder; empty for a file that is in no bundle."""
     return next((meaning for pattern, meaning in _MEANINGS if fnmatchcase(path, pattern)), "")
 
 
 def file_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[dict[str, Any]]:
-    """Yield every file of every machine."""
+    """Yield a row for every file of every target host."""
     for _, bundle in pairs:
         for path, member in bundle.members.items():
             text = b"\0" not in member.data
@@ -99,12 +100,12 @@ def file_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[dict[str, 
 
 
 def layer_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[dict[str, Any]]:
-    """Yield the three layers of each agent's image, told apart by all that they are made from."""
+    """Yield the three layers of each agent's image; a digest of all inputs distinguishes them."""
     for deployment, bundle in pairs:
         lines = bundle.members["Dockerfile"].data.decode().splitlines(keepends=True)
         text = "".join(
             line for line in lines if not line.startswith("#")
-        )  # a comment is in no layer
+        )  # comments change no layer
         marks = [*_STAGE.finditer(text)]
         ends = [mark.start() for mark in marks[1:]] + [len(text)]
         stages = {m["name"]: text[m.start() : end] for m, end in zip(marks, ends, strict=True)}
@@ -125,7 +126,7 @@ def layer_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[dict[str,
 
 
 def release_checks(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[CheckRow]:
-    """Check that a release's name means its contents."""
+    """Check that a release's name identifies its contents."""
     equal, other = [], []
     for deployment, bundle in pairs:
         name, release = deployment.agent.name, deployment.release
@@ -153,7 +154,7 @@ _GPU = [
 
 
 def _told(pair: tuple[Deployment, Bundle]) -> tuple[str, bool]:
-    """Check what files say of an agent, by the fleet file and by RTPS 2.5, clause 9.6.2.3."""
+    """Check an agent's values in its files against the fleet file and RTPS 2.5, clause 9.6.2.3."""
     deployment, bundle = pair
     name, first = deployment.agent.name, 7400 + 250 * deployment.agent.domain
     agent = yaml.safe_load(bundle.members["compose.yaml"].data)["services"]["agent"]
@@ -173,7 +174,7 @@ def _complete(bundle: Bundle) -> tuple[str, bool]:
 def verdict_rows(
     verdicts: Iterable[Verdict], names: Mapping[str, str]
 ) -> Iterator[CheckRow | Unasked]:
-    """Yield one row for each kind of check that was asked of the fleet and its files, with paths renamed."""
+    """Yield one row for each kind of check of the fleet and its files; paths get the names in `names`."""
     by_check: dict[str, list[Verdict]] = defaultdict(list)
     for verdict in verdicts:
         by_check[verdict.check].append(verdict)
@@ -190,17 +191,18 @@ def verdict_rows(
             yield held(check, cases)
 
 
-# Broken fleets, each by one change of the paper's fleet file.
+# Broken fleets: each one is the paper's fleet file with one change.
 
 
 @dataclass(frozen=True, slots=True)
 class BrokenFleet:
-    """One change."""
+    """A change of the paper's fleet file that makes it invalid."""
 
-    fault: str  #: What is wrong with it, for people.
-    old: str  #: What stands in the paper's fleet file.
-    new: str  #: What stands there instead.
-    words: tuple[str, ...]  #: What the refusal must say: where, what is given or what is allowed.
+    fault: str  #: Description of the fault.
+    old: str  #: Text of the paper's fleet file that is replaced.
+    new: str  #: Text that replaces it.
+    #: Texts that the error must contain: the place, the given or the allowed values.
+    words: tuple[str, ...]
 
 
 BROKEN = (
@@ -302,11 +304,11 @@ BROKEN = (
         ("directions", "DDS Router"),
     ),
 )
-"""Each is one change; the last is given a DDS Router by `break_fleet` as well."""
+"""Changes of the paper's fleet file; for the last one, `break_fleet` also sets a DDS Router."""
 
 
 def break_fleet(text: str, broken: BrokenFleet) -> str:
-    """Return the paper's fleet file with one fault; raises `ValueError` if there is nothing to replace."""
+    """Return the paper's fleet file with one fault; raises `ValueError` unless it has the old text once."""
     if text.count(broken.old) != 1:
         raise ValueError(
             f"{broken.fault}: {broken.old!r} stands {text.count(broken.old)} times in the file"
@@ -320,7 +322,7 @@ def break_fleet(text: str, broken: BrokenFleet) -> str:
 
 
 def refused_rows(text: str, release: Release, folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield what is said of each broken fleet: made of the paper's fleet file in a folder, for a release."""
+    """Yield a row with the error of each broken version of a fleet file; files go into a folder."""
     for number, broken in enumerate(BROKEN):
         path = folder / f"broken{number}.yaml"
         path.write_text(break_fleet(text, broken), encoding="utf-8")
@@ -330,7 +332,7 @@ def refused_rows(text: str, release: Release, folder: Path) -> Iterator[dict[str
 
 
 def _refusal(path: Path, release: Release) -> str:
-    """Return why a fleet is refused, or nothing."""
+    """Return the reason why a fleet is refused; empty if it is accepted."""
     try:
         verdicts = check_fleet(load_source(path), release)
     except SfglabError as error:

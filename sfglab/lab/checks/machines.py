@@ -1,4 +1,4 @@
-"""Checks of machines: detection, hooks and rollouts, on folders in place of machines."""
+"""Checks of target hosts: detection, hooks and rollouts, on folders in place of hosts."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ _EXTENSION = "50-mine.sh"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unasked:
-    """A property that nobody could ask about here."""
+    """A property that cannot be checked on this machine."""
 
-    check: str  #: The property.
-    why: str  #: What is missing.
+    check: str  #: Name of the property.
+    why: str  #: Reason why it cannot be checked.
 
 
 held = partial(check_row, shown=-1)
-"""How often a property held, as `check_row` says it; where all hold, the last case is the example."""
+"""Row of a check, by `check_row`, which shows the last case as the example if all cases hold."""
 
 
 def detection_checks(folder: Path) -> Iterator[CheckRow]:
-    """Check detection on machines made up from documentation in a folder, and from here as if over SSH."""
+    """Check detection on example hosts in a folder, which follow documentation, directly and as over SSH."""
     right, told, remote = [], [], []
     for name, example in EXAMPLES.items():
         here, copy = folder / name, folder / f"{name} (copy)"
@@ -60,7 +60,7 @@ def detection_checks(folder: Path) -> Iterator[CheckRow]:
 
 
 def detected_rows(folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield what detection says of this machine and of those made up from documentation in a folder."""
+    """Yield the result of detection for this machine and for the example hosts in a folder."""
     roots = {name: write_example(example, folder / name) for name, example in EXAMPLES.items()}
     for name, root in {"this machine": Path("/"), **roots}.items():
         machine = detect(root)
@@ -74,7 +74,7 @@ def detected_rows(folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def hook_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Iterator[CheckRow]:
-    """Run every agent's hooks on a folder, below the one that is given, in place of its machine."""
+    """Run every agent's hooks on folders in place of its host."""
     dry, first, again, own = [], [], [], []
     for deployment, bundle in pairs:
         name, root = deployment.agent.name, folder / deployment.agent.name
@@ -98,7 +98,7 @@ def hook_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Ite
 
 
 def rollout_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> Iterator[CheckRow]:
-    """Bring every agent's files to folders in place of machines, change them, and go back."""
+    """Deploy every agent's files to folders in place of hosts, change them, and roll back."""
     planned, settled, changed, back = [], [], [], []
     for deployment, bundle in pairs:
         name, machine = deployment.agent.name, Local(folder=folder / deployment.agent.name)
@@ -130,14 +130,14 @@ def rollout_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> 
 
 
 def _changed(deployment: Deployment, bundle: Bundle) -> tuple[Deployment, Bundle]:
-    """Return the same agent with one package more, whose release is another one."""
+    """Return the same agent with one more package, and thus another release."""
     host = replace(deployment.host, packages=(*deployment.host.packages, "can-utils"))
     changed = replace(deployment, host=host)
     return changed, bundle_of(changed, bundle.members[f"image/{deployment.release.wheel}"].data)
 
 
 def _initialize(home: Path, root: Path, *options: str) -> str:
-    """Run the hooks; return what is wrong, or nothing."""
+    """Run the hooks; return their error, or an empty text."""
     done = subprocess.run(
         [home / "hooks" / "initialize.sh", *options],
         env=os.environ | {"SFGLAB_ROOT": str(root)},
@@ -158,4 +158,4 @@ def _snapshot(root: Path) -> dict[str, tuple[int, bytes]]:
 
 
 def _ignore(_: str) -> None:
-    """Take what is said of each step; the log has the outcome."""
+    """Ignore the messages of each step, because the log has the outcome."""

@@ -5,7 +5,7 @@
         network.set_radio(Medium(rate_bps=10e6, loss=0.05))
         process = edge.popen([sys.executable, "-m", "..."])
 
-The end of the block removes everything, also after an exception or when the creating process is killed.
+The end of the block removes everything, also after an exception or a kill of the creating process.
 """
 
 from sfglab.lab.hosts.host import (

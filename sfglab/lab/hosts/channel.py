@@ -25,7 +25,7 @@ MAX_BYTES = 65536  #: Size of the largest request and answer.
 
 
 class Channel:
-    """A running child process that answers requests; safe to use from several threads.
+    """A running child process that answers requests; it can be used from several threads.
 
     Args:
         name: Name of the process, for errors.
@@ -57,7 +57,7 @@ class Channel:
                 stdout=subprocess.DEVNULL,
                 stderr=self._log,
                 pass_fds=numbers,
-                # Ctrl-C in a terminal must reach the creator first, which then ends things in order.
+                # Ctrl-C in a terminal must reach the creator first, which then ends the processes in order.
                 start_new_session=True,
             )
             failed.pop_all()
@@ -70,7 +70,7 @@ class Channel:
             PermissionError: The kernel refused.
         """
         with self._lock:
-            with contextlib.suppress(OSError):  # a lost process is reported by the answer
+            with contextlib.suppress(OSError):  # the missing answer reports a lost process
                 self._control.send(json.dumps({"op": operation, **arguments}).encode())
             return self._receive()
 
@@ -92,17 +92,17 @@ class Channel:
 
     def _last_line(self) -> str:
         """Return the last line that the process wrote to standard error before it ended."""
-        # It closes its socket a moment before it has written why.
+        # The process closes its socket a moment before it has written the reason.
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(1.0)
-        # The offset is shared with the process, so the file is read without moving it.
+        # The process shares the file's offset, so the file is read without moving it.
         size = os.fstat(self._log.fileno()).st_size
         lines = os.pread(self._log.fileno(), size, 0).decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else "it wrote no reason"
 
     def close(self) -> None:
-        """End the process. Harmless when repeated."""
-        # Unlike closing, this also reaches the process when a forked child has a copy of the socket.
+        """End the process; idempotent."""
+        # Unlike closing, this also reaches the process if a forked child has a copy of the socket.
         with contextlib.suppress(OSError):
             self._control.shutdown(socket.SHUT_RDWR)
         try:
@@ -119,7 +119,7 @@ def answer(control: socket.socket, *operations: Callable[..., Any]) -> bool:
 
     Args:
         control: This process's end of the socket pair.
-        operations: Functions, requested by their names.
+        operations: Functions that can be requested by their names.
     """
     data = control.recv(MAX_BYTES)
     if not data:
@@ -132,7 +132,7 @@ def answer(control: socket.socket, *operations: Callable[..., Any]) -> bool:
         result = {"refused": f"{error.args[1]} (errno {error.code})"}
     except PermissionError as error:
         result = {"refused": str(error)}
-    except Exception:  # noqa: BLE001 - the creator raises it; this process must live on to clean up
+    except Exception:  # noqa: BLE001 - the creator raises the error; this process must continue, to clean up
         result = {"failed": traceback.format_exc()}
     control.send(json.dumps(result).encode())
     return True

@@ -1,6 +1,7 @@
 """Makes or joins namespaces and then becomes another program; runs as a script of its own.
 
-Imports nothing of sfglab and little else: each process in a host pays for its start. Usage::
+The script imports nothing of sfglab and few other modules, because every process in a host needs its start.
+Usage::
 
     enter.py new auto|root|rootless COMMAND...       appends root or rootless to COMMAND
     enter.py join PID INODE root|rootless COMMAND...
@@ -17,9 +18,9 @@ CLONE_NEWUSER = 0x10000000
 CLONE_NEWNET = 0x40000000
 # linux/capability.h
 _CAP_NET_ADMIN, _CAP_SYS_ADMIN = 12, 21
-# signal(7); Python ignores both from its start, and exec hands that down.
+# signal(7); Python ignores both signals, and a program that is executed inherits that.
 _IGNORED_BY_PYTHON = (13, 25)
-# Exit statuses of env(1) and nohup(1): own failure, found but not executable, not found.
+# Exit statuses of env(1) and nohup(1): own failure; command found but not executable; not found.
 _EXIT_OWN, _EXIT_CANNOT_RUN, _EXIT_NOT_FOUND = 125, 126, 127
 
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -32,7 +33,7 @@ def _call(name: str, *args: int) -> None:
 
 
 def unshare(flags: int) -> None:
-    """Give the calling thread new namespaces (unshare(2)), by a sum of ``CLONE_NEW*``; `OSError` if refused."""
+    """Give the calling thread new namespaces (unshare(2)) by a sum of ``CLONE_NEW*``; `OSError` if refused."""
     _call("unshare", flags)
 
 
@@ -42,16 +43,17 @@ def setns(fd: int, flags: int) -> None:
 
 
 def _may_be_root() -> bool:
-    """Return whether this process has what network administration takes (capabilities(7))."""
+    """Return whether this process has the capabilities for network administration (capabilities(7))."""
     with open("/proc/self/status", encoding="ascii", errors="replace") as file:  # noqa: PTH123 - pathlib costs 10 ms
         effective = next(int(line.split()[1], 16) for line in file if line.startswith("CapEff"))
     return all(effective >> number & 1 for number in (_CAP_NET_ADMIN, _CAP_SYS_ADMIN))
 
 
 def new(how: str) -> str:
-    """Move this process into a new network namespace, ``root`` or ``rootless``, and return which it was.
+    """Move this process into a new network namespace; return the way, ``root`` or ``rootless``.
 
-    A user namespace is made for the second; ``auto`` is the first where the process has its capabilities.
+    ``rootless`` also makes a user namespace. ``auto`` is ``root`` if the process has the capabilities for
+    it, else ``rootless``.
 
     Raises:
         OSError: The kernel refuses.
@@ -61,7 +63,7 @@ def new(how: str) -> str:
         return "root"
     user, group = os.geteuid(), os.getegid()
     unshare(CLONE_NEWUSER | CLONE_NEWNET)
-    # A group map may be written only after setgroups is given up (user_namespaces(7)).
+    # The group map can be written only after setgroups is denied (user_namespaces(7)).
     for name, text in (
         ("setgroups", "deny"),
         ("uid_map", f"0 {user} 1"),
@@ -73,9 +75,9 @@ def new(how: str) -> str:
 
 
 def join(pid: int, inode: int, how: str) -> None:
-    """Move this process into the namespaces of a host's holder; ``rootless``: into its user namespace too.
+    """Move this process into the network namespace of a host's holder; ``rootless``: also into its user namespace.
 
-    The inode of the network namespace tells the holder from a later owner of its pid.
+    The inode of the network namespace distinguishes the holder from a later process with the same pid.
 
     Raises:
         OSError: The holder is gone, or the kernel refuses.
@@ -91,8 +93,8 @@ def join(pid: int, inode: int, how: str) -> None:
         raise ProcessLookupError(f"process {pid} is not the holder of this host any more")
     for fd, flag in opened:
         setns(fd, flag)
-    # A network that closes ends its holders first, and then looks for members. This process joined before the
-    # holder ended, so it is found.
+    # A closing network ends its holders first, and then looks for members. This process joined before the
+    # holder ended, so the network finds it.
     if os.stat(f"/proc/{pid}/ns/net").st_ino != inode:  # noqa: PTH116 - pathlib costs 10 ms
         raise ProcessLookupError(f"the host of process {pid} closed meanwhile")
 
@@ -101,7 +103,7 @@ def _become(command: list[str]) -> int:
     for number in _IGNORED_BY_PYTHON:
         _libc.signal(number, None)
     try:
-        os.execvp(command[0], command)  # noqa: S606 - no shell is the point
+        os.execvp(command[0], command)  # noqa: S606 - a shell is not wanted
     except OSError as error:
         sys.stderr.write(f"cannot run {command[0]!r} inside the host: {error}\n")
         return _EXIT_NOT_FOUND if isinstance(error, FileNotFoundError) else _EXIT_CANNOT_RUN

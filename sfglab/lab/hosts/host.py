@@ -1,8 +1,8 @@
-"""One test host: its errors, an address, and processes that see only its network, with their orderly end.
+"""A test host: its errors, its address, and its processes, which see only its network and end with it.
 
-A namespace of ours holds only what was started inside, grandchildren and daemons too, so membership is the
-whole bookkeeping. Signals go through pidfds (pidfd_open(2)), whose membership is checked after opening:
-a pid that another process took over meanwhile is never hit.
+A namespace of ours contains only processes that were started inside, and their descendants, daemons
+included. So membership identifies all processes to end. Signals go through pidfds (pidfd_open(2)), whose
+membership is checked after opening. A later process with the same pid therefore never receives a signal.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _REMEDY = (
 
 
 class HostsUnavailableError(SfglabError, OSError):
-    """This machine does not let us make network namespaces."""
+    """Error of a machine that cannot make network namespaces."""
 
     def __init__(self, reason: str) -> None:
         self.reason = reason  #: Error of the kernel or of the starting process.
@@ -41,11 +41,11 @@ class HostsUnavailableError(SfglabError, OSError):
 
 
 class HostsError(SfglabError, RuntimeError):
-    """A network of test hosts is closed, lost its hub, or did not do what it was asked for."""
+    """A network of test hosts is closed, lost its hub, or failed to execute a request."""
 
 
 class LinkControlError(SfglabError, OSError):
-    """The kernel refuses to make a host's frames wait."""
+    """The kernel refuses the queue in which a host's frames would wait."""
 
     def __init__(self, host: str, reason: str) -> None:
         super().__init__(
@@ -54,12 +54,12 @@ class LinkControlError(SfglabError, OSError):
         )
 
 
-# A killed process is gone within milliseconds, unless it is stuck in a device driver.
+# A killed process is gone within milliseconds, unless a device driver blocks it.
 _KILL_TIMEOUT_S = 5.0
 
 
 def _inode(pid: int) -> int:
-    """Return the inode of a process's network namespace, 0 when it ended or is not ours to see."""
+    """Return the inode of a process's network namespace; 0 if it ended or is not visible to this process."""
     try:
         return os.stat(f"/proc/{pid}/ns/net").st_ino  # noqa: PTH116 - called for every process
     except OSError:
@@ -74,7 +74,7 @@ def members(inodes: Collection[int]) -> list[int]:
 
 @contextlib.contextmanager
 def _handles(inodes: Collection[int]) -> Iterator[dict[int, int]]:
-    """Open a pidfd for each member, with the pid as its value."""
+    """Open a pidfd for each member, and close all at the end; pids by pidfd."""
     handles: dict[int, int] = {}
     try:
         for pid in members(inodes):
@@ -91,7 +91,7 @@ def _handles(inodes: Collection[int]) -> Iterator[dict[int, int]]:
 
 
 def _wait(handles: Collection[int], deadline_s: float) -> None:
-    """Wait until all processes ended, or for the deadline."""
+    """Wait until all processes have ended, at most until the deadline."""
     poll = select.poll()
     for fd in handles:
         poll.register(fd, select.POLLIN)
@@ -103,7 +103,7 @@ def _wait(handles: Collection[int], deadline_s: float) -> None:
 
 
 def _signal_all(inodes: Collection[int], number: int, deadline_s: float) -> list[int]:
-    """Signal all members, wait for their end, and return those that were there."""
+    """Signal all members, wait for their end, and return their pids."""
     with _handles(inodes) as handles:
         for fd in handles:
             with contextlib.suppress(ProcessLookupError):
@@ -113,7 +113,7 @@ def _signal_all(inodes: Collection[int], number: int, deadline_s: float) -> list
 
 
 def end_members(inodes: Collection[int], *, grace_s: float) -> None:
-    """End all processes in some network namespaces: TERM, a grace in seconds, KILL; else `HostsError`."""
+    """End all processes in network namespaces: TERM, a grace period in seconds, KILL; else `HostsError`."""
     if grace_s > 0:
         _signal_all(inodes, signal.SIGTERM, time.monotonic() + grace_s)
     deadline_s = time.monotonic() + _KILL_TIMEOUT_S
@@ -125,11 +125,12 @@ def end_members(inodes: Collection[int], *, grace_s: float) -> None:
 INTERFACE = "eth0"
 
 ENTER = (sys.executable, "-I", "-S", str(Path(__file__).with_name("enter.py")))
-"""Command line of the script that makes or joins namespaces; without site it starts in about 15 ms."""
+"""Command line of the script that makes or joins namespaces; without the site module it starts in about 15
+ms."""
 
 
 class InterfaceBytes(NamedTuple):
-    """Bytes and packets of an interface since it exists: Ethernet frames, without their checksums."""
+    """Bytes and packets of an interface since its creation: Ethernet frames without their checksums."""
 
     rx_bytes: int
     tx_bytes: int
@@ -138,7 +139,7 @@ class InterfaceBytes(NamedTuple):
 
 
 def interface_bytes(table: str, interface: str) -> InterfaceBytes:
-    """Return an interface's counters from ``/proc/net/dev`` (proc(5)); `LookupError` if it is not there."""
+    """Return an interface's counters from ``/proc/net/dev`` (proc(5)); `LookupError` if it is not listed."""
     for line in table.splitlines():
         name, _, numbers = line.partition(":")
         if name.strip() == interface:
@@ -153,19 +154,19 @@ class Host:
     Hosts share the machine's file system, `/dev/shm`, processes and clock; only their network is their own.
 
     Raises:
-        HostsError: By every method that runs or reads something: the network is closed or lost.
+        HostsError: The network is closed or lost. All methods that run or read something raise it.
     """
 
-    interface = INTERFACE  #: Its interface to the network.
+    interface = INTERFACE  #: Name of its interface to the network.
 
     def __init__(self, name: str, *, address: str, holder: int, how: str) -> None:
         self.name = name  #: Its name in the network.
         self.address = address  #: Its IPv4 address.
         self._holder = holder
         self._how = how
-        # Keeps the namespace, and with it the inode, unique as long as we refer to it.
+        # The open descriptor keeps the namespace, and with it the inode, unique.
         self._namespace = os.open(f"/proc/{holder}/ns/net", os.O_RDONLY)
-        #: Number of its network namespace in the kernel.
+        #: Inode of its network namespace.
         self.inode = os.fstat(self._namespace).st_ino
         self._started: list[subprocess.Popen[Any]] = []
         self._closed = False
@@ -174,10 +175,10 @@ class Host:
         return f"Host({self.name!r}, address={self.address!r})"
 
     def argv(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
-        """Wrap a command line so that it runs inside this host.
+        """Return a command line that runs a command inside this host.
 
-        The wrapper becomes the command (exec), so pid, signals and pipes are the command's own. Exit status 125
-        says that the host is gone, 126 and 127 that the command cannot be run or found.
+        The wrapper becomes the command (exec), so pid, signals and pipes are those of the command. Exit
+        status 125 means that the host is gone, 126 and 127 that the command cannot be run or was not found.
         """
         if self._closed:
             raise HostsError(
@@ -203,7 +204,7 @@ class Host:
         return subprocess.run(self.argv(command), timeout=timeout_s, **options)  # noqa: PLW1510 - given above
 
     def interface_bytes(self) -> InterfaceBytes:
-        """Return what this host's interface has carried so far; costs the reading of one small file."""
+        """Return the traffic of this host's interface so far; reads one small file."""
         try:
             table = Path(f"/proc/{self._holder}/net/dev").read_text(encoding="ascii")
             return interface_bytes(table, self.interface)
@@ -213,7 +214,7 @@ class Host:
             ) from error
 
     def close(self) -> None:
-        """Reap the processes started by `popen` once they ended; the network calls it."""
+        """End and reap the processes started by `popen`; the network calls it."""
         if self._closed:
             return
         self._closed = True

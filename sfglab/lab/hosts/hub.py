@@ -1,10 +1,11 @@
-"""The process that owns a network of hosts; starts inside its own namespace, see `network`.
+"""Process that owns a network of hosts; it starts inside its own namespace, see `network`.
 
-It answers requests on a `Channel` and forks one *holder* per host, a process that
-does nothing but keep the host's namespace alive. When the processes end, the kernel removes namespaces, cables
-and addresses by itself. The hub and every holder watch a pidfd of the creator; holders also watch one of the
-hub. Whichever wakes first kills all processes in the hosts. A parent-death signal (prctl(2), PR_SET_PDEATHSIG)
-would do less: it is tied to the parent *thread*, hits only direct children, and does not survive its owner.
+It answers requests on a `Channel` and forks one *holder* per host, a process whose only purpose is to keep
+the host's namespace alive. When the processes end, the kernel itself removes namespaces, cables and
+addresses. The hub and every holder watch a pidfd of the creator; holders also watch one of the hub. The
+first process that wakes up kills all processes in the hosts. A parent-death signal (prctl(2),
+PR_SET_PDEATHSIG) would not suffice: it depends on the parent *thread*, reaches only direct children, and
+does not survive its owner.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _RELAY_LIMIT_S = 10.0
 def _close_all_but(kept: set[int]) -> None:
     for fd in sorted(int(name) for name in os.listdir("/proc/self/fd")):  # noqa: PTH208 - names only
         if fd > 2 and fd not in kept:
-            # The descriptor of the listing itself is gone already.
+            # The descriptor of this listing is closed already.
             with contextlib.suppress(OSError):
                 os.close(fd)
 
@@ -50,12 +51,12 @@ def _hold(ready: int, guards: list[int]) -> None:
 
 
 def _fork_holder(creator: int) -> int:
-    """Start a holder and return its pid once its namespace is there."""
+    """Start a holder and return its pid when its namespace exists."""
     hub = os.pidfd_open(os.getpid())
     waiting, ready = os.pipe()
     pid = os.fork()
     if pid == 0:
-        # Leaves without unwinding: the parent's sockets and handlers are not the child's to finish.
+        # The child leaves without unwinding, because sockets and handlers belong to the parent.
         try:
             _hold(ready, [creator, hub])
         except BaseException:  # noqa: BLE001 - reported, and the child must not return into the parent's loop
@@ -146,7 +147,7 @@ class _Hub:
 
 
 def main(control_fd: str, creator_pidfd: str, how: str) -> NoReturn:
-    """Serve until the creator, of whom a pidfd is given, closes its end of a SOCK_SEQPACKET pair or dies."""
+    """Serve until the creator, given by a pidfd, closes its end of a SOCK_SEQPACKET pair or ends."""
     creator = int(creator_pidfd)
     os.set_inheritable(creator, False)
     with socket.socket(fileno=int(control_fd)) as control:
@@ -155,7 +156,7 @@ def main(control_fd: str, creator_pidfd: str, how: str) -> NoReturn:
         try:
             hub.serve(control)
         except (BrokenPipeError, ConnectionResetError):
-            pass  # the creator died between two messages
+            pass  # the creator ended between two messages
         finally:
             hub.close()
     sys.exit(0)

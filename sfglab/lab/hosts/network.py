@@ -1,8 +1,8 @@
-"""Several hosts on one machine, joined by one Ethernet: network namespaces made through netlink.
+"""Several hosts on one machine, joined by one Ethernet: network namespaces, made through netlink.
 
-The network needs root or a user namespace, and no external program. It leaves nothing behind, whatever ends it.
-The hub owns the namespaces. It is a process of its own, because only a process that has entered a namespace can
-work in it, and because cleaning up must outlive the creator.
+The network needs root or a user namespace, and no external program. It leaves nothing behind, even if its
+creator is killed. The hub, a process of its own, owns the namespaces. It is separate because only a process
+inside a namespace can configure it, and because the cleaning must not depend on the creator.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ _HOW = {None: "auto", False: "root", True: "rootless"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capability:
-    """Whether this machine can run test hosts."""
+    """Ability of this machine to run test hosts."""
 
-    ok: bool  #: It can.
-    #: As root, rootless in a user namespace, or not at all.
+    ok: bool  #: Whether it can.
+    #: Way to make namespaces: as root, rootless in a user namespace, or none.
     how: Literal["root", "rootless", "none"]
     reason: str = ""  #: Reason why it cannot; empty if it can.
 
@@ -74,11 +74,11 @@ def _start_hub(how: str) -> tuple[Channel, str]:
 
 
 class Network:
-    """A network of test hosts, to be used as a context manager; `HostsError` says that it is closed or lost.
+    """A network of test hosts, a context manager; a closed or lost network raises `HostsError`.
 
-    Leaving it ends every process inside the hosts (TERM, a grace in seconds, KILL) and then the hosts; when the
-    creating process is killed, without the grace. `rootless` uses a user namespace even as root, False insists
-    on root, None takes what works.
+    At its end, every process inside the hosts ends (TERM, a grace period in seconds, KILL), and then the
+    hosts. If the creating process is killed, there is no grace period. With `rootless` True it uses a user
+    namespace even as root, with False it requires root, with None it takes the way that works.
     """
 
     def __init__(self, *, rootless: bool | None = None, grace_s: float = 2.0) -> None:
@@ -91,7 +91,7 @@ class Network:
 
     @staticmethod
     def available() -> Capability:
-        """Find out by trying whether test hosts work here; takes about half a second and leaves nothing."""
+        """Find out by a trial whether test hosts work here; takes about half a second and leaves nothing behind."""
         try:
             with Network() as network:
                 network.add_host("probe")
@@ -137,7 +137,7 @@ class Network:
         return MappingProxyType(self._hosts)
 
     def argv(self, host: str, command: Sequence[str | os.PathLike[str]]) -> list[str]:
-        """Return the command line that runs a command inside a host; as `Host.argv`."""
+        """Return the command line that runs a command inside a host, see `Host.argv`."""
         return self._hosts[host].argv(command)
 
     def add_host(self, name: str) -> Host:
@@ -146,7 +146,7 @@ class Network:
         Raises:
             InvalidValueError: The name is empty or taken.
             HostsUnavailableError: The kernel refuses.
-            HostsError: The network is closed or lost, or full (253 hosts), or a radio.
+            HostsError: The network is closed, lost, full (253 hosts), or a radio.
         """
         if self._on_radio:
             raise HostsError("this network is a radio now: add its hosts before `set_radio`")
@@ -162,7 +162,7 @@ class Network:
         return host
 
     def set_connected(self, name: str, *, connected: bool) -> None:
-        """Connect a host to the Ethernet, or disconnect it: all its frames are then lost.
+        """Connect a host to the Ethernet, or disconnect it; all frames of a disconnected host are lost.
 
         Raises:
             InvalidValueError: There is no such host.
@@ -175,17 +175,18 @@ class Network:
         self._channel.request("set_connected", name=name, connected=connected)
 
     def set_radio(self, medium: Medium, *, seed: int = 0) -> None:
-        """Join the hosts by a medium that they share instead of the Ethernet, or change that medium.
+        """Replace the Ethernet between the hosts by a shared medium, or change that medium.
 
-        A process relays every frame by the rules of the medium; `RadioCounters.kept_up` states whether it was
-        fast enough. The relay has the queue, and hosts never wait. A queue that blocks is the one of the host's
-        kernel; its length is that of a socket's buffer, and `queue_frames` has no effect. The seed gives the
-        random numbers of the losses. The machine decides which frame takes which number. Counters begin at 0.
-        The size of a frame is that of its Ethernet header and payload.
+        A process relays every frame by the rules of the medium. `RadioCounters.kept_up` states whether the
+        process was fast enough. The relay has the queue, and hosts never wait. If the medium's queue
+        blocks, it is in the host's kernel instead. Its length is then that of a socket's buffer, and
+        `queue_frames` has no effect. The seed determines the random numbers of the losses; the assignment
+        of numbers to frames depends on the machine. Counters begin at 0. The size of a frame is that of its
+        Ethernet header and payload.
 
         Raises:
-            InvalidValueError: The queue blocks, and the medium is shared, as a host's kernel cannot know who
-                else is on air, or a frame costs more than that can count.
+            InvalidValueError: The queue blocks, and the medium is shared: a host's kernel does not know which
+                other hosts send. Or the overhead of a frame exceeds the range of the kernel's queue.
             LinkControlError: The kernel refuses.
         """
         if not self._hosts:
@@ -203,7 +204,7 @@ class Network:
         self._on_radio = True
 
     def radio_counters(self) -> RadioCounters:
-        """Return what the radio has done since its medium was set; raises `HostsError` if there is none."""
+        """Return the counters of the radio since its medium was set; raises `HostsError` if there is no radio."""
         if not self._on_radio:
             raise HostsError("this network has no radio: call `set_radio` first")
         counters: RadioCounters = from_json(RadioCounters, self._channel.request("radio_counters"))

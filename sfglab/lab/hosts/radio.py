@@ -13,11 +13,11 @@ LATE_AFTER_S = 0.002  #: Delay beyond the due time from which a frame is late.
 class RadioHost:
     """Counters of one host, since the medium was set."""
 
-    frames: int = 0  #: Frames that it sent.
-    bytes_: int = 0  #: Their bytes: Ethernet header and payload, no checksum.
+    frames: int = 0  #: Number of frames that it sent.
+    bytes_: int = 0  #: Size of these frames, bytes: Ethernet header and payload, no checksum.
     airtime_ns: int = 0  #: Airtime of these frames, ns.
-    queue_full: int = 0  #: Frames that found its queue full.
-    lost: int = 0  #: Frames of it that a receiver did not get, each receiver counted.
+    queue_full: int = 0  #: Number of its frames that found its queue full.
+    lost: int = 0  #: Number of its frames that a receiver did not get, counted per receiver.
 
     @property
     def airtime_s(self) -> float:
@@ -29,16 +29,17 @@ class RadioHost:
 class RadioCounters:
     """Counters of all hosts, since the medium was set."""
 
-    hosts: dict[str, RadioHost] = field(default_factory=dict)  #: By name.
-    delivered: int = 0  #: Frames that reached a receiver, each receiver counted.
-    #: Delivered frames that came more than `LATE_AFTER_S` after they were due.
+    hosts: dict[str, RadioHost] = field(default_factory=dict)  #: Counters by host.
+    delivered: int = 0  #: Number of frames that reached a receiver, counted per receiver.
+    #: Number of delivered frames that arrived more than `LATE_AFTER_S` after they were due.
     late: int = 0
     late_sum_ns: int = 0  #: Sum of the delays beyond the due time, of all frames, ns.
     late_most_ns: int = 0  #: The longest of these delays, ns.
-    overrun: int = 0  #: Frames that the kernel dropped because the relay did not take them, or it.
+    #: Number of frames that the kernel dropped on their way to the relay or from it.
+    overrun: int = 0
 
     def note(self, due_ns: int, now_ns: int) -> None:
-        """Count a frame that was due at a time and is delivered now."""
+        """Count a frame that is delivered now, given its due time."""
         delay_ns = max(0, now_ns - due_ns)
         self.delivered += 1
         self.late += delay_ns > LATE_AFTER_S * NS_PER_S
@@ -47,21 +48,21 @@ class RadioCounters:
 
     @property
     def lost(self) -> int:
-        """Frames that a receiver did not get, each receiver counted."""
+        """Number of frames that a receiver did not get, counted per receiver."""
         return sum(host.lost for host in self.hosts.values())
 
     @property
     def queue_full(self) -> int:
-        """Frames that found their sender's queue full."""
+        """Number of frames that found their sender's queue full."""
         return sum(host.queue_full for host in self.hosts.values())
 
     @property
     def kept_up(self) -> bool:
-        """Whether the relay was the medium it should be: nothing overrun, at most 1 % of the frames late."""
+        """Whether the relay was fast enough: no overrun, and at most 1 % of the frames late."""
         return self.overrun == 0 and self.late <= 0.01 * self.delivered
 
     def said(self) -> str:
-        """Return in one line how well the relay kept up."""
+        """Return a line of text about the relay's speed."""
         mean_ms = self.late_sum_ns / max(1, self.delivered) / NS_PER_MS
         return (
             f"{self.delivered} frames delivered, {self.late} of them more than {LATE_AFTER_S * 1e3:g} ms "

@@ -1,13 +1,13 @@
-"""The relay of a radio, a process between the hosts' cables: ``python -m sfglab.lab.hosts.radio_relay FD``.
+"""Relay of a radio, a process between the hosts' cables: ``python -m sfglab.lab.hosts.radio_relay FD``.
 
-Takes every frame that a host sends (packet(7)), lets the medium say when it arrives, and hands it to its
-receivers then. A frame to a group reaches every other host and is on air once; a loss is drawn for each
-receiver. It ends when its control socket does.
+The relay receives every frame that a host sends (packet(7)). The medium determines its time of arrival, at
+which the relay hands it to its receivers. A frame to a group reaches all other hosts and is sent once; a
+loss is drawn for each receiver. The process ends with its control socket.
 
-The medium is a pure machine of frames at times, in nanoseconds of the caller's clock. Its rules are the functions
-of `sfglab.rtps.channel`, which the model of RTPS uses as well; a queue that blocks is the kernel's (`wiring`). The
-relay's own slowness adds delay, which it counts, and lowers no rate: a frame's end follows from the end of the one
-before.
+The medium is a pure state machine of frames at times, in nanoseconds of the caller's clock. Its rules are
+the functions of `sfglab.rtps.channel`, which the model of RTPS uses as well. A blocking queue is in the
+kernel (`wiring`). The delay of the relay itself is added and counted. It lowers no rate, because a frame's
+end follows from the end of the previous frame.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ F = TypeVar("F")
 
 
 class Sent(NamedTuple, Generic[F]):
-    """A frame that arrives."""
+    """A frame with its time of arrival."""
 
     due_ns: int  #: Time of arrival.
     host: int  #: Host that sent it.
@@ -56,7 +56,7 @@ class Sent(NamedTuple, Generic[F]):
 
 @dataclass(slots=True)
 class _Transmitter(Generic[F]):
-    """A sender of one frame at a time; its hosts take turns."""
+    """Transmitter of one frame at a time; its hosts take turns."""
 
     hosts: tuple[int, ...]
     next_: int = 0
@@ -73,7 +73,7 @@ class _Waiting(NamedTuple, Generic[F]):
 
 
 class Air(Generic[F]):
-    """The medium; a frame may be lost on its way to the access point, and `chance` says who sends next."""
+    """State of the medium; `lose` decides on losses before the access point, `chance` on the next sender."""
 
     def __init__(
         self,
@@ -86,14 +86,15 @@ class Air(Generic[F]):
         self._hosts, self._lose, self._chance = tuple(hosts), lose, chance or random.Random()
         #: Use of the medium per host; the caller counts losses.
         self.use = [RadioHost() for _ in hosts]
-        self._access_point = len(self.use)  # last, and without a part where the medium has none
+        # the last place, which is unused if the medium has no access point
+        self._access_point = len(self.use)
         self._queues: list[deque[_Waiting[F]]] = [deque() for _ in range(len(hosts) + 1)]
         self._transmitters: list[_Transmitter[F]] = []
         self._flight: deque[Sent[F]] = deque()
         self.change(medium)
 
     def change(self, medium: Medium) -> None:
-        """Go on with another medium and new counters; what is on air keeps its time, what waits, waits on."""
+        """Change the medium and reset the counters; sent frames keep their times, and queued frames stay queued."""
         self._flight.extend(t.on_air for t in self._transmitters if t.on_air is not None)
         free_ns = max((t.free_ns for t in self._transmitters), default=0)
         everybody = tuple(range(len(self._hosts) + 1))
@@ -105,10 +106,10 @@ class Air(Generic[F]):
             self._start(transmitter)
 
     def offer(self, host: int, frame: F, *, size_bytes: int, now_ns: int) -> bool:
-        """Put a frame into a host's queue now; False when a frame is dropped."""
+        """Put a frame into a host's queue now; return False if a frame is dropped."""
         took = self._queue(host, _Waiting(now_ns, size_bytes, frame, host))
         for transmitter in self._transmitters:
-            # A frame that finds the medium free is on air at once and takes no place in the queue.
+            # A frame that finds the medium free is sent at once and takes no place in the queue.
             if host in transmitter.hosts and transmitter.on_air is None:
                 self._start(transmitter)
         return took
@@ -120,13 +121,13 @@ class Air(Generic[F]):
             self.use[host].queue_full += 1
         if result == DISPLACES:
             queue.popleft()
-        # The kernel makes senders wait for a queue that blocks, so nothing that it lets pass is dropped.
+        # The kernel makes senders wait for a blocking queue, so no frame that reaches the relay is dropped.
         if result != REFUSED or medium.rule == BLOCK:
             queue.append(waiting)
         return result == JOINS
 
     def advance(self, until_ns: int) -> list[Sent[F]]:
-        """Return the frames that have arrived until a time, this time included, in order."""
+        """Return the frames that have arrived until a time, inclusive, in order."""
         for transmitter in self._transmitters:
             while transmitter.on_air is not None and transmitter.free_ns <= until_ns:
                 if transmitter.relayed is None:
@@ -143,13 +144,13 @@ class Air(Generic[F]):
         return arrived if self._medium.shared else sorted(arrived, key=lambda sent: sent.due_ns)
 
     def next_ns(self) -> int | None:
-        """Return when something happens next; None: not before a frame is offered."""
+        """Return the time of the next event; None: none before the next frame is offered."""
         times = [t.free_ns for t in self._transmitters if t.on_air is not None]
         times += [sent.due_ns for sent in self._flight]
         return min(times, default=None)
 
     def _start(self, transmitter: _Transmitter[F]) -> None:
-        """Put the next frame on air: of the host whose turn it is among those that wait by then."""
+        """Send the next frame: the first of the host whose turn it is among the hosts that wait by then."""
         queues, medium = self._queues, self._medium
         waiting = [host for host in transmitter.hosts if queues[host]]
         if not waiting:
@@ -186,7 +187,7 @@ _PR_SET_TIMERSLACK = 29
 _BUFFER_BYTES = 4 << 20
 _FRAME_BYTES = 2048
 _ANCILLARY_BYTES = 64
-# Frames that are taken from one host before the others are looked at.
+# Maximum number of frames that are taken from one host before the other hosts.
 _BATCH = 64
 _GROUP_BIT = 1
 
@@ -198,13 +199,13 @@ class _Arrival(NamedTuple):
 
 
 def _open(interface: str) -> socket.socket:
-    """Open one cable's end: everything that comes from the host, nothing that we send there."""
+    """Open one cable's end, to receive all frames of the host, without those that we send there."""
     sock = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)
     sock.setsockopt(_SOL_PACKET, _PACKET_IGNORE_OUTGOING, 1)
     sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
     try:
         sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER_BYTES)
-    except PermissionError:  # without root outside: what the system allows
+    except PermissionError:  # without root in the initial namespace: as much as the system allows
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
     sock.setblocking(False)
     sock.bind((interface, _ETH_P_ALL))
@@ -212,7 +213,7 @@ def _open(interface: str) -> socket.socket:
 
 
 def _take(sock: socket.socket, host: int) -> list[_Arrival]:
-    """Take what a host has sent, with the kernel's times."""
+    """Receive the frames that a host has sent, with the kernel's time stamps."""
     arrivals = []
     for _ in range(_BATCH):
         try:
@@ -235,7 +236,7 @@ class _Relay:
         self._random = random.Random()
         self._bad: dict[
             tuple[int, int | None], bool
-        ] = {}  # whether the last frame of a way was lost
+        ] = {}  # whether the last frame from a host to a receiver was lost
         self._counters = RadioCounters()
 
     def start(self, *, ports: list[list[str]]) -> None:
@@ -254,7 +255,7 @@ class _Relay:
             self._air.change(self._medium)
         self._random.seed(seed)
         self._bad.clear()
-        self._overrun()  # forgets, as reading resets it
+        self._overrun()  # reading resets the kernel's counters
         self._counters = RadioCounters()
 
     def counters(self) -> dict[str, Any]:
@@ -265,7 +266,7 @@ class _Relay:
         return asdict(self._counters)
 
     def relay(self, control: socket.socket) -> None:
-        """Relay until the control socket ends."""
+        """Relay frames until the control socket closes."""
         while True:
             watched = [control, *self._sockets]
             ready, _, _ = select.select(watched, (), (), self._pause_s())
@@ -283,7 +284,7 @@ class _Relay:
     def _go_on(self, arrivals: list[_Arrival]) -> None:
         air = self._air
         if air is None:
-            return  # the medium is not set yet: there is none
+            return  # no medium is set yet
         for arrival in arrivals:
             self._deliver(air, air.advance(arrival.t_ns))
             size_bytes = len(arrival.frame)
@@ -298,12 +299,12 @@ class _Relay:
                     continue
                 try:
                     self._sockets[receiver].send(frame)
-                except OSError:  # the host's queue is full, or the host is going away
+                except OSError:  # the host's queue is full, or the host is being removed
                     self._counters.overrun += 1
                 self._counters.note(due_ns, time.time_ns())
 
     def _lost(self, host: int, receiver: int | None = None) -> bool:
-        """Return whether a frame is lost on its way to a receiver, or to the access point."""
+        """Return whether a frame is lost on its way to a receiver or, for None, to the access point."""
         way, medium = (host, receiver), self._medium
         draw = self._random.random()
         self._bad[way] = is_lost(self._bad.get(way, False), draw, medium.loss, medium.burst_frames)
@@ -316,14 +317,15 @@ class _Relay:
         return () if receiver == host else (receiver,)
 
     def _overrun(self) -> int:
-        """Return how many frames the kernel has dropped since the last look (packet(7), PACKET_STATISTICS)."""
+        """Return the number of frames that the kernel dropped since the last call (packet(7), PACKET_STATISTICS)."""
         told = (sock.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8) for sock in self._sockets)
         return sum(drops for _packets, drops in (struct.unpack("@II", counts) for counts in told))
 
 
 def main(control_fd: str) -> None:
-    """Be the relay."""
-    # The kernel may wake a sleeper up to 50 us late by default (prctl(2)); frames take less than that.
+    """Run the relay."""
+    # By default, the kernel may wake a process up to 50 us late (prctl(2)), which is longer than a frame
+    # takes.
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     hub_is_gone = contextlib.suppress(BrokenPipeError, ConnectionResetError)
     with hub_is_gone, socket.socket(fileno=int(control_fd)) as control:

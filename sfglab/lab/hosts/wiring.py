@@ -1,9 +1,9 @@
-"""The bridge, the cables and the addresses of a network of hosts.
+"""Bridge, cables and addresses of a network of hosts.
 
-Runs in the hub's process and namespace. One bridge is the network; each host hangs on it by a veth pair whose
-outer end is named ``p2``, ``p3`` ... and whose inner end is the host's ``eth0``. IPv6 stays unconfigured,
-multicast is flooded and hosts know each other's addresses, so that the interfaces carry nothing that no process
-sent.
+The module runs in the hub's process and namespace. One bridge is the network. Each host is connected to it
+with a veth pair, whose outer end is named ``p2``, ``p3`` ... and whose inner end is the host's ``eth0``.
+IPv6 is not configured, multicast is flooded, and hosts know each other's addresses. Therefore the
+interfaces carry only frames that a process sent.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ _BRIDGE = "br0"
 _SUBNET = "10.77.0."
 _FIRST, _LAST = 2, 254
 _LO = 1
-# IN6_ADDR_GEN_MODE_NONE (linux/if_link.h): no link-local address, hence no neighbour discovery.
+# IN6_ADDR_GEN_MODE_NONE (linux/if_link.h): no link-local address, and thus no neighbour discovery.
 _NO_IPV6 = {"attrs": [("AF_INET6", {"attrs": [("IFLA_INET6_ADDR_GEN_MODE", 1)]})]}
-# Frames leave one by one, as on a wire: without this TCP hands over up to 64 kB as one "packet".
+# Frames leave one by one, as on a real cable. Without this, TCP passes up to 64 kB as one "packet".
 _NO_OFFLOAD = 1
 # linux/sockios.h, linux/ethtool.h
 _SIOCETHTOOL = 0x8946
@@ -43,12 +43,12 @@ _ETHTOOL_STXCSUM = 0x17
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Port:
-    """Where a host is plugged in."""
+    """Connection of a host to the bridge."""
 
-    number: int  #: The last byte of the host's address.
+    number: int  #: Last byte of the host's address.
     outer: str  #: Name of the cable's end at the bridge.
-    outer_index: int  #: Its interface index, in the hub's namespace.
-    inner_index: int  #: Index of the host's ``eth0``, in the host's namespace.
+    outer_index: int  #: Index of this interface in the hub's namespace.
+    inner_index: int  #: Index of the host's ``eth0`` in the host's namespace.
     namespace: int  #: Descriptor of the host's network namespace, which stays open.
 
     @property
@@ -67,7 +67,7 @@ def _mac(number: int) -> str:
 
 
 def _compute_checksums(interface: str) -> None:
-    """Let the sender compute its checksums, which the kernel omits between the ends of a virtual cable."""
+    """Make the sender compute its checksums, which the kernel omits between the ends of a virtual cable."""
     off = struct.pack("@II", _ETHTOOL_STXCSUM, 0)
     value = ctypes.create_string_buffer(off, len(off))
     request = struct.pack("@16sP", interface.encode(), ctypes.addressof(value))
@@ -81,7 +81,7 @@ def _set_up(netlink: Any, index: int) -> None:
 
 
 class Wiring:
-    """The bridge and what is plugged into it; ends with the namespaces."""
+    """The bridge and its connections; they end with the namespaces."""
 
     def __init__(self) -> None:
         self._own = os.open("/proc/self/ns/net", os.O_RDONLY)
@@ -105,16 +105,16 @@ class Wiring:
             setns(self._own, CLONE_NEWNET)
 
     def inside(self, namespace: int) -> Any:
-        """Return a netlink socket inside a host, by its namespace's descriptor; the process stays outside."""
+        """Return a netlink socket inside a host, from its namespace's descriptor; the process stays outside."""
         with self._standing_in(namespace):
             return IPRoute()
 
     def plug(self, pid: int) -> Port:
-        """Connect the network namespace that a process holds to the bridge and configure it as a host.
+        """Connect a process's network namespace to the bridge and configure it as a host.
 
         Raises:
             NetlinkError: The kernel refuses.
-            OSError: All addresses are taken.
+            OSError: All addresses are in use.
         """
         number = self._next
         if number > _LAST:
@@ -150,21 +150,21 @@ class Wiring:
             netlink.neigh("replace", ifindex=port.inner_index, **known)
 
     def set_connected(self, port: Port, *, connected: bool) -> None:
-        """Put a host on the bridge, or take it off."""
+        """Connect a host to the bridge, or disconnect it."""
         bridge = self._bridge if connected else 0
         self.netlink.link("set", index=port.outer_index, master=bridge)
 
     def take_over(self, port: Port) -> None:
-        """Take a host off the bridge; a relay of frames replaces the bridge."""
+        """Disconnect a host from the bridge, which a relay of frames replaces."""
         with self._standing_in(port.namespace):
             _compute_checksums(INTERFACE)
         self.set_connected(port, connected=False)
 
     def set_air(self, port: Port, medium: Medium) -> None:
-        """Let a host's frames wait in its kernel as long as a medium takes, if the medium's queue blocks.
+        """Make a host's frames wait in its kernel for the time that a medium takes, if the medium's queue blocks.
 
         Raises:
-            NetlinkError: The kernel refuses, for want of a module or of permission.
+            NetlinkError: The kernel refuses, because a module or a permission is missing.
         """
         with self.inside(port.namespace) as netlink:
             _block(netlink, port.inner_index, medium if medium.queue_rule == "block" else None)
@@ -175,18 +175,18 @@ class Wiring:
             netlink.link("set", index=_LO, state="up")
             _set_up(netlink, index)
             netlink.addr("add", index=index, address=address, prefixlen=24)
-            # Without it, multicast senders find no route (there is no default gateway).
+            # Without this route, multicast senders find none (there is no default gateway).
             netlink.route("add", dst="224.0.0.0/4", oif=index)
         return index
 
 
-_HANDLE = 0x10000  # 1: in tc's notation
+_HANDLE = 0x10000  # 1: in the notation of tc
 _FRAME = 1514  # bytes of a full Ethernet frame without its checksum (IEEE 802.3, 3)
 _CLASS = 0x10010  # 1:10, HTB's default class
 
 
 def _block(netlink: Any, index: int, medium: Medium | None) -> None:
-    """Let frames leave a host no faster than a medium takes them: they wait in the kernel. None: freely."""
+    """Limit the rate of a host's frames to that of a medium; frames wait in the kernel. None: no limit."""
     if any(message.get_attr("TCA_KIND") == "htb" for message in netlink.get_qdiscs(index=index)):
         netlink.tc("del", index=index, handle=_HANDLE, parent=TC_H_ROOT)
     if medium is None:
