@@ -1,4 +1,4 @@
-"""The index of everything, by paper and section: a figure, what it shows, and what the ledger says."""
+"""Index of all experiments, by paper and section: a figure, its caption, and the verdicts of the ledger."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ _CELL = 'style="text-align: left; vertical-align: top; white-space: normal"'
 
 @dataclass(frozen=True, slots=True)
 class IndexPage:
-    """The index as a notebook shows it."""
+    """HTML page of the index in a notebook."""
 
-    html: str  #: One table a paper.
+    html: str  #: One table per paper.
 
     def __repr__(self) -> str:
         what = "claims" if "<th " in self.html else "notebooks"
@@ -68,7 +68,7 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
 
 
 def make_claims_page(ledger: Ledger) -> IndexPage:
-    """Return every claim: the paper's words, our criterion, verdict and figures."""
+    """Return a page with every claim: the paper's words, our criterion, our value, verdict and figures."""
     head = (
         "claim",
         "the paper",
@@ -82,7 +82,7 @@ def make_claims_page(ledger: Ledger) -> IndexPage:
 
 
 def _source(ledger: Ledger) -> str:
-    """Return the sentence that says from which logs the values are."""
+    """Return the sentence that names the logs of the values."""
     return f"<p>Values and verdicts are from {escape(ledger.source)}.</p>" if ledger.source else ""
 
 
@@ -110,7 +110,7 @@ def _line(cells: Iterable[str]) -> str:
 
 
 def _rows(project: Project, path: Path, ledger: Ledger) -> list[tuple[str, str]]:
-    """Return paper with section and the line of each experiment of a notebook."""
+    """Return paper with section and the table line of each experiment of a notebook."""
     notebook = read_notebook(path)
     title = notebook.cells[0].source.splitlines()[0].removeprefix("# ")
     experiments = map(experiment, experiments_of(notebook))
@@ -120,7 +120,7 @@ def _rows(project: Project, path: Path, ledger: Ledger) -> list[tuple[str, str]]
 def _row(
     project: Project, path: Path, title: str, exp: Experiment[Any], ledger: Ledger
 ) -> tuple[str, str]:
-    """Return an experiment's paper with section, and its line."""
+    """Return an experiment's paper with section, and its table line."""
     committed = [n for n in exp.drawings if (project.figures / f"{n}.png").is_file()]
     name = committed[0] if committed else ""
     caption = exp.caption(name) if name else ""
@@ -131,7 +131,7 @@ def _row(
 
 
 def verdicts_html(entries: Iterable[Entry], between: str = "<br>") -> str:
-    """Return claims with their verdicts in colour, with a separator."""
+    """Return HTML of claims with their verdicts in colour, joined by a separator."""
     return between.join(
         f'<span style="white-space: nowrap">{e.claim.id} '
         f'<b style="color: {COLORS[e.verdict.value]}">{e.verdict.value}</b></span>'
@@ -140,7 +140,7 @@ def verdicts_html(entries: Iterable[Entry], between: str = "<br>") -> str:
 
 
 def _thumbnail(png: Path, text: str) -> str:
-    """Return a figure small and within the page, so that it is seen wherever the notebook is."""
+    """Return HTML that contains a figure in small size, so that it is visible wherever the notebook is."""
     small = few_colors(png.read_bytes(), (2 * _WIDTH_PX, 2 * _WIDTH_PX), 64)
     data = base64.b64encode(small).decode()
     return f'<img alt="{escape(text)}" width="{_WIDTH_PX}" src="data:image/png;base64,{data}">'

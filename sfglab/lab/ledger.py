@@ -41,12 +41,12 @@ _LOG = logging.getLogger(__name__)
 class _Source:
     """Findings with the log that they are from."""
 
-    log: str  #: Path of the log from the top folder, as the ledger prints it.
+    log: str  #: Path of the log from the top folder, in the form of the ledger.
     findings: Findings
 
 
 def logs_of(project: Project, name: str, *, committed: bool = False) -> list[Path]:
-    """Return an experiment's logs: its runs, newest first, also unfinished ones, then the committed log."""
+    """Return an experiment's logs: its runs, newest first, unfinished ones included, then the committed log."""
     logs: list[Path] = []
     if not committed:
         logs += sorted((project.runs / "logs" / name).glob("*.mcap*"), reverse=True)
@@ -59,8 +59,8 @@ def find_log(
 ) -> Path | None:
     """Return the log that counts for an experiment's claims; None if there is none.
 
-    This is the newest run of the profile, else the newest run, else the committed log. Runs that
-    are unfinished, changed or explored, and smoke tests, do not count.
+    It is the newest run of the profile, else the newest run, else the committed log. Unfinished, changed
+    and explored runs and smoke tests do not count.
     """
     newest = None
     for log in logs_of(project, name, committed=committed):
@@ -134,7 +134,7 @@ def compute_ledger(
 
 
 def history(project: Project) -> Ledger:
-    """Return every claim by every log, also by those that do not count, with a row for each."""
+    """Return every claim by every log, logs that do not count included, with a row for each."""
     cache = FindingsCache(project)
     claims = load_claims(project.claims)
     sources: list[_Source] = []
@@ -221,13 +221,13 @@ def _committed_figures(project: Project) -> dict[str, list[str]]:
     figures: dict[str, list[str]] = {}
     for file in sorted(project.figures.glob("*.json")):
         metadata = json.loads(file.read_text("utf-8"))
-        name = metadata.get("experiment", "")  # Empty: a figure of the ledger itself.
+        name = metadata.get("experiment", "")  # empty for a figure of the ledger itself
         figures.setdefault(name, []).append(file.stem)
     return figures
 
 
 def entries_of(project: Project, run: Run[Any]) -> Ledger:
-    """Return the claims that a run answers, judged by this run alone, even if it does not count."""
+    """Return the claims that a run answers, judged by this run alone, also if it does not count."""
     measured = run.once("claims", lambda: experiment(run.experiment).measure(run))
     log = project.relative(run.log)
     ledger = Ledger()
@@ -254,7 +254,7 @@ def own_ledger(project: Project, run: Run[Any]) -> Ledger:
 
 
 def _difference(project: Project, entry: Entry, own: Entry, run: Run[Any]) -> str:
-    """Return why the ledger's row for a claim differs from a run's; empty if it does not."""
+    """Return the reason why the ledger's row for a claim differs from a run's; empty if it does not."""
     if (entry.value, entry.verdict) == (own.value, own.verdict):
         return ""
     if run.why_not:
@@ -271,9 +271,9 @@ def _difference(project: Project, entry: Entry, own: Entry, run: Run[Any]) -> st
 
 
 def figures_folder(project: Project, log: Path, notebook: Path) -> Path:
-    """Return the folder for the figures of a log: shared only by runs that count for claims.
+    """Return the folder for the figures of a log; runs that count for claims share one folder.
 
-    The notebook is the executed copy that draws them: one of `sfglab try` has a folder of its own.
+    `notebook` is the executed copy that draws them. A copy of `sfglab try` has a folder of its own.
     """
     if notebook.resolve().is_relative_to(project.tries.resolve()):
         return notebook.parent / "figures"

@@ -1,8 +1,8 @@
-"""Scenarios of the reliability model on real DDS: the same air, the same timing, between real processes.
+"""Scenarios of the reliability model on real DDS: equal medium and timing, between real processes.
 
-Each host is a namespace with one process, the air is a radio with the model's medium, the middleware is Cyclone
-DDS or a real ROS 2 node's Fast DDS; what comes back is an `Outcome` too. Endpoints match over a quiet medium
-before time begins.
+Each host is a network namespace with one process. The medium is a radio with the model's parameters. The
+middleware is Cyclone DDS or the Fast DDS of a real ROS 2 node. The result is an `Outcome`, as that of the
+model. Endpoints match over a quiet medium before the scenario starts.
 """
 
 from __future__ import annotations
@@ -40,15 +40,17 @@ Arrays = dict[str, NDArray[np.int64]]
 
 _MODULE = "sfglab.lab.workers.scenario_player"
 START_S, MATCH_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.15, 60.0
-#: Repairs that come later than this are rare, and a live second costs a second.
+#: Longest time for retransmissions after the last sample, s. Later ones are rare, and a live run takes real
+#: time.
 LONGEST_DRAIN_S = 1.5
 
-#: Medium over which hosts discover each other.
+#: Medium over which the endpoints discover each other.
 QUIET = Medium(rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0)
 SETTLE_S = {True: 0.3, False: 1.5}
-"""Until what was said about endpoints is acknowledged, by `Vendor.prompt`: Fast DDS asks after a second."""
+"""Time until announcements of endpoints are acknowledged, s, by `Vendor.prompt`: Fast DDS requests it
+after a second."""
 
-PROBE_S = 2.0  #: Time for which a topic is published that shows the delay of the hosts, s.
+PROBE_S = 2.0  #: Duration of the topic that measures the hosts' own delay, s.
 _SELDOM = Path(workers.__file__).with_name("quiet_participants.xml")
 
 _STAMP_SLACK_NS = 2  # RTPS counts time in units of 2**-32 s (RTPS 2.5, clause 9.3.2)
@@ -66,21 +68,21 @@ MODES: dict[str, RosMode | None] = {
 class Played:
     """Result of a live run."""
 
-    #: Scenario for the model beside it: the given one, with the drain of the live run. The latency of its
-    #: medium includes what kernel, relay and DDS add to a sample's airtime between the applications. That
-    #: is measured with one topic alone on a calm medium.
+    #: Scenario for a comparison with the model: the given one, with the drain of the live run. The latency
+    #: of its medium includes the time that kernel, relay and DDS add to a sample's airtime between the
+    #: applications. That time is measured with one topic alone on a calm medium.
     scenario: Scenario
     #: Outcome in the form of the model's. A sample that never arrived has the fate UNDERWAY, because its
-    #: cause is unknown. Counts are ``held``, ``compared`` and ``missed``; the last one counts samples that
+    #: cause is unknown. Counts are ``held``, ``compared`` and ``missed``. The last one counts samples that
     #: were due while a process of rclpy did not run.
     outcome: Outcome
-    radio: RadioCounters  #: The medium's own counters.
-    #: 95th percentile of the delay of publication, of the host where it is largest, s.
+    radio: RadioCounters  #: Counters of the medium.
+    #: 95th percentile of the delay of publication on the host with the largest one, s.
     late_p95_s: float
 
     @property
     def kept_up(self) -> bool:
-        """Whether relay and publishers kept within 2 ms, but for 1 % of the frames and 5 % of the samples."""
+        """Whether relay and publishers were in time: at most 1 % of frames and 5 % of samples over 2 ms late."""
         return self.radio.kept_up and self.late_p95_s <= LATE_AFTER_S
 
 
@@ -93,9 +95,10 @@ def hosts_of(scenario: Scenario) -> tuple[str, ...]:
 
 @asynccontextmanager
 async def live_hosts(*names: str, ros: RosMode | None = None) -> AsyncIterator[LiveHosts]:
-    """Provide hosts of these names on a radio, with a process each.
+    """Provide hosts with these names on a radio, with one process each.
 
-    None: of our own, on Cyclone DDS; else a real ROS 2 node that publishes in this mode of Fast DDS.
+    With `ros` None, the processes are those of sfglab, on Cyclone DDS. Otherwise they are real ROS 2 nodes
+    that publish in this mode of Fast DDS.
 
     Raises:
         HostsUnavailableError: This machine has no test hosts.
@@ -111,7 +114,7 @@ async def live_hosts(*names: str, ros: RosMode | None = None) -> AsyncIterator[L
 
 def _member(host: Host, ros: RosMode | None) -> Member:
     if ros:
-        libraries = ("FASTDDS", "FASTRTPS")  # 3.x, 2.x
+        libraries = ("FASTDDS", "FASTRTPS")  # versions 3.x and 2.x of Fast DDS
         profiles = [f"{library}_DEFAULT_PROFILES_FILE" for library in libraries]
         environment = (
             ("RMW_FASTRTPS_PUBLICATION_MODE", str(ros)),
@@ -126,7 +129,7 @@ def _member(host: Host, ros: RosMode | None) -> Member:
 
 
 class LiveHosts:
-    """Hosts on a radio that play one scenario after the other; their processes are named like them."""
+    """Hosts on a radio that run one scenario after the other; their processes have the names of the hosts."""
 
     def __init__(self, network: Network, group: ProcessGroup) -> None:
         self._network = network
@@ -134,12 +137,12 @@ class LiveHosts:
         self._delays_s: dict[float, float] = {}
 
     async def play(self, scenario: Scenario, *, seed: int) -> Played:
-        """Play a scenario, in real time; before the first one at its rate, the hosts' own delay is measured.
+        """Run a scenario in real time. Before the first one with its rate, the hosts' own delay is measured.
 
-        The seed is that of losses and values; which frame meets which loss depends on the machine.
+        The seed determines losses and values. The assignment of losses to frames depends on the machine.
 
         Raises:
-            ProcessFailedError: A process failed or was silent.
+            ProcessFailedError: A process failed or did not report.
             HostsError: The hosts are gone.
         """
         rate_hz = scenario.flows[0].rate_hz
@@ -170,7 +173,7 @@ class LiveHosts:
         )
 
     async def _run(self, scenario: Scenario) -> tuple[int, dict[str, Arrays], list[Report]]:
-        """Return when it started, and each host's arrays and report."""
+        """Return the start time, each host's arrays, and the reports."""
         with tempfile.TemporaryDirectory(prefix="sfglab-live-") as folder:
             files = {host: Path(folder, f"{host}.npz") for host in self._group}
             times = {"duration_s": scenario.duration_s, "drain_s": scenario.drain_s}
@@ -187,7 +190,7 @@ class LiveHosts:
 
 
 def _probe(scenario: Scenario) -> Scenario:
-    """Return a scenario of one topic at the first one's rate, since who wakes often wakes faster."""
+    """Return a scenario of one topic at the first topic's rate, because a busier process wakes up faster."""
     flow, medium, qos = scenario.flows[0], Medium(loss=0.0), QoSProfile(depth=10)
     probe = Flow(
         name="probe", source=flow.source, target=flow.target, rate_hz=flow.rate_hz, qos=qos
@@ -196,7 +199,7 @@ def _probe(scenario: Scenario) -> Scenario:
 
 
 def _delay_s(probe: Played) -> float:
-    """Return what the median sample took beyond its airtime; never less than nothing."""
+    """Return the median time that a sample took beyond its airtime, s; at least 0."""
     medium, (flow,) = probe.scenario.medium, probe.scenario.flows
     bits = data_bytes(flow.size_bytes, with_heartbeat=True) * BITS_PER_BYTE
     airtime_s = medium.overhead_s + bits / medium.rate_bps + medium.latency_s
@@ -223,7 +226,7 @@ def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> 
     received_ns = np.zeros(len(sent_ns), np.int64)
     if (stamps := f"{flow.name} received sent_ns") in target:
         place = np.searchsorted(sent_ns, target[stamps] - _STAMP_SLACK_NS)
-    else:  # Fast DDS's stamps are its own
+    else:  # Fast DDS sets its own source time stamps
         place = np.searchsorted(
             source[f"{flow.name} written value"], target[f"{flow.name} received value"]
         )
@@ -241,7 +244,7 @@ def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> 
 
 
 def slowed(scenario: Scenario, factor: float) -> Scenario:
-    """Return a scenario of which flows and air are slower by a factor; how long it takes stays."""
+    """Return a scenario whose flows and medium are slower by a factor; its duration stays the same."""
     flows = (
         replace(
             flow,

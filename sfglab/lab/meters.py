@@ -1,9 +1,9 @@
-"""Meters: CPU time of process trees and bytes at interfaces, with the machine's own load beside them.
+"""Meters: CPU time of process trees and bytes at interfaces, together with the machine's own load.
 
-CPU time is read from the processes' own clocks in nanoseconds (clock_getcpuclockid(3)); 100 % is one core. One
-sample costs about 12 us for each process on the machine. The kernel charges soft interrupts to the process that
-they interrupt. The CPU time of a process that ends between two readings is counted: its last reading stays in the
-sum, and the rest is in the time of reaped children that its parent reports (proc(5)).
+CPU time is read from the processes' own clocks in nanoseconds (clock_getcpuclockid(3)); 100 % is one core.
+One sample costs about 12 us for each process on the machine. The kernel charges soft interrupts to the
+process that they interrupt. The CPU time of a process that ends between two readings is counted. Its last
+reading stays in the sum, and the rest is in the time of reaped children that its parent reports (proc(5)).
 """
 
 from __future__ import annotations
@@ -30,15 +30,16 @@ if TYPE_CHECKING:
 class ProcessStat:
     """CPU time of one process since its start, from ``/proc/PID/stat`` (proc(5)) or a more precise clock."""
 
-    parent: int  #: Its parent at the time of reading.
-    #: Time of its start since the start of the machine; identifies it where a pid is used again.
+    parent: int  #: Parent process at the time of reading.
+    #: Time from the start of the machine to that of the process; distinguishes processes with the same pid.
     started_ns: int
-    own_ns: int  #: CPU time of all its threads, in nanoseconds.
-    reaped_ns: int = 0  #: CPU time of its children that ended and were waited for, and of theirs.
+    own_ns: int  #: CPU time of all its threads, nanoseconds.
+    #: CPU time of its children that ended and were waited for, with their descendants, nanoseconds.
+    reaped_ns: int = 0
 
 
 def tree(parents: Mapping[int, int], roots: Iterable[int]) -> set[int]:
-    """Return all processes that descend from roots, those that exist included, by each one's parent."""
+    """Return the existing root processes and all their descendants, from the parents by process."""
     children: dict[int, list[int]] = {}
     for pid, parent in parents.items():
         children.setdefault(parent, []).append(pid)
@@ -68,7 +69,8 @@ class _Account:
 
     @property
     def total_ns(self) -> int:
-        # Both count the same children: the first also those never read, the second also those never waited for.
+        # Both values count the same children. The first includes those never read, the second those never
+        # waited for.
         return self.own_ns + max(
             self.last.reaped_ns - self.reaped_before_ns, self.ended_children_ns
         )
@@ -78,7 +80,7 @@ class _Account:
 
 
 class CpuLedger:
-    """Adds up readings of a tree of processes."""
+    """Sum of the readings of a tree of processes."""
 
     def __init__(self) -> None:
         self._accounts: dict[int, _Account] = {}
@@ -88,17 +90,18 @@ class CpuLedger:
 
     @property
     def started_ns(self) -> Mapping[int, int]:
-        """Return the start of each living process; one that its parent left behind (a daemon) still belongs."""
+        """Return the start of each living process, including those that their parent left behind (daemons)."""
         return {pid: account.last.started_ns for pid, account in self._accounts.items()}
 
     def update(self, readings: Mapping[int, ProcessStat], *, clock_ns: int) -> int:
-        """Enter all processes' readings; return the tree's CPU time since the first, ns, which never falls."""
+        """Add all processes' readings; return the tree's CPU time since the first ones, ns. It never decreases."""
         started_ns = {pid: reading.started_ns for pid, reading in readings.items()}
         gone = [pid for pid, began_ns in self.started_ns.items() if started_ns.get(pid) != began_ns]
         ended = [self._accounts.pop(pid) for pid in gone]
         for pid, reading in readings.items():
             self._enter(pid, reading)
-        # Children before parents, so that a family that ended as a whole is handed up step by step.
+        # Children come before parents, so that the time of an ended family is passed on to the root step by
+        # step.
         for account in sorted(ended, key=_Account.depth, reverse=True):
             if account.parent is None:
                 self._settled_ns += account.total_ns
@@ -107,7 +110,8 @@ class CpuLedger:
         for pid, reading in readings.items():
             self._accounts[pid].parent = self._accounts.get(reading.parent)
         living_ns = sum(account.total_ns for account in self._accounts.values())
-        # Reaped times come in ticks of 10 ms, rounded down: without this the sum could fall by one.
+        # Reaped times have steps of 10 ms and are rounded down. Without this line the sum could decrease by
+        # one step.
         self._total_ns = max(self._total_ns, self._settled_ns + living_ns)
         self._last_ns = clock_ns
         return self._total_ns
@@ -117,13 +121,14 @@ class CpuLedger:
         if account is not None:
             account.last = reading
             return
-        # All CPU time of a process that started after the last sample counts; of others only later CPU time.
+        # If a process started after the last sample, all its CPU time counts, otherwise only later CPU
+        # time.
         newborn = self._last_ns is not None and reading.started_ns >= self._last_ns
         own_ns, reaped_ns = (0, 0) if newborn else (reading.own_ns, reading.reaped_ns)
         self._accounts[pid] = _Account(reading, own_before_ns=own_ns, reaped_before_ns=reaped_ns)
 
 
-#: Processes, or a function that returns them at each sample.
+#: Processes, or a function that returns the processes at each sample.
 Pids = Iterable[int] | Callable[[], Iterable[int]]
 
 _TICK_NS = NS_PER_S // os.sysconf("SC_CLK_TCK")
@@ -132,27 +137,28 @@ _CPUCLOCK_SCHED = 2  # linux/posix-timers.h: the precise clock of a process
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeterRow:
-    """CPU time and traffic of one label during one window; None where they were not measured."""
+    """CPU time and traffic of one label during one window; None if they were not measured."""
 
     t_ns: int  #: End of the window on the run's clock.
-    window_s: float  #: Its length in seconds.
+    window_s: float  #: Length of the window, s.
     label: str  #: Name of the measured processes or interface.
-    cpu_percent: float | None  #: CPU time of its processes; 100 is one core.
+    cpu_percent: float | None  #: CPU time of its processes, %; 100 is one core.
     rx_bps: float | None  #: Bits per second received at its interface.
     tx_bps: float | None  #: Bits per second sent there.
-    #: All other work on the machine, on all cores together: busy time minus everything labelled. The kernel
-    #: gives busy time in ticks of 10 ms for each core.
+    #: CPU time of all other work on the machine, on all cores together, %: busy time without everything
+    #: labelled. The kernel gives busy time in steps of 10 ms for each core.
     machine_cpu_percent: float
-    steal_percent: float  #: Time that the hypervisor gave to others.
+    steal_percent: float  #: Time that the hypervisor gave to other machines, %.
 
 
 def counted(before: int, after: int) -> int:
-    """Return the growth of a counter. A smaller value means a restart, because 64 bits do not overflow."""
+    """Return the increase of a counter. A smaller value means a restart, because 64 bits do not overflow."""
     return after - before if after >= before else after
 
 
 def _stat_from(line: bytes) -> ProcessStat:
-    # The name may contain blanks and parentheses, so fields count from the last one; parent is field 4.
+    # The name may contain blanks and parentheses, so fields are counted from the last one; the parent is
+    # field 4.
     fields = line[line.rindex(b")") + 2 :].split()
     user, system, reaped_user, reaped_system = (int(field) for field in fields[11:15])
     return ProcessStat(
@@ -170,25 +176,26 @@ def process_table() -> dict[int, ProcessStat]:
         if not name.isdigit():
             continue
         try:
-            # Unbuffered and without pathlib: this is what a sample costs.
+            # The file is read unbuffered and without pathlib, because this determines the cost of a sample.
             with open(f"/proc/{name}/stat", "rb", buffering=0) as file:  # noqa: PTH123
                 table[int(name)] = _stat_from(file.read(2048))
         except (FileNotFoundError, ProcessLookupError):
-            continue  # ended while we were looking
+            continue  # the process ended meanwhile
     return table
 
 
 def _read(pid: int, stat: ProcessStat) -> ProcessStat:
-    """Return what a process has used by its own clock; by ticks where it ended since the table was read."""
+    """Return a process's CPU time from its own clock, or in ticks if it ended after the table was read."""
     with contextlib.suppress(OSError):
         return replace(stat, own_ns=time.clock_gettime_ns(~pid << 3 | _CPUCLOCK_SCHED))
     return stat
 
 
 class CpuMeter:
-    """CPU time of some processes, or of those that a function names at each sample, with all their descendants.
+    """CPU time of processes with all their descendants; a function may name the processes at each sample.
 
-    They are followed from the first sample that sees them to their end, never into a later owner of their pid.
+    Each process is followed from the first sample that finds it to its end. A later process with the same
+    pid is not included.
     """
 
     def __init__(self, pids: Pids) -> None:
@@ -199,7 +206,7 @@ class CpuMeter:
         """Return the CPU time since the first sample, ns.
 
         Args:
-            table: A `process_table`; None to read it.
+            table: A `process_table`; None: it is read.
         """
         clock_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // _TICK_NS * _TICK_NS
         table = process_table() if table is None else table
@@ -216,7 +223,7 @@ class CpuMeter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Reading:
-    """All meters at one end of a window."""
+    """Readings of all meters at one end of a window."""
 
     t_ns: int
     cpu_ns: Mapping[str, int]
@@ -227,12 +234,12 @@ class _Reading:
 
 
 class Window:
-    """Several meters, by label, read together; each sample closes one window and opens the next."""
+    """Several meters, by label, that are read together; each sample closes one window and opens the next."""
 
     def __init__(self, *, cpu: Mapping[str, Pids], interfaces: Mapping[str, CountsBytes]) -> None:
         roots = [pids if callable(pids) else tuple(pids) for pids in cpu.values()]
         self._cpu = {label: CpuMeter(pids) for label, pids in zip(cpu, roots, strict=True)}
-        # A process may be below several labels, but is taken from the machine's load once.
+        # A process may have several labels, but its time is subtracted from the machine's load once.
         self._union = CpuMeter(
             lambda: {pid for pids in roots for pid in (pids() if callable(pids) else pids)}
         )
@@ -240,8 +247,9 @@ class Window:
         self._before: _Reading | None = None
 
     def sample(self, now_ns: int) -> list[MeterRow]:
-        """Read all meters; return a row for each label, in order, none at the first: it opens a window."""
-        # First, because it has no time stamp, and reading the table takes long on a busy machine.
+        """Read all meters; return a row for each label, in order. The first call returns none: it opens a window."""
+        # These are read first, because they have no time stamp, and reading the table takes long on a busy
+        # machine.
         times = psutil.cpu_times()  # guest time is contained in user and nice
         table = process_table()
         busy_s = times.user + times.nice + times.system + times.irq + times.softirq
@@ -292,9 +300,9 @@ async def measure(
     interfaces: Mapping[str, CountsBytes] | None = None,
     clock_ns: Callable[[], int] = time.monotonic_ns,
 ) -> list[MeterRow]:
-    """Measure for a while; return one row for each window, of `period_s`, and label, by a real clock.
+    """Measure for a duration; return one row for each window of `period_s` and each label, by a real clock.
 
-    Raises `InvalidValueError` if the duration does not hold one period.
+    Raises `InvalidValueError` if the duration is shorter than one period.
     """
     if not 0 < period_s <= duration_s:
         raise InvalidValueError("period_s", period_s, f"above 0, up to duration_s ({duration_s})")

@@ -1,8 +1,8 @@
-"""Notebook helpers: one line each for a run, a figure, the claims of an experiment.
+"""Notebook helpers: one line each for a run, a figure, or the claims of an experiment.
 
-The diagram of a set-up is drawn here: processes side by side in the frames of their hosts, and
-below them a row per link, so that no texts overlap. A row has an arrow, and above it the messages,
-the transport and the boundary. A link that crosses a boundary has the colour of the standard path.
+This module draws the diagram of a set-up. Processes are side by side in the frames of their hosts. Below
+them each link has a row, so that no texts overlap. A row has an arrow, and above it the messages, the
+transport and the boundary. A link that crosses a boundary has the colour of the standard path.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ _WHOLE_FROM = 100
 START = INDEX
 LEDGER = INDEX
 GLOSSARY = "book/glossary.md"
-pd.set_option("display.max_colwidth", None)  # tables show their sentences whole
+pd.set_option("display.max_colwidth", None)  # tables show texts in full
 
 
 class ExperimentError(SfglabError):
-    """An experiment that failed; a notebook shows the sentence without a traceback."""
+    """Error of an experiment, which a notebook shows without a traceback."""
 
     def _render_traceback_(self) -> list[str]:  # called by IPython
         return [str(self)]

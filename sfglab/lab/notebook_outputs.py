@@ -21,8 +21,8 @@ _FROM_COPY = re.compile(r'href="(?:\.\./)+')
 def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
     """Return an executed notebook, changed in place, without traces of its run.
 
-    Without are times, progress, counts of other runs, the cell of injected parameters and the path
-    of the checkout. Links are those from the folder of notebooks, and not from the executed copy.
+    Times, progress, counts of other runs, the cell of injected parameters and the path of the checkout are
+    removed. Links are changed so that they start at the folder of notebooks instead of the executed copy.
     """
     notebook.metadata = {"kernelspec": dict(KERNEL), "language_info": {"name": "python"}}
     cells = []

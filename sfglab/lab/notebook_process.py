@@ -63,7 +63,7 @@ def run_notebook(path: str, copy: str, parameters: Mapping[str, Any]) -> str:
     skipper = _Skipper()
     try:
         with tempfile.TemporaryDirectory() as folder:
-            # A kernel is reached by this user only, and not over TCP.
+            # Only this user can reach a kernel, and not over TCP.
             sockets = {"transport": "ipc", "ip": f"{folder}/kernel"}
             papermill.execute_notebook(
                 path,
@@ -89,7 +89,7 @@ def run_notebook(path: str, copy: str, parameters: Mapping[str, Any]) -> str:
 
 
 class _Steps(io.TextIOBase):
-    """A stream that hands a notebook's lines of progress on to standard error."""
+    """Stream that passes a notebook's lines of progress on to standard error."""
 
     def write(self, text: str) -> int:
         sys.stderr.writelines(line for line in text.splitlines(keepends=True) if is_line(line))
@@ -97,13 +97,13 @@ class _Steps(io.TextIOBase):
 
 
 class _Skipper:
-    """Skips what follows a failed cell up to the next experiment."""
+    """Filter that skips the cells between a failed cell and the next experiment."""
 
     def __init__(self) -> None:
         self._has_failed = False
 
     def note(self, **_: Any) -> None:
-        """Note that a cell failed."""
+        """Record that a cell failed."""
         self._has_failed = True
 
     def skip(self, cell: NotebookNode, **_: Any) -> None:

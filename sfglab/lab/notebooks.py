@@ -48,7 +48,7 @@ RENAMED = {
     "11_gateways": "11_mapping_and_gateway",
     "19_phases": "09_loss",
 }
-#: Commands that run what has no notebook, by its name or the former name of its notebook.
+#: Commands for topics without a notebook, by the name or the former name of the notebook.
 COMMANDS = {"ros2": "make ros2", "18_ros2": "make ros2"}
 #: Environment variable of a kernel: path of the executed copy that its outputs go to.
 COPY_VARIABLE = "SFGLAB_NOTEBOOK_COPY"
@@ -63,17 +63,17 @@ _UNKNOWN_S = 60.0
 
 
 class NotebookError(SfglabError, ValueError):
-    """A notebook that is missing, malformed, or not to be run with these parameters."""
+    """Error of a notebook that is missing, malformed, or cannot be run with these parameters."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """How one notebook ended."""
+    """Result of running one notebook."""
 
     name: str  #: The notebook's name without suffix.
-    error: str  #: Reason of its failure, one line; empty when it ran through.
-    notebook: Path  #: The executed copy.
-    #: Logs that it shows, by experiment: of this run, or those that it was given.
+    error: str  #: Reason of its failure, one line; empty if it succeeded.
+    notebook: Path  #: Path of the executed copy.
+    #: Logs that it shows, by experiment: of this run, or given ones.
     logs: Mapping[str, Path]
 
 
@@ -97,9 +97,8 @@ def read_parameters(pairs: Iterable[str]) -> dict[str, Any]:
 def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
     """Return the notebooks to run, in order; the index comes last, since it reports on the others.
 
-    Names are file names, with or without suffix, beginnings of them, or names of experiments;
-    without any, all notebooks are meant. Raises `NotebookError` if a name fits no notebook, or
-    several.
+    Names are file names, with or without suffix, beginnings of them, or names of experiments; without any,
+    all notebooks are returned. Raises `NotebookError` if a name matches no notebook, or several.
     """
     every = sorted(p for p in project.notebooks.glob("*.ipynb") if not p.name.startswith("."))
     if not names:
@@ -150,7 +149,7 @@ def fit_parameters(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def settings_name(name: str, declared: Collection[str]) -> str:
-    """Return which of a notebook's parameters has the other fields of an experiment."""
+    """Return the name of the parameter with the other fields of an experiment, among a notebook's parameters."""
     return SETTINGS if SETTINGS in declared else f"{SETTINGS}_{name}"
 
 
@@ -193,7 +192,7 @@ def notebook_of(project: Project, experiment: str) -> str:
 
 
 def read_notebook(path: Path) -> NotebookNode:
-    """Return a notebook, or raise `NotebookError` if there is none, or it is none."""
+    """Return a notebook; raises `NotebookError` if there is none, or the file is no notebook."""
     import nbformat
 
     try:
@@ -246,7 +245,7 @@ def try_experiment(
 
     Args:
         name: The experiment.
-        folder: The folder, in ``runs/try``. An interrupted sweep in it is continued.
+        folder: Path of the folder, in ``runs/try``. An interrupted sweep in it continues.
         project: The checkout.
         parameters: Profile and fields of the configuration.
 
@@ -266,7 +265,7 @@ def try_experiment(
 
 
 def _reference_logs(path: Path, project: Project, only: Collection[str]) -> dict[str, str]:
-    """Return the parameters that name the logs of experiments which are not to be run."""
+    """Return the parameters with the logs of the experiments that must not run."""
     experiments = set(experiments_of(read_notebook(path)))
     logs: dict[str, str] = {}
     if experiments.isdisjoint(only):
@@ -280,7 +279,7 @@ def _reference_logs(path: Path, project: Project, only: Collection[str]) -> dict
 
 
 class _Task:
-    """A notebook that is to be run."""
+    """A notebook and the conditions of its run."""
 
     def __init__(
         self, path: Path, copy: Path, parameters: Mapping[str, Any], before_s: float = 0.0
@@ -294,14 +293,14 @@ class _Task:
         self.measures = any(experiment(name).measures for name in self.experiments)
 
     def given_log(self, name: str) -> str:
-        """Return the path of the log that an experiment is told to read or to write."""
+        """Return the path of the log that an experiment has to read or to write."""
         settings = self.parameters.get(settings_name(name, self.parameters), {})
         read = self.parameters.get("log") or self.parameters.get(f"log_{name}")
         return str(read or settings.get("path", ""))
 
 
 class _Runner:
-    """Runs notebooks in processes, and reports their progress."""
+    """Runner of notebooks in processes, which reports their progress."""
 
     def __init__(self, project: Project, tasks: Sequence[_Task], *, write: bool = False) -> None:
         self._project = project
@@ -324,7 +323,7 @@ class _Runner:
         return [self._outcomes[task.path] for task in self._tasks]
 
     async def _run_in_turn(self, tasks: Sequence[_Task], nice: int = 0) -> None:
-        """Run notebooks in one process, and after its death in another one."""
+        """Run notebooks one after the other in one process; a process that has ended is replaced."""
         process = None
         try:
             for task in tasks:
@@ -375,7 +374,7 @@ class _Runner:
         return set((self._project.runs / "logs" / name).glob("*.mcap"))
 
     def _time_left(self) -> str:
-        """Return the time left at today's pace, as words that end a line; empty: all are done."""
+        """Return the time left at the current pace, as words for the end of a line; empty if all are done."""
         total_s = sum(task.before_s for task in self._tasks)
         done_s = sum(task.before_s for task in self._tasks if task.path in self._outcomes)
         if done_s == total_s:
@@ -385,13 +384,13 @@ class _Runner:
 
 
 async def _start_process(nice: int) -> LineProcess:
-    # In a session of its own it does not receive Ctrl-C, also while it starts.
+    # In a session of its own it receives no Ctrl-C, not even while it starts.
     argv = ["setsid", sys.executable, "-m", "sfglab.lab.notebook_process", str(nice)]
     return await LineProcess.start("papermill", argv)
 
 
 def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) -> float:
-    """Return how long a notebook took when it was last run with these parameters, s."""
+    """Return the duration of the last run of a notebook with these parameters, s."""
     copies = sorted((project.runs / "notebooks").glob(f"{path.stem}[-.]*"))
     for copy in copies[-2:]:
         with suppress(NotebookError):
@@ -407,7 +406,7 @@ def is_variation(parameters: Mapping[str, Any]) -> bool:
 
 
 def _executed_copy(path: Path, project: Project, parameters: Mapping[str, Any]) -> Path:
-    """Return where the executed copy goes; that of a variation replaces no other one."""
+    """Return the path of the executed copy; that of a variation replaces no other one."""
     folder = project.runs / "notebooks"
     if not is_variation(parameters):
         return folder / path.name

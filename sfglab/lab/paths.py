@@ -1,7 +1,8 @@
-"""The one place that knows where the project's folders are.
+"""Folders of the project; no other module determines them.
 
-The root is the folder that holds ``notebooks/`` and ``data/claims.yaml``: the one named by ``SFGLAB_ROOT``,
-else the nearest such folder above the working directory, else the one this package was installed from.
+The root is the folder with ``notebooks/`` and ``data/claims.yaml``. It is the folder in ``SFGLAB_ROOT``,
+else the nearest such folder above the working directory, else the folder from which this package was
+installed.
 """
 
 from __future__ import annotations
@@ -17,23 +18,23 @@ _MARK = Path("data") / "claims.yaml"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Project:
-    """The folders of a checkout."""
+    """Folders of a checkout."""
 
     root: Path  #: The top folder.
 
     @property
     def data(self) -> Path:
-        """Small inputs: the ledger, fleets, reference logs."""
+        """Small inputs: the claims, fleets, reference logs."""
         return self.root / "data"
 
     @property
     def claims(self) -> Path:
-        """The ledger of the papers' claims."""
+        """The papers' claims."""
         return self.root / _MARK
 
     @property
     def reference_logs(self) -> Path:
-        """Logs that are committed, so that figures regenerate on a fresh clone."""
+        """Committed logs, from which figures can be drawn in a fresh clone."""
         return self.data / "reference"
 
     @property
@@ -43,21 +44,21 @@ class Project:
 
     @property
     def figures(self) -> Path:
-        """Generated figures and their twins."""
+        """Generated figures and their sidecars."""
         return self.root / "figures"
 
     @property
     def runs(self) -> Path:
-        """What runs leave behind: logs and executed notebooks; not under version control."""
+        """Output of runs: logs and executed notebooks; not under version control."""
         return self.root / "runs"
 
     @property
     def tries(self) -> Path:
-        """A folder for each run of ``sfglab try``."""
+        """Folders of runs of ``sfglab try``, one for each."""
         return self.runs / "try"
 
     def relative(self, path: Path) -> str:
-        """Return a path as it reads from the root, or its name alone when it lies elsewhere."""
+        """Return a path relative to the root, or only its name if it is outside."""
         for root, file in (
             (self.root.absolute(), path.absolute()),
             (self.root.resolve(), path.resolve()),
@@ -68,7 +69,7 @@ class Project:
 
 
 def find_project(start: Path | None = None) -> Project:
-    """Find the checkout that a command or a notebook works in, upwards from here, or raise `SfglabError`."""
+    """Return the checkout of a command or a notebook, searched upwards from a folder, or raise `SfglabError`."""
     named = os.environ.get("SFGLAB_ROOT")
     if named:
         if not (Path(named) / _MARK).is_file():

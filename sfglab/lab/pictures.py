@@ -1,4 +1,4 @@
-"""Pictures of explorers: panels of lines and points on fixed axes, as values.
+"""Plots of explorers as values: panels of lines and points on fixed axes.
 
 An explorer's function returns a `Picture`. `sfglab.lab.explore.vega` draws it.
 """
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """An axis. Its limits are fixed, so that pictures of different settings can be compared.
+    """An axis. Its limits are fixed, so that plots of different settings can be compared.
 
     Raises:
         InvalidValueError: The limits are not in order, or not above zero on a logarithmic axis.
@@ -30,7 +30,7 @@ class Axis:
     high: float  #: Highest value that is shown.
     _: KW_ONLY
     log: bool = False  #: Whether the axis is logarithmic.
-    ticks: tuple[float, ...] = ()  #: Values with a label; empty: chosen by Vega.
+    ticks: tuple[float, ...] = ()  #: Values with a label; empty: Vega chooses them.
     si: bool = False  #: Whether labels have SI prefixes, as ``10k``.
 
     def __post_init__(self) -> None:
@@ -59,7 +59,8 @@ class Series:
     color: str  #: Colour, as ``#RRGGBB``.
     x: Sequence[float]  #: Positions; whole numbers are shown with all their digits.
     y: Sequence[float]  #: Values.
-    #: A line joins the values from left to right, a path in their order; dots are not joined.
+    #: Kind of the marks: a line joins the values from left to right, a path joins them in their order, dots
+    #: are not joined.
     kind: Literal["line", "path", "dot"] = "line"
 
 
@@ -67,7 +68,7 @@ class Series:
 class Panel:
     """Series on the same axes."""
 
-    title: str  #: Title, unique in the picture.
+    title: str  #: Title, unique in the plot.
     x: Axis  #: Horizontal axis.
     y: Axis  #: Vertical axis.
     series: tuple[Series, ...]  #: Series; lines first.
@@ -76,13 +77,13 @@ class Panel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """The figure of an explorer for one setting.
+    """Plot of an explorer for one setting.
 
     Panels, their titles, axes, and the names, kinds and colours of series are the same for all
     settings of an explorer.
     """
 
-    said: str  #: Sentence that says what is shown; the alt text.
+    said: str  #: Sentence that describes the plot; it is also the alternative text.
     panels: tuple[Panel, ...]  #: Panels, from left to right.
 
     def at(self, panel: str, x: float) -> pd.DataFrame:
@@ -103,7 +104,7 @@ class Picture:
         return chosen[columns].drop_duplicates(ignore_index=True)
 
     def values(self) -> Iterator[dict[str, Any]]:
-        """Yield all values, with the places of panel, series and value, and a sentence for each."""
+        """Yield all values, with the numbers of panel, series and value, and a sentence for each."""
         for place, panel in enumerate(self.panels):
             for part, series in enumerate(panel.series):
                 for number, (x, y) in enumerate(zip(series.x, series.y, strict=True)):

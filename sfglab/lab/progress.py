@@ -30,7 +30,7 @@ class Step:
     left_s: float  #: Time left at the pace until now, s.
 
 
-#: Shortest time between two moves of a bar, s.
+#: Shortest time between two updates of a bar, s.
 _BAR_S = 0.1
 #: Shortest time between two lines, s.
 _LINES_S = 5.0
@@ -40,7 +40,7 @@ _LISTENER: ContextVar[Callable[[Step], None] | None] = ContextVar("listener", de
 
 @contextmanager
 def progress_to(listener: Callable[[Step], None]) -> Iterator[None]:
-    """Report steps of this context to a listener instead of standard error."""
+    """Report steps in this context to a listener instead of standard error."""
     token = _LISTENER.set(listener)
     try:
         yield

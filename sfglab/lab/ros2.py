@@ -1,4 +1,4 @@
-"""Real ROS 2 beside us, never imported here: which distributions are there, and how a program runs in one."""
+"""Real ROS 2 on this machine, never imported here: its distributions, and command lines for programs in one."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from sfglab.processes import Member
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-#: A node of rclpy that does as it is told.
+#: Script of a node of rclpy that follows orders.
 PEER = Path(__file__).parent / "workers" / "rclpy_peer.py"
-#: The distributions that our nodes are tested beside, which `make ros` brings.
+#: Distributions with which sfglab's nodes are tested; `make ros` installs them.
 TESTED = ("jazzy", "kilted")
 
 
 class RosMissingError(SfglabError):
-    """There is no ROS 2 beside us."""
+    """This machine has no ROS 2."""
 
     def __init__(self, names: Iterable[str] = ()) -> None:
         super().__init__(f"needs ROS 2 {' and '.join(names)}".rstrip() + ": make ros")
@@ -32,21 +32,21 @@ class RosMissingError(SfglabError):
 class Distribution:
     """A distribution of ROS 2 on this machine."""
 
-    name: str  #: As ``ROS_DISTRO`` has it.
-    python: Path  #: Its interpreter.
-    #: Whether it is the system's, in our environment; else `make ros` made it.
+    name: str  #: Name, as in ``ROS_DISTRO``.
+    python: Path  #: Path of its Python interpreter.
+    #: Whether it is an installation of the system in our environment; otherwise `make ros` made it.
     sourced: bool = False
 
     def __str__(self) -> str:
         return f"{self.name} ({'sourced' if self.sourced else 'make ros'})"
 
     def argv(self, *arguments: str, **environment: object) -> list[str]:
-        """Return the command line that runs a script, such as `PEER`, with environment variables of its own."""
+        """Return the command line that runs a script, such as `PEER`, with additional environment variables."""
         return ros_command(str(self.python), *arguments, **{"ROS_DISTRO": self.name, **environment})
 
 
 def distributions() -> dict[str, Distribution]:
-    """Return the distributions that are there, by name: those of `make ros` first, then a sourced one."""
+    """Return the installed distributions by name: those of `make ros` first, then a sourced one."""
     made = sorted(path.parent for path in find_project().root.glob(".venv-*/.ready"))
     names = {venv.name.removeprefix(".venv-"): venv / "bin" / "python" for venv in made}
     found = {name: Distribution(name=name, python=python) for name, python in names.items()}
@@ -56,7 +56,7 @@ def distributions() -> dict[str, Distribution]:
 
 
 def distribution() -> Distribution:
-    """Return the first distribution that is there, or raise a `RosMissingError`."""
+    """Return the first installed distribution; raises `RosMissingError` if there is none."""
     for found in distributions().values():
         return found
     raise RosMissingError
@@ -64,17 +64,17 @@ def distribution() -> Distribution:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosMember(Member):
-    """A `PEER` on a test host, as a process of a group; `config` are its arguments."""
+    """A `PEER` on a test host, as a process of a group; `config` contains its arguments."""
 
     module: str = str(PEER)
-    #: Whose it is; the first one that is there.
+    #: Distribution in which it runs; by default the first one that is installed.
     distribution: Distribution = field(default_factory=distribution)
-    environment: tuple[tuple[str, str], ...] = ()  #: Environment variables of its own.
+    environment: tuple[tuple[str, str], ...] = ()  #: Additional environment variables.
 
     @property
     def command(self) -> tuple[str, ...]:
         """Program and arguments."""
-        # Hosts of a test share /dev/shm, by which Fast DDS would pass the network by.
+        # Test hosts share /dev/shm, over which Fast DDS would bypass the network.
         values = {
             "ROS_DOMAIN_ID": "0",
             "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",

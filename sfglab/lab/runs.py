@@ -1,6 +1,7 @@
-"""Runs on disk: a log with its tables and typed configuration, and whether it may speak for a claim.
+"""Runs on disk: a log with its tables and typed configuration, and whether it counts for claims.
 
-A log bears the name ``*.mcap.part`` until its run is finished; then it ends with a completion record.
+A log has the name ``*.mcap.part`` until its run is finished. The log of a finished run ends with a
+completion record.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ C = TypeVar("C")
 P = ParamSpec("P")
 T = TypeVar("T")
 
-COMPLETION = "completion"  #: Metadata that a finished run's log ends with.
-#: Key of a part's metadata with the cells that failed, and why. Such a run counts for no claim.
+COMPLETION = "completion"  #: Metadata at the end of a finished run's log.
+#: Key of a part's metadata with the cells that failed, and the reasons. Such a run counts for no claim.
 FAILED_CELLS = "failed"
 PART_SUFFIX = ".part"
 SMOKE = "smoke"
@@ -47,7 +48,7 @@ class Run(Generic[C]):
         row_classes: Mapping[str, type[Any]],
         removed: Mapping[str, Mapping[str, Any]],
     ) -> None:
-        self.log = log  #: The log.
+        self.log = log  #: Path of the log.
         self._row_classes = row_classes
         self._known: dict[Any, tuple[Any, set[str]]] = {}
         #: Names of the tables that were read so far, directly or in a derived value.
@@ -58,7 +59,7 @@ class Run(Generic[C]):
         self.config: C = read(
             config_class, self._metadata["config"], source=Source.LOG
         )  #: The configuration.
-        #: Fields of the log's configuration that no longer exist and held another value than usual.
+        #: Fields of the log's configuration that no longer exist and had another value than their profile.
         self.unread = tuple(self._unread(removed))
 
     def __repr__(self) -> str:
@@ -73,7 +74,7 @@ class Run(Generic[C]):
 
     @property
     def why_not(self) -> str:
-        """The reason why it counts for no claim; empty: it counts."""
+        """Reason why the run counts for no claim; empty if it counts."""
         gone = f"its configuration has fields that no longer exist: {', '.join(self.unread)}"
         return standing(self.log).why_not or (gone if self.unread else "")
 
@@ -116,16 +117,16 @@ class Run(Generic[C]):
 
     @property
     def is_changed(self) -> bool:
-        """Whether it is a variation: fields differ from the profile's, or it was explored."""
+        """Whether it is a variation: fields differ from those of the profile, or it was explored."""
         done = self.metadata(COMPLETION)
         return bool(done.get("changed")) or bool(done.get("explored"))
 
     def metadata(self, name: str) -> dict[str, Any]:
-        """Return a metadata record; empty when the log does not have it."""
+        """Return a metadata record; empty if the log does not have it."""
         return dict(self._metadata.get(name, {}))
 
     def skipped(self, part: str) -> str:
-        """Return why a part was skipped; empty when it was not."""
+        """Return the reason why a part was skipped; empty if it was not."""
         return str(self.metadata(part).get("hindrance", ""))
 
     def attachment(self, name: str) -> bytes:
@@ -139,7 +140,7 @@ class Run(Generic[C]):
             yield from reader.decoded(topic)
 
     def once(self, key: Any, make: Callable[[], T]) -> T:
-        """Return what was made for a key before, or make it."""
+        """Return the value that was made for a key before, or make it."""
         if key not in self._known:
             outer = self.used
             self.used = set()
@@ -155,7 +156,7 @@ class Run(Generic[C]):
 
 
 def derived(function: Callable[Concatenate[Run[C], P], T]) -> Callable[Concatenate[Run[C], P], T]:
-    """Make a function of a run compute once for each run and arguments; nobody may change what it returns."""
+    """Make a function of a run compute once for each run and arguments; callers must not change its result."""
 
     @wraps(function)
     def once(run: Run[C], *args: P.args, **kwargs: P.kwargs) -> T:
@@ -166,12 +167,12 @@ def derived(function: Callable[Concatenate[Run[C], P], T]) -> Callable[Concatena
 
 
 def lines_of(table: pd.DataFrame) -> list[Any]:
-    """Return a table's lines, each with its columns as attributes."""
+    """Return the rows of a table, each with its columns as attributes."""
     return list(table.itertuples())
 
 
 def new_log(project: Project, name: str, profile: str) -> Path:
-    """Return the path of a new run's log, in order of time by its name."""
+    """Return the path of a new run's log; the names of an experiment's logs are in order of time."""
     stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
     folder = project.runs / "logs" / name
     stem, again = f"{stamp}-{profile}", 1
@@ -188,21 +189,22 @@ def unfinished_of(log: Path) -> Path:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """What a log may be used for."""
+    """Use of a log for claims."""
 
-    profile: str  #: The run's profile; empty when the log does not say.
-    why_not: str  #: Why it speaks for no claim; empty: it does.
+    profile: str  #: Profile of the run; empty if the log does not state it.
+    why_not: str  #: Reason why it counts for no claim; empty if it counts.
 
     @property
     def speaks(self) -> bool:
-        """Whether it speaks for its experiment's claims."""
+        """Whether it counts for its experiment's claims."""
         return not self.why_not
 
 
 def standing(log: Path) -> Standing:
     """Return whether a run's log counts for claims.
 
-    It counts if it is finished, no smoke test, not explored, and no field is changed and no cell failed.
+    It counts if it is finished, no smoke test and not explored. Further, no field may be changed, and no
+    cell may have failed.
     """
     if log.name.endswith(PART_SUFFIX):
         return Standing(profile="", why_not="it is not finished")

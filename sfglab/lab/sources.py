@@ -1,9 +1,9 @@
-"""Sources of the video of an experiment: photographs, a stereo pair, or the user's own material.
+"""Sources of an experiment's video: photographs, a stereo pair, or the user's own material.
 
-A source is a stream of frames of one size: colour (BGR) and, where the material has it, depth in
-millimetres. The default pans and zooms over photographs that scikit-image ships, the same for the same seed. A
-video file and a bag keep their speed and their pictures' shape: pictures are repeated or passed over, and stand
-between black bars where the experiment's shape is another. Of a camera the next picture is taken.
+A source is a stream of frames of one size: colour (BGR) and, if the material has it, depth in millimetres.
+The default moves and zooms over photographs that scikit-image contains; equal seeds give equal frames. A
+video file and a bag keep their speed and aspect ratio. For that, frames are repeated or skipped, and get
+black bars if the experiment's aspect ratio differs. A camera always gives its next frame.
 """
 
 from __future__ import annotations
@@ -32,20 +32,21 @@ if TYPE_CHECKING:
 
 PHOTOGRAPHS = ("coffee", "astronaut", "chelsea", "rocket")
 
-# Calibration of the pair as scikit-image documents it (`skimage.data.stereo_motorcycle`), from
-# D. Scharstein et al., GCPR 2014.
+# Calibration of the pair from scikit-image's documentation (`skimage.data.stereo_motorcycle`), from D.
+# Scharstein et al., GCPR 2014.
 MOTORCYCLE_FOCAL_PX = 994.978
 MOTORCYCLE_BASELINE_MM = 193.001
 MOTORCYCLE_OFFSET_PX = 31.086
 
 SECONDS_A_VIEW = 4.0
-_SAME_RATE = 1e-3  #: Share by which rates may differ and be one: 30 and 29.97 Hz are.
-_MOST_HZ = 1000.0  #: Of a video; containers without a rate say their clock's.
+_SAME_RATE = 1e-3  #: Relative difference up to which two rates are equal, such as 30 and 29.97 Hz.
+#: Highest rate of a video, Hz; containers without a rate give that of their clock.
+_MOST_HZ = 1000.0
 _PICTURES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", FFMPEG_PACKET)
 
 
 class SourceError(SfglabError, ValueError):
-    """A source that does not exist, cannot be read or has no picture."""
+    """Error of a source that does not exist, cannot be read or has no frames."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +54,7 @@ class Frame:
     """One frame of a source."""
 
     bgr: NDArray[Any]  #: Colour image, shape (H, W, 3), uint8.
-    #: Depth in millimetres, shape (H, W), uint16, 0 where unknown; None without depth.
+    #: Depth in millimetres, shape (H, W), uint16, 0 where unknown; None if the material has no depth.
     depth_mm: NDArray[Any] | None = None
 
 
@@ -61,7 +62,7 @@ class Source:
     """A stream of frames of one size that starts again at its end."""
 
     def __init__(self, frames: Generator[Frame, None, None], *, said: str = "") -> None:
-        #: What is done to material of one's own, in a sentence; empty for the default.
+        #: Sentence about the conversion of the user's own material; empty for the default.
         self.said = said
         self._frames = frames
 
@@ -77,11 +78,11 @@ class Source:
 def open_source(
     spec: str, *, width: int = 640, height: int = 360, fps: float = 30.0, seed: int = 0
 ) -> Source:
-    """Open a source of frames of a size by its name; its rate sets the speed of panning, its seed the path.
+    """Open a source of frames of a size by its name. The rate determines the speed of motion, the seed its path.
 
-    Names are ``photos`` (default material), ``stereo`` (with depth), ``camera:0``, ``bag:PATH#/topic``, or the
-    path of a video file, a log or a bag, of its one topic with pictures. Raises `SourceError` if it cannot be
-    read.
+    Names are ``photos`` (default material), ``stereo`` (with depth), ``camera:0``, ``bag:PATH#/topic``, or
+    the path of a video file, or of a log or a bag with exactly one topic of images. Raises `SourceError` if
+    the source cannot be read.
     """
     size = (width, height)
     if spec in ("photos", "stereo"):
@@ -100,7 +101,7 @@ def open_source(
 
 
 def is_there(spec: str) -> str:
-    """Return what is done to a source's pictures, as `Source.said`, after a look at its first one.
+    """Return the sentence about a source's conversion, as in `Source.said`, after reading its first frame.
 
     Raises:
         SourceError: The source is unknown, missing or unreadable.
@@ -113,7 +114,7 @@ def is_there(spec: str) -> str:
 
 
 def absolute(spec: str) -> str:
-    """Return a source's name for processes that work in another folder."""
+    """Return a source's name with an absolute path, for processes in another working folder."""
     kind, colon, path = spec.rpartition("bag:")
     if spec in ("", "photos", "stereo") or spec.startswith("camera:"):
         return spec
@@ -133,7 +134,7 @@ def _said(
 def _panned(
     stills: list[Frame], size: tuple[int, int], *, view_frames: int, seed: int
 ) -> Generator[Frame, None, None]:
-    """Let a window wander and zoom over still images; frame n is a function of n and the seed."""
+    """Yield frames of a window that moves and zooms over still images; frame n is a function of n and the seed."""
     import cv2
 
     for number in itertools.count():
@@ -143,7 +144,7 @@ def _panned(
         bgr = cv2.warpAffine(still.bgr, warp, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
         depth: NDArray[Any] | None = None
         if still.depth_mm is not None:
-            # Nearest: a mean of two depths is a place where nothing is.
+            # Depths are not interpolated, because nothing is at the mean of two depths.
             flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
             depth = cv2.warpAffine(still.depth_mm, warp, size, flags=flags)
         yield Frame(bgr=bgr, depth_mm=depth)
@@ -188,7 +189,7 @@ def _stereo_stills() -> list[Frame]:
 def _looped(
     again: Callable[[], Images], image: Image, images: Images, size: tuple[int, int], step: float
 ) -> Generator[Frame, None, None]:
-    """Fit a source's images, a step of them a picture, into one size, from the start again at the end."""
+    """Yield frames of a size, each `step` images after the last one; the source starts again at its end."""
     at, fitted = 0, _fitted(image, size)
     try:
         for number in itertools.count():
@@ -206,7 +207,7 @@ def _looped(
 
 
 def _fitted(image: Image, size: tuple[int, int]) -> Image:
-    """Scale an image into a size, centred, its shape kept."""
+    """Scale an image into a size, centred, with its aspect ratio."""
     import cv2
 
     height, width = image.shape[:2]
@@ -233,7 +234,7 @@ def _video_images(spec: str) -> tuple[float, Images]:
         )
     import cv2
 
-    # What cannot be opened is said by us.
+    # Errors of OpenCV are silenced, because this module reports them.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     capture = cv2.VideoCapture(int(index) if is_camera else spec)
@@ -253,7 +254,7 @@ def _video_images(spec: str) -> tuple[float, Images]:
 
 
 def _bag_images(spec: str) -> tuple[float, Images]:
-    """Open one topic of an MCAP log or bag: its mean rate in Hz, 0 where it has none, and its images (BGR)."""
+    """Open one topic of an MCAP log or bag: its mean rate in Hz, 0 if it has none, and its images (BGR)."""
     path, _, topic = spec.removeprefix("bag:").partition("#")
     try:
         opened = LogReader(Path(path))
@@ -293,7 +294,7 @@ def _bgr_reader(type_name: str, spec: str) -> Callable[[Any], list[Image]]:
     return lambda message: [i.array for i in decoder.feed(message) if i.encoding == "bgr8"]
 
 
-# Places of blue, green and red in a pixel, and its channels.
+# Positions of blue, green and red in a pixel, and number of its channels.
 _CHANNELS = {
     "bgr8": ((0, 1, 2), 3),
     "rgb8": ((2, 1, 0), 3),

@@ -1,7 +1,8 @@
 """Estimates with intervals: medians, slopes and ratios by the bootstrap, shares and differences by scores.
 
-Intervals are percentile intervals of 2,000 seeded resamples (B. Efron and R. Tibshirani, An Introduction to the
-Bootstrap, 1993, chapter 13), of shares those of Wilson and Newcombe.
+Intervals are percentile intervals of 2,000 seeded resamples (B. Efron and R. Tibshirani, An Introduction to
+the Bootstrap, 1993, chapter 13). Intervals of shares are those of Wilson, intervals of their differences
+those of Newcombe.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 RESAMPLES = 2000
-#: How many rows are drawn at once where there is one group: what fits the cache.
+#: Approximate number of rows that are drawn at once from one group; they fit into the processor's cache.
 _AT_ONCE = 1 << 14
 INTERVAL = (2.5, 97.5)
-_Z = 1.959963984540054  # of 95 %
+_Z = 1.959963984540054  # standard score of a 95 % interval
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A figure with its 95 % interval."""
+    """An estimate with its 95 % interval."""
 
-    value: float  #: The estimate from all samples.
+    value: float  #: Estimate from all samples.
     low: float  #: Lower end of the interval.
     high: float  #: Upper end of the interval.
-    unit: str  #: Unit of all three.
+    unit: str  #: Unit of estimate and interval.
 
     def __str__(self) -> str:
         return f"{rounded(self.value)} {self.unit} [{rounded(self.low)}, {rounded(self.high)}]"
@@ -47,7 +48,7 @@ def rounded(value: float) -> str:
 
 
 def exactly(value: float, unit: str) -> Estimate:
-    """Return a figure that has no interval: a count, a share of checks, a value by calculation."""
+    """Return an estimate without an interval: a count, a share of checks, or a computed value."""
     return Estimate(value=value, low=value, high=value, unit=unit)
 
 
@@ -60,8 +61,8 @@ def bootstrap(
 ) -> Estimate:
     """Estimate a statistic of several groups of samples, shape (n, ...), resampling the rows of each group.
 
-    A resample for which it is NaN is left out. Raises `InvalidValueError` if a group is empty, or no resample
-    gave a number.
+    Resamples for which the statistic is NaN are left out. Raises `InvalidValueError` if a group is empty,
+    or if no resample gave a number.
     """
     return _bootstrap(samples, lambda drawn: [statistic([group[0] for group in drawn])], unit, seed)
 
@@ -73,7 +74,7 @@ def _bootstrap(
     seed: int,
     at_once: int = 1,
 ) -> Estimate:
-    """Do so with the statistics, shape (m,), of as many resamples as are drawn at once, each (m, n, ...)."""
+    """Estimate as `bootstrap`; `statistics` returns shape (m,) for m resamples at once, each shape (m, n, ...)."""
     if any(len(group) == 0 for group in samples):
         raise InvalidValueError("bootstrap", "a group of no samples", "groups of samples")
     rng, found = np.random.default_rng(seed), list[float]()
@@ -104,7 +105,7 @@ def median_of(samples: Floats | Sequence[float], *, unit: str, seed: int = 0) ->
 
 
 def ratio_of(pairs: Floats, middle: Callable[..., Any], *, unit: str) -> Estimate:
-    """Estimate the ratio of two columns' means or medians, by `np.mean` or `np.median`, resampling pairs.
+    """Estimate the ratio of two columns' means or medians (`np.mean` or `np.median`), resampling pairs.
 
     The pairs have shape (n, 2), n at least 1.
     """
@@ -155,7 +156,7 @@ def paired_ratios(
 
 
 def line_fit(x: Floats, y: Floats) -> tuple[float, float]:
-    """Return slope and intercept of the least-squares line through x and y, shape (n,); NaN if x is one."""
+    """Return slope and intercept of the least-squares line through x and y, shape (n,); NaN if x is constant."""
     spread = np.sum((x - x.mean()) ** 2)
     if spread == 0:
         return float("nan"), float("nan")
@@ -165,11 +166,11 @@ def line_fit(x: Floats, y: Floats) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LackOfFit:
-    """Whether a model's errors are larger than what replicates differ by: an F test."""
+    """Result of an F test: whether a model's errors are larger than the differences between replicates."""
 
-    f: float  #: Mean square of the lack of fit over that of the pure error.
-    freedom: tuple[int, int]  #: Degrees of freedom of both.
-    p: float  #: Probability of such an f, or a larger one, if the model held.
+    f: float  #: F statistic: mean square of the lack of fit over that of the pure error.
+    freedom: tuple[int, int]  #: Degrees of freedom of both mean squares.
+    p: float  #: Probability of this or a larger F statistic if the model is right.
 
     def __str__(self) -> str:
         return f"F({self.freedom[0]}, {self.freedom[1]}) = {self.f:.2f}, p = {self.p:.2g}"
@@ -180,9 +181,9 @@ def lack_of_fit(
 ) -> LackOfFit | None:
     """Test a fit against the pure error (N. Draper and H. Smith, Applied Regression Analysis, 1998, chapter 2).
 
-    Errors, shape (n,), are of equal variance where the model holds; equal numbers of `setting`, shape (n,),
-    mean replicates; `parameters` is how many the model has. None where there are no replicates that differ, or
-    not more settings than parameters.
+    Errors, shape (n,), have equal variance if the model is right. Equal numbers in `setting`, shape (n,),
+    mark replicates. `parameters` is the number of the model's parameters. The result is None if no
+    replicates differ, or if there are not more settings than parameters.
     """
     from scipy.stats import f as f_distribution
 
@@ -197,22 +198,22 @@ def lack_of_fit(
 
 
 def wilson(successes: float, runs: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share, which stays sensible at 0 and 1 (E. B. Wilson, JASA 22, 1927)."""
+    """Return the 95 % interval of a share, which is also valid at 0 and 1 (E. B. Wilson, JASA 22, 1927)."""
     share, z2 = successes / runs, _Z**2
     middle = (share + z2 / (2 * runs)) / (1 + z2 / runs)
     half = _Z / (1 + z2 / runs) * math.sqrt(share * (1 - share) / runs + z2 / (4 * runs**2))
-    # At 0 and 1 an end is the share itself, but for the last bit.
+    # At 0 and 1, one end is the share itself up to rounding.
     return max(0.0, min(share, middle - half)), min(1.0, max(share, middle + half))
 
 
 def share_of(successes: float, runs: int, *, unit: str) -> Estimate:
-    """Estimate a share with Wilson's interval; `runs` is 1 at least."""
+    """Estimate a share with Wilson's interval; `runs` is at least 1."""
     low, high = wilson(successes, runs)
     return Estimate(value=successes / runs, low=low, high=high, unit=unit)
 
 
 def difference_of(more: Estimate, less: Estimate, *, unit: str) -> Estimate:
-    """Estimate a difference of shares of independent runs, given both by `share_of`.
+    """Estimate a difference of shares of independent runs, both of them results of `share_of`.
 
     The interval is method 10 of R. G. Newcombe, Statistics in Medicine 17 (1998), pages 873 to 890.
     """

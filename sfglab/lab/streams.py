@@ -1,4 +1,4 @@
-"""The processes of a camera's stream: camera, decoders and viewers on the hosts of a test bed."""
+"""Processes of a camera's stream: camera, decoders and viewers on the hosts of a test bed."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ LINGER_S = 0.1
 
 
 class StreamProcesses(ProcessGroup):
-    """A stream's processes on a test bed's hosts, one of them the ``camera``."""
+    """Processes of a stream on a test bed's hosts; one of them is named ``camera``."""
 
     def __init__(self, config: Any, testbed: Testbed) -> None:
         self._config, self._testbed = config, testbed
-        #: Number, stamp and size of the frames that it reported.
+        #: Number, time stamp and size of the frames that the camera reported.
         self.sent: list[tuple[int, int, int]] = []
         super().__init__(self.first_members(), wrap_command=testbed.argv, on_report=self.note)
 
     def first_members(self) -> Iterable[Member]:
-        """Return what is started on entering."""
+        """Return the processes that are started on entering."""
         raise NotImplementedError
 
     def note(self, name: str, report: Report) -> None:
-        """Take a member's report."""
+        """Process a member's report."""
         if name == "camera" and report["is"] == "sent":
             self.sent += [(n, s, b) for n, s, b in report["frames"]]
 
     @property
     def encoder(self) -> str:
-        """The encoder that the camera opened."""
+        """Name of the encoder that the camera opened."""
         return str(self["camera"].readiness["encoder"])
 
     def shared(self, host: str) -> BusAddress:
-        """Return where on the bus a host stands in the domain that all share."""
+        """Return the bus address of a host in the domain that all hosts share."""
         interface = self._testbed.interface(host)
         return BusAddress(
             domain_id=GLOBAL_DOMAIN, interface=interface, multicast=self._config.multicast
         )
 
     def viewer_config(self, topic: str, local: BusAddress, *, joined: bool = False) -> ViewerConfig:
-        """Return a viewer's configuration at the consumer: of a stream's topic, with a domain of its own."""
+        """Return the configuration of a viewer at the consumer for a stream's topic, with a local domain."""
         image = routes_of_topic(topic)[0]
         return ViewerConfig(
             remote=self.shared("consumer"),
@@ -67,12 +67,12 @@ class StreamProcesses(ProcessGroup):
         )
 
     async def seen(self, names: Iterable[str]) -> dict[str, Report]:
-        """Let viewers of the camera's stream stop, and return their reports by viewer.
+        """Stop viewers of the camera's stream, and return their reports by viewer.
 
-        Each picture is identified by its capture stamp. ``sightings`` has numbers of frames in place
-        of stamps. ``unreadable`` counts pictures with a stamp that the camera did not send,
-        ``missed`` the skipped numbers, and ``disordered`` pictures that are not newer than the one
-        before.
+        Capture stamps identify frames. In the reports, ``sightings`` has numbers of frames instead of
+        stamps. ``unreadable`` is the number of frames with a stamp that the camera did not send. ``missed``
+        is the number of frames that were skipped, and ``disordered`` that of frames that are not newer than
+        the one before.
         """
         reports = await self.ask("seen", names, timeout_s=FIRST_PICTURE_S, do="stop")
         stamps = {stamp_ns for report in reports.values() for stamp_ns, _ in report["sightings"]}
@@ -89,10 +89,10 @@ class StreamProcesses(ProcessGroup):
         return reports
 
     async def warm(self, decoder: str) -> tuple[int, ...]:
-        """Return a decoder's process ids once its spare is warm, so that its start falls into no reading.
+        """Return a decoder's process ids when its spare is ready, so that no measurement includes its start.
 
         Raises:
-            ProcessFailedError: It does not become warm.
+            ProcessFailedError: The spare process does not become ready.
         """
         process = self[decoder]
         for _ in range(500):
@@ -104,6 +104,6 @@ class StreamProcesses(ProcessGroup):
         raise ProcessFailedError(f"{decoder}: its spare pipeline process did not become ready")
 
     async def released(self, decoder: str) -> None:
-        """Return when a decoder has released its pipeline."""
+        """Wait until a decoder has released its pipeline."""
         while (await self[decoder].expect("status", timeout_s=FIRST_PICTURE_S))["state"] != "IDLE":
             pass

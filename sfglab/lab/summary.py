@@ -1,4 +1,4 @@
-"""The page that says it all: the papers' four boundaries, each with its proxy, a figure and a number."""
+"""Summary figure: the papers' four boundaries, each with its proxy, a plot and a value."""
 
 from __future__ import annotations
 
@@ -32,13 +32,14 @@ CAPTION = "Four boundaries: cost without and with the proxy, and the claim of th
 
 @dataclass(frozen=True, slots=True)
 class Boundary:
-    """A boundary with its proxy: one panel of the figure."""
+    """A boundary with its proxy, which is one panel of the figure."""
 
     experiment: str  #: Name of the experiment whose log is plotted.
     claim: str  #: Id of the claim that the panel shows.
-    proxy: str  #: Name of the proxy, the panel's title.
+    proxy: str  #: Name of the proxy and title of the panel.
     cost: str  #: Quantity on the vertical axis with its unit.
-    table: Callable[[Run[Any]], pd.DataFrame]  #: Cost without and with the proxy, by the index.
+    #: Function that returns the cost without and with the proxy, by the index.
+    table: Callable[[Run[Any]], pd.DataFrame]
 
 
 def _decoding(run: Run[Any]) -> pd.DataFrame:
@@ -48,7 +49,7 @@ def _decoding(run: Run[Any]) -> pd.DataFrame:
 
 
 def _discovery(run: Run[Any]) -> pd.DataFrame:
-    """Return what the claim compares: of plain ROS 2 what follows from agents with few nodes."""
+    """Return the traffic that the claim compares; plain ROS 2's is extrapolated from agents with few nodes."""
     finding = discovery.exp.measure(run)[_BYTES]
     received_mb = finding.ends["MB received by standard"]
     saved = 10**finding.estimate.value
@@ -65,7 +66,7 @@ def _discovery(run: Run[Any]) -> pd.DataFrame:
 def _losing(run: Run[Any]) -> pd.DataFrame:
     """Return the share of messages lost by Rmax: the mean over the plausible conditions.
 
-    Without the proxy it is that of the history depth with the lowest loss.
+    The share without the proxy is that of the history depth with the lowest loss.
     """
     tables = results.judged(run)
     assert tables is not None, "the committed log has every plausible condition"
@@ -86,7 +87,7 @@ def _mapping(run: Run[Any]) -> pd.DataFrame:
 
 
 LABELS = {"standard": "plain ROS 2", "proxy": "with proxy"}
-_WIDE_RANGE = 10  #: Ratio of values from which an axis is logarithmic.
+_WIDE_RANGE = 10  #: Ratio of values above which an axis is logarithmic.
 _BYTES = "A-DISC-BYTES-OURS"
 BOUNDARIES = (
     Boundary("decode_once", "A-CPU-OURS", "Decoder", "CPU load (% of one core)", _decoding),
@@ -94,11 +95,11 @@ BOUNDARIES = (
     Boundary("phases", "B-LOSS", "Caches and balanced QoS", "messages lost (%)", _losing),
     Boundary("gateways", "C-MAP", "Gateway", "edges across the boundary", _mapping),
 )
-"""The boundaries, as README.md lists them."""
+"""Boundaries, in the order of README.md."""
 
 
 def save_summary(project: Project) -> list[Path]:
-    """Draw the page into ``figures/summary``, from committed logs alone; return the files."""
+    """Draw the figure ``figures/summary`` from committed logs alone; return its files."""
     ledger = {entry.claim.id: entry for entry in compute_ledger(project, committed=True)}
     logs = {one.experiment: project.reference_logs / f"{one.experiment}.mcap" for one in BOUNDARIES}
     tables = [
@@ -114,7 +115,8 @@ def save_summary(project: Project) -> list[Path]:
 
 
 def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> None:
-    figure.set_layout_engine("constrained", rect=(0, 0.28, 1, 0.72))  # below: values and verdicts
+    # values and verdicts are below
+    figure.set_layout_engine("constrained", rect=(0, 0.28, 1, 0.72))
     panels = zip(figure.subplots(1, 4), BOUNDARIES, tables, entries, strict=True)
     for axes, boundary, table, entry in panels:
         if len(table) > 1:
@@ -140,7 +142,7 @@ def _draw_lines(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def _draw_points(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw a table of one line: a labelled point for each column."""
+    """Draw a table with one row: a labelled point for each column."""
     for place, (column, key) in enumerate(zip(table.columns, ("standard", "proxy"), strict=True)):
         value = float(table[column].iloc[0])
         axes.plot(place, value, markersize=7, linestyle="", **series(key))

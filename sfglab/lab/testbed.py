@@ -1,7 +1,8 @@
-"""The hosts of an experiment: separate ones where the machine can, else this one, and it says which.
+"""Hosts of an experiment: separate ones where the machine can run them, otherwise this host alone.
 
-With network namespaces every host has its own interface and nothing crosses between hosts but what is sent.
-Without them the same processes run on this host's loopback, whose interface counts what everybody sends.
+With network namespaces, every host has its own interface, and only sent frames pass between hosts.
+Without them, the same processes run on this host's loopback, whose interface counts the traffic of all
+processes.
 """
 
 from __future__ import annotations
@@ -22,17 +23,17 @@ from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-# From 102 on a domain's ports lie among those that Linux gives to anybody who asks.
+# The ports of domains from 102 on are in Linux' range of ephemeral ports.
 FIRST_DOMAIN, DOMAINS = 20, 80
 _turns = itertools.count(os.getpid() * 13)
 
 
 @contextmanager
 def held_domains(count: int = 1) -> Iterator[list[int]]:
-    """Hold DDS domains of this host's network; no program of this user gets the same here at the same time.
+    """Hold DDS domains of this host's network. Other programs of this user get other domains at the same time.
 
-    One that another user's program uses is passed over, as its first port is taken. Raises `SfglabError` if too
-    few are free.
+    A domain that another user's program uses is skipped, because its first port is taken. Raises
+    `SfglabError` if too few domains are free.
     """
     with ExitStack() as locks:
         found: list[int] = []
@@ -51,7 +52,7 @@ def held_domains(count: int = 1) -> Iterator[list[int]]:
 
 @contextmanager
 def _hold(domain: int) -> Iterator[None]:
-    """Hold one domain; an error says that another holds it or has its first port (RTPS 2.5, clause 9.6.2.3)."""
+    """Hold one domain; raises an error if it is held or its first port is taken (RTPS 2.5, clause 9.6.2.3)."""
     with user_lock(f"dds-domain-{domain}"):
         with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
             probe.bind(("", 7400 + 250 * domain))
@@ -60,7 +61,7 @@ def _hold(domain: int) -> Iterator[None]:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Be the only run of this user on this host, waiting for another that is on its way."""
+    """Be the only run of this user on this host; wait for another run to end."""
     with ExitStack() as held:
         while True:
             with suppress(LockedError):
@@ -71,10 +72,10 @@ def _alone() -> Iterator[None]:
 
 
 class CountsBytes(Protocol):
-    """Something with an interface whose bytes are counted."""
+    """Object with an interface whose bytes are counted."""
 
     def interface_bytes(self) -> InterfaceBytes:
-        """Return what the interface has carried so far."""
+        """Return the traffic of the interface so far."""
 
 
 class _Loopback:
@@ -83,9 +84,9 @@ class _Loopback:
 
 
 class Testbed:
-    """Named hosts, as a context manager: separate or one, None: if they can be; on one, runs wait."""
+    """Named hosts, a context manager. `separate` None: they are separate if possible. On one host, runs wait."""
 
-    __test__ = False  # not a test, whatever its name makes pytest think
+    __test__ = False  # not a test, in spite of its name
 
     def __init__(self, *names: str, separate: bool | None = None) -> None:
         self._names = names
@@ -94,7 +95,7 @@ class Testbed:
         asked_for = Capability(ok=False, how="none", reason="asked for")
         capability = asked_for if separate is False else Network.available()
         self.separate = capability.ok  #: Whether the hosts are separate.
-        #: What the hosts are, for the log.
+        #: Description of the hosts in the log.
         self.description = f"one host, loopback ({capability.reason})"
         if self.separate:
             self.description = f"separate hosts: network namespaces ({capability.how})"
@@ -113,7 +114,7 @@ class Testbed:
 
     @property
     def network(self) -> Network:
-        """The separate hosts' network."""
+        """Network of the separate hosts."""
         assert self._network is not None, "the hosts are separate"
         return self._network
 
@@ -122,9 +123,9 @@ class Testbed:
         return self._network.argv(host, command) if self._network else list(command)
 
     def interface(self, host: str) -> str:
-        """Return the name of a host's interface to the others."""
+        """Return the name of the interface with which a host is connected to the others."""
         return self._network.hosts[host].interface if self._network else "lo"
 
     def meter(self, host: str) -> CountsBytes:
-        """Return what counts the bytes at a host's interface."""
+        """Return the counter of the bytes at a host's interface."""
         return self._network.hosts[host] if self._network else _Loopback()

@@ -1,3 +1,3 @@
-"""Processes that experiments put on their hosts: a camera that publishes, viewers that look."""
+"""Processes that experiments run on their hosts, such as cameras and viewers."""
 
 __all__: list[str] = []

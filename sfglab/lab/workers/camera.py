@@ -1,7 +1,7 @@
 """The edge agent's camera process: ``python -m sfglab.lab.workers.camera CONFIG``.
 
-Encodes each frame once and publishes it best effort (paper A, section 4.3 and Table 2). Reports when it runs, and
-several times per second which frames it has sent.
+The process encodes each frame once and publishes it best effort (paper A, section 4.3 and Table 2). It
+reports when it runs, and several times per second which frames it has sent.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from _typeshed import DataclassInstance
 
-_REPORT_S = 0.2  #: Time between two reports.
+_REPORT_S = 0.2  #: Time between two reports, s.
 _Sent = tuple[int, int, int]  #: Number, capture stamp (ns) and compressed size of a frame.
 
 
@@ -41,24 +41,24 @@ class _Shooting(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraConfig:
-    """What the camera process is told."""
+    """Configuration of a camera process."""
 
-    #: Where the same messages go: places on the bus, and the name of the compressed topic there.
+    #: Destinations of the messages, each with a bus address and the name of the compressed topic there.
     places: tuple[tuple[BusAddress, str], ...]
-    codec: str = "h264"  #: ``h264`` (colour) or ``rvl`` (depth).
-    source: str = "photos"  #: Source of frames, as `open_source` takes it.
+    codec: str = "h264"  #: Codec: ``h264`` for colour or ``rvl`` for depth.
+    source: str = "photos"  #: Source of frames, in the form of `open_source`.
     seed: int = 0  #: Seed of the source.
-    width: int = 640  #: Width in pixels.
-    height: int = 360  #: Height in pixels.
-    fps: float = 30.0  #: Frames a second.
-    bitrate_bps: int = 4_000_000  #: Bits a second of H.264.
-    gop: int = 30  #: Frames from key frame to key frame.
+    width: int = 640  #: Width of the frames, pixels.
+    height: int = 360  #: Height of the frames, pixels.
+    fps: float = 30.0  #: Frame rate, frames per second.
+    bitrate_bps: int = 4_000_000  #: Bit rate of H.264, bits per second.
+    gop: int = 30  #: Number of frames from one key frame to the next.
     encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
     frame_id: str = "camera_front"  #: TF frame of the camera.
 
 
 class _ColourEncoder:
-    """Frames to FFMPEGPacket messages."""
+    """Encoder of frames to FFMPEGPacket messages."""
 
     type = codecs.FFMPEG_PACKET
 
@@ -81,7 +81,7 @@ class _ColourEncoder:
 
 
 class _DepthEncoder:
-    """Frames to CompressedImage messages with depth."""
+    """Encoder of depth frames to CompressedImage messages."""
 
     type = codecs.COMPRESSED_IMAGE
 
@@ -108,7 +108,7 @@ def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
 async def _camera(
     config: CameraConfig, sent: Callable[[list[_Sent]], None]
 ) -> AsyncIterator[_Shooting]:
-    """Open source, encoder and publisher; the caller awaits the task that shoots."""
+    """Open source, encoder and publishers; the caller awaits the task that publishes."""
     source = open_source(
         config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed
     )
@@ -123,14 +123,14 @@ async def _camera(
 
 
 async def serve(config: CameraConfig, report: Reporter, _: Orders) -> None:
-    """Shoot for an experiment, until told to end."""
+    """Publish for an experiment until told to end."""
     async with _camera(config, lambda frames: report({"is": "sent", "frames": frames})) as camera:
         report({"is": "running", "encoder": camera.encoder.name, "type": camera.encoder.type})
         await camera.shoot
 
 
 async def run_camera(config: CameraConfig, say: Callable[[str], None] = lambda _: None) -> None:
-    """Shoot until cancelled, and say every second what was sent."""
+    """Publish until cancelled, and print once per second what was sent."""
     _, topic = config.places[0]
     second: list[_Sent] = []
 
@@ -155,7 +155,7 @@ async def _shoot(
     publishers: list[Publisher],
     sent: Callable[[list[_Sent]], None],
 ) -> None:
-    """Take, encode and publish frames for ever, each at its due time."""
+    """Read, encode and publish frames indefinitely, each at its due time."""
     started = time.monotonic()
     unreported: list[_Sent] = []
     try:
@@ -165,7 +165,7 @@ async def _shoot(
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             stamp_ns = time.time_ns()
             for message in encoder.messages(frame, header_msg(config.frame_id, stamp_ns)):
-                first = number % len(publishers)  # no place is always the first
+                first = number % len(publishers)  # the first destination changes with each frame
                 for publisher in publishers[first:] + publishers[:first]:
                     publisher.publish(message)
                 unreported.append((number, stamp_ns, len(message.data)))

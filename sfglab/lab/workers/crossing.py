@@ -1,12 +1,12 @@
-"""A process on one side of a boundary: ``python -m sfglab.lab.workers.crossing CONFIG``.
+"""Process on one side of a boundary: ``python -m sfglab.lab.workers.crossing CONFIG``.
 
-The processes are those of paper C, Fig. 5. On the software side, ``software`` is the topic in
-software and its publisher, and ``subscriber`` is its software subscriber. On the hardware side,
-``publisher``, ``gateway`` and ``reader`` share memory and wake each other through pipes. Sockets
-cross the boundary.
+The processes are those of paper C, Fig. 5. On the software side, ``software`` is the topic in software
+together with its publisher, and ``subscriber`` is its software subscriber. On the hardware side,
+``publisher``, ``gateway`` and ``reader`` share memory and wake each other through pipes. Sockets connect
+the two sides.
 
-Orders are ``{"do": "transfer", ...}`` with the fields of a `Message`, ``{"do": "go"}`` to the
-publisher, and ``{"do": "check"}`` for the checksum of what a subscriber has received.
+Orders are ``{"do": "transfer", ...}`` with the fields of a `Message`, ``{"do": "go"}`` to the publisher,
+and ``{"do": "check"}`` for the checksum of what a subscriber has received.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SPARE_BYTES = 1 << 16
 class CrossingConfig:
     """Configuration of a process."""
 
-    role: str  #: ``software``, ``subscriber``, ``publisher``, ``gateway`` or ``reader``.
+    role: str  #: Role: ``software``, ``subscriber``, ``publisher``, ``gateway`` or ``reader``.
     #: File descriptors: sockets by the peer's name, ``wake`` to wait, and ``wake_NAME`` to wake.
     links: dict[str, int]
     shared: int  #: File descriptor of the hardware side's memory; -1 on the software side.
@@ -44,7 +44,7 @@ class CrossingConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """One message and its way."""
+    """One message and its path."""
 
     publisher: str  #: Side of the publisher: ``software`` or ``hardware``.
     gateway: bool  #: Whether the topic is a gateway; otherwise it is software-mapped.
@@ -65,7 +65,7 @@ def content_of(data: bytes, message: Message) -> memoryview:
 
 
 class Process:
-    """A process on either side and what it does for a message."""
+    """Process on either side, with its steps for a message."""
 
     def __init__(self, config: CrossingConfig) -> None:
         self._role = config.role
@@ -87,7 +87,7 @@ class Process:
         self._received = self._local[:0]
 
     def serve(self) -> None:
-        """Execute orders until the parent ends, and with it standard input."""
+        """Execute orders until the parent ends, which closes standard input."""
         transfer = {
             "software": self._be_software,
             "publisher": self._be_publisher,
@@ -112,7 +112,7 @@ class Process:
         """Write a report to standard output."""
         self._report({"is": kind, **values})
 
-    # One method per role. A publisher returns the time of its publication, all others 0.
+    # Each role has one method. A publisher returns the time of its publication, all other roles 0.
 
     def _be_software(self, message: Message) -> int:
         """Publish, or receive from the hardware side; then deliver to one process after the other."""
@@ -149,7 +149,7 @@ class Process:
         return 0
 
     def _be_reader(self, message: Message) -> int:
-        """Read a message on the hardware side: from shared memory, or an own copy."""
+        """Read a message on the hardware side: from shared memory, or from an own copy."""
         if not message.gateway:
             return self._be_subscriber(message)
         self._wait_for_wake()
@@ -190,7 +190,7 @@ class Process:
 
 
 def _read_words(view: memoryview) -> int:
-    """Read every word of a message, as a subscriber does that uses it."""
+    """Read every word of a message, as a real subscriber does."""
     return int(np.frombuffer(view, dtype=np.uint64).sum(dtype=np.uint64))
 
 

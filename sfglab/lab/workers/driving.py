@@ -1,8 +1,8 @@
 """A node of the driving application as a process: ``python -m sfglab.lab.workers.driving CONFIG``.
 
-It runs the node of `sfglab.soc.driving.NODES` with the name in its configuration. Messages carry the
-time at which the compensation received its image. Topic A exists twice, and each image takes one of them
-at random: ``/A/software`` over DDS, one copy per subscriber, and ``/A/gateway``, one copy in shared
+The process runs the node of `sfglab.soc.driving.NODES` whose name is in its configuration. Messages carry
+the time at which the compensation received its image. Topic A exists twice, and each image takes one of
+them at random: ``/A/software`` over DDS, one copy per subscriber, and ``/A/gateway``, one copy in shared
 memory.
 
 Orders: ``go`` starts the camera, which reports ``over`` at its end. ``stop`` makes a node report
@@ -38,10 +38,11 @@ NAMES = tuple(ports.node for ports in NODES if ports.node != "car")  #: Names of
 SOFTWARE = "software"  #: Mapping of topic A in the first version of the paper.
 GATEWAY = "gateway"  #: Mapping of topic A in the second version of the paper.
 TRANSPORTS: dict[str, Transport] = {SOFTWARE: "dds", GATEWAY: "shm"}  #: Transport by mapping.
-_LANE = "/lane"  #: The topic of the chain that goes to software.
-_READERS = sum(SHARED_TOPIC in ports.subscribes for ports in NODES)  #: Subscribers of topic A.
+_LANE = "/lane"  #: Topic of the processing chain that goes to software.
+#: Number of subscribers of topic A.
+_READERS = sum(SHARED_TOPIC in ports.subscribes for ports in NODES)
 _MATCH_S = 60.0
-_IMAGES_S = 2.0  #: Duration of the drive whose images the camera publishes.
+_IMAGES_S = 2.0  #: Duration of the drive whose images the camera publishes, s.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +54,7 @@ class DrivingNodeConfig:
     width: int  #: Width of the camera's images, pixels.
     height: int  #: Height of the camera's images, pixels.
     rate_hz: float  #: Frame rate of the camera.
-    live_s: float  #: Duration of the camera's images.
+    live_s: float  #: Duration of the camera's images, s.
     seed: int  #: Seed of the town and of the sampled mappings.
 
 
@@ -76,7 +77,7 @@ def _endpoints(create: Callable[..., Any], topics: tuple[str, ...]) -> dict[str,
 
 
 def _callbacks(stack: Stack) -> dict[str, Callable[[Any], Any]]:
-    """Return what each node computes from the content of a message."""
+    """Return the function of each node on the content of a message."""
     return {
         "compensation": compensate,
         "gaussian_blur": blur,
@@ -116,12 +117,12 @@ def _from_message(message: Any) -> Any:
 
 
 async def _publish_images(config: DrivingNodeConfig, images: list[Any], publisher: Any) -> None:
-    """Publish images at the camera's rate, forwards and backwards, so that successive ones are alike."""
+    """Publish images at the camera's rate, forwards and backwards, so that successive images are similar."""
     there_and_back = [*images, *images[-2:0:-1]]
     start_s = time.monotonic()
     for number in range(round(config.live_s * config.rate_hz)):
         image = there_and_back[number % len(there_and_back)]
-        publisher.publish(_to_message(image, 1))  # The compensation replaces the stamp.
+        publisher.publish(_to_message(image, 1))  # the compensation sets the stamp
         await asyncio.sleep(start_s + (number + 1) / config.rate_hz - time.monotonic())
 
 
@@ -136,7 +137,7 @@ async def _process(
     async for message in subscription:
         stamp_ns = time.monotonic_ns() if node == CHAIN[0] else ns_from_stamp(message.header.stamp)
         result = compute(_from_message(message))
-        del message  # releases its place in shared memory
+        del message  # this releases its place in shared memory
         mapping = note(stamp_ns)
         if publishers:
             publishers[mapping].publish(_to_message(result, stamp_ns))
@@ -144,7 +145,7 @@ async def _process(
 
 async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> None:
     """Run the node until cancelled."""
-    cv2.setNumThreads(1)  # as the single executor of a node
+    cv2.setNumThreads(1)  # as the only executor of a node does
     name = config.node
     ports = next(ports for ports in NODES if ports.node == name)
     stack = Stack(Camera(width=config.width, height=config.height))

@@ -1,9 +1,10 @@
-"""A robot or the station of paper B's hallway, live: ``python -m sfglab.lab.workers.hallway CONFIG``.
+"""Robot or station of paper B's hallway as a process: ``python -m sfglab.lab.workers.hallway CONFIG``.
 
-The shell around the cores of `sfglab.arp.hallway`: topics, timers, and for a robot its physics in real time. A
-robot's process has its sensing and actuation nodes, the station's has localisation and planning. Orders:
-``{"do": "start"}``. Reports: ``ready`` once every topic has its other end, ``pose`` at each turn of the LIDAR,
-``stopped`` when the station stopped all for an obstacle, ``released`` at each new manoeuvre.
+The process adds topics and timers to the state machines of `sfglab.arp.hallway`. For a robot it also
+simulates the physics in real time. A robot's process has its sensing and actuation nodes, the station's has
+localisation and planning. Order: ``{"do": "start"}``. Reports: ``ready`` when every topic has its peer,
+``pose`` at each turn of the LIDAR, ``stopped`` when the station stopped all robots because of an obstacle,
+``released`` at each new manoeuvre.
 """
 
 from __future__ import annotations
@@ -29,19 +30,19 @@ BEAM, COMMAND = "std_msgs/msg/Float32", "geometry_msgs/msg/Twist"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HallwayConfig:
-    """What a process is told."""
+    """Configuration of a process."""
 
-    role: str  #: A robot's name, or ``station``.
-    address: BusAddress  #: Where on the bus it stands.
-    rate_hz: float  #: Rate of each topic.
-    depth: int  #: Of each history.
-    local_cache: bool  #: Whether robots hold repeated values back.
+    role: str  #: Name of a robot, or ``station``.
+    address: BusAddress  #: Address on the bus.
+    rate_hz: float  #: Rate of each topic, Hz.
+    depth: int  #: Depth of each topic's history, samples.
+    local_cache: bool  #: Whether robots do not publish repeated values.
     cache_control: bool  #: Whether the station discards repeated values.
-    seed: int = 0  #: Of the physics.
+    seed: int = 0  #: Seed of the physics.
 
     @property
     def qos(self) -> QoSProfile:
-        """Of every topic: RELIABLE, KEEP_LAST, as Table 2 has it."""
+        """QoS of every topic: RELIABLE, KEEP_LAST, as in Table 2."""
         return QoSProfile(depth=self.depth)
 
 
@@ -51,7 +52,7 @@ def beam_topic(robot: str, beam: int) -> str:
 
 
 def command_topic(robot: str) -> str:
-    """Return the name of the topic of a robot's commands."""
+    """Return the name of a robot's command topic."""
     return f"/{robot}/command"
 
 
@@ -61,7 +62,7 @@ class _Robot:
     def __init__(self, node: Node, config: HallwayConfig, report: Reporter) -> None:
         self._node, self._config, self._report = node, config, report
         self._number = hallway.ROBOTS.index(config.role)
-        # The whole world, of which only this robot moves: its slips are those of the simulated run.
+        # It is the whole world, in which only this robot moves. Its slips are those of the simulated run.
         self._world = hallway.World(seed=config.seed)
         self._sensing, self._actuation = hallway.SensingNode(), hallway.ActuationNode()
         self._cache = LocalCache()
@@ -87,7 +88,7 @@ class _Robot:
                 self._sensing.turned(self._world.scan(self._number))
                 self._tell(steps * hallway.STEP_NS, float(wound[self._number]))
             early_ns = start_ns + steps * hallway.STEP_NS - clock.now_ns()
-            # Also without time to spare: messages need their turn.
+            # Sleep also if the step is late, so that messages are processed.
             await clock.sleep_for(max(0, early_ns) / 1e9)
 
     def _tell(self, now_ns: int, wound_rad: float) -> None:
@@ -130,7 +131,7 @@ class _Station:
                 node.create_subscription(BEAM, beam_topic(name, beam), hear, config.qos)
 
     async def run(self) -> None:
-        """Command until cancelled."""
+        """Publish commands until cancelled."""
         for robot in range(len(hallway.ROBOTS)):
             self._node.create_timer(1 / self._config.rate_hz, partial(self._publish, robot))
         await asyncio.Event().wait()
@@ -157,13 +158,13 @@ class _Station:
 
 
 async def serve(config: HallwayConfig, report: Reporter, orders: Orders) -> None:
-    """Be the process."""
+    """Run the process."""
     async with Node(config.role, **config.address.options()) as node:
         shell = (_Station if config.role == STATION else _Robot)(node, config, report)
         for publisher in shell.publishers:
             await publisher.wait_for_subscriptions(1, timeout_s=START_LIMIT_S)
         report({"is": "ready"})
-        await orders.get()  # to start
+        await orders.get()  # the order to start
         await shell.run()
 
 

@@ -1,8 +1,9 @@
-"""A component that has everything loaded and waits: ``python -m sfglab.lab.workers.idle MODULE CONFIG``.
+"""Component that loads everything and waits: ``python -m sfglab.lab.workers.idle MODULE CONFIG``.
 
-Imports the component ``MODULE``, the bus and the types of messages that a fleet exchanges, reports ``{"is":
-"idle"}``, and goes on as ``python -m MODULE CONFIG`` when one line arrives. So a start signal
-starts components the way it starts compiled ones, and not Python. Nothing of it touches a network before.
+The process imports the component ``MODULE``, the bus and the message types that a fleet exchanges. It
+reports ``{"is": "idle"}``, and continues as ``python -m MODULE CONFIG`` when one line arrives. A start
+signal then starts components as fast as compiled ones, without the start of Python. The process uses no
+network before that.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ _HALVES = ("Request", "Response")
 
 
 def _load(module: str) -> ModuleType:
-    import cyclonedds._clayer  # noqa: F401 - what the bus would import at its first endpoint
-    import uvloop  # noqa: F401 - the same, of the process's loop
+    import cyclonedds._clayer  # noqa: F401 - imported by the bus at its first endpoint
+    import uvloop  # noqa: F401 - imported by the process's event loop
 
-    import sfglab.bus.dds.forwarder  # noqa: F401 - and at a router's first path
+    import sfglab.bus.dds.forwarder  # noqa: F401 - imported at a router's first path
     from sfglab.bus.dds.clib import library
     from sfglab.bus.dds.discovery import gid_bytes, info_type
     from sfglab.messages import default_message, deserialize, serialize
@@ -45,7 +46,7 @@ def _load(module: str) -> ModuleType:
 
 
 def _wait_for_line() -> bool:
-    """Return whether a line came, and take nothing behind it: that is the component's."""
+    """Return whether a line arrived; later bytes belong to the component and are not read."""
     while (byte := os.read(0, 1)) != b"\n":
         if not byte:
             return False
@@ -53,7 +54,7 @@ def _wait_for_line() -> bool:
 
 
 def main() -> None:
-    """Load, wait, and become the component."""
+    """Load everything, wait, and run the component."""
     module, config = sys.argv[1:]
     loaded = _load(module)
     os.write(1, b'{"is": "idle"}\n')

@@ -1,20 +1,20 @@
-"""A peer on a node of its own: ``python -m sfglab.lab.workers.peer CONFIG``.
+"""Peer on a node of its own: ``python -m sfglab.lab.workers.peer CONFIG``.
 
-A peer publishes numbered messages and counts those of others, reports messages and endpoints as
-they arrive, serves and calls metadata services, and plays agents that do not run. Reports are JSON
-lines. The report ``ready`` has the time of its subscriptions as ``t_ns``, ns since the epoch.
+A peer publishes numbered messages and counts those of others. It reports messages and endpoints as they
+arrive, serves and calls metadata services, and simulates agents that do not run. Reports are JSON lines.
+The report ``ready`` has the time of its subscriptions as ``t_ns``, ns since the epoch.
 
 Orders, each ``{"do": ...}``:
 
 - ``talk``, ``hush``: begins or ends to publish. Report ``hushed`` with the number ``sent``.
-- ``tell``: reports ``told``, what was ``heard`` from each source, and all ``endpoints`` ever seen.
+- ``tell``: reports ``told``, with the messages ``heard`` from each source and all ``endpoints`` ever seen.
 - ``late``: subscribes to static transforms. Report ``late`` with the messages ``received`` by source.
 - ``call``: calls services. Report ``called`` with ``answers`` in the order of the names.
 - ``look``: reports ``publishers`` of the topics whose messages it reports.
-- ``beat``, ``mode``: an agent that does not run sends a heartbeat, or answers differently from now on.
+- ``beat``, ``mode``: a simulated agent sends a heartbeat, or changes its way to answer.
 
-Without order come ``heard`` (a message of a topic in `PeerConfig.reports`, as CDR in base64) and
-``asked`` (a call of the metadata service of an agent that does not run).
+Reports without an order are ``heard`` (a message of a topic in `PeerConfig.reports`, as CDR in base64) and
+``asked`` (a call of the metadata service of a simulated agent).
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ if TYPE_CHECKING:
     from collections.abc import Coroutine, Sequence
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
-QUIET_S = 0.3  #: Time without a message after which none is expected any more, s.
+QUIET_S = 0.3  #: Time without a message after which none is expected any longer, s.
 VOLATILE = QoSProfile(depth=200)
 LATE = QoSProfile(depth=100, durability=LATCHED.durability)
-"""QoS of a subscriber to the last message of many publishers, as tf2's listeners have it."""
+"""QoS of a subscriber to the last messages of many publishers, as in tf2's listeners."""
 ALL = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1000)
 """QoS of subscriptions whose messages are reported."""
 
@@ -71,7 +71,7 @@ class TopicUse:
 
     name: str  #: ROS name.
     type: str  #: ROS type: ``std_msgs/msg/String`` or `TRANSFORMS`.
-    latched: bool  #: Published once, transient local.
+    latched: bool  #: Whether it is published once, transient local.
     publish: bool  #: Whether the peer publishes.
     subscribe: bool  #: Whether the peer subscribes.
 
@@ -96,11 +96,12 @@ class ReceiveStatistics:
     """Messages that arrived from one source under one name."""
 
     numbers: set[int] = field(default_factory=set)  #: Numbers that arrived.
-    received: int = 0  #: Messages, repeated ones counted again.
-    repeated: int = 0  #: Messages whose number had arrived before.
-    disordered: int = 0  #: Messages that arrived after a later number.
-    restamped: int = 0  #: Messages whose source time stamp is not the publisher's.
-    misnamed: int = 0  #: Transforms that lack their source's prefix, or have one too many.
+    received: int = 0  #: Number of messages, repeated ones included.
+    repeated: int = 0  #: Number of messages whose number had arrived before.
+    disordered: int = 0  #: Number of messages that arrived after a later number.
+    restamped: int = 0  #: Number of messages whose source time stamp differs from the publisher's.
+    #: Number of transforms without their source's prefix, or with an additional one.
+    misnamed: int = 0
 
     def note(self, number: int, stamp_ns: int, info: MessageInfo) -> None:
         """Count one message."""
@@ -125,13 +126,14 @@ class ReceiveStatistics:
 
 @dataclass(slots=True)
 class _Agent:
-    """An agent that does not run."""
+    """A simulated agent."""
 
     publisher: Publisher  #: Publisher of its heartbeats.
-    mode: str = "answer"  #: ``answer``, ``refuse``, ``late`` or ``mute``.
+    mode: str = "answer"  #: Mode of its service: ``answer``, ``refuse``, ``late`` or ``mute``.
     incarnation: int = 0
     revision: int = 0
-    changed: asyncio.Event = field(default_factory=asyncio.Event)  #: Set when the mode changes.
+    #: Event that is set when the mode changes.
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 class _Peer:
@@ -293,8 +295,8 @@ class _Peer:
         return source, number, ns_from_stamp(transform.header.stamp), is_named
 
     async def _quiet(self) -> None:
-        """Return when nothing has arrived for a while."""
-        while (left_s := self._last_s + QUIET_S - time.monotonic()) > 0:  # noqa: ASYNC110 - quiet is no event
+        """Wait until no message has arrived for a while."""
+        while (left_s := self._last_s + QUIET_S - time.monotonic()) > 0:  # noqa: ASYNC110 - there is no event for silence
             await asyncio.sleep(left_s)
 
     async def _come_late(self, expected: int, timeout_s: float) -> dict[str, int]:
@@ -306,7 +308,7 @@ class _Peer:
             while (left_s := deadline_s - time.monotonic()) > 0:
                 message = await subscription.take(timeout_s=left_s)
                 counts[self._read(message)[0]] += 1
-                if len(counts) == expected:  # from now on only repeated messages can come
+                if len(counts) == expected:  # only repeated messages can arrive from now on
                     deadline_s = min(deadline_s, time.monotonic() + QUIET_S)
         subscription.close()
         return counts
@@ -344,10 +346,10 @@ class _Peer:
         client.close()
         return {**answer, "took_s": time.monotonic() - start_s}
 
-    # Agents that do not run.
+    # Simulated agents.
 
     def _agent(self, name: str) -> _Agent:
-        """Return an agent that does not run; it is made when it is new."""
+        """Return a simulated agent; a new one is made on first use."""
         if name not in self._agents:
             publisher = self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
             agent = _Agent(publisher)
@@ -396,13 +398,13 @@ class _Peer:
 
 
 async def serve(config: PeerConfig, report: Reporter, orders: Orders) -> None:
-    """Be the process."""
+    """Run the peer until cancelled."""
     async with Node(config.name, **config.address.options()) as node:
         await _Peer(node, config, report).serve(orders)
 
 
 def main() -> None:
-    """Run the process. `sfglab.lab.workers.idle` also calls it."""
+    """Run the process; `sfglab.lab.workers.idle` calls this function as well."""
     run_component(PeerConfig, serve)
 
 

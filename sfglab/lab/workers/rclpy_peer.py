@@ -1,9 +1,10 @@
-"""Peer that is a real ROS 2 node and does as it is told: ``python rclpy_peer.py NAME``, see `sfglab.lab.ros2`.
+"""Peer that is a real ROS 2 node and follows orders: ``python rclpy_peer.py NAME``, see `sfglab.lab.ros2`.
 
-Orders come as JSON lines, each names a method of `Peer` as ``do``; reports go out as JSON lines. As a host's part of scenarios of the reliability model it takes the orders
-of `sfglab.lab.workers.scenario_player`, and knows samples by their values, as source time stamps are Fast DDS's own.
-With ``crowd`` behind its name it has no node of its own, only those of `Peer.start`. Runs in ROS 2's own
-interpreter, from Python 3.10 on, and imports nothing of sfglab.
+Orders and reports are JSON lines. An order names a method of `Peer` as ``do``. The process also takes the
+orders of `sfglab.lab.workers.scenario_player`, as one host of scenarios of the reliability model. It
+identifies samples by their values, because Fast DDS sets its own source time stamps. With ``crowd`` after
+its name it has no node of its own, only those of `Peer.start`. The script runs in ROS 2's own interpreter,
+from Python 3.10 on, and imports nothing of sfglab.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 
 _OUT = os.fdopen(os.dup(1), "w", buffering=1)
-os.dup2(2, 1)  # what libraries print is no report
+os.dup2(2, 1)  # output of libraries must not mix with reports
 
 
 def report(kind: str, **values: Any) -> None:
@@ -37,32 +38,33 @@ def report(kind: str, **values: Any) -> None:
 
 
 def interface(name: str) -> Any:
-    """Return the class of an interface, ``package/msg/Name``, or of a part of it, as ``Name.Impl.Part``."""
+    """Return the class of an interface, ``package/msg/Name``, or of a part of it, ``Name.Impl.Part``."""
     package, kind, title = name.split("/")
     return attrgetter(title)(importlib.import_module(f"{package}.{kind}"))
 
 
 _WARM = 1500
-"""Samples after which an asynchronous Fast DDS sends a heartbeat with each (`sfglab.rtps.FAST_DDS_ASYNC`)."""
+"""Number of samples after which an asynchronous Fast DDS adds a heartbeat to each
+(`sfglab.rtps.FAST_DDS_ASYNC`)."""
 _SPARE_NS = 50_000_000
 _MISSED_NS = 50_000_000
-"""How late a tick is missed: who waited does not make up for it, as a timer does not (rcl/timer.c)."""
+"""Delay from which a tick is skipped, ns; as in a timer, skipped ticks are not made up for (rcl/timer.c)."""
 
 
 def topic_of(flow: str) -> str:
-    """Return the topic of a flow; no part of one begins with a digit."""
+    """Return the topic of a flow, in which no part begins with a digit."""
     return re.sub(r"/(?=\d)", "/_", flow)
 
 
 def sample_of(value: int, size_bytes: int) -> bytes:
-    """Return the CDR of a text of a size that carries a value's number."""
+    """Return the CDR of a text of a given size that contains a value's number."""
     letters = size_bytes - 9
     text = f"{value:>{letters}}".encode()
     return b"\x00\x01\x00\x00" + (letters + 1).to_bytes(4, "little") + text + b"\x00"
 
 
 class Peer:
-    """The node and what it has made so far."""
+    """Node with its publishers, subscriptions and counts."""
 
     executor_type: type[Executor] = SingleThreadedExecutor
 
@@ -86,29 +88,29 @@ class Peer:
         self.thread.start()
 
     def spin(self) -> None:
-        """Work until the context is shut down, also while what is waited for is destroyed."""
+        """Run the executor until the context is shut down, also while entities that it waits for are destroyed."""
         while rclpy.ok():
             with suppress(ExternalShutdownException, InvalidHandle):
                 self.executor.spin()
 
     def end(self) -> None:
-        """End in order: a participant that is killed leaves its shared memory behind."""
+        """End in order, because a killed participant leaves its shared memory behind."""
         rclpy.try_shutdown()
         self.thread.join()
         if self.node:
             self.node.destroy_node()
         else:
-            os._exit(0)  # leaving would take a crowd as long as finding each other
+            os._exit(0)  # the orderly end of a crowd would take as long as its discovery
 
     def obey(self, order: dict[str, Any]) -> None:
         """Follow one order."""
         try:
             getattr(self, order.pop("do"))(**order)
-        except Exception as error:  # noqa: BLE001 - whatever ROS 2 refuses, who asked shall know
+        except Exception as error:  # noqa: BLE001 - the sender of the order must learn of every error
             report("failed", why=f"{type(error).__name__}: {error}")
 
     def open(self, flows: list[dict[str, Any]], seed: int = 0) -> None:
-        """Make the ends of flows, and wait for the other ones; the seed is that of the sensors' changes."""
+        """Make the local endpoints of flows, and wait for the others; the seed is that of the sensors' changes."""
         self.seed = seed
         here, kind = self.node.get_name(), interface("std_msgs/msg/String")
         self.flows = {flow["name"]: flow for flow in flows}
@@ -137,7 +139,7 @@ class Peer:
         report("matched")
 
     def hearing(self, name: str) -> Any:
-        """Return what notes a flow's samples when its executor, whose time is a schedule, is done with them."""
+        """Return a callback that records a flow's samples with the time at which its simulated executor is done."""
         flow, received = self.flows[name], self.received.setdefault(name, [])
         executor, then, cost_ns = (
             flow["executor"] or name,
@@ -158,17 +160,17 @@ class Peer:
         return heard
 
     def send(self, name: str, value: int) -> None:
-        """Publish a sample of a flow, unless its end was taken away while the sample waited for its turn."""
+        """Publish a sample of a flow, unless its endpoint was destroyed while the sample waited."""
         if name not in self.written:
             return
         self.written[name].append((time.time_ns(), value))
         self.publishers[name].publish(sample_of(value, self.flows[name]["size_bytes"]))
 
     def agenda(self, name: str, start_ns: int, last_ns: int) -> list[int]:
-        """Return when a flow's sensor is read, without what its local cache holds back as nothing changed."""
+        """Return the times at which a flow's sensor publishes; a local cache omits unchanged values."""
         flow = self.flows[name]
         if not flow["rate_hz"]:
-            return []  # a chain's
+            return []  # the flow of a processing chain has no times
         first_ns = start_ns + round(flow["phase_s"] * 1e9)
         dues: Any = np.arange(first_ns, last_ns, round(1e9 / flow["rate_hz"]))
         if not flow["cached"] or not flow["change_s"]:
@@ -179,7 +181,7 @@ class Peer:
         return list(map(int, dues[np.diff(np.searchsorted(changes, dues), prepend=-1) > 0]))
 
     def play(self, start_ns: int, duration_s: float, drain_s: float, result: str) -> None:
-        """Publish on schedule, wait for what comes later, and write both down."""
+        """Publish on schedule, wait for late samples, and write both into a file."""
         last_ns, agenda, held = start_ns + round(duration_s * 1e9), [], 0
         for name in self.publishers:
             dues = self.agenda(name, start_ns, last_ns)
@@ -187,7 +189,8 @@ class Peer:
                 held += round(duration_s * self.flows[name]["rate_hz"]) - len(dues)
             agenda += [(due_ns, value, name) for value, due_ns in enumerate(dues, 1)]
         due = len(agenda)
-        # Who only hears looks at the time instead: how late shows whether it could hear in time.
+        # A host without flows to send measures wake-ups instead: their delay shows whether it could receive
+        # in time.
         agenda = agenda or [(due_ns, 0, "") for due_ns in range(start_ns, last_ns, 5_000_000)]
         late_ns = []
         for due_ns, value, name in sorted(agenda):
@@ -213,7 +216,7 @@ class Peer:
         report("done", late_p95_s=late_s, held=held, missed=due)
 
     def close(self) -> None:
-        """Take the ends of flows away."""
+        """Destroy the endpoints of flows."""
         for publisher in self.publishers.values():
             self.node.destroy_publisher(publisher)
         for subscription in self.kept:
@@ -223,9 +226,10 @@ class Peer:
         report("closed")
 
     def start(self, fleet: list[str], talkers: int, listeners: int, *, composed: bool) -> None:
-        """Make the nodes of the agent of its name, and report when its first node knows all of the fleet's.
+        """Make the nodes of the agent with this name, and report when the first of them knows those of the fleet.
 
-        Each has a context of its own, which is a participant as a process is, unless they are composed.
+        Each node has a context of its own, which is one participant as in a process, unless the nodes are
+        composed.
         """
         text, nodes = interface("std_msgs/msg/String"), []
         for number in range(talkers + listeners):
@@ -248,7 +252,7 @@ class Peer:
         report("resolved", t_ns=time.time_ns())
 
     def complete(self, node: Any, fleet: list[str], each: int, topics: int) -> bool:
-        """Return whether a node knows every node of the fleet by name, and every topic, services' included."""
+        """Return whether a node knows all nodes of the fleet by name, and all topics, also those of services."""
         found = node.get_publishers_info_by_topic("/parameter_events")
         if sum(info.node_namespace.strip("/") in fleet for info in found) < each * len(fleet):
             return False
@@ -258,7 +262,7 @@ class Peer:
         return sum(name in fleet for name in names) >= topics
 
     def shoot(self, topic: str, width: int, height: int, hz: float) -> None:
-        """Publish raw pictures of noise at a fixed rate from now on, best effort."""
+        """Publish raw images of noise at a fixed rate from now on, best effort."""
         image = interface("sensor_msgs/msg/Image")
         publisher = self.node.create_publisher(image, topic, qos_profile_sensor_data)
         picture = image(width=width, height=height, step=3 * width, encoding="bgr8")
@@ -272,9 +276,9 @@ class Peer:
         report("shooting")
 
     def look(self, topic: str, depth: int = 0, **_: Any) -> None:
-        """Read every pixel of every picture of a topic, as `sfglab.lab.workers.viewer` does, until `stop`.
+        """Read every pixel of every image of a topic, as `sfglab.lab.workers.viewer` does, until `stop`.
 
-        The subscription is reliable if a depth is given, and otherwise one of sensor data.
+        With a depth the subscription is reliable, otherwise it has the QoS of sensor data.
         """
         ordered_ns, self.ages_ns = time.time_ns(), []
 
@@ -290,13 +294,13 @@ class Peer:
         self.looking = self.node.create_subscription(image, topic, see, profile)
 
     def stop(self) -> None:
-        """Stop looking, and report the pictures' ages."""
+        """End the subscription, and report the ages of the images."""
         self.node.destroy_subscription(self.looking)
         report("seen", frames=len(self.ages_ns), ages_ns=self.ages_ns)
 
 
 def main(kind: type[Peer] = Peer) -> None:
-    """Obey orders until the standard input ends."""
+    """Follow orders until standard input ends."""
     peer = kind(*sys.argv[1:])
     report("ready", distribution=os.environ.get("ROS_DISTRO", ""))
     try:

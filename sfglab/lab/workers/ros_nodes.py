@@ -10,11 +10,12 @@ with rmw_cyclonedds:
 - its own topic (demo_nodes_cpp, talker.cpp and listener.cpp);
 - `ros_discovery_info`, once per process (rmw_cyclonedds_cpp, rmw_node.cpp).
 
-Types are opaque: endpoints of ROS 2 announce the name of a type and no description.
+Types are opaque: endpoints of ROS 2 announce a type's name without a description.
 
-Everything is loaded before ``ready`` is reported; the order ``start`` creates the nodes. The first node then polls
-its graph, as an operator would. It reports ``resolved`` when it has discovered every endpoint and the announcement
-of every node of the other agents. The process ends with its standard input, at once.
+The process reports ``ready`` after everything is loaded. The order ``start`` creates the nodes. The first
+node then polls its graph, as an operator would. It reports ``resolved`` when it has discovered every
+endpoint and the announcement of every node of the other agents. The process ends with its standard input,
+at once.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 
 _POLL_S = 0.02
 _BATCH = 256
-# The stacks of a process need different domain ids, although they join one domain on the network.
+# The stacks of a process need different domain ids, although all of them join one domain on the network.
 _FIRST_STACK_ID = 110
 _ROS_TOPICS = (b"rt/", b"rq/", b"rr/", b"ros_discovery_info")
 TALKER, LISTENER = "talker", "listener"
@@ -79,8 +80,8 @@ class EndpointPlan:
     """One endpoint of a node."""
 
     writer: bool  #: Whether it writes.
-    topic: str  #: The topic on the wire.
-    type: str  #: The type on the wire.
+    topic: str  #: Topic name in DDS.
+    type: str  #: Type name in DDS.
     qos: QoSProfile  #: Offered or requested QoS.
     user_data: bytes = b""  #: Its USER_DATA.
 
@@ -108,7 +109,7 @@ def _parameter_services(node: str) -> Iterator[EndpointPlan]:
     for number, (name, type_) in enumerate(_PARAMETER_SERVICES.items()):
         request, reply = dds_service(f"{node}/{name}")
         kind = f"rcl_interfaces::srv::dds_::{type_}_"
-        # As long as the random ids of rmw_cyclonedds. They identify no pair here.
+        # They have the length of rmw_cyclonedds' random ids, but identify no pair here.
         identity = user_data({"serviceid": ".".join(["00"] * 15 + [f"{number:02x}"])})
         for writer, topic, half in ((False, request, "Request_"), (True, reply, "Response_")):
             yield EndpointPlan(
@@ -255,19 +256,19 @@ class _Poller:
         self._announced: set[int] = set()
 
     def poll(self) -> None:
-        """Read what has changed."""
+        """Read all changes."""
         for reader in self._readers:
             self._poll_endpoints(reader)
         self._poll_announcements()
 
     @property
     def participants(self) -> int:
-        """Processes of the other agents of which at least one endpoint is known."""
+        """Processes of other agents of which at least one endpoint is known."""
         return len(set(self.endpoints.values()))
 
     @property
     def announcements(self) -> int:
-        """Processes, its own agent's included, whose nodes are announced."""
+        """Processes whose nodes are announced, its own agent's included."""
         return len(self._announced)
 
     def _poll_endpoints(self, reader: int) -> None:
@@ -338,7 +339,7 @@ async def serve(config: RosNodesConfig, report: Reporter, orders: Orders) -> Non
         report({"is": "resolved", "t_ns": time.time_ns(), "expected": expected, **found})
         await asyncio.Event().wait()
     except asyncio.CancelledError:
-        # Leaving the domain in order would take as long as discovery, and all agents end together.
+        # Leaving the domain in order would take as long as discovery, and all agents end at the same time.
         os._exit(0)
 
 

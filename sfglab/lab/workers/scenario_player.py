@@ -1,15 +1,15 @@
-"""A host's part of scenarios of the reliability model: ``python -m sfglab.lab.workers.scenario_player CONFIG``.
+"""One host of scenarios of the reliability model: ``python -m sfglab.lab.workers.scenario_player CONFIG``.
 
-Publishes its flows on an absolute schedule, through local caches where they have them; takes samples for its
-executors as the model's do, one after the other, in turn among an executor's flows, each for its service time.
-An executor's time is kept as a schedule too, not worked off: what a sample cost begins when the one before it
-ended, so a late look does not add up. Knows raw DDS endpoints, in one thread; refuses to know hosts and what is
-measured.
+The process publishes its flows on an absolute schedule, through local caches where flows have them. It
+takes samples for its executors as those of the model do: one after the other, in turn among an executor's
+flows, each for its service time. The time of an executor is computed, not spent: a sample's service begins
+when that of the previous one ended. Therefore a late check does not add up. The module depends on raw DDS
+endpoints, in one thread, but not on hosts and measurements.
 
-Orders, one scenario after the other: ``{"do": "open", "flows", "seed"}`` is answered by ``matched`` when every
-endpoint has its other end, ``{"do": "play", "start_ns", "duration_s", "drain_s", "result"}`` by ``done`` with
-how well it kept its schedule, after its arrays are in the file ``result`` (NumPy's npz), ``{"do": "close"}`` by
-``closed``.
+Orders, one scenario after the other: ``{"do": "open", "flows", "seed"}`` is answered by ``matched`` when
+every endpoint has its peer. ``{"do": "play", "start_ns", "duration_s", "drain_s", "result"}`` is answered
+by ``done`` with the delays of its schedule, after its arrays are in the file ``result`` (NumPy's npz).
+``{"do": "close"}`` is answered by ``closed``.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _TYPE = "std_msgs/msg/String"
-# CDR of a text: header, length, letters, a final zero (RTPS 2.5, clause 10).
+# CDR of a text: header, length, characters, a final zero (RTPS 2.5, clause 10).
 _HEADER = b"\x00\x01\x00\x00"
 _FRAME_BYTES = len(_HEADER) + 4 + 1
 _LONGEST_PAUSE_NS = 50_000_000
 _MAX_TRIGGERED = 64
 _LOOK_S = 0.02
-# Participants that say seldom that they live: times between announcements are not slowed with a medium, whose
-# frames they would then take from the samples.
+# Participants assert their liveliness rarely. Unlike the medium, the times between announcements are not
+# slowed down, and their frames would take the medium from the samples.
 _LEASE_S = 1200.0
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz-_"
@@ -54,14 +54,14 @@ _DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz-_"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartsConfig:
-    """What the process is told."""
+    """Configuration of the process."""
 
-    host: str  #: Its name, as the flows have it.
-    address: BusAddress  #: Where it stands, to the others.
+    host: str  #: Name of the host in the flows.
+    address: BusAddress  #: Address on the bus.
 
 
 def text_of(value: int, size_bytes: int) -> bytes:
-    """Return the CDR, of a size, of a text of a number's lowest digits to base 64; five go into "Hello"."""
+    """Return the CDR of a text of a given size: a number's lowest digits to base 64, five of them in "Hello"."""
     letters = size_bytes - _FRAME_BYTES
     text = bytearray(letters)
     for place in range(letters - 1, -1, -1):
@@ -86,14 +86,14 @@ def _reader_qos(flow: Flow) -> QoSProfile:
 
 
 class _Sensor:
-    """A flow's value, writer and cache, and what was published: a time stamp is a sample's identity."""
+    """Value, writer and cache of a flow, and what it published; a time stamp identifies a sample."""
 
     def __init__(self, flow: Flow, participant: DdsParticipant, idl: type[Any], seed: int) -> None:
         self.flow = flow
-        self.due_ns: list[int] = []  # when it should have been, Unix nanoseconds
-        self.sent_ns: list[int] = []  # when it was; also its source time stamp
+        self.due_ns: list[int] = []  # due times of samples, Unix time, ns
+        self.sent_ns: list[int] = []  # times of publication, which are also the source time stamps
         self.value: list[int] = []
-        self.held = 0  # values that the local cache held back
+        self.held = 0  # number of values that the local cache held back
         self.handle = participant.create_writer(f"rt/{flow.name}", idl, flow.qos)
         self._sertype = sertype_of(self.handle)
         self._random = random.Random(f"{seed} {flow.name}")
@@ -103,7 +103,7 @@ class _Sensor:
         self._cache = LocalCache(max_silence_ns=silence_ns) if flow.cached else None
 
     def read(self, now_ns: int) -> int:
-        """Return the number of the value that the sensor has now."""
+        """Return the number of the sensor's current value."""
         if not self.flow.change_s:
             self._latest += 1
             return self._latest
@@ -135,14 +135,15 @@ class _Sensor:
 
 
 class _Inlet:
-    """A flow's reader with cache control, and what it has given to its executor."""
+    """Reader of a flow with cache control, and the samples that its executor has received."""
 
     def __init__(self, flow: Flow, participant: DdsParticipant, idl: type[Any]) -> None:
         self.flow = flow
-        self.sent_ns: list[int] = []  # source time stamp of each sample
-        self.done_ns: list[int] = []  # when the executor was done with it
-        self.compared = 0  # samples that cache control discarded
-        self.since_ns: int | None = None  # since when something is known to wait
+        self.sent_ns: list[int] = []  # source time stamps of the samples
+        self.done_ns: list[int] = []  # times at which the executor was done with them
+        self.compared = 0  # number of samples that cache control discarded
+        # time since which samples are known to wait; None if none wait
+        self.since_ns: int | None = None
         self.handle = participant.create_reader(f"rt/{flow.name}", idl, _reader_qos(flow))
         self.condition: int = library().dds_create_readcondition(self.handle, ANY_STATE)
         self._cache = CacheControl() if flow.compare_s is not None else None
@@ -160,7 +161,7 @@ class _Inlet:
         return (info.source_timestamp, value_of(cdr)) if cdr else self.take()
 
     def cost_ns(self, value: int, now_ns: int) -> int:
-        """Return what a value costs its executor: a comparison or the whole."""
+        """Return the service time of a value, ns: that of a comparison or the full one."""
         flow = self.flow
         if (
             self._cache is not None
@@ -181,7 +182,7 @@ class _Executor:
         return any(inlet.since_ns is not None for inlet in self.inlets)
 
     def turn(self) -> _Inlet | None:
-        """Return the next flow of which something is known to wait."""
+        """Return the next flow, in turn, with samples that are known to wait."""
         for i in range(self.next_, self.next_ + len(self.inlets)):
             inlet = self.inlets[i % len(self.inlets)]
             if inlet.since_ns is not None:
@@ -191,7 +192,7 @@ class _Executor:
 
 
 class Player:
-    """A host's part: the flows that begin or end here. The seed is that of the values."""
+    """Flows that begin or end at this host; the seed is that of their values."""
 
     def __init__(
         self, participant: DdsParticipant, host: str, flows: Sequence[Flow], *, seed: int
@@ -215,11 +216,11 @@ class Player:
         self._keys: Any = (ct.c_ssize_t * _MAX_TRIGGERED)()
         self._agenda: list[
             tuple[int, int, str, int]
-        ] = []  # when, number, whose, the value of a chain or -1
+        ] = []  # time, number, flow, and the value of a processing chain or -1
         self._entries = 0
 
     def matched(self) -> bool:
-        """Return whether every endpoint has its other end."""
+        """Return whether every endpoint has its peer."""
         lib = library()
         status = MatchedStatus()
         ends = [(lib.dds_get_publication_matched_status, s.handle) for s in self._sensors.values()]
@@ -231,7 +232,7 @@ class Player:
         return True
 
     def arrays(self) -> dict[str, Any]:
-        """Return what was published and received, a column of times or values by flow."""
+        """Return published and received samples, as columns of times or values by flow."""
         sensors, inlets = self._sensors.items(), self._inlets
         written = {
             f"{n} written {c}": getattr(s, c) for n, s in sensors for c in ("sent_ns", "value")
@@ -243,7 +244,7 @@ class Player:
         return {name: np.array(column, np.int64) for name, column in (written | received).items()}
 
     def kept(self) -> dict[str, Any]:
-        """Return how well publishing kept its schedule, and what caches did."""
+        """Return the delays of the schedule, and the counts of the caches."""
         sensors = self._sensors.values()
         delays = [
             sent - due for s in sensors for sent, due in zip(s.sent_ns, s.due_ns, strict=True)
@@ -255,7 +256,7 @@ class Player:
         }
 
     def close(self) -> None:
-        """End the endpoints."""
+        """Destroy the endpoints."""
         ends = [sensor.handle for sensor in self._sensors.values()] + [
             inlet.handle for inlet in self._inlets
         ]
@@ -263,8 +264,8 @@ class Player:
             library().dds_delete(handle)
 
     def play(self, *, start_ns: int, duration_s: float, drain_s: float) -> None:
-        """Publish for some seconds from `start_ns`, Unix time, and receive `drain_s` beyond that."""
-        ct.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)  # of this thread
+        """Publish for a duration from `start_ns`, Unix time, and receive for `drain_s` beyond that."""
+        ct.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)  # of this thread only
         for sensor in self._sensors.values():
             if sensor.flow.rate_hz:
                 self._note(start_ns + round(sensor.flow.phase_s * NS_PER_S), sensor.flow.name, -1)
@@ -298,7 +299,7 @@ class Player:
                 continue
             sent_ns, value = sample
             assert inlet.since_ns is not None
-            # sent since then
+            # the sample was sent after that time
             since_ns = inlet.since_ns if inlet.since_ns > sent_ns else time.time_ns()
             start_ns = max(executor.free_ns, since_ns)
             done_ns = executor.free_ns = start_ns + inlet.cost_ns(value, start_ns)
@@ -309,12 +310,13 @@ class Player:
                 self._note(done_ns, inlet.flow.then, value)
 
     def _wait(self, end_ns: int) -> None:
-        """Wait for samples, but no longer than to the next thing to do."""
+        """Wait for samples, at most until the next scheduled event."""
         next_ns = min(end_ns, self._agenda[0][0] if self._agenda else end_ns)
         busy = [executor.free_ns for executor in self._executors if executor.waiting()]
         pause_ns = max(0, min([next_ns, *busy]) - time.time_ns())
         if busy or not self._inlets:
-            # The wait set would return at once, for what waits for its executor or for want of anything.
+            # The wait set would return at once, because samples wait for their executor, or because it is
+            # empty.
             time.sleep(pause_ns / NS_PER_S)
             pause_ns = 0
         pause_ns = min(pause_ns, _LONGEST_PAUSE_NS)
@@ -327,7 +329,7 @@ class Player:
 
 
 async def serve(config: PartsConfig, report: Reporter, orders: Orders) -> None:
-    """Play one scenario after the other until cancelled."""
+    """Run one scenario after the other until cancelled."""
     domain = DomainConfig(**config.address.options(), lease_s=_LEASE_S)
     participant = DdsParticipant(domain, b"", name=f"{config.host}.dds", after_round=lambda: None)
     report({"is": "ready"})
@@ -336,7 +338,7 @@ async def serve(config: PartsConfig, report: Reporter, orders: Orders) -> None:
             order = await orders.get()
             flows = from_json(tuple[Flow, ...], order["flows"])
             player = Player(participant, config.host, flows, seed=order["seed"])
-            while not player.matched():  # noqa: ASYNC110 - nobody tells: the status is Cyclone's
+            while not player.matched():  # noqa: ASYNC110 - Cyclone's status has no event
                 await asyncio.sleep(_LOOK_S)
             report({"is": "matched"})
             order = await orders.get()
@@ -344,7 +346,8 @@ async def serve(config: PartsConfig, report: Reporter, orders: Orders) -> None:
             await asyncio.to_thread(player.play, **times)
             np.savez(order["result"], **player.arrays())
             report({"is": "done", **player.kept()})
-            await orders.get()  # to close: it stays matched until everybody is done
+            # the order to close: endpoints stay matched until all hosts are done
+            await orders.get()
             await asyncio.to_thread(player.close)
             report({"is": "closed"})
     finally:

@@ -25,7 +25,7 @@ CAMERA_SIZE = (640, 360)
 
 _IMAGE = "sensor_msgs/msg/Image"
 _MATCH_S = 60.0
-#: Compatible with whatever a visualizer requests.
+#: QoS of the publishers, which is compatible with the requests of all visualizers.
 _QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=20)
 
 
@@ -33,14 +33,14 @@ _QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=20)
 class ScenePublisherConfig:
     """Configuration of the process."""
 
-    role: str  #: ``scene``, ``camera`` or ``sink``.
+    role: str  #: Role: ``scene``, ``camera`` or ``sink``.
     domain_id: int = 0  #: DDS domain of scene and camera.
     path: str = ""  #: Path of the scene's log.
     port: int = 0  #: Port of the sink.
 
 
 def picture() -> Any:
-    """Return noise, shape (360, 640, 3), which cannot be compressed."""
+    """Return an image of noise, shape (360, 640, 3), which cannot be compressed."""
     width, height = CAMERA_SIZE
     return np.random.default_rng(0).integers(0, 255, (height, width, 3), np.uint8)
 
@@ -77,7 +77,7 @@ def _publish_images(node: Node, report: Reporter) -> None:
 
 
 async def serve(config: ScenePublisherConfig, report: Reporter, orders: Orders) -> None:
-    """Play the role until cancelled."""
+    """Run the role until cancelled."""
     if config.role == "sink":
         from sfglab.view.rerunning import rerun
 
@@ -90,7 +90,7 @@ async def serve(config: ScenePublisherConfig, report: Reporter, orders: Orders) 
             await _publish_scene(node, config.path, report, orders)
         else:
             _publish_images(node, report)
-        await asyncio.Event().wait()  # the last messages are repaired, if they have to be
+        await asyncio.Event().wait()  # the last messages may need retransmissions
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""A subscriber that looks at every pixel: ``python -m sfglab.lab.workers.viewer CONFIG``.
+"""Subscriber that reads every pixel: ``python -m sfglab.lab.workers.viewer CONFIG``.
 
-Stands for any node that consumes a camera stream. It is started once and told when to look and how:
-``standard`` (receive and decode for itself), ``proxy`` (take decoded pictures from shared memory), ``dds``
-(take them by DDS), ``raw`` (receive pictures that nobody coded) or ``network`` (receive and throw away); or,
-with a path, to record the stream. A topic in the order takes the place of the mode's configured one. Reads
-every pixel of every picture, and reports the capture stamp of each.
+The process represents any node that consumes a camera stream. An order to look names the mode. Mode ``standard``
+receives and decodes in this process. Mode ``proxy`` takes decoded images from shared memory, and mode ``dds`` over
+DDS. Mode ``raw`` receives images that were never coded. Mode ``network`` receives and discards. With a path, an order
+records the stream instead. A topic in the order replaces the mode's configured one. The viewer reads every pixel of
+every image, and reports the capture stamp of each.
 """
 
 from __future__ import annotations
@@ -39,43 +39,43 @@ IMAGE = "sensor_msgs/msg/Image"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewerConfig:
-    """What a viewer is told when it starts."""
+    """Configuration of a viewer."""
 
-    remote: BusAddress  #: Where the remote streams are.
-    local: BusAddress  #: Where the decoded topics are.
-    remote_topic: str  #: The compressed topic.
-    remote_type: str  #: Its type.
+    remote: BusAddress  #: Bus address of the remote streams.
+    local: BusAddress  #: Bus address of the decoded topics.
+    remote_topic: str  #: Name of the compressed topic.
+    remote_type: str  #: ROS type of the compressed topic.
     codec: str  #: Codec hint.
-    local_topic: str  #: The decoded topic.
-    #: Whether its nodes are in their domains all the time, as a display's are, and its codec is loaded; else
-    #: they join with each order to look.
+    local_topic: str  #: Name of the decoded topic.
+    #: Whether its nodes are in their domains all the time, as those of a display are, and its codec is
+    #: loaded. Otherwise they join with each order to look.
     joined: bool = False
 
 
 @dataclass(slots=True)
 class Seen:
-    """What a viewer has seen since it was told to look."""
+    """Results of a viewer since the last order to look."""
 
-    frames: int = 0  #: Messages or pictures.
-    broken: int = 0  #: Messages that could not be decoded.
+    frames: int = 0  #: Number of messages or images.
+    broken: int = 0  #: Number of messages that could not be decoded.
     checksum: int = 0  #: Exclusive or of all pixels, as 64-bit words.
-    #: Capture stamp and time at which the picture was in hand (Unix time, ns), of each picture.
+    #: Capture stamp and time of arrival in this process (Unix time, ns) of each image.
     sightings: list[tuple[int, int]] = field(default_factory=list)
 
     def look(self, items: NDArray[Any], stamp_ns: int) -> None:
-        """Read every pixel of a picture, whose items are a multiple of 8 bytes."""
+        """Read every pixel of an image, whose size is a multiple of 8 bytes."""
         self.sightings.append((stamp_ns, time.time_ns()))
         self.frames += 1
         self.checksum ^= int(np.bitwise_xor.reduce(items.view(np.uint64)))
 
     def report(self) -> dict[str, Any]:
-        """Return the counts as JSON values, with the ages of the latest pictures, ns."""
+        """Return the counts as JSON values, with the ages of the latest images, ns."""
         ages_ns = [seen_ns - stamp_ns for stamp_ns, seen_ns in self.sightings[-_AGES_KEPT:]]
         return {"is": "seen", "ages_ns": ages_ns, **asdict(self)}
 
 
 class _Viewer:
-    """One viewer process: takes orders, looks, reports."""
+    """Viewer process, which takes orders, reads images and reports."""
 
     def __init__(self, config: ViewerConfig, report: Reporter) -> None:
         self._config, self._report = config, report
@@ -85,7 +85,7 @@ class _Viewer:
         self._nodes: dict[str, Any] = {}
 
     async def run(self, orders: Orders) -> None:
-        """Obey orders until cancelled."""
+        """Follow orders until cancelled."""
         async with contextlib.AsyncExitStack() as stack:
             for side in ("remote", "local") if self._config.joined else ():
                 self._nodes[side] = await stack.enter_async_context(self._new_node("viewer", side))
@@ -138,7 +138,7 @@ class _Viewer:
         topic = order.get("topic") or usual
         try:
             await (self._record(topic, Path(path)) if path else ways[mode](topic))
-        except Exception as error:  # noqa: BLE001  # the experiment must hear why a viewer fell out
+        except Exception as error:  # noqa: BLE001  # the experiment must learn why a viewer failed
             self._report({"is": "failed", "why": f"{type(error).__name__}: {error}"})
 
     def _saw_one(self) -> None:
@@ -173,7 +173,7 @@ class _Viewer:
         )
 
     async def _receive(self, side: str, *subscribed: Any, **options: Any) -> None:
-        """Receive what is subscribed on a side until cancelled."""
+        """Hold a subscription on a side until cancelled."""
         async with self._node("viewer", side) as node:
             with contextlib.closing(
                 node.create_subscription(*subscribed, **options, threaded=True)
@@ -181,7 +181,7 @@ class _Viewer:
                 await asyncio.Event().wait()
 
     async def _share(self, topic: str, side: str = "local", transport: Transport = "shm") -> None:
-        """Take pictures, decoded ones from shared memory, until cancelled."""
+        """Receive images until cancelled: decoded ones, by default from shared memory."""
 
         def see(image: Any) -> None:
             self._seen.look(image.data, ns_from_stamp(image.header.stamp))
@@ -190,7 +190,7 @@ class _Viewer:
         await self._receive(side, IMAGE, topic, see, SENSOR_DATA, transport=transport)
 
     async def _record(self, topic: str, path: Path) -> None:
-        """Write the stream's messages into a log of its own as they come in, unconverted."""
+        """Write the stream's messages unchanged into a log of their own as they arrive."""
         from sfglab.record import LogWriter
 
         type_ = self._config.remote_type
@@ -212,7 +212,7 @@ class _Viewer:
 
 
 async def serve(config: ViewerConfig, report: Reporter, orders: Orders) -> None:
-    """Obey until cancelled."""
+    """Follow orders until cancelled."""
     await _Viewer(config, report).run(orders)
 
 
