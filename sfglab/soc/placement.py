@@ -202,7 +202,6 @@ def place_nodes(
 
     mapped = map_communication(graph.with_placements(sides), gateway=gateway).gateways
     load = assess(mapped)
-    load.check_fits(platform)
     return NodeMapping(graph=mapped, load=load, bound_s=min(bound_s, load.total_s))
 
 

@@ -85,6 +85,20 @@ def test_the_judge_counts_lights_and_ends_the_lap_of_a_car_that_leaves_its_lane(
     assert not verdict.passed
 
 
+@pytest.mark.parametrize(
+    ("red_lights", "red_since_s", "passes"),
+    [(0, None, True), (3, None, False), (0, -math.inf, False)],
+)
+def test_a_lap_passes_if_no_light_is_run_and_enough_are_obeyed(red_lights, red_since_s, passes):
+    judge = Judge(TOWN, Rules(red_lights=red_lights))
+    for at_m in np.arange(0.0, TOWN.lane.length_m + 0.2, 0.1):
+        place = Place(along_m=at_m % TOWN.lane.length_m, left_m=0.0)
+        judge.observe(at_m, place, 0.9, [red_since_s, *[None] * 4])
+    verdict = judge.verdict()
+    assert verdict.completed
+    assert verdict.passed == passes
+
+
 def test_the_car_completes_a_lap_in_its_lane_and_stops_at_three_red_lights_or_more():
     stack = Stack(Camera())
     lanes = []
