@@ -1,1 +1,1 @@
-"""DDS behind the bus: Cyclone DDS by its C API, raw CDR, ROS 2 names and types."""
+"""DDS behind the bus: Cyclone DDS through its C API, raw CDR, ROS 2 names and types."""

@@ -1,4 +1,4 @@
-"""A live node's half of DDS and shared memory: a participant, its graph, its endpoints and its forwarders."""
+"""Backend of a live node, for DDS and shared memory: a participant, its graph, endpoints and forwarders."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class DdsBackend(Backend):
-    """A participant of a DDS domain; `discovery_info` tells whether ROS 2's tools shall see the node as one.
+    """Backend with a participant of a DDS domain; `discovery_info` sets whether ROS 2's tools list the node.
 
     Raises:
         DomainError: The domain cannot be joined.
@@ -64,7 +64,7 @@ class DdsBackend(Backend):
         return RosServices(self.calls, self._config.wire_id, self._config.interface)
 
     def open_writer(self, endpoint: RawEndpoint, notify: Callable[[], None]) -> Writer:
-        """Return a new writer, in DDS or in shared memory."""
+        """Return a new writer over DDS, shared memory or ROS 2's program."""
         if endpoint.transport == "shm":
             from sfglab.bus.shm.writer import ShmWriter
 
@@ -89,7 +89,7 @@ class DdsBackend(Backend):
     def open_reader(
         self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox
     ) -> Reader:
-        """Return a new reader, of DDS or of shared memory."""
+        """Return a new reader over DDS, shared memory or ROS 2's program."""
         if endpoint.transport == "shm":
             from sfglab.bus.shm.reader import ShmReader
 
@@ -103,7 +103,7 @@ class DdsBackend(Backend):
         handle = self._create(self.participant.create_reader, endpoint)
         options: dict[str, Any] = {"waitset": self.participant.waitset}
         if endpoint.threaded:
-            # One at a time, so that it is Cyclone that drops what a slow callback leaves behind KEEP_LAST.
+            # Samples are taken one at a time, so that Cyclone applies KEEP_LAST while a callback is slow.
             options = {"waitset": self.participant.callbacks, "batch": 1}
         reader = DdsReader(
             handle,
@@ -118,7 +118,7 @@ class DdsBackend(Backend):
         return reader
 
     def open_forwarder(self, target: DdsBackend) -> Any:
-        """Return what forwards inside Cyclone DDS."""
+        """Return a forwarder that works inside Cyclone DDS."""
         from sfglab.bus.dds.forwarder import DdsForwarder
 
         forwarder = DdsForwarder(self.participant, target.participant, (self, target))
@@ -126,24 +126,24 @@ class DdsBackend(Backend):
         return forwarder
 
     def close(self) -> None:
-        """End the threads that read, and then everything; from any thread; again is harmless."""
+        """Stop the reading threads, then close everything; callable from any thread and repeatedly."""
         if not self.closed:
             self.participant.stop()
         super().close()
 
     def leave(self) -> None:
-        """Leave the domain."""
+        """Stop the thread of shared memory and leave the domain."""
         if self._watcher is not None:
             self._watcher.stop()
         self.participant.close()
 
     def _receiver(self) -> WatchThread:
-        """Return the thread that takes from shared memory."""
+        """Return the thread that receives from shared memory; the first call starts it."""
         self._watcher = self._watcher or WatchThread(self.bridge, f"{self._thread_name} receiver")
         return self._watcher
 
     def _create(self, create: Callable[..., int], endpoint: RawEndpoint) -> int:
-        """Return the handle of a new reader or writer; one that forwards takes what it does not know, too."""
+        """Return the handle of a new reader or writer; a forwarding one accepts unknown types as well."""
         from sfglab.bus.dds.forwarder import wire_type
 
         type_ = (wire_type if endpoint.forwards else idl_type)(endpoint)
@@ -158,7 +158,7 @@ class DdsBackend(Backend):
             self._discovery.read_nodes(partial(self._post, self.graph.learn_nodes))
 
     def _announce(self, endpoint: RawEndpoint, address: str, *, writer: bool) -> ShmAnnouncement:
-        """Show a shared-memory endpoint; the address is where a publisher can be connected to."""
+        """Announce a shared-memory endpoint; the address is a publisher's, and empty for a subscription."""
         create = self.participant.create_writer if writer else self.participant.create_reader
         handle = create(
             endpoint.dds_topic,
@@ -171,5 +171,5 @@ class DdsBackend(Backend):
 
 
 def _push_framed(inbox: Inbox, samples: list[Sample]) -> None:
-    """Queue what has a frame: what Fast DDS sends to everybody of a service's topic has none."""
+    """Queue samples with a frame; samples of Fast DDS on a service's topic have none and are dropped."""
     inbox.push_from_thread([sample for sample in samples if not sample[3].startswith(FAST_DDS)])

@@ -1,7 +1,7 @@
-"""The part of Cyclone DDS's C API that the bus uses, by ctypes: functions, struct layouts and QoS objects.
+"""Part of Cyclone DDS's C API that the bus uses, with ctypes: functions, struct layouts and QoS objects.
 
-Of the library in the `cyclonedds` wheel (11.0; headers dds.h, ddsi_serdata.h). That wheel's Python API holds
-the interpreter lock for each whole read or write, and (de)serializes thousands of times slower.
+The library is that of the `cyclonedds` wheel (11.0; headers dds.h, ddsi_serdata.h). The Python API of the wheel
+holds the interpreter lock for each whole read or write, and (de)serializes thousands of times slower.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ def library() -> Any:
 
 
 def error_text(code: int) -> str:
-    """Return Cyclone's words for a return code."""
+    """Return Cyclone's text for a return code."""
     text: bytes = library().dds_strretcode(code)
     return text.decode()
 
@@ -212,12 +212,12 @@ def entity_guid(entity: int) -> bytes:
 
 _RELIABILITY = (Reliability.BEST_EFFORT, Reliability.RELIABLE)
 _HISTORY = (History.KEEP_LAST, History.KEEP_ALL)
-# DDS has a kind in between, by participant, which ROS 2 has not; an offer of it is as good as automatic.
+# MANUAL_BY_PARTICIPANT of DDS lies in between and does not exist in ROS 2; it is treated as AUTOMATIC.
 _LIVELINESS = (Liveliness.AUTOMATIC, Liveliness.AUTOMATIC, Liveliness.MANUAL_BY_TOPIC)
 _DURABILITY = (Durability.VOLATILE, Durability.TRANSIENT_LOCAL)
 _UNLIMITED = -1
 _IGNORE_PARTICIPANT = 1  # enum dds_ignorelocal_kind
-# How long a writer that keeps all may block on unacknowledged samples: Cyclone's default.
+# Longest time for which a KEEP_ALL writer blocks on unacknowledged samples, ns: Cyclone's default.
 _MAX_BLOCKING_NS = 100_000_000
 
 
@@ -235,20 +235,21 @@ def qos_object(user_data: bytes) -> Iterator[int]:
 
 
 class EndpointOptions(TypedDict, total=False):
-    """What a reader or writer may have beside its profile."""
+    """Options of a reader or writer beside its QoS profile."""
 
     user_data: bytes  #: USER_DATA.
     partition: str  #: PARTITION.
     ignore_local: bool  #: Whether it never matches endpoints of its own participant.
-    max_samples: int  #: How many a reader that keeps all may hold, after which senders wait for it.
-    unacknowledged: int  #: How many a writer keeps at least until they are, late joiners or not.
+    #: Largest number of samples that a KEEP_ALL reader holds; beyond it senders wait.
+    max_samples: int
+    unacknowledged: int  #: Least number of samples kept until acknowledgement, late joiners or not.
     batching: bool  #: Whether a writer sends only when it is flushed or a packet is full.
-    max_blocking_ns: int  #: How long a writer may block when it keeps all.
+    max_blocking_ns: int  #: Longest time for which a KEEP_ALL writer blocks, ns.
 
 
 @contextmanager
 def endpoint_qos(profile: QoSProfile, **more: Unpack[EndpointOptions]) -> Iterator[int]:
-    """Yield the C QoS object of a reader or writer, whose profile is in ROS 2's terms."""
+    """Yield the C QoS object of a reader or writer with a profile of ROS 2."""
     lib = library()
     history = _HISTORY.index(profile.history)
     depth = profile.depth if profile.history is History.KEEP_LAST else _UNLIMITED
@@ -258,7 +259,7 @@ def endpoint_qos(profile: QoSProfile, **more: Unpack[EndpointOptions]) -> Iterat
         lib.dds_qset_durability(qos, _DURABILITY.index(profile.durability))
         kept = depth if depth == _UNLIMITED else max(depth, more.get("unacknowledged", 0))
         lib.dds_qset_history(qos, history, kept)
-        # What a late joiner gets is a policy of its own in DDS; ROS 2 ties it to the history.
+        # DDS has a separate policy for the samples of late joiners; ROS 2 ties it to the history.
         lib.dds_qset_durability_service(qos, 0, history, depth, _UNLIMITED, _UNLIMITED, _UNLIMITED)
         lib.dds_qset_deadline(qos, _or_infinite(profile.deadline_ns))
         lib.dds_qset_lifespan(qos, _or_infinite(profile.lifespan_ns))
@@ -278,14 +279,14 @@ def endpoint_qos(profile: QoSProfile, **more: Unpack[EndpointOptions]) -> Iterat
 
 
 def profile_from_dds(qos: int) -> QoSProfile:
-    """Return what a discovered endpoint's QoS says; policies it leaves out have DDS's defaults."""
+    """Return the QoS profile of a discovered endpoint; missing policies have DDS's defaults."""
     lib = library()
     reliability, durability, history, depth = ct.c_int(), ct.c_int(), ct.c_int(), ct.c_int32(1)
     blocking, deadline, lifespan = ct.c_int64(), ct.c_int64(INFINITY_NS), ct.c_int64(INFINITY_NS)
     lib.dds_qget_reliability(qos, ct.byref(reliability), ct.byref(blocking))
     lib.dds_qget_durability(qos, ct.byref(durability))
     lib.dds_qget_history(qos, ct.byref(history), ct.byref(depth))
-    if durability.value:  # what counts of a latched one is what late joiners get
+    if durability.value:  # with TRANSIENT_LOCAL the history of late joiners counts
         rest = [ct.byref(ct.c_int64()), *(ct.byref(ct.c_int32()) for _ in range(3))]
         lib.dds_qget_durability_service(qos, rest[0], ct.byref(history), ct.byref(depth), *rest[1:])
     lib.dds_qget_deadline(qos, ct.byref(deadline))
@@ -294,7 +295,7 @@ def profile_from_dds(qos: int) -> QoSProfile:
     lib.dds_qget_liveliness(qos, ct.byref(liveliness), ct.byref(lease))
     return QoSProfile(
         reliability=_RELIABILITY[reliability.value],
-        # DDS knows TRANSIENT and PERSISTENT above TRANSIENT_LOCAL; ROS 2 does not.
+        # DDS has TRANSIENT and PERSISTENT above TRANSIENT_LOCAL; ROS 2 has neither.
         durability=_DURABILITY[min(durability.value, 1)],
         history=_HISTORY[history.value],
         depth=max(depth.value, 1),
@@ -334,7 +335,7 @@ def partitions(qos: int) -> tuple[str, ...]:
 
 
 def string_property(qos: int, name: str) -> str:
-    """Return one of a participant's properties, empty when it has none of that name."""
+    """Return one of a participant's properties; empty if it has none of that name."""
     lib = library()
     value = ct.c_void_p()
     if not lib.dds_qget_prop(qos, name.encode(), ct.byref(value)) or not value.value:

@@ -1,10 +1,11 @@
-"""Discovery in a DDS domain: participants, endpoints and ROS 2 nodes are read, and this node's own told.
+"""Discovery in a DDS domain: reads participants, endpoints and ROS 2 nodes, and announces this node.
 
-Knows Cyclone's built-in topics, USER_DATA of sfglab and ROS 2, and the DDS topic `ros_discovery_info`, from
-which ROS 2's tools learn of nodes and their endpoints; who is silent there shows as `_CREATED_BY_BARE_DDS_APP_`
-(rmw_dds_common; rmw_cyclonedds_cpp and rmw_fastrtps_cpp). Its GIDs have 24 bytes up to Humble, a GUID and eight
-zeros, and 16 from Iron on, under one type name: a reader of the other layout reads nonsense, so all of a domain
-must agree. ROS_DISTRO says on what; without it, or with a name not known here, it is Humble's.
+Sources are Cyclone's built-in topics, USER_DATA of sfglab and ROS 2, and the DDS topic `ros_discovery_info`.
+From that topic ROS 2's tools learn of nodes and their endpoints. They show endpoints that are not listed
+there under `_CREATED_BY_BARE_DDS_APP_` (rmw_dds_common; rmw_cyclonedds_cpp and rmw_fastrtps_cpp). GIDs on the
+topic have 24 bytes up to Humble, a GUID and eight zeros, and 16 bytes from Iron on, under one type name. A
+reader of the other layout reads nonsense, so all participants of a domain must use the same layout.
+ROS_DISTRO selects it; without ROS_DISTRO, or with an unknown name, the layout is Humble's.
 """
 
 from __future__ import annotations
@@ -54,13 +55,14 @@ if TYPE_CHECKING:
 INFO_TOPIC = "ros_discovery_info"
 _TYPE = "rmw_dds_common::msg::dds_::{}_"
 _WRITER_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
-# Without a key, the messages of all participants are one instance, of which KEEP_LAST would keep one.
+# The topic has no key: messages of all participants are one instance, of which KEEP_LAST would keep one
+# message.
 READER_QOS = QoSProfile(history=History.KEEP_ALL, durability=Durability.TRANSIENT_LOCAL)
 # rmw/types.h: RMW_GID_STORAGE_SIZE fell from 24 to 16 in Iron.
 _LONG_GID_BYTES, _SHORT_GID_BYTES, _GUID_BYTES = 24, 16, 16
 _SHORT_GID_DISTROS = frozenset({"iron", "jazzy", "kilted", "lyrical", "rolling"})
 _ENCAPSULATION = b"\0\1\0\0"  # CDR, little endian (RTPS 2.5, clause 10.2.1.2)
-# Endpoints come in groups, such as a service's two: one message for all of them.
+# Delay of an announcement, s: endpoints appear in groups, such as the two of a service, and share one message.
 _DELAY_S = 0.01
 _BATCH = 128
 _BUILTIN_TYPES = b"org::eclipse::cyclonedds::builtin::"
@@ -68,19 +70,19 @@ _KINDS = {
     BUILTIN_PUBLICATION: EndpointKind.PUBLISHER,
     BUILTIN_SUBSCRIPTION: EndpointKind.SUBSCRIPTION,
 }
-#: A gid, of an endpoint, or a participant that has gone (None).
+#: Change of the graph: a GID, and its endpoint; None if the endpoint or participant has left.
 Change = tuple[bytes, EndpointInfo | None]
 
 
 def gid_bytes(distro: str | None = None) -> int:
-    """Return the size of a GID in `ros_discovery_info` of a ROS 2 distribution; None: of ROS_DISTRO's."""
+    """Return the size of a GID in `ros_discovery_info` of a ROS 2 distribution, bytes; None for ROS_DISTRO."""
     name = os.environ.get("ROS_DISTRO", "") if distro is None else distro
     return _SHORT_GID_BYTES if name in _SHORT_GID_DISTROS else _LONG_GID_BYTES
 
 
 @cache
 def info_type(size: int) -> type[Any]:
-    """Return the Cyclone DDS type of the message whose GIDs have so many bytes."""
+    """Return the Cyclone DDS type of the message whose GIDs have `size` bytes."""
     from cyclonedds.idl import make_idl_struct, types
 
     # The library's annotations do not know that these can be subscripted.
@@ -104,7 +106,7 @@ def info_type(size: int) -> type[Any]:
 
 
 def pack_nodes(participant: bytes, nodes: Iterable[NodeInfo], size: int) -> bytes:
-    """Return the message that lists the nodes of a participant, by its 16-byte GUID, as CDR."""
+    """Return the CDR of the message that lists the nodes of a participant, given by its 16-byte GUID."""
     listed = list(nodes)
     parts = [_ENCAPSULATION, participant.ljust(size, b"\0"), struct.pack("<I", len(listed))]
     for node in listed:
@@ -118,7 +120,7 @@ def unpack_nodes(cdr: bytes, size: int) -> tuple[bytes, tuple[NodeInfo, ...]]:
     """Return the participant's GUID and its nodes from a message in little-endian CDR.
 
     Raises:
-        InvalidMessageError: It ends before what it counts.
+        InvalidMessageError: The message is shorter than its counts require.
     """
     cursor = _Cursor(cdr, size)
     participant = cursor.gid()
@@ -136,13 +138,13 @@ def unpack_nodes(cdr: bytes, size: int) -> tuple[bytes, tuple[NodeInfo, ...]]:
 
 
 def _packed_text(text: str) -> bytes:
-    """Return a string with its length, its zero, and what aligns the number that follows."""
+    """Return a string with its length, its terminating zero, and the padding before the next number."""
     data = text.encode() + b"\0"
     return struct.pack("<I", len(data)) + data + bytes(-len(data) % 4)
 
 
 class _Cursor:
-    """Reads a message from front to back; GIDs and padded strings keep every number aligned."""
+    """Reader of a message from front to back; GIDs and padded strings keep every number aligned."""
 
     def __init__(self, cdr: bytes, size: int) -> None:
         self._cdr = cdr
@@ -172,9 +174,10 @@ class _Cursor:
 
 
 class DiscoveryInfo:
-    """Keeps the ROS 2 graph told of a node, by its full name, and its endpoints, until the participant closes.
+    """Announcement of a node and its endpoints in ROS 2's graph, until the participant closes.
 
-    All that the graph reports are listed, but for those of shared memory, where nothing is ever written.
+    All endpoints that the graph reports are listed, except those for shared memory, on which nothing is
+    written.
     """
 
     def __init__(
@@ -199,13 +202,14 @@ class DiscoveryInfo:
             waitset=participant.waitset,
             on_matched=lambda: None,
         )
-        # Who reads it is nobody's business, and a large domain would ask for it again with every participant.
+        # Matching readers are not needed, and in a large domain every new participant would cause a query for
+        # them.
         participant.waitset.detach(handle)
         self._publish()
         self._unlisten = graph.listen(self._heard)
 
     def close(self) -> None:
-        """Say nothing more; the participant's end takes the node off the graph."""
+        """Stop the announcements; the participant's end removes the node from the graph."""
         self._unlisten()
         if self._due is not None and not self._loop.is_closed():
             self._due.cancel()
@@ -236,7 +240,7 @@ class DiscoveryInfo:
 
 
 class Discovery:
-    """Reports endpoints that appear, change or go, in order, in the participant's waitset thread."""
+    """Discovery of endpoints: reports those that appear, change or leave, in order, in the WaitSet thread."""
 
     def __init__(
         self, participant: DdsParticipant, on_changes: Callable[[list[Change]], None]
@@ -254,14 +258,14 @@ class Discovery:
             waitset.attach_reader(reader, self._endpoint_handler(reader, kind))
 
     def read_nodes(self, on_nodes: Callable[[bytes, tuple[NodeInfo, ...]], None]) -> None:
-        """Report in the WaitSet thread every participant's complete list of nodes, at every change."""
+        """Report each participant's complete list of nodes at every change, in the WaitSet thread."""
         size = gid_bytes()
 
         def handle(samples: list[Sample]) -> None:
-            # What a participant said may be read after its end, and would then stay for ever.
+            # A list may be read after the end of its participant, and its nodes would then stay indefinitely.
             self._read_participants()
             for cdr, *_ in samples:
-                with suppress(InvalidMessageError):  # of nobody who runs ROS 2
+                with suppress(InvalidMessageError):  # not a message of ROS 2
                     participant, nodes = unpack_nodes(bytes(cdr), size)
                     if participant in self._origins:
                         on_nodes(participant, nodes)
@@ -269,11 +273,11 @@ class Discovery:
         reader = self._participant.create_reader(INFO_TOPIC, info_type(size), READER_QOS)
         DdsReader(
             reader, waitset=self._participant.waitset, on_samples=handle, on_matched=lambda: None
-        )  # lives as long as the participant, kept by its WaitSet
+        )  # the WaitSet keeps the reader until the participant ends
 
     def _endpoint_handler(self, reader: int, kind: EndpointKind) -> Callable[[], None]:
         def handle() -> None:
-            # A participant is always known before its endpoints, but not always read before them.
+            # Cyclone knows a participant before its endpoints, but does not always report it before them.
             self._read_participants()
             found = _take(reader, clib.Endpoint)
             changes = [
@@ -321,12 +325,12 @@ class Discovery:
 def _transport(sample: Any, dds_topic: str, gid: bytes) -> Transport:
     if SHM_PARTITION in clib.partitions(sample.qos):
         return "shm"
-    # rmw_fastrtps frames services in its own way; topics are the same for all.
+    # rmw_fastrtps frames services differently; topics are the same in all middlewares.
     return "ros" if gid.startswith(FAST_DDS) and dds_topic.startswith(("rq/", "rr/")) else "dds"
 
 
 def _builtin(sample: Any) -> bool:
-    """Whether this is one of the endpoints by which participants find each other and each other's nodes."""
+    """Return whether an endpoint belongs to the discovery of participants or of nodes."""
     return (sample.type_name or b"").startswith(
         _BUILTIN_TYPES
     ) or sample.topic_name == INFO_TOPIC.encode()
@@ -340,7 +344,7 @@ def _ros_type(dds_type: str) -> str:
 
 
 def _take(reader: int, struct: type[ct.Structure]) -> Iterator[tuple[Any, bool]]:
-    """Yield what a built-in reader holds: the C sample, valid until the next one, and whether it is alive."""
+    """Yield samples of a built-in reader: the C struct, valid until the next one, and whether it is alive."""
     lib = library()
     pointers: Any = (ct.c_void_p * _BATCH)()
     infos: Any = (clib.SampleInfo * _BATCH)()

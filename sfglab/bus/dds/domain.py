@@ -1,6 +1,6 @@
-"""Domains of DDS that this process has joined, each once, and nodes' participants in them with their threads.
+"""DDS domains that this process has joined, each once, and the participants of its nodes with their threads.
 
-Cyclone allows one configuration per domain and process; a second, different one is an error here.
+Cyclone allows one configuration per domain and process; a second, different one raises an error here.
 """
 
 from __future__ import annotations
@@ -40,11 +40,12 @@ if TYPE_CHECKING:
 Multicast = Literal["default", "spdp", "true", "false"]
 
 _MAX_INDEX = "<MaxAutoParticipantIndex>99</MaxAutoParticipantIndex>"
-"""The highest: a hundred processes of a domain find each other on one host without multicast."""
-# Fast DDS from 3 on announces type information that Cyclone DDS cannot read: its endpoints match by name; 1.15
-# is eProsima's vendor id. Without the hash of the key it does not notice that an endpoint of ours has ended.
-# Where a writer adapts what it may have unacknowledged, a service answered nobody any more after 144 of its
-# clients had been killed; where it does not, it answered after 264.
+"""Highest participant index: without multicast a hundred processes of a domain discover each other per host."""
+# Fast DDS from version 3 on announces type information that Cyclone DDS cannot read. Cyclone ignores it, so
+# that its endpoints match by name; 1.15 is eProsima's vendor id. Without the hash of the key Fast DDS does
+# not notice that an endpoint of this process has ended. With an adaptive limit of unacknowledged samples, a
+# service stopped responding after 144 of its clients had been killed. With a fixed limit it still responded
+# after 264.
 _COMPATIBILITY = (
     "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
     "<Internal><GenerateKeyhash>true</GenerateKeyhash><Watermarks><WhcAdaptive>false</WhcAdaptive></Watermarks>{}"
@@ -52,11 +53,12 @@ _COMPATIBILITY = (
 )
 _INTERFACE_ELEMENTS = ("Interfaces", "NetworkInterfaceAddress")
 _PIECE_END = re.compile(r"(?<=>)\s*,\s*(?=<|file:|/)")
-# Loopback carries 64 KiB datagrams whole; measured against 1344-byte fragments this halves the latency of
-# a 691 kB image. Real links keep Cyclone's default, which fits an Ethernet frame.
+# Loopback carries 64 KiB datagrams whole. Measured against 1344-byte fragments, they halve the latency of a
+# 691 kB image. Real links keep Cyclone's default, which fits an Ethernet frame.
 _LOOPBACK_SIZES = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>64000B</FragmentSize>"
-# Three of those fill the socket buffer that Fast DDS's readers have by default; of smaller ones more are read
-# meanwhile. Measured: 30 reliable images of 921 kB a second arrive 150 of 150, 138 to 148 of the larger.
+# Three such datagrams fill the default socket buffer of Fast DDS's readers; more of the smaller ones are read
+# in time. Measured at 30 reliable images of 921 kB per second: 150 of 150 arrive, and 138 to 148 with large
+# ones.
 _LOOPBACK_SIZES_BESIDE_FAST_DDS = (
     "<MaxMessageSize>14720B</MaxMessageSize><FragmentSize>14000B</FragmentSize>"
 )
@@ -74,27 +76,27 @@ class DomainOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DomainConfig:
-    """How one process takes part in one DDS domain; all its nodes of that domain share it."""
+    """Configuration of one process in one DDS domain; all its nodes of that domain share it."""
 
-    domain_id: int = 0  #: 0 to 232.
-    #: The network interface, e.g. "lo" or "eth0"; None lets Cyclone choose.
+    domain_id: int = 0  #: DDS domain, 0 to 232.
+    #: Network interface, such as "lo" or "eth0"; None lets Cyclone choose.
     interface: str | None = None
-    #: Cyclone's AllowMulticast: "spdp" only finds participants by multicast, "false" never uses it and finds
-    #: participants on this host only.
+    #: Cyclone's AllowMulticast: "spdp" uses multicast only to discover participants. "false" never uses it and
+    #: discovers participants on this host only.
     multicast: Multicast = "default"
-    #: After how many silent seconds others declare this process dead; at least 0.1.
+    #: Lease, s, at least 0.1: other participants remove those of this process after this silence.
     lease_s: float = 10.0
-    #: The domain that is joined on the network, 0 to 232; None is `domain_id`. Cyclone keeps one set of sockets
-    #: and threads for each `domain_id`, so several of them with one external id are, for everybody else, as
+    #: Domain that is joined on the network, 0 to 232; None for `domain_id`. Cyclone keeps one set of sockets
+    #: and threads for each `domain_id`. Several of them with one external id therefore appear to others as
     #: many processes in one domain.
     external_domain_id: int | None = None
-    #: The largest message that is sent or taken, in bytes; of a larger one nothing is kept. None: 2 GiB. The
-    #: first of a process's nodes in the domain decides.
+    #: Largest message that is sent or received, bytes; larger ones are dropped. None for 2 GiB. The first of a
+    #: process's nodes in the domain decides.
     max_sample_bytes: int | None = field(default=None, compare=False)
 
     @property
     def wire_id(self) -> int:
-        """The domain's id on the network, which decides its UDP ports."""
+        """Id of the domain on the network, which determines its UDP ports."""
         return self.domain_id if self.external_domain_id is None else self.external_domain_id
 
     def __post_init__(self) -> None:
@@ -112,10 +114,10 @@ class DomainConfig:
 
 
 def check_interface(config: DomainConfig) -> None:
-    """Refuse an interface that this host does not have.
+    """Check that this host has the configured interface.
 
     Raises:
-        DomainError: The interface does not exist; the message names those that do.
+        DomainError: The interface does not exist; the message names those that exist.
     """
     here = sorted(name for _, name in socket.if_nameindex())
     if config.interface is not None and config.interface not in here:
@@ -126,13 +128,14 @@ def check_interface(config: DomainConfig) -> None:
 
 
 def domain_xml(config: DomainConfig) -> str:
-    """Return Cyclone's configuration for a domain; CYCLONEDDS_URI, if set, comes first and is overridden.
+    """Return Cyclone's configuration for a domain; it follows CYCLONEDDS_URI, if set, and overrides it.
 
-    Where no interface is asked for, ROS 2's ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST keep
-    to loopback, and OFF to this process; ROS_STATIC_PEERS are asked in addition.
+    Without a configured interface, ROS 2's ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
+    restrict the domain to loopback, and OFF restricts it to this process. ROS_STATIC_PEERS are added as
+    peers.
 
     Raises:
-        DomainError: CYCLONEDDS_URI cannot be read, where an interface is asked for.
+        DomainError: CYCLONEDDS_URI cannot be read, and an interface is configured.
     """
     interface = config.interface or ("lo" if _stays_on_this_host() else None)
     size = config.max_sample_bytes
@@ -151,7 +154,7 @@ def _stays_on_this_host() -> bool:
 
 
 def _beside_fast_dds() -> bool:
-    """Return whether the environment is that of ROS 2 on its default middleware."""
+    """Return whether the environment is that of ROS 2 with its default middleware."""
     return bool(os.environ.get("ROS_DISTRO")) and "fastrtps" in os.environ.get(
         "RMW_IMPLEMENTATION", "fastrtps"
     )
@@ -168,22 +171,22 @@ def _general(config: DomainConfig, interface: str | None) -> str:
 
 def _discovery(config: DomainConfig, interface: str | None) -> str:
     peers = [peer for peer in os.environ.get("ROS_STATIC_PEERS", "").split(";") if peer]
-    # An environment must not join what is apart: the id stands here even where it is the usual one.
+    # The id is written even if it is the default, so that CYCLONEDDS_URI cannot join separate domains.
     parts = [f"<LeaseDuration>{round(config.lease_s * 1e3)}ms</LeaseDuration>"]
     parts.append(f"<ExternalDomainId>{config.wire_id}</ExternalDomainId>")
     if config.multicast == "false" or interface == "lo":
-        # Linux's lo has no multicast as it comes, and Fast DDS uses none within LOCALHOST.
+        # Linux's lo has no multicast by default, and Fast DDS uses none with LOCALHOST.
         parts.append(f"<ParticipantIndex>auto</ParticipantIndex>{_MAX_INDEX}")
         peers.append("localhost")
     if config.interface is None and os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "OFF":
-        parts.append(f"<Tag>off-{os.getpid()}</Tag>")  # who has another tag is nobody
+        parts.append(f"<Tag>off-{os.getpid()}</Tag>")  # participants with another tag are ignored
     named = "".join(f'<Peer Address="{escape(peer)}"/>' for peer in peers)
     parts.append(f"<Peers>{named}</Peers>" if peers else "")
     return f"<Discovery>{''.join(parts)}</Discovery>"
 
 
 def without_interfaces(uri: str, domain_id: int) -> str:
-    """Return a CYCLONEDDS_URI without its interfaces, to which Cyclone DDS would add ours, as XML.
+    """Return a CYCLONEDDS_URI as XML without its interfaces, which Cyclone DDS would use beside ours.
 
     Raises:
         DomainError: A file or a piece of XML in it cannot be read.
@@ -234,7 +237,7 @@ def join(config: DomainConfig) -> None:
     """Join a domain, or count one more user of it.
 
     Raises:
-        DomainError: Another configuration of the domain is in use here, the interface does not exist or
+        DomainError: This process uses another configuration of the domain, the interface does not exist or
             cannot be used, or its ports are taken.
     """
     with _lock:
@@ -249,7 +252,7 @@ def join(config: DomainConfig) -> None:
 
 
 def leave(domain_id: int) -> None:
-    """Count one user less; the last one leaves the domain and frees its sockets and threads."""
+    """Count one user less; the last one leaves the domain, which frees its sockets and threads."""
     with _lock:
         entry = _joined[domain_id]
         entry.users -= 1
@@ -264,7 +267,7 @@ def _create(config: DomainConfig) -> int:
         "true",
         "Enforce",
     ]:
-        # The wheels of Cyclone DDS have no DDS Security, and ROS 2's own nodes would not start without, either.
+        # The wheels of Cyclone DDS have no DDS Security. ROS 2's own nodes do not start without it, either.
         why = "ROS_SECURITY_STRATEGY=Enforce is set, and sfglab's nodes cannot obey"
         raise DomainError(config.domain_id, why)
     handle: int = library().dds_create_domain(config.domain_id, domain_xml(config).encode())
@@ -286,11 +289,11 @@ _MAX_TRIGGERED = 64
 
 
 class WaitSetThread:
-    """Calls handlers, in its own thread, when DDS entities have something to take.
+    """Thread that calls handlers when DDS entities have something to take.
 
-    Not a Python listener, which deadlocks with writers that wait for acknowledgements while they hold the
+    A Python listener would deadlock with a writer that waits for acknowledgements while it holds the
     interpreter lock. The thread holds no reference to its owner, so an abandoned owner can be collected and
-    stop it. After each round of handlers it calls `after_round`.
+    stop it. After each round of handlers the thread calls `after_round`.
     """
 
     def __init__(self, participant: int, after_round: Callable[[], None], *, name: str) -> None:
@@ -307,7 +310,7 @@ class WaitSetThread:
         self._thread.start()
 
     def attach_reader(self, reader: int, handler: Callable[[], None]) -> int:
-        """Call `handler` whenever `reader` holds samples; return the condition to detach later."""
+        """Call `handler` whenever `reader` holds samples; return the condition for `detach`."""
         condition: int = library().dds_create_readcondition(reader, ANY_STATE)
         self.attach(condition, handler)
         return condition
@@ -325,7 +328,7 @@ class WaitSetThread:
         self._handlers.pop(self._key_of.pop(entity, 0), None)
 
     def stop(self) -> None:
-        """End the thread and return when it has ended."""
+        """Stop the thread, and return when it has ended, after 5 s at most."""
         self._stop.set()
         self._wake()
         if self._thread is not threading.current_thread():
@@ -349,7 +352,7 @@ def _run(
     while not stop.is_set():
         ready = lib.dds_waitset_wait(waitset, keys, _MAX_TRIGGERED, INFINITY_NS)
         if ready < 0:
-            return  # the participant was deleted under us: nothing is left to wait for
+            return  # the participant was deleted, so nothing is left to wait for
         for i in range(min(ready, _MAX_TRIGGERED)):
             if keys[i] == 0:
                 lib.dds_take_guardcondition(guard, ct.byref(triggered))
@@ -361,15 +364,15 @@ def _run(
 def _call(handler: Callable[[], None]) -> None:
     try:
         handler()
-    except Exception:  # noqa: BLE001 - logged; one reader's failure must not stop the thread of all of them
+    except Exception:  # noqa: BLE001 - logged; one failed reader must not stop the thread of all readers
         _log.exception("reading from DDS failed")
 
 
 class DdsParticipant:
-    """Joins a domain and creates raw readers and writers there; the rest is for its `WaitSetThread`.
+    """Participant of a domain, which creates raw readers and writers; its `WaitSetThread` watches them.
 
     Raises:
-        DomainError: The domain cannot be joined so.
+        DomainError: The domain cannot be joined with this configuration.
     """
 
     def __init__(
@@ -393,13 +396,13 @@ class DdsParticipant:
 
     @property
     def callbacks(self) -> WaitSetThread:
-        """Another such thread, for callbacks, so that they delay nothing else; there once it was asked for."""
+        """Second `WaitSetThread`, for callbacks, so that they delay nothing else; the first use starts it."""
         if self._callbacks is None:
             self._callbacks = self._new_callbacks()
         return self._callbacks
 
     def stop(self) -> None:
-        """End the threads; again is harmless."""
+        """Stop the threads; repeated calls are harmless."""
         for thread in (self.waitset, self._callbacks):
             if thread is not None:
                 thread.stop()
@@ -425,7 +428,7 @@ class DdsParticipant:
         return _checked(handle, f"a reader of {topic!r}")
 
     def close(self) -> None:
-        """Stop the thread, delete all entities and leave the domain; again is harmless."""
+        """Stop the threads, delete all entities and leave the domain; repeated calls are harmless."""
         if self._closed:
             return
         self._closed = True
@@ -443,8 +446,8 @@ class DdsParticipant:
         return handle
 
     def _topic(self, name: str, idl_type: type[Any]) -> int:
-        # Kept until the participant ends: where types go while others are made, Cyclone DDS 11.0.1 may read
-        # freed memory (ddsi_type_resolved_locked) and die.
+        # Topics are kept until the participant ends. If types are freed while others are created, Cyclone DDS
+        # 11.0.1 may read freed memory (ddsi_type_resolved_locked) and crash.
         key = (name, idl_type)
         if key not in self._topics:
             self._topics[key] = _checked(

@@ -1,4 +1,4 @@
-"""A raw DDS writer and reader of one topic: CDR in, CDR out, each sample's bytes copied once on either way.
+"""Raw DDS writer and reader of one topic: CDR in, CDR out, with one copy of a sample's bytes in each direction.
 
 Every C call here releases the interpreter lock.
 """
@@ -37,12 +37,12 @@ _PADDING_ADDRESS = ct.addressof(_PADDING)
 
 _BATCH = 64
 _MAX_MATCHED = 4096
-_MAX_LEFT = 256  # Publishers of a reader that are remembered when they have left.
-UNKNOWN_GID = bytes(16)  #: Stands for an endpoint that was gone before anybody could look.
+_MAX_LEFT = 256  # Number of publishers that a reader remembers after they have left.
+UNKNOWN_GID = bytes(16)  #: GID of an endpoint that left before its GUID was read.
 
 
 def _matched(list_of: Callable[..., int], endpoint: int) -> list[int]:
-    """Return the handles of who matches an endpoint, at most `_MAX_MATCHED`: Cyclone's count is of all."""
+    """Return the handles of matching endpoints, at most `_MAX_MATCHED`; Cyclone's count includes all."""
     found = (ct.c_uint64 * _MAX_MATCHED)()
     count = list_of(endpoint, ct.byref(found), _MAX_MATCHED)
     return found[: max(count, 0)]
@@ -52,7 +52,7 @@ def idl_type(endpoint: RawEndpoint) -> type[Any]:
     """Return the Cyclone DDS type of a topic's samples.
 
     Raises:
-        UnknownTypeError: There is no definition of its type.
+        UnknownTypeError: There is no definition of the type.
     """
     from sfglab.messages.dds import idl_struct, service_half_idl_struct
 
@@ -62,14 +62,14 @@ def idl_type(endpoint: RawEndpoint) -> type[Any]:
 
 
 def sertype_of(entity: int) -> int | None:
-    """Return what the samples of a writer are made with."""
+    """Return Cyclone's sertype of a writer, with which its samples are made."""
     sertype = ct.c_void_p()
     library().dds_get_entity_sertype(entity, ct.byref(sertype))
     return sertype.value
 
 
 def serdata_from_bytes(sertype: int | None, data: Any) -> int | None:
-    """Return a writer's new, unstamped sample of `bytes` or a contiguous array; None if they do not parse."""
+    """Return a new, unstamped sample from `bytes` or a contiguous array; None if they do not parse."""
     size = len(data)
     if size < CDR_HEADER_BYTES:
         return None
@@ -88,7 +88,7 @@ def serdata_from_bytes(sertype: int | None, data: Any) -> int | None:
 
 
 def bytes_from_serdata(serdata: int) -> bytes:
-    """Return a copy of a sample's CDR, header included; the reference stays the caller's."""
+    """Return a copy of a sample's CDR with its header; the caller keeps its reference."""
     lib = library()
     part = IoVec()
     size = lib.ddsi_serdata_size(serdata)
@@ -100,24 +100,24 @@ def bytes_from_serdata(serdata: int) -> bytes:
 
 
 def source_timestamp_ns(serdata: int) -> int:
-    """Return when a sample was published, by its publisher's clock, in nanoseconds of Unix time."""
+    """Return the source time stamp of a sample, by its publisher's clock, Unix time, ns."""
     return ct.c_int64.from_address(serdata + TIMESTAMP_OFFSET).value
 
 
 def stamp(serdata: int, source_timestamp_ns: int) -> None:
-    """Give a new sample its source time stamp, in nanoseconds of Unix time."""
+    """Set the source time stamp of a new sample, Unix time, ns."""
     field = ct.c_int64.from_address(serdata + TIMESTAMP_OFFSET)
     assert field.value == TIMESTAMP_INVALID, "this Cyclone DDS has another serdata layout"
     field.value = source_timestamp_ns
 
 
 def delete_writer(handle: int) -> None:
-    """Delete a writer, without waiting for readers that have not acknowledged everything."""
+    """Delete a writer without waiting for missing acknowledgements."""
     if library().dds_wait_for_acks(handle, 0) >= 0:
         library().dds_delete(handle)
         return
-    # Cyclone gives such readers another second (WriterLingerDuration), in which the caller's loop would
-    # stand still: a process that was killed stays matched until its lease runs out.
+    # Cyclone waits another second for such readers (WriterLingerDuration), which would block the caller's loop.
+    # A killed process stays matched until its lease expires.
     Thread(target=library().dds_delete, args=(handle,), daemon=True).start()
 
 
@@ -125,7 +125,7 @@ _READER_STATUS = clib.STATUS_SUBSCRIPTION_MATCHED | clib.STATUS_SAMPLE_LOST
 
 
 class DdsWriter:
-    """Writes CDR to a topic; `on_matched` is called in the WaitSet thread when the matching readers change."""
+    """Writer of CDR; `on_matched` is called in the WaitSet thread when the matching readers change."""
 
     def __init__(
         self,
@@ -138,7 +138,7 @@ class DdsWriter:
     ) -> None:
         self.handle = handle
         self.gid = clib.entity_guid(handle)
-        self.may_block = False  #: Whether it keeps all and waits for slow readers.
+        self.may_block = False  #: Whether the writer has KEEP_ALL and blocks on slow readers.
         self.matched = 0
         self.matched_prefixes: frozenset[bytes] = frozenset()
         self._topic = topic
@@ -173,23 +173,23 @@ class DdsWriter:
             raise PublishError(self._topic, code=code, reason=reason)
 
     def write_message(self, message: Any) -> None:
-        """Serialize and send; see `write`."""
+        """Serialize and send a message; see `write`."""
         self.write(serialize(message))
 
     def loan(self, size_bytes: int) -> NoReturn:
-        """Refuse by a TypeError: DDS has no memory to lend."""
+        """Raise TypeError because DDS has no memory to lend."""
         del size_bytes
         raise TypeError(
             f"topic {self._topic!r}: only a publisher with transport='shm' lends memory"
         )
 
     def acknowledged(self) -> bool:
-        """Return whether all reliable readers have all samples."""
+        """Return whether all reliable readers have acknowledged all samples."""
         code: int = library().dds_wait_for_acks(self.handle, 0)
         return code >= 0
 
     def close(self) -> None:
-        """Delete the writer, without waiting for readers that have not acknowledged everything."""
+        """Delete the writer without waiting for missing acknowledgements."""
         self._waitset.detach(self.handle)
         delete_writer(self.handle)
 
@@ -208,14 +208,14 @@ class DdsWriter:
 
 
 class Publishers:
-    """The GUIDs of a reader's matching publishers, by the handles that samples carry."""
+    """GUIDs of a reader's matching publishers, by the handles that samples carry."""
 
     def __init__(self, reader: int) -> None:
         self._reader = reader
         self._gids: dict[int, bytes] = {}
 
     def gid(self, publication: int) -> bytes:
-        """Return a publisher's GUID; zeros when it was gone before anybody could look."""
+        """Return a publisher's GUID; zeros if the publisher left before its GUID was read."""
         gid = self._gids.get(publication)
         if gid is None:
             gid = matched_gid(library().dds_get_matched_publication_data, self._reader, publication)
@@ -224,7 +224,10 @@ class Publishers:
         return gid
 
     def matched(self) -> list[bytes]:
-        """Return those that match now, and learn them: a sample of one that left has no sender to ask for."""
+        """Return the GUIDs of matching publishers, and remember them.
+
+        A sample may be taken after its publisher has left, when Cyclone does not know the GUID any more.
+        """
         publications = _matched(library().dds_get_matched_publications, self._reader)
         here = {publication: self.gid(publication) for publication in publications}
         left = [publication for publication in self._gids if publication not in here]
@@ -234,7 +237,7 @@ class Publishers:
 
 
 class DdsReader:
-    """Takes CDR from a topic in batches of so many samples at most; callbacks run in the WaitSet thread."""
+    """Reader of CDR, in batches of at most `batch` samples; callbacks run in the WaitSet thread."""
 
     def __init__(
         self,
@@ -263,7 +266,7 @@ class DdsReader:
         self._condition = waitset.attach_reader(handle, self._take)
 
     def watch_life(self, on_life: Callable[[bytes, bool], None]) -> None:
-        """Call `on_life` in the WaitSet thread with publishers that show life again, or none any more."""
+        """Call `on_life` in the WaitSet thread when a publisher becomes alive or loses its liveliness."""
         self._on_life = on_life
         library().dds_set_status_mask(self.handle, _READER_STATUS | clib.STATUS_LIVELINESS_CHANGED)
 
@@ -300,7 +303,7 @@ class DdsReader:
         self._on_matched()
 
     def _note_life(self, on_life: Callable[[bytes, bool], None]) -> None:
-        """Tell which publisher shows life again, or none; of two at once Cyclone names the latest only."""
+        """Report the publisher whose liveliness changed; of two at once Cyclone names only the latest."""
         life = clib.LivelinessStatus()
         library().dds_get_liveliness_changed_status(self.handle, ct.byref(life))
         is_alive = life.alive_count_change > 0
@@ -309,24 +312,24 @@ class DdsReader:
 
 
 class ShmAnnouncement:
-    """The DDS endpoint that shows a shared-memory one in the graph, in a partition of its own."""
+    """DDS endpoint that shows a shared-memory endpoint in the graph, in a separate partition."""
 
     def __init__(self, handle: int) -> None:
-        self.gid = clib.entity_guid(handle)  #: Its 16-byte GUID.
+        self.gid = clib.entity_guid(handle)  #: 16-byte GUID of the DDS endpoint.
         self._handle: int | None = handle
 
     def close(self) -> None:
-        """Vanish from the graph; again is harmless."""
+        """Remove the endpoint from the graph; repeated calls are harmless."""
         if self._handle is not None:
             library().dds_delete(self._handle)
             self._handle = None
 
 
 def matched_gid(function: Any, entity: int, handle: int) -> bytes:
-    """Return the GUID of an instance handle's match, by Cyclone's function for that; zeros when it has gone."""
+    """Return the GUID of a matching endpoint by its handle, with Cyclone's function; zeros if it has left."""
     endpoint = function(entity, handle)
     if not endpoint:
-        return UNKNOWN_GID  # it left between the notice and the look
+        return UNKNOWN_GID  # the endpoint left after its notification
     try:
         return bytes(endpoint.contents.key)
     finally:

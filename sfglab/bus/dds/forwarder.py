@@ -1,8 +1,9 @@
-"""Forwarding inside Cyclone DDS: samples pass from reader to writer without their bytes ever being Python's.
+"""Forwarding inside Cyclone DDS: samples pass from reader to writer without a copy into Python.
 
-A sample keeps its source time stamp from `dds_takecdr` to `dds_forwardcdr`. All that touches samples happens in
-the thread that reads for the source node; the loop gives it orders, so there is nothing to lock and a writer
-that blocks never blocks the loop. Samples of less than a packet wait for `flush`.
+A sample keeps its source time stamp from `dds_takecdr` to `dds_forwardcdr`. Only the thread that reads for the
+source node touches samples, and the loop gives it orders. There is therefore nothing to lock, and a writer that
+blocks never blocks the loop. Samples of less than a packet wait for `flush`. Only a transform copies a sample's
+bytes into Python.
 """
 
 from __future__ import annotations
@@ -43,23 +44,24 @@ if TYPE_CHECKING:
 _log = logging.getLogger("sfglab.bus")
 
 MAX_BLOCKING_NS = 5_000_000
-"""How long a KEEP_ALL writer may block on slow readers, nanoseconds: meanwhile no other topic is served."""
-# Measured for 64 bytes at full speed: sent together they cost the router a third less system time.
+"""Longest time for which a KEEP_ALL writer blocks on slow readers, ns; meanwhile no other topic is served."""
+# Measured with 64-byte samples at full speed: sent together, they cost the router a third less system time.
 _PACKET_BYTES = 1024
 _BATCH = 64
-# What a KEEP_ALL reader may hold before its senders have to wait: a target slower than its source would
-# otherwise fill the memory. Measured: 256 halve the rate of 64-byte messages, more than this gains nothing; of
-# images of 691 kB so many took 900 MB at full speed, and 250 ms to pass.
+# Largest number of samples that a KEEP_ALL reader holds before its senders have to wait. Without it, a target
+# slower than its source would fill the memory. Measured: 256 halve the rate of 64-byte messages, and more than
+# 1024 gain nothing. At full speed 1024 images of 691 kB took 900 MB, and 250 ms to pass.
 _MAX_KEPT = 1024
-_MAX_KEPT_BLOBS = 96  # 66 MB of these; of a type that carries bytes, or that nobody knows here
+_MAX_KEPT_BLOBS = 96  # 66 MB of such images; for types with arrays of bytes, and for unknown types
 _BLOB = re.compile(r"^(?:byte|char|u?int8)\[(?:<=\d+)?\]", re.MULTILINE)
-# A latched history crosses at once, and Fast DDS does not announce how deep it is: who is there gets all of it.
+# A TRANSIENT_LOCAL history is forwarded at once, and Fast DDS does not announce its depth. Present readers
+# receive all of it.
 _UNACKNOWLEDGED = 256
 _PART = re.compile("_(?:SendGoal_|GetResult_)?(?:Request|Response)$|_FeedbackMessage$")
 
 
 def wire_type(endpoint: RawEndpoint) -> type[Any]:
-    """Return Cyclone's type of a topic's samples; for an unknown one, which is said once, an opaque type."""
+    """Return Cyclone's type of a topic's samples; for an unknown type, which is logged once, an opaque type."""
     try:
         return idl_type(endpoint)
     except UnknownTypeError:
@@ -68,7 +70,7 @@ def wire_type(endpoint: RawEndpoint) -> type[Any]:
 
 @cache
 def _opaque(type_: str) -> type[Any]:
-    """Return a type that passes anything."""
+    """Return a type that accepts any sample."""
     from sfglab.messages.dds import opaque_idl_struct
 
     _warn_of(_PART.sub("", type_))
@@ -77,7 +79,7 @@ def _opaque(type_: str) -> type[Any]:
 
 @cache
 def _warn_of(interface: str) -> None:
-    """Say it once, also for a service or an action, which have many types."""
+    """Log an unknown type once, also for a service or an action, which have many types."""
     _log.warning(
         "forwarding: type %s is not known here; its samples pass as they are between ROS 2 nodes, but not to "
         "and from nodes of sfglab that know the type: give its package with --interfaces",
@@ -86,7 +88,7 @@ def _warn_of(interface: str) -> None:
 
 
 def _max_kept(type_: str) -> int:
-    """Return how many samples of a type a reader that keeps all may hold: Cyclone DDS counts no bytes."""
+    """Return how many samples of a type a KEEP_ALL reader may hold, because Cyclone DDS counts no bytes."""
     try:
         return _MAX_KEPT_BLOBS if _BLOB.search(definition(type_)) else _MAX_KEPT
     except UnknownTypeError:
@@ -94,9 +96,9 @@ def _max_kept(type_: str) -> int:
 
 
 class DdsRawWriter(GuardedWriter):
-    """A raw writer in the target's domain, which lives in the forwarder's thread.
+    """Raw writer in the target domain, which lives in the forwarder's thread.
 
-    Its C writer batches. One that keeps all may block, because it must not lose what is not acknowledged yet.
+    Its C writer batches. A KEEP_ALL writer may block because it must not lose unacknowledged samples.
     """
 
     def __init__(
@@ -108,19 +110,19 @@ class DdsRawWriter(GuardedWriter):
         super().__init__(qos)
         self._create_handle = create
         self._create(qos)
-        self.gid = clib.entity_guid(self._handle)  #: Its 16-byte GUID.
+        self.gid = clib.entity_guid(self._handle)  #: 16-byte GUID of the writer.
         self._order = order
         self._keeps_all = qos.history is History.KEEP_ALL
         self._unsent = False
         self._failed = False
 
     def close(self) -> None:
-        """Delete the writer once every order given so far is carried out; again is harmless."""
+        """Delete the writer once every order given so far is carried out; repeated calls are harmless."""
         self._order(self._end)
 
     def _create(self, qos: QoSProfile) -> None:
         self._handle = self._create_handle(qos)
-        self.sertype = sertype_of(self._handle)  #: Type of new samples for it.
+        self.sertype = sertype_of(self._handle)  #: Cyclone's type of new samples.
 
     def _delete(self) -> None:
         self.flush()
@@ -132,11 +134,11 @@ class DdsRawWriter(GuardedWriter):
         return code >= 0
 
     def hand_on(self, serdata: int, size: int) -> int:
-        """Send a sample, whose CDR has so many bytes, with its next packet or at once.
+        """Send a sample, whose CDR has `size` bytes, with the next packet or at once.
 
         Returns:
-            0; or `RETCODE_TIMEOUT`, when slow readers have to catch up first: the sample is still the caller's;
-            or another negative code: the sample is lost.
+            0 if the sample was sent. `RETCODE_TIMEOUT` if slow readers have to catch up first; the sample
+            then still belongs to the caller. Another negative code if the sample is lost.
         """
         lib = library()
         self.show_life(alive=True)
@@ -156,7 +158,7 @@ class DdsRawWriter(GuardedWriter):
         return 0
 
     def flush(self) -> None:
-        """Send what waits for a packet to be full."""
+        """Send the samples that wait for a full packet."""
         if self._unsent:
             self._unsent = False
             library().dds_write_flush(self._handle)
@@ -179,7 +181,7 @@ class DdsRawWriter(GuardedWriter):
 
 
 class DdsForwarder:
-    """Forwards from one live node to another; made by `Node.open_forwarder`. Services pass on the loop."""
+    """Forwarder from one live node to another; made by `Node.open_forwarder`. Services pass on the loop."""
 
     def __init__(
         self, source: DdsParticipant, target: DdsParticipant, both: tuple[Backend, Backend]
@@ -194,7 +196,7 @@ class DdsForwarder:
         source.waitset.attach(self._bell, self._obey)
 
     def open(self, endpoint: RawEndpoint) -> DdsForward | LoopForward:
-        """Read a topic in the source's domain; until its sources are judged their samples are held."""
+        """Read a topic in the source domain; samples of a source are held until it is admitted or refused."""
         if endpoint.is_service:
             return LoopForward(self._backends[0], replace(endpoint, forwards=True))
         most = _max_kept(endpoint.type) if endpoint.qos.history is History.KEEP_ALL else 0
@@ -210,7 +212,7 @@ class DdsForwarder:
             handle,
             self._batch(
                 most // 16 or _BATCH
-            ),  # what was taken waits as well, beside what the reader holds
+            ),  # taken samples wait in addition to those that the reader holds
             self._order,
             waitset=self._source.waitset,
             on_closed=self._forwards.discard,
@@ -219,7 +221,7 @@ class DdsForwarder:
         return forward
 
     def open_writer(self, endpoint: RawEndpoint) -> DdsRawWriter | LoopWriter:
-        """Write to a topic in the target's domain."""
+        """Write to a topic in the target domain."""
         if endpoint.is_service:
             return LoopWriter(self._backends[1], replace(endpoint, forwards=True))
         create = partial(
@@ -237,7 +239,7 @@ class DdsForwarder:
         return DdsRawWriter(create, self._order, endpoint.qos)
 
     def close(self) -> None:
-        """End all forwards; called when the source node has stopped reading."""
+        """Close all forwards; to be called after the source node has stopped reading."""
         self._obey()
         for forward in tuple(self._forwards):
             forward.close()
@@ -249,24 +251,22 @@ class DdsForwarder:
 
     def _obey(self) -> None:
         library().dds_take_guardcondition(self._bell, ct.byref(ct.c_bool()))
-        for _ in range(
-            len(self._orders)
-        ):  # those that orders give come after everything else's turn
+        for _ in range(len(self._orders)):  # orders given by orders run later, after all other work
             self._orders.popleft()()
 
 
 class _Batch:
-    """Where samples are taken to: all of a forwarder's readers are read in one thread, one after the other."""
+    """Buffers for taken samples, shared because one thread reads all readers of a forwarder in turn."""
 
     def __init__(self, size: int) -> None:
         self.size = size
         self.serdata: Any = (ct.c_void_p * size)()
         self.infos: Any = (clib.SampleInfo * size)()
-        self.each_info = list(self.infos)  # made once: views of the same memory
+        self.each_info = list(self.infos)  # made once because they are views of the same memory
 
 
 class DdsForward(Forward[int, DdsRawWriter]):
-    """A forward whose samples pass in a WaitSet thread, as references to what Cyclone holds."""
+    """Forward whose samples pass in a WaitSet thread, as references to Cyclone's samples."""
 
     def __init__(
         self,
@@ -294,7 +294,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self._condition = waitset.attach_reader(handle, self._take)
 
     def close(self) -> None:
-        """End it at once; again is harmless."""
+        """Close the forward at once; repeated calls are harmless."""
         if self._open:
             self._open = False
             self._order(self._end)
@@ -317,7 +317,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
 
     def _take(self) -> None:
         if self._waiting:
-            return  # the reader keeps the rest until `_resume` is through, and its senders wait
+            return  # the reader keeps the rest until `_resume` has finished, and its senders wait
         lib, batch = library(), self._batch
         count = lib.dds_takecdr(self._handle, batch.serdata, batch.size, batch.infos, ANY_STATE)
         for i in range(count):
@@ -333,7 +333,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self._flush()
 
     def _flush(self) -> None:
-        """Send what was handed on: samples that were taken together travel together."""
+        """Send the samples that were handed on; samples that were taken together are sent together."""
         for writer in self._unflushed:
             writer.flush()
         self._unflushed.clear()
@@ -349,7 +349,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
                 self._order(self._resume)
 
     def _handed_on(self, writer: DdsRawWriter, serdata: int) -> bool:
-        """Hand a sample to a raw writer; False when it has to wait."""
+        """Hand a sample to a raw writer; return False if the sample has to wait."""
         size = library().ddsi_serdata_size(serdata)
         code = writer.hand_on(serdata, size)
         if code == RETCODE_TIMEOUT:
@@ -363,7 +363,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
         return True
 
     def _resume(self) -> None:
-        """Try again what had to wait; whatever else the thread has to do comes in between."""
+        """Try again to send waiting samples; other work of the thread runs between two tries."""
         while self._waiting:
             writer, serdata = self._waiting[0]
             if writer.closed:
@@ -383,7 +383,8 @@ class DdsForward(Forward[int, DdsRawWriter]):
         library().dds_get_subscription_matched_status(self._handle, ct.byref(clib.MatchedStatus()))
         library().dds_get_liveliness_changed_status(self._handle, ct.byref(life))
         self._publishers.matched()
-        # Cyclone names the latest of those that changed; of two at once the other goes with its participant.
+        # Cyclone names only the latest of the publishers that changed. The writer of another one is removed
+        # with its participant.
         destination = (
             self._gate.destination_of(self._publishers.gid(life.last_handle))
             if life.last_handle
@@ -396,11 +397,11 @@ class DdsForward(Forward[int, DdsRawWriter]):
 
 
 def _transformed(serdata: int, transform: Transform, sertype: int | None) -> int | None:
-    """Return the changed sample, or the same one when nothing changed; None when it goes nowhere."""
+    """Return the changed sample, or the same one if nothing changed; None if it is dropped."""
     cdr = bytes_from_serdata(serdata)
     try:
         result = transform(cdr)
-    except Exception:  # noqa: BLE001 - logged; one bad sample must not cost the others of its batch
+    except Exception:  # noqa: BLE001 - logged; one bad sample must not stop the others of its batch
         _log.exception("forwarding: a sample could not be transformed")
         return None
     if result is cdr:
