@@ -1,8 +1,9 @@
-"""Shared memory behind the bus: one copy into a memory file, none out of it, on one host.
+"""Shared memory behind the bus, on one host: one copy into a memory file, none out of it.
 
-A writer or reader in a partition of its own shows in the DDS graph that an endpoint exists and where its Unix
-socket is. A publisher writes each message into a free slot of its memory file and tells every subscriber by a
-datagram where it is. That builds the message as NumPy views on its read-only map, and gives the slot back by a
-datagram with the last view. A slot that anybody holds is never written, so there are no torn reads and no
-atomics; a peer that dies hangs up and frees its slots, and nothing stays in the file system.
+A DDS writer or reader in a separate partition shows each endpoint in the graph, with the Unix socket of a
+publisher. A publisher writes each message into a free slot of its memory file and announces the slot to every
+subscriber in a datagram. The subscriber builds the message as NumPy views on its read-only map. When the last
+view ends, the subscriber returns the slot in a datagram. A slot in use is never written, so there are no torn
+reads and no atomics. The connection of a peer that dies is closed, which frees its slots. Nothing stays in the
+file system.
 """

@@ -1,8 +1,8 @@
-"""Fan-out of a publisher's messages: slots, who is told of which, and who still holds it; without sockets.
+"""Fan-out of a publisher's messages: slots, their announcements, and their users; without sockets.
 
-Each slot is counted by its users. Each subscriber has credits, the slots it may hold at once; beyond them its
-newest announcements wait here and push out the oldest, so a slow or stopped one delays nobody. Where credits
-are much of the memory, a subscriber holds a small share of it once half is in use.
+Each slot has a count of its users. Each subscriber has credits: the number of slots that it may hold at once.
+Beyond them its newest announcements wait here and replace the oldest ones, so a slow or stopped subscriber
+delays no other. Once half of the memory, or 256 MiB, is in use, a subscriber may hold only a small share of it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _STEPS_PER_OCTAVE = 4
 
 
 class SlotPool:
-    """Slots in an arena, each counted by its users; the arena's first page is not for slots."""
+    """Slots in an arena, each with a count of its users; the arena's first page is not for slots."""
 
     def __init__(self, arena_bytes: int) -> None:
         self.arena_bytes = arena_bytes
@@ -34,13 +34,13 @@ class SlotPool:
         self._free: dict[int, list[int]] = {}  # capacity -> offsets
         self._capacity: dict[int, int] = {}  # offset -> capacity, of every slot ever made
         self._users: dict[int, int] = {}  # offset -> count, of those in use
-        self.used_bytes = 0  #: How much memory the slots in use take.
+        self.used_bytes = 0  #: Memory of the slots in use, bytes.
 
     def acquire(self, size: int) -> tuple[int, int] | None:
-        """Return a free slot with one user, into which so many bytes fit; None when the arena is full.
+        """Return a free slot for `size` bytes, with one user; None if the arena is full.
 
         Returns:
-            Its offset, and the number of bytes that were added to the arena for it (0 for a used one).
+            Offset of the slot, and the number of bytes added to the arena for it (0 for a reused slot).
         """
         capacity = slot_capacity(size)
         if not self._users and self._end + capacity > self.arena_bytes:
@@ -74,13 +74,13 @@ class SlotPool:
             self._free.setdefault(self._capacity[offset], []).append(offset)
 
     def _forget(self) -> None:
-        """Start anew: all slots are free, but the arena is cut into sizes that nobody asks for now."""
+        """Remove all slots, which are free, because their sizes are not requested any more."""
         self._end = HEADER_BYTES
         self._free.clear()
         self._capacity.clear()
 
     def _reused(self, capacity: int) -> int | None:
-        """Take a free slot of this capacity; when the arena is full, also a larger one."""
+        """Take a free slot of this capacity, or a larger one if the arena is full."""
         if self._free.get(capacity):
             return self._free[capacity].pop()
         if self._end + capacity <= self.arena_bytes:
@@ -92,29 +92,29 @@ class SlotPool:
 
 
 def slot_capacity(size: int) -> int:
-    """Return the bytes a slot for `size` bytes of CDR takes: whole pages, four sizes per octave."""
+    """Return the size of a slot for `size` bytes of CDR: whole pages, four sizes per octave."""
     pages = -(-(size + DATA_OFFSET_BYTES) // PAGE_BYTES)
     step = max(1, (1 << (pages.bit_length() - 1)) // _STEPS_PER_OCTAVE)
     return -(-pages // step) * step * PAGE_BYTES
 
 
-#: Slots that one subscriber may hold; the datagrams fit into a socket's default buffer.
+#: Largest number of slots that one subscriber may hold; their datagrams fit into a socket's default buffer.
 MAX_CREDITS = 64
-#: So many parts has the memory of which each subscriber may hold one, whatever the others hold.
+#: Number of equal parts of the memory; each subscriber may hold one part regardless of the others.
 SHARES = 16
-KEEP_ALL_BYTES = 256 * 2**20  #: How much may wait for a subscriber that keeps all, as elsewhere.
+KEEP_ALL_BYTES = 256 * 2**20  #: Largest backlog of a KEEP_ALL subscriber, bytes, as elsewhere.
 
-# Above the depth, so that a subscriber always learns of newer messages while its application works on one.
+# Credits above the depth, so that a subscriber learns of newer messages while its application works on one.
 _SPARE_CREDITS = 4
 
 
 def credits_of(depth: int) -> int:
-    """Return how many slots a subscriber with this depth (0 is all) may hold at once."""
+    """Return how many slots a subscriber with this depth (0 for all) may hold at once."""
     return min(depth + _SPARE_CREDITS, MAX_CREDITS) if depth else MAX_CREDITS
 
 
 def returns_of(credits_: int) -> int:
-    """Return how many slots a subscriber collects before it gives them back, as long as it has credits left."""
+    """Return how many slots a subscriber collects before it returns them, as long as it has credits left."""
     return max(1, min(credits_ // 3, RETURN_MAX))
 
 
@@ -129,14 +129,14 @@ class _Peer:
         self.waiting_bytes = 0  # in the backlog
 
     def oldest(self) -> Announcement:
-        """Take the oldest announcement out of the backlog."""
+        """Remove and return the oldest announcement of the backlog."""
         announcement = self.backlog.popleft()
         self.waiting_bytes -= announcement.size
         return announcement
 
 
 class Fanout:
-    """The subscribers of one publisher, by any key; late ones get the newest `history`: 0 none, None all."""
+    """Subscribers of one publisher, by any key; late ones receive the newest `history`: 0 none, None all."""
 
     def __init__(self, pool: SlotPool, history: int | None) -> None:
         self._pool = pool
@@ -147,24 +147,24 @@ class Fanout:
 
     @property
     def peers(self) -> tuple[int, ...]:
-        """The keys of the subscribers that get messages."""
+        """Keys of the subscribers that receive messages."""
         return tuple(self._peers)
 
     @property
     def idle(self) -> bool:
-        """Whether nobody would get or keep a message."""
+        """Whether no subscriber would receive a message and no history would keep it."""
         return not self._peers and self._history_depth == 0
 
     def backlog(self, key: int) -> int:
-        """Return how many announcements wait for a subscriber to return slots."""
+        """Return the number of announcements that wait until a subscriber returns slots."""
         return len(self._peers[key].backlog) if key in self._peers else 0
 
     def holds(self, key: int) -> bool:
-        """Return whether a subscriber has slots that it may give back."""
+        """Return whether a subscriber has slots that it may return."""
         return key in self._peers and bool(self._peers[key].held)
 
     def publish(self, announcement: Announcement) -> list[int]:
-        """Take over a slot from its one user, the caller; return whom to tell now."""
+        """Take over a slot from its one user, the caller; return the keys of the subscribers to notify now."""
         told = [key for key, peer in self._peers.items() if self._give(peer, announcement)]
         if self._history_depth != 0:
             self._pool.retain(announcement.offset)
@@ -175,7 +175,7 @@ class Fanout:
         return told
 
     def join(self, key: int, depth: int, *, wants_history: bool) -> list[Announcement]:
-        """Add a subscriber; return what to tell it first."""
+        """Add a subscriber; return the announcements to send to it first."""
         peer = self._peers[key] = _Peer(depth)
         history = list(self._history)[-depth:] if wants_history else []
         return [announcement for announcement in history if self._give(peer, announcement)]
@@ -188,7 +188,7 @@ class Fanout:
         peer.waiting_bytes += announcement.size
 
     def returned(self, key: int, offset: int) -> list[Announcement]:
-        """Take a slot back; return what to tell the subscriber now.
+        """Take back a slot; return the announcements to send to the subscriber now.
 
         Raises:
             KeyError: The subscriber does not hold this slot.
@@ -203,19 +203,19 @@ class Fanout:
         return [announcement]
 
     def leaving(self, key: int) -> None:
-        """Give a subscriber nothing more, but leave it what it holds; unknown keys are ignored."""
+        """Send a subscriber nothing more, but leave it the slots that it holds; unknown keys are ignored."""
         peer = self._peers.pop(key, None)
         if peer is not None:
             self._release(a.offset for a in peer.backlog)
             self._leaving[key] = set(peer.held)
 
     def gone(self, key: int) -> None:
-        """Free everything of a subscriber that hung up; unknown keys are ignored."""
+        """Free all slots of a disconnected subscriber; unknown keys are ignored."""
         self.leaving(key)
         self._release(self._leaving.pop(key, ()))
 
     def shed(self) -> bool:
-        """Drop the oldest announcement of the longest backlog, else of the history; False: there is none."""
+        """Drop the oldest announcement of the largest backlog, or of the history; return False if none."""
         longest = max(self._peers.values(), key=lambda peer: peer.waiting_bytes, default=None)
         if longest is not None and longest.backlog:
             self._pool.release(longest.oldest().offset)
@@ -226,7 +226,7 @@ class Fanout:
         return False
 
     def _give(self, peer: _Peer, announcement: Announcement) -> bool:
-        """Count a peer as user of a slot; return whether to tell it now rather than later."""
+        """Count a peer as user of a slot; return whether to notify it now rather than later."""
         self._pool.retain(announcement.offset)
         if not peer.backlog and self._may_hold(peer, announcement):
             peer.held[announcement.offset] = announcement.size
@@ -242,7 +242,7 @@ class Fanout:
         return False
 
     def _may_hold(self, peer: _Peer, announcement: Announcement) -> bool:
-        """Return whether a subscriber may be told of one more slot; one it always may."""
+        """Return whether a subscriber may hold one more slot; it may always hold one."""
         own_bytes, arena = sum(peer.held.values()) + announcement.size, self._pool.arena_bytes
         is_room = (
             self._pool.used_bytes <= min(arena // 2, KEEP_ALL_BYTES) or own_bytes <= arena // SHARES

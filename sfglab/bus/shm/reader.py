@@ -1,4 +1,4 @@
-"""A shared-memory subscription: a connection and a map for every publisher of its topic on this host."""
+"""Shared-memory subscription: a connection and a map for every publisher of its topic on this host."""
 
 from __future__ import annotations
 
@@ -37,24 +37,25 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 _RETRY_S = 0.02
 
-#: So many messages an application may keep beside its queue before it is taken for a hoarder.
+#: Number of messages that an application may keep beside its queue before it receives copies.
 _IN_HAND = 2
 
-# Closed links whose messages are still in use: the collector must not hang up for them.
+# Closed links whose messages are still in use; the references keep their sockets open.
 _lingering: set[_Link] = set()
 
 
 class _Reference(weakref.ref[Any]):
-    """A weak reference to a message's bytes that knows their slot."""
+    """Weak reference to a message's bytes, with the offset of their slot."""
 
     __slots__ = ("offset",)
     offset: int
 
 
 class _Link:
-    """One publisher's connection and map, and the slots this process holds of it.
+    """Connection and map of one publisher, and the slots of it that this process holds.
 
-    The last view of a message may die in any thread: letting go is one dictionary operation and one datagram.
+    The last view of a message may end in any thread. The release of a slot is therefore one dictionary
+    operation and one datagram.
     """
 
     def __init__(self, sock: socket.socket, credits_: int) -> None:
@@ -67,37 +68,37 @@ class _Link:
         self.last_sequence = 0
         self.held: dict[int, _Reference] = {}
         self.unsent: list[int] = []
-        self._out: dict[int, int] = {}  # offset -> size, of what the publisher takes to be held
-        # whether there was any that may fill a share with as many as there are credits
+        self._out: dict[int, int] = {}  # offset -> size of slots that the publisher counts as held
+        # whether a message was so large that one more than the credits of its size exceeds a share
         self._has_large = False
 
     def take(self, arena: ArenaMap, offset: int, size: int, queue: SampleQueue) -> memoryview:
-        """Return an announced message, copied for who hoards them; its slot goes back with its last view."""
+        """Return an announced message, whose last view returns its slot; a copy if many messages are held."""
         is_last = self.told(offset, size, arena.size_bytes)
         array = arena.slice(offset, size)
         reference = self.held[offset] = _Reference(array, self._let_go)
         reference.offset = offset
         data = memoryview(array)
         if is_last and len(self.held) - len(queue) > _IN_HAND:
-            return memoryview(bytes(data))  # the last slot must keep flowing
+            return memoryview(bytes(data))  # the last slot must return at once
         return data
 
     def told(self, offset: int, size: int, arena_bytes: int) -> bool:
-        """Take an announcement; return whether more may only come when something was returned."""
+        """Note an announcement; return whether the publisher may send no more until a slot is returned."""
         self._out[offset] = size
         if size * (self._credits + 1) * SHARES > arena_bytes:
             self._has_large = True
         return len(self._out) >= self._credits or (self._has_large and self._is_share_full())
 
     def _is_share_full(self) -> bool:
-        """Return whether one more as large as the largest here may be more than a share."""
+        """Return whether one more message as large as the largest here may exceed a share."""
         if not self._has_large or self.arena is None:
             return False
         sizes = self._out.values()
         return sum(sizes) + max(sizes, default=0) > self.arena.size_bytes // SHARES
 
     def give_back(self, offset: int) -> None:
-        """Return a slot to the publisher, a few together unless it may be waiting for them."""
+        """Return a slot to the publisher, together with a few others unless it may be waiting for them."""
         self.unsent.append(offset)
         few = len(self.unsent) < self._together and len(self.held) + len(self.unsent) < self._urgent
         if few and not self._is_share_full():
@@ -110,20 +111,20 @@ class _Link:
             return
         back = {
             slot: self._out.pop(slot, 0) for slot in offsets
-        }  # first: it may be announced again at once
+        }  # before the send: a slot may be announced again at once
         try:
             self.sock.send(pack_returns(offsets))
         except BlockingIOError:
-            self.unsent.extend(offsets)  # again with the next one
+            self.unsent.extend(offsets)  # they are sent with the next slot
             self._out |= back
         except OSError:
-            return  # the publisher has gone, so nobody misses it
+            return  # the publisher has gone and needs no slot
 
     def close(self) -> None:
-        """Hang up; as long as messages are held, only halfway, so that the publisher leaves them alone."""
+        """Disconnect; while messages are held, end only sending, so that the publisher keeps their slots."""
         if self.held:
             _lingering.add(self)
-            with suppress(OSError):  # the publisher was first
+            with suppress(OSError):  # the publisher has disconnected first
                 self.sock.shutdown(socket.SHUT_WR)
         else:
             self.sock.close()
@@ -137,7 +138,7 @@ class _Link:
 
 
 class ShmReader:
-    """Connects to every matching publisher of this host and feeds an inbox; `watcher` takes the datagrams."""
+    """Reader that connects to every matching publisher of this host; `watcher` receives the datagrams."""
 
     def __init__(
         self,
@@ -164,27 +165,28 @@ class ShmReader:
 
     @property
     def matched(self) -> int:
-        """How many publishers are connected."""
+        """Number of connected publishers."""
         return sum(link.arena is not None for link in self._links.values())
 
     @property
     def matched_prefixes(self) -> frozenset[bytes]:
-        """The GUID prefixes of the connected publishers' participants."""
+        """GUID prefixes of the participants of connected publishers."""
         return frozenset(link.gid[:12] for link in self._links.values() if link.arena is not None)
 
     def follow(self, graph: Graph) -> None:
-        """Connect to the publishers that a graph knows, and will know."""
+        """Connect to the present and future publishers of a graph."""
         self._unlisten = graph.watch(
             self._endpoint.dds_topic, EndpointKind.PUBLISHER, self._on_graph
         )
 
     def close(self) -> None:
-        """Hang up; messages that the application holds stay valid; again is harmless."""
+        """Disconnect; messages that the application holds stay valid. Repeated calls are harmless."""
         if self._closed:
             return
         self._closed = True
         self._unlisten()
-        self._unlisten = nothing  # the graph's listener has this reader, which so is freed at once
+        # The function refers to this reader, which is freed at once without it.
+        self._unlisten = nothing
         self._announced.close()
         self._watcher.run_in_thread(partial(self._leave, tuple(self._links.values())))
         self._links.clear()
@@ -215,7 +217,7 @@ class ShmReader:
             self._watcher.loop.call_later(_RETRY_S, self._connect, endpoint)
             return
         except OSError:
-            return  # it has gone, as the graph will say soon
+            return  # the publisher has gone, as the graph will report soon
         if not wire.same_user(sock):
             _log.warning("topic %r: a publisher of another user is ignored", self._endpoint.name)
             sock.close()
@@ -235,7 +237,7 @@ class ShmReader:
                     self._inbox.queue.skip(sequence - link.last_sequence - 1)
                 link.last_sequence = sequence
                 if self._depth and latest - sequence >= self._depth:
-                    # This process slept and newer messages wait at the publisher: KEEP_LAST wants those.
+                    # This process was late, and newer messages wait at the publisher: KEEP_LAST keeps those.
                     self._inbox.queue.skip(1)
                     link.told(offset, size, arena.size_bytes)
                     link.give_back(offset)
@@ -243,12 +245,12 @@ class ShmReader:
                     data = link.take(arena, offset, size, self._inbox.queue)
                     self._inbox.push((data, stamp_ns, time.time_ns(), link.gid))
                 if sequence >= latest or self._closed:
-                    return  # the usual case is to have the latest; saves the system call that would say so
+                    return  # usually this is the latest message, and the return saves a system call
             self._drop(gid, link)
         except BlockingIOError:
             return
         except OSError:
-            self._drop(gid, link)  # it was killed with our returns unread
+            self._drop(gid, link)  # the publisher was killed before it read our returns
         except BusError as error:
             _log.warning("topic %r: dropping a publisher: %r", self._endpoint.name, error)
             self._drop(gid, link)

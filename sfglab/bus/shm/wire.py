@@ -1,13 +1,13 @@
-"""Wire between a shared-memory publisher and its subscribers: sockets, datagrams, memory files, their checks.
+"""Protocol between a shared-memory publisher and its subscribers: sockets, datagrams and memory files.
 
-All numbers are little-endian; each datagram is one SOCK_SEQPACKET message. Sockets have names in the abstract
-namespace: one for each network namespace, and gone with their process.
+All numbers are little-endian; each datagram is one SOCK_SEQPACKET message. Sockets have abstract names, which
+belong to a network namespace and disappear with their process.
 
 ```text
 subscriber -> publisher   HELLO    magic, version, flags, depth           once, first
 publisher  -> subscriber  WELCOME  magic, version, gid  + the memory file once, answer to HELLO
 publisher  -> subscriber  ANNOUNCE sequence, offset, size, source stamp   per message
-subscriber -> publisher   RETURN   offset, offset, ...                    when let go, a few at a time
+subscriber -> publisher   RETURN   offset, offset, ...                    when released, a few at a time
 ```
 """
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 PAGE_BYTES = 4096
-#: The first page: the latest sequence number, as one aligned 64-bit word.
+#: Size of the first page, bytes; it holds the latest sequence number as one aligned 64-bit word.
 HEADER_BYTES = PAGE_BYTES
-#: CDR starts here in a slot: behind its 4-byte header all is aligned to 64 bytes.
+#: Offset of the CDR in a slot, bytes: the data behind its 4-byte header is aligned to 64 bytes.
 DATA_OFFSET_BYTES = 60
 
 _MAGIC = b"sfgs"
@@ -39,7 +39,7 @@ _HELLO = struct.Struct("<4sHHI")
 _WELCOME = struct.Struct("<4sHH16s")
 _ANNOUNCE = struct.Struct("<QQQq")
 _RETURNS = tuple(struct.Struct(f"<{count}Q") for count in range(9))
-RETURN_MAX = len(_RETURNS) - 1  #: The most slots that one RETURN gives back.
+RETURN_MAX = len(_RETURNS) - 1  #: Largest number of slots in one RETURN.
 _PREFIX = _MAGIC + struct.pack("<H", _VERSION)
 _FLAG_HISTORY = 1
 HELLO_BYTES = _HELLO.size
@@ -51,7 +51,7 @@ _BACKLOG = 128
 
 
 class ProtocolError(BusError, ValueError):
-    """A peer sent what no peer of this version sends."""
+    """A peer sent a datagram that no peer of this version sends."""
 
     def __init__(self, datagram: bytes, expected: str) -> None:
         super().__init__(
@@ -60,19 +60,19 @@ class ProtocolError(BusError, ValueError):
 
 
 class Hello(NamedTuple):
-    """How a subscriber introduces itself."""
+    """First datagram of a subscriber."""
 
-    depth: int  #: How many of the newest messages it wants kept; 0 is all.
-    wants_history: bool  #: Whether it wants those published before it came.
+    depth: int  #: Number of the newest messages to keep for the subscriber; 0 for all.
+    wants_history: bool  #: Whether the subscriber requests messages published before it connected.
 
 
 class Announcement(NamedTuple):
-    """Where a message is."""
+    """Position of a message in the memory file."""
 
-    sequence: int  #: 1, 2, 3 ... for each publisher.
-    offset: int  #: Where its slot starts in the memory file, in bytes.
-    size: int  #: The length of its CDR, in bytes.
-    source_timestamp_ns: int  #: When it was published.
+    sequence: int  #: Sequence number from 1, for each publisher.
+    offset: int  #: Offset of the slot in the memory file, bytes.
+    size: int  #: Size of the CDR, bytes.
+    source_timestamp_ns: int  #: Time of publication, Unix time, ns.
 
 
 def pack_hello(hello: Hello) -> bytes:
@@ -81,10 +81,10 @@ def pack_hello(hello: Hello) -> bytes:
 
 
 def unpack_hello(datagram: bytes) -> Hello:
-    """Return what a HELLO says.
+    """Return the content of a HELLO.
 
     Raises:
-        ProtocolError: It is none.
+        ProtocolError: The datagram is no HELLO.
     """
     if len(datagram) != _HELLO.size or not datagram.startswith(_PREFIX):
         raise ProtocolError(datagram, f"a hello of version {_VERSION}")
@@ -101,7 +101,7 @@ def unpack_welcome(datagram: bytes) -> bytes:
     """Return the GUID in a WELCOME.
 
     Raises:
-        ProtocolError: It is none.
+        ProtocolError: The datagram is no WELCOME.
     """
     if len(datagram) != _WELCOME.size or not datagram.startswith(_PREFIX):
         raise ProtocolError(datagram, f"a welcome of version {_VERSION}")
@@ -115,10 +115,10 @@ def pack_announcement(announcement: Announcement) -> bytes:
 
 
 def unpack_announcement(datagram: bytes, arena_bytes: int) -> tuple[int, int, int, int]:
-    """Return what an ANNOUNCE says, in the order of `Announcement`; it is inside the memory file for certain.
+    """Return the content of an ANNOUNCE, in the order of `Announcement`; its slot is inside the memory file.
 
     Raises:
-        ProtocolError: It is none, or points outside.
+        ProtocolError: The datagram is no ANNOUNCE, or its slot is outside the memory file.
     """
     if len(datagram) != _ANNOUNCE.size:
         raise ProtocolError(datagram, f"an announcement of {_ANNOUNCE.size} bytes")
@@ -139,7 +139,7 @@ def unpack_returns(datagram: bytes) -> tuple[int, ...]:
     """Return the offsets in a RETURN.
 
     Raises:
-        ProtocolError: It is none.
+        ProtocolError: The datagram is no RETURN.
     """
     count, rest = divmod(len(datagram), 8)
     if rest or not 1 <= count <= RETURN_MAX:
@@ -163,7 +163,7 @@ def connect(name: str) -> socket.socket:
     """Return a non-blocking socket that is connected to an abstract name.
 
     Raises:
-        OSError: Nobody listens there (any more).
+        OSError: No socket listens at this name, or not any more.
     """
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_NONBLOCK)
     try:
@@ -188,7 +188,7 @@ _F_SEAL_SEAL, _F_SEAL_SHRINK, _F_SEAL_GROW = 1, 2, 4
 
 
 class OwnArena:
-    """A memory file of fixed, sparse size; sealed against shrinking, so that no reader meets SIGBUS."""
+    """Memory file of fixed, sparse size; sealed against shrinking, so that no reader receives SIGBUS."""
 
     def __init__(self, size_bytes: int, name: str) -> None:
         self.size_bytes = size_bytes
@@ -196,7 +196,7 @@ class OwnArena:
         try:
             os.ftruncate(self._fd, size_bytes)
             fcntl.fcntl(self._fd, _F_ADD_SEALS, _F_SEAL_SHRINK | _F_SEAL_GROW | _F_SEAL_SEAL)
-            # Opened again, because a descriptor passed on carries the access mode it was opened with.
+            # The file is opened again because a passed descriptor keeps the access mode of its opening.
             self.reader_fd = os.open(f"/proc/self/fd/{self._fd}", os.O_RDONLY | os.O_CLOEXEC)
             self._map = mmap.mmap(self._fd, size_bytes)
         except BaseException:
@@ -206,10 +206,10 @@ class OwnArena:
         self._bytes = memoryview(self._map)
 
     def reserve(self, offset: int, size: int) -> None:
-        """Take memory for a new slot now, as an error is better than a fault while writing.
+        """Allocate memory for a new slot now, because an error is better than a fault while writing.
 
         Raises:
-            OSError: The host or the container has not so much.
+            OSError: The host or the container does not have enough memory.
         """
         os.posix_fallocate(self._fd, offset, size)
 
@@ -219,21 +219,21 @@ class OwnArena:
         return self._bytes[start : start + size]
 
     def set_latest(self, sequence: int) -> None:
-        """Tell every subscriber, without a system call, which message is the newest."""
+        """Show every subscriber, without a system call, the sequence number of the newest message."""
         self._latest[0] = sequence
 
     def close(self) -> None:
-        """Give the memory back, as far as no subscriber maps it; views that were lent stay valid."""
+        """Free the memory that no subscriber maps; lent views stay valid."""
         os.close(self.reader_fd)
         os.close(self._fd)
         del self._latest, self._bytes, self._map
 
 
 class ArenaMap:
-    """A subscriber's view of a publisher's memory file; it keeps a descriptor of its own.
+    """Read-only map of a publisher's memory file at a subscriber; it keeps a descriptor of its own.
 
     Raises:
-        BusError: The file could be truncated by a peer, or is too small to be an arena.
+        BusError: A peer could truncate the file, or the file is too small to be an arena.
     """
 
     def __init__(self, fd: int) -> None:
@@ -245,7 +245,7 @@ class ArenaMap:
             )
         memory = mmap.mmap(fd, self.size_bytes, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ)
         self._all: Any = np.frombuffer(memory, np.uint8)
-        #: One item, the newest sequence number, as the publisher keeps it up to date.
+        #: One item: the newest sequence number, which the publisher keeps up to date.
         self.latest = memoryview(memory)[:8].cast("Q")
 
     def slice(self, offset: int, size: int) -> Any:

@@ -1,4 +1,4 @@
-"""A shared-memory publisher: its memory file, its socket, and its subscribers' connections."""
+"""Shared-memory publisher: its memory file, its socket, and the connections of its subscribers."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-#: For so many of the largest messages a memory file has room, taken as it is used.
+#: Number of the largest messages for which a memory file has room; memory is allocated as it is used.
 ARENA_MESSAGES = 64
 
 _ENOSPC = 28
 _NONE_LEFT = (23, 24)  # ENFILE, EMFILE: no descriptor is left
 _AGAIN_S = 0.2
-HELLO_S = 5.0  #: A subscriber says hello as soon as it is connected; after so long nobody will.
+HELLO_S = 5.0  #: Time after which a connection without a HELLO is closed, s.
 
 
 class ShmWriter:
-    """Writes messages into shared memory, on the node's loop, and tells this host's subscribers where.
+    """Writer of messages into shared memory, on the node's loop, which notifies subscribers of this host.
 
-    Subscribers connect to the socket of this address, which `announce` shows in the graph.
+    Subscribers connect to the socket at `address`, which `announce` shows in the graph.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class ShmWriter:
         self._arena = wire.OwnArena(arena_bytes, f"sfglab {self._topic}")
         self._connections: dict[int, socket] = {}
         self._watched: set[int] = set()
-        self._greeted: set[int] = set()  # who has said hello
+        self._greeted: set[int] = set()  # connections whose HELLO has arrived
         self._hangups = select.epoll()
         self._listener = wire.listen(address)
         bridge.watch(self._hangups.fileno(), self._on_hangup)
@@ -77,12 +77,12 @@ class ShmWriter:
 
     @property
     def matched(self) -> int:
-        """How many subscribers are connected."""
+        """Number of connected subscribers."""
         return len(self._fanout.peers)
 
     @property
     def matched_prefixes(self) -> frozenset[bytes]:
-        """Not known: subscribers say only where they are."""
+        """Empty set, because a HELLO does not contain the GUID of the subscriber."""
         return frozenset()
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
@@ -113,7 +113,7 @@ class ShmWriter:
         self._announce(offset, size_bytes, None)
 
     def close(self) -> None:
-        """Hang up on all subscribers and give the memory back; again is harmless."""
+        """Disconnect all subscribers and free the memory; repeated calls are harmless."""
         if self._listener.fileno() < 0:
             return
         self._announced.close()
@@ -176,7 +176,7 @@ class ShmWriter:
             self._hang_up(key)
 
     def _collect(self) -> None:
-        """Take back returned slots: no subscriber wakes us for them unless messages wait for it."""
+        """Take back returned slots; they wake the loop only while messages wait for their subscriber."""
         for key in self._fanout.peers:
             if self._fanout.holds(key):
                 self._receive(key)
@@ -189,9 +189,9 @@ class ShmWriter:
                     for announcement in self._fanout.returned(key, offset):
                         self._send(key, announcement, pack_announcement(announcement))
                     if key not in self._connections:
-                        return  # it had gone after its last return
+                        return  # the subscriber had disconnected after its last return
                 if not self._fanout.holds(key):
-                    return  # nothing more can come; saves the system call that would say so
+                    return  # nothing more can come, and the return saves a system call
             self._leave(key)
         except BlockingIOError:
             return
@@ -212,10 +212,10 @@ class ShmWriter:
         except OSError as error:
             if (
                 error.errno in _NONE_LEFT
-            ):  # the listener stays readable: asking again at once would spin
+            ):  # the listener stays readable: an immediate retry would spin
                 self._bridge.unwatch(self._listener.fileno())
                 self._bridge.loop.call_later(_AGAIN_S, self._listen_again)
-            return  # else it has hung up already
+            return  # otherwise the subscriber has disconnected already
         connection.setblocking(False)
         if not wire.same_user(connection):
             connection.close()
@@ -257,8 +257,8 @@ class ShmWriter:
                 self._leave(key)
 
     def _leave(self, key: int) -> None:
-        """Tell a closed subscription nothing more, but leave its process the messages it still holds."""
-        self._hangups.modify(key, 0)  # its end is always reported
+        """Send a closed subscription nothing more, but leave its process the messages that it still holds."""
+        self._hangups.modify(key, 0)  # EPOLLHUP is always reported
         self._bridge.unwatch(key)
         self._watched.discard(key)
         self._fanout.leaving(key)
@@ -272,7 +272,7 @@ class ShmWriter:
         self._watched.discard(key)
         self._greeted.discard(key)
         self._fanout.gone(key)
-        connection.close()  # leaves the epoll set, too
+        connection.close()  # this also removes it from the epoll set
         self._notify()
 
 
