@@ -1,6 +1,6 @@
-"""The simulated bus: nodes as in `sfglab.bus`, in a seeded world whose time is virtual.
+"""Simulated bus: nodes as in `sfglab.bus`, in a seeded world with virtual time.
 
-Components run here unchanged, many of them in one process:
+Components run here unchanged, and many of them share one process:
 
 ```python
 async def main(world):
@@ -14,10 +14,10 @@ async def main(world):
 run_simulated(main, seed=1, link=LinkModel(latency_s=0.01, loss=0.05))
 ```
 
-A node belongs to a host and a domain: that of the network (`reach="network"`), or one on the host's
-loopback interface (`reach="host"`). `world.host("a").is_connected = False` pulls a host's cable. Not
-modelled: the time that components compute, unless `Costs` says so; bytes of discovery; packets of
-discovery on a link of limited rate; collisions and retries of a shared medium.
+A node belongs to a host and a domain: a domain of the network (`reach="network"`), or one of the host's
+loopback interface (`reach="host"`). `world.host("a").is_connected = False` disconnects a host. The world
+has no model of these: computing times of components beyond `Costs`; bytes of discovery; packets of discovery
+on a link of limited rate; collisions and retries of a shared medium.
 """
 
 from sfglab.bus.sim.backend import SimNode

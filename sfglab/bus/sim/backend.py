@@ -1,4 +1,4 @@
-"""A simulated node's half of its world: its endpoints and clock, and the node, which can also crash."""
+"""Backend of a simulated node, with endpoints and clock, and the node class, which can also crash."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class SimClock(Clock):
-    """The time of a simulated world."""
+    """Clock of a simulated world."""
 
     def __init__(self, loop: VirtualLoop) -> None:
         self._loop = loop
@@ -37,7 +37,7 @@ class SimClock(Clock):
 
 
 class SimGraph(Graph):
-    """All endpoints that a participant knows of; nodes are those that have endpoints."""
+    """Graph of all endpoints that a participant has discovered; its nodes are those that have endpoints."""
 
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Return the nodes that have endpoints here, ordered by name."""
@@ -58,7 +58,7 @@ class SimGraph(Graph):
 
 
 class SimBackend(Backend):
-    """A participant of a simulated domain, which it has joined."""
+    """Backend with a participant of a simulated domain, which it has joined."""
 
     kind = "simulated"
 
@@ -70,7 +70,7 @@ class SimBackend(Backend):
         self.clock = SimClock(participant.domain.network.loop)
 
     def open_writer(self, endpoint: RawEndpoint, notify: Callable[[], None]) -> Writer:
-        """Return a new writer; a message that DDS would not parse it refuses."""
+        """Return a new writer; it refuses a message that DDS would not parse."""
         checks = endpoint.transport == "dds" and not endpoint.forwards and not endpoint.is_service
         writer = Writer(
             self.participant,
@@ -93,7 +93,7 @@ class SimBackend(Backend):
         return reader
 
     def random_bytes(self, count: int) -> bytes:
-        """Return bytes that no other node has, the same in every run of the world."""
+        """Return bytes that are unique among nodes, and the same in every run of the world."""
         return self.participant.domain.network.random.randbytes(count)
 
     def leave(self) -> None:
@@ -102,14 +102,14 @@ class SimBackend(Backend):
             self.participant.domain.leave(self.participant)
 
     def crash(self) -> None:
-        """End everything now without news to the others."""
+        """Close everything now, without notice to other participants."""
         if not self.closed:
             self.closed = True
             self.participant.domain.crash(self.participant)
             self._end_all()
 
     def _info(self, endpoint: RawEndpoint, *, writer: bool) -> EndpointInfo:
-        """Return what the others are shown of a new endpoint."""
+        """Return the description of a new endpoint that other participants receive."""
         participant = self.participant
         return EndpointInfo(
             kind=EndpointKind.PUBLISHER if writer else EndpointKind.SUBSCRIPTION,
@@ -127,9 +127,9 @@ class SimBackend(Backend):
 
 
 class SimNode(Node):
-    """A node of a simulated world, made by `World.node`."""
+    """Node of a simulated world; made by `World.node`."""
 
     def crash(self) -> None:
-        """Die without news: the others notice when the lease has run out; again is harmless."""
+        """End without notice; others notice it when the lease has expired. Repeated calls are harmless."""
         if self._live is not None:
             cast("SimBackend", self._live).crash()

@@ -1,8 +1,8 @@
-"""Discovery in a simulated domain: participants, and what each of them knows of the others' endpoints.
+"""Discovery in a simulated domain: participants, and the endpoints that each of them has discovered.
 
-A participant keeps a list of its changes, endpoints that opened or closed. Each other participant
-has a view of it, which reads the list in order when news arrives. A pulled cable stops the reading;
-after the lease the view is lost, and the two meet again when the cable is back.
+A participant keeps a list of its changes: endpoints that opened or closed. Each other participant has a view
+of it, which reads the list in order when announcements arrive. A disconnected host stops the reading. After
+the lease the view is lost, and the two participants discover each other again after the reconnection.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from sfglab.bus.api import EndpointInfo
     from sfglab.bus.graph import Graph
 
-#: Crossings of the network until two participants know each other: SPDP, the answer and heartbeat,
-#: a request, the data.
+#: Number of one-way transfers until two participants have discovered each other: SPDP, its response and
+#: heartbeat, a request, the data.
 _CROSSINGS = 4
 
 
 class Endpoint:
-    """A writer or reader of one topic, which learns of what matches it and tells `notify`."""
+    """Writer or reader of one topic, which keeps its matching endpoints and calls `notify` on changes."""
 
     is_writer: bool
 
@@ -55,7 +55,8 @@ class Endpoint:
         self.gid = info.gid
         self.reliable = qos.reliability is Reliability.RELIABLE
         self.latched = qos.durability is Durability.TRANSIENT_LOCAL
-        self.depth = qos.depth if qos.history is History.KEEP_LAST else None  #: None is all.
+        #: Depth of the history; None for all.
+        self.depth = qos.depth if qos.history is History.KEEP_LAST else None
         #: Matching endpoints; a reader keeps the number of each writer's latest sample.
         self.peers: dict[Any, int] = {}
         self.is_open = True
@@ -66,16 +67,16 @@ class Endpoint:
 
     @property
     def matched(self) -> int:
-        """How many endpoints match now."""
+        """Number of matching endpoints."""
         return len(self.peers)
 
     @property
     def matched_prefixes(self) -> frozenset[bytes]:
-        """The GUID prefixes of the participants of what matches now."""
+        """GUID prefixes of the participants of matching endpoints."""
         return frozenset(peer.gid[:12] for peer in self.peers)
 
     def suits(self, other: Endpoint) -> bool:
-        """Return whether this and another endpoint of the same topic match."""
+        """Return whether this endpoint and another one of the same topic match."""
         ours, theirs = self.info, other.info
         if self.is_writer is other.is_writer or ours.transport != theirs.transport:
             return False
@@ -88,20 +89,20 @@ class Endpoint:
         return ours.transport == "dds" or owner.host is their_owner.host
 
     def close(self) -> None:
-        """Retract it; again is harmless."""
+        """Retract the endpoint; repeated calls are harmless."""
         self.participant.withdraw(self)
 
     def silence(self) -> None:
-        """Stop sending and taking, without news to the others."""
+        """Stop sending and receiving, without notice to others."""
         self.is_open = False
         self.peers.clear()
 
     def learn(self, endpoint: Any) -> None:
-        """Take note of an endpoint that matches; again is harmless."""
+        """Add a matching endpoint; repeated calls are harmless."""
         raise NotImplementedError
 
     def forget(self, endpoint: Endpoint) -> None:
-        """Take note that an endpoint has gone; harmless if it was never known."""
+        """Remove an endpoint that has left; harmless if it is unknown."""
         if self.peers.pop(endpoint, None) is not None:
             self._notify()
 
@@ -112,7 +113,7 @@ def _compatible(offered: QoSProfile, requested: QoSProfile) -> bool:
 
 
 class Participant:
-    """A node in a domain: its endpoints, and those that it has discovered."""
+    """Participant of a node in a domain: its endpoints, and those that it has discovered."""
 
     def __init__(  # noqa: PLR0913 - by keyword
         self,
@@ -127,9 +128,9 @@ class Participant:
     ) -> None:
         self.domain = domain
         self.host = host
-        self.process = process  #: The process that runs the node.
-        self.graph = graph  #: Is told of every endpoint that it knows.
-        self.name = name  #: The node's full name.
+        self.process = process  #: Process that runs the node.
+        self.graph = graph  #: Graph that receives every discovered endpoint.
+        self.name = name  #: Full name of the node.
         self.lease_ns = lease_ns  #: Lease: the others remove a participant after this silence.
         self.interval_ns = round(lease_ns * ANNOUNCEMENT_SHARE)  #: Period of its announcements.
         digest = hashlib.blake2b(f"{host.id} {number} {name}".encode(), digest_size=12).digest()
@@ -153,7 +154,7 @@ class Participant:
         return self.guid[:12] + self._serial.to_bytes(3, "big") + (b"\x03" if writer else b"\x04")
 
     def open(self, endpoint: Endpoint) -> None:
-        """Announce a new endpoint, and let it match what is known, and what it has itself."""
+        """Announce a new endpoint, and match it with discovered endpoints and the participant's own."""
         topic = endpoint.info.dds_topic
         known = self.known[topic] | self.own[topic]
         self.own[topic][endpoint] = None
@@ -163,18 +164,18 @@ class Participant:
         self.domain.announce(self, endpoint, is_open=True)
 
     def withdraw(self, endpoint: Endpoint) -> None:
-        """Retract an endpoint; again is harmless."""
+        """Retract an endpoint; repeated calls are harmless."""
         if self.own[endpoint.info.dds_topic].pop(endpoint, endpoint) is None:
             endpoint.silence()
             if self.is_alive:
                 self.domain.announce(self, endpoint, is_open=False)
 
     def endpoints(self) -> list[Endpoint]:
-        """Return what it has."""
+        """Return the participant's own endpoints."""
         return [endpoint for endpoints in self.own.values() for endpoint in endpoints]
 
     def learn(self, endpoint: Endpoint) -> None:
-        """Take note of an endpoint."""
+        """Add a discovered endpoint, and match it with the participant's own."""
         topic = endpoint.info.dds_topic
         self.known[topic][endpoint] = None
         for own in tuple(self.own[topic]):
@@ -183,7 +184,7 @@ class Participant:
         self.graph.apply([(endpoint.gid, endpoint.info)])
 
     def forget(self, endpoint: Endpoint) -> None:
-        """Take note that an endpoint has gone."""
+        """Remove an endpoint that has left."""
         topic = endpoint.info.dds_topic
         self.known[topic].pop(endpoint, None)
         for own in tuple(self.own[topic]):
@@ -191,18 +192,18 @@ class Participant:
         self.graph.apply([(endpoint.gid, None)])
 
     def lease_end_ns(self) -> int:
-        """Return when the others give it up if it falls silent now."""
+        """Return the virtual time, ns, at which others remove the participant if it falls silent now."""
         now_ns = self.domain.network.loop.now_ns
         announced_ns = now_ns - (now_ns - self.born_ns) % self.interval_ns
         return max(announced_ns, self.last_sent_ns) + self.lease_ns
 
 
 class View:
-    """The endpoints of one participant, the owner, as another one, the observer, knows them."""
+    """View of the endpoints of one participant, the owner, by another one, the observer."""
 
     def __init__(self, observer: Participant, owner: Participant) -> None:
         self.met_ns = NEVER_NS  #: Time of their discovery; NEVER_NS before it and after a loss.
-        #: Time at which a cable between them was pulled; NEVER_NS without.
+        #: Time at which the two were disconnected; NEVER_NS while they are connected.
         self.apart_ns = NEVER_NS
         self._observer = observer
         self._owner = owner
@@ -213,25 +214,25 @@ class View:
 
     @property
     def is_apart(self) -> bool:
-        """Whether a pulled cable is between the two."""
+        """Whether a disconnected host separates the two."""
         return not self._owner.host.can_reach(self._observer.host)
 
     def expect(self, delay_ns: int) -> None:
-        """Read the owner's changes so far after a delay, and not before the two have met."""
+        """Read the owner's changes so far after a delay, and not before the two have discovered each other."""
         if self.met_ns != NEVER_NS:
             time_ns = self._loop.now_ns + delay_ns
             self._latest_ns = max(self._latest_ns, time_ns, self.met_ns)
             self._loop.at(self._latest_ns, self._update, len(self._owner.changes))
 
     def lose(self) -> None:
-        """Forget all that the owner has, as its lease has run out; again is harmless."""
+        """Remove all endpoints of the owner, because its lease has expired; repeated calls are harmless."""
         self.met_ns = NEVER_NS
         self._read = 0
         while self._known and self._observer.is_alive:
             self._observer.forget(self._known.popitem()[0])
 
     def check_cable(self) -> None:
-        """Note that a cable was pulled or plugged in: after the lease without it the view is lost."""
+        """Note that a host was disconnected or connected; the view is lost after a lease without connection."""
         now_ns = self._loop.now_ns
         if self.is_apart and self.apart_ns == NEVER_NS:
             self.apart_ns = now_ns
@@ -246,7 +247,7 @@ class View:
             self.lose()
 
     def _update(self, end: int) -> None:
-        """Read the owner's changes up to an index; what opened and closed in between is not told."""
+        """Read the owner's changes up to an index; endpoints that opened and closed in between are left out."""
         is_early = self._loop.now_ns < self.met_ns or self._owner.crashed_ns < self.met_ns
         if is_early or self.is_apart or not self._observer.is_alive:
             return
@@ -267,17 +268,17 @@ class View:
 
 
 class Domain:
-    """One DDS domain: of the whole network, or of one host's loopback interface."""
+    """DDS domain of the whole network, or of one host's loopback interface."""
 
     def __init__(self, network: Network) -> None:
         self.network = network
         self.members: dict[Participant, None] = {}
-        self.announced = 0  #: Number of endpoints that were announced so far.
-        #: Work that all processes share: it occupies each of them for as long.
+        self.announced = 0  #: Number of endpoints announced so far.
+        #: Work that occupies all processes at once, each of them for the whole time.
         self.backlog = Server()
 
     def join(self, newcomer: Participant) -> None:
-        """Let a participant in."""
+        """Add a participant, and let it discover the others."""
         for other in self.members:
             other.views[newcomer] = View(other, newcomer)
             newcomer.views[other] = View(newcomer, other)
@@ -287,20 +288,20 @@ class Domain:
         self.members[newcomer] = None
 
     def leave(self, participant: Participant) -> None:
-        """Remove a participant that retracts its endpoints first."""
+        """Remove a participant, which retracts its endpoints first."""
         for endpoint in participant.endpoints():
             participant.withdraw(endpoint)
         self._drop(participant, is_silent=False)
 
     def crash(self, participant: Participant) -> None:
-        """Let a participant fall silent; the others notice when its lease runs out."""
+        """Let a participant fall silent; others notice it when its lease expires."""
         participant.crashed_ns = self.network.loop.now_ns
         self._drop(participant, is_silent=True)
         for endpoint in participant.endpoints():
             endpoint.silence()
 
     def announce(self, owner: Participant, endpoint: Endpoint, *, is_open: bool) -> None:
-        """Make an endpoint, or its end, known to all members; it costs processes time, see `Costs`."""
+        """Announce an endpoint, or its end, to all members; this takes time of processes, see `Costs`."""
         costs, now_ns = self.network.costs, self.network.loop.now_ns
         self.announced += is_open
         backlog_ns = 0
@@ -314,7 +315,7 @@ class Domain:
             other.views[owner].expect(delay_ns)
 
     def check_cables(self) -> None:
-        """Take note that a host's cable was pulled or plugged in."""
+        """Note that a host was disconnected or connected."""
         for member in self.members:
             for view in member.views.values():
                 view.check_cable()
@@ -326,7 +327,7 @@ class Domain:
                 self._meet(one, other, min(waits_ns))
 
     def _drop(self, participant: Participant, *, is_silent: bool) -> None:
-        """Remove a member; those that do not hear it leave miss it when its lease runs out."""
+        """Remove a member; members that it cannot notify remove it when its lease expires."""
         participant.is_alive = False
         del self.members[participant]
         for other in self.members:
@@ -335,7 +336,7 @@ class Domain:
                 self.network.loop.at(participant.lease_end_ns(), view.lose)
 
     def _meet(self, one: Participant, other: Participant, wait_ns: int) -> None:
-        """Let two participants meet: a lost SPDP is made good by the next one of either."""
+        """Let two participants discover each other; the next SPDP of either replaces a lost one."""
         delay_ns = wait_ns + PARTICIPANT_NS
         if one.host is not other.host:
             delay_ns += _CROSSINGS * (one.host.latency_ns + other.host.latency_ns)
@@ -348,7 +349,7 @@ class Domain:
                 view.expect(delay_ns)
 
     def _news_ns(self, owner: Participant, other: Participant) -> int:
-        """Return how long news of an endpoint takes: SEDP is reliable, so a loss is a delay."""
+        """Return the delay of an endpoint's announcement, ns; SEDP is reliable, so a loss is a delay."""
         if owner.host is other.host:
             return LOOPBACK_NS
         links_ns = owner.host.latency_ns + other.host.latency_ns

@@ -1,4 +1,4 @@
-"""Writers and readers of a simulated domain, and the repair of what is lost between them."""
+"""Writers and readers of a simulated domain, and the retransmission of lost samples."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     from sfglab.bus.endpoints import Inbox
     from sfglab.bus.sim.domain import Participant
 
-#: A sample on its way: sequence number from 1, CDR, source time stamp (ns).
+#: Sample in transit: sequence number from 1, CDR, source time stamp (ns).
 Item = tuple[int, bytes, int]
 
 
 class Reader(Endpoint):
-    """Hands samples of known writers to an inbox, each writer's in order, and counts those that were lost."""
+    """Reader that hands samples of known writers to an inbox, each writer's in order, and counts losses."""
 
     is_writer = False
 
     def __init__(self, *options: Any, inbox: Inbox, **more: Any) -> None:
         super().__init__(*options, **more)
-        self.lost = 0  #: Samples known to be missing between those that arrived.
+        self.lost = 0  #: Number of samples known to be missing between those that arrived.
         self._inbox = inbox
         self._early: dict[Endpoint, list[Item]] = {}
 
     def learn(self, endpoint: Writer) -> None:
-        """Take a writer's samples from now on, those first that were too early."""
+        """Take a writer's samples from now on, first those that arrived too early."""
         if not self.is_open or endpoint in self.peers:
             return
         self.peers[endpoint] = 0
@@ -46,7 +46,7 @@ class Reader(Endpoint):
         self._notify()
 
     def forget(self, endpoint: Endpoint) -> None:
-        """Take nothing more of a writer."""
+        """Stop taking samples of a writer."""
         if endpoint in self.peers:
             self._inbox.on_life(endpoint.gid, False)
         super().forget(endpoint)
@@ -58,7 +58,7 @@ class Reader(Endpoint):
         sequence, cdr, stamp_ns = item
         latest = self.peers.get(writer)
         if latest is None:
-            # A reliable writer repeats to a reader that has yet to learn of it; the others do not.
+            # A reliable writer retransmits to a reader that has not discovered it yet; other writers do not.
             if self.reliable and writer.reliable and writer.is_open:
                 self._early.setdefault(writer, []).append(item)
             return
@@ -73,7 +73,7 @@ class Reader(Endpoint):
             self._inbox.push((cdr, stamp_ns, now_ns, writer.gid))
 
     def receive(self, writer: Writer, item: Item) -> None:
-        """Take a sample that has arrived, as soon as the process has time for it."""
+        """Take a sample that has arrived as soon as the process has time for it."""
         message_ns = ns_from_s(self._network.costs.message_s)
         if not message_ns:
             self.take(writer, item)
@@ -83,33 +83,34 @@ class Reader(Endpoint):
         self._loop.at(done_ns, self.take, writer, item)
 
     def silence(self) -> None:
-        """Take nothing more."""
+        """Stop taking samples, and drop early ones."""
         super().silence()
         self._early.clear()
 
 
 @dataclass(eq=False, slots=True)
 class _Pending:
-    """A sample that a channel has not delivered yet."""
+    """Sample that a channel has not delivered yet."""
 
     item: Item
     readers: list[Reader]
     size_bytes: int
-    has_arrived: bool | None = None  #: None while it is on its way, False once it was given up.
+    #: None while the sample is in transit, True once it arrived, False once it was given up.
+    has_arrived: bool | None = None
 
 
 class Channel:
-    """The path of a reliable writer's samples to a participant on another host: in order, repeated if lost."""
+    """Path of a reliable writer's samples to a participant on another host: in order, with retransmission."""
 
     def __init__(self, writer: Writer, target: Participant) -> None:
-        self.pending: deque[_Pending] = deque()  #: Lost samples, and those that wait behind them.
+        self.pending: deque[_Pending] = deque()  #: Lost samples, and samples that wait behind them.
         self._writer = writer
         self._target = target
         self._network = writer.participant.domain.network
         self._loop = self._network.loop
 
     def add(self, sample: _Pending, arrival_ns: int | None) -> None:
-        """Deliver a sample behind those before it; without an arrival it is lost."""
+        """Deliver a sample behind earlier ones; without an arrival time it is lost."""
         self.pending.append(sample)
         self._follow(sample, arrival_ns)
 
@@ -130,7 +131,7 @@ class Channel:
             arrival_ns = self._network.arrive(sent_ns, source, self._target.host, size_bytes)
             self._follow(sample, arrival_ns)
 
-    def _settle(self, sample: _Pending, has_arrived: bool) -> None:  # noqa: FBT001 - scheduled so
+    def _settle(self, sample: _Pending, has_arrived: bool) -> None:  # noqa: FBT001 - the loop passes it so
         sample.has_arrived = has_arrived
         while self.pending and self.pending[0].has_arrived is not None:
             first = self.pending.popleft()
@@ -139,7 +140,7 @@ class Channel:
 
 
 class Writer(Endpoint):
-    """Sends CDR to every reader that it knows; a late joiner of a latched topic gets the history first."""
+    """Writer that sends CDR to every known reader; a late TRANSIENT_LOCAL reader receives the history first."""
 
     is_writer = True
 
@@ -151,7 +152,7 @@ class Writer(Endpoint):
         **more: Any,
     ) -> None:
         super().__init__(*options, **more)
-        self.sequence = 0  #: The number of the latest sample.
+        self.sequence = 0  #: Sequence number of the latest sample.
         self._check = check
         self._limit_bytes = limit_bytes
         self._kept: deque[Item] = deque(maxlen=self.depth if self.latched else 0)
@@ -159,7 +160,7 @@ class Writer(Endpoint):
         self._channels: dict[Participant, Channel] = {}
 
     def write_message(self, message: Any) -> None:
-        """Serialize and send."""
+        """Serialize and send a message."""
         self._send(serialize(message))
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
@@ -197,7 +198,7 @@ class Writer(Endpoint):
         self._notify()
 
     def forget(self, endpoint: Endpoint) -> None:
-        """Send to a reader no more."""
+        """Stop sending to a reader."""
         super().forget(endpoint)
         self._late.pop(endpoint, None)  # type: ignore[call-overload]  # harmless for a writer
         target = endpoint.participant
@@ -205,7 +206,7 @@ class Writer(Endpoint):
             self._channels.pop(target).pending.clear()
 
     def silence(self) -> None:
-        """Send nothing more."""
+        """Stop sending."""
         super().silence()
         self._late.clear()
 
@@ -245,7 +246,7 @@ class Writer(Endpoint):
             self._send_far(item, far)
 
     def _send_far(self, item: Item, far: dict[tuple[Participant, bool], list[Reader]]) -> None:
-        """Send one packet to all participants on other hosts; what arrives together is one event."""
+        """Send one packet to all participants on other hosts; simultaneous arrivals are one event."""
         source = self.participant.host
         size_bytes = frame_bytes(len(item[1]), reliable=self.reliable)
         sent_ns = self._network.depart(source, size_bytes)

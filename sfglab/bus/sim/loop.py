@@ -1,8 +1,8 @@
-"""An asyncio loop whose time is virtual, the world's event list in it, and what can go wrong in a simulation.
+"""Asyncio loop with virtual time and the event list of the world, and errors of a simulation.
 
-When no callback is ready, the clock jumps to the next timer or event. What is due at one instant runs in the
-order of scheduling, and tasks hash by the order of their creation, so that sets of them are walked alike in
-every run. There are neither threads nor sockets: nothing outside can wake it.
+When no callback is ready, the clock jumps to the next timer or event. Callbacks that are due at one instant run
+in the order of scheduling. Tasks hash by the order of their creation, so that sets of tasks have the same order
+in every run. There are neither threads nor sockets, so nothing outside can wake the loop.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
 
 _SHOWN_TASKS = 5
 
-#: Where virtual time begins: 2026-01-01, Unix time in nanoseconds.
+#: Start of virtual time: 2026-01-01, Unix time in nanoseconds.
 START_NS = 1_767_225_600_000_000_000
-NEVER_NS = 2**62  #: Later than every time of a simulation.
+NEVER_NS = 2**62  #: Time later than every time of a simulation, ns.
 _Event = tuple[int, int, "Callable[..., None]", tuple[Any, ...]]
 
 
 class DeadlockError(BusError, RuntimeError):
-    """Everybody waits and nothing is scheduled, so nothing will ever happen again."""
+    """All tasks wait and nothing is scheduled, so the simulation can never continue."""
 
     def __init__(self, time_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
-        self.waiting = _places(tasks)  #: Names and places of the tasks that wait, at most five.
+        self.waiting = _places(tasks)  #: Names and places of at most five waiting tasks.
         said = f"nothing is scheduled and nobody is done; waiting are {'; '.join(self.waiting)}"
         super().__init__(f"virtual time {time_s:g} s: {said}")
 
 
 class TimeLimitError(BusError, TimeoutError):
-    """The simulation was not done at its virtual time limit."""
+    """The simulation did not end before its limit of virtual time."""
 
     def __init__(self, limit_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
         waiting = "; ".join(_places(tasks))
@@ -57,17 +57,17 @@ def _place(coroutine: Any) -> str:
 
 
 class VirtualLoop(asyncio.BaseEventLoop):
-    """Runs coroutines in virtual time, up to a limit if there is one; `time` starts at 0 and counts seconds."""
+    """Loop that runs coroutines in virtual time, up to a limit if there is one; `time` starts at 0 s."""
 
     def __init__(self, limit_s: float | None = None) -> None:
         super().__init__()
-        self.now_ns = 0  #: The virtual time since the start, in nanoseconds.
-        self.events = 0  #: How many events have run.
+        self.now_ns = 0  #: Virtual time since the start, ns.
+        self.events = 0  #: Number of events that have run.
         self._limit_ns = None if limit_s is None else round(limit_s * NS_PER_S)
         self._schedule: list[_Event] = []
         self._numbers = count()
         self._task_numbers = count()
-        # What `BaseEventLoop` asks to wait; and how far apart two times may be and count as one.
+        # `BaseEventLoop` calls `_selector` to wait, and treats times within `_clock_resolution` as equal.
         self._selector = self
         self._clock_resolution = 1 / NS_PER_S
         self._scheduled: list[asyncio.TimerHandle] = []
@@ -78,16 +78,16 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return self.now_ns / NS_PER_S
 
     def at(self, time_ns: int, function: Callable[..., None], *arguments: Any) -> None:
-        """Call a function at a virtual time; now if that is past."""
+        """Call a function at a virtual time; if that is past, now."""
         time_ns = max(time_ns, self.now_ns)
         heapq.heappush(self._schedule, (time_ns, next(self._numbers), function, arguments))
 
     def new_task_number(self) -> int:
-        """Return how many tasks there were before."""
+        """Return the number of tasks created before."""
         return next(self._task_numbers)
 
     def select(self, timeout_s: float | None) -> list[_Event]:
-        """Advance the clock to the next event, or by the time-out; return the events due then."""
+        """Advance the clock to the next timer or event; return the events that are due then."""
         schedule = self._schedule
         if timeout_s is None and not schedule:
             raise DeadlockError(self.time(), asyncio.all_tasks(self))
@@ -103,7 +103,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return due
 
     def _next_timer_ns(self) -> int:
-        """Return the first nanosecond that is not before the next timer: an early task would wait again."""
+        """Return the first nanosecond not before the next timer, because an early task would wait again."""
         if not self._scheduled:
             return NEVER_NS
         when_s = self._scheduled[0].when()
@@ -118,25 +118,25 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def _give_up(self) -> None:
         assert self._limit_ns is not None
         limit_s = self._limit_ns / NS_PER_S
-        self._limit_ns = None  # the tasks still have to be cancelled
+        self._limit_ns = None  # the cancellation of the tasks needs the loop
         raise TimeLimitError(limit_s, asyncio.all_tasks(self))
 
     def run_in_executor(self, *_arguments: Any) -> NoReturn:  # type: ignore[override]
-        """Refuse by a BusError: a thread's work would take no virtual time and could not wake the loop."""
+        """Raise BusError because a thread's work would take no virtual time and could not wake the loop."""
         what = "a thread (run_in_executor, to_thread)"
         raise BusError(f"{what} does not exist in a simulated world: it would not be reproducible")
 
     def _write_to_self(self) -> None:
-        """Do nothing: the loop never sleeps."""
+        """Do nothing, because the loop never sleeps."""
 
     def close(self) -> None:
-        """Forget all events and end."""
+        """Remove all events and close the loop."""
         self._schedule.clear()
         super().close()
 
 
 class _Task(asyncio.Task[Any]):
-    """A task that hashes by its number instead of its address."""
+    """Task that hashes by its number instead of its address."""
 
     number = 0
 

@@ -1,4 +1,4 @@
-"""The simulated world: hosts, domains and the nodes on them. The same seed gives the same run."""
+"""Simulated world: hosts, domains and the nodes on them. The same seed gives the same run."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ class NodeOptions(TypedDict, total=False):
 
     namespace: str  #: Namespace of relative topic names ("/").
     lease_s: float  #: Lease: the others remove the node after this silence (10.0).
-    #: Given every exception of a callback and a text that names its place.
+    #: Function that receives each exception of a callback and a text that names its place.
     on_error: OnError | None
-    process: str  #: Nodes of one process share its time (one of its own).
+    process: str  #: Name of the process, whose nodes share its time (one process per node).
 
 
 class WorldOptions(TypedDict, total=False):
-    """How a world is made."""
+    """Options of a world."""
 
-    seed: int  #: Decides everything that is left to chance (0).
-    link: LinkModel  #: The link of every host that has none of its own.
-    costs: Costs  #: Times that processes take for what they receive.
+    seed: int  #: Seed of all random draws (0).
+    link: LinkModel  #: Link of every host without a link of its own.
+    costs: Costs  #: Processing times of processes.
 
 
 class World:
-    """Hosts on a network, and the nodes on them; inside a `VirtualLoop`."""
+    """World of hosts on a network and the nodes on them, inside a `VirtualLoop`."""
 
     def __init__(self, **options: Unpack[WorldOptions]) -> None:
         loop = asyncio.get_running_loop()
@@ -52,9 +52,9 @@ class World:
             raise BusError("a world needs virtual time: use it inside run_simulated")
         self.loop = loop
         self.seed = options.get("seed", 0)
-        #: Draws what is left to chance; components may draw from it too.
+        #: Source of all random draws; components may draw from it as well.
         self.random = Random(self.seed)
-        self.hosts: dict[str, Host] = {}  #: By name.
+        self.hosts: dict[str, Host] = {}  #: Hosts by name.
         self._costs = options.get("costs", Costs())
         self._network = Network(loop, self._costs, self.random)
         self._link = options.get("link", LinkModel())
@@ -64,11 +64,11 @@ class World:
 
     @property
     def now_ns(self) -> int:
-        """The virtual time since the start, in nanoseconds."""
+        """Virtual time since the start, ns."""
         return self.loop.now_ns
 
     def host(self, name: str, link: LinkModel | None = None) -> Host:
-        """Return a host, made if there is none yet; without a link it has the world's."""
+        """Return a host, which the first call creates; without a link it has the world's."""
         if name not in self.hosts:
             id_ = host_id(self.seed, name)
             self.hosts[name] = Host(name, id_, link or self._link, self._check_cables)
@@ -83,11 +83,11 @@ class World:
         reach: Reach = "network",
         **options: Unpack[NodeOptions],
     ) -> SimNode:
-        """Return a started node on a host, made if need be, in a domain of the network or the host's own.
+        """Return a started node in a domain of the network or of its host, which is created if needed.
 
         Raises:
-            DomainError: There can be no such domain.
-            InvalidValueError: There is no such reach.
+            DomainError: The domain id or the lease is not allowed.
+            InvalidValueError: The reach is unknown.
         """
         if reach not in get_args(Reach):
             raise InvalidValueError(f"node {name!r}: reach", reach, ", ".join(get_args(Reach)))
@@ -118,7 +118,7 @@ class World:
         return node
 
     def announced(self) -> int:
-        """Return how many endpoints domain 0 of the network has had so far."""
+        """Return the number of endpoints announced so far in domain 0 of the network."""
         return self._domains[0, None].announced
 
     def close(self) -> None:
@@ -145,13 +145,13 @@ def run_simulated(
     limit_s: float | None = None,
     **options: Unpack[WorldOptions],
 ) -> T:
-    """Run a coroutine function in a world of its own, with options of `World`, and return its result.
+    """Run a coroutine function in a new world with options of `World`, and return its result.
 
-    Inside, `asyncio.sleep`, `timeout`, `loop.time` and timers are virtual: they take no time, only order.
+    Inside, `asyncio.sleep`, `timeout`, `loop.time` and timers use virtual time: they take no real time.
 
     Raises:
-        DeadlockError: Everybody waits and nothing is scheduled.
-        TimeLimitError: It was not done at `limit_s` of virtual time; None: there is no limit.
+        DeadlockError: All tasks wait and nothing is scheduled.
+        TimeLimitError: The function did not end within `limit_s` of virtual time; None for no limit.
     """
 
     async def body() -> T:
