@@ -1,1 +1,1 @@
-"""Services and actions of ROS 2's default middleware, beside DDS: see `services`."""
+"""Services and actions of ROS 2's default middleware, rmw_fastrtps; see `services`."""

@@ -1,8 +1,9 @@
 """Program that serves and calls services of ROS 2's default middleware: ``python program.py``.
 
-Runs in ROS 2's own interpreter, from Python 3.10 on, with the standard library and rclpy alone. Orders are JSON
-lines that name a method of `Program` as ``do``; reports are JSON lines. Requests and responses are CDR in
-hexadecimal digits, with two numbers that say which call it is. The oldest of too many calls are forgotten.
+The program runs in ROS 2's own interpreter, from Python 3.10 on, with the standard library and rclpy alone.
+Orders are JSON lines that name a method of `_Program` as ``do``; reports are JSON lines. Requests and responses
+are CDR in hexadecimal digits, with two numbers that identify the call. If there are too many calls, the oldest
+are forgotten.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _OUT = os.fdopen(os.dup(1), "w", buffering=1)
-os.dup2(2, 1)  # what libraries print is no report
-_LOCK = threading.RLock()  # orders come in one thread, what ROS 2 brings in another
+os.dup2(2, 1)  # stdout carries reports, so output of libraries goes to stderr
+_LOCK = threading.RLock()  # orders arrive in one thread, samples of ROS 2 in another
 
 
 def report(kind: str, **values: Any) -> None:
-    """Write a report; its reader's pace is ours."""
+    """Write a report; a slow reader of the reports slows the program down."""
     with _LOCK:
         _OUT.write(json.dumps({"is": kind, **values}) + "\n")
 
@@ -50,12 +51,12 @@ _MAX_MESSAGE_BYTES = 16 * 2**20
 _PATIENCE_S = 5.0
 _LOOK_S = 0.05
 _QOS = QoSProfile(depth=1000)
-_FAST_DDS = b"\x01\x0f"  # the vendor's id begins its GUIDs (RTPS 2.5, clause 9.3.1.5)
+_FAST_DDS = b"\x01\x0f"  # vendor id: the first bytes of its GUIDs (RTPS 2.5, clause 9.3.1.5)
 _OF_ACTIONS = {"_SendGoal": "SendGoalService", "_GetResult": "GetResultService"}
 
 
 def interface(name: str) -> Any:
-    """Return the class of a service; an action's are called ``package/action/Name_SendGoal`` and so on."""
+    """Return the class of a service; those of an action have names such as ``package/action/Name_SendGoal``."""
     package, kind, title = name.split("/")
     module = importlib.import_module(f"{package}.{kind}")
     action, mark, ending = title.rpartition("_")
@@ -66,10 +67,11 @@ def interface(name: str) -> Any:
 
 
 def _asked_by_fast_dds(header: Any) -> bool:
-    """Whether a request names a client of Fast DDS; a Cyclone client's is framed otherwise and makes no sense.
+    """Return whether a request is from a client of Fast DDS; a Cyclone client's has another frame.
 
-    rclpy shows only the number of `rmw_service_info_t`: int64 source and reception time, 16 bytes of GUID,
-    int64 number (rmw/types.h). A pybind11 instance points to it right behind the object's head.
+    rclpy shows only the sequence number of `rmw_service_info_t`: int64 source and reception time, 16 bytes of
+    GUID, int64 number (rmw/types.h). A pybind11 instance has a pointer to it right behind the object header. An
+    unknown layout counts as Fast DDS.
     """
     where = ctypes.c_void_p.from_address(id(header) + object.__basicsize__).value
     info = ctypes.string_at(where, 40) if where else bytes(40)
@@ -86,14 +88,14 @@ def report_sample(key: str, call: Any, message: Any) -> None:
 
 
 def keep(calls: dict[Any, Any], call: Any, value: Any) -> Any:
-    """Add what is known of a call; return that of the oldest one, now forgotten, if there are too many."""
+    """Store the value of a call; if there are too many, remove the oldest call and return its value."""
     with _LOCK:
         calls[call] = value
         return calls.pop(next(iter(calls))) if len(calls) > _MAX_CALLS else None
 
 
 class _Server:
-    """A service's server, whose requests are answered by whoever reads the reports."""
+    """Server of a service; the reader of the reports sends the responses."""
 
     def __init__(self, node: Any, key: str, kind: Any, name: str) -> None:
         self._key, self._kind = key, kind
@@ -101,7 +103,8 @@ class _Server:
         self._guid, self._numbers = secrets.randbits(64), itertools.count()
         self._entity = node.create_service(kind, name, lambda request, _: request, qos_profile=_QOS)
         self._respond = self._entity.send_response
-        # The executor sends what the callback returns; ours is the request, and what is sent comes later.
+        # The executor passes the callback's result to `send_response`. Here that is the request, which `_ask`
+        # reports; the response is sent later.
         self._entity.send_response = self._ask
         self.destroy = partial(node.destroy_service, self._entity)
         report("matched", key=key, ready=True)
@@ -114,12 +117,12 @@ class _Server:
 
     def write(self, call: Any, cdr: bytes) -> None:
         header = self._calls.pop(call, None)
-        if header is not None:  # else it is another's
+        if header is not None:  # otherwise the call belongs to another server
             self._respond(deserialize_message(cdr, self._kind.Response), header)
 
 
 class _Client:
-    """A service's client; a request waits a little for a server."""
+    """Client of a service; a request waits up to 5 s for a server."""
 
     def __init__(self, node: Any, key: str, kind: Any, name: str) -> None:
         self._key, self._kind, self._ready = key, kind, False
@@ -158,7 +161,7 @@ class _Client:
 
 
 class _Program:
-    """The node and what is open; its public methods are the orders."""
+    """Node of the program with its open servers and clients; the public methods are the orders."""
 
     def __init__(self) -> None:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -167,7 +170,7 @@ class _Program:
         self._open: dict[str, Any] = {}
         self._thread = threading.Thread(target=self._spin)
         self._thread.start()
-        # Of all that the node has, only topics' endpoints tell where they are in DDS.
+        # rclpy shows the GUIDs of topic endpoints only, so this publisher gives the participant's prefix.
         ends = self._node.get_publishers_info_by_topic("/parameter_events")
         (gid,) = (bytes(end.endpoint_gid) for end in ends if end.node_name == name)
         report("ready", prefix=gid[:12].hex())
@@ -176,7 +179,7 @@ class _Program:
         why = ""
         try:
             interface(service)
-        except Exception as error:  # noqa: BLE001 - whatever an import raises is the reason
+        except Exception as error:  # noqa: BLE001 - any exception of the import is the reason
             why = f"it does not know {service} ({error})"
         report("found", service=service, why=why)
 
@@ -191,7 +194,7 @@ class _Program:
         self._open[key].write(tuple(call), bytes.fromhex(cdr))
 
     def end(self) -> None:
-        rclpy.shutdown()  # in order: a participant that is killed leaves its shared memory behind
+        rclpy.shutdown()  # in order, because a killed participant leaves its shared memory behind
         self._thread.join()
         self._node.destroy_node()
 
@@ -203,16 +206,16 @@ class _Program:
 
 
 def unless_it_fails(act: Callable[[], Any]) -> None:
-    """Act; what is wrong with one order or request is said, and must not end the others."""
+    """Call a function; the failure of one order or request is printed and does not stop the others."""
     try:
         act()
     except ExternalShutdownException:
         pass
-    except Exception as error:  # noqa: BLE001 - said
+    except Exception as error:  # noqa: BLE001 - printed
         sys.stderr.write(f"ROS 2's services: {type(error).__name__}: {error}\n")
 
 
-signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it decides when it ends
+signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process decides when this one ends
 _program = _Program()
 try:
     for _line in sys.stdin:

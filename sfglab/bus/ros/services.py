@@ -1,7 +1,8 @@
-"""Services that a node reaches through ROS 2's own middleware: halves of servers and clients, and a program.
+"""Services over ROS 2's own middleware: endpoints of servers and clients, and the program behind them.
 
-rmw_fastrtps finds the call of a reply by RTPS sample identities, which Cyclone DDS neither sets nor shows. So
-`program` asks and answers in ROS 2's own interpreter: one more transport of `sfglab.messages.frame_service`.
+rmw_fastrtps correlates requests and replies by RTPS sample identities, which Cyclone DDS neither sets nor
+shows. `program` therefore sends and receives them in ROS 2's own interpreter. It is one more transport for
+the frames of `sfglab.messages.frame_service`.
 """
 
 from __future__ import annotations
@@ -26,31 +27,31 @@ if TYPE_CHECKING:
     from sfglab.bus.loop import CallbackRunner
     from sfglab.component import Report
 
-#: Names ROS 2's interpreter; without it that of a sourced ROS 2.
+#: Environment variable that names ROS 2's interpreter; if unset, that of a sourced ROS 2 is used.
 PYTHON_VARIABLE = "SFGLAB_ROS_PYTHON"
 _NO_ROS = f"there is none here: source it, or name its interpreter in {PYTHON_VARIABLE}"
 _NAME = "ROS 2's services"
 _PROGRAM = Path(__file__).with_name("program.py")
-_LINE_LIMIT_BYTES = 40 * 2**20  # the program's limit of a message in hexadecimal digits, and more
+_LINE_LIMIT_BYTES = 40 * 2**20  # above the program's limit of a message in hexadecimal digits
 _PAUSE_S = 0.5
 _PATIENCE_S = 5.0
-_PARTICIPANT = bytes.fromhex("000001c1")  # its entity id (RTPS 2.5, clause 9.3.1.3)
-# Ours, and those of a ROS 2 that is sourced, would mislead another one's interpreter.
+_PARTICIPANT = bytes.fromhex("000001c1")  # entity id of a participant (RTPS 2.5, clause 9.3.1.3)
+# Variables of this process, or of a sourced ROS 2, that would mislead the interpreter of another ROS 2.
 _FOREIGN = ("PYTHONPATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
 
 
 def sourced_python() -> str:
-    """Return the interpreter of a ROS 2 that our environment has the set-up of; empty where it has none."""
+    """Return the interpreter of the ROS 2 that is sourced in this environment; empty if there is none."""
     return "/usr/bin/python3" if os.environ.get("AMENT_PREFIX_PATH") else ""
 
 
 def ros_python() -> str:
-    """Return ROS 2's interpreter, by name or the system's where ROS 2 is sourced; empty where there is none."""
+    """Return ROS 2's interpreter: the named one, or that of a sourced ROS 2; empty if there is none."""
     return os.environ.get(PYTHON_VARIABLE) or sourced_python()
 
 
 def ros_command(python: str, *arguments: str, **environment: object) -> list[str]:
-    """Return the command line that runs a script in an interpreter of ROS 2, with variables of its own."""
+    """Return the command line that runs a script in ROS 2's interpreter with additional variables."""
     foreign = [] if python == sourced_python() else [f"--unset={name}" for name in _FOREIGN]
     values = {"PYTHONSAFEPATH": 1, **environment}
     return [
@@ -63,7 +64,7 @@ def ros_command(python: str, *arguments: str, **environment: object) -> list[str
 
 
 def ros_gid(dds_topic: str) -> bytes:
-    """Return 16 bytes that stand for all who send on half a service's topic: rclpy does not tell them apart."""
+    """Return one 16-byte GID for all writers of a request or reply topic: rclpy does not tell them apart."""
     service = service_of(dds_topic)
     return (
         FAST_DDS
@@ -73,13 +74,13 @@ def ros_gid(dds_topic: str) -> bytes:
 
 
 def service_of(dds_topic: str) -> str:
-    """Return a service's name from a topic of it."""
+    """Return the name of the service to which a topic belongs."""
     wire = ros_name_from_dds(dds_topic)
     return dds_topic if wire is None else wire.name
 
 
 class RosHalf:
-    """A reader or writer of one side of a service; a reader has an inbox."""
+    """Reader or writer of one side of a service; a reader has an inbox."""
 
     lost = 0
 
@@ -91,21 +92,22 @@ class RosHalf:
         inbox: Inbox | None,
     ) -> None:
         self.gid = ros_gid(endpoint.dds_topic)
-        self.matched = 0  #: 1 when a call can be made or answered.
+        self.matched = 0  #: 1 if a call can be made or answered, otherwise 0.
         self.notify, self.inbox = notify, inbox
         self._services = services
         role = "server" if endpoint.dds_topic.startswith("rq/") == (inbox is not None) else "client"
         name, service = service_of(endpoint.dds_topic), endpoint.type.rpartition("_")[0]
-        self.key = f"{role} {name}"  #: Names the server or client in the program.
-        self.order = {"key": self.key, "role": role, "name": name, "service": service}  #: Opens it.
+        self.key = f"{role} {name}"  #: Name of the server or client in the program.
+        #: Order that opens it.
+        self.order = {"key": self.key, "role": role, "name": name, "service": service}
 
     @property
     def matched_prefixes(self) -> frozenset[bytes]:
-        """Whoever is called or answers, when there is anybody."""
+        """GUID prefix that stands for all peers; empty while there are none."""
         return frozenset({self.gid[:12]} if self.matched else ())
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
-        """Send a request or reply, which is a frame; rclpy gives it its time stamp.
+        """Send the frame of a request or reply; rclpy sets the time stamp.
 
         Raises:
             PublishError: The program does not keep up.
@@ -114,18 +116,18 @@ class RosHalf:
         self._services.write(self.key, unframe_service(bytes(cdr)))
 
     def write_message(self, message: Any) -> NoReturn:
-        """Refuse by a TypeError, as `loan` does: it takes frames."""
+        """Raise TypeError, as `loan` does, because only frames can be sent."""
         raise TypeError(f"{self.key}: given {message!r}, allowed are frames")
 
     loan = write_message
 
     def close(self) -> None:
-        """End it; the last half ends the server or client."""
+        """Close the endpoint; the last one of a server or client closes that as well."""
         self._services.close(self)
 
 
 class RosServices:
-    """The program of one node in a domain, None if that is no DDS domain, on an interface, None for any."""
+    """Program of one node in a DDS domain, None for no such domain, on an interface, None for any."""
 
     def __init__(
         self,
@@ -134,9 +136,9 @@ class RosServices:
         interface: str | None = None,
     ) -> None:
         python = ros_python()
-        #: Why nothing is served; empty when nothing is known against it.
+        #: Reason why no service can be reached; empty if none is known.
         self.why = "" if python and domain_id is not None else _NO_ROS
-        #: The 16-byte GUIDs of all participants that the program had.
+        #: 16-byte GUIDs of all participants that the program had.
         self.participants: set[bytes] = set()
         self._calls = calls
         self._argv = _argv(python, domain_id, interface)
@@ -149,9 +151,10 @@ class RosServices:
         self._running: asyncio.Task[Any] | None = None
 
     def find(self, half: str, asker: object, on_answer: Callable[[str], None]) -> None:
-        """Call back with why half a service of this type cannot be served; empty if it can.
+        """Call `on_answer` with the reason why a type of request or reply cannot be served, empty if it can.
 
-        That is now, or once the program runs, and then only what an asker, of any name, asked last.
+        The answer comes at once, or once the program runs. Until then a new question of the same asker about
+        the same service replaces its former one.
         """
         if self.why:
             on_answer(self.why)
@@ -161,7 +164,10 @@ class RosServices:
         self._order(do="find", service=service)
 
     def when_settled(self, endpoint: RawEndpoint, act: Callable[[], None]) -> None:
-        """Call back once no rclpy takes half a server over DDS for its own: now, or when the program serves."""
+        """Call `act` once no client of rclpy takes a request reader over DDS for its own server.
+
+        That is now if the program does not serve the service, otherwise when it does, at the latest after 5 s.
+        """
         misleads = endpoint.transport == "dds" and endpoint.dds_topic.startswith("rq/")
         if not misleads or self._is_settled(endpoint):
             act()
@@ -177,7 +183,7 @@ class RosServices:
         return bool(unserved) or any(half.matched for half in halves)
 
     def _go_on(self, late: Callable[[], None] | None = None) -> None:
-        """Call back who need not wait any more, and who has waited long enough."""
+        """Call the waiting functions whose endpoints are settled, and `late`, which has waited long enough."""
         for act in [
             a for a, endpoint in self._waiting.items() if a is late or self._is_settled(endpoint)
         ]:
@@ -187,7 +193,7 @@ class RosServices:
     def open(
         self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None
     ) -> RosHalf:
-        """Open a reader, which has an inbox, or a writer."""
+        """Open a reader, which needs an inbox, or a writer."""
         half = RosHalf(self, endpoint, notify, inbox)
         if beside := self._halves_of(half.key):
             half.matched = beside[0].matched
@@ -198,14 +204,18 @@ class RosServices:
         return half
 
     def close(self, half: RosHalf) -> None:
-        """Forget a half; again is harmless."""
+        """Remove an endpoint; repeated calls are harmless."""
         if half in self._halves:
             self._halves.remove(half)
             if not self._halves_of(half.key):
                 self._order(do="close", key=half.key)
 
     def write(self, key: str, frame: ServiceFrame) -> None:
-        """Send a frame."""
+        """Send a frame.
+
+        Raises:
+            PublishError: The program does not keep up.
+        """
         if self._process is not None and self._process.unsent_bytes > _LINE_LIMIT_BYTES:
             raise PublishError(key, code=-1, reason="ROS 2's program does not keep up")
         self._order(
@@ -220,12 +230,12 @@ class RosServices:
             self._process.order(**values)
 
     def start(self) -> None:
-        """Run the program, unless it runs or cannot."""
+        """Start the program, unless it runs or cannot serve."""
         if self._running is None and not self.why:
             self._running = self._calls(_NAME).spawn(self._run())
 
     async def _run(self) -> None:
-        """Keep the program running until the node ends, or the program cannot serve."""
+        """Keep the program running until the node ends or the program cannot serve."""
         while not self.why:
             self._process = await LineProcess.start(
                 _NAME, self._argv, on_report=self._heard, limit_bytes=_LINE_LIMIT_BYTES
@@ -286,7 +296,7 @@ class RosServices:
 
 
 def _argv(python: str, domain_id: int | None, interface: str | None) -> list[str]:
-    """Return the program's command line; on loopback it stays on this host, in each distribution's words."""
+    """Return the program's command line; on loopback, variables of the distribution keep it on this host."""
     values = {"ROS_DOMAIN_ID": domain_id, "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
     if interface == "lo":
         humble = os.environ.get("ROS_DISTRO") == "humble"
