@@ -1,6 +1,6 @@
-"""An action's client: sends goals, takes their feedback, and fetches their results.
+"""Client of an action: sends goals, receives their feedback, and fetches their results.
 
-Waiting ends with the goal, with its server, or at a time-out.
+A wait ends with the goal, with its server, or at a time-out.
 """
 
 from __future__ import annotations
@@ -34,28 +34,28 @@ FeedbackCallback = Callable[[Any], Awaitable[None] | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoalResult:
-    """The end of a goal."""
+    """Status and result of an ended goal."""
 
     status: GoalStatus  #: SUCCEEDED, CANCELED or ABORTED.
-    result: Any  #: The result message.
+    result: Any  #: Result message.
 
 
 class ClientGoalHandle:
-    """One accepted goal, at the client that sent it; made by `ActionClient.send_goal`."""
+    """Handle of an accepted goal at the client that sent it; made by `ActionClient.send_goal`."""
 
     def __init__(self, client: ActionClient, goal_id: bytes, accepted_ns: int) -> None:
-        self.goal_id = goal_id  #: The goal's 16 bytes.
-        #: Time of its acceptance by the server's clock (Unix time, nanoseconds).
+        self.goal_id = goal_id  #: Id of the goal, 16 bytes.
+        #: Time of acceptance by the server's clock, Unix time, ns.
         self.accepted_ns = accepted_ns
         self._client = client
         self._result: GoalResult | None = None
 
     async def result(self, timeout_s: float | None = None) -> GoalResult:
-        """Return how the goal ended, waiting for its end as long as there is a server; may be asked repeatedly.
+        """Wait for the goal's end as long as there is a server; return its result, also repeatedly.
 
         Raises:
             BusTimeoutError: The goal did not end in time.
-            ActionServerGoneError: The server went away; asking again may find it back.
+            ActionServerGoneError: The server disappeared; a later call may find it again.
             BusError: The server has forgotten the goal.
         """
         if self._result is None:
@@ -63,29 +63,29 @@ class ClientGoalHandle:
         return self._result
 
     async def cancel_goal(self, timeout_s: float = 5.0) -> CancelCode:
-        """Ask the server to cancel the goal, and return its answer: NONE means that the goal is CANCELING.
+        """Request cancellation of the goal, and return the response: NONE means that the goal is CANCELING.
 
         Raises:
-            BusTimeoutError: No answer in time.
+            BusTimeoutError: The server did not respond in time.
         """
         return (await self._client.cancel_goals(self.goal_id, timeout_s=timeout_s)).code
 
 
 class ActionClient:
-    """An action's client; made by `Node.create_action_client`. Goals may run beside each other."""
+    """Client of an action; made by `Node.create_action_client`. Goals may run concurrently."""
 
     def __init__(
         self, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
     ) -> None:
         action, topics = action_type(type_), goals.action_topics(name)
-        self.action_name = name  #: The fully resolved ROS action.
+        self.action_name = name  #: Fully resolved ROS action.
         self._backend = backend
         self._action = action
         self._calls = backend.calls(f"action client {name!r}")
         self._callbacks: dict[bytes, FeedbackCallback] = {}
-        # The subscription comes first: discovery announces readers to a server in order, and the server
-        # answers only a client whose reply reader it has discovered, and begins after that. By then it has
-        # discovered the reader of feedback, too.
+        # The feedback subscription is created first because discovery announces readers to a server in order.
+        # The server responds only to a client whose reply reader it has discovered, and begins the goal after
+        # that. By then it has also discovered the feedback reader.
         endpoint = topic_endpoint(action.feedback_message, topics.feedback, goals.FEEDBACK_QOS)
         self._feedback = Subscription(backend, endpoint, self._on_feedback, raw=False)
         client = partial(Client, backend, transport=transport)
@@ -97,7 +97,7 @@ class ActionClient:
         """Return once a server is ready.
 
         Raises:
-            BusTimeoutError: There was none within `timeout_s`.
+            BusTimeoutError: No server was ready within `timeout_s`.
         """
         try:
             async with asyncio.timeout(timeout_s):
@@ -111,14 +111,15 @@ class ActionClient:
     async def send_goal(
         self, goal: Any, feedback_callback: FeedbackCallback | None = None, timeout_s: float = 5.0
     ) -> ClientGoalHandle:
-        """Send a goal and return its handle once the server, to be found within the time-out, has accepted it.
+        """Send a goal and return its handle once a server, found within the time-out, has accepted it.
 
-        The callback, plain or async, is given each feedback message; of the newest 100 goals only.
+        The callback, plain or async, receives each feedback message. Only the newest 100 goals have a callback.
 
         Raises:
-            GoalRejectedError: The server does not take it.
-            BusTimeoutError: No server, or no answer in time; it may then run all the same, see `cancel_goals`.
-            InvalidMessageError: The goal is of another type.
+            GoalRejectedError: The server rejected the goal.
+            BusTimeoutError: No server was found, or it did not respond in time. The goal may run nevertheless;
+                see `cancel_goals`.
+            InvalidMessageError: The goal has another type.
         """
         checked_type(goal, type_=type_name(self._action.goal), where=self.action_name)
         await self.wait_for_server(timeout_s)
@@ -138,10 +139,10 @@ class ActionClient:
     async def cancel_goals(
         self, goal_id: bytes = NO_GOAL_ID, *, timeout_s: float = 5.0
     ) -> Canceling:
-        """Ask the server to cancel one goal, or without an id all goals, whatever client sent them.
+        """Request cancellation of one goal, or without an id of all goals of all clients.
 
         Raises:
-            BusTimeoutError: No answer in time.
+            BusTimeoutError: The server did not respond in time.
         """
         type_ = service_type(goals.CANCEL_GOAL).request
         response = await self._cancel.call(type_(goal_info=goals.goal_info(goal_id)), timeout_s)
@@ -149,7 +150,7 @@ class ActionClient:
         return Canceling(code=CancelCode(response.return_code), goal_ids=ids)
 
     async def result_of(self, goal_id: bytes, timeout_s: float | None = None) -> GoalResult:
-        """Return how a goal of any client ended; see `ClientGoalHandle.result`."""
+        """Return the result of a goal of any client; see `ClientGoalHandle.result`."""
         request = self._action.get_result.request(goal_id=goals.uuid_message(goal_id))
         response = await self._unless_gone(goal_id, self._result.call(request, timeout_s))
         status = GoalStatus(response.status)
@@ -161,21 +162,21 @@ class ActionClient:
         return GoalResult(status=status, result=response.result)
 
     def close(self) -> None:
-        """End the client and its pending calls; its goals go on. Again is harmless."""
+        """Close the client and end its pending calls; its goals go on. Repeated calls are harmless."""
         for end in (self._send, self._result, self._cancel, self._feedback):
             end.close()
 
     def _on_feedback(self, message: Any) -> None:
-        """Give feedback to its goal; that of other clients' goals is ignored."""
+        """Pass feedback to the callback of its goal; feedback on goals of other clients is ignored."""
         callback = self._callbacks.get(goals.goal_id_from(message.goal_id))
         if callback is not None:
             self._calls.run(callback, message.feedback)
 
     async def _unless_gone(self, goal_id: bytes, what: Coroutine[Any, Any, Any]) -> Any:
-        """Return what a coroutine about a goal returns, unless the server goes away before that.
+        """Return the result of a coroutine about a goal, unless the server disappears before.
 
         Raises:
-            ActionServerGoneError: It did, or there was none.
+            ActionServerGoneError: The server disappeared, or there was none.
         """
         tasks = asyncio.create_task(what), asyncio.create_task(self._result.wait_until_gone())
         try:

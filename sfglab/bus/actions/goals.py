@@ -1,4 +1,4 @@
-"""Goals of an action: their states, and how ids, statuses and names stand on the bus.
+"""Goals of an action: their states, and their ids, statuses and names in messages.
 
 Sources: design.ros2.org, "Actions"; `rcl_action`'s defaults.
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NO_GOAL_ID = bytes(16)
 CANCEL_GOAL = "action_msgs/srv/CancelGoal"
 STATUS = "action_msgs/msg/GoalStatusArray"
-# rcl_action's rcl_action_qos_profile_status_default; feedback has rmw's default, services their own.
+# Status has rcl_action's rcl_action_qos_profile_status_default, feedback has rmw's default profile.
 STATUS_QOS = LATCHED
 FEEDBACK_QOS = DEFAULT
 #: Number of ended goals whose results a server keeps, and of goals whose feedback a client takes.
@@ -52,7 +52,7 @@ class GoalEvent(Enum):
 
 
 class CancelCode(IntEnum):
-    """Answers to a request to cancel; the numbers of `action_msgs/srv/CancelGoal`."""
+    """Return codes of a cancel request; the numbers of `action_msgs/srv/CancelGoal`."""
 
     NONE = 0
     REJECTED = 1
@@ -83,17 +83,18 @@ def is_allowed(status: GoalStatus, event: GoalEvent) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Canceling:
-    """The goals that a request to cancel selects, and the server's answer."""
+    """Goals that a cancel request selects, and the server's return code."""
 
-    #: NONE if goals are canceled, or if there was none to cancel; otherwise the reason.
+    #: NONE if goals are canceled, or if there was none to cancel; otherwise the reason of the refusal.
     code: CancelCode
-    goal_ids: tuple[bytes, ...] = ()  #: Goals that are canceled, or may be, oldest first.
+    #: Ids of the goals that are canceled, or may be, oldest first.
+    goal_ids: tuple[bytes, ...] = ()
 
 
 def to_cancel(statuses: Mapping[bytes, GoalStatus], goal_id: bytes, stamp_ns: int) -> Canceling:
-    """Return which of a server's goals a request is about: one, or all without an id and a time.
+    """Return the goals that a cancel request selects: one goal, or all goals without an id and a time.
 
-    Goals are not canceled by the time of their acceptance: such a request without an id is rejected.
+    Goals cannot be selected by the time of their acceptance: a request with a time and no id is rejected.
     """
     cancelable = tuple(
         known for known, status in statuses.items() if is_allowed(status, GoalEvent.CANCEL_GOAL)
@@ -104,7 +105,7 @@ def to_cancel(statuses: Mapping[bytes, GoalStatus], goal_id: bytes, stamp_ns: in
         return Canceling(code=CancelCode.NONE, goal_ids=cancelable)
     if goal_id in cancelable:
         return Canceling(code=CancelCode.NONE, goal_ids=(goal_id,))
-    # Also of a goal that is CANCELING, as in rcl_action.
+    # A goal that is CANCELING counts as terminated, as in rcl_action.
     is_known = goal_id in statuses
     code = CancelCode.GOAL_TERMINATED if is_known else CancelCode.UNKNOWN_GOAL_ID
     return Canceling(code=code)
@@ -112,7 +113,7 @@ def to_cancel(statuses: Mapping[bytes, GoalStatus], goal_id: bytes, stamp_ns: in
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActionTopics:
-    """The ROS names of one action's services and topics; hidden, as a token starts with an underscore."""
+    """ROS names of the services and topics of one action, hidden because a token starts with an underscore."""
 
     send_goal: str
     cancel_goal: str
@@ -122,10 +123,10 @@ class ActionTopics:
 
 
 def action_topics(name: str) -> ActionTopics:
-    """Return the names below an action's absolute one.
+    """Return the names of an action's services and topics, given its absolute name.
 
     Raises:
-        FqnError: It is none, or too long for an action.
+        FqnError: The name is no absolute name, or too long for an action.
     """
     below = f"{validate_ros_name(name, ResourceKind.ACTION)}/_action/"
     return ActionTopics(**{field.name: f"{below}{field.name}" for field in fields(ActionTopics)})

@@ -1,4 +1,4 @@
-"""An action's server: answers requests, runs goals, and publishes their feedback and statuses."""
+"""Server of an action: responds to requests, runs goals, and publishes their feedback and statuses."""
 
 from __future__ import annotations
 
@@ -53,19 +53,20 @@ class CancelResponse(Enum):
 
 
 class ServerGoalHandle:
-    """One accepted goal, on its server; given to the server's callbacks."""
+    """Handle of an accepted goal at its server; given to the server's callbacks."""
 
     def __init__(
         self, server: ActionServer, goal_id: bytes, request: Any, accepted_ns: int
     ) -> None:
-        self.goal_id = goal_id  #: The goal's 16 bytes, chosen by the client.
-        self.request = request  #: The goal message.
-        #: Time of its acceptance by the server's clock (Unix time, nanoseconds).
+        self.goal_id = goal_id  #: Id of the goal, 16 bytes, chosen by the client.
+        self.request = request  #: Goal message.
+        #: Time of acceptance by the server's clock, Unix time, ns.
         self.accepted_ns = accepted_ns
-        self.status = GoalStatus.ACCEPTED  #: The goal's state.
-        #: Requests for the result wait for it.
+        self.status = GoalStatus.ACCEPTED  #: State of the goal.
+        #: Result of the goal; requests for the result wait for it.
         self.result: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-        self.task: asyncio.Task[Any] | None = None  #: Executes it.
+        #: Task that executes the goal; None before its start.
+        self.task: asyncio.Task[Any] | None = None
         self._server = server
 
     @property
@@ -75,14 +76,14 @@ class ServerGoalHandle:
 
     @property
     def is_cancel_requested(self) -> bool:
-        """Whether a request to cancel was accepted and the goal has not ended."""
+        """Whether a cancel request was accepted and the goal has not ended."""
         return self.status is GoalStatus.CANCELING
 
     def publish_feedback(self, feedback: Any) -> None:
-        """Publish how far the goal has come.
+        """Publish feedback on the goal.
 
         Raises:
-            InvalidMessageError: The message is of another type than the action's feedback.
+            InvalidMessageError: The message does not have the feedback type of the action.
         """
         self._server.publish_feedback(self.goal_id, feedback)
 
@@ -99,7 +100,7 @@ class ServerGoalHandle:
         self._server.apply(self, GoalEvent.ABORT)
 
     def canceled(self) -> None:
-        """End the goal as CANCELED, once a request to cancel was accepted; see `succeed`."""
+        """End the goal as CANCELED, once a cancel request was accepted; see `succeed`."""
         self._server.apply(self, GoalEvent.CANCELED)
 
 
@@ -111,18 +112,18 @@ ExecuteCallback = Callable[[ServerGoalHandle], Any]
 class ActionServerOptions(TypedDict, total=False):
     """Options of an action server."""
 
-    #: Plain or async: decides about a goal message (accepts all).
+    #: Plain or async function that decides about a goal message. The default accepts all goals.
     goal_callback: GoalCallback
-    #: Plain or async: decides whether a goal may be canceled. The default, as rclpy's, refuses.
+    #: Plain or async function that decides whether a goal may be canceled. The default refuses, as in rclpy.
     cancel_callback: CancelCallback
-    transport: Transport  #: Of its services; see `Node.create_service` ("dds").
+    transport: Transport  #: Transport of the services; see `Node.create_service` ("dds").
 
 
 class ActionServer:
-    """An action's server; made by `Node.create_action_server`.
+    """Server of an action; made by `Node.create_action_server`.
 
-    Goals run beside each other. The execute callback is given a `ServerGoalHandle`, by which it says how the
-    goal ends, and returns the result, None for zeros. When it raises, or says nothing, the goal is aborted.
+    Goals run concurrently. The execute callback receives a `ServerGoalHandle`, ends the goal through it, and
+    returns the result, None for zeros. If the callback raises or does not end the goal, the goal is aborted.
     The results of the last 100 goals are kept.
     """
 
@@ -136,7 +137,7 @@ class ActionServer:
         **options: Unpack[ActionServerOptions],
     ) -> None:
         action, topics = action_type(type_), goals.action_topics(name)
-        self.action_name = name  #: The fully resolved ROS action.
+        self.action_name = name  #: Fully resolved ROS action.
         self._backend = backend
         self._action = action
         self._execute = execute
@@ -149,7 +150,7 @@ class ActionServer:
         self._feedback = Publisher(backend, endpoint)
         endpoint = topic_endpoint(goals.STATUS, topics.status, goals.STATUS_QOS)
         self._status = Publisher(backend, endpoint)
-        self._publish_status()  # an empty list, so that it is known that none runs
+        self._publish_status()  # an empty list shows that no goal runs
         service = partial(Service, backend, transport=options.get("transport", "dds"))
         self._services = (
             service(goals.CANCEL_GOAL, name=topics.cancel_goal, handler=self._on_cancel_goal),
@@ -165,20 +166,20 @@ class ActionServer:
 
     @property
     def last_error(self) -> BaseException | None:
-        """The latest exception of a callback, None if there was none."""
+        """Latest exception of a callback; None if there was none."""
         return self._calls.last_error
 
     def apply(self, goal: ServerGoalHandle, event: GoalEvent) -> None:
-        """Let an event happen to a goal, and publish the statuses.
+        """Apply an event to a goal, and publish the statuses.
 
         Raises:
-            IllegalInputError: It may not happen now.
+            IllegalInputError: The state of the goal does not allow the event.
         """
         goal.status = step(f"goal {goal.goal_id.hex()}", TRANSITIONS, goal.status, event)
         self._publish_status()
 
     def publish_feedback(self, goal_id: bytes, feedback: Any) -> None:
-        """Send a goal's feedback; nothing once the server has ended."""
+        """Publish feedback on a goal; without effect after the server's end."""
         where = self._feedback.topic_name
         checked_type(feedback, type_=type_name(self._action.feedback), where=where)
         if not self._closed:
@@ -186,13 +187,13 @@ class ActionServer:
             self._feedback.publish(type_(goal_id=goals.uuid_message(goal_id), feedback=feedback))
 
     def close(self) -> None:
-        """Abort the goals that run and end the server; again is harmless."""
+        """Abort running goals and close the server; repeated calls are harmless."""
         self._backend.end(self._abort)
         for end in (*self._services, self._feedback, self._status):
             end.close()
 
     def _abort(self) -> None:
-        """Abort what runs; subscribers of the status learn of it, unless the node closes."""
+        """Abort running goals; subscribers of the status are notified, unless the node closes."""
         if self._backend.loop.is_closed():
             return
         self._closed = self._backend.closed
@@ -205,7 +206,7 @@ class ActionServer:
         self._closed = True
 
     async def _on_send_goal(self, request: Any) -> Any:
-        """Return whether the goal of a request is taken."""
+        """Return the response that accepts or rejects a goal."""
         goal_id = goals.goal_id_from(request.goal_id)
         is_taken = goal_id not in self._goals and await self._takes(request.goal)
         # Two requests with one id may both have passed the callback; the first is accepted.
@@ -218,28 +219,29 @@ class ActionServer:
         return self._action.send_goal.response(accepted=is_accepted, stamp=stamp)
 
     def _on_answered(self, request: Any) -> None:
-        """Begin with a goal whose client was answered; by then its reader of feedback is known, too."""
+        """Start a goal after the response to its client; by then the feedback reader is discovered as well."""
         goal = self._goals.get(goals.goal_id_from(request.goal_id))
         if goal is None or goal.task is not None or self._closed:
             return
-        # A goal that was canceled while it waited is executed too: its callback has to end it.
+        # A goal that was canceled before its start is executed as well because its callback has to end it.
         if not goal.is_cancel_requested:
             self.apply(goal, GoalEvent.EXECUTE)
         goal.task = self._calls.spawn(self._run(goal))
 
     async def _on_get_result(self, request: Any) -> Any:
-        """Return a goal's result once it has ended; UNKNOWN and zeros for a goal that is not kept."""
+        """Return the result of a goal once it has ended; UNKNOWN and zeros for a goal that is not kept."""
         goal = self._goals.get(goals.goal_id_from(request.goal_id))
         response = self._action.get_result.response
         if goal is None:
             result = default_message(self._action.result)
             return response(status=int(GoalStatus.UNKNOWN), result=result)
-        # Shielded: several may wait for it, and one of them that ends must not end it for the others.
+        # Several requests may wait for the result. The shield prevents one that ends from ending it for the
+        # others.
         result = await asyncio.shield(goal.result)
         return response(status=int(goal.status), result=result)
 
     async def _on_cancel_goal(self, request: Any) -> Any:
-        """Ask the callback about each goal that a request is about, and return which are CANCELING."""
+        """Call the cancel callback for each selected goal, and return the goals that are CANCELING."""
         info = request.goal_info
         statuses = {goal_id: goal.status for goal_id, goal in self._goals.items()}
         goal_id, stamp_ns = goals.goal_id_from(info.goal_id), ns_from_stamp(info.stamp)
@@ -254,7 +256,7 @@ class ActionServer:
         return response(return_code=int(code), goals_canceling=infos)
 
     async def _run(self, goal: ServerGoalHandle) -> None:
-        """Execute a goal to its end; a callback that does not say how it ends has failed."""
+        """Execute a goal to its end; the goal is aborted if the callback does not end it."""
         result = None
         try:
             result = await awaited(self._execute(goal))
@@ -286,7 +288,7 @@ class ActionServer:
         if callback is None:
             return False
         answer = await self._asked(callback, goal, CancelResponse)
-        # It may have ended, or another request was faster, while the callback was asked.
+        # While the callback ran, the goal may have ended, or another request may have canceled it.
         if answer is CancelResponse.REJECT or answer is None:
             return False
         if not is_allowed(goal.status, GoalEvent.CANCEL_GOAL):
@@ -297,7 +299,7 @@ class ActionServer:
     async def _asked(
         self, callback: Callable[[Any], Any], about: Any, answers: type[Enum]
     ) -> Enum | None:
-        """Return a callback's answer; None, which refuses, when it fails or gives another, both reported."""
+        """Return a callback's answer; None, which refuses, if the callback fails or the answer is invalid."""
         try:
             return answers(await awaited(callback(about)))
         except Exception as error:  # noqa: BLE001 - reported
