@@ -1,8 +1,9 @@
-"""The bus: publish, subscribe, call and look around, in rclpy's vocabulary, to be awaited.
+"""Nodes of ROS 2 for asyncio, named as in rclpy: publishers, subscriptions, services, actions and the graph.
 
-`Node` is live. Components receive a node as an argument and take the time only from `Node.get_clock`, so they
-run over any backend, such as the simulated world (`sfglab.bus.sim`). A public name is loaded from its module at its
-first use: a process that only needs addresses starts in a third of the time.
+`Node` joins a DDS domain. A component receives its node as an argument and reads the time only from
+`Node.get_clock`. It therefore runs over any backend, such as the simulated world (`sfglab.bus.sim`). A public
+name is loaded from its module at its first use. A process that needs only addresses starts in a third of the
+time.
 """
 
 from __future__ import annotations

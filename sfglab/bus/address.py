@@ -8,11 +8,11 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusAddress:
-    """Where on the bus a node stands; `options` are the keyword arguments of `sfglab.bus.Node`."""
+    """Address of a node: domain, interface and multicast; `options` returns the keyword arguments of `Node`."""
 
     domain_id: int  #: DDS domain, 0 to 232.
-    interface: str | None = None  #: Network interface by name; None leaves the choice to DDS.
-    #: How far multicast is used: ``default``, or ``spdp`` for discovery only; see `DomainConfig`.
+    interface: str | None = None  #: Network interface by name; None lets DDS choose.
+    #: Use of multicast: ``default``, or ``spdp`` for discovery only; see `DomainConfig`.
     multicast: str = "default"
 
     def options(self) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""Values of the bus: endpoints and nodes of the graph, its events, messages' stamps, and what USER_DATA says.
+"""Values of the bus: endpoints, nodes and events of the graph, metadata of messages, and entries of USER_DATA.
 
-Knows only names, values and shapes. Refuses to know any middleware.
+The module depends on no middleware.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ MessageType = str | type[Any]
 Callback = Callable[[Any], Awaitable[None] | None]
 Handler = Callable[[Any], Any]
 
-#: A 4K image has 25 MB; a cloud of two million points 64 MB.
+#: Default limit of a message's CDR, bytes: a 4K image has 25 MB, a cloud of two million points 64 MB.
 DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20
 
-# Keys of USER_DATA, which has the `key=value;` form that ROS 2 uses there: `enclave=/;` on participants,
-# `typehash=..;` and `serviceid=..;` on endpoints. Readers ignore keys that they do not know.
+# Keys of USER_DATA. ROS 2 writes `key=value;` there: `enclave=/;` on participants, `typehash=..;` and
+# `serviceid=..;` on endpoints. Readers ignore unknown keys.
 NODE_KEY = "sfglab.node"
 HOST_KEY = "sfglab.host"
 SHM_KEY = "sfglab.shm"
-#: Of a writer that advertises a topic and sends nothing before a subscription exists.
+#: Key of a writer that advertises a topic and sends nothing before a subscription exists.
 OFFER_KEY = "sfglab.offer"
 #: Partition in which shared-memory endpoints are announced, so that no DDS endpoint matches them.
 SHM_PARTITION = "sfglab.shm"
 
-#: Fast DDS's vendor id, with which its GUIDs begin (RTPS 2.5, clause 9.3.1.5).
+#: Vendor id of Fast DDS: the first bytes of its GUIDs (RTPS 2.5, clause 9.3.1.5).
 FAST_DDS = b"\x01\x0f"
 
 
@@ -56,31 +56,31 @@ class MessageInfo:
 
     #: Time of publication by the publisher's clock, Unix time, ns.
     source_timestamp_ns: int
-    #: Time at which it was taken from the transport, by this host's clock, Unix time, ns.
+    #: Time at which the message was taken from the transport, by this host's clock, Unix time, ns.
     received_timestamp_ns: int
-    publisher_gid: bytes  #: The 16-byte DDS GUID of the publisher; zeros when it was already gone.
+    publisher_gid: bytes  #: 16-byte DDS GUID of the publisher; zeros if the publisher had left.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawEndpoint:
-    """A writer or reader of serialized messages, as a backend is asked to open it."""
+    """Description of a writer or reader of serialized messages that a backend opens."""
 
-    dds_topic: str  #: The topic on the wire: "rt/tf", "rq/global/go2/get_metadataRequest".
-    #: As `EndpointInfo.type` names it: the ROS type, or the DDS type when it has no ROS name. On topics below
-    #: "rq/" and "rr/" the CDR begins with the 16 bytes of `sfglab.messages.frame_service`.
+    dds_topic: str  #: DDS topic, such as "rt/tf" or "rq/global/go2/get_metadataRequest".
+    #: ROS type, or the DDS type if it has no ROS name. On topics below "rq/" and "rr/" the CDR begins with the
+    #: 16 bytes of `sfglab.messages.frame_service`.
     type: str
     qos: QoSProfile  #: QoS that a reader requests or a writer offers.
-    user_data: bytes = b""  #: The endpoint's USER_DATA, which the others' graphs show.
-    name: str = ""  #: The ROS name of the topic or service, for error messages.
-    #: Endpoints of different transports do not meet. "ros" is for services (`sfglab.bus.ros`), "any" for a
-    #: raw writer of them.
+    user_data: bytes = b""  #: USER_DATA of the endpoint; the graphs of other nodes show it.
+    name: str = ""  #: ROS name of the topic or service, for error messages.
+    #: Transport; endpoints of different transports do not match. "ros" is for services (`sfglab.bus.ros`),
+    #: "any" for a raw writer of services.
     transport: Transport = "dds"
-    #: The limit of one message's CDR with "shm".
+    #: Limit of one message's CDR with "shm", bytes.
     max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES
-    #: Whether the endpoint belongs to a router. Samples then keep their form, and endpoints of the same
+    #: Whether the endpoint belongs to a router. Samples then pass unchanged, and endpoints of the same
     #: participant do not match it.
     forwards: bool = False
-    #: Whether samples are handed over in the thread that takes them, if there is one.
+    #: Whether the callback runs in the thread that takes samples, if there is one, instead of on the loop.
     threaded: bool = False
 
     def __post_init__(self) -> None:
@@ -91,7 +91,7 @@ class RawEndpoint:
 
     @property
     def is_service(self) -> bool:
-        """Whether it is one half of a service, so that its CDR begins with a frame."""
+        """Whether the endpoint is a request or reply endpoint, whose CDR begins with a frame."""
         return self.dds_topic.startswith(("rq/", "rr/"))
 
 
@@ -100,53 +100,54 @@ class EndpointInfo:
     """One publisher or subscription in the computation graph."""
 
     kind: EndpointKind  #: Publisher or subscription.
-    topic: str  #: The ROS topic ("/chatter"), or the DDS topic as it is when it has no ROS name.
-    #: The ROS type ("std_msgs/msg/String"), or the DDS type as it is when it has no ROS name.
+    topic: str  #: ROS topic ("/chatter"), or the DDS topic if it has no ROS name.
+    #: ROS type ("std_msgs/msg/String"), or the DDS type if it has no ROS name.
     type: str
-    gid: bytes  #: The endpoint's 16-byte DDS GUID.
+    gid: bytes  #: 16-byte DDS GUID of the endpoint.
     qos: QoSProfile  #: QoS that the endpoint offers or requests.
-    #: "dds", "shm" for what announces a shared-memory endpoint, or "ros" for a service's half in rmw_fastrtps.
+    #: "dds", "shm" for the announcement of a shared-memory endpoint, or "ros" for a request or reply endpoint
+    #: of rmw_fastrtps.
     transport: Transport = "dds"
-    participant: bytes = b""  #: The 16-byte GUID of its participant.
+    participant: bytes = b""  #: 16-byte GUID of its participant.
     host: str = (
-        ""  #: Host of the endpoint: a host id of sfglab, otherwise a host name, otherwise empty.
+        ""  #: Host of the endpoint: host id of sfglab, otherwise host name; empty if unknown.
     )
-    #: The full name of the node that owns it, else empty. Of nodes that are not sfglab's it is known only once
-    #: the graph was asked for nodes.
+    #: Full name of the owning node; empty if unknown. Owners outside sfglab are known only after a call of
+    #: `Graph.nodes`.
     node: str = ""
-    dds_topic: str = ""  #: The topic on the wire ("rt/chatter").
-    user_data: bytes = b""  #: The endpoint's DDS USER_DATA.
+    dds_topic: str = ""  #: DDS topic ("rt/chatter").
+    user_data: bytes = b""  #: USER_DATA of the endpoint.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeInfo:
     """A node of the computation graph, as its participant announces it."""
 
-    namespace: str  #: The node's namespace, "/" for the root.
-    name: str  #: Its name.
-    participant: bytes  #: The 16-byte GUID of its participant.
-    #: GUIDs (16 bytes) of its subscriptions, services' included, in its order.
+    namespace: str  #: Namespace of the node, "/" for the root.
+    name: str  #: Name of the node, without its namespace.
+    participant: bytes  #: 16-byte GUID of its participant.
+    #: GUIDs (16 bytes) of the node's subscriptions, including those of services, in the announced order.
     readers: tuple[bytes, ...] = ()
-    writers: tuple[bytes, ...] = ()  #: The same of its publishers.
+    writers: tuple[bytes, ...] = ()  #: GUIDs of the node's publishers, likewise.
 
     @property
     def full_name(self) -> str:
-        """The node's name with its namespace."""
+        """Name of the node with its namespace."""
         return f"{self.namespace.rstrip('/')}/{self.name}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointAdded:
-    """An endpoint appeared, or one that was known changed what it says about itself."""
+    """Event: an endpoint appeared, or a known endpoint changed its announcement."""
 
     endpoint: EndpointInfo  #: The endpoint.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointRemoved:
-    """An endpoint was closed, or its participant's lease ran out."""
+    """Event: an endpoint was closed, or the lease of its participant expired."""
 
-    endpoint: EndpointInfo  #: The endpoint as it was last known.
+    endpoint: EndpointInfo  #: Last known description of the endpoint.
 
 
 EndpointEvent = EndpointAdded | EndpointRemoved
@@ -157,24 +158,27 @@ Listener = Callable[[EndpointEvent], None]
 
 @cache
 def ros_topic(dds_topic: str) -> str:
-    """Return the ROS name of a topic on the wire, or the topic as it is when it has none."""
+    """Return the ROS name of a DDS topic, or the DDS topic itself if it has none."""
     wire = names.ros_name_from_dds(dds_topic)
     return wire.name if wire is not None and wire.role is names.DdsRole.TOPIC else dds_topic
 
 
 def entries(data: bytes) -> dict[str, str]:
-    """Return the entries of USER_DATA; what has another form is left out."""
+    """Return the entries of USER_DATA; parts without the form `key=value` are left out."""
     pairs = (part.partition("=") for part in data.decode(errors="replace").split(";"))
     return {key: value for key, separator, value in pairs if separator}
 
 
 def user_data(values: dict[str, str]) -> bytes:
-    """Return USER_DATA with these entries, in their order."""
+    """Return USER_DATA with these entries in this order."""
     return "".join(f"{key}={value};" for key, value in values.items()).encode()
 
 
 def host_id() -> str:
-    """Return 16 hexadecimal digits of a boot and network namespace: who shares them shares Unix sockets."""
+    """Return the host id: a hash of boot id and network namespace, 16 hexadecimal digits.
+
+    Processes with the same host id can connect over abstract Unix sockets.
+    """
     boot_id = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
     return _host_id(boot_id, str(Path("/proc/self/ns/net").readlink()))
 

@@ -1,6 +1,7 @@
-"""A middleware as nodes see it: the base class of its half of a node, and forwarding between any two.
+"""Base class of backends, one for each middleware, and forwarding between nodes of any two backends.
 
-Knows what ends with a node and in which order. Refuses to know any middleware: each derives from `Backend`.
+A backend closes what its node opened, in reverse order. Each middleware derives a class from `Backend`; this
+module depends on none of them.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class Clock:
-    """The time of a node's world: here the host's, as ROS 2 stamps messages with it."""
+    """Clock of a node: here the system time of the host, with which ROS 2 stamps messages."""
 
     def now_ns(self) -> int:
         """Return the current time, in nanoseconds since the Unix epoch."""
@@ -41,27 +42,28 @@ class Clock:
 
 
 class Backend(ABC):
-    """One node's half of a middleware, on the running loop; what is opened and registered here ends with it.
+    """Backend of one node, on the running loop; its end closes everything that was opened or registered here.
 
-    A node gets its backend from `Join`. Nothing here refers to the `Node`, so one that a notebook forgot is
-    collected, and its finalizer closes the backend. `on_error` is told about exceptions in callbacks; None logs
-    them. All backends have these forms in common:
+    A node gets its backend from `Join`. A backend holds no reference to its `Node`. A forgotten node is
+    therefore collected, and its finalizer closes the backend. `on_error` receives exceptions of callbacks;
+    None logs them. All backends follow these rules:
 
-    - An endpoint has a 16-byte GID, and `participant_of` names its participant as `matched_prefixes` do.
-    - The others' graphs show an endpoint's QoS, node and USER_DATA. Only those match whose QoS is compatible
-      (`sfglab.qos.incompatibilities`); a middleware that does not check this leaves it to its backend.
-    - A sample comes with its source time and its publisher's GID. Requests and replies are samples with a frame
+    - An endpoint has a 16-byte GID. `participant_of` returns the participant's part of it, as in
+      `matched_prefixes`.
+    - Graphs of other nodes show an endpoint's QoS, node and USER_DATA. Only endpoints with compatible QoS match
+      (`sfglab.qos.incompatibilities`). The backend checks this if its middleware does not.
+    - A sample carries its source time and its publisher's GID. Requests and replies are samples with a frame
       (`sfglab.messages.frame_service`).
-    - A reader tells `Inbox.on_life` which publishers appear, show life again, or cease to.
+    - A reader calls `Inbox.on_life` when a publisher appears, becomes alive again, or loses its liveliness.
     """
 
-    kind: ClassVar[str]  #: What nodes of it are called in error messages.
-    graph: Graph  #: All endpoints of the node's domain.
-    guid: bytes  #: The 16-byte GUID of the node's participant.
+    kind: ClassVar[str]  #: Word for nodes of this backend in error messages, such as "live".
+    graph: Graph  #: Graph of the node's domain.
+    guid: bytes  #: 16-byte GUID of the node's participant.
 
     def __init__(self, on_error: OnError | None) -> None:
         self.loop = asyncio.get_running_loop()
-        self.bridge = LoopBridge(self.loop)  #: Where other threads post to.
+        self.bridge = LoopBridge(self.loop)  #: Bridge over which other threads reach the loop.
         self.clock = Clock()
         self.closed = False
         self._on_error = on_error
@@ -70,25 +72,25 @@ class Backend(ABC):
 
     @abstractmethod
     def open_writer(self, endpoint: RawEndpoint, notify: Callable[[], None]) -> Writer:
-        """Return a new writer; on the loop `notify` is called when its matching readers change."""
+        """Return a new writer; `notify` is called on the loop when its matching readers change."""
 
     @abstractmethod
     def open_reader(
         self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox
     ) -> Reader:
-        """Return a new reader, which pushes into `inbox`; see `open_writer`."""
+        """Return a new reader that pushes samples into `inbox`; see `open_writer`."""
 
     @abstractmethod
     def leave(self) -> None:
-        """Leave the domain; everything registered is closed."""
+        """Leave the domain; everything registered is closed by then."""
 
     def open_forwarder(self, target: Any) -> Forwarder:
-        """Return what forwards to another node of this kind; `target` is its backend."""
+        """Return a forwarder to another node of this kind; `target` is the backend of that node."""
         return RawForwarder(self, target)
 
     @cached_property
     def ros(self) -> RosServices:
-        """Services of rmw_fastrtps in the node's domain; of none here."""
+        """Services of rmw_fastrtps in the node's domain; this base class cannot reach any."""
         return RosServices(self.calls)
 
     def participant_of(self, gid: bytes) -> bytes:
@@ -96,17 +98,17 @@ class Backend(ABC):
         return gid[:12]
 
     def decoder(self, type_: str) -> Callable[[Any], Any]:
-        """Return what makes messages of a type from CDR."""
+        """Return a function that decodes CDR into messages of a type."""
         return decoder(type_)
 
     def random_bytes(self, count: int) -> bytes:
-        """Return bytes that no other node will have."""
+        """Return random bytes that are unique among nodes."""
         return secrets.token_bytes(count)
 
     def watch_publishers(
         self, reader: Reader, endpoint: RawEndpoint, listener: Listener
     ) -> Callable[[], None]:
-        """Tell a listener of publishers that may not match a reader, and why; return what ends that."""
+        """Call a listener for events of all publishers of a topic; return a function that stops this."""
         del reader
         return self.graph.watch(endpoint.dds_topic, EndpointKind.PUBLISHER, listener)
 
@@ -119,13 +121,13 @@ class Backend(ABC):
         self._owned[close] = None
 
     def end(self, close: Callable[[], None]) -> None:
-        """Call a registered `close` before the node closes; again, and after that, it is harmless."""
+        """Call a registered `close` now; harmless if it was called before or the node is closed."""
         if not self.closed and close in self._owned:
             del self._owned[close]
             close()
 
     def close(self) -> None:
-        """End everything now; from any thread, also without a running loop; again is harmless."""
+        """Close everything now; callable from any thread, without a running loop, and repeatedly."""
         if self.closed:
             return
         self.closed = True
@@ -153,25 +155,26 @@ class Backend(ABC):
 
 
 class RawForwarder:
-    """Forwards from one node to another, of any backends, by their readers and writers, on the loop."""
+    """Forwarder between nodes of any two backends; samples pass through readers and writers on the loop."""
 
     def __init__(self, source: Backend, target: Backend) -> None:
         self._source = source
         self._target = target
 
     def open(self, endpoint: RawEndpoint) -> LoopForward:
-        """Read a topic in the source's domain; until its sources are judged their samples are held."""
+        """Read a topic in the source domain; samples of a source are held until it is admitted or refused."""
         return LoopForward(self._source, replace(endpoint, forwards=True))
 
     def open_writer(self, endpoint: RawEndpoint) -> LoopWriter:
-        """Write to a topic in the target's domain."""
+        """Write to a topic in the target domain."""
         return LoopWriter(self._target, replace(endpoint, forwards=True))
 
 
 class LoopWriter(GuardedWriter):
-    """A raw writer that is written to on the loop, and ignores what comes after its end.
+    """Raw writer for use on the loop, which ignores samples after its end.
 
-    One that may block, as it keeps all for slow readers, is written to in a thread, and tried again.
+    A KEEP_ALL writer may block on slow readers. It is therefore called in a thread, and a blocked sample is
+    sent again.
     """
 
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
@@ -179,7 +182,7 @@ class LoopWriter(GuardedWriter):
         self._backend = backend
         self._endpoint = endpoint
         self._writers: list[Writer] = []
-        self._leaving: list[Writer] = []  # of a source that is gone, until its samples are sent
+        self._leaving: list[Writer] = []  # writers without a source, until their samples are sent
         self._create(endpoint.qos)
         self.gid = self._writers[0].gid
         blocking = any(getattr(writer, "may_block", False) for writer in self._writers)
@@ -189,7 +192,7 @@ class LoopWriter(GuardedWriter):
         self._sending: asyncio.Task[Any] | None = None
 
     def write(self, cdr: bytes, source_timestamp_ns: int) -> None:
-        """Send one sample with the time stamp that its first publisher gave it."""
+        """Send one sample with the source time stamp of its original publisher."""
         if self._backend.closed or self.closed:
             return
         self.show_life(alive=True)
@@ -202,11 +205,11 @@ class LoopWriter(GuardedWriter):
             self._sending = self._calls.spawn(self._send())
 
     def sent(self) -> Awaitable[None] | None:
-        """Return what is awaited until all samples are sent; None if they are."""
+        """Return an awaitable that ends when all samples are sent; None if they are."""
         return None if self._sending is None else _ended(self._sending)
 
     def close(self) -> None:
-        """End it; again is harmless."""
+        """Close the writer; repeated calls are harmless."""
         self.closed = True
         self._delete()
         if self._sending is not None and not self._backend.loop.is_closed():
@@ -241,14 +244,14 @@ class LoopWriter(GuardedWriter):
             writer.write(cdr, source_timestamp_ns)
 
     async def _send(self) -> None:
-        """Send what waits, in a thread; a sample that slow readers hold up is tried again."""
+        """Send queued samples in a thread; a sample that slow readers block is sent again."""
         try:
             while self._unsent:
                 try:
                     await asyncio.to_thread(self._write, *self._unsent[0])
                 except WriterBlockedError:
                     continue
-                except Exception as error:  # noqa: BLE001 - one sample must not hold up the next ones
+                except Exception as error:  # noqa: BLE001 - one bad sample must not stop the next ones
                     self._calls.report(error)
                 self._unsent.popleft()
             self._end_leaving()
@@ -257,7 +260,7 @@ class LoopWriter(GuardedWriter):
 
 
 class LoopForward(Forward[Sample, LoopWriter]):
-    """A forward whose samples pass on the loop; half a server waits for that of rmw_fastrtps, if one comes."""
+    """Forward whose samples pass on the loop; its reader opens when `RosServices.when_settled` allows it."""
 
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
         super().__init__()
@@ -269,7 +272,7 @@ class LoopForward(Forward[Sample, LoopWriter]):
         backend.ros.when_settled(endpoint, partial(self._open, endpoint))
 
     def close(self) -> None:
-        """End it at once; again is harmless."""
+        """Close the forward at once; repeated calls are harmless."""
         self._closed = True
         if self._reader is not None:
             self._backend.end(self._reader.close)
@@ -287,9 +290,10 @@ class LoopForward(Forward[Sample, LoopWriter]):
         self._backend.register(self._reader.close)
 
     def _take(self, sample: Sample) -> Awaitable[None] | None:
-        """Pass a sample on; while its writer is blocked, the next ones wait in the inbox.
+        """Forward a sample; while its writer is blocked, the next ones wait in the inbox.
 
-        A sample of a publisher that is gone may have an unknown GID, zeros, which nothing judges.
+        A sample whose publisher has left may have the unknown GID, zeros. Such a sample is dropped because it
+        has no source to decide about.
         """
         if not any(sample[3]):
             self._drop(sample)
@@ -310,7 +314,7 @@ class LoopForward(Forward[Sample, LoopWriter]):
             changed = cdr if transform is None else transform(cdr)
             if changed is not None:
                 writer.write(changed, sample[1])
-        except Exception as error:  # noqa: BLE001 - one sample must not take the next ones with it
+        except Exception as error:  # noqa: BLE001 - one bad sample must not stop the next ones
             self._calls.report(error)
             changed = None
         if changed is None:
@@ -326,11 +330,12 @@ class LoopForward(Forward[Sample, LoopWriter]):
 
 
 async def _ended(task: asyncio.Task[Any]) -> None:
-    """Return when a task has ended, without ending it."""
+    """Return when a task has ended; a cancelled wait does not cancel the task."""
     await asyncio.wait((task,))
 
 
-Join = Callable[[str, OnError | None], Backend]  #: Given a node's full name and its errors' taker.
+#: Function that creates the backend of a node, given its full name and `on_error`.
+Join = Callable[[str, OnError | None], Backend]
 
 
 def _running_loop() -> asyncio.AbstractEventLoop | None:

@@ -1,4 +1,4 @@
-"""Endpoints of a backend: its writers and readers, and the bounded inbox between a reader and its user."""
+"""Endpoints of a backend: writers, readers, and the bounded inbox between a reader and its user."""
 
 from __future__ import annotations
 
@@ -19,62 +19,63 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import Callback
 
-#: How much a KEEP_ALL subscription may queue; beyond it the oldest goes.
+#: Largest queue of a KEEP_ALL subscription, bytes; beyond it the oldest samples are dropped.
 KEEP_ALL_LIMIT_BYTES = 256 * 2**20
 
 Sample = tuple[bytes | memoryview, int, int, bytes]
-"""CDR, source and reception time (ns), publisher's gid: a plain tuple, as it is made for every message."""
+"""CDR, source time (ns), reception time (ns), publisher's GID; a plain tuple, made for each message."""
 
-# Bookkeeping of a queued sample in CPython, so that a flood of empty messages is bounded too.
+# CPython's memory for the bookkeeping of a queued sample, so that a flood of empty messages is bounded as well.
 _OVERHEAD_BYTES = 256
-# Whoever reads a flood gives the loop to others after so many samples.
+# Number of samples in a row after which a reader yields the loop to other tasks.
 _MAX_PER_WAKE = 32
 
 
 class Endpoint(Protocol):
-    """A writer or reader of one topic, open until it is closed."""
+    """Writer or reader of one topic, open until it is closed."""
 
     @property
     def gid(self) -> bytes:
-        """The 16-byte GUID under which others know it."""
+        """16-byte GUID of the endpoint, as other nodes discover it."""
 
     @property
     def matched(self) -> int:
-        """How many endpoints of the other kind match now."""
+        """Number of matching endpoints of the other kind."""
 
     @property
     def matched_prefixes(self) -> frozenset[bytes]:
-        """The GUID prefixes of the participants whose endpoints match now."""
+        """GUID prefixes of the participants whose endpoints match."""
 
     def close(self) -> None:
-        """Release everything."""
+        """Close the endpoint and free its resources."""
 
 
 class Writer(Endpoint, Protocol):
-    """An outgoing side."""
+    """Outgoing endpoint."""
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
         """Send serialized bytes; see `Publisher.publish_raw`."""
 
     def write_message(self, message: Any) -> None:
-        """Serialize and send."""
+        """Serialize and send a message."""
 
     def loan(self, size_bytes: int) -> AbstractContextManager[memoryview]:
-        """Lend memory for a message; TypeError where there is none to lend."""
+        """Lend memory for a message; raise TypeError if the transport has none to lend."""
 
 
 class Reader(Endpoint, Protocol):
-    """An incoming side, which pushes into the inbox that it was opened with."""
+    """Incoming endpoint, which pushes samples into the inbox that it was opened with."""
 
     @property
     def lost(self) -> int:
-        """How many samples are known to have been lost on the way here."""
+        """Number of samples that the transport knows to be lost."""
 
 
 class SampleQueue:
-    """A first-in-first-out queue of `depth` samples, or for KEEP_ALL `limit_bytes`; the oldest gives way.
+    """First-in-first-out queue of `depth` samples, or of `limit_bytes` for KEEP_ALL; it drops the oldest.
 
-    A transport's thread pushes, with a lock for the bounds; the loop pops, as a deque's ends are safe.
+    A transport's thread pushes under a lock, which protects the bounds. The loop pops without it because
+    operations at the ends of a deque are thread-safe.
     """
 
     def __init__(self, qos: QoSProfile, *, limit_bytes: int = KEEP_ALL_LIMIT_BYTES) -> None:
@@ -89,7 +90,7 @@ class SampleQueue:
 
     @property
     def dropped(self) -> int:
-        """How many samples were pushed out, or skipped, before they were read."""
+        """Number of samples that were dropped or skipped before they were read."""
         with self._lock:
             return self._skipped + self._arrived - self._taken - len(self._samples)
 
@@ -97,14 +98,14 @@ class SampleQueue:
         """Append samples, oldest first."""
         with self._lock:
             for sample in samples:
-                self._samples.append(sample)  # pushes out the oldest of KEEP_LAST
+                self._samples.append(sample)  # with KEEP_LAST this drops the oldest of a full queue
                 self._arrived += 1
                 if self._limit_bytes:
                     self._in_bytes += len(sample[0]) + _OVERHEAD_BYTES
                     self._shrink(self._limit_bytes)
 
     def pop(self) -> Sample | None:
-        """Remove and return the oldest sample, None when empty; on the loop only."""
+        """Remove and return the oldest sample, None if there is none; to be called on the loop only."""
         try:
             sample = self._samples.popleft()
         except IndexError:
@@ -119,23 +120,23 @@ class SampleQueue:
         self._skipped += count
 
     def clear(self) -> None:
-        """Forget all samples, uncounted; on the loop only."""
+        """Remove all samples without counting them as dropped; to be called on the loop only."""
         while self.pop() is not None:
             pass
 
     def _shrink(self, limit_bytes: int) -> None:
         while self._in_bytes - self._out_bytes > limit_bytes and len(self._samples) > 1:
             oldest = self._samples.popleft()
-            if not self._samples:  # the loop was faster, and this is the newest
+            if not self._samples:  # the loop took the others meanwhile, and this is the newest
                 self._samples.appendleft(oldest)
                 return
             self._in_bytes -= len(oldest[0]) + _OVERHEAD_BYTES
 
 
 class Inbox:
-    """A queue of samples, bounded by a QoS, that hands them to `get` or decoded to a callback, oldest first.
+    """Queue of samples, bounded by a QoS; it gives samples to `get` or messages to a callback, oldest first.
 
-    While what a callback returned is awaited, samples wait in the queue. The bridge leads to the reader's loop.
+    While the awaitable of a callback runs, samples wait in the queue. The bridge belongs to the reader's loop.
     """
 
     def __init__(
@@ -149,8 +150,8 @@ class Inbox:
     ) -> None:
         self.queue = SampleQueue(qos)
         self.calls = calls
-        self.closed = False  #: Whether nothing will arrive any more.
-        #: Called on the loop with a publisher's GID and whether it shows life.
+        self.closed = False  #: Whether the inbox is closed, so that no sample will arrive any more.
+        #: Function that is called on the loop with a publisher's GID and whether the publisher is alive.
         self.on_life: Callable[[bytes, bool], None] = nothing
         self._bridge = bridge
         self._callback = callback
@@ -168,17 +169,18 @@ class Inbox:
             self._bridge.post(self._wake)
 
     def push(self, sample: Sample) -> None:
-        """Deliver a sample on the loop itself, at once if a callback is free for it."""
+        """Deliver a sample on the loop: at once if the callback is idle, otherwise through the queue."""
         if (
             self._callback is not None
             and self._running is None
             and not len(self.queue)
             and not self.closed
         ):
-            # As `CallbackRunner.run`, but in place: it happens for every frame, in a process with cold caches.
+            # This repeats `CallbackRunner.run` in place because a further call per sample is slow with cold
+            # caches.
             try:
                 result = self._decoded_call(sample)
-            except Exception as error:  # noqa: BLE001 - reported; one bad message must not end the others
+            except Exception as error:  # noqa: BLE001 - reported; one bad message must not stop the others
                 self.calls.report(error)
                 return
             if result is not None and inspect.isawaitable(result):
@@ -188,7 +190,7 @@ class Inbox:
             self._wake()
 
     async def get(self, what: str) -> Sample:
-        """Return the oldest sample, waiting for one.
+        """Return the oldest sample; wait for one if there is none.
 
         Raises:
             ClosedError: The subscription `what` is closed.
@@ -205,7 +207,7 @@ class Inbox:
         return sample
 
     def close(self) -> None:
-        """Forget what is queued, deliver nothing more and let those who wait fail; on the loop."""
+        """Drop queued samples, stop delivery and let waiting calls of `get` fail; to be called on the loop."""
         self.closed = True
         self.queue.clear()
         if self._bridge.loop.is_closed():
@@ -220,7 +222,7 @@ class Inbox:
         try:
             await waiter
         except asyncio.CancelledError:
-            # Woken and cancelled at once: the sample is for the next one in line.
+            # This call was woken and cancelled at once, so the sample goes to the next waiting call.
             if waiter.done() and not waiter.cancelled() and len(self.queue):
                 self._wake_waiters()
             raise
@@ -259,30 +261,30 @@ class Inbox:
 
 
 class ThreadInbox(Inbox):
-    """Hands samples to a plain callback in the transport's thread, where what comes meanwhile waits."""
+    """Inbox that calls a plain callback in the transport's thread; later samples wait in the transport."""
 
     def __init__(self, bridge: LoopBridge, qos: QoSProfile, **options: Any) -> None:
         super().__init__(bridge, qos, **options)
         self._calling = threading.RLock()
 
     def push_from_thread(self, samples: Iterable[Sample]) -> None:
-        """Hand samples over, oldest first; `close` waits for that."""
+        """Call the callback with each sample, oldest first; `close` waits for a running call."""
         for sample in samples:
             with self._calling:
                 self.push(sample)
 
     def push(self, sample: Sample) -> None:
-        """Hand a sample over; who closes waits for the thread that does so."""
+        """Call the callback with a sample; the caller's `close` has to wait for its thread."""
         if self.closed:
             return
         try:
             self._decoded_call(sample)
-        except Exception as error:  # noqa: BLE001 - reported; one bad message must not end the others
+        except Exception as error:  # noqa: BLE001 - reported; one bad message must not stop the others
             self._bridge.post(partial(self.calls.report, error))
             self._bridge.flush()
 
     def close(self) -> None:
-        """Hand nothing more over, and return when a call that runs has ended."""
+        """Call the callback no more, and return when a running call has ended, after 5 s at most."""
         self.closed = True
         if self._calling.acquire(timeout=JOIN_S):
             self._calling.release()
@@ -290,5 +292,5 @@ class ThreadInbox(Inbox):
 
 
 def _after(decode: Callable[[Sample], Any], callback: Callback | None) -> Callable[[Sample], Any]:
-    """Return what is done with a sample: one function, since it is called for every message."""
+    """Return one function that decodes a sample and calls the callback, because it runs for every message."""
     return decode if callback is None else lambda sample: callback(decode(sample))

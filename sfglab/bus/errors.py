@@ -1,4 +1,4 @@
-"""Errors of the bus: each says what was given, what is allowed, and what to try."""
+"""Errors of the bus: each names the given value, the allowed values and a remedy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from sfglab.errors import SfglabError
 
 
 class BusError(SfglabError):
-    """The root of the bus's errors."""
+    """Base class of the errors of the bus."""
 
 
 class ClosedError(BusError, RuntimeError):
@@ -17,14 +17,14 @@ class ClosedError(BusError, RuntimeError):
 
 
 class DomainError(BusError, ValueError):
-    """A DDS domain cannot be joined as asked."""
+    """A DDS domain cannot be joined with the given settings."""
 
     def __init__(self, domain_id: int | str, reason: str) -> None:
         super().__init__(f"DDS domain {domain_id}: {reason}")
 
 
 class InvalidMessageError(BusError, ValueError):
-    """A message that its topic does not take: of another type, not serialized as that, or too large."""
+    """A message does not fit its topic: it has another type, does not parse as that type, or is too large."""
 
 
 class PublishError(BusError, RuntimeError):
@@ -35,7 +35,7 @@ class PublishError(BusError, RuntimeError):
 
 
 class WriterBlockedError(PublishError):
-    """A writer that keeps all waits for slow readers; the message can be sent again."""
+    """A KEEP_ALL writer waits for slow readers; the message can be sent again."""
 
 
 class BusTimeoutError(BusError, TimeoutError):
@@ -43,18 +43,18 @@ class BusTimeoutError(BusError, TimeoutError):
 
 
 class GoalRejectedError(BusError, RuntimeError):
-    """An action's server does not take a goal."""
+    """An action server rejected a goal."""
 
 
 class ActionServerGoneError(BusError, ConnectionError):
-    """An action's server went away while something was expected from it."""
+    """An action server disappeared while a client waited for it."""
 
 
 def check_size(topic: str, size_bytes: int, limit_bytes: int) -> None:
     """Check a message against its shared-memory publisher's limit.
 
     Raises:
-        InvalidMessageError: It is larger.
+        InvalidMessageError: The message is larger.
     """
     if size_bytes > limit_bytes:
         raise InvalidMessageError(

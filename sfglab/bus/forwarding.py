@@ -1,7 +1,7 @@
-"""Samples from one node to another as they are: what a router between two domains stands on.
+"""Forwarding of serialized samples from one node to another: the base of a router between two domains.
 
-Samples of a source wait until the forward's owner decides where they go. Live nodes forward inside the
-middleware (`sfglab.bus.dds.forwarder`), all other pairs of nodes, also of different backends, by
+Samples of a source are held until the owner of the forward admits or refuses the source. Live nodes forward
+inside the middleware (`sfglab.bus.dds.forwarder`). All other pairs of nodes, also of different backends, use
 `sfglab.bus.backend.RawForwarder`. `GuardedWriter` has the rules that both share.
 """
 
@@ -26,14 +26,15 @@ if TYPE_CHECKING:
 _log = logging.getLogger("sfglab.bus")
 
 Transform = Callable[[bytes], bytes | None]
-"""Changes a sample on its way: CDR in, CDR out, None drops it. The same object back means: as it was."""
+"""Change of a sample: CDR in, CDR out. None drops the sample; the same object leaves it unchanged."""
 
-#: Most samples that are held for a source without a decision; the oldest are dropped first.
+#: Largest number of samples held for a source without a decision; the oldest are dropped first.
 HELD_SAMPLES = 256
 
 MAX_BACKLOG_BYTES = 64 << 20
-"""Bound of a volatile writer's history for a reader without acknowledgements, beside the samples of a second."""
-STANDS_STILL_S = 1.0  #: Time without acknowledgements after which the history is made shallower, s.
+"""Largest history of a volatile writer for a stalled reader, bytes; samples of one more second may be added."""
+#: Time without acknowledgements after which the depth of the history is reduced, s.
+STANDS_STILL_S = 1.0
 
 _Sample = TypeVar("_Sample")
 _Destination = TypeVar("_Destination")
@@ -41,38 +42,38 @@ _Writer = TypeVar("_Writer")
 
 
 class RawWriter(Protocol):
-    """A writer of samples as they are, in the target's domain of a forwarder."""
+    """Writer of serialized samples in the target domain of a forwarder."""
 
     @property
     def gid(self) -> bytes:
-        """Its 16-byte GUID, as the graph shows it."""
+        """16-byte GUID of the writer, as the graph shows it."""
 
     def close(self) -> None:
-        """End it; again is harmless."""
+        """Close the writer; repeated calls are harmless."""
 
 
 class GuardedWriter(ABC):
-    """A raw writer under two rules: one for the memory of its history, one for the life of its source.
+    """Raw writer with two rules: one bounds its history, one follows the liveliness of its source.
 
-    A volatile writer whose source shows life by its process vanishes while the source shows none, since our
-    process lives on; a latched one stays, because its history would go as well. Samples tell how many bytes
-    a history has: if a reader acknowledges nothing and they are too many, a writer with a shallower history
-    follows.
+    With AUTOMATIC liveliness this process would keep the writer alive after the end of its source. A VOLATILE
+    writer is therefore deleted while its source is not alive. A TRANSIENT_LOCAL writer stays because its
+    history would be lost. The writer counts the bytes of its samples. If they are too many and a reader
+    acknowledges nothing, a writer with a smaller depth replaces it.
     """
 
     def __init__(self, qos: QoSProfile) -> None:
-        self.closed = False  #: Whether it has ended.
+        self.closed = False  #: Whether the writer is closed.
         self._qos = qos
         self._is_there = True
         is_volatile = qos.durability is Durability.VOLATILE
         self._bounded = is_volatile and qos.history is History.KEEP_LAST
         has_lease = qos.lease_ns is not None and qos.liveliness is Liveliness.AUTOMATIC
         self._vanishes = is_volatile and has_lease
-        self._backlog_bytes = 0  # at most, since all was acknowledged
+        self._backlog_bytes = 0  # upper bound of the bytes since all samples were acknowledged
         self._behind_since_s: float | None = None
 
     def show_life(self, *, alive: bool) -> None:
-        """Create the writer if its source is alive, otherwise delete it; again is harmless."""
+        """Create the writer if its source is alive, otherwise delete it; repeated calls are harmless."""
         if self.closed or not self._vanishes or alive is self._is_there:
             return
         self._is_there = alive
@@ -82,9 +83,9 @@ class GuardedWriter(ABC):
             self._delete()
 
     def bound_backlog(self, size_bytes: int) -> None:
-        """Keep what is not acknowledged below the bound, before a sample of a size is sent.
+        """Bound the unacknowledged samples, before a sample of `size_bytes` is sent.
 
-        After it, its own acknowledgement would be missing, also from a reader that keeps up.
+        After the send, the acknowledgement of this sample would be missing even from a fast reader.
         """
         self._backlog_bytes += size_bytes
         if not self._bounded or self._backlog_bytes <= MAX_BACKLOG_BYTES:
@@ -108,25 +109,25 @@ class GuardedWriter(ABC):
 
     @abstractmethod
     def _delete(self) -> None:
-        """Send what waits, and delete the middleware's writer."""
+        """Send waiting samples, and delete the middleware's writer."""
 
     @abstractmethod
     def _has_all_acknowledged(self) -> bool:
-        """Return whether all reliable readers have all samples."""
+        """Return whether all reliable readers have acknowledged all samples."""
 
 
 @dataclass(slots=True)
 class ForwardCounts:
-    """What a forward did so far."""
+    """Counters of a forward."""
 
-    forwarded: int = 0  #: Samples handed to a raw writer.
-    #: Samples that were refused, by a transform or the middleware too, or pushed out.
+    forwarded: int = 0  #: Number of samples handed to a raw writer.
+    #: Number of samples that were refused, also by a transform or the middleware, or dropped while held.
     dropped: int = 0
-    bytes: int = 0  #: Size of the CDR that was forwarded.
+    bytes: int = 0  #: Size of the forwarded CDR, bytes.
 
 
 class SourceGate(Generic[_Sample, _Destination]):
-    """The judgements of sources, and the samples of those not judged yet; pure, whatever samples are."""
+    """Decisions about sources, and held samples of undecided sources; it works with samples of any type."""
 
     def __init__(
         self, send: Callable[[_Destination, _Sample], None], drop: Callable[[_Sample], None]
@@ -146,24 +147,25 @@ class SourceGate(Generic[_Sample, _Destination]):
             self._send(destination, sample)
 
     def set_destination(self, source: bytes, destination: _Destination | None) -> None:
-        """Say where a source's samples go, None is nowhere; what was held for it goes first."""
+        """Set where the samples of a source go, None for nowhere; its held samples go first."""
         self._destinations[source] = destination
         for sample in self._held.pop(source, ()):
             self.take(source, sample)
 
     def destination_of(self, source: bytes) -> _Destination | None:
-        """Return where a source's samples go; None: nowhere, or without a decision."""
+        """Return where the samples of a source go; None if they are dropped or the source is undecided."""
         return self._destinations.get(source)
 
     def forget(self, source: bytes) -> None:
-        """Take a source for one that was never judged."""
+        """Forget the decision about a source, and drop its held samples."""
         self._destinations.pop(source, None)
         self._drop_held(source)
 
     def close(self) -> None:
-        """Drop everything held, forget all sources and whom samples are given to.
+        """Drop held samples, and forget all sources and both callbacks.
 
-        So a forward, which has a gate that has its methods, is freed at once and not by the garbage collector.
+        The gate refers to methods of its forward. Without these references the forward is freed at once
+        instead of by the garbage collector.
         """
         self._destinations.clear()
         for source in tuple(self._held):
@@ -182,7 +184,7 @@ class SourceGate(Generic[_Sample, _Destination]):
 
 
 class Forward(ABC, Generic[_Sample, _Writer]):
-    """One raw reader of one topic, whose samples go on by their source; made by `Forwarder.open`."""
+    """Forward of one topic: a raw reader, whose samples are sent on by source; made by `Forwarder.open`."""
 
     def __init__(self) -> None:
         self.counts = ForwardCounts()
@@ -191,26 +193,26 @@ class Forward(ABC, Generic[_Sample, _Writer]):
         )
 
     def admit(self, source: bytes, writer: _Writer, transform: Transform | None = None) -> None:
-        """Send a publisher's samples, by its 16-byte GUID, to a raw writer from now on, those held first.
+        """Forward the samples of a source, given by its 16-byte GUID, to a raw writer; held samples go first.
 
-        On live nodes the transform runs in the thread that reads: it must not touch what belongs to the loop.
+        On live nodes the transform runs in the reading thread and must not use objects of the loop.
         """
         self._order(partial(self._gate.set_destination, source, (writer, transform)))
 
     def refuse(self, source: bytes) -> None:
-        """Drop a source's samples from now on, and those held."""
+        """Drop the samples of a source from now on, including held ones."""
         self._order(partial(self._gate.set_destination, source, None))
 
     def forget(self, source: bytes) -> None:
-        """Take a source for one that was never judged: its samples are held, within bounds, until it is."""
+        """Forget the decision about a source; its samples are held, within bounds, until the next decision."""
         self._order(partial(self._gate.forget, source))
 
     @abstractmethod
     def close(self) -> None:
-        """End it at once: nothing is forwarded any more; raw writers stay. Again is harmless."""
+        """Stop forwarding at once; raw writers stay open. Repeated calls are harmless."""
 
     def _order(self, order: Callable[[], None]) -> None:
-        """Do something where samples pass."""
+        """Call a function in the thread through which samples pass."""
         order()
 
     @abstractmethod
@@ -221,10 +223,10 @@ class Forward(ABC, Generic[_Sample, _Writer]):
 
 
 class Forwarder(Protocol):
-    """Opens forwards from one node and raw writers on another; made by `Node.open_forwarder`."""
+    """Factory of forwards from one node and of raw writers on another; made by `Node.open_forwarder`."""
 
     def open(self, endpoint: RawEndpoint) -> Forward[Any, Any]:
-        """Read a topic in the source's domain; until its sources are judged their samples are held."""
+        """Read a topic in the source domain; samples of a source are held until it is admitted or refused."""
 
     def open_writer(self, endpoint: RawEndpoint) -> RawWriter:
-        """Write to a topic in the target's domain; to be closed when no source goes there any more."""
+        """Write to a topic in the target domain; to be closed when no source uses the writer any more."""

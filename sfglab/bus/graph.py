@@ -1,4 +1,4 @@
-"""The computation graph as one node sees it: endpoints by topic, and their coming and going."""
+"""Computation graph of one node: endpoints by topic, and events when they appear and disappear."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class Graph:
-    """All endpoints of the node's domain, its own included, on the node's loop.
+    """Graph of all endpoints of the node's domain, including its own, on the node's loop.
 
-    Discovery goes on in the background, so wait with `wait_for` or read `events`. When somebody first asks for
-    nodes, `read_nodes` is called once and lets `learn_nodes` be called.
+    Discovery runs in the background: wait with `wait_for`, or read `events`. The first call of `nodes` calls
+    `read_nodes`, which lets `learn_nodes` be called from then on.
     """
 
     def __init__(
@@ -35,15 +35,15 @@ class Graph:
         self._closed = False
 
     def publishers(self, topic: str) -> tuple[EndpointInfo, ...]:
-        """Return the publishers of a ROS topic, ordered by gid."""
+        """Return the publishers of a ROS topic, ordered by GID."""
         return self._select(topic, EndpointKind.PUBLISHER)
 
     def subscriptions(self, topic: str) -> tuple[EndpointInfo, ...]:
-        """Return the subscriptions of a ROS topic, ordered by gid."""
+        """Return the subscriptions of a ROS topic, ordered by GID."""
         return self._select(topic, EndpointKind.SUBSCRIPTION)
 
     def endpoints(self) -> tuple[EndpointInfo, ...]:
-        """Return all known endpoints, ordered by gid."""
+        """Return all known endpoints, ordered by GID."""
         return tuple(self._endpoints[gid] for gid in sorted(self._endpoints))
 
     def topics(self) -> dict[str, tuple[str, ...]]:
@@ -54,9 +54,10 @@ class Graph:
         return {topic: tuple(sorted(found[topic])) for topic in sorted(found)}
 
     def nodes(self) -> tuple[NodeInfo, ...]:
-        """Return the nodes of ROS 2's graph by name, read from the first call on: wait with `wait_for`.
+        """Return the nodes of ROS 2's graph, ordered by name.
 
-        From then on `EndpointInfo.node` also names the owners that are not nodes of sfglab.
+        Nodes are read from the first call on: wait with `wait_for`. From then on `EndpointInfo.node` also names
+        owners outside sfglab.
         """
         if self._read_nodes is not None:
             read, self._read_nodes = self._read_nodes, None
@@ -65,7 +66,7 @@ class Graph:
         return tuple(sorted(found, key=lambda node: (node.full_name, node.participant)))
 
     async def events(self) -> AsyncIterator[EndpointEvent]:
-        """Yield an `EndpointAdded` for every endpoint known now, then every change until the node closes."""
+        """Yield an `EndpointAdded` for every known endpoint, then every change until the node closes."""
         stream: asyncio.Queue[EndpointEvent | None] = asyncio.Queue()
         for endpoint in self.endpoints():
             stream.put_nowait(EndpointAdded(endpoint=endpoint))
@@ -79,18 +80,18 @@ class Graph:
             self._streams.pop(stream, None)
 
     async def wait_for(self, predicate: Callable[[], bool], timeout_s: float = 5.0) -> bool:
-        """Return True once a predicate over this graph holds, False when it did not within `timeout_s`."""
+        """Return True once a predicate over this graph holds, False if it does not within `timeout_s`."""
         return await self._changed.wait_until(predicate, timeout_s)
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Call `listener` for every endpoint known now and every change; return what ends that."""
+        """Call `listener` for every known endpoint and every change; return a function that stops this."""
         for endpoint in self.endpoints():
             listener(EndpointAdded(endpoint=endpoint))
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener) if listener in self._listeners else None
 
     def watch(self, dds_topic: str, kind: EndpointKind, listener: Listener) -> Callable[[], None]:
-        """Call `listener` as `listen` does, but only for endpoints of one kind on one topic of the wire."""
+        """Call `listener` as `listen` does, but only for endpoints of one kind on one DDS topic."""
 
         def heard(event: EndpointEvent) -> None:
             if event.endpoint.dds_topic == dds_topic and event.endpoint.kind is kind:
@@ -99,7 +100,7 @@ class Graph:
         return self.listen(heard)
 
     def apply(self, changes: Iterable[tuple[bytes, EndpointInfo | None]]) -> None:
-        """Take over discovered changes; None means that the endpoint, or participant, has gone."""
+        """Apply discovered changes; None means that the endpoint or participant has left."""
         for gid, endpoint in changes:
             known = self._endpoints.get(gid)
             if endpoint is None:
@@ -113,7 +114,7 @@ class Graph:
         self._changed.notify()
 
     def learn_nodes(self, participant: bytes, nodes: tuple[NodeInfo, ...]) -> None:
-        """Take over the complete list of a participant's nodes."""
+        """Replace the complete list of a participant's nodes."""
         self._forget_nodes(participant)
         self._nodes[participant] = nodes
         owners = {gid: node.full_name for node in nodes for gid in (*node.readers, *node.writers)}

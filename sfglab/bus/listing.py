@@ -1,4 +1,4 @@
-"""A graph in the words of ROS 2's tools: its topics and nodes, and what is hidden."""
+"""Topics and nodes of a graph as ROS 2's tools list them, and hidden names."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
 
     from sfglab.bus.node import Node
 
-Types = dict[str, tuple[str, ...]]  #: Names, sorted, each with its types.
+Types = dict[str, tuple[str, ...]]  #: Sorted names, each with its types.
 
-_QUIET_S = 0.7  #: How long nothing new may come.
-_LIMIT_S = 5.0  #: How long is waited at most, and while there is nobody.
+_QUIET_S = 0.7  #: Time without a change after which the graph is settled, s.
+_LIMIT_S = 5.0  #: Longest wait for a settled graph, and wait while the graph is empty, s.
 _TYPE_HASH = "typehash"
 
 
 def is_hidden(name: str) -> bool:
-    """Return whether ROS 2's tools leave a name out, as they do where a part of it begins with ``_``."""
+    """Return whether ROS 2's tools hide a name, because a part of it begins with ``_``."""
     return "/_" in f"/{name}"
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """The graph at a moment, without the node that looks."""
+    """Snapshot of the graph, without the observing node."""
 
-    endpoints: tuple[EndpointInfo, ...]  #: All that belong to a ROS name.
-    nodes: tuple[NodeInfo, ...]  #: All nodes, by name.
+    endpoints: tuple[EndpointInfo, ...]  #: Endpoints whose DDS topic has a ROS name.
+    nodes: tuple[NodeInfo, ...]  #: Nodes, ordered by name.
 
     def topics(self, *, hidden: bool = False) -> Types:
         """Return topics with their types."""
@@ -64,10 +64,10 @@ def _by_name(pairs: Iterable[tuple[str, str]], *, hidden: bool) -> Types:
 
 
 def one_of(known: Iterable[str], name: str, what: str) -> str:
-    """Return a name that is known.
+    """Return `name` if it is known.
 
     Raises:
-        InvalidValueError: It is not; names those that look similar.
+        InvalidValueError: The name is unknown; the error lists similar names.
     """
     if name in (there := list(dict.fromkeys(known))):
         return name
@@ -77,19 +77,19 @@ def one_of(known: Iterable[str], name: str, what: str) -> str:
 
 
 def view(node: Node) -> View:
-    """Return what a node knows of the others."""
+    """Return the graph of a node without the node itself."""
     seen = tuple(e for e in node.graph.endpoints() if e.participant != node.guid and _role(e))
     return View(seen, tuple(one for one in node.graph.nodes() if one.participant != node.guid))
 
 
 def _is_half_known(endpoint: EndpointInfo) -> bool:
-    """Whether it is ROS 2's, as its type's hash says, and its node's announcement is yet to come."""
+    """Return whether an endpoint is of ROS 2, which its type hash shows, and its node is not announced yet."""
     return not endpoint.node and _TYPE_HASH in entries(endpoint.user_data)
 
 
 async def settled(node: Node, spin_s: float | None = None) -> View:
-    """Return the graph once it stands still, or after so many seconds."""
-    node.graph.nodes()  # from now on they are read
+    """Return the graph after `spin_s` seconds; with None once it no longer changes, after 5 s at most."""
+    node.graph.nodes()  # the first call starts the reading of nodes
     if spin_s is not None:
         await asyncio.sleep(spin_s)
         return view(node)
@@ -105,12 +105,12 @@ async def settled(node: Node, spin_s: float | None = None) -> View:
 
 
 def tells_no_history(endpoint: EndpointInfo) -> bool:
-    """Return whether its middleware does not announce how much it keeps."""
+    """Return whether the middleware of an endpoint does not announce the history."""
     return endpoint.gid.startswith(FAST_DDS)
 
 
 def names_text(found: Mapping[str, tuple[str, ...]], *, show_types: bool) -> str:
-    """Return names, a line each, as ROS 2's lists print them."""
+    """Return names, one per line, as ROS 2's tools print them."""
     lines = (
         f"{name} [{', '.join(types)}]" if show_types else name for name, types in found.items()
     )
@@ -118,7 +118,7 @@ def names_text(found: Mapping[str, tuple[str, ...]], *, show_types: bool) -> str
 
 
 def requested(declared: QoSProfile, offered: Iterable[QoSProfile]) -> QoSProfile:
-    """Return what to request so that it matches all that is offered, as near as can be to what is declared."""
+    """Return the QoS to request: the profile closest to `declared` that matches all offered profiles."""
     profiles = tuple(offered)
     if any(profile.reliability is Reliability.BEST_EFFORT for profile in profiles):
         declared = replace(declared, reliability=Reliability.BEST_EFFORT)
@@ -128,7 +128,7 @@ def requested(declared: QoSProfile, offered: Iterable[QoSProfile]) -> QoSProfile
 
 
 def usual_qos(publishers: Iterable[EndpointInfo]) -> QoSProfile:
-    """Return what to request of publishers as ROS 2's tools do: repair and the past where all offer them."""
+    """Return the QoS that ROS 2's tools request: RELIABLE and TRANSIENT_LOCAL if all publishers offer them."""
     offered = [publisher.qos for publisher in publishers]
     past = Durability.TRANSIENT_LOCAL if offered else Durability.VOLATILE
     return requested(QoSProfile(durability=past, history=History.KEEP_ALL), offered)

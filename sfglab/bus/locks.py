@@ -1,6 +1,6 @@
-"""Locks among one user's programs on one host: files in a folder of the user's, freed with their holder.
+"""Locks among programs of one user on one host: files in a folder of the user, freed when the holder ends.
 
-Names among abstract sockets would be whose who takes them first.
+Abstract socket names are no alternative because any user could take a name first.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class LockedError(BusError, RuntimeError):
-    """Another one holds a lock; `pid` is its process, None when it cannot be seen from here."""
+    """A lock is held already; `pid` is the process that holds it, None if it cannot be read."""
 
     def __init__(self, name: str, pid: int | None) -> None:
         self.pid = pid
@@ -28,11 +28,11 @@ class LockedError(BusError, RuntimeError):
 
 @contextmanager
 def user_lock(name: str) -> Iterator[None]:
-    """Hold a lock of this user on this host, a host being what `host_id` calls so.
+    """Hold a lock of this user on this host; `host_id` identifies the host.
 
     Raises:
-        LockedError: Another one holds it.
-        InvalidValueError: There is no home, and somebody else can write to the folder in its place.
+        LockedError: The lock is held already.
+        InvalidValueError: There is no home folder, and other users have access to the folder that replaces it.
     """
     path = own_folder() / f"{name}-{host_id()}.lock"
     while True:
@@ -44,7 +44,7 @@ def user_lock(name: str) -> Iterator[None]:
                 pid = lock.read(20)
                 raise LockedError(name, int(pid) if pid.isdecimal() else None) from error
             if not os.fstat(lock.fileno()).st_nlink:
-                continue  # whoever had it has taken the file away meanwhile
+                continue  # the former holder has removed the file meanwhile
             lock.truncate(0)
             lock.write(f"{os.getpid()}")
             lock.flush()

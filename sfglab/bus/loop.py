@@ -1,4 +1,4 @@
-"""A node's loop and a thread that blocks beside it: posts, readable descriptors, waits, users' callbacks."""
+"""A node's loop and a thread beside it: posted functions, readable descriptors, waits and users' callbacks."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _log = logging.getLogger("sfglab.bus")
 
 OnError = Callable[[BaseException, str], None]
 
-#: How long a thread may take to end, seconds: it may be in a callback that waits for the caller.
+#: Longest wait for a thread, s: the thread may be in a callback that waits for the caller.
 JOIN_S = 5.0
 _READABLE_AT_ONCE = 16
 
 
 class LoopBridge:
-    """Runs functions on a loop for other threads, waking the loop once per batch."""
+    """Bridge over which other threads run functions on a loop; it wakes the loop once per batch."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
@@ -31,12 +31,12 @@ class LoopBridge:
         self._lock = threading.Lock()
 
     def post(self, function: Callable[[], None]) -> None:
-        """Run a function on the loop soon; safe from every thread, ignored when the loop has ended."""
+        """Let the next `flush` run a function on the loop; thread-safe, and ignored after the loop's end."""
         with self._lock:
             self._posted.append(function)
 
     def flush(self) -> None:
-        """Wake the loop if anything was posted since it last ran."""
+        """Wake the loop if functions were posted since the last batch."""
         with self._lock:
             if self._scheduled or not self._posted:
                 return
@@ -44,7 +44,7 @@ class LoopBridge:
         try:
             self.loop.call_soon_threadsafe(self._run)
         except RuntimeError:
-            # The loop was closed without closing the node, as an interrupted script does.
+            # An interrupted script closes its loop without closing its node.
             self._posted.clear()
 
     def watch(self, fd: int, function: Callable[[], None]) -> None:
@@ -57,11 +57,11 @@ class LoopBridge:
             self.loop.remove_reader(fd)
 
     def run_in_thread(self, function: Callable[[], None]) -> None:
-        """Call a function where those of `watch` are called, and return when that is done."""
+        """Call a function where watched descriptors are handled, here at once, and return when it is done."""
         function()
 
     def run_on_loop(self, function: Callable[[], None]) -> None:
-        """Call a function on the loop, given where those of `watch` are called."""
+        """Call a function on the loop; called where watched descriptors are handled, which here is the loop."""
         function()
 
     def _run(self) -> None:
@@ -74,7 +74,7 @@ class LoopBridge:
 
 
 class WatchThread:
-    """Does what a `LoopBridge` does for descriptors, in a thread that blocks; holds the bridge and no node."""
+    """Thread that watches descriptors as a `LoopBridge` does; it refers to the bridge and to no node."""
 
     def __init__(self, bridge: LoopBridge, name: str) -> None:
         self.loop = bridge.loop
@@ -94,12 +94,12 @@ class WatchThread:
         self._poll.register(fd, select.EPOLLIN)
 
     def unwatch(self, fd: int) -> None:
-        """End `watch`; in the thread only; harmless for an unwatched descriptor."""
+        """End `watch`, called in the thread only; harmless for an unwatched descriptor."""
         if self._functions.pop(fd, None) is not None:
             self._poll.unregister(fd)
 
     def run_in_thread(self, function: Callable[[], None]) -> None:
-        """Call a function in the thread, and return when that is done."""
+        """Call a function in the thread, and return when it is done, after 5 s at most."""
         if self._thread is threading.current_thread() or not self._thread.is_alive():
             function()
             return
@@ -114,7 +114,7 @@ class WatchThread:
         self._bridge.flush()
 
     def stop(self) -> None:
-        """End the thread, and return when it has ended."""
+        """Stop the thread, and return when it has ended, after 5 s at most."""
         self.run_in_thread(self._end)
         if self._thread is not threading.current_thread():
             self._thread.join(JOIN_S)
@@ -144,21 +144,21 @@ def nothing(*_: object) -> None:
 def _call(function: Callable[[], None]) -> None:
     try:
         function()
-    except Exception:  # noqa: BLE001 - logged; one event must not cost the others of its batch
+    except Exception:  # noqa: BLE001 - logged; one failed event must not stop the others of its batch
         _log.exception("handling a transport's event failed")
 
 
 class Signal:
-    """Wakes coroutines of one loop that wait for a predicate, whenever the state it reads may have changed."""
+    """Signal that lets waiting coroutines of one loop check their predicates after a change of state."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
         self._waiters: dict[
             asyncio.Future[None], None
-        ] = {}  # woken in the order in which they came
+        ] = {}  # a dict, so that they are woken in order of arrival
 
     def notify(self) -> None:
-        """Let all waiters look again; to be called on the loop."""
+        """Let all waiting coroutines check their predicates again; to be called on the loop."""
         for waiter in self._waiters:
             if not waiter.done():
                 waiter.set_result(None)
@@ -173,7 +173,7 @@ class Signal:
             self._waiters.pop(waiter, None)
 
     async def wait_until(self, predicate: Callable[[], bool], timeout_s: float | None) -> bool:
-        """Return True once the predicate holds, False when it did not within `timeout_s`; None: no limit."""
+        """Return True once the predicate holds, False if it does not within `timeout_s`, None for no limit."""
         try:
             async with asyncio.timeout(timeout_s):
                 while not predicate():
@@ -184,14 +184,15 @@ class Signal:
 
 
 class CallbackRunner:
-    """The callbacks of one endpoint or timer: plain or async, tracked, and with failures reported, not spread.
+    """Runner of the plain or async callbacks of one endpoint or timer; it tracks tasks and reports failures.
 
-    Async ones that run are kept in `tasks`. `on_error` is called with an exception and `where`, what the
-    callback belongs to, such as "subscription '/chatter'"; None logs it.
+    Running tasks are kept in `tasks`. `on_error` receives an exception and `where`, the owner of the callback,
+    such as "subscription '/chatter'"; None logs both.
     """
 
     def __init__(self, tasks: set[asyncio.Task[Any]], where: str, on_error: OnError | None) -> None:
-        self.last_error: BaseException | None = None  #: The latest exception of a callback.
+        #: Latest exception of a callback; None if there was none.
+        self.last_error: BaseException | None = None
         self._tasks = tasks
         self._where = where
         self._on_error = on_error
@@ -202,10 +203,10 @@ class CallbackRunner:
         *arguments: Any,
         then: Callable[[], None] | None = None,
     ) -> asyncio.Task[Any] | None:
-        """Call a callback; return the task of an awaitable that it returns, whose end calls `then`, or None."""
+        """Call a callback; return a task for its awaitable, whose end calls `then`, or None without one."""
         try:
             result = callback(*arguments)
-        except Exception as error:  # noqa: BLE001 - reported; one bad callback must not end the others
+        except Exception as error:  # noqa: BLE001 - reported; one bad callback must not stop the others
             self.report(error)
             return None
         return (
@@ -222,7 +223,7 @@ class CallbackRunner:
         return task
 
     def report(self, error: BaseException) -> None:
-        """Tell the node's owner about a failure."""
+        """Report a failure to `on_error`, or log it."""
         self.last_error = error
         if self._on_error is not None:
             self._on_error(error, self._where)
@@ -240,5 +241,5 @@ class CallbackRunner:
 
 
 async def awaited(value: Any) -> Any:
-    """Return what a plain callback has returned, or what comes of what an async one has."""
+    """Return the result of a plain callback, or the awaited result of an async one."""
     return await value if inspect.isawaitable(value) else value

@@ -1,4 +1,4 @@
-"""Rate of a topic over a window of its messages, in the words of ``ros2 topic hz``."""
+"""Rate of a topic over a window of its messages, as ``ros2 topic hz`` prints it."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from sfglab.units import NS_PER_S
 
 
 class Rate:
-    """The rate over the latest messages."""
+    """Rate over the latest messages."""
 
     def __init__(self, window: int) -> None:
         self._gaps_ns: deque[int] = deque(maxlen=window)
         self._last_ns: int | None = None
 
     def add(self, received_ns: int) -> None:
-        """Count a message that was received at a time [ns]."""
+        """Count a message that was received at `received_ns`, ns."""
         if self._last_ns is not None:
             self._gaps_ns.append(received_ns - self._last_ns)
         self._last_ns = received_ns
 
     def values(self) -> dict[str, Any] | None:
-        """Return rate [Hz], and least, most and standard deviation of gaps [s]; None: too few messages."""
+        """Return rate (Hz), and minimum, maximum and standard deviation of gaps (s); None without gaps."""
         gaps = self._gaps_ns
         if not gaps or not (mean := sum(gaps) / len(gaps)):
             return None

@@ -1,4 +1,4 @@
-"""The node: endpoints, timers and a clock, over DDS and shared memory or any other backend."""
+"""Node with endpoints, timers and a clock, over DDS and shared memory or any other backend."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Timer:
-    """Calls a callback, plain or async, every `period_s` seconds, without drift; missed turns are skipped."""
+    """Timer with a plain or async callback every `period_s` seconds, without drift; missed turns are skipped."""
 
     def __init__(
         self, period_s: float, callback: Callable[[], Awaitable[None] | None], calls: CallbackRunner
@@ -48,7 +48,7 @@ class Timer:
         self._handle = self._loop.call_at(self._next_s, self._tick)
 
     def cancel(self) -> None:
-        """Stop the timer and a callback that runs; again is harmless."""
+        """Stop the timer and cancel a running callback; repeated calls are harmless."""
         if self._loop.is_closed():
             return
         self._handle.cancel()
@@ -64,26 +64,28 @@ class Timer:
 
 
 class Node:
-    """A participant in the computation graph, on the running asyncio loop.
+    """Participant in the computation graph, on the running asyncio loop.
 
     ```python
     async with Node("talker", domain_id=7, interface="lo") as node:
         publisher = node.create_publisher("std_msgs/msg/String", "/chatter")
     ```
 
-    Or `node = await Node.create("talker")` with `await node.close()`. A node that is neither closed nor
-    referenced any more closes with a ResourceWarning, at the latest when the interpreter ends. Its
+    The alternative is `node = await Node.create("talker")` with `await node.close()`. A node that is neither
+    closed nor referenced any more closes with a ResourceWarning, at the latest when the interpreter ends. Its
     publishers, subscriptions, services and clients do not keep it alive.
 
     Args:
-        name: The node's name.
-        namespace: Where relative topic names live.
-        on_error: Called with every exception of a callback and a text that names its place; None logs it.
-        join: Joins the middleware; None is DDS, with shared memory, as the other arguments say.
-        domain_id: The DDS domain, 0 to 232; None is that of ROS_DOMAIN_ID, else 0.
-        discovery_info: False keeps the node off ROS 2's graph: its endpoints are seen, but not as a node's.
-        domain: `interface`, `multicast`, `lease_s` and `external_domain_id` of `DomainConfig`; nodes of one
-            process and domain share them.
+        name: Name of the node.
+        namespace: Namespace of the node, in which relative names are resolved.
+        on_error: Function that receives each exception of a callback and a text that names its place; None logs
+            both.
+        join: Function that joins the middleware; None joins DDS, with shared memory, with the other arguments.
+        domain_id: DDS domain, 0 to 232; None for that of ROS_DOMAIN_ID, otherwise 0.
+        discovery_info: False leaves the node out of ROS 2's graph, which then shows its endpoints without a
+            node.
+        domain: `interface`, `multicast`, `lease_s`, `external_domain_id` and `max_sample_bytes` of
+            `DomainConfig`; nodes of one process and domain share them.
     """
 
     def __init__(  # noqa: PLR0913 - by keyword
@@ -97,8 +99,8 @@ class Node:
         discovery_info: bool = True,
         **domain: Unpack[DomainOptions],
     ) -> None:
-        self.name = name  #: The node's name, without its namespace.
-        self.namespace = namespace  #: The node's namespace.
+        self.name = name  #: Name of the node, without its namespace.
+        self.namespace = namespace  #: Namespace of the node.
         self._on_error = on_error
         domain_id = usual_domain_id() if domain_id is None else domain_id
         config = DomainConfig(domain_id=domain_id, **domain)
@@ -125,7 +127,7 @@ class Node:
         await self.close()
 
     def start(self) -> None:
-        """Join the domain, on the running loop; harmless for a node that has.
+        """Join the domain on the running loop; harmless for a started node.
 
         Raises:
             DomainError: The domain cannot be joined.
@@ -137,10 +139,10 @@ class Node:
 
     @property
     def backend(self) -> Backend:
-        """The middleware's half of the node.
+        """Backend of the node.
 
         Raises:
-            ClosedError: The node was not started, or has ended.
+            ClosedError: The node was not started, or is closed.
         """
         if self._live is None or self._live.closed:
             raise ClosedError(f"node {self.name!r}")
@@ -148,16 +150,16 @@ class Node:
 
     @property
     def graph(self) -> Graph:
-        """What the node knows about the domain's endpoints."""
+        """Graph of the domain's endpoints that the node has discovered."""
         return self.backend.graph
 
     @property
     def guid(self) -> bytes:
-        """The 16-byte GUID of the node's participant."""
+        """16-byte GUID of the node's participant."""
         return self.backend.guid
 
     def get_clock(self) -> Clock:
-        """Return the clock of the node's world."""
+        """Return the clock of the node: the system time, or the virtual time of a simulated world."""
         return Clock() if self._live is None else self._live.clock
 
     def create_publisher(
@@ -172,13 +174,13 @@ class Node:
         """Create a publisher.
 
         Args:
-            type_: A message type or its name.
-            topic: Absolute, relative to the namespace, or private ("~/x").
-            qos: What is offered; a number is the depth of an otherwise default profile.
-            transport: "dds", or "shm" for subscriptions with "shm" on the same host.
-            max_message_bytes: The limit of one message's CDR with "shm". The memory file is 64 times as
-                large at most; memory is taken only where messages lie: the history for late joiners, the
-                newest `depth` ones, and at most depth + 2 (never more than 64) per subscriber.
+            type_: Message type or its name.
+            topic: Name: absolute, relative to the namespace, or private ("~/x").
+            qos: Offered QoS; a number is the depth of an otherwise default profile.
+            transport: Transport: "dds", or "shm" for subscriptions with "shm" on the same host.
+            max_message_bytes: Limit of one message's CDR with "shm", bytes. The memory file is at most about 64
+                times as large. Memory is taken only for messages that are kept: the history for late joiners,
+                the newest `depth` messages, and at most depth + 4 (never more than 64) for each subscriber.
         """
         backend, options = (
             self.backend,
@@ -200,15 +202,15 @@ class Node:
         """Create a subscription; see `create_publisher`.
 
         Args:
-            type_: A message type or its name.
-            topic: Absolute, relative or private.
-            callback: Plain or async, given each message; None to read by `take` or `async for`.
-            qos: What is requested.
-            raw: Hand out CDR instead of messages.
-            transport: "dds", or "shm" for publishers with "shm" on the same host.
-            threaded: Call the callback, a plain one, in the thread that takes messages, and not on the loop,
-                which costs less CPU. It must use nothing of the node but by `loop.call_soon_threadsafe`.
-                Closing waits for a call that runs, 5 s at most.
+            type_: Message type or its name.
+            topic: Name: absolute, relative or private.
+            callback: Plain or async function that receives each message; None for `take` or `async for`.
+            qos: Requested QoS; a number is the depth of an otherwise default profile.
+            raw: Whether CDR is handed out instead of messages.
+            transport: Transport: "dds", or "shm" for publishers with "shm" on the same host.
+            threaded: Whether a plain callback runs in the thread that takes messages, which costs less CPU
+                than on the loop. The callback must use the node only through `loop.call_soon_threadsafe`.
+                Closing waits for a running call, 5 s at most.
         """
         if threaded and (callback is None or inspect.iscoroutinefunction(callback)):
             place = f"threaded subscription of {topic!r}, callback"
@@ -222,13 +224,14 @@ class Node:
     ) -> Service:
         """Create a service of a type such as "example_interfaces/srv/AddTwoInts"; its handler may be async.
 
-        The transport is "dds", for sfglab and rmw_cyclonedds, or "ros", for rmw_fastrtps, which needs a ROS 2.
+        Transport "dds" reaches sfglab and rmw_cyclonedds. Transport "ros" reaches rmw_fastrtps and needs an
+        installed ROS 2.
         """
         name = self._resolve(name)
         return Service(self.backend, type_, name=name, handler=handler, transport=transport)
 
     def create_client(self, type_: str, name: str, *, transport: Transport = "dds") -> Client:
-        """Create a service's client; see `create_service`."""
+        """Create a client of a service; see `create_service`."""
         return Client(self.backend, type_, name=self._resolve(name), transport=transport)
 
     def create_action_server(
@@ -240,7 +243,7 @@ class Node:
     ) -> ActionServer:
         """Create a server of an action such as "sfglab_interfaces/action/FollowTrajectory"; see `ActionServer`.
 
-        Without a `cancel_callback` among the options goals cannot be canceled.
+        Goals can be canceled only if the options contain a `cancel_callback`.
         """
         name = self._resolve(name)
         return ActionServer(self.backend, type_, name=name, execute=execute_callback, **options)
@@ -248,7 +251,7 @@ class Node:
     def create_action_client(
         self, type_: str, name: str, *, transport: Transport = "dds"
     ) -> ActionClient:
-        """Create an action's client; its services are of this transport, see `create_service`."""
+        """Create a client of an action; `transport` is that of its services, see `create_service`."""
         return ActionClient(self.backend, type_, name=self._resolve(name), transport=transport)
 
     def create_timer(
@@ -260,20 +263,20 @@ class Node:
         return timer
 
     def open_forwarder(self, target: Node) -> Forwarder:
-        """Return what forwards samples as they are, from this node to one in another domain, of any backend."""
+        """Return a forwarder of unchanged samples from this node to one in another domain, of any backend."""
         here, there = self.backend, target.backend
         if type(here) is not type(there):
             return RawForwarder(here, there)
         return here.open_forwarder(there)
 
     async def close(self) -> None:
-        """End all endpoints, timers and callbacks and leave the domain; again is harmless."""
+        """Close all endpoints, timers and callbacks and leave the domain; repeated calls are harmless."""
         if self._live is not None:
             self.destroy_node()
             await self._live.ended()
 
     def destroy_node(self) -> None:
-        """Do what `close` does without waiting for cancelled callbacks; callable from anywhere."""
+        """Close the node without waiting for cancelled callbacks; callable from any thread."""
         if self._live is not None and self._finalizer is not None:
             self._finalizer.detach()
             self._live.close()
@@ -283,7 +286,7 @@ class Node:
 
 
 def _close_forgotten(backend: Backend, name: str) -> None:
-    """Close what a node left open that nothing refers to any more."""
+    """Close the backend of an unclosed node that has no references any more."""
     if backend.closed:
         return
     try:

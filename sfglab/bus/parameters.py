@@ -1,6 +1,6 @@
-"""Parameters of a node as `ros2 param list`, `get` and `describe` ask for them, by services of rcl_interfaces.
+"""Parameters of a node for `ros2 param list`, `get` and `describe`, over services of rcl_interfaces.
 
-What a component is told is told when it starts: to set a parameter is refused with that sentence.
+A component receives its configuration when it starts. Requests to set a parameter are refused for that reason.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SERVICES = (
     "GetParameterTypes",
     "SetParametersAtomically",
 )
-# rcl_interfaces/msg/ParameterType, and the field of ParameterValue: one of a kind, and many.
+# For each type: field of ParameterValue, and ParameterType of one value and of an array (rcl_interfaces/msg).
 _KINDS: dict[type, tuple[str, int, int]] = {
     bool: ("bool", 1, 6),
     int: ("integer", 2, 7),
@@ -37,7 +37,7 @@ _KINDS: dict[type, tuple[str, int, int]] = {
 
 
 def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the parameters of a JSON value: parts joined by dots, what is not there left out."""
+    """Yield the parameters of a JSON value; parts of names are joined by dots, and None values are left out."""
     parts = (
         value.items() if isinstance(value, dict) else enumerate(value) if _is_mixed(value) else None
     )
@@ -49,7 +49,7 @@ def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _is_mixed(value: Any) -> bool:
-    """Return whether a list is no array of one kind that ROS 2 has."""
+    """Return whether a value is a list that is no array of one ROS 2 parameter type."""
     if not isinstance(value, list):
         return False
     kinds = {type(one) for one in value}
@@ -57,7 +57,7 @@ def _is_mixed(value: Any) -> bool:
 
 
 def parameter_value(value: Any) -> Any:
-    """Return a value, or a list of one kind, as a ParameterValue; None as one that is not set."""
+    """Return a value, or a list of one type, as a ParameterValue; None gives a value that is not set."""
     if value is None:
         return _made("ParameterValue")
     many = isinstance(value, list)
@@ -69,7 +69,7 @@ def parameter_value(value: Any) -> Any:
 
 
 class Parameters:
-    """The parameters of a started node: a dataclass's fields, those of its parts with dots between."""
+    """Parameters of a started node: the fields of a dataclass, with nested names joined by dots."""
 
     def __init__(self, node: Node, config: Any, transport: ParameterTransport = "dds") -> None:
         self._values: Mapping[str, Any] = dict(flat(to_json(config)))
@@ -121,7 +121,7 @@ class Parameters:
 
 
 def _is_below(name: str, prefix: str, depth: int) -> bool:
-    """Return whether a parameter is one of a prefix, so many parts below it at most; 0: however many."""
+    """Return whether a parameter belongs to a prefix, at most `depth` parts below it; 0 for any number."""
     rest = name.removeprefix(f"{prefix}.") if prefix else name
     return (not prefix or name == prefix or rest != name) and (not depth or rest.count(".") < depth)
 

@@ -1,4 +1,4 @@
-"""Publishers and subscriptions, as users hold them, over any backend."""
+"""Publishers and subscriptions as users hold them, over any backend."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from sfglab.bus.backend import Backend
 
 _log = logging.getLogger("sfglab.bus")
-_ACK_S = 0.01  #: How often it is asked whether all is acknowledged.
+_ACK_S = 0.01  #: Interval at which acknowledgements are checked, s.
 
 
 def topic_endpoint(
     type_: MessageType, topic: str, qos: QoSProfile | int, **options: Any
 ) -> RawEndpoint:
-    """Return the endpoint of a topic, given its resolved name; a number is the depth of a default profile."""
+    """Return the endpoint of a topic by its resolved name; a number is the depth of a default profile."""
     profile = QoSProfile(depth=qos) if isinstance(qos, int) else qos
     return RawEndpoint(
         dds_topic=names.dds_topic(topic), type=type_name(type_), qos=profile, name=topic, **options
@@ -42,10 +42,10 @@ def topic_endpoint(
 
 
 def checked_type(message: Any, *, type_: str, where: str) -> None:
-    """Refuse a message of another type.
+    """Check the type of a message.
 
     Raises:
-        InvalidMessageError: It is of another type, or no message at all.
+        InvalidMessageError: The value has another type, or is no message.
     """
     given = getattr(message, "__msgtype__", None)
     if given != type_:
@@ -55,12 +55,12 @@ def checked_type(message: Any, *, type_: str, where: str) -> None:
 
 
 class TopicEnd:
-    """A user's handle of a publisher or subscription; the handle does not keep its node alive."""
+    """User's handle of a publisher or subscription; the handle does not keep its node alive."""
 
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
         self._backend = backend
-        self.topic_name = endpoint.name  #: The fully resolved ROS topic.
-        self.type_name = endpoint.type  #: The ROS type, e.g. "std_msgs/msg/String".
+        self.topic_name = endpoint.name  #: Fully resolved ROS topic.
+        self.type_name = endpoint.type  #: ROS type, such as "std_msgs/msg/String".
         self._changed = Signal(backend.loop)
 
     async def _wait_for(self, end: Endpoint, count: int, peers: str, timeout_s: float) -> None:
@@ -70,20 +70,20 @@ class TopicEnd:
 
 
 class Publisher(TopicEnd):
-    """One topic's outgoing messages; made by `Node.create_publisher`."""
+    """Publisher of one topic; made by `Node.create_publisher`."""
 
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
         super().__init__(backend, endpoint)
         self._writer = backend.open_writer(endpoint, self._changed.notify)
         self._closed = False
-        self.gid = self._writer.gid  #: The 16-byte DDS GUID under which others know it.
+        self.gid = self._writer.gid  #: 16-byte DDS GUID, as other nodes discover it.
         backend.register(self._writer.close)
 
     def publish(self, message: Any) -> None:
         """Serialize and send one message.
 
         Raises:
-            InvalidMessageError: It is of another type, or too large for shared memory.
+            InvalidMessageError: The message has another type, or is too large for shared memory.
             PublishError: The transport could not send it.
             ClosedError: The publisher is closed.
         """
@@ -92,11 +92,11 @@ class Publisher(TopicEnd):
         self._writer.write_message(message)
 
     def publish_raw(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
-        """Send CDR with its 4-byte header, in any contiguous buffer, stamped with a Unix time (ns) or now.
+        """Send CDR with its 4-byte header from any contiguous buffer, stamped with a Unix time (ns) or now.
 
         Raises:
-            InvalidMessageError: It is no message of the topic's type (unchecked by shared memory), or too
-                large.
+            InvalidMessageError: The CDR is no message of the topic's type, which shared memory does not
+                check, or it is too large.
             PublishError: The transport could not send it.
             ClosedError: The publisher is closed.
         """
@@ -104,20 +104,20 @@ class Publisher(TopicEnd):
         self._writer.write(cdr, source_timestamp_ns)
 
     def loan(self, size_bytes: int) -> AbstractContextManager[memoryview]:
-        """Return a context with shared memory to write a message's CDR into, so many bytes with its header.
+        """Return a context with `size_bytes` of shared memory for a message's CDR and its header.
 
-        Leaving it publishes the message; leaving by an exception publishes nothing.
+        The end of the context publishes the message; after an exception nothing is published.
 
         Raises:
             ClosedError: The publisher is closed.
-            InvalidMessageError: Above the publisher's limit.
+            InvalidMessageError: The size is above the publisher's limit.
             TypeError: The transport has no memory to lend.
         """
         self._check_open()
         return self._writer.loan(size_bytes)
 
     def get_subscription_count(self) -> int:
-        """Return how many subscriptions match now."""
+        """Return the number of matching subscriptions."""
         return self._writer.matched
 
     async def wait_for_subscriptions(self, count: int = 1, timeout_s: float = 5.0) -> None:
@@ -129,7 +129,10 @@ class Publisher(TopicEnd):
         await self._wait_for(self._writer, count, "subscription", timeout_s)
 
     async def wait_for_all_acked(self, timeout_s: float = 5.0) -> bool:
-        """Return whether all reliable subscriptions have all messages in time; at once over shared memory."""
+        """Return True once all reliable subscriptions have acknowledged all messages, False after the time-out.
+
+        Over shared memory the result is True at once.
+        """
         asked: Callable[[], bool] = getattr(self._writer, "acknowledged", lambda: True)
         for _ in range(round(timeout_s / _ACK_S)):
             if asked():
@@ -138,7 +141,7 @@ class Publisher(TopicEnd):
         return asked()
 
     def close(self) -> None:
-        """End the publisher; again is harmless."""
+        """Close the publisher; repeated calls are harmless."""
         self._backend.end(self._writer.close)
         self._closed = True
 
@@ -148,7 +151,7 @@ class Publisher(TopicEnd):
 
 
 class Subscription(TopicEnd):
-    """One topic's incoming messages, bounded by its QoS, for `take`, `async for` or a callback."""
+    """Subscription of one topic, bounded by its QoS, for `take`, `async for` or a callback."""
 
     def __init__(
         self,
@@ -166,7 +169,7 @@ class Subscription(TopicEnd):
             backend.bridge, endpoint.qos, decode=self._decode, callback=callback, calls=calls
         )
         self._reader = backend.open_reader(endpoint, self._changed.notify, self._inbox)
-        self.gid = self._reader.gid  #: The 16-byte DDS GUID under which others know it.
+        self.gid = self._reader.gid  #: 16-byte DDS GUID, as other nodes discover it.
         self._unwatch = backend.watch_publishers(
             self._reader, endpoint, _Warnings(backend, endpoint).hear
         )
@@ -174,31 +177,31 @@ class Subscription(TopicEnd):
 
     @property
     def dropped(self) -> int:
-        """How many messages the queue's bound pushed out before they were read."""
+        """Number of messages that the full queue dropped before they were read."""
         return self._inbox.queue.dropped
 
     @property
     def lost(self) -> int:
-        """How many messages the transport knows to have lost on the way here."""
+        """Number of messages that the transport knows to be lost."""
         return self._reader.lost
 
     @property
     def last_error(self) -> BaseException | None:
-        """The latest exception of the callback, None if there was none."""
+        """Latest exception of the callback; None if there was none."""
         return self._inbox.calls.last_error
 
     async def take(self, timeout_s: float | None = None) -> Any:
-        """Return the oldest queued message, waiting for one if there is none; without a time-out for ever.
+        """Return the oldest queued message; wait for one if there is none, without a time-out indefinitely.
 
         Raises:
             BusTimeoutError: Nothing arrived in time.
             ClosedError: The subscription is closed.
-            CdrError: What arrived is no message of the type.
+            CdrError: The received CDR is no message of the type.
         """
         return self._decode(await self._sample(timeout_s))
 
     async def take_with_info(self, timeout_s: float | None = None) -> tuple[Any, MessageInfo]:
-        """Return the oldest queued message and what is known about it; see `take`."""
+        """Return the oldest queued message and its metadata; see `take`."""
         sample = await self._sample(timeout_s)
         _, source_ns, received_ns, gid = sample
         info = MessageInfo(
@@ -214,12 +217,10 @@ class Subscription(TopicEnd):
             except ClosedError:
                 return
             yield self._decode(sample)
-            del (
-                sample
-            )  # a shared-memory slot is free again when the caller has let go of the message
+            del sample  # a shared-memory slot is freed when the caller drops the message
 
     def get_publisher_count(self) -> int:
-        """Return how many publishers match now."""
+        """Return the number of matching publishers."""
         return self._reader.matched
 
     async def wait_for_publishers(self, count: int = 1, timeout_s: float = 5.0) -> None:
@@ -231,7 +232,7 @@ class Subscription(TopicEnd):
         await self._wait_for(self._reader, count, "publisher", timeout_s)
 
     def close(self) -> None:
-        """End the subscription; again is harmless."""
+        """Close the subscription; repeated calls are harmless."""
         self._backend.end(self._end)
 
     def _end(self) -> None:
@@ -255,21 +256,21 @@ class Subscription(TopicEnd):
 
 
 def _decoding(backend: Backend, type_: str) -> Callable[[Sample], Any]:
-    message_type(type_)  # an unknown one is an error here and now
+    message_type(type_)  # an unknown type raises before a message arrives
     decode = backend.decoder(type_)
     return lambda sample: decode(sample[0])
 
 
-_NAME_S = 10.0  # how long a publisher's node may take to be told
+_NAME_S = 10.0  # longest wait for the name of a publisher's node, s
 
 
 class _Warnings:
-    """Says aloud, once for each publisher, as ROS 2 does, that it will never reach a subscription, and why."""
+    """Logger that warns once of each publisher that can never reach a subscription, as ROS 2 does."""
 
     def __init__(self, backend: Backend, wanted: RawEndpoint) -> None:
         self._backend = backend
         self._wanted = wanted
-        self._suspects: dict[bytes, EndpointInfo | None] = {}  # None: all is said
+        self._suspects: dict[bytes, EndpointInfo | None] = {}  # None: the warning was logged
 
     def hear(self, event: EndpointEvent) -> None:
         publisher = event.endpoint
@@ -295,7 +296,7 @@ class _Warnings:
 
 def _mismatches(publisher: EndpointInfo, wanted: RawEndpoint) -> tuple[str, ...]:
     if publisher.transport != wanted.transport:
-        return ()  # the two transports do not meet on purpose
+        return ()  # endpoints of different transports do not match on purpose
     if publisher.type != wanted.type:
         return (f"type: the reader wants {wanted.type}, the writer has {publisher.type}",)
     return incompatibilities(offered=publisher.qos, requested=wanted.qos)

@@ -1,6 +1,6 @@
-"""Recording topics of a domain into a log, and playing a log into one.
+"""Recording of topics of a domain into a log, and playing of a log into a domain.
 
-Files are written and read in a thread of their own: no message waits for a disk.
+A separate thread writes and reads files, so that no message waits for a disk.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ if TYPE_CHECKING:
 
 _BATCH = 256
 _LAST_BATCHES = 8
-_OTHERS_S = 0.2  #: How long publishers of one topic may take to appear together.
-#: How many a played reliable topic keeps; its readers are waited for at half of them.
+_OTHERS_S = 0.2  #: Time for the publishers of one topic to appear together, s.
+#: Least history depth of a played volatile topic; the player waits for its readers after each half of it.
 _UNACKNOWLEDGED = 256
-#: After which a reader is not waited for again; one that is gone is noticed before.
+#: Time after which a stalled reader is not waited for again, s; a reader that ended is noticed earlier.
 _STANDS_STILL_S = 15.0
 _MATCH_S = 3.0
-_LATE_S = 2.0  #: How long readers may take for what was played last.
+_LATE_S = 2.0  #: Time for readers to acknowledge the last samples, s.
 
 
 class Recorder:
-    """Records topics that are wanted, by name, from when they appear; `on_log` is given sentences for the user.
+    """Recorder of wanted topics from when they appear; `on_log` receives sentences for the user.
 
-    `open_log` makes the log, in the thread that writes it. At the end the recorder writes into it who
-    published and who subscribed.
+    `open_log` makes the log in the thread that writes it. At the end the recorder writes the publishers and
+    subscribers of each topic into the log.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Recorder:
         wanted: Callable[[str], bool],
         on_log: OnLog,
     ) -> None:
-        self.counts: Counter[str] = Counter()  #: Messages written, by topic.
+        self.counts: Counter[str] = Counter()  #: Number of written messages per topic.
         self._node = node
         self._open = open_log
         self._wanted = wanted
@@ -70,15 +70,15 @@ class Recorder:
 
     @property
     def lost(self) -> int:
-        """How many messages the transport lost, or could not be queued."""
+        """Number of messages that the transport lost or the full queue dropped."""
         return sum(one.lost + one.dropped for one in self._subscriptions)
 
     async def run(self) -> None:
-        """Record until cancelled; then what has arrived is written and the log ended."""
+        """Record until cancelled, then write the messages that have arrived and close the log."""
         with ThreadPoolExecutor(1) as thread:
             do = partial(asyncio.get_running_loop().run_in_executor, thread)
             log = await do(self._open)
-            self._node.graph.nodes()  # from now on they are read
+            self._node.graph.nodes()  # the first call starts the reading of nodes
             unlisten = self._node.graph.listen(self._heard)
             self._on_log("Listening for topics...")
             try:
@@ -86,7 +86,7 @@ class Recorder:
                     batch = [await self._queue.get(), *self._waiting()]
                     await asyncio.shield(do(self._write, log, batch))
             except asyncio.CancelledError:
-                for _ in range(_LAST_BATCHES):  # what had arrived when it was to end
+                for _ in range(_LAST_BATCHES):  # messages that had arrived before the cancellation
                     await do(self._write, log, self._waiting())
                     await asyncio.sleep(0)
                 raise
@@ -97,7 +97,7 @@ class Recorder:
                 await do(log.close)
 
     def _sides(self) -> dict[str, dict[str, list[str]]]:
-        """Return which nodes publish and subscribe what is recorded; not where no publisher's name is known."""
+        """Return the publishing and subscribing nodes of each recorded topic that has a known publisher."""
         seen, sides = view(self._node), {}
         for topic in self.counts:
             publishers, subscribers = (
@@ -116,11 +116,11 @@ class Recorder:
             self._topics[topic] = asyncio.ensure_future(self._follow(topic))
 
     async def _follow(self, topic: str) -> None:
-        """Put messages of a topic into the queue; while that is full they wait in the subscription's."""
+        """Put messages of a topic into the queue; while it is full, they wait in the subscription."""
         await asyncio.sleep(_OTHERS_S)
         publishers = view(self._node).ends(topic, EndpointKind.PUBLISHER)
         if not publishers:
-            del self._topics[topic]  # it has gone again
+            del self._topics[topic]  # its publishers have left
             return
         kind = publishers[0].type
         try:
@@ -150,7 +150,7 @@ class Recorder:
 
 
 def _offered(publishers: list[EndpointInfo]) -> QoSProfile:
-    """Return a topic's profile for a log; the depth that Fast DDS does not tell is the usual one."""
+    """Return a topic's QoS for a log, with the default depth for Fast DDS, which does not announce it."""
     first = publishers[0]
     if tells_no_history(first):
         return replace(first.qos, history=History.KEEP_LAST, depth=QoSProfile().depth)
@@ -159,20 +159,21 @@ def _offered(publishers: list[EndpointInfo]) -> QoSProfile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Playing:
-    """How a log is played."""
+    """Options of playing a log."""
 
-    rate: float = 1.0  #: How much faster than it was recorded.
-    start_s: float = 0.0  #: Where to begin, from the log's first message on.
-    duration_s: float | None = None  #: How much of it.
+    rate: float = 1.0  #: Speed, as a multiple of the recorded speed.
+    start_s: float = 0.0  #: Start of the played part, s after the log's first message.
+    #: Length of the played part, s of the recording; None for the rest of the log.
+    duration_s: float | None = None
 
 
 class Player:
-    """Plays wanted topics of a log at the pace of the recording once subscriptions match; see `Recorder`."""
+    """Player of wanted topics of a log at the recorded pace, once subscriptions match; see `Recorder`."""
 
     def __init__(
         self, node: Node, path: Path, how: Playing, *, wanted: Callable[[str], bool], on_log: OnLog
     ) -> None:
-        self.counts: Counter[str] = Counter()  #: Messages played, by topic.
+        self.counts: Counter[str] = Counter()  #: Number of played messages per topic.
         self._node = node
         self._path = path
         self._how = how
@@ -182,7 +183,7 @@ class Player:
         self._left_behind: set[str] = set()
 
     async def run(self) -> None:
-        """Play to the end; return when all reliable subscriptions have all."""
+        """Play to the end, and wait for the acknowledgements of all reliable subscriptions."""
         with ThreadPoolExecutor(1) as thread:
             do = partial(asyncio.get_running_loop().run_in_executor, thread)
             reader = await do(LogReader, self._path)
@@ -209,7 +210,7 @@ class Player:
             self._on_log(f"Topic '{topic}' is not played: {error}")
 
     async def _matched(self) -> None:
-        """Wait until subscriptions that are there are found and matched."""
+        """Wait until existing subscriptions are discovered and matched."""
         seen = await settled(self._node)
         for topic, publisher in self._publishers.items():
             count = len(
@@ -241,7 +242,7 @@ class Player:
             batch = await later
 
     async def _wait_for_slow_readers(self, topic: str, publisher: Publisher) -> None:
-        """Wait for readers slower than the log, before a sample that they do not have is overwritten."""
+        """Wait for readers slower than the log, before an unacknowledged sample is overwritten."""
         if self.counts[topic] % (_UNACKNOWLEDGED // 2) or topic in self._left_behind:
             return
         if not await publisher.wait_for_all_acked(_STANDS_STILL_S):

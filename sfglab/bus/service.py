@@ -1,8 +1,9 @@
-"""Services over DDS as rmw_cyclonedds frames them: a request topic, a reply topic, and who asked in front.
+"""Services over DDS as rmw_cyclonedds frames them: a request topic, a reply topic, and a frame with the client.
 
 rmw_fastrtps sends the bare request and reply and correlates them by the inline QoS `related_sample_identity`,
-which Cyclone's API neither sets nor shows; both announce the same type name, and are told apart by their GUIDs.
-Its services have the transport "ros": the same frames, by a program of ROS 2's own (`sfglab.bus.ros`).
+which Cyclone's API neither sets nor shows. Both announce the same type name; their GUIDs tell them apart.
+Services of rmw_fastrtps have the transport "ros": a program in ROS 2's own interpreter handles the same frames
+(`sfglab.bus.ros`).
 """
 
 from __future__ import annotations
@@ -33,17 +34,17 @@ if TYPE_CHECKING:
 
     from sfglab.bus.backend import Backend
 
-# ROS 2 takes the profile's depth of 10; all are kept here, so that a burst of calls is heard whole.
+# ROS 2 uses the profile's depth of 10. KEEP_ALL is used here, so that no call of a burst is lost.
 _QOS = QoSProfile(history=History.KEEP_ALL, reliability=SERVICES.reliability)
-# Were all answers kept until everybody has acknowledged them, one client that was killed, or means ill, would
-# end those to all others.
+# With KEEP_ALL, replies would wait for the acknowledgements of all clients. One killed or malicious client
+# would then stop the replies to all others.
 _ANSWERS = QoSProfile(depth=100, reliability=SERVICES.reliability)
-# How long a server holds an answer back for a client whose reply reader it has not discovered yet.
+# Longest wait of a server, s, before it replies to a client whose reply reader it has not discovered yet.
 _CLIENT_TIMEOUT_S = 1.0
 
 
 class _Pair:
-    """A service's writer and reader on one side, with the frames that arrive."""
+    """Writer and reader of one side of a service, and the frames that arrive."""
 
     def __init__(  # noqa: PLR0913 - by keyword
         self,
@@ -70,14 +71,14 @@ class _Pair:
         self.reader = backend.open_reader(in_, self.changed.notify, self.inbox)
 
     def peers(self) -> frozenset[bytes]:
-        """Return the GUID prefixes of participants that have both halves of the other side, framed as ours."""
+        """Return the GUID prefixes of participants with both endpoints of the other side and our frames."""
         both = self.writer.matched_prefixes & self.reader.matched_prefixes
         return frozenset(
             one for one in both if one.startswith(FAST_DDS) == (self._transport == "ros")
         )
 
     def strangers(self) -> str:
-        """Return who has both halves framed otherwise, and what helps; empty when nobody has."""
+        """Return a hint about peers that match but use other frames; empty if there are none."""
         strange = self.writer.matched_prefixes & self.reader.matched_prefixes - self.peers()
         return "only one of rmw_fastrtps was found: transport='ros' reaches it" if strange else ""
 
@@ -93,7 +94,7 @@ class _Pair:
 def _halves(
     name: str, type_: str, identity: bytes, *, server: bool, transport: Transport
 ) -> tuple[RawEndpoint, RawEndpoint]:
-    """Return what one side of a service reads and what it writes."""
+    """Return the endpoint that one side of a service reads and the one that it writes."""
     service = service_type(type_)
     request, reply = (
         RawEndpoint(
@@ -119,13 +120,13 @@ def _framed(sample: Sample) -> tuple[ServiceFrame, bytes]:
 
 
 class Service:
-    """A service's server; made by `Node.create_service`.
+    """Server of a service; made by `Node.create_service`.
 
-    Requests are handled concurrently, in the order of their arrival. A handler that raises is reported and
-    answers nothing. `answered`, for actions, is given each request once its response is sent.
+    Requests are handled concurrently, in the order of their arrival. An exception of the handler is reported,
+    and no response is sent. `answered`, for actions, receives each request after its response is sent.
     """
 
-    def __init__(  # noqa: PLR0913 - what makes a service, and one thing that only actions need
+    def __init__(  # noqa: PLR0913 - the parts of a service, and one argument that only actions need
         self,
         backend: Backend,
         type_: str,
@@ -135,7 +136,7 @@ class Service:
         transport: Transport = "dds",
         answered: Callable[[Any], None] | None = None,
     ) -> None:
-        self.service_name = name  #: The fully resolved ROS service.
+        self.service_name = name  #: Fully resolved ROS service.
         service = service_type(type_)
         self._request = service.request
         self._response = type_name(service.response)
@@ -149,11 +150,11 @@ class Service:
 
     @property
     def last_error(self) -> BaseException | None:
-        """The latest exception of the handler, None if there was none."""
+        """Latest exception of the handler; None if there was none."""
         return self._pair.calls.last_error
 
     def close(self) -> None:
-        """End the service; again is harmless."""
+        """Close the service; repeated calls are harmless."""
         self._backend.end(self._pair.close)
 
     def _on_frame(self, frame: ServiceFrame, publisher_gid: bytes) -> None:
@@ -165,7 +166,8 @@ class Service:
         response = await awaited(self._handler(request))
         checked_type(response, type_=self._response, where=pair.name)
         prefix = self._backend.participant_of(publisher_gid)
-        # A client can know the server before the server knows it; an answer sent then is lost.
+        # A client may discover the server first. A response that is sent before the server discovers it is
+        # lost.
         await pair.changed.wait_until(
             lambda: prefix in pair.writer.matched_prefixes, _CLIENT_TIMEOUT_S
         )
@@ -175,12 +177,12 @@ class Service:
 
 
 class Client:
-    """A service's client; made by `Node.create_client`. Calls may run concurrently."""
+    """Client of a service; made by `Node.create_client`. Calls may run concurrently."""
 
     def __init__(
         self, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
     ) -> None:
-        self.service_name = name  #: The fully resolved ROS service.
+        self.service_name = name  #: Fully resolved ROS service.
         service = service_type(type_)
         self._request_type = type_name(service.request)
         self._response = service.response
@@ -201,27 +203,28 @@ class Client:
         """Return once a server can be called.
 
         Raises:
-            BusTimeoutError: There was none within `timeout_s`.
+            BusTimeoutError: No server was found within `timeout_s`.
         """
         if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
             raise discovery_timeout_error(f"service {self.service_name!r}: a server", timeout_s)
 
     async def wait_until_gone(self) -> None:
-        """Return once no server can be called, at once if there is none now."""
+        """Return once no server can be called; at once if there is none."""
         await self._pair.changed.wait_until(lambda: not self.service_is_ready(), None)
 
     async def call(
         self, request: Any, timeout_s: float | None = 5.0, *, max_bytes: int | None = None
     ) -> Any:
-        """Return the server's response, unless it has more than `max_bytes`.
+        """Call the server, and return its response of at most `max_bytes`.
 
-        The time-out, None for ever, is for finding a server and for its response together, in seconds.
+        The time-out, in seconds, covers finding a server and its response together; None waits indefinitely.
 
         Raises:
-            InvalidValueError: The response is larger than that.
-            BusTimeoutError: No server, or no response in time: it is gone, slow, or its handler failed.
-            InvalidMessageError: The request is of another type.
-            ClosedError: The client is closed, or was meanwhile.
+            InvalidValueError: The response is larger than `max_bytes`.
+            BusTimeoutError: No server was found, or it did not respond in time: it left, is slow, or its
+                handler failed.
+            InvalidMessageError: The request has another type.
+            ClosedError: The client is closed, or was closed during the call.
         """
         name = self.service_name
         said = f"service {name!r}: no answer within {timeout_s or 0.0} s"
@@ -247,7 +250,7 @@ class Client:
         return deserialize(frame.cdr, self._response)
 
     def close(self) -> None:
-        """End the client and its pending calls; again is harmless."""
+        """Close the client and end its pending calls; repeated calls are harmless."""
         self._backend.end(self._end)
 
     def _end(self) -> None:
@@ -259,7 +262,7 @@ class Client:
                 future.set_exception(ClosedError(f"client {self.service_name!r}"))
 
     def _on_frame(self, frame: ServiceFrame, _publisher_gid: bytes) -> None:
-        """Give a reply to the call that waits for it; replies to others share the topic and are ignored."""
+        """Give a reply to its waiting call; replies to other clients share the topic and are ignored."""
         future = self._pending.get(frame.sequence) if frame.client_guid == self._guid else None
         if future is not None and not future.done():
             future.set_result(frame)
