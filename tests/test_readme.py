@@ -109,11 +109,11 @@ def block():
         lines.append(f"| {link} | {_paper(e)} | {_ours(e)} | {e.interval} | {verdict} |")
     deviating = [entry for entry in whole if entry.verdict.value == "deviates"]
     favourable = [entry for entry in deviating if is_favourable(entry, ledger)]
-    lines += ["", "What did not hold, or not as it is stated:", ""]
+    lines += ["", "These claims did not hold, or not as they are stated:", ""]
     lines += _deviating(entry for entry in deviating if entry not in favourable)
     lines += ["", "Outside the acceptance range because it is better than in the paper:", ""]
     lines += _deviating(favourable)
-    lines += ["", "What it does better than the usual method:", ""]
+    lines += ["", "sfglab replaces these usual methods by better ones:", ""]
     lines += _head("instead of", "this", "measured", "interval")
     lines += [
         f"| {other} | {this} | {_ours(ledger[name])} | {ledger[name].interval} |"
