@@ -113,7 +113,7 @@ def block():
     lines += _deviating(entry for entry in deviating if entry not in favourable)
     lines += ["", "Outside the acceptance range because it is better than in the paper:", ""]
     lines += _deviating(favourable)
-    lines += ["", "sfglab replaces these usual methods by better ones:", ""]
+    lines += ["", "These components of sfglab are better than the usual method:", ""]
     lines += _head("instead of", "this", "measured", "interval")
     lines += [
         f"| {other} | {this} | {_ours(ledger[name])} | {ledger[name].interval} |"

@@ -65,10 +65,10 @@ def disagreeing(rows, ledger, *, named_in: int) -> tuple[list[str], list[str]]:
 
 def test_the_readme_prints_the_ledgers_values(ledger):
     text = (ROOT / "README.md").read_text("utf-8")
-    results, _, rest = text.partition("<!-- results")[2].partition("\nWhat did not hold")
+    results, _, rest = text.partition("<!-- results")[2].partition("\nThese claims did not hold")
     about, wrong = disagreeing(markdown_rows(results), ledger, named_in=-2)
     assert (len(about), wrong) == (5, [])
-    deviating = rest.partition("\nWhat it does better")[0]
+    deviating = rest.partition("\nThese components of sfglab")[0]
     rows = [[*row, "deviates"] for row in markdown_rows(deviating)]
     about, wrong = disagreeing(rows, ledger, named_in=1)
     assert wrong == []
@@ -89,7 +89,7 @@ def test_the_committed_index_prints_the_ledgers_values(ledger):
 @pytest.mark.parametrize("path", find_notebooks(PROJECT), ids=lambda path: path.stem)
 def test_a_committed_notebook_prints_the_ledgers_values(path, ledger):
     claims = []
-    for name in experiments_of(nbformat.read(path, as_version=4)):
+    for name in experiments_of(path):
         claims += experiment(name).claims
     html = outputs_of(path.stem)
     about, wrong = disagreeing(html_rows(html), ledger, named_in=0)
@@ -126,7 +126,7 @@ def test_the_command_prints_the_ledgers_values(ledger):
 
 def test_the_summary_figure_prints_the_ledgers_values_of_claims_in_the_readme(ledger):
     shown = json.loads((ROOT / "figures" / "summary.json").read_text("utf-8"))["shown"]
-    readme = (ROOT / "README.md").read_text("utf-8").partition("\nWhat did not hold")[0]
+    readme = (ROOT / "README.md").read_text("utf-8").partition("\nThese claims did not hold")[0]
     for name, said in shown.items():
         entry = ledger[name]
         assert said == f"{entry.value} {entry.unit}: {entry.verdict.value}"
