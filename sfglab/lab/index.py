@@ -111,9 +111,8 @@ def _line(cells: Iterable[str]) -> str:
 
 def _rows(project: Project, path: Path, ledger: Ledger) -> list[tuple[str, str]]:
     """Return paper with section and the table line of each experiment of a notebook."""
-    notebook = read_notebook(path)
-    title = notebook.cells[0].source.splitlines()[0].removeprefix("# ")
-    experiments = map(experiment, experiments_of(notebook))
+    title = read_notebook(path).cells[0].source.splitlines()[0].removeprefix("# ")
+    experiments = map(experiment, experiments_of(path))
     return [_row(project, path, title, exp, ledger) for exp in experiments]
 
 

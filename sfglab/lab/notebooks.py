@@ -131,9 +131,8 @@ def fit_parameters(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         NotebookError: The notebook declares no such parameter, or its experiment no such field.
     """
-    notebook = read_notebook(path)
-    declared = _declared(path, notebook)
-    experiments = experiments_of(notebook)
+    declared = _declared(path, read_notebook(path))
+    experiments = experiments_of(path)
     fitted = {name: value for name, value in given.items() if name in declared}
     others = {name: value for name, value in given.items() if name not in declared}
     if others:
@@ -178,30 +177,29 @@ def _check_fields(path: Path, name: str, fitted: Mapping[str, Any]) -> None:
         raise NotebookError(f"{path.name}: {error}") from error
 
 
-def experiments_of(notebook: NotebookNode) -> tuple[str, ...]:
-    """Return the names of the experiments that a notebook runs, in order."""
-    source = "\n".join(cell.source for cell in notebook.cells)
+def experiments_of(path: Path) -> tuple[str, ...]:
+    """Return the names of the experiments that a notebook runs, in order.
+
+    The header of every notebook needs them, and `nbformat`, which `read_notebook` uses, takes seconds to
+    import.
+
+    Raises:
+        NotebookError: The file is no notebook.
+    """
+    try:
+        cells = json.loads(path.read_text("utf-8"))["cells"]
+    except (ValueError, KeyError) as error:
+        raise NotebookError(f"{path.name}: not a notebook: {error}") from error
+    source = "\n".join("".join(cell["source"]) for cell in cells)
     return tuple(dict.fromkeys(_EXPERIMENT.findall(source)))
 
 
 def notebook_of(project: Project, experiment: str) -> str:
     """Return the name of the notebook that runs an experiment; empty: there is none."""
     for path in find_notebooks(project):
-        if experiment in _EXPERIMENT.findall(_source_of(path)):
+        if experiment in experiments_of(path):
             return path.stem
     return ""
-
-
-def _source_of(path: Path) -> str:
-    """Return the source of a notebook's cells.
-
-    The header of every notebook needs it, and `nbformat` takes seconds to import.
-    """
-    try:
-        cells = json.loads(path.read_text("utf-8")).get("cells", ())
-    except (OSError, ValueError, AttributeError):
-        cells = read_notebook(path).cells  # says what is wrong
-    return "\n".join("".join(cell["source"]) for cell in cells)
 
 
 def read_notebook(path: Path) -> NotebookNode:
@@ -279,7 +277,7 @@ def try_experiment(
 
 def _reference_logs(path: Path, project: Project, only: Collection[str]) -> dict[str, str]:
     """Return the parameters with the logs of the experiments that must not run."""
-    experiments = set(experiments_of(read_notebook(path)))
+    experiments = set(experiments_of(path))
     logs: dict[str, str] = {}
     if experiments.isdisjoint(only):
         return logs
@@ -301,7 +299,7 @@ class _Task:
         self.copy = copy  #: Path of the executed copy.
         self.parameters = parameters  #: Values for the parameters cell.
         self.before_s = before_s  #: Duration of the last run, s.
-        self.experiments = experiments_of(read_notebook(path))
+        self.experiments = experiments_of(path)
         #: Whether other work at the same time may change the results.
         self.measures = any(experiment(name).measures for name in self.experiments)
 

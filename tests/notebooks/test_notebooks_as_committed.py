@@ -35,9 +35,8 @@ ELSEWHERE = re.compile(
 
 def cells_of(name):
     """Return the code cells of an experiment's notebook."""
-    notebooks = (nbformat.read(path, as_version=4) for path in find_notebooks(Project(root=ROOT)))
-    [page] = [page for page in notebooks if name in experiments_of(page)]
-    return [cell for cell in page.cells if cell.cell_type == "code"]
+    [path] = [p for p in find_notebooks(Project(root=ROOT)) if name in experiments_of(p)]
+    return [c for c in nbformat.read(path, as_version=4).cells if c.cell_type == "code"]
 
 
 def pictures_of(name):

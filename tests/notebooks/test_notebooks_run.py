@@ -12,7 +12,7 @@ from sfglab.lab.checks import trees
 from sfglab.lab.experiments import EXPERIMENTS, decode_once, experiment, mocap, visualisation
 from sfglab.lab.experiments.latency import results as latency
 from sfglab.lab.experiments.latency.experiment import PATHS
-from sfglab.lab.notebooks import experiments_of, find_notebooks, read_notebook, run_notebooks
+from sfglab.lab.notebooks import experiments_of, find_notebooks, run_notebooks
 from sfglab.lab.paths import Project
 from sfglab.record import LogReader
 from sfglab.spatial.frames.buffer import FrameBuffer
@@ -87,7 +87,7 @@ def test_every_notebook_is_known_and_the_index_reports_on_all():
     assert [path.stem for path in find_notebooks(Project(root=ROOT))] == [*sorted(FIGURES), INDEX]
     run = []
     for path in find_notebooks(Project(root=ROOT)):
-        run += experiments_of(read_notebook(path))
+        run += experiments_of(path)
     assert sorted([*run, "ros2"]) == sorted(EXPERIMENTS), "ros2 has no notebook"
 
 
@@ -150,7 +150,7 @@ LIVE_RUNS = {
 def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(project, name):
     run_through(project, name)
     logs = sorted(project.runs.glob("logs/*/*.mcap"))
-    experiments = experiments_of(read_notebook(ROOT / "notebooks" / f"{name}.ipynb"))
+    experiments = experiments_of(ROOT / "notebooks" / f"{name}.ipynb")
     assert [log.parent.name for log in logs] == sorted(experiments)
     assert not project.figures.exists(), "a smoke test replaces no figure"
     assert {p.stem for p in (project.runs / "figures").rglob("*.svg")} == FIGURES[name]
