@@ -235,28 +235,27 @@ def _image_reader(store: Typestore) -> Callable[[memoryview], Any]:
     read_rows = struct.Struct("<II").unpack_from  # step, length of data
 
     def read(view: memoryview) -> Any:
-        encapsulation, seconds, nanoseconds, length = read_stamp(view, 0)
-        end = 16 + length
-        frame_id = str(view[16 : end - 1], "utf-8")
-        start = end + (-end) % 4 + 12
-        height, width, encoded = read_size(view, start - 12)
-        mark = start + encoded
-        encoding = str(view[start : mark - 1], "utf-8")
-        rows = mark + 4 - mark % 4
-        step, size = read_rows(view, rows)
-        if encapsulation != _HEADER or not length or not encoded or view[end - 1] or view[mark - 1]:
-            return None
-        stamped = header(time(seconds, nanoseconds), frame_id)
-        data = np.frombuffer(view, np.uint8, size, rows + 8)
-        return image(stamped, height, width, encoding, view[mark], step, data)
-
-    def tried(view: memoryview) -> Any:
         try:
-            return read(view)
+            encapsulation, seconds, nanoseconds, length = read_stamp(view, 0)
+            end = 16 + length
+            frame_id = str(view[16 : end - 1], "utf-8")
+            size_at = end + -end % 4
+            height, width, encoded = read_size(view, size_at)
+            text_at = size_at + 12
+            flag_at = text_at + encoded
+            encoding = str(view[text_at : flag_at - 1], "utf-8")
+            rows_at = flag_at + 4 - flag_at % 4  # after the flag, one byte, aligned to four
+            step, size = read_rows(view, rows_at)
+            is_ended = length and encoded and not view[end - 1] and not view[flag_at - 1]
+            if encapsulation != _HEADER or not is_ended:
+                return None
+            data = np.frombuffer(view, np.uint8, size, rows_at + 8)
         except (struct.error, ValueError, IndexError):
             return None
+        stamped = header(time(seconds, nanoseconds), frame_id)
+        return image(stamped, height, width, encoding, view[flag_at], step, data)
 
-    return tried
+    return read
 
 
 _decoders: dict[type[Any] | str, Callable[[Buffer], Any]] = {}
