@@ -8,8 +8,9 @@ arguments and fields, dropped and exchanged rows of tables, `and` for `or`. Text
 are not changed. Each is judged in a copy of the tree by the tests of the package that need no live
 processes, namespaces, ROS 2 or browser. A mutant is seen if a test fails, or if the tests take three
 times as much CPU time as without it, or ten times as long. coverage.py counts the branches that the
-tests cover, and tells which files of tests run the changed line: these run first, and the others
-only where the line also runs outside of test functions.
+tests cover, and names the files of tests that run the changed line. These judge first. The others
+judge if the line also runs outside of test functions, or if no test function runs it. A function
+whose results are cached runs in one test only, so a mutant of it may be counted as not seen.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class Mutant:
     """One change of one module."""
 
     module: Path  #: The module, from the top folder.
-    line: int  #: Line of the change before it.
+    line: int  #: Line of the change in the unchanged module.
     kind: str  #: Kind of the change.
     diff: str  #: The changed lines, before and after.
     source: str  #: The whole module.
@@ -168,10 +169,10 @@ def _run(
 def coverage_of(
     copy: Path, tests: Sequence[str], package: str
 ) -> tuple[float | None, dict[str, dict[str, list[str]]]]:
-    """Return the share of branches that the tests cover, %, and what runs each line of each module.
+    """Return the share of branches that the tests cover, %, and the callers of each line of each module.
 
-    What runs a line are names of test functions, with their modules; an empty name stands for all that
-    is not called by a test function. Both are empty without coverage.py.
+    A caller is the name of a test function with its module, or empty for code outside of test functions.
+    Without coverage.py the share is None and no caller is known.
     """
     if find_spec("coverage") is None:
         return None, {}
@@ -296,7 +297,7 @@ def _mutant(tree: Path, module: Path, place: int, number: int) -> Mutant | None:
     before = ast.unparse(parsed)
     node = list(changeable(parsed))[place]
     kind, instead = list(changes(node))[number]
-    line = node.lineno  # type: ignore[attr-defined]  # what can be changed has one
+    line = node.lineno
     for field, value in instead.items():
         setattr(node, field, value)
     after = ast.unparse(parsed)
