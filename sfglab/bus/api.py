@@ -109,9 +109,8 @@ class EndpointInfo:
     #: of rmw_fastrtps.
     transport: Transport = "dds"
     participant: bytes = b""  #: 16-byte GUID of its participant.
-    host: str = (
-        ""  #: Host of the endpoint: host id of sfglab, otherwise host name; empty if unknown.
-    )
+    #: Host of the endpoint: host id of sfglab, otherwise host name; empty if unknown.
+    host: str = ""
     #: Full name of the owning node; empty if unknown. Owners outside sfglab are known only after a call of
     #: `Graph.nodes`.
     node: str = ""

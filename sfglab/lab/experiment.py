@@ -152,12 +152,10 @@ class Look:
     #: Tables of sweeps, and names of parts, that it needs; may be empty.
     needs: Collection[str]
     size: tuple[float, float]  #: Width and height, inches.
-    start: Mapping[str, Any] = field(
-        default_factory=dict
-    )  #: Fields whose first value differs from ``quick``.
-    coarse: Mapping[str, Any] = field(
-        default_factory=dict
-    )  #: Fields that the first, coarse plot changes.
+    #: Fields whose first value differs from ``quick``.
+    start: Mapping[str, Any] = field(default_factory=dict)
+    #: Fields that the first, coarse plot changes.
+    coarse: Mapping[str, Any] = field(default_factory=dict)
     #: Narrower bounds, so that the plot can follow a slider.
     within: Mapping[str, Bounds] = field(default_factory=dict)
     reference: str = ""  #: The experiment's figure that is shown for comparison; empty: none.

@@ -59,7 +59,7 @@ def find_log(
 ) -> Path | None:
     """Return the log that counts for an experiment's claims; None if there is none.
 
-    It is the newest run of the profile, else the newest run, else the committed log. Unfinished, changed
+    It is the newest run of the profile, otherwise the newest run, otherwise the committed log. Unfinished, changed
     and explored runs and smoke tests do not count.
     """
     newest = None

@@ -47,8 +47,7 @@ LONGEST_DRAIN_S = 1.5
 #: Medium over which the endpoints discover each other.
 QUIET = Medium(rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0)
 SETTLE_S = {True: 0.3, False: 1.5}
-"""Time until announcements of endpoints are acknowledged, s, by `Vendor.prompt`: Fast DDS requests it
-after a second."""
+"""Time until announcements of endpoints are acknowledged, s, by `Vendor.prompt`. Fast DDS requests them after 1 s."""
 
 PROBE_S = 2.0  #: Duration of the topic that measures the hosts' own delay, s.
 _SELDOM = Path(workers.__file__).with_name("quiet_participants.xml")

@@ -1,8 +1,8 @@
 """Folders of the project; no other module determines them.
 
 The root is the folder with ``notebooks/`` and ``data/claims.yaml``. It is the folder in ``SFGLAB_ROOT``,
-else the nearest such folder above the working directory, else the folder from which this package was
-installed.
+otherwise the nearest such folder above the working directory, otherwise the folder from which this package
+was installed.
 """
 
 from __future__ import annotations

@@ -56,9 +56,8 @@ class Run(Generic[C]):
         with LogReader(log) as reader:
             self._tables = reader.tables
             self._metadata = {name: reader.metadata(name) for name in reader.metadata_names}
-        self.config: C = read(
-            config_class, self._metadata["config"], source=Source.LOG
-        )  #: The configuration.
+        #: Configuration of the run.
+        self.config: C = read(config_class, self._metadata["config"], source=Source.LOG)
         #: Fields of the log's configuration that no longer exist and had another value than their profile.
         self.unread = tuple(self._unread(removed))
 

@@ -221,9 +221,8 @@ class Passage:
     #: Whether cache control passed each without a local cache.
     planned: list[bool] = field(default_factory=list)
     planned_after: list[bool] = field(default_factory=list)  #: Whether each passed both caches.
-    known: list[Any] = field(
-        default_factory=list
-    )  #: Value of planning after each, with both caches.
+    #: Value of planning after each, with both caches.
+    known: list[Any] = field(default_factory=list)
     held_bytes: int = 0  #: Bytes that the local cache counted as suppressed.
 
 
