@@ -70,7 +70,7 @@ def balance_of(rate_max_hz: float) -> Balance:
 
 
 def rate_and_depth(cell: GridCell) -> tuple[float, int]:
-    """Return a cell's publishing rate, Hz, and the depth of its histories, samples."""
+    """Return the publishing rate (Hz) and the history depth (samples) of a cell of the grid."""
     optimum = balance_of(cell.rate_max_hz)
     rate_hz = optimum.rate_hz if METHODS[cell.method].optimised else float(cell.rate_max_hz)
     return rate_hz, int(optimum.depth) if cell.depth == OPT_DEPTH else int(cell.depth)

@@ -1,8 +1,8 @@
 """Paper B's robots: the sensors of Table 1 with what they send, the seven methods, the options of Table 2.
 
 Table 1 has the sizes of the values as Python objects, as `sys.getsizeof` returns them: 24 bytes for a float, 28
-for a truth value, 49 and one per letter for a text. The CDR of the same values, which travels, has 8, 8 and 20
-or 16 bytes with header and padding. Both are here. Pure.
+for a truth value, 49 and one per letter for a text. On the wire the same values travel as CDR, with header and
+padding: a float as 8 bytes, a truth value as 8, and the two texts as 20 and 16. Both sizes are here. Pure.
 """
 
 from __future__ import annotations

@@ -219,7 +219,7 @@ def _vendor(vendor: Vendor, timing: _Timing) -> Vendor:
         name: round(ms * NS_PER_MS) for name, ms in given.items() if ms is not None
     }
     if "heartbeat_ns" in changes:
-        # A vendor whose heartbeats never back off keeps that.
+        # If a vendor's heartbeat period never grows, its preset keeps a constant period.
         steady = vendor.heartbeat_ns == vendor.heartbeat_max_ns
         longest = (
             changes["heartbeat_ns"]

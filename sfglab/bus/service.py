@@ -78,7 +78,7 @@ class _Pair:
         )
 
     def strangers(self) -> str:
-        """Return a hint about peers that match but use other frames; empty if there are none."""
+        """Name peers of this service whose requests are framed in another way; empty if there are none."""
         strange = self.writer.matched_prefixes & self.reader.matched_prefixes - self.peers()
         return "only one of rmw_fastrtps was found: transport='ros' reaches it" if strange else ""
 

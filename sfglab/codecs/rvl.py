@@ -147,7 +147,7 @@ def _put(number: Any, words: Any, state: Any) -> Any:
     "int64(Array(uint16, 1, 'C', readonly=True), uint32[::1], Array(int32, 1, 'C', readonly=True))"
 )
 def _encode_words(pixels: Any, words: Any, table: Any) -> Any:
-    """Write all pixels as words and return how many words they are."""
+    """Encode all pixels into 32-bit words and return the number of words."""
     count = len(pixels)
     at = 0
     window = 0

@@ -98,7 +98,7 @@ STOP = Command(moving=False)
 
 
 class SensingNode:
-    """On the robot: one value for each beam's publisher."""
+    """Split a LIDAR scan, on the robot, into one value for each beam's publisher."""
 
     def __init__(self) -> None:
         self._steps: tuple[int, ...] = ()
@@ -108,7 +108,7 @@ class SensingNode:
         self._steps = tuple(steps)
 
     def value(self, beam: int) -> int | None:
-        """Return what a beam's publisher sends now; None before the first turn."""
+        """Return what a beam's publisher sends now; None before the LIDAR's first turn."""
         return self._steps[beam] if self._steps else None
 
 
@@ -188,7 +188,7 @@ def _view(ranges: list[float]) -> View:
 
 
 def _wall(front_m: float, beside_m: float, behind_m: float) -> tuple[float, float] | None:
-    """Return heading towards a side's wall and its distance, a right triangle's height; None for no line."""
+    """Return the heading relative to a side's wall and the distance from it; None if no line fits."""
     if math.inf in (front_m, beside_m, behind_m):
         return None
     heading = math.atan2(behind_m - front_m, behind_m + front_m)

@@ -245,7 +245,7 @@ class SimulatedLap:
         """Drive on until a time, s, and return whether the lap has ended by then.
 
         Args:
-            until_s: Time at which driving pauses. A later call goes on from there.
+            until_s: Time at which driving pauses. A later call continues at this time.
             limit_s: Time at which the lap is given up.
         """
         while self._verdict is None and self.time_s < until_s:

@@ -1,8 +1,9 @@
 """Three robots in three areas: what their motors do, what they hit, what their LIDARs see, and how a run ends.
 
 Each is a TurtleBot3 Burger: differential drive, radius 0.105 m, wheels 0.160 m apart, 0.22 m/s at most (ROBOTIS
-e-manual). Wheels differ a little and slip a little, and robots are put down by hand; a seed draws both. A run
-is one lap without contact and without a stop for an obstacle. Refuses to know messages and decisions.
+e-manual). Wheels differ a little and slip a little, and robots are put down by hand: a seed draws
+the errors of wheels and start poses. A run is one lap without contact and without a stop for an obstacle. Refuses
+to know messages and decisions.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Paper A starts the agent's software with systemd and Docker Compose (section 4.4) and does not describe what
 happens after a crash. The table is sfglab's; the caller passes `now_ns` and executes the actions. A
-component leads a session of its own. An interrupt from the terminal therefore reaches the agent only, and
+component leads a POSIX session of its own. An interrupt from the terminal therefore reaches the agent only, and
 all descendants of the component end with it. Only the agent holds the pipe of its standard input, so the
 component ends with the agent.
 """
@@ -124,7 +124,7 @@ GROUP_GRACE_S = 1.0
 
 
 class ComponentProcess(LineProcess):
-    """A running component, which leads a session of its own.
+    """A running component, which leads a POSIX session of its own.
 
     It also reports ``{"is": "line", "line": ...}`` for a line on standard error, and for a line on standard
     output that is no report. Its end is reported after the end of all its descendants.

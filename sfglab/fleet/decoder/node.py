@@ -355,7 +355,7 @@ async def run_decoder(
 
 
 async def _serve(config: DecoderConfig, report: Reporter, orders: Orders) -> None:
-    """Run a decoder that reports, and answer orders once it serves."""
+    """Run a decoder that reports to its parent process; once it is ready, follow the parent's orders."""
     serving: asyncio.Future[WorkerPool] = asyncio.get_running_loop().create_future()
 
     def ready(pool: WorkerPool) -> None:

@@ -149,7 +149,7 @@ class Worker(LineProcess):
     is_ready = False  #: Whether it has reported that it is ready.
 
     def assign(self, owner: Owner) -> None:
-        """Send all further reports to an owner, including that of its end."""
+        """Send all further reports of the decoder process to an owner, also the report that it has ended."""
         self.on_report = partial(owner, self)
 
     async def end(self) -> None:

@@ -133,7 +133,7 @@ class Splicer(Generic[M]):
         if packet.is_key and beyond:
             self._begin(packet)
             if source is Source.LIVE:
-                # The stream itself begins here; packets that are missing before it are not needed.
+                # The live stream begins with a key frame: packets lost before it are not needed.
                 self._start = None
                 self._connect()
                 return

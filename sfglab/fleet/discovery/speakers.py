@@ -4,7 +4,7 @@ Any participant can send heartbeats with any name. Therefore a source is trusted
 answered a query with the incarnation that the source claims. If one of several sources falls silent, the
 others must prove again that the agent is present. A false period therefore neither hides the loss of an
 agent nor simulates one. Two sources that send in turn are two agents with one name, or one of them is
-spoofed. The module does not depend on messages or states.
+spoofed. The module imports neither message types nor the life cycle.
 """
 
 from __future__ import annotations

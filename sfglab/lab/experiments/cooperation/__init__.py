@@ -1,6 +1,6 @@
 """Cooperation: paper B, section 3.2, Fig. 12 to 18.
 
-Three robots drive a lap around a hallway. Their LIDAR values reach a station, which commands them, over
+Three robots drive a lap around a hallway. The robots send LIDAR values to a station, and it sends commands, over
 one wireless channel. Laps are simulated for each method and rate, and one is driven live over DDS.
 """
 

@@ -126,7 +126,7 @@ def settings_of(config: Config) -> list[LapSettings]:
 
 
 def settings_of_row(row: Any) -> LapSettings:
-    """Return the settings of a `CourseRow`, or of a line of their table."""
+    """Return the settings in a `CourseRow`, or in a line of the table of such rows."""
     return LapSettings(
         method=row.method,
         rate_max_hz=row.rate_max_hz,

@@ -125,7 +125,8 @@ class StageProcesses(StreamProcesses):
             Rows by table.
 
         Raises:
-            ProcessFailedError: A process failed or was late, or the decoder started another one.
+            ProcessFailedError: A process ended with an error or did not answer in time, or the decoder's
+                process was replaced during the measurement.
         """
         config = self._config
         await self.look(cell.subscribers, mode=cell.mode)

@@ -85,7 +85,7 @@ def codecs(run: Run[Config]) -> tuple[str, ...]:
 
 
 def modes_of(run: Run[Config], codec: str) -> list[str]:
-    """Return the modes with pictures that were measured with at least two numbers of subscribers."""
+    """Return the modes that send pictures and were measured with two numbers of subscribers or more."""
     table = run["cell"]
     counts = table[table["codec"] == codec].groupby("mode")["subscribers"].nunique()
     return [mode for mode in LABELS if counts.get(mode, 0) > 1]

@@ -1,8 +1,8 @@
 """Discovery times and received bytes of agents, the claims A-DISC-*, and Fig. 9 of paper A.
 
-Claims are judged by fleets that this machine's cores suffice for: routed ones that are started at a
-pace, and standard ones with few nodes, whose bytes are extrapolated to the paper's number of nodes. An
-agent that was given up counts with the time that was waited.
+Claims are judged on fleets that are small enough for this machine's cores. Agents with routers start one
+after another. Standard fleets have few nodes, and their bytes are extrapolated to the paper's number of
+nodes. An agent that was given up counts with the time that was waited.
 """
 
 from __future__ import annotations

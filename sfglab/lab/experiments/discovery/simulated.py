@@ -2,8 +2,8 @@
 
 The nodes of a routed agent are left out, because nothing of them crosses its router. Each agent has a
 computer of its own. Each of its processes has a core (routed), or its share of `CORES` (standard). The
-costs of processes are calibrated to live fleets. The simulated world gives times and endpoints, and
-counts no bytes.
+costs of processes are calibrated to live fleets. The simulated world tells when agents know each other
+and how many endpoints there are; it counts no bytes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Phases: with which middleware, wireless channel and queues the conclusions of paper B hold.
 
-In each condition everything is simulated that the criteria of B-LAT, B-LOSS and B-COOP compare
+Each condition is simulated with all methods and rates that the criteria of B-LAT, B-LOSS and B-COOP compare
 (``data/claims.yaml``). The conditions of the criteria are among them, so that a run is judged.
 """
 

@@ -1,7 +1,7 @@
 """Configuration, conditions and sweeps of the map of paper B's conclusions.
 
-In each condition everything is simulated that the criteria of B-LAT, B-LOSS and B-COOP compare
-(``data/claims.yaml``). Seeds of a cell are run together, because the criteria ask for the median
+Each condition is simulated with all methods and rates that the criteria of B-LAT, B-LOSS and B-COOP
+compare (``data/claims.yaml``). Seeds of a cell are run together, because the criteria ask for the median
 over all of their "Hello"s.
 """
 

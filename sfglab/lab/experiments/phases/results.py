@@ -139,7 +139,7 @@ def phases(run: Run[Config]) -> pd.DataFrame:
 
 @derived
 def shares(run: Run[Config]) -> pd.DataFrame:
-    """Return the mean answers by preset and queue rule, over all conditions and over the region."""
+    """Return the mean outcomes by preset and queue rule, over all and over the plausible conditions."""
     table = phases(run)
     is_inside = [table[name].between(*ends) for name, ends in criterion().region.items()]
     parts = {"all": table, "region": table[np.all(is_inside, axis=0)]}
@@ -156,7 +156,7 @@ def shares(run: Run[Config]) -> pd.DataFrame:
 
 @derived
 def judged(run: Run[Config]) -> tuple[pd.DataFrame, pd.DataFrame] | None:
-    """Return the cells and laps in the plausible conditions alone; None if some are missing."""
+    """Return the cells and laps of the plausible conditions; None if a cell or lap is missing."""
     places = pd.DataFrame(plausible(), columns=PLACE)
     tables = run["cell"].merge(places, on=PLACE), run["course"].merge(places, on=PLACE)
     wanted = (len(CELLS), LEAST_SEEDS), (len(LAPS), run.config.course_seeds)
@@ -326,7 +326,7 @@ _WIDTH, _ROW_HEIGHT = 10.5, 2.2
 
 @derived
 def mapped(run: Run[Config]) -> pd.DataFrame:
-    """Return the mean answers over Rmax in the conditions without stalls."""
+    """Return the mean outcomes over Rmax in the conditions without stalls."""
     table = phases(run)
     keys = ["queue_rule", "preset", "loss", "frame_us"]
     without_stalls = table[table["stall_ms"] == 0].groupby(keys, sort=False)

@@ -245,7 +245,7 @@ def grid_cells(config: Config) -> list[Cell]:
 
 
 def validation_cells(config: Config) -> dict[Cell, int]:
-    """Return the cells of the validation with their repetitions."""
+    """Return the cells that validate the model, each with its number of repetitions."""
     if not config.validation_repeats:
         return {}
     return dict.fromkeys([*topic_cells(), *grid_cells(config)], config.validation_repeats)
