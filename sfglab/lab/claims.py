@@ -11,6 +11,7 @@ from collections.abc import (
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from enum import Enum
+from html import escape
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -36,6 +37,7 @@ COLUMNS: tuple[str, ...] = (
     "from",
 )
 """Names of the columns of a ledger."""
+_HTML_COLUMNS = ("claim", "statement", "paper", "accepted", *COLUMNS[2:-1])
 _OURS = "-OURS"
 _LESS = "% less "
 _MORE = "% more "
@@ -68,6 +70,16 @@ class Verdict(Enum):
     NOT_YET = "not yet"
 
 
+_MEANINGS = {
+    Verdict.REPRODUCED: "the value is within the accepted range.",
+    Verdict.BETTER: "the whole interval is beyond the accepted range, on its better side.",
+    Verdict.AS_GOOD: "the sfglab variant, which is another method, is within the accepted range or better.",
+    Verdict.FITTED: "within the accepted range, but constants were fitted to the same numbers.",
+    Verdict.UNDECIDED: "runs, or conditions that the paper leaves open, have different verdicts, or a part "
+    "was not measured.",
+    Verdict.DEVIATES: "the value, or another number of the statement, is outside the accepted range.",
+    Verdict.NOT_YET: "no run has measured it.",
+}
 _FAVOURABLE = (Verdict.REPRODUCED, Verdict.BETTER, Verdict.AS_GOOD)
 
 
@@ -281,12 +293,31 @@ class Ledger(list[Entry]):
         return f"<ledger{origin}: {', '.join(verdicts) or 'empty'}>"
 
     def _repr_html_(self) -> str:
-        rows = [COLUMNS]
+        rows = [_HTML_COLUMNS]
+        reasons: dict[str, list[str]] = {}
         for entry in self:
-            rows.append(_row(entry))
+            claim, *cells = _row(entry)
+            accepted = _accepted(entry.claim)
+            rows.append((claim, entry.claim.says, cells[0], accepted, *cells[1:-1]))
             if entry.own and entry.own_reason:
-                rows.append((f"this run: {entry.own_reason}", *_row(entry.own)[1:]))
-        return html_table(rows, repr(self)[1:-1])
+                rows.append(("", "in this run alone", "", "", *_row(entry.own)[2:-1]))
+                reasons.setdefault(entry.own_reason, []).append(claim)
+        notes = [f"In this run alone ({', '.join(of)}): {why}." for why, of in reasons.items()]
+        notes += self._legend()
+        lines = "<br>".join(escape(note) for note in notes)
+        return f"{html_table(rows, repr(self)[1:-1])}<p>{lines}</p>"
+
+    def _legend(self) -> list[str]:
+        """Return what the verdicts and intervals of these entries mean."""
+        shown = [*self, *(entry.own for entry in self if entry.own)]
+        verdicts = {entry.verdict for entry in shown}
+        lines = [f"{each.value}: {_MEANINGS[each]}" for each in Verdict if each in verdicts]
+        if any(entry.runs for entry in self):
+            lines.append(
+                "sfglab, range over several runs: the median of their values, and the lowest and highest "
+                "end of their 95 % intervals."
+            )
+        return lines
 
 
 def load_claims(path: Path | str) -> list[Claim]:
@@ -466,6 +497,16 @@ def _row(entry: Entry) -> tuple[str, ...]:
         entry.verdict.value,
         entry.source,
     )
+
+
+def _accepted(claim: Claim) -> str:
+    """Return the values that are accepted, open at the better side."""
+    low, high = claim.band
+    if claim.better == "above":
+        return f"at least {low:g}"
+    if claim.better == "below":
+        return f"at most {high:g}"
+    return f"{low:g}" if low == high else _range(claim.band)
 
 
 def _comparison(entry: Entry) -> str:

@@ -18,13 +18,16 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-import papermill
 import psutil
 from traitlets.config import Config
 
 from sfglab.component import claim_standard_output
+from sfglab.lab.iri_grammars import without_iri_grammars
 from sfglab.lab.notebooks import COPY_VARIABLE
 from sfglab.lab.progress import is_line
+
+with without_iri_grammars():
+    import papermill
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

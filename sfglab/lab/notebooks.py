@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.experiment import QUICK
 from sfglab.lab.experiments import EXPERIMENTS, experiment
+from sfglab.lab.iri_grammars import without_iri_grammars
 from sfglab.lab.runs import SMOKE
 from sfglab.processes import LineProcess, ProcessFailedError
 
@@ -204,7 +205,8 @@ def notebook_of(project: Project, experiment: str) -> str:
 
 def read_notebook(path: Path) -> NotebookNode:
     """Return a notebook; raises `NotebookError` if there is none, or the file is no notebook."""
-    import nbformat
+    with without_iri_grammars():
+        import nbformat
 
     try:
         notebook: NotebookNode = nbformat.read(path, as_version=4)
@@ -374,7 +376,8 @@ class _Runner:
 
     def _replace(self, task: _Task) -> None:
         """Replace a notebook by its executed copy."""
-        import nbformat
+        with without_iri_grammars():
+            import nbformat
 
         from sfglab.lab.notebook_outputs import normalise
 

@@ -298,7 +298,7 @@ def test_run_all_ends_in_the_figures_and_claims_of_that_run(project):
     assert run.config.frames == 2
     assert [figure.value[:4] for figure in figures] == [b"\x89PNG"] * len(exp.drawings_of(run))
     assert "A-RVL" in claims.value
-    assert "this run: it counts for no claim: it was explored" in claims.value
+    assert "In this run alone (A-RVL): it counts for no claim: it was explored." in claims.value
     relative = project.relative(log)
     assert f"log=&quot;{relative}&quot;" in head.value
     assert relative in explorer._state.value

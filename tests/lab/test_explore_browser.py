@@ -492,5 +492,5 @@ def test_run_all_ends_in_figures_and_claims_and_buttons_keep_their_size(run, bro
     browser.wait_for(SAYS % "s left", ANSWER_S)
     assert browser.evaluate(BUTTONS) == before
     browser.wait_for(SAYS % "Measured with these settings", ANSWER_S)
-    browser.wait_for(SAYS % "this run: it counts for no claim: it was explored", ANSWER_S)
+    browser.wait_for(SAYS % "it counts for no claim: it was explored", ANSWER_S)
     assert browser.still(BUTTONS, ANSWER_S) == before

@@ -5,7 +5,7 @@ import json
 import re
 import subprocess
 import sys
-from html import unescape
+from html import escape, unescape
 from pathlib import Path
 
 import nbformat
@@ -147,13 +147,16 @@ def test_the_kind_of_each_interval_is_named(ledger):
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_a_runs_own_verdict_stands_below_the_ledgers_with_the_reason(name, ledger):
     claims = own_ledger(PROJECT, reference(experiment(name)))
-    heads = [row[0] for row in html_rows(claims._repr_html_()) if row]
+    html = claims._repr_html_()
+    rows = [row for row in html_rows(html) if row]
+    heads = [row[0] for row in rows]
     for each in claims:
         entry = ledger[each.claim.id]
         assert (each.value, each.verdict) == (entry.value, entry.verdict)
         if (each.own.value, each.own.verdict) != (entry.value, entry.verdict):
             assert each.own_reason
-            assert heads[heads.index(entry.claim.id) + 1] == f"this run: {each.own_reason}"
+            assert rows[heads.index(entry.claim.id) + 1][1] == "in this run alone"
+            assert f"{entry.claim.id}): {escape(each.own_reason)}." in html
 
 
 def test_b_loss_is_judged_by_its_criterion(ledger):

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.figures import COLORS, few_colors
+from sfglab.lab.iri_grammars import without_iri_grammars
 from sfglab.view.widgets import front_end
 
 if TYPE_CHECKING:
@@ -67,7 +68,8 @@ def ghosts_of(picture: Picture, name: str) -> Rows:
 
 def specification(picture: Picture) -> dict[str, Any]:
     """Return the Vega-Lite specification of pictures like this one, without rows."""
-    import altair as alt
+    with without_iri_grammars():
+        import altair as alt
 
     colors = {}
     for panel in picture.panels:
