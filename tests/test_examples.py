@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from bags import write_bag
 from commands import called, commands
+from made_logs import share_findings
 from waiting import program
 
 from sfglab.domains import MAX_DOMAIN
@@ -76,12 +77,10 @@ def words_of(example):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch, tmp_path_factory):
-    """A folder with what examples name: data, a log, bags of both kinds; what logs say is found once."""
+def folder(tmp_path, monkeypatch):
+    """A folder with what examples name: data, a log, bags of both kinds."""
     (tmp_path / "data").symlink_to(ROOT / "data")
-    (findings := tmp_path_factory.getbasetemp() / "findings").mkdir(exist_ok=True)
-    (tmp_path / "runs").mkdir()
-    (tmp_path / "runs" / "cache").symlink_to(findings)
+    share_findings(tmp_path)
     monkeypatch.chdir(tmp_path)
     log = "data/reference/mocap.mcap"
     shutil.copy(log, "run.mcap")

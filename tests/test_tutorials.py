@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import nbformat
 import pytest
+from made_logs import share_findings
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
@@ -106,6 +107,7 @@ class Terminals:
 
 @contextmanager
 def terminals(folder: Path):
+    share_findings(folder)
     for name in ("data", "notebooks"):
         (folder / name).symlink_to(ROOT / name)
     (folder / ".venv").symlink_to(sys.prefix)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from made_logs import share_findings
 
 from sfglab.lab.checks import trees
 from sfglab.lab.experiments import EXPERIMENTS, decode_once, experiment, mocap, visualisation
@@ -161,6 +162,7 @@ def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(p
 
 @pytest.mark.slow
 def test_the_index_runs_through_on_the_reference_logs(project):
+    share_findings(project.root)
     shutil.copytree(ROOT / "data" / "reference", project.reference_logs, dirs_exist_ok=True)
     run_through(project, INDEX)
     assert not project.runs.joinpath("logs").exists()
