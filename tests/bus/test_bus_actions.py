@@ -135,34 +135,21 @@ async def test_a_rejected_goal_is_an_error_whether_refused_failed_or_unanswered(
 async def test_a_goal_is_canceled_when_the_server_agrees_and_only_then(node):
     steps = Steps()
     willing = [bus.CancelResponse.REJECT, bus.CancelResponse.ACCEPT]
-    async with pair(node, steps, cancel_callback=lambda _: willing.pop(0)) as (client, *_):
+    async with pair(node, steps, cancel_callback=lambda _: willing.pop(0)) as (client, here, _):
         handle = await client.send_goal(goal(1))
         await steps.begun.wait()
         assert await handle.cancel_goal() is Code.REJECTED
+        stranger = here.create_client(CANCEL, "/agent/count/_action/cancel_goal")
+        until_now = service_type(CANCEL).request(goal_info=goal_info(stamp_ns=handle.accepted_ns))
+        assert (await stranger.call(until_now)).return_code == Code.REJECTED
         assert steps.handles[0].status is Status.EXECUTING
-        assert await handle.cancel_goal() is Code.NONE
+        assert (await client.cancel_goals()).goal_ids == (handle.goal_id,)
         end = await handle.result()
         assert (end.status, numbers(end.result)) == (Status.CANCELED, [1])
         assert await handle.cancel_goal() is Code.GOAL_TERMINATED
         assert (await client.cancel_goals(bytes(range(16)))).code is Code.UNKNOWN_GOAL_ID
         with pytest.raises(IllegalInputError, match="in CANCELED: given SUCCEED"):
             steps.handles[0].succeed()
-
-
-async def test_all_goals_are_canceled_at_once_and_those_until_a_time_are_not(node):
-    def agree(_):
-        return bus.CancelResponse.ACCEPT
-
-    async with pair(node, Steps(), cancel_callback=agree) as (client, here, _):
-        handles = [await client.send_goal(goal(order)) for order in range(4)]
-        stranger = here.create_client(CANCEL, "/agent/count/_action/cancel_goal")
-        request = service_type(CANCEL).request
-        answer = await stranger.call(request(goal_info=goal_info(stamp_ns=handles[1].accepted_ns)))
-        assert (answer.return_code, answer.goals_canceling) == (Code.REJECTED, [])
-        every = await client.cancel_goals(NO_GOAL_ID)
-        assert every.goal_ids == tuple(handle.goal_id for handle in handles)
-        ends = [await handle.result() for handle in handles]
-        assert [end.status for end in ends] == [Status.CANCELED] * 4
 
 
 async def test_a_callback_that_fails_or_says_nothing_aborts_its_goal(node):
@@ -269,10 +256,6 @@ async def test_the_topics_have_the_names_types_and_qualities_of_rcl_action(node,
     assert shown == wanted
 
 
-IDS = [bytes([n]) * 16 for n in range(1, 5)]
-S = GoalStatus
-
-
 @pytest.mark.parametrize(
     ("numbers", "type_", "prefix"),
     [
@@ -284,17 +267,21 @@ def test_statuses_and_codes_are_the_numbers_of_action_msgs(numbers, type_, prefi
     assert [getattr(type_, f"{prefix}_{each.name}") for each in numbers] == [*numbers]
 
 
-STATES = st.lists(st.sampled_from([None, *GoalStatus]), min_size=4, max_size=4)
-
-
-@given(STATES, st.sampled_from([NO_GOAL_ID, *IDS]))
-def test_a_request_to_cancel_means_what_action_msgs_says(statuses, goal_id):
-    known = {one: status for one, status in zip(IDS, statuses, strict=True) if status is not None}
-    can = [one for one, status in known.items() if status in {S.ACCEPTED, S.EXECUTING}]
-    plan = to_cancel(known, goal_id, 0)
-    assert list(plan.goal_ids) == [one for one in can if goal_id in {one, NO_GOAL_ID}]
-    if goal_id == NO_GOAL_ID or plan.goal_ids:
-        assert plan.code is CancelCode.NONE
+@given(
+    st.fixed_dictionaries(
+        {}, optional={bytes([n]) * 16: st.sampled_from(GoalStatus) for n in range(4)}
+    ),
+    st.integers(0, 3).map(lambda n: bytes([n]) * 16),
+    st.integers(0, 1),
+)
+def test_a_request_to_cancel_means_what_action_msgs_says(known, goal_id, stamp_ns):
+    can = [one for one, status in known.items() if status in {Status.ACCEPTED, Status.EXECUTING}]
+    plan = to_cancel(known, goal_id, stamp_ns)
+    if goal_id == NO_GOAL_ID:
+        assert plan.code is (CancelCode.REJECTED if stamp_ns else CancelCode.NONE)
+        assert list(plan.goal_ids) == ([] if stamp_ns else can)
+    elif goal_id in can:
+        assert (plan.code, plan.goal_ids) == (CancelCode.NONE, (goal_id,))
     else:
         wanted = CancelCode.GOAL_TERMINATED if goal_id in known else CancelCode.UNKNOWN_GOAL_ID
-        assert plan.code is wanted
+        assert (plan.code, plan.goal_ids) == (wanted, ())

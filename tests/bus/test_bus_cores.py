@@ -3,7 +3,6 @@
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from sfglab.bus.api import entries, user_data
 from sfglab.bus.dds.clib import endpoint_qos, profile_from_dds
@@ -72,90 +71,79 @@ def test_slots_in_use_never_overlap_whatever_is_acquired_and_released(steps):
         assert all(end <= begin for end, begin in zip(ends, [*sorted(used), ARENA], strict=True))
 
 
-class FanoutRules(RuleBasedStateMachine):
-    """Subscribers get messages in order, held slots stay untouched, memory is bounded and all comes back."""
+class Subscribers:
+    """Subscribers of a fan-out that join it, hold messages and return them, and go."""
 
     def __init__(self):
-        super().__init__()
         self.pool = SlotPool(wire.HEADER_BYTES + 10_000 * wire.PAGE_BYTES)
         self.fanout = Fanout(self.pool, history=2)
-        self.sequence = 0
-        self.depth = {}
-        self.held = {}
-        self.leaving = {}
-        self.last = {}
+        self.depths, self.held, self.last = {}, {}, {}
 
-    def deliver(self, key, announcement):
-        assert announcement.sequence > self.last[key]
-        assert announcement.offset not in self.held[key]
-        self.last[key] = announcement.sequence
-        self.held[key].add(announcement.offset)
+    def deliver(self, key, announcements):
+        for announcement in announcements:
+            assert announcement.sequence > self.last[key]
+            assert announcement.offset not in self.held[key]
+            self.last[key] = announcement.sequence
+            self.held[key].append(announcement.offset)
 
-    def in_use(self):
-        return [*self.held.values(), *self.leaving.values()]
-
-    @rule()
-    def publish(self):
+    def publish(self, number, *_):
         offset, _ = self.pool.acquire(100)
-        assert all(offset not in held for held in self.in_use()), "no message is overwritten"
-        self.sequence += 1
-        announcement = wire.Announcement(self.sequence, offset, 100, 0)
+        assert all(offset not in held for held in self.held.values()), "nothing is overwritten"
+        announcement = wire.Announcement(number, offset, 100, 0)
         for key in self.fanout.publish(announcement):
-            self.deliver(key, announcement)
+            self.deliver(key, [announcement])
 
-    @precondition(lambda self: len(self.depth) < 3)
-    @rule(depth=st.integers(0, 3), wants_history=st.booleans())
-    def join(self, depth, wants_history):
-        key = len(self.last)
-        self.depth[key], self.held[key], self.last[key] = depth, set(), 0
-        for announcement in self.fanout.join(key, depth, wants_history=wants_history):
-            self.deliver(key, announcement)
+    def join(self, key, _, depth, wants_history):
+        self.depths[key], self.held[key], self.last[key] = depth, [], 0
+        self.deliver(key, self.fanout.join(key, depth, wants_history=wants_history))
 
-    @precondition(lambda self: any(self.held.values()))
-    @rule(data=st.data())
-    def give_back(self, data):
-        pairs = [(key, offset) for key, held in self.held.items() for offset in held]
-        key, offset = data.draw(st.sampled_from(sorted(pairs)))
-        self.held[key].remove(offset)
-        for announcement in self.fanout.returned(key, offset):
-            self.deliver(key, announcement)
+    def give_back(self, _, pick, *__):
+        for key in [key for key in self.depths if self.held[key]][pick : pick + 1]:
+            offset = self.held[key].pop(pick % len(self.held[key]))
+            self.deliver(key, self.fanout.returned(key, offset))
 
-    @precondition(lambda self: self.held)
-    @rule(data=st.data())
-    def leave(self, data):
-        key = data.draw(st.sampled_from(sorted(self.held)))
-        self.leaving[key] = self.held.pop(key)
-        del self.depth[key]
-        self.fanout.leaving(key)
+    def leave(self, _, pick, *__):
+        for key in [*self.depths][pick : pick + 1]:
+            del self.depths[key]
+            self.fanout.leaving(key)
 
-    @precondition(lambda self: self.last)
-    @rule(data=st.data())
-    def hang_up(self, data):
-        key = data.draw(st.sampled_from(sorted(self.last)))
-        for known in (self.depth, self.held, self.leaving):
-            known.pop(key, None)
-        self.fanout.gone(key)
+    def hang_up(self, _, pick, *__):
+        for key in [*self.held][pick : pick + 1]:
+            self.depths.pop(key, None)
+            del self.held[key]
+            self.fanout.gone(key)
 
-    @invariant()
-    def bounded(self):
-        for key, depth in self.depth.items():
+    def check(self):
+        for key, depth in self.depths.items():
             assert len(self.held[key]) <= credits_of(depth) <= MAX_CREDITS
             assert depth == 0 or self.fanout.backlog(key) <= depth
-        if all(self.depth.values()):
-            # the history, what is held, and backlogs, which are all among the newest three
-            held = sum(map(len, self.in_use()))
-            assert len(self.pool._users) <= 2 + held + max(self.depth.values(), default=0)
-
-    def teardown(self):
-        for key in self.last:
-            self.fanout.gone(key)
-        while self.fanout.shed():
-            pass
-        assert len(self.pool._users) <= 1  # the newest of the history
+        if all(self.depths.values()):
+            # The history, what is held, and backlogs, which are all among the newest three.
+            held = sum(map(len, self.held.values()))
+            assert len(self.pool._users) <= 2 + held + max(self.depths.values(), default=0)
 
 
-TestFanout = FanoutRules.TestCase
-TestFanout.settings = settings(max_examples=50)
+STEPS = [*["publish"] * 6, *["give_back"] * 3, "join", "join", "leave", "hang_up"]
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(STEPS), st.integers(0, 2), st.integers(0, 3), st.booleans()),
+        min_size=40,
+        max_size=80,
+    )
+)
+@settings(max_examples=50)
+def test_subscribers_get_messages_in_order_and_hold_them_and_all_memory_comes_back(steps):
+    subscribers = Subscribers()
+    for number, (step, *arguments) in enumerate(steps, start=1):
+        getattr(subscribers, step)(number, *arguments)
+        subscribers.check()
+    for key in subscribers.held:
+        subscribers.fanout.gone(key)
+    while subscribers.fanout.shed():
+        pass
+    assert len(subscribers.pool._users) <= 1, "the newest of the history"
 
 
 def test_hoarders_of_the_largest_messages_leave_room_for_the_others_and_backlogs_are_bounded():
