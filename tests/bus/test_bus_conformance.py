@@ -108,32 +108,25 @@ async def test_a_threaded_subscription_without_a_plain_callback_is_refused(here,
 
 
 @pytest.mark.parametrize("depth", [1, 3])
-async def test_a_late_joiner_hears_the_history_first_if_it_wants_that_and_then_what_follows(
+async def test_a_late_joiner_hears_the_history_first_if_it_wants_that_and_its_publisher_lives(
     here, there, depth
 ):
-    qos = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=depth)
-    publisher = here.create_publisher(STRING, "/t", qos)
+    kept = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=depth)
+    publisher = here.create_publisher(STRING, "/t", kept)
     for number in range(5):
         publisher.publish(text(number))
     wanted = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=10)
     late, volatile = (there.create_subscription(STRING, "/t", qos=qos) for qos in (wanted, DEFAULT))
     await publisher.wait_for_subscriptions(2)
     await volatile.wait_for_publishers()
-    kept = [str(number) for number in range(5 - depth, 5)]
-    assert [(await late.take(60)).data for _ in kept] == kept
     publisher.publish(text("new"))
-    assert (await late.take(60)).data == (await volatile.take(60)).data == "new"
-
-
-async def test_a_latched_message_goes_with_its_publisher(here, there):
-    publisher = here.create_publisher(STRING, "/t", LATCHED)
-    publisher.publish(text("mortal"))
-    await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
+    history = [str(number) for number in range(5 - depth, 5)]
+    assert [(await late.take(60)).data for _ in range(depth + 1)] == [*history, "new"]
+    assert (await volatile.take(60)).data == "new"
     publisher.close()
     await there.graph.wait_for(lambda: there.graph.publishers("/t") == ())
-    late = there.create_subscription(STRING, "/t", qos=LATCHED)
     with pytest.raises(bus.BusTimeoutError, match="0 matching"):
-        await late.take(0.05)
+        await there.create_subscription(STRING, "/t", qos=LATCHED).take(0.05)
 
 
 @pytest.mark.parametrize("transport", ["dds", "shm"])
@@ -178,8 +171,8 @@ async def test_waits_in_vain_say_for_what(here):
 async def test_raw_cdr_passes_unchanged_with_its_source_time_stamp(here, there):
     publisher, raw = await connected(here, there, raw=True)
     cdr = serialize(text("four"))
-    for data in (cdr, bytearray(cdr), memoryview(cdr), np.frombuffer(cdr, np.uint8)):
-        publisher.publish_raw(data, source_timestamp_ns=1_234_567_890)
+    for kind in (bytes, bytearray, memoryview, partial(np.frombuffer, dtype=np.uint8)):
+        publisher.publish_raw(kind(cdr), source_timestamp_ns=1_234_567_890)
         received, info = await raw.take_with_info(60)
         assert (received, info.source_timestamp_ns) == (cdr, 1_234_567_890)
 
@@ -198,17 +191,17 @@ async def test_cancelling_a_take_loses_no_message(here):
     publisher, subscription = await connected(here, here, 200)
     got = []
     for number in range(50):
-        waiting = asyncio.create_task(subscription.take())
+        taking = asyncio.create_task(subscription.take())
         await asyncio.sleep(0)
         publisher.publish(text(number))
         await asyncio.sleep(number % 3 * 1e-4)
-        waiting.cancel()
-        (result,) = await asyncio.gather(waiting, return_exceptions=True)
-        if not isinstance(result, asyncio.CancelledError):
-            got.append(int(result.data))
+        taking.cancel()
+        await asyncio.wait([taking])
+        if not taking.cancelled():
+            got.append(taking.result().data)
     while len(got) < 50:
-        got.append(int((await subscription.take(60)).data))
-    assert got == list(range(50))
+        got.append((await subscription.take(60)).data)
+    assert got == [str(number) for number in range(50)]
 
 
 async def test_closing_ends_readers_and_calls_and_further_use_is_an_error(node):
@@ -246,65 +239,52 @@ async def test_closing_ends_readers_and_calls_and_further_use_is_an_error(node):
     await here.close()
 
 
-async def test_graph_events_begin_with_what_is_known_and_tell_every_change(here, there, until):
+async def test_events_and_a_watch_begin_with_what_is_known_and_tell_changes_until_they_end(
+    here, there, until
+):
+    graph, heard = there.graph, []
     publisher = here.create_publisher(STRING, "/t", 7)
-    await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
-    events = there.graph.events()
-    (endpoint,) = there.graph.publishers("/t")
-    assert await anext(events) == bus.EndpointAdded(endpoint=endpoint)
+    await graph.wait_for(lambda: graph.publishers("/t") != ())
+    (endpoint,) = graph.publishers("/t")
     assert (endpoint.gid, endpoint.kind) == (publisher.gid, bus.EndpointKind.PUBLISHER)
     assert (endpoint.topic, endpoint.type, endpoint.dds_topic) == ("/t", STRING, "rt/t")
     assert (endpoint.qos.depth, endpoint.node, endpoint.transport) == (7, "/here", "dds")
     assert (endpoint.participant, endpoint.user_data) == (here.guid, b"")
+    watched = [bus.EndpointAdded(endpoint=endpoint), bus.EndpointRemoved(endpoint=endpoint)]
+    events = graph.events()
+    end = graph.watch("rt/t", bus.EndpointKind.PUBLISHER, heard.append)
+    assert [await anext(events)] == heard == watched[:1]
     subscription = there.create_subscription(STRING, "/t")
-    own = (await anext(events)).endpoint
-    assert (own.gid, own.participant) == (subscription.gid, there.guid)
-    assert there.graph.topics() == {"/t": (STRING,)}
+    assert (await anext(events)).endpoint.gid == subscription.gid
+    here.create_publisher(STRING, "/u")
+    assert (await anext(events)).endpoint.topic == "/u"
+    assert graph.topics() == {"/t": (STRING,), "/u": (STRING,)}
     publisher.close()
-    assert await anext(events) == bus.EndpointRemoved(endpoint=endpoint)
+    assert await anext(events) == watched[1]
     await until(lambda: subscription.get_publisher_count() == 0)
+    end()
+    end()
+    here.create_publisher(STRING, "/t")
+    assert (await anext(events)).endpoint.topic == "/t"
+    assert heard == watched
     await there.close()
     assert [event async for event in events] == []
 
 
-async def test_a_watch_hears_of_its_topic_what_is_known_and_what_changes_until_it_ends(here, there):
-    graph, heard = there.graph, []
-
-    def shown(count):
-        return graph.wait_for(lambda: len(graph.endpoints()) == count)
-
-    known = here.create_publisher(STRING, "/t")
-    await shown(1)
-    end = graph.watch("rt/t", bus.EndpointKind.PUBLISHER, heard.append)
-    assert [type(event) for event in heard] == [bus.EndpointAdded]
-    here.create_subscription(STRING, "/t")
-    here.create_publisher(STRING, "/u")
-    await shown(3)
-    known.close()
-    await shown(2)
-    end()
-    end()
-    here.create_publisher(STRING, "/t")
-    await shown(3)
-    assert [type(event) for event in heard] == [bus.EndpointAdded, bus.EndpointRemoved]
-    assert {event.endpoint.gid for event in heard} == {known.gid}
-
-
-async def test_a_service_shows_its_topics_types_and_who_it_is(here, there, until):
+async def test_a_service_and_a_client_say_who_they_are_at_both_of_their_topics(here, there, until):
     here.create_service(SERVICE, "/s", print)
     here.create_client(SERVICE, "/s")
     await until(lambda: len(there.graph.endpoints()) == 4)
-    ends = there.graph.endpoints()
-    shown = {(e.kind.value, e.topic, e.type, e.user_data.partition(b"=")[0].decode()) for e in ends}
-    request = ("rq/sRequest", f"{SERVICE}_Request")
-    reply = ("rr/sReply", f"{SERVICE}_Response")
-    assert shown == {
-        ("subscription", *request, "serviceid"),
-        ("publisher", *reply, "serviceid"),
-        ("publisher", *request, "clientid"),
-        ("subscription", *reply, "clientid"),
+    shown = [
+        (end.topic, end.kind.value, *end.user_data.split(b"=")) for end in there.graph.endpoints()
+    ]
+    assert {row[:3] for row in shown} == {
+        ("rq/sRequest", "subscription", b"serviceid"),
+        ("rr/sReply", "publisher", b"serviceid"),
+        ("rq/sRequest", "publisher", b"clientid"),
+        ("rr/sReply", "subscription", b"clientid"),
     }
-    assert {len(e.user_data.split(b".")) for e in ends} == {16}
+    assert {len(row[3].split(b".")) for row in shown} == {16}
 
 
 async def test_concurrent_calls_of_two_clients_get_their_own_answers(here, there):

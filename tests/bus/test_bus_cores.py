@@ -28,19 +28,6 @@ def sample(data):
     return (data, 1, 2, bytes(16))
 
 
-@given(st.integers(1, 5), st.lists(st.integers(0, 4), max_size=20))
-def test_keep_last_holds_the_newest_and_counts_the_rest(depth, batches):
-    queue = SampleQueue(QoSProfile(depth=depth))
-    sent = []
-    for size in batches:
-        batch = [sample(bytes([len(sent) + i])) for i in range(size)]
-        queue.push(batch)
-        sent += batch
-    assert queue.dropped == len(sent) - len(queue)
-    assert [queue.pop() for _ in range(len(queue))] == sent[-depth:]
-    assert queue.pop() is None
-
-
 def test_keep_all_is_bounded_by_bytes_and_keeps_at_least_one():
     queue = SampleQueue(QoSProfile(history=History.KEEP_ALL, depth=1), limit_bytes=4 * (1000 + 256))
     queue.push([sample(bytes(1000))] * 10)

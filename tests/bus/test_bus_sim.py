@@ -36,45 +36,56 @@ async def take_all(subscription, wait_s=5.0):
 # --- One seed, one run.
 
 
-async def busy(world):
-    """Return what happens in a world that does all it can: loss, services, timers, a crash, a cable."""
-    events, nodes = [], []
-
-    def note(*happened):
-        events.append((world.now_ns, *happened))
-
-    for name in "abcd":
-        node = world.node(name, host=f"host-{name}", lease_s=2.0)
-        publisher = node.create_publisher(STRING, "/t", LATCHED)
-        node.graph.listen(partial(note, name))
-        node.create_subscription(STRING, "/t", lambda m: note(m.data), LATCHED)
-        node.create_service(SERVICE, f"/s/{name}", lambda _: response())
-        node.create_timer(0.3, partial(publisher.publish, text(name)))
-        nodes.append(node)
-    clients = [node.create_client(SERVICE, "/s/c") for node in nodes]
-    await asyncio.gather(*(client.call(Request(), 30) for client in clients))
-    world.host("host-a").is_connected = False
-    await asyncio.sleep(3)
-    nodes[3].crash()
-    world.host("host-a").is_connected = True
-    await asyncio.wait({asyncio.create_task(asyncio.sleep(i)) for i in (4, 5, 6)})
-    return events
+async def change(world, *, faults=True, note=lambda *_: None):
+    """Make and close endpoints, publish and pull cables at random; return nodes and what is open."""
+    chance = world.random
+    nodes = [world.node(f"n{i}", host=f"h{i % 3}", lease_s=1.0) for i in range(4)]
+    publishers, subscriptions = [], []
+    for node in nodes:
+        node.graph.listen(lambda event, name=node.name: note(name, event))
+        node.create_service(SERVICE, f"/s/{node.name}", lambda _: response())
+    for number in range(60):
+        node, topic = chance.choice(nodes), chance.choice(["/a", "/b"])
+        step = chance.choice(["talk", "talk", "hear", "hear", "call", "end", *["fail"] * faults])
+        if step == "talk":
+            publishers.append(node.create_publisher(STRING, topic, LATCHED))
+            publishers[-1].publish(text(number))
+        elif step == "hear":
+            hear = partial(note, node.name)
+            subscriptions.append(node.create_subscription(STRING, topic, hear, LATCHED))
+        elif step == "call":
+            client = node.create_client(SERVICE, "/s/n0")
+            note(await asyncio.gather(client.call(Request(), 0.5), return_exceptions=True))
+            client.close()
+        elif step == "end" and (ends := chance.choice([publishers, subscriptions])):
+            ends.pop(chance.randrange(len(ends))).close()
+        elif step == "fail":
+            host = chance.choice(list(world.hosts.values()))
+            host.is_connected = not host.is_connected
+        await asyncio.sleep(chance.choice([0, 0.0001, 0.01, 0.7]))
+    for host in world.hosts.values():
+        host.is_connected = True
+    await asyncio.sleep(60)
+    return nodes, publishers, subscriptions
 
 
 def digest_of(seed):
-    link = LinkModel(latency_s=0.002, loss=0.1, rate_bps=1e7)
-    events = run_simulated(busy, seed=seed, link=link)
-    assert len(events) > 250
+    events = []
+
+    def main(world):
+        return change(world, note=lambda *happened: events.append((world.now_ns, *happened)))
+
+    run_simulated(main, seed=seed, link=LinkModel(latency_s=0.002, loss=0.1, rate_bps=1e7))
+    assert len(events) > 100
     return hashlib.blake2b(repr(events).encode()).hexdigest()
 
 
-@pytest.mark.parametrize("hash_seed", ["1", "2"])
-def test_the_same_seed_gives_the_same_events_in_every_process(hash_seed):
+def test_the_same_seed_gives_the_same_events_in_every_process():
     here = digest_of(7)
     assert digest_of(8) != here
     code = "import test_bus_sim as t; print(t.digest_of(7))"
-    argv, environment = [sys.executable, "-W", "error", "-c", code], {"PYTHONHASHSEED": hash_seed}
-    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
+    environment = {"PYTHONHASHSEED": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    argv = [sys.executable, "-W", "error", "-c", code]
     done = subprocess.run(argv, env=environment, capture_output=True, text=True, check=False)
     assert done.stdout.strip() == here, done.stderr
 
@@ -82,36 +93,25 @@ def test_the_same_seed_gives_the_same_events_in_every_process(hash_seed):
 # --- Virtual time.
 
 
-async def test_waiting_takes_no_time_and_happens_in_order(sim):
-    order = []
-
-    async def wait(seconds):
-        await asyncio.sleep(seconds)
-        order.append((seconds, sim.now_ns))
-
-    await asyncio.gather(*(wait(seconds) for seconds in (1e6, 3600, 0.25, 1e-9)))
-    assert order == [(1e-9, 1), (0.25, 250 * MS), (3600, 3600 * 10**9), (1e6, 10**15)]
-
-
-def test_nobody_wakes_a_world_that_has_come_to_a_halt_and_it_says_who_waits():
+@pytest.mark.parametrize(
+    ("period_s", "error", "said"),
+    [
+        (None, DeadlockError, r"nothing is scheduled.*Inbox\._wait.*somebody in Event\.wait"),
+        (1.0, TimeLimitError, r"not done after 60 s of virtual time; waiting are .*Event\.wait"),
+    ],
+)
+def test_a_world_that_comes_to_a_halt_or_to_its_limit_ends_and_says_who_waits(
+    period_s, error, said
+):
     async def main(world):
-        subscription = world.node("here").create_subscription(STRING, "/t")
+        node = world.node("here")
+        if period_s:
+            node.create_timer(period_s, lambda: None)
         other = asyncio.create_task(asyncio.Event().wait(), name="somebody")
-        await subscription.take()
+        await node.create_subscription(STRING, "/t").take()
         other.cancel()
 
-    said = r"nothing is scheduled.*Inbox\._wait.*somebody in Event\.wait"
-    with pytest.raises(DeadlockError, match=said):
-        run_simulated(main)
-
-
-def test_a_world_that_goes_on_is_given_up_at_its_limit():
-    async def main(world):
-        world.node("here").create_timer(1.0, lambda: None)
-        await asyncio.Event().wait()
-
-    said = r"not done after 60 s of virtual time; waiting are .*Event\.wait"
-    with pytest.raises(TimeLimitError, match=said):
+    with pytest.raises(error, match=said):
         run_simulated(main, limit_s=60)
 
 
@@ -157,18 +157,15 @@ async def test_nodes_meet_only_in_one_domain_and_a_loopback_domain_is_its_hosts_
 @pytest.mark.parametrize("sim", [{"link": LinkModel(latency_s=0.01)}], indirect=True)
 async def test_a_sample_takes_the_latency_of_both_links_and_nothing_on_its_own_host(sim):
     sim.host("far", LinkModel(latency_s=0.03))
-    here = sim.node("here", host="near")
-    publisher, reader = await connected(here, here)
+    publisher = sim.node("here", host="near").create_publisher(STRING, "/t")
     readers = [
-        reader,
-        sim.node("beside", host="near").create_subscription(STRING, "/t"),
-        sim.node("there", host="far").create_subscription(STRING, "/t"),
+        sim.node(host, host=host).create_subscription(STRING, "/t") for host in ("near", "far")
     ]
     await asyncio.sleep(1)
     publisher.publish(text("x"))
     infos = [(await reader.take_with_info())[1] for reader in readers]
     delays_ms = [(info.received_timestamp_ns - info.source_timestamp_ns) / MS for info in infos]
-    assert delays_ms == [0.1, 0.1, 40.2]
+    assert delays_ms == [0.1, 40.2]
 
 
 @pytest.mark.parametrize("sim", [{"link": LinkModel(rate_bps=1e6)}], indirect=True)
@@ -328,32 +325,12 @@ async def test_a_node_that_dies_without_a_word_is_missed_after_its_lease(sim):
 @settings(max_examples=20, deadline=None)
 def test_after_all_changes_and_pulled_cables_the_nodes_know_and_match_the_same(seed, loss, faults):
     async def main(world):
-        chance = world.random
-        nodes = [world.node(f"n{i}", host=f"h{i % 3}", lease_s=1.0) for i in range(4)]
-        publishers, subscriptions = [], []
-        for _ in range(60):
-            step, node = (
-                chance.choice(["make", "make", "end", *["fail"] * faults]),
-                chance.choice(nodes),
-            )
-            ends = chance.choice([publishers, subscriptions])
-            if step == "make":
-                make = node.create_publisher if ends is publishers else node.create_subscription
-                ends.append(make(STRING, chance.choice(["/a", "/b"])))
-            elif step == "end" and ends:
-                ends.pop(chance.randrange(len(ends))).close()
-            elif step == "fail":
-                host = chance.choice(list(world.hosts.values()))
-                host.is_connected = not host.is_connected
-            await asyncio.sleep(chance.choice([0, 0.0001, 0.01, 0.7]))
-        for host in world.hosts.values():
-            host.is_connected = True
-        await asyncio.sleep(60)
+        nodes, publishers, subscriptions = await change(world, faults=faults)
         topics = Counter(subscription.topic_name for subscription in subscriptions)
         for publisher in publishers:
             assert publisher.get_subscription_count() == topics[publisher.topic_name]
         for node in nodes:
-            known = {endpoint.gid for endpoint in node.graph.endpoints()}
+            known = {end.gid for end in node.graph.endpoints() if end.topic in ("/a", "/b")}
             assert known == {end.gid for end in (*publishers, *subscriptions)}
 
     run_simulated(main, seed=seed, link=LinkModel(loss=loss))
