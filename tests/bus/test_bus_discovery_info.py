@@ -1,6 +1,6 @@
 """Nodes stand on the ROS 2 graph with exactly their endpoints, and leave it when they close."""
 
-from contextlib import closing
+import asyncio
 
 import numpy as np
 import pytest
@@ -11,12 +11,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfglab import bus
 from sfglab.bus.api import NodeInfo
-from sfglab.bus.dds.clib import entity_guid
-from sfglab.bus.dds.discovery import Discovery, gid_bytes, info_type, pack_nodes, unpack_nodes
-from sfglab.bus.dds.domain import DdsParticipant, DomainConfig
-from sfglab.bus.dds.endpoints import DdsWriter
-from sfglab.messages.dds import idl_struct
-from sfglab.qos import LATCHED, QoSProfile
+from sfglab.bus.dds.discovery import Discovery, gid_bytes, pack_nodes, unpack_nodes
+from sfglab.bus.graph import Graph
+from sfglab.qos import QoSProfile
 
 world = pytest.fixture(lambda live: live)
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
@@ -111,27 +108,22 @@ async def test_the_graph_names_nodes_with_exactly_their_endpoints_while_they_liv
         assert await graph.wait_for(lambda: [n.name for n in graph.nodes()] == ["here"])
 
 
-@pytest.mark.live
-async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_for(
-    node, domain_id
-):
-    config = DomainConfig(domain_id=domain_id, interface="lo")
-    ros = DdsParticipant(config, b"enclave=/;", name="ros", after_round=lambda: None)
-    with closing(ros):
-        talker = entity_guid(ros.create_writer("rt/chatter", idl_struct(STRING), QoSProfile()))
-        handle = ros.create_writer("ros_discovery_info", info_type(24), LATCHED)
-        info = DdsWriter(handle, "info", type_="info", waitset=ros.waitset, on_matched=lambda: None)
-        listed = NodeInfo(namespace="/demo", name="talker", participant=ros.guid, writers=(talker,))
-        info.write(pack_nodes(ros.guid, [listed], 24))
-        async with node("here") as here:
-            graph = here.graph
-            assert await graph.wait_for(lambda: graph.publishers("/chatter") != ())
-            assert graph.publishers("/chatter")[0].node == ""
-            graph.nodes()
-            assert await graph.wait_for(
-                lambda: graph.publishers("/chatter")[0].node == "/demo/talker"
-            )
-            assert listed in graph.nodes()
+async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_known():
+    graph, gid, guid = Graph(asyncio.get_running_loop()), b"endpoint" * 2, b"somebody" * 2
+    talker = bus.EndpointInfo(
+        kind=bus.EndpointKind.PUBLISHER,
+        topic="/chatter",
+        type=STRING,
+        gid=gid,
+        qos=QoSProfile(),
+        participant=guid,
+    )
+    graph.apply([(gid, talker)])
+    assert graph.publishers("/chatter") == (talker,)
+    listed = NodeInfo(namespace="/demo", name="talker", participant=guid, writers=(gid,))
+    graph.learn_nodes(guid, (listed,))
+    assert [end.node for end in graph.publishers("/chatter")] == ["/demo/talker"]
+    assert graph.nodes() == (listed,)
 
 
 @pytest.mark.live

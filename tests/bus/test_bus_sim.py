@@ -6,11 +6,10 @@ import os
 import subprocess
 import sys
 from collections import Counter
-from functools import partial
 from itertools import pairwise
 
 import pytest
-from bus_messages import SERVICE, STRING, Request, connected, response, text
+from bus_messages import STRING, connected, text
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -40,23 +39,17 @@ async def change(world, *, faults=True, note=lambda *_: None):
     """Make and close endpoints, publish and pull cables at random; return nodes and what is open."""
     chance = world.random
     nodes = [world.node(f"n{i}", host=f"h{i % 3}", lease_s=1.0) for i in range(4)]
-    publishers, subscriptions = [], []
     for node in nodes:
-        node.graph.listen(lambda event, name=node.name: note(name, event))
-        node.create_service(SERVICE, f"/s/{node.name}", lambda _: response())
+        node.graph.listen(note)
+    publishers, subscriptions = [], []
     for number in range(60):
         node, topic = chance.choice(nodes), chance.choice(["/a", "/b"])
-        step = chance.choice(["talk", "talk", "hear", "hear", "call", "end", *["fail"] * faults])
+        step = chance.choice(["talk", "talk", "hear", "hear", "end", *["fail"] * faults])
         if step == "talk":
             publishers.append(node.create_publisher(STRING, topic, LATCHED))
             publishers[-1].publish(text(number))
         elif step == "hear":
-            hear = partial(note, node.name)
-            subscriptions.append(node.create_subscription(STRING, topic, hear, LATCHED))
-        elif step == "call":
-            client = node.create_client(SERVICE, "/s/n0")
-            note(await asyncio.gather(client.call(Request(), 0.5), return_exceptions=True))
-            client.close()
+            subscriptions.append(node.create_subscription(STRING, topic, note, LATCHED))
         elif step == "end" and (ends := chance.choice([publishers, subscriptions])):
             ends.pop(chance.randrange(len(ends))).close()
         elif step == "fail":
@@ -73,7 +66,7 @@ def digest_of(seed):
     events = []
 
     def main(world):
-        return change(world, note=lambda *happened: events.append((world.now_ns, *happened)))
+        return change(world, note=lambda event: events.append((world.now_ns, event)))
 
     run_simulated(main, seed=seed, link=LinkModel(latency_s=0.002, loss=0.1, rate_bps=1e7))
     assert len(events) > 100
@@ -268,12 +261,11 @@ async def test_a_sample_older_than_its_lifespan_does_not_reach_a_late_joiner(sim
 # --- Faults.
 
 
-async def test_a_short_cut_delays_and_a_long_one_is_a_loss_and_a_return(sim):
+async def test_a_short_cut_delays_a_long_one_is_a_loss_and_a_return_and_a_crash_a_loss(sim):
     here, there = (sim.node(name, host=name, lease_s=4.0) for name in ("here", "there"))
     deep = QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
     publisher = here.create_publisher(STRING, "/t", deep)
-    volatile = there.create_subscription(STRING, "/t", qos=100)
-    latched = there.create_subscription(STRING, "/t", qos=deep)
+    volatile, latched = (there.create_subscription(STRING, "/t", qos=q) for q in (100, deep))
     events = []
     there.graph.watch(
         "rt/t", PUBLISHER, lambda event: events.append((type(event), sim.now_ns / 1e9))
@@ -292,30 +284,24 @@ async def test_a_short_cut_delays_and_a_long_one_is_a_loss_and_a_return(sim):
     cut_s = sim.now_ns / 1e9
     publisher.publish(text("long"))
     await asyncio.sleep(10)
-    assert events[1:] == [(bus.EndpointRemoved, pytest.approx(cut_s + 4.0))]
     assert (publisher.get_subscription_count(), volatile.get_publisher_count()) == (0, 0)
-    assert there.graph.publishers("/t") == here.graph.subscriptions("/t") == ()
+    assert here.graph.subscriptions("/t") == ()
     cable.is_connected = True
     await publisher.wait_for_subscriptions(2, 10)
-    assert [kind for kind, _ in events[2:]] == [bus.EndpointAdded]
     assert await take_all(latched, 1) == ["short", "long"]  # a reader that was lost is a new one
     assert await take_all(volatile, 1) == []
 
-
-async def test_a_node_that_dies_without_a_word_is_missed_after_its_lease(sim):
-    here, there = (sim.node(name, host=name, lease_s=0.5) for name in ("here", "there"))
-    publisher, subscription = await connected(here, there)
-    await asyncio.sleep(1)
+    await asyncio.sleep(60)
+    crash_s = sim.now_ns / 1e9
     here.crash()
     here.crash()
     with pytest.raises(bus.ClosedError):
         publisher.publish(text("from beyond"))
-    late = sim.node("late", host="late")
-    for known in (1, 0):
-        await asyncio.sleep(0.05)
-        assert subscription.get_publisher_count() == len(there.graph.publishers("/t")) == known
-        await asyncio.sleep(0.45)
-    assert late.graph.publishers("/t") == ()
+    await asyncio.sleep(10)
+    assert volatile.get_publisher_count() == 0
+    after_cut_s, after_crash_s = (at_s for kind, at_s in events if kind is bus.EndpointRemoved)
+    assert after_cut_s - cut_s == pytest.approx(4)
+    assert 2 < after_crash_s - crash_s <= 4
 
 
 # --- Whatever changes meanwhile, in the end all nodes know the same.
@@ -330,7 +316,7 @@ def test_after_all_changes_and_pulled_cables_the_nodes_know_and_match_the_same(s
         for publisher in publishers:
             assert publisher.get_subscription_count() == topics[publisher.topic_name]
         for node in nodes:
-            known = {end.gid for end in node.graph.endpoints() if end.topic in ("/a", "/b")}
+            known = {endpoint.gid for endpoint in node.graph.endpoints()}
             assert known == {end.gid for end in (*publishers, *subscriptions)}
 
     run_simulated(main, seed=seed, link=LinkModel(loss=loss))
