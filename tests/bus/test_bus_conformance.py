@@ -372,6 +372,9 @@ async def test_the_two_transports_do_not_meet(here):
         memory[:] = cdr
     assert (await shm.take(60)).data == "lent"
     assert (publisher.get_subscription_count(), dds.get_publisher_count()) == (1, 0)
+    small = here.create_publisher(STRING, "/u", transport="shm", max_message_bytes=8)
+    with pytest.raises(bus.InvalidMessageError):
+        small.publish(text("long"))
     with pytest.raises(TypeError), here.create_publisher(STRING, "/v").loan(8):
         pass
     with pytest.raises(InvalidValueError, match=r"transport: given .smoke., allowed: dds, shm"):

@@ -377,6 +377,7 @@ async def test_no_sample_is_leaked_whether_forwarded_dropped_held_or_transformed
 
 
 @pytest.mark.live
+@pytest.mark.slow
 async def test_a_reader_that_stands_still_costs_bounded_memory_and_the_others_go_on(
     domains, domain_ids, child, until, monkeypatch
 ):
