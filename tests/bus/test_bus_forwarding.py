@@ -31,14 +31,14 @@ LEASED = QoSProfile(lease_ns=10**9)
 
 
 def way(near, far, *, type_=STRING, topic="/t", qos=DEEP):
-    """A forward of a topic from one node, and a way out at the other."""
+    """A forward of a topic from one node, and a raw writer at the other."""
     end = RawEndpoint(dds_topic=f"rt{topic}", type=type_, qos=qos, user_data=b"k=v;")
     forwarder = near.open_forwarder(far)
     return forwarder.open(end), forwarder.open_writer(end)
 
 
 async def matched(until, outlet, count=1):
-    """Wait until a way out knows its readers, which may know it earlier: what is sent before is lost."""
+    """Wait until a writer knows its readers, which may know it earlier; earlier samples are lost."""
     status = MatchedStatus()
 
     def knows():
@@ -136,7 +136,7 @@ def test_the_history_for_a_reader_that_stands_still_is_bounded_and_for_the_other
 
 
 def test_a_reader_that_keeps_up_is_not_taken_for_one_that_stands_still(monkeypatch):
-    """Readers of Fast DDS acknowledge 5 ms after a sample, so nobody is asked right after it."""
+    """Readers of Fast DDS acknowledge 5 ms after a sample, so they are asked before the next one."""
     middleware = Mock()
 
     def forward(*_):
@@ -173,7 +173,7 @@ def toys():
 
 @pytest.fixture
 def domain_ids(free_domains):
-    """Two domains that nobody else uses."""
+    """Two domains that no other test uses."""
     return free_domains(2)
 
 
@@ -328,7 +328,7 @@ async def test_a_reader_that_stands_still_stops_its_sender_costs_no_image_and_ho
             await publishers[-1].wait_for_subscriptions()
         fast = listener.create_subscription(STRING, "/fast")
         await matched(until, ways[1][1])
-        # Stands still for less than its lease: who is gone for longer has no claim to what it missed.
+        # The reader stops for less than its lease; after a longer stop it would be a new reader.
         async with child(listening, "slow", domain_id=domain_ids[1], lease_s=60.0) as slow:
             await slow.hear()
             await matched(until, ways[0][1])

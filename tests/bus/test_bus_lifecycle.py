@@ -185,7 +185,7 @@ async def test_closing_a_publisher_waits_for_no_reader_that_acknowledges_nothing
 async def test_a_publisher_with_more_readers_than_it_looks_at_still_counts_them(
     here, there, until, monkeypatch
 ):
-    """Anybody may make readers of a topic: they end nothing."""
+    """Any process may make readers of a topic, so their number is not bounded."""
     monkeypatch.setattr("sfglab.bus.dds.endpoints._MAX_MATCHED", 2)
     publisher = here.create_publisher(STRING, "/crowded")
     readers = [there.create_subscription(STRING, "/crowded") for _ in range(4)]
@@ -199,7 +199,7 @@ async def test_a_publisher_with_more_readers_than_it_looks_at_still_counts_them(
 async def test_a_client_that_acknowledges_nothing_takes_no_answer_from_others(
     here, there, child, until
 ):
-    """Killed, stopped or ill-willed: until its lease ends a reliable writer that keeps all waits for it."""
+    """A reliable writer that keeps all would wait for such a client until its lease ends."""
     service = here.create_service(SERVICE, "/s", lambda _: response("x" * 4000))
     listener = f"""
     client = node.create_client("{SERVICE}", "/s")

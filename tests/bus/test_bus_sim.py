@@ -221,7 +221,7 @@ def test_best_effort_notices_losses_and_reliable_repairs_them_while_the_history_
     got, lost = run_simulated(main, seed=5, link=LinkModel(loss=0.1, rate_bps=rate_bps))
     assert got == sorted(set(got))
     assert 400 - len(got) in missing
-    assert 400 - len(got) - lost in range(8)  # what is lost first or last nobody can notice
+    assert 400 - len(got) - lost in range(8)  # losses at both ends cannot be noticed
 
 
 @pytest.mark.parametrize("sim", [{"costs": Costs(message_s=0.01)}], indirect=True)
@@ -302,7 +302,7 @@ async def test_a_short_cut_delays_a_long_one_is_a_loss_and_a_return_and_a_crash_
     assert 2 < after_crash_s - crash_s <= 4
 
 
-# --- Whatever changes meanwhile, in the end all nodes know the same.
+# --- After all changes the nodes know the same.
 
 
 @given(st.integers(1, 2**31), st.sampled_from([0.0, 0.3]), st.booleans())
