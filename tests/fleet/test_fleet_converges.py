@@ -1,14 +1,12 @@
 """A fleet of whole agents loses its processes one after the other, converges again, and ends without trace."""
 
 import asyncio
-import itertools
 import json
 import os
 import random
 import signal
 import subprocess
 import sys
-import time
 from contextlib import suppress
 
 import psutil
@@ -48,7 +46,7 @@ SILENCE_S = 3 * 0.4 + 0.6
 PRESENT = {"DISCOVERED", "UPDATED", "RETURNED", "RESTARTED"}
 
 VIEWER = """
-import asyncio, json, sys, time
+import asyncio, json, sys
 from sfglab.bus import Node
 from sfglab.messages import ns_from_stamp
 from sfglab.component import claim_standard_output, run, standard_input_lines
@@ -59,24 +57,14 @@ async def main():
     address, topic = json.loads(sys.argv[1])
     async with Node("viewer", **address) as node:
         def see(image):
-            stamp_ns = ns_from_stamp(image.header.stamp)
-            report({"is": "picture", "stamp_ns": stamp_ns, "seen_ns": time.time_ns()})
+            report({"is": "picture", "stamp_ns": ns_from_stamp(image.header.stamp)})
         node.create_subscription("sensor_msgs/msg/Image", topic, see, qos=SENSOR_DATA, transport="shm")
         async for _ in standard_input_lines():
             pass
 
 run(main())
 """
-
-
-def stream_of(agent: str) -> str:
-    return f"/global/{agent}/camera_front/color/ffmpeg"
-
-
-def sensor_of(agent: str) -> SensorDescription:
-    size = {"width": 640, "height": 360, "rate_hz": 10}
-    stream = StreamDescription(topic=stream_of(agent), type=FFMPEG, codec="h264", **size)
-    return SensorDescription(name="camera_front", streams=(stream,))
+STREAM = "/global/go2/camera_front/color/ffmpeg"
 
 
 class Talker(LineProcess):
@@ -108,37 +96,20 @@ class Talker(LineProcess):
 class RunningAgent(Talker):
     """A supervisor as it is seen from outside: by its reports."""
 
+    def changes(self, component: str) -> list[dict]:
+        return [r for r in self.reports if r["is"] == "component" and r["component"] == component]
+
     def pid_of(self, component: str) -> int | None:
         """Return the process of a component that serves; None while it does not."""
-        mine = [r for r in self.reports if r["is"] == "component" and r["component"] == component]
-        return mine[-1]["pid"] if mine and mine[-1]["state"] == "running" else None
+        changes = self.changes(component)
+        return changes[-1]["pid"] if changes and changes[-1]["state"] == "running" else None
 
     def crashes(self, component: str) -> int:
-        return max(
-            r["crashes"]
-            for r in self.reports
-            if r["is"] == "component" and r["component"] == component
-        )
-
-    def said(self, component: str, since: int = 0) -> list[dict]:
-        mine = (
-            r for r in self.reports[since:] if r["is"] == "report" and r["component"] == component
-        )
-        return [r["report"] for r in mine]
+        return max(change["crashes"] for change in self.changes(component))
 
     def events(self, agent: str | None = None, since: int = 0) -> list[str]:
-        told = (r for r in self.said("discoverer", since) if r["is"] == "event")
-        return [r["event"] for r in told if agent in (None, r["agent"])]
-
-    def streams(self) -> dict[str, str]:
-        """Return the state of every stream that the decoder has told of."""
-        return {r["local_topic"]: r["state"] for r in self.said("decoder") if r["is"] == "status"}
-
-    def story(self) -> str:
-        """Return what matters when a test fails."""
-        states = {r["component"]: r["state"] for r in self.reports if r["is"] == "component"}
-        lines = [r["line"] for r in self.reports if r["is"] == "line"]
-        return f"{states}, heard {self.events()}, streams {self.streams()}, {lines[-20:]}"
+        told = (r["report"] for r in self.reports[since:] if r["is"] == "report")
+        return [r["event"] for r in told if r["is"] == "event" and agent in (None, r["agent"])]
 
 
 class Fleet:
@@ -148,81 +119,65 @@ class Fleet:
         self.testbed = testbed
         self.first_domain = first_domain
         self.agents = {}
-        self.others = []
-        self.kills = []  # when which process was killed, for whoever reads a failure
         self.seen = set()  # every pid that ever belonged to it
 
     def local(self, name: str) -> BusAddress:
-        return BusAddress(
-            domain_id=self.first_domain + 1 + list(AGENTS).index(name), interface="lo"
-        )
+        number = list(AGENTS).index(name)
+        return BusAddress(domain_id=self.first_domain + 1 + number, interface="lo")
 
-    def config(self, name: str) -> AgentConfig:
-        return AgentConfig(
-            agent=name,
-            local=self.local(name),
-            remote=BusAddress(domain_id=self.first_domain, interface=self.testbed.interface(name)),
-            components=AGENTS[name],
-            sensors=() if name == "station" else (sensor_of(name),),
-            schedule=SCHEDULE,
-            discovery=DISCOVERY,
-            supervision=SUPERVISION,
-            idle_timeout_s=0.2,
-            detect=False,
-        )
-
-    async def start_agent(self, name: str) -> None:
-        config = self.config(name)
-        told = argument_of(SupervisorConfig(components=plan(config), timing=config.supervision))
-        argv = self.testbed.argv(name, [sys.executable, "-m", "sfglab.fleet.agent.app", told])
-        self.agents[name] = await RunningAgent.begin(argv)
+    async def begin(self, kind: type[Talker], name: str, *argv: str) -> Talker:
+        return await kind.begin(self.testbed.argv(name, [sys.executable, *argv]))
 
     async def start(self) -> None:
-        for name in AGENTS:
-            await self.start_agent(name)
-        places = ((self.local("go2"), stream_of("go2")),)
-        camera = CameraConfig(places=places, fps=10, gop=10, encoder="libx264")
-        argv = [sys.executable, "-m", "sfglab.lab.workers.camera", argument_of(camera)]
-        self.camera = await Talker.begin(self.testbed.argv("go2", argv))
-        self.others.append(self.camera)
-        image, _ = routes_of_topic(stream_of("go2"))
+        size = {"width": 640, "height": 360, "rate_hz": 10}
+        stream = StreamDescription(topic=STREAM, type=FFMPEG, codec="h264", **size)
+        camera = SensorDescription(name="camera_front", streams=(stream,))
+        for name, components in AGENTS.items():
+            remote = BusAddress(domain_id=self.first_domain, interface=self.testbed.interface(name))
+            config = AgentConfig(
+                agent=name,
+                local=self.local(name),
+                remote=remote,
+                components=components,
+                sensors=(camera,) if name == "go2" else (),
+                schedule=SCHEDULE,
+                discovery=DISCOVERY,
+                idle_timeout_s=0.2,
+                detect=False,
+            )
+            told = argument_of(SupervisorConfig(components=plan(config), timing=SUPERVISION))
+            self.agents[name] = await self.begin(
+                RunningAgent, name, "-m", "sfglab.fleet.agent.app", told
+            )
+        shots = CameraConfig(
+            places=((self.local("go2"), STREAM),), fps=10, gop=10, encoder="libx264"
+        )
+        argv = "-m", "sfglab.lab.workers.camera", argument_of(shots)
+        self.camera = await self.begin(Talker, "go2", *argv)
+        image, _ = routes_of_topic(STREAM)
         order = json.dumps([self.local("station").options(), image.local_topic])
-        argv = self.testbed.argv("station", [sys.executable, "-c", VIEWER, order])
-        self.viewer = await Talker.begin(argv)
-        self.others.append(self.viewer)
+        self.viewer = await self.begin(Talker, "station", "-c", VIEWER, order)
+
+    @property
+    def talkers(self) -> list[Talker]:
+        return [self.camera, self.viewer, *self.agents.values()]
 
     async def until(self, what: str, fact) -> None:
         try:
             async with asyncio.timeout(DEADLINE_S):
                 while not fact():
-                    self.note_pids()
-                    await asyncio.sleep(0.02)
+                    self.seen |= {pid for talker in self.talkers for pid in talker.family()}
+                    await asyncio.sleep(0.05)
         except TimeoutError:
-            story = "\n".join(f"{name}: {agent.story()}" for name, agent in self.agents.items())
-            pytest.fail(
-                f"not within {DEADLINE_S} s: {what}\n{story}\npictures: {len(self.stamps())}"
-            )
+            said = {name: agent.reports[-20:] for name, agent in self.agents.items()}
+            pytest.fail(f"not within {DEADLINE_S} s: {what}; {said}")
 
-    def note_pids(self) -> None:
-        for talker in (*self.agents.values(), *self.others):
-            self.seen |= talker.family()
-
-    def all_serve(self) -> bool:
-        return all(all(map(agent.pid_of, AGENTS[name])) for name, agent in self.agents.items())
-
-    def all_know_each_other(self) -> bool:
+    def is_together(self) -> bool:
+        """Return whether all serve and know each other."""
         return all(
-            (agent.events(other) or ["LOST"])[-1] in PRESENT
+            all(map(agent.pid_of, AGENTS[name]))
+            and all((agent.events(other) or ["LOST"])[-1] != "LOST" for other in {*AGENTS} - {name})
             for name, agent in self.agents.items()
-            for other in self.agents
-            if other != name
-        )
-
-    async def is_together(self) -> None:
-        """Wait until all serve and know each other."""
-        await self.until(
-            "everything serves and everybody knows everybody",
-            lambda: self.all_serve() and self.all_know_each_other(),
         )
 
     async def converges(self) -> None:
@@ -233,7 +188,7 @@ class Fleet:
         def settled() -> bool:
             nonlocal since_s, events
             told = sum(len(agent.events()) for agent in self.agents.values())
-            if told != events or not (self.all_serve() and self.all_know_each_other()):
+            if told != events or not self.is_together():
                 since_s, events = loop.time(), told
             return loop.time() - since_s > SILENCE_S
 
@@ -241,33 +196,21 @@ class Fleet:
 
     async def shows_new_pictures(self) -> None:
         """Wait for pictures that were taken from now on."""
-        before = len(self.camera_stamps())
-        await self.until("the camera shoots", lambda: len(self.camera_stamps()) > before)
-        newest = max(self.camera_stamps())
+
+        def shot() -> list[int]:
+            sent = (r["frames"] for r in self.camera.reports if r["is"] == "sent")
+            return [stamp_ns for frames in sent for _, stamp_ns, _ in frames]
+
+        before = len(shot())
+        await self.until("the camera shoots", lambda: len(shot()) > before)
+        newest = shot()[-1]
         await self.until(
-            "the viewer sees what the camera sees", lambda: (self.stamps() or [0])[-1] > newest
+            "the viewer sees what the camera sees",
+            lambda: any(r["stamp_ns"] > newest for r in self.viewer.reports[-1:]),
         )
 
-    def stamps(self) -> list[int]:
-        return [r["stamp_ns"] for r in self.viewer.reports]
-
-    def camera_stamps(self) -> list[int]:
-        return [
-            stamp for r in self.camera.reports if r["is"] == "sent" for _, stamp, _ in r["frames"]
-        ]
-
-    def kill(self, agent: str, component: str) -> None:
-        """Kill a component's process, if there is one that serves."""
-        pid = self.agents[agent].pid_of(component)
-        if pid is not None:
-            self.kills.append((agent, component, time.time_ns()))
-            os.kill(pid, signal.SIGKILL)
-
-    def mark(self) -> dict[str, int]:
-        return {name: len(agent.reports) for name, agent in self.agents.items()}
-
     async def end(self) -> list[int]:
-        return [await talker.end() for talker in (*self.others, *self.agents.values())]
+        return [await talker.end() for talker in self.talkers]
 
 
 @pytest.fixture(scope="module")
@@ -292,19 +235,21 @@ def world():
 def test_a_component_that_is_killed_comes_back_and_the_fleet_converges(world, agent, component):
     fleet, run = world
     victim = fleet.agents[agent]
+    others = {name: other for name, other in fleet.agents.items() if name != agent}
 
     async def scenario():
-        await fleet.is_together()
+        await fleet.until("everything serves and everybody knows everybody", fleet.is_together)
         if agent == "station":
             decoder = psutil.Process(victim.pid_of("decoder"))
             await fleet.until(
                 "a pipeline runs and a spare waits", lambda: len(decoder.children()) == 2
             )
-        marks = fleet.mark()
+        marks = {name: len(other.reports) for name, other in others.items()}
         crashes, family = victim.crashes(component), victim.family()
-        below = {p.pid for p in psutil.Process(victim.pid_of(component)).children(recursive=True)}
+        pid = victim.pid_of(component)
+        below = {p.pid for p in psutil.Process(pid).children(recursive=True)}
         await asyncio.sleep(random.Random(f"{SEED} {agent} {component}").uniform(0, 0.5))
-        fleet.kill(agent, component)
+        os.kill(pid, signal.SIGKILL)
         await fleet.until("it is missed", lambda: victim.crashes(component) == crashes + 1)
         await fleet.shows_new_pictures()
         await fleet.converges()
@@ -315,69 +260,16 @@ def test_a_component_that_is_killed_comes_back_and_the_fleet_converges(world, ag
         return marks
 
     marks = run(scenario())
-    heard = {n: a.events(agent, marks[n]) for n, a in fleet.agents.items() if n != agent}
+    heard = {name: other.events(agent, marks[name]) for name, other in others.items()}
     if component == "status":
         assert all("RESTARTED" in events for events in heard.values()), heard
     elif component == "router":
         assert all(events in ([], ["LOST", "RETURNED"]) for events in heard.values()), heard
     else:
         assert not any(heard.values()), f"nobody else notices: {heard}"
-    others = [a.events(since=marks[n]) for n, a in fleet.agents.items() if n != agent]
-    assert others == list(heard.values()), "nobody else was lost"
-
-
-def test_no_stream_outlives_an_agent_that_ended_while_nobody_watched(world):
-    fleet, run = world
-    station = fleet.agents["station"]
-    image, _ = routes_of_topic(stream_of("pi1"))
-
-    async def scenario():
-        await fleet.is_together()
-        assert station.streams()[image.local_topic] == "IDLE"
-        gone = fleet.agents.pop("pi1")
-        fleet.kill("station", "discoverer")
-        gone.signal(signal.SIGKILL)
-        await gone.wait()
-        await fleet.until(
-            "its stream is withdrawn", lambda: station.streams()[image.local_topic] == "GONE"
-        )
-        await fleet.shows_new_pictures()
-        await fleet.start_agent("pi1")
-        await fleet.is_together()
-        await fleet.until(
-            "its stream is back", lambda: station.streams()[image.local_topic] == "IDLE"
-        )
-
-    run(scenario())
-
-
-def test_a_fleet_whose_processes_die_at_random_converges(world):
-    fleet, run = world
-    rng = random.Random(SEED)
-
-    async def scenario():
-        for _ in range(8):
-            await asyncio.sleep(rng.uniform(0, 0.4))
-            agent = rng.choice(list(AGENTS))
-            fleet.kill(agent, rng.choice(AGENTS[agent]))
-        await fleet.converges()
-        await fleet.shows_new_pictures()
-
-    run(scenario())
-
-
-def test_no_picture_was_shown_twice_or_late_but_the_first_of_a_stream_that_was_lost(world):
-    """A replay that a router's death cut short stays latched in the others until the dead router's lease ends.
-
-    A stream that is opened anew meanwhile may begin with the newest picture of that replay, which is old.
-    """
-    fleet, _ = world
-    pairs = itertools.pairwise(fleet.viewer.reports)
-    late = [(before, after) for before, after in pairs if after["stamp_ns"] <= before["stamp_ns"]]
-    assert all(after["seen_ns"] - before["seen_ns"] > 300_000_000 for before, after in late), (
-        fleet.kills
+    assert heard == {name: other.events(since=marks[name]) for name, other in others.items()}, (
+        "nobody else was lost"
     )
-    assert len(late) <= [component for _, component, _ in fleet.kills].count("router")
 
 
 def test_the_fleet_ends_in_order_and_leaves_nothing(world):

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import pytest
-from cameras import FFMPEG, IMAGE, LOCAL, STREAM, behind_router, everything
+from cameras import FFMPEG, IMAGE, LOCAL, STREAM, behind_router
 from test_decoder_streams import metadata
 from test_discovery_registry import BEAT, TIMING, S, World
 from test_routing_frames import GO2, pairs, tf
@@ -19,7 +19,6 @@ from sfglab.fleet.decoder.node import AgentDecoder
 from sfglab.fleet.decoder.pipeline import Statistics
 from sfglab.fleet.decoder.streams import Route, routes_of_agent
 from sfglab.fleet.discovery.config import DiscoverySettings
-from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
 from sfglab.fleet.discovery.node import AgentDiscoverer
 from sfglab.fleet.discovery.registry import Registry
 from sfglab.fleet.discovery.validation import MAX_STREAMS, validated_metadata
@@ -27,13 +26,12 @@ from sfglab.fleet.router import frames
 from sfglab.fleet.router.frames import MAX_FRAME, TF_TYPE, TransformGate
 from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.description import AgentDescription
-from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Heartbeat, heartbeat_topic
+from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, heartbeat_topic
 from sfglab.fleet.status.node import StatusProvider
-from sfglab.messages import default_message, deserialize, service_type
+from sfglab.messages import default_message, deserialize
 from sfglab.qos import LATCHED, QoSProfile
 
-METADATA, PC = "sfglab_interfaces/srv/GetMetadata", DiscoverySettings(agent="pc")
-DEEP = QoSProfile(depth=1000)
+PC = DiscoverySettings(agent="pc")
 sim = pytest.fixture(lambda: {"seed": 1, "limit_s": 90})
 
 
@@ -54,8 +52,6 @@ def several(*streams):
             "/global/spot/camera_front/color/camera_info",
             "another agent's name",
         ),
-        ("camera_info_topic", "/local/go2/camera_front/color/camera_info", "global scope"),
-        ("topic", "/global/spot/camera_front/color/ffmpeg", "another agent's name"),
         ("topic", "/local/go2/camera_front/color/ffmpeg", "global scope"),
         ("topic", "/" + "x" * 60_000, "topic"),
         ("type", "x" * 300, "type"),
@@ -105,10 +101,13 @@ class Pipe:
         self.closing = values["do"] == "close"
         if values["do"] == "open":
             self.stream = values["stream"]
-            self.owner(self, {"is": "opened"})
+            self.says("opened")
+
+    def says(self, what, **more):
+        self.owner(self, {"is": what, **more})
 
     def signal(self, number):
-        self.owner(self, {"is": "ended", "status": -number})
+        self.says("ended", status=-number)
 
     async def end(self):
         pass
@@ -127,11 +126,10 @@ class Pool(list):
 
 @asynccontextmanager
 async def decoding(world):
-    """A decoder whose topic somebody wants; yields what it started, and ways to offer and to let end."""
+    """A decoder whose topic a viewer wants: what it started, ways to offer and to let end, its node and the viewer."""
     async with world.node("decoder", host="pc") as node:
-        node.create_subscription(IMAGE, LOCAL)
-        pool = Pool()
-        decoder = AgentDecoder(node, pool, advertise_unused_topics=False)
+        viewer = node.create_subscription(IMAGE, LOCAL)
+        decoder = AgentDecoder(node, pool := Pool(), advertise_unused_topics=False)
 
         async def offer(agent, *codecs):
             stream = {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
@@ -140,41 +138,38 @@ async def decoding(world):
 
         async def let_end():
             for pipe in [pipe for pipe in pool if pipe.closing]:
-                pipe.owner(pipe, {"is": "closed"})
+                pipe.says("closed")
             await asyncio.sleep(0.5)
             return [status.state for status in decoder.status()]
 
         async with beside(decoder.run()) as (task,):
-            yield pool, offer, let_end
-            assert not task.done(), task.exception()
+            yield SimpleNamespace(
+                pool=pool, offer=offer, let_end=let_end, node=node, viewer=viewer, task=task
+            )
 
 
 @pytest.mark.parametrize("back", ["h264", "hevc"], ids=["as it was", "changed"])
 async def test_a_stream_that_returns_while_its_old_pipeline_still_leaves_is_decoded_again(
     sim, back
 ):
-    async with decoding(sim) as (pool, offer, let_end):
+    async with decoding(sim) as it:
         for codecs in (["h264"], [], [], [back]):
-            await offer("go2", *codecs)
-        assert await let_end() == ["RUNNING"]
-        assert [pipe.stream.codec for pipe in pool] == ["h264", back]
+            await it.offer("go2", *codecs)
+        assert await it.let_end() == ["RUNNING"]
+        assert [pipe.stream.codec for pipe in it.pool] == ["h264", back]
 
 
 async def test_who_came_second_is_decoded_when_the_first_has_gone(sim, caplog):
-    async with decoding(sim) as (pool, offer, let_end):
-        for agent, *codecs in (
-            ("evil", "h264"),
-            ("go2", "h264"),
-            ("spot", "h264"),
-            ("spot",),
-            ("evil",),
-        ):
-            await offer(agent, *codecs)
+    async with decoding(sim) as it:
+        for agent in ("evil", "go2", "spot"):
+            await it.offer(agent, "h264")
         assert "offered by evil already" in caplog.text
-        assert await let_end() == ["RUNNING"]
-        assert [pipe.stream.agent for pipe in pool] == ["evil", "go2"]
-        await offer("go2")
-        assert await let_end() == []
+        for agent in ("spot", "evil"):
+            await it.offer(agent)
+        assert await it.let_end() == ["RUNNING"]
+        assert [pipe.stream.agent for pipe in it.pool] == ["evil", "go2"]
+        await it.offer("go2")
+        assert await it.let_end() == []
 
 
 @pytest.mark.parametrize("spare", [False, True], ids=["which had begun", "a spare that never does"])
@@ -185,136 +180,56 @@ async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatc
             Pipe, "order", lambda pipe, **said: order(pipe, **said) if pipe.pid > 1 else None
         )
     monkeypatch.setattr(look, lambda _, pid: "it was stopped" if pid == 1 else "")
-    async with decoding(sim) as (pool, offer, let_end):
-        await offer("go2", "h264")
+    async with decoding(sim) as it:
+        await it.offer("go2", "h264")
         await asyncio.sleep(5)  # it may take 10 s to start
-        assert ([pipe.pid for pipe in pool], await let_end()) == ([1, 2], ["RUNNING"])
+        assert ([pipe.pid for pipe in it.pool], await it.let_end()) == ([1, 2], ["RUNNING"])
         assert "it was stopped" in caplog.text
 
 
 async def test_a_decoder_that_is_told_to_end_as_something_happens_ends(sim, monkeypatch):
     monkeypatch.setattr(Pipe, "order", lambda *_, **__: None)  # so that a time-out of its runs
-    async with sim.node("decoder", host="pc") as node:
-        node.create_subscription(IMAGE, LOCAL)
-        decoder = AgentDecoder(node, pool := Pool(), advertise_unused_topics=False)
-        stream = {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
-        decoder.offer("go2", [Route(agent="go2", codec="h264", **stream)])
-        async with beside(decoder.run()) as (task,):
-            await asyncio.sleep(0.5)
-            pool[0].owner(pool[0], {"is": "opened"})
-            task.cancel()
-            assert (await asyncio.wait({task}, timeout=5))[0]
+    async with decoding(sim) as it:
+        await it.offer("go2", "h264")
+        it.pool[0].says("opened")
+        it.task.cancel()
+        assert (await asyncio.wait({it.task}, timeout=5))[0]
 
 
 async def test_whoever_saw_a_killed_pipeline_waits_for_the_stream_and_who_comes_back_for_what_is_newer(
     sim,
 ):
-    async with sim.node("decoder", host="pc") as node:
-        pool, stream = Pool(), {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
-        decoder = AgentDecoder(node, pool, advertise_unused_topics=False)
-        async with beside(decoder.run()):
-            decoder.offer("go2", [Route(agent="go2", codec="h264", **stream)])
-            await asyncio.sleep(1)
-            viewer = node.create_subscription(IMAGE, LOCAL)
-            await asyncio.sleep(1)
-            pool[0].owner(pool[0], {"is": "ended", "status": -9})
-            await asyncio.sleep(5)
-            viewer.close()
-            await asyncio.sleep(3)
-            assert pool[1].closing
-            pool[1].owner(pool[1], {"is": "statistics", **asdict(Statistics(newest=70))})
-            pool[1].owner(pool[1], {"is": "closed"})
-            await asyncio.sleep(1)
-            node.create_subscription(IMAGE, LOCAL)
-            await asyncio.sleep(1)
-            assert [pipe.stream.after for pipe in pool] == [-1, sys.maxsize, 70]
+    async with decoding(sim) as it:
+        it.viewer.close()
+        await it.offer("go2", "h264")
+        viewer = it.node.create_subscription(IMAGE, LOCAL)
+        await asyncio.sleep(1)
+        it.pool[0].says("ended", status=-9)
+        await asyncio.sleep(5)
+        viewer.close()
+        await asyncio.sleep(3)
+        it.pool[1].says("statistics", **asdict(Statistics(newest=70)))
+        await it.let_end()
+        it.node.create_subscription(IMAGE, LOCAL)
+        await asyncio.sleep(1)
+        assert [pipe.stream.after for pipe in it.pool] == [-1, sys.maxsize, 70]
 
 
 async def test_a_decoder_that_starts_anew_resumes_what_somebody_watches(sim):
-    async with decoding(sim) as (pool, offer, _):
+    async with decoding(sim) as it:
         await asyncio.sleep(0.5)
-        await offer("go2", "h264")
-        assert [pipe.stream.after for pipe in pool] == [sys.maxsize]
+        await it.offer("go2", "h264")
+        assert [pipe.stream.after for pipe in it.pool] == [sys.maxsize]
 
 
 async def test_a_clock_that_is_set_back_keeps_no_stream_waiting(sim, monkeypatch):
-    async with decoding(sim) as (pool, offer, let_end):
-        await offer("go2", "h264")
-        pool[0].owner(pool[0], {"is": "ended", "status": -9})
+    async with decoding(sim) as it:
+        await it.offer("go2", "h264")
+        it.pool[0].says("ended", status=-9)
         await asyncio.sleep(0.05)
         now_ns = SimClock.now_ns
         monkeypatch.setattr(SimClock, "now_ns", lambda clock: now_ns(clock) - 10**17)
-        assert (await let_end(), len(pool)) == (["RUNNING"], 2)
-
-
-async def test_an_evil_agent_changes_nothing_in_anothers_local_topics_and_tree(sim):
-    """It says, in every way that D_0 has, what is another agent's to say; only what is its own arrives."""
-    own, event = "/local/pc/camera_front/color/image_raw", discovery_topic("pc")
-    node, router = behind_router(sim, "pc")
-    async with sim.node("evil", host="evil") as evil:
-        described = several(
-            "/global/evil/camera_front/color/ffmpeg", "/global/evil/camera_rear/color/ffmpeg"
-        )
-        described.agent, described.incarnation, described.revision = "evil", 9, 0
-        described.sensors[0].streams[0].decoded_topic = own
-        response = service_type(METADATA).response(success=True, message="", metadata=described)
-        evil.create_service(METADATA, "/global/evil/get_metadata", lambda _: response)
-        said = {own: IMAGE, event: DISCOVERY_EVENT, "/global/evil/news": IMAGE}
-        publishers = [evil.create_publisher(type_, topic, LATCHED) for topic, type_ in said.items()]
-        beats = [evil.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED) for _ in "ab"]
-        trees = [evil.create_publisher(TF_TYPE, topic, LATCHED) for topic in ("/tf", "/tf_static")]
-        frames_ = [
-            ("odom", "base_link"),
-            ("map", "odom"),
-            ("map", "pc/odom"),
-            ("evil/a", "base_link"),
-        ]
-        heard = {
-            topic: node.create_subscription(type_, topic, qos=DEEP) for topic, type_ in said.items()
-        }
-        moved = [
-            node.create_subscription(TF_TYPE, topic, qos=DEEP) for topic in ("/tf", "/tf_static")
-        ]
-        mine = node.create_publisher(TF_TYPE, "/tf", LATCHED)
-        pool = Pool()
-        decoder, discoverer = (
-            AgentDecoder(node, pool, advertise_unused_topics=False),
-            AgentDiscoverer(node, PC),
-        )
-        async with beside(router.run(), discoverer.run(), decoder.run(event)):
-            for second in range(30):
-                mine.publish_raw(tf(("odom", "base_link")))
-                for publisher, type_ in zip(publishers, said.values(), strict=True):
-                    publisher.publish(default_message(type_))
-                for agent, beat in zip(("evil", "pc"), beats, strict=True):
-                    fields = {
-                        "incarnation": 9,
-                        "revision": 0,
-                        "phase": 1,
-                        "period_s": 1.0,
-                        "version": "",
-                    }
-                    beat.publish(Heartbeat(agent=agent, **fields).to_message(second * 10**9))
-                for tree in trees:
-                    for pair in (*frames_, ("map", "evil/base")):
-                        tree.publish_raw(tf(pair))
-                await asyncio.sleep(1)
-        got = {topic: await everything(subscription) for topic, subscription in heard.items()}
-        assert (got[own], len(got["/global/evil/news"]) > 20) == ([], True)
-        assert {message.agent for message in got[event]} == {"evil"}, (
-            "its discoverer's, of the real heartbeats"
-        )
-        (status,) = decoder.status()
-        assert status.local_topic == "/local/evil/camera_rear/color/image_raw"
-        parts = [
-            part
-            for tree in moved
-            for heard_ in await everything(tree)
-            for part in heard_.transforms
-        ]
-        edges = [(part.header.frame_id, part.child_frame_id) for part in parts]
-        assert set(edges) == {("odom", "base_link"), ("map", "evil/base")}
-        assert edges.count(("odom", "base_link")) == 30
+        assert (await it.let_end(), len(it.pool)) == (["RUNNING"], 2)
 
 
 def passed(way, *transforms):
@@ -326,15 +241,8 @@ def passed(way, *transforms):
 @pytest.mark.parametrize(
     "pair",
     [
-        *(
-            "odom base_link",
-            "map base_link",
-            "map /base_link",
-            "map //base_link",
-            "map go2",
-            "map go2/odom",
-        ),
-        *("base_link evil/arm", "map evil/" + "x" * MAX_FRAME, "x" * 999 + " evil/x"),
+        *("odom base_link", "map //base_link", "map go2", "map go2/odom", "base_link evil/arm"),
+        *("map evil/" + "x" * MAX_FRAME, "x" * 999 + " evil/x"),
     ],
     ids=lambda pair: pair[:30],
 )
@@ -403,31 +311,27 @@ def life(spoof, times_s):
     """go2 beats once a second, and answers, until it dies after 60 s: events, counts, alarms."""
     world, alarms, events, asked_s = World(), {}, [], {}
     world.registry = Registry("station", timing=TIMING, on_alarm=alarms.__setitem__)
-    answer = SimpleNamespace(agent="go2", incarnation=7, revision=0)
-
-    def note(at_s, names):
-        for query in list(world.outstanding):
-            if at_s < 60:
-                names += world.end("answered", at_s, world.asked[query - 1], answer)
-            elif at_s >= asked_s.setdefault(query, at_s) + 2:
-                world.end("failed", at_s, world.asked[query - 1])
-        events.extend((at_s, name) for name in names if name not in ("QUERY", "ABANDON"))
-
     for step in range(800):
-        at_s = step / 4
-        note(at_s, world.call("due", at_s))
+        at_s, alive = step / 4, step < 240
+        names = world.call("due", at_s)
         if at_s in times_s:
-            note(at_s, world.hear(at_s, b"evil", **{"period_s": 60.0, **spoof}))
-        if step % 4 == 0 and at_s < 60:
-            note(at_s, world.hear(at_s, b"real"))
+            names += world.hear(at_s, b"evil", **{"period_s": 60.0, **spoof})
+        if alive and step % 4 == 0:
+            names += world.hear(at_s, b"real")
+        for query in list(world.outstanding):
+            if alive:
+                names += world.answer(at_s, len(world.asked) - query)
+            elif at_s >= asked_s.setdefault(query, at_s) + 2:
+                names += world.fail(at_s, len(world.asked) - query)
+        events += [(at_s, name) for name in names if name not in ("QUERY", "ABANDON")]
     return events, world.registry.counts, alarms
 
 
 @pytest.mark.parametrize("spoof", SPOOFS.values(), ids=SPOOFS)
 @pytest.mark.parametrize(
     "times_s",
-    [{0.0}, {5.5}, {5.5, 5.75}, {n / 2 for n in range(400)}],
-    ids=["once", "later", "twice", "often"],
+    [{0.0}, {5.5, 5.75}, {n / 2 for n in range(400)}],
+    ids=["once", "twice", "often"],
 )
 def test_spoofed_heartbeats_hide_neither_an_agent_nor_its_death_and_two_that_go_on_are_reported(
     spoof, times_s
@@ -435,34 +339,30 @@ def test_spoofed_heartbeats_hide_neither_an_agent_nor_its_death_and_two_that_go_
     told, counts, alarms = life(spoof, times_s)
     assert [event for _, event in told] == ["DISCOVERED", "LOST"]
     assert 60 < told[1][0] <= 85
-    said = [
-        sentence
-        for sentence in alarms.values()
-        if "two publishers send heartbeats of agent 'go2'" in sentence
-    ]
-    assert (len(said), counts["twins"] > 50) == ((1, True) if len(times_s) > 2 else (0, False))
-    assert all(gid.hex() in sentence for gid in (b"evil", b"real") for sentence in said)
+    twins, often = alarms.get(("twins", "go2"), ""), len(times_s) > 2
+    said = "two publishers send heartbeats of agent 'go2'", b"evil".hex(), b"real".hex()
+    assert [part in twins for part in said] == 3 * [often]
+    assert (counts["twins"] > 50) is often
     assert counts["asked"] < 60, "who was refused is not asked about at every beat"
 
 
 def test_two_agents_of_one_name_say_so_themselves_and_a_restart_is_none():
     alarms = {}
     registry = Registry("go2", timing=TIMING, on_alarm=alarms.__setitem__)
-    later = replace(BEAT, incarnation=8)
-    for second, *heard in (
-        *((n, (BEAT, b"mine")) for n in range(3)),
-        (3, (later, b"mine anew"), (BEAT, b"mine"), (later, b"mine anew")),  # one was late
-        *((n, (later, b"mine anew")) for n in range(4, 6)),
-        *((n, (later, b"mine anew"), (BEAT, b"other")) for n in range(6, 9)),
-    ):
-        for beat, gid in heard:
-            registry.heard(beat, gid, now_ns=second * S)
-        assert second > 5 or registry.counts["twins"] == 0
-    assert any(b"mine anew".hex() in said and b"other".hex() in said for said in alarms.values())
+    mine = (BEAT, b"mine")
+    anew = (replace(BEAT, incarnation=8), b"mine anew")
+    # At the restart, a heartbeat from before comes late.
+    for second, heard in enumerate([mine, mine, anew, mine, anew, anew]):
+        registry.heard(*heard, now_ns=second * S)
+    assert registry.counts["twins"] == 0
+    for second in range(6, 9):
+        for heard in (anew, (BEAT, b"other")):
+            registry.heard(*heard, now_ns=second * S)
     assert registry.counts["twins"] > 0
+    assert any(b"mine anew".hex() in said and b"other".hex() in said for said in alarms.values())
 
 
-@pytest.mark.parametrize(("made_up", "published"), [(96, False), (127, False), (480, True)])
+@pytest.mark.parametrize(("made_up", "published"), [(127, False), (480, True)])
 async def test_a_real_agent_is_discovered_at_once_beside_made_up_ones(sim, made_up, published):
     """A limit of 128 queries of services leaves a place; published descriptions need none."""
     found = asyncio.Event()
@@ -508,8 +408,7 @@ async def test_a_description_that_is_too_large_is_not_read(sim, monkeypatch):
     read = []
 
     def reading(cdr, type_):
-        if len(cdr) > 1000:
-            read.append(type_)
+        read.append(len(cdr))
         return deserialize(cdr, type_)
 
     for module in ("sfglab.bus.service", "sfglab.fleet.discovery.published"):
@@ -521,8 +420,5 @@ async def test_a_description_that_is_too_large_is_not_read(sim, monkeypatch):
         async with beside(discoverer.run(), StatusProvider(real, settings).run()):
             await asyncio.sleep(10)
         counts = discoverer.status().counts
-        assert (counts["dropped_description_malformed"], counts["failed"] > 1, read) == (
-            1,
-            True,
-            [],
-        )
+        assert (counts["dropped_description_malformed"], counts["failed"] > 1) == (1, True)
+        assert max(read, default=0) < 1000
