@@ -3,7 +3,6 @@
 import asyncio
 import json
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -35,7 +34,6 @@ AGENTS = {
     "pi1": ("router", "status", "discoverer"),
     "station": ("router", "status", "discoverer", "decoder"),
 }
-SEED = 7
 # Short, yet a process that starves on a busy machine for a second is not taken for lost.
 SCHEDULE = Schedule(startup_period_s=0.4, steady_period_s=0.4, startup_s=0)
 DISCOVERY = DiscoveryTiming(
@@ -43,7 +41,6 @@ DISCOVERY = DiscoveryTiming(
 )
 SUPERVISION = ProcessTiming(backoff_ns=50_000_000, backoff_max_ns=400_000_000)
 SILENCE_S = 3 * 0.4 + 0.6
-PRESENT = {"DISCOVERED", "UPDATED", "RETURNED", "RESTARTED"}
 
 VIEWER = """
 import asyncio, json, sys
@@ -227,10 +224,7 @@ def world():
 
 @pytest.mark.parametrize(
     ("agent", "component"),
-    [
-        *(("go2", component) for component in ("router", "status", "keeper")),
-        *(("station", component) for component in ("discoverer", "decoder", "router")),
-    ],
+    [("go2", "router"), ("go2", "status"), ("station", "discoverer"), ("station", "decoder")],
 )
 def test_a_component_that_is_killed_comes_back_and_the_fleet_converges(world, agent, component):
     fleet, run = world
@@ -248,7 +242,6 @@ def test_a_component_that_is_killed_comes_back_and_the_fleet_converges(world, ag
         crashes, family = victim.crashes(component), victim.family()
         pid = victim.pid_of(component)
         below = {p.pid for p in psutil.Process(pid).children(recursive=True)}
-        await asyncio.sleep(random.Random(f"{SEED} {agent} {component}").uniform(0, 0.5))
         os.kill(pid, signal.SIGKILL)
         await fleet.until("it is missed", lambda: victim.crashes(component) == crashes + 1)
         await fleet.shows_new_pictures()
