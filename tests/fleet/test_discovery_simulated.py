@@ -104,8 +104,9 @@ async def test_a_description_that_comes_after_its_query_failed_answers_the_next_
         fake = Fake(node, "go2", [])
         whole = serialize(replace(BEAT, agent="aaaa").to_message(0))
         fake.publisher.publish_raw(whole.replace(b"aaaa", b"\xff\xfeaa"))
+        await sleep_until(1)
         fake.say()
-        await sleep_until(5)
+        await sleep_until(6)
         assert found.status().counts["dropped_malformed"] == 1
         topic = heartbeat.metadata_topic()
         publisher = node.create_publisher(heartbeat.AGENT_METADATA, topic, LATCHED)
