@@ -53,11 +53,10 @@ def test_every_component_is_told_where_it_stands_and_the_decoder_stays_inside():
     assert tuple(given) == ("router", "status", "discoverer", "decoder")
     router = config_from_argument(RouterConfig, given["router"])
     assert (router.agent, router.local, router.remote) == ("go2", CONFIG.local, CONFIG.remote)
-    status = config_from_argument(StatusConfig, given["status"])
-    assert (status.settings.agent, status.address) == ("go2", CONFIG.local)
-    discoverer = config_from_argument(DiscoveryConfig, given["discoverer"])
-    assert (discoverer.settings.agent, discoverer.address) == ("go2", CONFIG.local)
-    decoder = config_from_argument(DecoderConfig, arguments(CONFIG)["decoder"])
+    for kind, name in ((StatusConfig, "status"), (DiscoveryConfig, "discoverer")):
+        config = config_from_argument(kind, given[name])
+        assert (config.settings.agent, config.address) == ("go2", CONFIG.local)
+    decoder = config_from_argument(DecoderConfig, given["decoder"])
     assert decoder.remote == decoder.local == CONFIG.local
     assert decoder.discovery_topic == "/local/go2/agent_discovery_event"
 
@@ -85,38 +84,33 @@ def test_components_can_be_left_out():
 
 def test_a_fleet_file_says_everything():
     config = plans.config_from_fleet(FLEET, "go2")
-    assert config.local == BusAddress(domain_id=1, interface="lo")
-    assert config.remote == BusAddress(domain_id=3, interface="wlan0")
-    router = config_from_argument(RouterConfig, arguments(config)["router"])
+    given = arguments(config)
+    assert tuple(given) == plans.COMPONENTS
+    router = config_from_argument(RouterConfig, given["router"])
+    assert router.local == BusAddress(domain_id=1, interface="lo")
+    assert router.remote == BusAddress(domain_id=3, interface="wlan0")
     assert router.rules == FLEET.policy.rules
     assert not router.prefix_frames
     assert (router.shared_frames, router.placed_by_others) == (("hall",), ("base",))
-    sensors = config_from_argument(
-        StatusConfig, arguments(config)["status"]
-    ).settings.description.sensors
-    assert [s.name for s in sensors] == ["camera_front"]
-    assert sensors[0].streams[0].topic == "/global/go2/camera_front/color/ffmpeg"
-    assert sensors[0].streams[0].rate_hz == 30
-
-
-def test_descriptions_are_published_unless_the_fleet_file_selects_the_service():
-    for fleet, published in ((FLEET, True), (replace(FLEET, descriptions="queried"), False)):
-        given = arguments(plans.config_from_fleet(fleet, "go2"))
-        status = config_from_argument(StatusConfig, given["status"])
-        assert status.settings.publish_description is published
-        discoverer = config_from_argument(DiscoveryConfig, given["discoverer"])
-        assert discoverer.settings.use_published_descriptions is published
-
-
-def test_a_keeper_runs_where_there_is_video_and_without_lifecycle_no_status_or_discoverer():
-    given = arguments(plans.config_from_fleet(FLEET, "go2"))
-    assert tuple(given) == plans.COMPONENTS
+    status = config_from_argument(StatusConfig, given["status"]).settings
+    (sensor,) = status.description.sensors
+    assert (sensor.name, sensor.streams[0].rate_hz) == ("camera_front", 30)
     keeper = config_from_argument(GopCacheConfig, given["keeper"])
-    assert keeper.streams == ("/global/go2/camera_front/color/ffmpeg",)
-    assert keeper.address == BusAddress(domain_id=1, interface="lo")
-    assert {"status", "discoverer"} & set(
-        arguments(plans.config_from_fleet(FLEET, "bare"))
-    ) == set()
+    assert keeper.streams == (sensor.streams[0].topic,)
+    assert keeper.address == router.local
+    discoverer = config_from_argument(DiscoveryConfig, given["discoverer"]).settings
+    assert status.publish_description
+    assert discoverer.use_published_descriptions
+
+
+def test_descriptions_are_queried_if_the_file_says_so_and_without_lifecycle_there_are_none():
+    given = arguments(plans.config_from_fleet(replace(FLEET, descriptions="queried"), "go2"))
+    status = config_from_argument(StatusConfig, given["status"]).settings
+    discoverer = config_from_argument(DiscoveryConfig, given["discoverer"]).settings
+    assert not status.publish_description
+    assert not discoverer.use_published_descriptions
+    bare = arguments(plans.config_from_fleet(FLEET, "bare"))
+    assert {"status", "discoverer"} & bare.keys() == set()
 
 
 def test_options_alone_need_a_domain_and_go_before_the_fleet_file():
@@ -148,7 +142,6 @@ def changed(state: str, *, crashes: int = 0, why: str = "", retry_s: float | Non
     ("report", "words"),
     [
         (changed("starting"), ""),
-        (changed("running"), "ready"),
         (changed("running", crashes=2), "ready again after 2 crashes"),
         (
             changed("backing_off", why="x", retry_s=0.2),
@@ -160,10 +153,6 @@ def changed(state: str, *, crashes: int = 0, why: str = "", retry_s: float | Non
         ),
         ({"is": "line", "component": "router", "line": "WARNING: x"}, "WARNING: x"),
         (reported("status", **{"is": "beat"}), ""),
-        (
-            reported("discoverer", **{"is": "event", "agent": "pi1", "event": "DISCOVERED"}),
-            "pi1 discovered",
-        ),
     ],
 )
 def test_a_person_reads_what_matters(report, words):
@@ -179,11 +168,8 @@ def test_a_person_reads_of_paths_that_open_and_close_by_ros_names_and_of_streams
         path("rq/global/pi1/set_modeRequest", "outward"),
         path("rr/global/pi1/set_modeReply"),
     ]
-    queries = [
-        path("rq/global/pi1/get_metadataRequest"),
-        path("rr/global/pi1/get_metadataReply", "outward"),
-    ]
-    paths = [heartbeat, *service, *queries, path("rt/tf", readers=0)]
+    query = path("rq/global/pi1/get_metadataRequest")
+    paths = [heartbeat, *service, query, path("rt/tf", readers=0)]
     first = reported("router", **{"is": "status", "paths": paths})
     assert narrator.lines(first) == [
         "router: /global/agent_heartbeat inward opened",

@@ -34,29 +34,16 @@ agents:
 
 def test_the_labs_file_is_a_fleet_whose_sensors_are_what_the_status_provider_announces():
     fleet = fleet_file.load_fleet(LAB)
-    assert [a.name for a in fleet.agents] == [
-        "go2",
-        "pi1",
-        "pi2",
-        "pi3",
-        "steamdeck",
-        "workstation",
-    ]
+    assert {"go2", "pi1", "steamdeck", "workstation"} < {agent.name for agent in fleet.agents}
     assert fleet.policy.rules == TABLE_1
     go2 = fleet.agent("go2")
-    assert go2.streams[0].topic == "/global/go2/camera_front/color/ffmpeg"
     assert (fleet.global_domain, fleet.agent("workstation").global_interface) == (0, "eth0")
     assert (go2.domain, go2.local_interface) == (1, "lo")
-    description = go2.description
-    description.check("go2")
-    color, depth = description.sensors[0].streams
+    go2.description.check("go2")
+    color, depth = go2.description.sensors[0].streams
+    assert [stream.topic for stream in go2.streams] == [color.topic, depth.topic]
     assert (color.codec, color.width, color.height, color.rate_hz) == ("h264", 640, 360, 30.0)
     assert depth.camera_info_topic == "/global/go2/camera_front/aligned_depth/camera_info"
-    message = description.to_message("go2", incarnation=1, revision=1, stamp_ns=0)
-    assert (
-        message.sensors[0].streams[1].topic
-        == "/global/go2/camera_front/aligned_depth/compressed_depth"
-    )
 
 
 def test_short_and_long_forms_and_qos_by_value_and_by_name_become_values():
@@ -84,7 +71,6 @@ def test_rules_of_ones_own_become_a_policy():
     [
         (("domain: 2", "domain: 233"), "agents.pi1.domain", 11, "0 to 232"),
         (("depth: 5", "depth: 0"), "agents.go2.publishes[1].qos.depth", 9, "from 1"),
-        (("count: 2", "count: 0"), "agents.go2.publishes[1].count", 8, "from 1"),
         (("count: 2", "rate_hz: 1"), "agents.go2.publishes[1].rate_hz", 8, "allowed"),
         (("pi1:", "torq:"), "agents.torq", 10, "a DDS router breaks it"),
         (("pi1:", "camera_1:"), "agents.camera_1", 10, "mistaken"),
@@ -116,15 +102,6 @@ def test_a_mistake_is_refused_with_its_key_its_line_and_what_is_allowed(change, 
     assert str(error).startswith("fleet.yaml:")
     assert str(copy.deepcopy(error)) == str(error), (
         "also in another process: the same protocol as pickling"
-    )
-
-
-def test_a_codec_that_is_none_is_refused_with_its_line_and_all_that_are():
-    with pytest.raises(DocumentError) as caught:
-        fleet_file.read_fleet(LAB.read_text().replace("codec: rvl", "codec: med"))
-    assert (caught.value.place.line, caught.value.given) == (27, "med")
-    assert str(caught.value).endswith(
-        "streams[1].codec: given 'med', allowed: h264 or rvl or png or jpeg"
     )
 
 
@@ -173,18 +150,10 @@ def test_all_keys_are_read():
             "agents.go2.host.workspace",
             "a folder beside the fleet file",
         ),
-        (
-            "host",
-            "{workspace: /abs}",
-            "agents.go2.host.workspace",
-            "a folder beside the fleet file",
-        ),
         ("host", "{address: '-oProxyCommand=x'}", "agents.go2.host.address", "[user@]host"),
-        ("host", "{address: 'a b'}", "agents.go2.host.address", "[user@]host"),
         ("host", r'{launch: ["a\n"]}', "agents.go2.host.launch", "a text of one line"),
         ("host", r'{"model\u2028": a}', "agents.go2.host.model", "a key of one line"),
         ("deployment", "{images: Localhost/UPPER}", "deployment.images", "a repository of images"),
-        ("deployment", "{images: 'a:1'}", "deployment.images", "a repository of images"),
         ("deployment", "{router_image: 'a b'}", "deployment.router_image", "an image"),
         ("deployment", "{time_servers: ['x y']}", "deployment.time_servers", "names or addresses"),
     ],

@@ -1,7 +1,4 @@
-"""Tables of components and pipelines: legal paths act, all else is refused; events of remote agents.
-
-Their table is judged by the rules of `sfglab.lab.checks.lifecycle`.
-"""
+"""Tables of components and pipelines: legal paths act, and all else is refused."""
 
 import pytest
 from hypothesis import given
@@ -9,16 +6,12 @@ from hypothesis import strategies as st
 
 from sfglab.fleet.agent import supervision
 from sfglab.fleet.decoder import streams as pipelines
-from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS
-from sfglab.machine import BackOff, IllegalInputError, Machine, ProcessTiming
-from sfglab.messages import message_type
+from sfglab.machine import IllegalInputError, ProcessTiming
 
 WAITS = {"start_ns": 100, "stop_ns": 50, "backoff_ns": 4, "backoff_max_ns": 20, "stable_ns": 1000}
 MODULES = {"component": supervision, "pipeline": pipelines}
-START = {"component": "NEW", "pipeline": "IDLE"}
 ENDS = {"component": supervision.REST, "pipeline": {pipelines.State.GONE}}
 LINGERED = "START CANCEL_TIMER LINGER"
-machines = pytest.mark.parametrize("name", MODULES)
 
 
 class Walk:
@@ -128,18 +121,11 @@ def test_one_that_served_long_enough_starts_over_with_the_short_wait_and_that_co
 
 
 @pytest.mark.parametrize(
-    ("inputs", "willingly", "action"),
-    [
-        ("BEGIN", True, "GIVE_UP"),
-        ("BEGIN", False, "BACK_OFF"),
-        ("BEGIN READY ENDED TIMER", True, "BACK_OFF"),
-    ],
+    ("inputs", "action"), [("BEGIN", "GIVE_UP"), ("BEGIN READY ENDED TIMER", "BACK_OFF")]
 )
-def test_a_component_that_exits_before_it_ever_served_is_given_up_else_tried_again(
-    inputs, willingly, action
-):
+def test_a_component_that_exits_before_it_ever_served_is_given_up_else_tried_again(inputs, action):
     life = Walk("component", inputs).machine
-    assert life.ended(willingly=willingly, now_ns=0).name == action
+    assert life.ended(willingly=True, now_ns=0).name == action
     assert (life.state is supervision.State.FAILED) == (action == "GIVE_UP")
 
 
@@ -148,7 +134,6 @@ def test_a_component_that_exits_before_it_ever_served_is_given_up_else_tried_aga
     [
         *(("component", f"BEGIN {then}") for then in ("", "READY", "TIMER", "ENDED", "REFUSED")),
         *(("pipeline", f"WANTED {then}") for then in ("", "STARTED")),
-        *(("component", ""), ("pipeline", "")),
     ],
 )
 def test_told_to_end_one_does_wherever_it_stands(name, prefix):
@@ -158,8 +143,6 @@ def test_told_to_end_one_does_wherever_it_stands(name, prefix):
         walk.feed("ENDED")
     assert walk.machine.state in ENDS[name]
     assert walk.deadline_ns is None
-    if name == "component":
-        assert walk.feed(told) == []
 
 
 def test_told_to_stop_while_it_is_replaced_a_component_keeps_the_deadline_of_its_end():
@@ -167,20 +150,7 @@ def test_told_to_stop_while_it_is_replaced_a_component_keeps_the_deadline_of_its
     assert (walk.state, walk.deadline_ns) == ("STOPPING", WAITS["stop_ns"])
 
 
-@machines
-def test_every_state_is_reached_and_only_ends_have_no_way_out(name):
-    module = MODULES[name]
-    ends = ENDS[name]
-    reached = {move[0] for move in module.TRANSITIONS.values()}
-    assert reached | {module.State[START[name]]} == set(module.State)
-    for state in module.State:
-        ways_out = {
-            move[0] for (before, _), move in module.TRANSITIONS.items() if before is state
-        } - {state}
-        assert bool(ways_out) == (state not in ends)
-
-
-@machines
+@pytest.mark.parametrize("name", MODULES)
 @given(data=st.data())
 def test_any_input_in_any_state_is_a_listed_transition_or_refused_without_effect(name, data):
     walk, processes = Walk(name), 0  # START makes one, ENDED and REFUSED take one away
@@ -201,32 +171,3 @@ def test_any_input_in_any_state_is_a_listed_transition_or_refused_without_effect
     assert (processes == 0) == (
         walk.state in {"NEW", "STOPPED", "FAILED", "IDLE", "BACKING_OFF", "GONE"}
     )
-
-
-@given(st.lists(st.integers(min_value=0, max_value=3000), max_size=60))
-def test_waits_stay_within_their_bounds_and_start_over_exactly_after_a_stable_time(lasted):
-    backoff = BackOff(first_ns=4, limit_ns=20, stable_ns=1000)
-    before = 0
-    for count, lasted_ns in enumerate(lasted, start=1):
-        wait_ns = backoff.next_ns(lasted_ns)
-        proved = lasted_ns >= 1000
-        assert wait_ns == (4 if proved or not before else min(2 * before, 20))
-        assert backoff.failures == count
-        before = wait_ns
-
-
-def test_a_refusal_names_machine_state_and_what_is_allowed():
-    state, inputs = supervision.State.NEW, supervision.Input
-    machine = Machine(
-        "router", supervision.TRANSITIONS, state, wait_ns=lambda _action, _now_ns: None
-    )
-    assert machine.allows(inputs.BEGIN)
-    with pytest.raises(IllegalInputError) as caught:
-        machine.feed(inputs.READY, now_ns=0)
-    assert str(caught.value) == "router in NEW: given READY, allowed are BEGIN, TOLD_TO_STOP"
-    assert caught.value.allowed == (inputs.BEGIN, inputs.TOLD_TO_STOP)
-
-
-def test_discovery_events_bear_the_messages_names():
-    message = message_type("sfglab_interfaces/msg/AgentDiscoveryEvent")
-    assert sorted(getattr(message, a.name) for a in ANNOUNCEMENTS) == [0, 1, 2, 3, 4]
