@@ -7,7 +7,7 @@ import numpy as np
 import psutil
 import pytest
 from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM, Camera
-from waiting import process, until
+from waiting import until
 
 from sfglab.codecs import H264Decoder
 from sfglab.component import beside
@@ -130,15 +130,6 @@ def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_proce
     assert "\n" not in str(error.value)
     assert "Traceback" not in capfd.readouterr().err
     assert children() == before
-
-
-async def test_as_a_process_it_reports_its_processes(domains, capfd):
-    remote, local = domains
-    config = DecoderConfig(remote=remote, local=local, streams=(STREAM,))
-    async with process("sfglab.fleet.decoder.node", config) as child:
-        child.order(do="list")
-        assert (await child.expect("processes", timeout_s=60))["pids"]
-    assert (child.status, capfd.readouterr().err) == (0, "")
 
 
 # --- The first picture at once, from what a keeper replays.

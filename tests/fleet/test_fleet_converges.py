@@ -4,7 +4,6 @@ import asyncio
 import json
 import os
 import signal
-import subprocess
 import sys
 from contextlib import suppress
 
@@ -31,7 +30,6 @@ pytestmark = [pytest.mark.live, pytest.mark.slow]
 # What each runs: fewer decoders than a real fleet has, so that the test spares the machine.
 AGENTS = {
     "go2": ("router", "status", "discoverer", "keeper"),
-    "pi1": ("router", "status", "discoverer"),
     "station": ("router", "status", "discoverer", "decoder"),
 }
 # Short, yet a process that starves on a busy machine for a second is not taken for lost.
@@ -76,65 +74,49 @@ class Talker(LineProcess):
         talker.on_report = talker.reports.append
         return talker
 
-    async def end(self) -> int:
-        await self.close(grace_s=DEADLINE_S)
-        return self.status
-
     def family(self) -> set[int]:
         """Return the pids of the process and all below it; none when it is gone."""
         with suppress(psutil.NoSuchProcess):
-            return {
-                self.pid,
-                *(child.pid for child in psutil.Process(self.pid).children(recursive=True)),
-            }
+            return {self.pid, *(p.pid for p in psutil.Process(self.pid).children(recursive=True))}
         return set()
 
+    def component(self, name: str) -> dict:
+        """Return the last change of a supervisor's component."""
+        mine = (r for r in reversed(self.reports) if r.get("component") == name)
+        return next((r for r in mine if r["is"] == "component"), {"state": "", "crashes": 0})
 
-class RunningAgent(Talker):
-    """A supervisor as it is seen from outside: by its reports."""
-
-    def changes(self, component: str) -> list[dict]:
-        return [r for r in self.reports if r["is"] == "component" and r["component"] == component]
-
-    def pid_of(self, component: str) -> int | None:
-        """Return the process of a component that serves; None while it does not."""
-        changes = self.changes(component)
-        return changes[-1]["pid"] if changes and changes[-1]["state"] == "running" else None
-
-    def crashes(self, component: str) -> int:
-        return max(change["crashes"] for change in self.changes(component))
-
-    def events(self, agent: str | None = None, since: int = 0) -> list[str]:
+    def events(self, since: int = 0) -> list[str]:
+        """Return what a supervisor's discoverer has told of the other agent."""
         told = (r["report"] for r in self.reports[since:] if r["is"] == "report")
-        return [r["event"] for r in told if r["is"] == "event" and agent in (None, r["agent"])]
+        return [r["event"] for r in told if r["is"] == "event"]
 
 
 class Fleet:
-    """Three agents, a camera on go2, and a viewer of it on the station."""
+    """Two agents, a camera on one and a viewer of it on the other."""
 
-    def __init__(self, testbed: Testbed, first_domain: int) -> None:
+    def __init__(self, testbed: Testbed, remote: int, *locals_: int) -> None:
         self.testbed = testbed
-        self.first_domain = first_domain
+        self.remote = remote
+        self.local = {
+            name: BusAddress(domain_id=domain, interface="lo")
+            for name, domain in zip(AGENTS, locals_, strict=True)
+        }
         self.agents = {}
         self.seen = set()  # every pid that ever belonged to it
 
-    def local(self, name: str) -> BusAddress:
-        number = list(AGENTS).index(name)
-        return BusAddress(domain_id=self.first_domain + 1 + number, interface="lo")
-
-    async def begin(self, kind: type[Talker], name: str, *argv: str) -> Talker:
-        return await kind.begin(self.testbed.argv(name, [sys.executable, *argv]))
+    async def begin(self, name: str, *argv: str) -> Talker:
+        return await Talker.begin(self.testbed.argv(name, [sys.executable, *argv]))
 
     async def start(self) -> None:
         size = {"width": 640, "height": 360, "rate_hz": 10}
         stream = StreamDescription(topic=STREAM, type=FFMPEG, codec="h264", **size)
         camera = SensorDescription(name="camera_front", streams=(stream,))
         for name, components in AGENTS.items():
-            remote = BusAddress(domain_id=self.first_domain, interface=self.testbed.interface(name))
+            interface = self.testbed.interface(name)
             config = AgentConfig(
                 agent=name,
-                local=self.local(name),
-                remote=remote,
+                local=self.local[name],
+                remote=BusAddress(domain_id=self.remote, interface=interface),
                 components=components,
                 sensors=(camera,) if name == "go2" else (),
                 schedule=SCHEDULE,
@@ -143,17 +125,13 @@ class Fleet:
                 detect=False,
             )
             told = argument_of(SupervisorConfig(components=plan(config), timing=SUPERVISION))
-            self.agents[name] = await self.begin(
-                RunningAgent, name, "-m", "sfglab.fleet.agent.app", told
-            )
-        shots = CameraConfig(
-            places=((self.local("go2"), STREAM),), fps=10, gop=10, encoder="libx264"
-        )
-        argv = "-m", "sfglab.lab.workers.camera", argument_of(shots)
-        self.camera = await self.begin(Talker, "go2", *argv)
+            self.agents[name] = await self.begin(name, "-m", "sfglab.fleet.agent.app", told)
+        places = ((self.local["go2"], STREAM),)
+        shots = argument_of(CameraConfig(places=places, fps=10, gop=10, encoder="libx264"))
+        self.camera = await self.begin("go2", "-m", "sfglab.lab.workers.camera", shots)
         image, _ = routes_of_topic(STREAM)
-        order = json.dumps([self.local("station").options(), image.local_topic])
-        self.viewer = await self.begin(Talker, "station", "-c", VIEWER, order)
+        order = json.dumps([self.local["station"].options(), image.local_topic])
+        self.viewer = await self.begin("station", "-c", VIEWER, order)
 
     @property
     def talkers(self) -> list[Talker]:
@@ -172,24 +150,10 @@ class Fleet:
     def is_together(self) -> bool:
         """Return whether all serve and know each other."""
         return all(
-            all(map(agent.pid_of, AGENTS[name]))
-            and all((agent.events(other) or ["LOST"])[-1] != "LOST" for other in {*AGENTS} - {name})
+            {agent.component(component)["state"] for component in AGENTS[name]} == {"running"}
+            and (agent.events() or ["LOST"])[-1] != "LOST"
             for name, agent in self.agents.items()
         )
-
-    async def converges(self) -> None:
-        """Wait until all serve and know each other, for as long as silence could go unnoticed."""
-        loop = asyncio.get_running_loop()
-        since_s, events = loop.time(), -1
-
-        def settled() -> bool:
-            nonlocal since_s, events
-            told = sum(len(agent.events()) for agent in self.agents.values())
-            if told != events or not self.is_together():
-                since_s, events = loop.time(), told
-            return loop.time() - since_s > SILENCE_S
-
-        await self.until("everything serves and everybody still knows everybody", settled)
 
     async def shows_new_pictures(self) -> None:
         """Wait for pictures that were taken from now on."""
@@ -206,71 +170,50 @@ class Fleet:
             lambda: any(r["stamp_ns"] > newest for r in self.viewer.reports[-1:]),
         )
 
-    async def end(self) -> list[int]:
-        return [await talker.end() for talker in self.talkers]
+    async def end(self) -> None:
+        """End all in order; nothing stays."""
+        for talker in self.talkers:
+            await talker.close(grace_s=DEADLINE_S)
+        assert {talker.status for talker in self.talkers} == {0}
+        await self.until("all processes are gone", lambda: not any(map(lives, self.seen)))
 
 
-@pytest.fixture(scope="module")
-def world():
-    """The fleet and the loop it lives in, which runs only while a test or another wait does."""
-    with Testbed(*AGENTS) as testbed, asyncio.Runner() as runner:
-        fleet = Fleet(testbed, 100 + 4 * (os.getpid() % 25))
+KILLS = [
+    *(("go2", component) for component in ("router", "status", "keeper")),
+    *(("station", component) for component in ("discoverer", "decoder")),
+]
+
+
+async def test_components_that_are_killed_come_back_and_the_fleet_converges_and_ends(free_domains):
+    with Testbed(*AGENTS) as testbed:
+        fleet = Fleet(testbed, *free_domains(3))
         try:
-            runner.run(fleet.start())
-            yield fleet, runner.run
+            await fleet.start()
+            for agent, component in KILLS:
+                await fleet.until("all serve and know each other", fleet.is_together)
+                await fleet.shows_new_pictures()
+                await kill(fleet, agent, component)
         finally:
-            runner.run(fleet.end())
+            await fleet.end()
 
 
-@pytest.mark.parametrize(
-    ("agent", "component"),
-    [("go2", "router"), ("go2", "status"), ("station", "discoverer"), ("station", "decoder")],
-)
-def test_a_component_that_is_killed_comes_back_and_the_fleet_converges(world, agent, component):
-    fleet, run = world
+async def kill(fleet: Fleet, agent: str, component: str) -> None:
     victim = fleet.agents[agent]
-    others = {name: other for name, other in fleet.agents.items() if name != agent}
-
-    async def scenario():
-        await fleet.until("everything serves and everybody knows everybody", fleet.is_together)
-        if agent == "station":
-            decoder = psutil.Process(victim.pid_of("decoder"))
-            await fleet.until(
-                "a pipeline runs and a spare waits", lambda: len(decoder.children()) == 2
-            )
-        marks = {name: len(other.reports) for name, other in others.items()}
-        crashes, family = victim.crashes(component), victim.family()
-        pid = victim.pid_of(component)
-        below = {p.pid for p in psutil.Process(pid).children(recursive=True)}
-        os.kill(pid, signal.SIGKILL)
-        await fleet.until("it is missed", lambda: victim.crashes(component) == crashes + 1)
-        await fleet.shows_new_pictures()
-        await fleet.converges()
-        assert not any(map(lives, below)), "what it had started is gone with it"
-        await fleet.until(
-            "as many processes as before", lambda: len(victim.family()) == len(family)
-        )
-        return marks
-
-    marks = run(scenario())
-    heard = {name: other.events(agent, marks[name]) for name, other in others.items()}
-    if component == "status":
-        assert all("RESTARTED" in events for events in heard.values()), heard
-    elif component == "router":
-        assert all(events in ([], ["LOST", "RETURNED"]) for events in heard.values()), heard
-    else:
-        assert not any(heard.values()), f"nobody else notices: {heard}"
-    assert heard == {name: other.events(since=marks[name]) for name, other in others.items()}, (
-        "nobody else was lost"
+    (witness,) = (other for name, other in fleet.agents.items() if name != agent)
+    mark, family, known = len(witness.reports), victim.family(), victim.component(component)
+    below = {p.pid for p in psutil.Process(known["pid"]).children(recursive=True)}
+    os.kill(known["pid"], signal.SIGKILL)
+    await fleet.until(
+        "it is missed", lambda: victim.component(component)["crashes"] > known["crashes"]
     )
-
-
-def test_the_fleet_ends_in_order_and_leaves_nothing(world):
-    fleet, run = world
-    assert run(fleet.end()) == [0] * (2 + len(AGENTS))
-    run(fleet.until("all processes are gone", lambda: not any(map(lives, fleet.seen))))
-    for name in AGENTS if fleet.testbed.separate else ():
-        argv = fleet.testbed.argv(name, ["cat", "/proc/net/unix"])
-        assert (
-            "sfglab" not in subprocess.run(argv, capture_output=True, text=True, check=True).stdout
-        )
+    await fleet.until("all serve and know each other", fleet.is_together)
+    await asyncio.sleep(SILENCE_S)  # for as long as silence could go unnoticed
+    await fleet.until("they still do", fleet.is_together)
+    await fleet.shows_new_pictures()
+    assert not any(map(lives, below)), "what it had started is gone with it"
+    await fleet.until("as many processes", lambda: len(victim.family()) == len(family))
+    heard = witness.events(mark)
+    if component == "status":
+        assert "RESTARTED" in heard
+    else:
+        assert heard == [] or (component, heard) == ("router", ["LOST", "RETURNED"])

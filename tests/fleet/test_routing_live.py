@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import tempfile
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,28 +45,28 @@ def ids(free_domains):
 
 
 @asynccontextmanager
-async def routing(local: int, remote: int, **settings):
+async def routing(local: int, remote: int):
     """A router of an agent called after its local domain, as the process would run it."""
     async with (
         Node("router", domain_id=local, interface="lo") as near,
         Node("router", domain_id=remote, interface="lo") as far,
     ):
-        agent = RouterSettings(agent=f"robot{local}", **{"idle_timeout_s": 0.1, **settings})
-        router = Router(near, far, agent, tag=f"host/{local}")
-        async with beside(router.run()):
-            yield router
+        settings = RouterSettings(agent=f"robot{local}", idle_timeout_s=0.1)
+        async with beside(Router(near, far, settings, tag=f"host/{local}").run()):
+            yield
 
 
 @asynccontextmanager
-async def fleet(ids, **settings):
+async def fleet(ids):
     """Two agents behind their routers and somebody in the global domain: nodes one, two and all."""
-    async with AsyncExitStack() as stack:
-        places = (("one", ids[1]), ("two", ids[2]), ("everybody", ids[0]))
-        opened = (Node(name, domain_id=domain, interface="lo") for name, domain in places)
-        nodes = [await stack.enter_async_context(node) for node in opened]
-        for domain in ids[1:]:
-            await stack.enter_async_context(routing(domain, ids[0], **settings))
-        yield nodes
+    async with (
+        Node("everybody", domain_id=ids[0], interface="lo") as everybody,
+        Node("one", domain_id=ids[1], interface="lo") as one,
+        Node("two", domain_id=ids[2], interface="lo") as two,
+        routing(ids[1], ids[0]),
+        routing(ids[2], ids[0]),
+    ):
+        yield one, two, everybody
 
 
 async def hear(node: Node, heard: list) -> None:
@@ -151,9 +151,7 @@ async def test_an_unknown_type_crosses_two_routers_and_it_is_said(ids, caplog):
         await until(lambda: got)
         assert [sample[:2] for sample in got] == [(cdr, 7)]
     (said,) = [r.message for r in caplog.records if custom in r.message]
-    assert said.startswith(
-        f"forwarding: type {custom} is not known here; its samples pass as they are"
-    )
+    assert f"type {custom} is not known here" in said
 
 
 # The router as a process.
@@ -207,20 +205,19 @@ async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_
 
 
 async def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
-    said = []
+    said, path = [], f"outward rt{TOPIC}"
     serving = asyncio.create_task(serve_terminal(config_of(ids), said.append))
     async with (
         Node("one", domain_id=ids[1], interface="lo") as one,
         Node("everybody", domain_id=ids[0], interface="lo") as everybody,
     ):
-        one.create_publisher(STRING, TOPIC, LATCHED).publish(String(data="x"))
+        one.create_publisher(STRING, TOPIC, LATCHED)
         subscription = everybody.create_subscription(STRING, TOPIC, qos=LATCHED)
-        await subscription.take(60)
+        await until(lambda: f"{path}: open" in said)
         subscription.close()
-        await until(lambda: f"outward rt{TOPIC}: closed" in said)
+        await until(lambda: f"{path}: closed" in said)
         os.kill(os.getpid(), signal.SIGTERM)
         await serving
-    path = f"outward rt{TOPIC}"
     ready, released = "router: ready, end it with Ctrl-C", "router: everything is released"
     assert said == [ready, f"{path}: open", f"{path}: closed", released]
 

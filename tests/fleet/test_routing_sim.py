@@ -43,8 +43,8 @@ def test_nobody_loses_an_answer_because_its_router_was_heard_of_in_another_order
             return sorted(await asyncio.gather(*asking))
 
     lossy = LinkModel(latency_s=0.005, loss=0.1)
-    answered = [run_simulated(main, seed=seed, link=lossy, limit_s=1000) for seed in range(20)]
-    assert answered == [sorted(3 * [f"I am {agent}" for agent in AGENTS])] * 20
+    answered = [run_simulated(main, seed=seed, link=lossy, limit_s=1000) for seed in range(10)]
+    assert answered == [sorted(3 * [f"I am {agent}" for agent in AGENTS])] * 10
 
 
 async def test_the_status_is_told_at_every_change_and_every_five_seconds(sim):
@@ -60,12 +60,7 @@ async def test_the_status_is_told_at_every_change_and_every_five_seconds(sim):
     assert [round(time_ns / 1e9) for time_ns, _ in told[:quiet]] == [0, 5, 10, 15, 20]
     ((_, status),) = told[quiet:]
     (path,) = status.paths
-    assert (path.topic, path.direction, path.readers, path.writers) == (
-        "rt/global/x",
-        "inward",
-        1,
-        0,
-    )
+    assert (path.topic, path.readers, path.writers) == ("rt/global/x", 1, 0)
 
 
 async def test_nothing_local_is_seen_on_the_network(sim):
