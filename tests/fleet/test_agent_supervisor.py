@@ -4,7 +4,6 @@ import asyncio
 import os
 import signal
 import sys
-import textwrap
 from contextlib import asynccontextmanager, suppress
 
 import pytest
@@ -115,19 +114,6 @@ async def test_a_refused_configuration_or_one_that_dies_on_import_ends_the_agent
         await watched.agent.run()
     lines = [report["line"] for report in watched.reports if report["is"] == "line"]
     assert "ModuleNotFoundError: No module named 'no_such_module'" in lines
-
-
-async def test_a_component_that_has_served_may_fail_and_is_tried_again(tmp_path):
-    marker = tmp_path / "marker"
-    code = f"import os\nif os.path.exists({str(marker)!r}):\n{textwrap.indent(REFUSES, '    ')}\n{SERVES}"
-    async with running(component("router", code)) as watched:
-        pid = await watched.pid("router")
-        marker.touch()
-        os.kill(pid, signal.SIGKILL)
-        await until(lambda: len(watched.changes("router")) > 6)
-        assert "wlan7" in watched.changes("router", State.BACKING_OFF)[1]["why"]
-        marker.unlink()
-        await watched.pid("router", starts=2)
 
 
 async def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time_or_told_twice_at_once():

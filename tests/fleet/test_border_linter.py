@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from sfglab.fleet.fleet_file import load_fleet, read_fleet
-from sfglab.fleet.lint import Severity, View, lint, lint_file, render
+from sfglab.fleet.lint import Severity, lint, lint_file, render
 from sfglab.fleet.lint.discovery import ENDPOINT_BYTES, PAIR_BYTES, ROS_ENDPOINTS
 from sfglab.names import ResourceKind
 
@@ -92,7 +92,6 @@ AT_ODDS = (
             for said in ("a2.subscribes[0]:", "/global/a1/")
         ),
         ("nearly-global", "warning", ("publishes: [/global_x/a1/state]",), "/global/a1/state$"),
-        ("not-in-schema", "warning", ("publishes: [/global/a1/lidar/points/b/c/d]",), "crosses"),
         ("nobody-speaks", "warning", ("", "subscribes: [/global/a11/pose]"), "a2.subscribes[0]:"),
         (
             "no-server",
@@ -100,39 +99,9 @@ AT_ODDS = (
             ("calls: [/global/a2/reset]", "serves: [/local/a2/set_mode]"),
             "agents.a1",
         ),
-        (
-            "does-not-cross",
-            "error",
-            ("calls: [/local/a2/x]", "serves: [/local/a2/x]"),
-            "a1.calls[0]:",
-        ),
-        (
-            "two-servers",
-            "error",
-            ("serves: [/global/a1/reset]", "serves: [/global/a1/reset]"),
-            "first",
-        ),
-        (
-            "router-hazard",
-            "error",
-            ("serves: [/global/a1/setRequest, /local/a1/setReply]",),
-            "'setRequest'",
-        ),
         ("type-mismatch", "error", AT_ODDS, "a2.subscribes[0]:"),
         ("qos-mismatch", "error", AT_ODDS, "RELIABLE"),
         ("qos-mismatch", "error", AT_ODDS, "TRANSIENT_LOCAL"),
-        (
-            "static-not-latched",
-            "error",
-            ("subscribes: [{name: /tf_static, qos: default}]",),
-            "latched",
-        ),
-        (
-            "description",
-            "error",
-            (f"sensors: [{{name: camera, streams: [{STREAM}]}}]",),
-            "stay inside",
-        ),
         ("frame-clash", "error", (bare("base", "map"), bare("base", "map")), "prefix_frames: true"),
         (
             "frame-clash",
@@ -142,14 +111,7 @@ AT_ODDS = (
         ),
         ("frame-clash", "error", (PLACING, PLACING), "out of shared_frames"),
         ("frame-clash", "error", (tree(edge("a1/base", "map")), bare("a1/base", "map")), "a1/base"),
-        (
-            "frame-two-parents",
-            "error",
-            (tree(edge("base", "map") + ", " + edge("base", "odom")),),
-            "a1/base",
-        ),
         ("frame-own-roots", "error", (HALVES,), "odom, a1/torso"),
-        ("frame-circle", "error", (tree(edge("b", "c") + ", " + edge("c", "b")),), "a1/b, a1/c"),
         ("frame-no-common-root", "warning", (ALONE, ALONE), "a1/map, a2/map"),
         ("frame-no-common-root", "warning", (BASE, ALONE), "map is shared by some agents only"),
         ("frame-no-common-root", "warning", (PLACED, bare("a1/markers", "map")), "roots"),
@@ -206,11 +168,8 @@ def test_who_hears_what_names_agents_and_the_rule_but_none_without_lifecycle():
     assert metadata.rules == ("rq/global/*", "rr/global/*")
     assert hearings[ResourceKind.TOPIC, "/tf"].rules == ("rt/tf",)
     assert not any(name.startswith("/local/") for _, name in hearings)
-    view = View(
-        read_fleet("fleet: f\nagents: {a1: {domain: 1}, a2: {domain: 2, lifecycle: false}}")
-    )
-    assert not [use for use in view.uses if use.agent == "a2"]
-    assert (ResourceKind.SERVICE, "/global/a2/get_metadata") not in view.meetings
+    bare = report_of("  a1: {domain: 1}\n  a2: {domain: 2, lifecycle: false}")
+    assert not any("a2" in hearing.name for hearing in bare.hearings)
 
 
 def test_the_text_shows_everything_and_a_file_that_is_no_fleet_gives_one_line(tmp_path):

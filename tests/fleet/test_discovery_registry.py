@@ -5,8 +5,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sfglab.fleet.discovery.config import Timing
 from sfglab.fleet.discovery.lifecycle import Action
@@ -205,41 +203,6 @@ def test_the_table_is_bounded_and_useless_agents_make_room():
     world.hear(3.5, agent="b1x"), world.hear(3.5, agent="c1x")
     assert world.hear(3.6, agent="e1x") == ["QUERY"]
     assert world.names == ["b1x", "c1x", "e1x"], "so was the one that never answered"
-
-
-AGENTS = st.sampled_from(["go2", "husky", "drone", "arm_robot", "station", "camera", ""])
-VERSION = {"incarnation": st.integers(1, 3), "revision": st.integers(0, 2)}
-BEATS = {"gid": st.sampled_from([b"a", b"b", b"c"]), "agent": AGENTS, "phase": st.integers(0, 2)}
-BEATS["period_s"] = st.sampled_from([0.1, 1.0, 5.0, math.nan])
-NUMBER = {"number": st.integers(0, 9)}
-CALLS = {
-    "hear": BEATS | VERSION,
-    "answer": NUMBER | VERSION,
-    "fail": NUMBER,
-    "due": {},
-    "pause": {},
-}
-WAITS = st.sampled_from([0.0, 0.0, 0.001, 0.1, 1.0, 7.0, 200.0])
-STEPS = st.one_of(
-    st.tuples(st.just(name), WAITS, st.fixed_dictionaries(values)) for name, values in CALLS.items()
-)
-
-
-@given(st.lists(STEPS, max_size=60))
-def test_queries_never_double_events_make_sense_and_memory_is_bounded(steps):
-    world, now_s = World(max_agents=3), 0.0
-    for name, wait_s, values in steps:
-        before_s, now_s = now_s, now_s + wait_s
-        if name == "pause":
-            world.registry.compensate_pause(round(before_s * S), round(now_s * S))
-        elif name == "due":
-            world.call("due", now_s)
-        elif world.asked or name == "hear":
-            getattr(world, name)(now_s, **values)
-        querying = [s.agent for s in world.registry.agents() if s.state.query.name == "QUERYING"]
-        assert sorted(querying) == sorted(world.outstanding.values())
-        assert len(world.names) <= 3
-        assert not {"station", "camera", ""} & set(world.names)
 
 
 def test_a_published_description_counts_from_the_wanted_version_on_and_from_one_publisher_alone():

@@ -2,13 +2,12 @@
 
 import asyncio
 from collections import Counter
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from dataclasses import replace
 
 import pytest
 from test_discovery_registry import BEAT
 
-from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.component import beside
 from sfglab.fleet.discovery import listener
 from sfglab.fleet.discovery.config import DiscoverySettings
@@ -17,7 +16,7 @@ from sfglab.fleet.status import heartbeat
 from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.node import StatusProvider
-from sfglab.messages import serialize, service_type
+from sfglab.messages import serialize
 from sfglab.qos import LATCHED
 
 sim = pytest.fixture(lambda: {"seed": 1, "limit_s": 800})
@@ -48,30 +47,6 @@ async def discoverer(world, agent="station", **settings):
             assert not task.done(), task.exception()
 
 
-class Fake:
-    """An agent that beats when it is told, and answers when it may; it notes queries in a list."""
-
-    def __init__(self, node, agent, asked) -> None:
-        self.node, self.agent, self.asked, self.may_answer = node, agent, asked, asyncio.Event()
-        self.metadata = AgentDescription().to_message(agent, incarnation=7, revision=0, stamp_ns=0)
-        topic = heartbeat.heartbeat_topic()
-        self.publisher = node.create_publisher(heartbeat.AGENT_HEARTBEAT, topic, LATCHED)
-
-    def say(self) -> None:
-        beat = replace(BEAT, agent=self.agent, period_s=30.0)
-        self.publisher.publish(beat.to_message(0))
-
-    def serve(self) -> None:
-        service = heartbeat.metadata_service(self.agent)
-        self.node.create_service(heartbeat.GET_METADATA, service, self.answer)
-
-    async def answer(self, _request):
-        self.asked.append(self.agent)
-        await self.may_answer.wait()
-        response = service_type(heartbeat.GET_METADATA).response
-        return response(success=True, message="", metadata=self.metadata)
-
-
 async def sleep_until(time_s: float) -> None:
     await asyncio.sleep(time_s - asyncio.get_running_loop().time())
 
@@ -99,66 +74,24 @@ async def test_an_agent_returns_after_a_partition_restarts_after_an_end_and_is_f
     assert 61 < times_s[2] < 75
 
 
-async def test_a_description_that_comes_after_its_query_failed_answers_the_next_one(sim):
+async def test_bytes_are_no_heartbeat_and_a_description_that_comes_late_answers_the_next_query(sim):
     async with discoverer(sim) as (found, events), sim.node("fake", host="go2") as node:
-        fake = Fake(node, "go2", [])
+        beats = node.create_publisher(
+            heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), LATCHED
+        )
         whole = serialize(replace(BEAT, agent="aaaa").to_message(0))
-        fake.publisher.publish_raw(whole.replace(b"aaaa", b"\xff\xfeaa"))
+        beats.publish_raw(whole.replace(b"aaaa", b"\xff\xfeaa"))
         await sleep_until(1)
-        fake.say()
+        beats.publish(replace(BEAT, period_s=30.0).to_message(0))
         await sleep_until(6)
         assert found.status().counts["dropped_malformed"] == 1
         topic = heartbeat.metadata_topic()
         publisher = node.create_publisher(heartbeat.AGENT_METADATA, topic, LATCHED)
-        publisher.publish(fake.metadata)
+        publisher.publish(
+            AgentDescription().to_message("go2", incarnation=7, revision=0, stamp_ns=0)
+        )
         await sleep_until(40)
         assert [event for _, _, event in events] == ["DISCOVERED"]
-
-
-@pytest.mark.parametrize("published", [False, True])
-@pytest.mark.parametrize("loss", [0.0, 0.2])
-def test_everybody_in_a_fleet_finds_everybody_else_with_one_query_each(loss, published):
-    names = [f"robot{n}" for n in range(6)]
-
-    async def scenario(world):
-        async with AsyncExitStack() as stack:
-            for name in names:
-                await stack.enter_async_context(status(world, name, published=published))
-            finding = [discoverer(world, n, use_published_descriptions=published) for n in names]
-            found = [await stack.enter_async_context(each) for each in finding]
-            await sleep_until(60)
-            for own, (node, events) in zip(names, found, strict=True):
-                discovered = [agent for _, agent, event in events if event == "DISCOVERED"]
-                assert sorted([*discovered, own]) == names
-                counts = node.status().counts
-                assert counts["asked"] == counts["answered"] + counts.get("failed", 0)
-                if not loss:
-                    assert (counts["asked"], counts.get("published", 0)) == (5, 5 * published)
-                    assert events[-1][0] < 0.5
-
-    run_simulated(scenario, seed=3, link=LinkModel(loss=loss), limit_s=200)
-
-
-async def test_queries_are_limited_and_untried_agents_go_first(sim):
-    settings = {"max_queries": 2, "use_published_descriptions": False}
-    async with discoverer(sim, **settings) as (found, events), sim.node("x", host="x") as node:
-        asked = []
-        fakes = [Fake(node, f"agent{number}x", asked) for number in range(6)]
-        for fake in fakes:
-            for _ in range(3):  # heartbeats while a query is outstanding ask nothing
-                fake.say()
-            await asyncio.sleep(0.1 if asked else 4)  # the first service is found late
-            fake.serve()
-            await asyncio.sleep(0.1)
-        assert (found.status().counts["asked"], len(asked)) == (6, 2)
-        await sleep_until(9)
-        assert asked[:6] == [fake.agent for fake in fakes]
-        for fake in fakes:
-            fake.may_answer.set()
-        await sleep_until(30)
-        assert Counter(event for _, _, event in events) == {"DISCOVERED": 6}
-        counts = found.status().counts
-        assert counts["asked"] == len(asked) == counts["failed"] + 6, "one at a time"
 
 
 async def test_a_service_is_called_where_no_description_is_published_or_two_disagree(sim):

@@ -137,8 +137,9 @@ def test_a_stream_without_numbers_is_joined_at_a_live_key_frame_and_then_shown_w
 
 
 @st.composite
-def arrivals(draw, *, lossy: bool):
+def arrivals(draw):
     """Packets of both sources as they might arrive: each source in its order, the two interleaved at will."""
+    lossy = draw(st.booleans())
     gop = draw(st.integers(1, 9))
     joined = draw(st.integers(0, 30))
     last = joined + draw(st.integers(gop + 1, 40))
@@ -150,43 +151,31 @@ def arrivals(draw, *, lossy: bool):
     order = draw(st.permutations([LIVE] * len(live) + [REPLAY] * len(replay)))
     sources = {LIVE: iter((n, True) for n in live), REPLAY: iter(replay)}
     decodes = draw(st.lists(st.integers(0, 3), min_size=len(order), max_size=len(order)))
-    return gop, joined, [(s, *next(sources[s]), d) for s, d in zip(order, decodes, strict=True)]
+    patience = draw(st.integers(0, 60)) if lossy else None
+    packets = [(s, *next(sources[s]), d) for s, d in zip(order, decodes, strict=True)]
+    return gop, joined, patience, packets
 
 
-@settings(max_examples=150)
-@given(case=arrivals(lossy=False))
-def test_in_any_order_what_is_decoded_is_the_stream_itself_from_a_key_frame_on(case):
-    (gop, joined, packets), joining = case, Joining(gop=case[0])
-    newest, early = max(n for s, n, *_ in packets if s is LIVE), False
-    for source, number, shown, decodes in packets:
+@settings(max_examples=200)
+@given(case=arrivals())
+def test_in_any_order_the_stream_is_decoded_from_a_key_frame_on_and_under_loss_until_joined(case):
+    (gop, joined, patience, packets), joining = case, Joining(gop=case[0])
+    newest, early = max((n for s, n, *_ in packets if s is LIVE), default=0), False
+    for position, (source, number, shown, decodes) in enumerate(packets):
         # Of the replay alone it might be the past that another asked for: the one that follows it is shown.
         early |= source is LIVE and number == newest and newest in joining.decoded
-        joining.take(source, number, shown=shown).decode(decodes)
-    decoded = joining.decode().decoded
-    assert not joining.splicer.needs_replay, "a live stream with a key frame always connects"
-    breaks = [b for a, b in pairwise(decoded) if b != a + 1]
-    assert decoded[0] % gop == 0
-    assert all(b % gop == 0 and b > joined for b in breaks), (
-        "only a newer key frame may be jumped to"
-    )
-    assert (decoded, decoded[-1]) == (sorted(set(decoded)), newest)
-    assert early or joining.shown[-1] == newest
-    assert set(joining.shown) <= set(decoded)
-
-
-@settings(max_examples=150)
-@given(case=arrivals(lossy=True), patience=st.integers(0, 60))
-def test_under_any_loss_nothing_is_decoded_without_what_it_refers_to_until_the_stream_is_joined(
-    case, patience
-):
-    gop, _, packets = case
-    joining = Joining(gop=gop)
-    for position, (source, number, shown, decodes) in enumerate(packets):
         if position == patience:
             joining.splicer.give_up()
         joining.take(source, number, shown=shown).decode(decodes)
         if joining.splicer.phase is not Phase.FOLLOWING:
             assert all(b == a + 1 or b % gop == 0 for a, b in pairwise(joining.decoded))
             assert joining.decoded == sorted(set(joining.decoded))
-    joining.decode()
-    assert not joining.decoded or joining.decoded[0] % gop == 0
+    decoded = joining.decode().decoded
+    assert not decoded or decoded[0] % gop == 0
+    if patience is None:
+        assert not joining.splicer.needs_replay, "a live stream with a key frame always connects"
+        breaks = [b for a, b in pairwise(decoded) if b != a + 1]
+        assert all(b % gop == 0 and b > joined for b in breaks), "only a newer group is jumped to"
+        assert (decoded, decoded[-1]) == (sorted(set(decoded)), newest)
+        assert early or joining.shown[-1] == newest
+        assert set(joining.shown) <= set(decoded)

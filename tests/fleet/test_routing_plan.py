@@ -346,23 +346,13 @@ def test_an_offer_becomes_the_writer_unless_it_would_keep_what_an_earlier_demand
         world.remove(2, sink.gid)
 
 
-def test_latched_sources_get_a_writer_each_that_goes_with_them_and_volatile_ones_share():
+def test_volatile_sources_share_a_writer():
     world, one, _ = two_agents()
-    for qos, topic in ((LATCHED, "rt/tf_static"), (DEFAULT, "rt/tf")):
-        for _ in range(3):
-            leaving = world.add(1, plain(world, PUB, topic, qos))
-            world.settle()
-        world.add(GLOBAL, plain(world, SUB, topic, qos))
-        world.settle()
-        writers = [s.source for s in one.open if isinstance(s, WriterSpec)]
-        if qos is LATCHED:
-            assert len(set(writers)) == 3
-            one.done.clear()
-            world.remove(1, leaving.gid)
-            world.settle()
-            assert [type(a) for a in one.done] == [RemoveSource, Close]
-            assert one.done[1].what.source == leaving.gid
-    assert len(writers) == 2 + 1
+    for _ in range(3):
+        world.add(1, plain(world, PUB, "rt/tf"))
+    world.add(GLOBAL, plain(world, SUB, "rt/tf"))
+    world.settle()
+    assert len([spec for spec in one.open if isinstance(spec, WriterSpec)]) == 1
 
 
 def test_a_subscription_that_returns_within_the_linger_changes_nothing():
