@@ -1,7 +1,7 @@
 """A camera of known pictures, what a decoder tells, and simulated agents behind their routers."""
 
 import asyncio
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import asdict
 
 import numpy as np
@@ -45,15 +45,6 @@ def rolled(settings: H264Settings, count: int) -> list:
 def packet_message(fields, header):
     values = asdict(fields) | {"data": np.frombuffer(fields.data, np.uint8)}
     return message_type(FFMPEG)(header=header, **values)
-
-
-async def everything(subscription) -> list:
-    """Return what has arrived."""
-    found = []
-    with suppress(TimeoutError):
-        while True:
-            found.append(await subscription.take(0.1))
-    return found
 
 
 class Camera:
