@@ -1,7 +1,6 @@
 """A camera of known pictures, what a decoder tells, and simulated agents behind their routers."""
 
 import asyncio
-from contextlib import asynccontextmanager
 from dataclasses import asdict
 
 import numpy as np
@@ -50,42 +49,35 @@ def packet_message(fields, header):
 class Camera:
     """Publishes a flat picture whose blue level is the stamp's number of seconds, at 50 frames a second."""
 
+    height, width = 192, 320
+
     def __init__(self, node: Node) -> None:
         qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
         self.publisher = node.create_publisher(FFMPEG, STREAM, qos)
-        self.size = (320, 192)
         self.gop = 5
         self.level = 0
 
     async def shoot(self) -> None:
-        width, height = self.size
+        size = {"width": self.width, "height": self.height}
         settings = H264Settings(
-            width=width,
-            height=height,
-            fps=50,
-            bitrate_bps=1_000_000,
-            gop=self.gop,
-            encoder="libx264",
+            **size, fps=50, bitrate_bps=1_000_000, gop=self.gop, encoder="libx264"
         )
         encoder = H264Encoder(settings)
-        while (width, height) == self.size:
+        while True:
             self.level = self.level % 200 + 1
-            picture = self.picture(height, width)
             stamp = stamp_from_ns(self.level * 10**9)
             header = message_type("std_msgs/msg/Header")(stamp=stamp, frame_id="camera")
-            for packet in encoder.encode(picture):
+            for packet in encoder.encode(self.picture()):
                 self.publisher.publish(
                     packet_message(ffmpeg_packet_fields(packet, settings), header)
                 )
             await asyncio.sleep(0.02)
 
-    def picture(self, height: int, width: int) -> np.ndarray:
-        return np.full((height, width, 3), self.level, dtype=np.uint8)
+    def picture(self) -> np.ndarray:
+        return np.full((self.height, self.width, 3), self.level, dtype=np.uint8)
 
-    @asynccontextmanager
-    async def running(self):
-        async with beside(self.shoot()):
-            yield
+    def running(self):
+        return beside(self.shoot())
 
     async def shot(self, frames: int) -> None:
         """Wait for so many more pictures."""

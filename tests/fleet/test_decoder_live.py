@@ -67,35 +67,24 @@ async def test_one_pipeline_runs_for_all_while_anybody_subscribes_over_shared_me
     assert children() == before, "the decoder leaves no process behind"
 
 
-async def test_broken_packets_are_counted_and_heal_and_a_stream_that_changes_its_size_is_followed(
-    serve,
-):
+async def test_broken_packets_are_counted_and_heal_in_the_same_pipeline(serve):
     async with serve() as (far, near, decoder):
         camera = Camera(far)
         subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
         async with camera.running():
             await right_pictures(subscription)
+            data = np.frombuffer(b"\0\0\0\1\x65" + bytes(range(200)), dtype=np.uint8)
+            size = {"width": camera.width, "height": camera.height}
+            noise = {"encoding": "h264;yuv420p;bgr8;bgr8", "flags": 1, "data": data}
             for _ in range(5):
-                noise = default_message(FFMPEG, encoding="h264;yuv420p;bgr8;bgr8", flags=1)
-                noise.width, noise.height = camera.size
-                noise.data = np.frombuffer(b"\0\0\0\1\x65" + bytes(range(200)), dtype=np.uint8)
-                camera.publisher.publish(noise)
+                camera.publisher.publish(default_message(FFMPEG, **size, **noise))
             async with asyncio.timeout(60):
                 while not (s := decoder.status[LOCAL].statistics) or s.broken == 0:
                     await subscription.take()
             assert s.last_error
             images = [await subscription.take(timeout_s=60) for _ in range(15)]
             assert is_right(images[-1])
-        camera.size = (640, 368)
-        async with camera.running():
-            async with asyncio.timeout(60):
-                while (image := await subscription.take()).width != 640:
-                    pass
-            assert image.height == 368
-            await right_pictures(subscription)
-        assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING"], (
-            "the same pipeline all along"
-        )
+        assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING"]
 
 
 async def test_camera_info_is_relayed_unchanged_on_demand(serve):
@@ -125,13 +114,10 @@ class NoisyCamera(Camera):
         super().__init__(node)
         self.gop = ENDLESS
 
-    def picture(self, height: int, width: int) -> np.ndarray:
+    def picture(self) -> np.ndarray:
         rng = np.random.default_rng(self.level)
-        return (
-            rng.integers(0, 255, (height // 16, width // 16, 3), np.uint8)
-            .repeat(16, 0)
-            .repeat(16, 1)
-        )
+        coarse = rng.integers(0, 255, (self.height // 16, self.width // 16, 3), np.uint8)
+        return coarse.repeat(16, 0).repeat(16, 1)
 
 
 def kept(node):
