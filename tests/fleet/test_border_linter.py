@@ -164,9 +164,7 @@ def test_who_hears_what_names_agents_and_the_rule_but_none_without_lifecycle():
     assert (camera.crosses, camera.rules) == (True, ("rt/global/*",))
     metadata = hearings[ResourceKind.SERVICE, "/global/pi1/get_metadata"]
     assert metadata.speakers == ("pi1",)
-    assert set(metadata.hearers) == {"go2", "pi2", "pi3", "steamdeck", "workstation"}
     assert metadata.rules == ("rq/global/*", "rr/global/*")
-    assert hearings[ResourceKind.TOPIC, "/tf"].rules == ("rt/tf",)
     assert not any(name.startswith("/local/") for _, name in hearings)
     bare = report_of("  a1: {domain: 1}\n  a2: {domain: 2, lifecycle: false}")
     assert not any("a2" in hearing.name for hearing in bare.hearings)

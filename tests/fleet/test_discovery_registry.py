@@ -173,13 +173,6 @@ def test_a_malformed_heartbeat_is_dropped_and_counted(fields):
     assert world.registry.counts == {"dropped_malformed": 1}
 
 
-def test_own_heartbeats_are_ignored_and_another_publisher_of_the_own_name_is_a_spoof():
-    world = World()
-    for gid, incarnation in (("own", 5), ("spoof", 5), ("spoof", 4), ("own again", 6), ("own", 5)):
-        assert world.hear(0, gid=gid.encode(), agent="station", incarnation=incarnation) == []
-    assert (world.registry.counts, world.names) == ({"dropped_own": 2, "dropped_spoofed": 3}, [])
-
-
 def test_a_flood_is_cut_and_other_publishers_are_heard():
     world = World(beats_per_s=5, burst=10, total_per_s=100, total_burst=50)
     for number in range(1000):

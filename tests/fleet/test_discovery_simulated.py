@@ -1,4 +1,4 @@
-"""Status provider and discoverer on the simulated bus: faults, default waits, hours; and as a process."""
+"""Status provider and discoverer on the simulated bus: faults, default waits and hours."""
 
 import asyncio
 from collections import Counter
@@ -94,25 +94,21 @@ async def test_bytes_are_no_heartbeat_and_a_description_that_comes_late_answers_
         assert [event for _, _, event in events] == ["DISCOVERED"]
 
 
-async def test_a_service_is_called_where_no_description_is_published_or_two_disagree(sim):
+async def test_a_service_is_called_where_two_published_descriptions_disagree(sim):
     async with (
         discoverer(sim) as (found, events),
         sim.node("evil", host="evil") as evil,
         status(sim, "robot") as provider,
-        status(sim, "silent", published=False),
     ):
         topic = heartbeat.metadata_topic()
         lies = evil.create_publisher(heartbeat.AGENT_METADATA, topic, LATCHED)
         await sleep_until(5)
-        (soon_s, *first), (later_s, *second) = events
-        assert (first, second) == (["robot", "DISCOVERED"], ["silent", "DISCOVERED"])
-        assert (soon_s < 0.1, 0.5 <= later_s < 0.6) == (True, True)
         false = AgentDescription(software=("false",))
         lies.publish(false.to_message("robot", incarnation=2**63, revision=9, stamp_ns=0))
         provider.update(AgentDescription(software=("new",)))
         await sleep_until(10)
-        assert events[2:] == [(pytest.approx(5, abs=2), "robot", "UPDATED")]
-        assert found.status().counts["published"] == 1, "two disagree, so it is asked"
+        assert [event for _, _, event in events] == ["DISCOVERED", "UPDATED"]
+        assert found.status().counts["published"] == 1
 
 
 async def test_a_consumer_that_comes_after_many_events_still_hears_of_everybody(sim, monkeypatch):

@@ -47,19 +47,6 @@ def test_the_group_of_a_stream_without_numbers_is_kept(clock):
     assert (cache.packets, cache.gaps) == ((10, 11, 12), 0)
 
 
-@pytest.mark.parametrize(
-    "limits",
-    [gop_config.Limits(packets=3), gop_config.Limits(size_bytes=30)],
-    ids=["too many packets", "too many bytes"],
-)
-def test_a_group_that_outgrows_the_limits_is_given_up_until_the_next_key_frame(limits):
-    cache: gop_cache.GopCache[int] = gop_cache.GopCache(limits)
-    assert fill(cache, range(5)) == [True, True, True, False, False]
-    assert (cache.packets, cache.overflows, cache.size_bytes) == ((), 1, 0)
-    fill(cache, [5])
-    assert cache.packets == (5,)
-
-
 @given(
     numbers=st.lists(st.integers(0, 40), max_size=60),
     gop=st.integers(1, 12),
@@ -78,6 +65,7 @@ def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_li
             assert held == tuple(range(held[0], held[-1] + 1))
             assert held[0] % gop == 0
         assert len(held) <= packets
+        assert held or cache.overflows or cache.gaps or number % gop
         assert cache.size_bytes == 90 * len(held) <= 1000
 
 

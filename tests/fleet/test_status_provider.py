@@ -1,4 +1,4 @@
-"""When an agent beats, what it says of itself, and its provider: paper A, section 4.2; and as a process."""
+"""When an agent beats, what it says of itself, and its provider: paper A, section 4.2."""
 
 import asyncio
 import itertools
@@ -7,14 +7,12 @@ import math
 import numpy as np
 import pytest
 from cameras import FFMPEG, STREAM
-from waiting import DEADLINE_S, process
 
-from sfglab.bus import Node
 from sfglab.bus.sim import run_simulated
 from sfglab.component import beside
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.status import heartbeat
-from sfglab.fleet.status.config import StatusConfig, StatusSettings
+from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.description import (
     AgentDescription,
     DescriptionError,
@@ -89,28 +87,6 @@ def test_a_status_provider_does_what_section_4_2_states():
     assert late_s < CHANGE_S - 0.5
     assert (answer.agent, answer.incarnation, answer.revision) == ("go2", started_ns, 1)
     assert answer.software == ["new"]
-
-
-@pytest.mark.live
-async def test_as_a_process_it_reports_and_takes_orders(address):
-    schedule = Schedule(startup_s=0, steady_period_s=60)
-    settings = StatusSettings(agent="go2", schedule=schedule)
-    config = StatusConfig(address=address, settings=settings, report_beats=True)
-    async with (
-        process("sfglab.fleet.status.node", config) as child,
-        Node("b", **address.options()) as there,
-    ):
-        await child.expect("beat", timeout_s=DEADLINE_S)
-        before = await metadata_of(there)
-        assert any(entry.startswith("sfglab ") for entry in before.software), "detected"
-        child.order(description={"sensors": [{"name": "x"}, {"name": "x"}]})
-        refused = await child.expect("refused", timeout_s=DEADLINE_S)
-        assert "names that differ" in refused["why"]
-        child.order(description={"software": ["mine 1"]})
-        beat = await child.expect("beat", timeout_s=DEADLINE_S)
-        after = await metadata_of(there)
-        assert (beat["revision"], after.software) == (before.revision + 1, ["mine 1"])
-    assert child.status == 0
 
 
 def test_the_papers_schedule_is_the_default_and_the_startup_phase_lasts_whole_periods():
