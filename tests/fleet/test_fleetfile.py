@@ -113,15 +113,6 @@ def fleet_with(host: str = "{}", deployment: str = "{}"):
     return fleet_file.read_fleet(f"fleet: My Lab\ndeployment: {deployment}\n{agents}\n")
 
 
-def test_an_agent_without_a_machine_is_one_and_everything_has_a_default():
-    fleet = fleet_file.read_fleet("fleet: Lab 7\nagents: {go2: {domain: 1}}")
-    assert fleet.agents[0].host is None
-    assert fleet.deployment == fleet_file.DeploymentSpec(images="localhost/lab-7")
-    fleet = fleet_with("{accelerator: auto}")
-    assert fleet.agents[0].host == fleet_file.HostSpec()
-    assert fleet.deployment == fleet_file.DeploymentSpec(images="localhost/my-lab")
-
-
 def test_all_keys_are_read():
     host = (
         "{model: M, address: sfg@go2.local, architecture: arm64, accelerator: jetson, network: host, "

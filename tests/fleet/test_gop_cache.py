@@ -65,15 +65,8 @@ def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_li
             assert held == tuple(range(held[0], held[-1] + 1))
             assert held[0] % gop == 0
         assert len(held) <= packets
-        assert held or cache.overflows or cache.gaps or number % gop
+        assert number % gop or held == (number,), "every key frame begins a group"
         assert cache.size_bytes == 90 * len(held) <= 1000
-
-
-def test_a_streams_replay_is_named_by_the_schema():
-    for topic in (STREAM, STREAM.replace("global", "local")):
-        assert gop_config.replay_topic(topic) == f"{topic}_replay"
-    assert REPLAY == "/global/go2/camera_front/color/ffmpeg_replay"
-    assert gop_config.replay_topic(f"{STREAM}_hq") == f"{REPLAY}_hq"
 
 
 @pytest.mark.parametrize(

@@ -94,12 +94,10 @@ def test_with_a_keeper_the_first_picture_is_there_at_once_and_without_one_at_the
     assert len(screen.times_s) >= FRAMES - JOINED - 4, "and every picture from then on"
 
 
-@pytest.mark.parametrize("loss", [0.0, 0.02])
-def test_on_a_slow_and_lossy_link_the_group_still_comes_before_the_next_key_frame(packets, loss):
-    link = LinkModel(latency_s=0.005, rate_bps=20e6, loss=loss)
+def test_on_a_slow_and_lossy_link_the_group_still_comes_before_the_next_key_frame(packets):
+    link = LinkModel(latency_s=0.005, rate_bps=20e6, loss=0.02)
     replayed_s, counts, _ = first_picture(packets, link, keeper=True)
-    assert replayed_s < 0.5
-    assert counts.broken == 0
+    assert (replayed_s < 0.5, counts.broken) == (True, 0)
 
 
 def test_a_replay_that_never_comes_is_given_up_and_the_next_key_frame_awaited(packets):

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import signal
-import sys
 import tempfile
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -11,12 +10,12 @@ from pathlib import Path
 
 import pytest
 from test_routing_frames import TF_TYPE, tf
-from waiting import DEADLINE_S, process, until
+from waiting import process, until
 
 from sfglab.bus import BusTimeoutError, Node
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
-from sfglab.component import argument_of, beside
+from sfglab.component import beside
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.router.config import RouterConfig, RouterSettings
 from sfglab.fleet.router.node import (
@@ -26,7 +25,6 @@ from sfglab.fleet.router.node import (
 )
 from sfglab.messages import message_type, serialize
 from sfglab.messages.dds import opaque_idl_struct
-from sfglab.processes import LineProcess
 from sfglab.qos import LATCHED
 
 pytestmark = [pytest.mark.live]
@@ -210,34 +208,3 @@ def test_without_a_home_the_lock_is_in_a_folder_that_nobody_else_can_write_to(
     folder.chmod(0o777)
     with pytest.raises(InvalidValueError, match=r"folder for locks: given .*open to others"):
         domain_lock(230).__enter__()
-
-
-async def visit(near: Node, remote: int, guest_domain: int) -> None:
-    """Have a participant in the global domain and a subscription of its topic in an agent's, and neither."""
-    options = {"domain_id": guest_domain, "external_domain_id": remote, "interface": "lo"}
-    async with Node("guest", **options) as guest:
-        heard = asyncio.Event()
-        subscription = near.create_subscription(STRING, TOPIC, lambda _: heard.set(), LATCHED)
-        guest.create_subscription(STRING, "/global/go2/x", DEEP)
-        guest.create_publisher(STRING, TOPIC, LATCHED).publish(String(data="here"))
-        await until(heard.is_set)
-        subscription.close()
-
-
-@pytest.mark.slow
-async def test_a_router_has_what_it_had_when_many_others_have_come_and_gone(ids):
-    program = Path(__file__).with_name("counted_router.py")
-    argv = (sys.executable, str(program), argument_of(config_of(ids)))
-    router = await LineProcess.start("router", argv)
-    try:
-        await router.expect("ready", timeout_s=DEADLINE_S)
-        counts = []
-        async with Node("near", domain_id=ids[1], interface="lo") as near:
-            for visits in (10, 40):
-                for _ in range(visits):
-                    await visit(near, ids[0], ids[2])
-                router.order(do="count")
-                counts.append((await router.expect("counts", timeout_s=DEADLINE_S))["counts"])
-        assert [kind for kind, n in counts[1].items() if n - counts[0].get(kind, 0) >= 20] == []
-    finally:
-        await router.close(grace_s=DEADLINE_S)

@@ -2,7 +2,6 @@
 
 import asyncio
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from cameras import FFMPEG, STREAM
 
 from sfglab.bus.sim import run_simulated
 from sfglab.component import beside
-from sfglab.errors import InvalidValueError
 from sfglab.fleet.status import heartbeat
 from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.description import (
@@ -97,12 +95,6 @@ def test_the_papers_schedule_is_the_default_and_the_startup_phase_lasts_whole_pe
     ):
         for now_s, next_s in itertools.pairwise(instants):
             assert schedule.next_ns(now_s * S) == next_s * S
-
-
-@pytest.mark.parametrize("given", [-1.0, math.nan, 1e6])
-def test_a_schedule_that_no_agent_should_keep_is_refused(given):
-    with pytest.raises(InvalidValueError, match="heartbeat schedule, startup_s: given"):
-        Schedule(startup_s=given)
 
 
 def test_a_heartbeat_survives_the_wire_and_a_description_becomes_the_metadata_message():
