@@ -253,7 +253,7 @@ class Fleet(RuleBasedStateMachine):
         return other == domain or crosses
 
     def is_used(self, router, spec):
-        """What is open has a sink and, if samples need one, a source; no sample waits for ever."""
+        """Check that an open reader or writer is needed, and that samples are judged."""
         state = router.plan.paths[spec.path]
         if isinstance(spec, WriterSpec):
             assert state.sources
@@ -278,7 +278,7 @@ class Fleet(RuleBasedStateMachine):
 
 
 class OfferingFleet(Fleet):
-    """The same where routers offer what they could open: still nothing is read that nobody wants."""
+    """Routers also advertise topics that nobody subscribes to."""
 
     offers = True
 
