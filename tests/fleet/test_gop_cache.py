@@ -69,6 +69,12 @@ def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_li
         assert cache.size_bytes == 90 * len(held) <= 1000
 
 
+@pytest.mark.parametrize("limits", [{"packets": 0}, {"size_bytes": 0}, {"packets": 257}])
+def test_limits_within_which_nothing_fits_or_beyond_a_replays_history_are_refused(limits):
+    with pytest.raises(InvalidValueError, match="allowed: 1 "):
+        gop_config.GopCacheSettings(limits=gop_config.Limits(**limits))
+
+
 @pytest.mark.parametrize(
     "topic",
     ["/global/go2/camera_front/depth/compressed_depth", "/tf", "nonsense", REPLAY],
