@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 from unittest.mock import Mock
 
 import pytest
+from made_logs import share_findings
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from waiting import wait_until
@@ -39,6 +40,7 @@ def project(tmp_path, monkeypatch):
     """A checkout with our data and figures whose runs are its own."""
     for name in ("data", "figures"):
         (tmp_path / name).symlink_to(ROOT / name)
+    share_findings(tmp_path)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     return find_project()
 
