@@ -58,8 +58,11 @@ def hear_signals() -> None:
 
 
 def pytest_configure() -> None:
+    import typer.main
     from hypothesis import settings
 
+    # `sfglab` builds the parsers of all its commands, once in a process. Tests call it many times in one.
+    typer.main.get_command = cache(typer.main.get_command)
     hear_signals()
     settings.register_profile("any machine", deadline=None)  # a busy one is slow
     settings.load_profile("any machine")
