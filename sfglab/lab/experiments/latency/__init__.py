@@ -6,6 +6,12 @@ picture. Compared are standard ROS 2, the paper's decoder behind two routers, an
 
 from sfglab.lab.experiments.latency import live  # noqa: F401 - declares its part
 from sfglab.lab.experiments.latency.experiment import exp
-from sfglab.lab.experiments.latency.results import checks, first_frame
+from sfglab.lab.experiments.latency.results import (
+    added_table,
+    check_table,
+    checks,
+    first_frame,
+    first_table,
+)
 
-__all__ = ["checks", "exp", "first_frame"]
+__all__ = ["added_table", "check_table", "checks", "exp", "first_frame", "first_table"]
