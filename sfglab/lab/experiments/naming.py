@@ -25,6 +25,7 @@ from sfglab.view.widgets import widgets
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -51,6 +52,35 @@ def check_names(bench: Bench[Config]) -> None:
     for row in checks.rows(bench.config.samples, bench.config.seed):
         bench.write("check", row)
         bench.advance(row.check)
+
+
+#: Sentence that each check states, by its name in the log.
+STATEMENTS = {
+    "parses back to the tuple it was built from": "A tuple, built to a name and parsed, is the same tuple again.",
+    "builds back to the string it was parsed from": "A name, parsed to a tuple and built, is the same name again.",
+    "is a valid ROS 2 name": "A name of the schema is a valid ROS 2 name.",
+    "has a resource that Fig. 2 allows after its last segment": "A name ends with a resource that Fig. 2 allows "
+    "after the segment before it.",
+    "resources where Fig. 2 does not allow them are refused": "The builder refuses a resource after a segment "
+    "after which Fig. 2 does not allow it.",
+    "ROS 2's names end at their longest, and what is none is refused": "A ROS 2 name of the maximum length is "
+    "accepted; a longer one and a malformed one are refused.",
+    "a segment without the one that it is part of is refused": "A component without an agent and a stream "
+    "without a component are refused.",
+    "a host name becomes a valid agent": "A host name is converted to a valid agent name.",
+    "standard names differ from each other": "Different tuples of standard values have different names.",
+    "is printed in the paper, and is in the schema": "A name that the paper prints is a name of the schema.",
+}
+_EXAMPLES = {
+    "247 for a topic": "a topic's name of 247 characters",
+    "agent None, component Component.CAMERA, stream None": "component camera without an agent",
+}
+
+
+def check_table(run: Run[Config]) -> pd.DataFrame:
+    """Return the checks of a run, with the sentence that each states."""
+    table = run["check"].replace({"check": STATEMENTS, "example": _EXAMPLES})
+    return table.rename(columns={"check": "property", "checked": "cases", "held": "cases that hold"})
 
 
 @exp.claim("A-FQN", how=How.EXACT)

@@ -6,6 +6,6 @@ near misses. The log holds who heard what of whom; beside that the policy is che
 
 from sfglab.lab.experiments.routing import live
 from sfglab.lab.experiments.routing.experiment import exp
-from sfglab.lab.experiments.routing.results import checks
+from sfglab.lab.experiments.routing.results import check_table, checks
 
-__all__ = ["checks", "exp", "live"]
+__all__ = ["check_table", "checks", "exp", "live"]

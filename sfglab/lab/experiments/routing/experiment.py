@@ -61,17 +61,25 @@ exp = Experiment(
     paper={"agents": 6, "seconds": 20.0, "busy": 50, "random_names": 200_000},
     hosts=lambda config: [party.host for party in parties_of(config.agents)],
     actors=(
-        Actor("router", "agent_i", "at the border of D_i and D_0", count="one an agent"),
+        Actor("router", "agent_i", "at the border of D_i and D_0", count="one per agent"),
         Actor(
-            "agent", "agent_i", "publishes, subscribes, serves and calls every name", count="2 to 6"
+            "agent",
+            "agent_i",
+            "publishes, subscribes, serves and calls every name",
+            count="3; smoke 2, paper 6",
         ),
-        Actor("ground", "ground_i", "the same in the global domain", count="2"),
+        Actor("ground", "ground_i", "does the same in the global domain D_0", count="2"),
     ),
     links=(
-        Link("agent", "router", "all names"),
-        Link("router", "agent", "what Table 1 names"),
-        Link("router", "ground", "what Table 1 names", boundary="the border"),
-        Link("ground", "router", "all names", boundary="the border"),
+        Link("agent", "router", "announces all names, sends only those of Table 1"),
+        Link("router", "agent", "forwards names of Table 1"),
+        Link("router", "ground", "forwards names of Table 1", boundary="network"),
+        Link(
+            "ground",
+            "router",
+            "announces all names, sends only those of Table 1",
+            boundary="network",
+        ),
     ),
 )
 exp.table("policy")(CheckRow)

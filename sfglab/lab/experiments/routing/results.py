@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.fleet.policy import TABLE_1
+from sfglab.fleet.policy import TABLE_1, Direction
 from sfglab.lab.checks import CheckRow, check_row, lowest_share
 from sfglab.lab.checks.routing import in_table_1
 from sfglab.lab.claims import Finding, How
@@ -30,16 +30,99 @@ if TYPE_CHECKING:
 
 AGENT = "agent_1"  #: The agent whose messages the figure follows.
 GROUND = "ground_1"  #: The party in the global domain whose messages the figure follows.
-HEARD = "heard, and allowed (number: share that arrived, %)"
-SILENT = "not heard, and forbidden"
-FORBIDDEN = "heard, but forbidden"
-MISSING = "not heard, but allowed"
+HEARD = "received, and allowed (number: share that arrived, %)"
+SILENT = "not received, and forbidden"
+FORBIDDEN = "received, but forbidden"
+MISSING = "not received, but allowed"
 OUTCOMES = {
     HEARD: COLORS["proxy"],
     SILENT: "#ececec",
     FORBIDDEN: COLORS["standard"],
     MISSING: COLORS["fourth"],
 }
+
+
+_ENDPOINT = "endpoint and the party that discovered it"
+_TOPIC = "topic, publisher and subscriber"
+_CALL = "service, caller and server"
+_NAME = "DDS topic"
+STATEMENTS = {
+    "an endpoint seen in the global domain is of Table 1": (
+        "Each endpoint that a party in the global domain discovers there, other than those of the parties "
+        "themselves, is on a topic of Table 1.",
+        _ENDPOINT,
+    ),
+    "an endpoint seen in the global domain is a router's": (
+        "Each of these endpoints belongs to a router.",
+        _ENDPOINT,
+    ),
+    "a topic of Table 1 is heard in every other domain": (
+        "A topic of Table 1 is received in every other domain.",
+        _TOPIC,
+    ),
+    "any other topic is not heard in another domain": (
+        "Any other topic is not received in another domain.",
+        _TOPIC,
+    ),
+    "every topic is heard in its own domain": (
+        "Every topic is received in the domain in which it is published.",
+        _TOPIC,
+    ),
+    "no sample arrives twice or comes back": (
+        "No message arrives twice, and none comes back through a router.",
+        _TOPIC,
+    ),
+    "samples of one source keep their order": (
+        "The messages of a publisher arrive in their order.",
+        _TOPIC,
+    ),
+    "samples keep their source time stamps": (
+        "Messages keep the source time stamp of their publisher.",
+        _TOPIC,
+    ),
+    "transforms bear their agent's prefix, outside it only": (
+        "Frames in transforms have their agent's prefix outside the agent, and no prefix inside it.",
+        _TOPIC,
+    ),
+    "a late joiner hears each static transform once": (
+        "A late-joining subscriber receives each static transform exactly once.",
+        _TOPIC,
+    ),
+    "every rule is seen open at every agent, both ways": (
+        "Each row of Table 1 was seen to be forwarded at each agent, outward and inward.",
+        "rule, agent and direction",
+    ),
+    "a service of Table 1 answers calls from other domains": (
+        "A service of Table 1 answers a call from another domain.",
+        _CALL,
+    ),
+    "any other service does not": ("Any other service does not answer such a call.", _CALL),
+    "a name crosses exactly if Table 1 names it, both ways": (
+        "The policy forwards a name in both directions if Table 1 contains it, and in none otherwise.",
+        _NAME,
+    ),
+    "a message is heard in the domains that Eq. 1 says": (
+        "By the policy, a name can be received exactly in the domains of Eq. 1.",
+        _NAME,
+    ),
+    "what a rule opens one way crosses from that side alone, services by half": (
+        "With a rule for one direction, the policy forwards a topic in that direction only. A service, which "
+        "needs both directions, counts as forwarded in part.",
+        "direction",
+    ),
+    "near misses of Table 1 stay": (
+        "The policy does not forward names outside Table 1, whether they resemble it (rt/global_x/y) or not "
+        "(rt/chatter).",
+        _NAME,
+    ),
+    "a standard name crosses whole if it is global, else not at all": (
+        "The policy forwards a standard name of the global scope in both directions, with all its DDS topics. "
+        "It does not forward one of the local scope.",
+        "ROS name",
+    ),
+}
+"""Sentence that each check states, and what one case of it is, by its name in the log."""
+_EXAMPLES = {str(way): f"rule for the {way.value} direction only" for way in Direction}
 
 
 @derived
@@ -74,6 +157,16 @@ def checks(run: Run[Config]) -> pd.DataFrame:
     exact = run["policy"].assign(how=How.EXACT.value)
     columns = ["check", "how", "checked", "held", "example"]
     return pd.concat([live, exact], ignore_index=True)[columns]
+
+
+def check_table(run: Run[Config]) -> pd.DataFrame:
+    """Return `checks` with the sentence that each states, and what a case of it is."""
+    table = checks(run).replace({"example": _EXAMPLES})
+    names = table["check"]
+    table["property"] = [STATEMENTS[name][0] for name in names]
+    table["one case"] = [STATEMENTS[name][1] for name in names]
+    table = table.rename(columns={"checked": "cases", "held": "cases that hold"})
+    return table[["property", "how", "one case", "cases", "cases that hold", "example"]]
 
 
 def _live(run: Run[Config]) -> Iterator[CheckRow]:
@@ -243,14 +336,14 @@ def draw_border(figure: Figure, run: Run[Config]) -> None:
     right.text(edge, (crossing + len(names) - 1) / 2, "all else: stays", **style)
     for text, color in OUTCOMES.items():
         axes["key"].plot([], [], "s", color=color, label=text)
+    axes["key"].plot([], [], " ", label="blank: no call, because no party calls itself")
     title = "In the domain of the column a message or call was"
     axes["key"].legend(loc="center", ncols=2, fontsize=9, title=title)
     axes["key"].axis("off")
     sums = checks(run).groupby("how")[["held", "checked"]].sum()
     shares = [f"{row.held:,} of {row.checked:,} {row.Index}" for row in sums.itertuples()]
     figure.suptitle(f"Only Table 1 of paper A crosses the border: {', '.join(shares)} checks hold")
-    rate = f"{run.config.rate_hz:g} messages per second and name"
-    note(figure, f"{rate}; blank: no party calls its own services", run)
+    note(figure, f"{run.config.rate_hz:g} messages per second and name", run)
 
 
 def _order(name: str) -> tuple[bool, int, str]:
