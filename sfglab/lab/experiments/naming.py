@@ -80,7 +80,9 @@ _EXAMPLES = {
 def check_table(run: Run[Config]) -> pd.DataFrame:
     """Return the checks of a run, with the sentence that each states."""
     table = run["check"].replace({"check": STATEMENTS, "example": _EXAMPLES})
-    return table.rename(columns={"check": "property", "checked": "cases", "held": "cases that hold"})
+    return table.rename(
+        columns={"check": "property", "checked": "cases", "held": "cases that hold"}
+    )
 
 
 @exp.claim("A-FQN", how=How.EXACT)

@@ -57,9 +57,7 @@ exp = Experiment(
         Actor("GOP cache", "edge", "stores the current group of pictures", count="2"),
         Actor("router", "edge", "edge's domain to the global domain"),
         Actor("router 2", "consumer", "global domain to the consumer's domain"),
-        Actor(
-            "decoder", "consumer", "decodes on demand", count="4; one per path except standard"
-        ),
+        Actor("decoder", "consumer", "decodes on demand", count="4; one per path except standard"),
         Actor("viewer", "consumer", "subscribes on one path at a time"),
     ),
     links=(

@@ -6,7 +6,7 @@ A picture is identified by its capture stamp, which is also in the camera's own 
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -290,6 +290,9 @@ def first_picture_ours(run: Run[Config]) -> Finding:
 # --- Figure -----------------------------------------------------------------------------------
 
 
+_LEGEND: dict[str, Any] = {"fontsize": 8.5, "loc": "upper right"}
+
+
 @exp.figure("latency", size=(11.6, 4.4))
 def draw_latency(figure: Figure, run: Run[Config]) -> None:
     """Draw the age of pictures in the steady state (left) and the time to the first picture (right)."""
@@ -298,15 +301,18 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
     standard_ms = glass_median(run, STANDARD).value
     expected_ms = {PAPERS: standard_ms + paper("A-G2G")}
     base_ms, more_ms = paper("A-G2G", FIRST_ENDS[STANDARD]), paper("A-G2G")
-    line = f"median of standard + the paper's {more_ms:g} ms"
-    draw_bars(steady, medians, STEADY_BARS, medians.median(), expected_ms, line)
+    draw_bars(steady, medians, STEADY_BARS, medians.median(), expected_ms)
+    steady.legend(
+        [steady.collections[-1]], [f"median of standard + the paper's {more_ms:g} ms"], **_LEGEND
+    )
     steady.set_title(
         f"From capture to decoded frame, median\n(paper, with lens and display: {base_ms:g} ms + {more_ms:g} ms)",
         fontsize=9,
     )
     steady.set_ylabel("latency (ms)")
     expected_ms = {path: paper("A-FIRST", key) for path, key in FIRST_ENDS.items()}
-    draw_bars(first, times, FIRST_BARS, times.mean(), expected_ms, "paper A, 5.4")
+    draw_bars(first, times, FIRST_BARS, times.mean(), expected_ms)
+    first.legend([first.collections[-1]], ["paper A, 5.4"], **_LEGEND)
     in_paper = " and ".join(f"{value:g}" for value in expected_ms.values())
     first.set_title(f"From subscribing to first frame, mean\n(paper: {in_paper} ms)", fontsize=9)
     first.set_ylabel("time to first frame (ms)")
@@ -325,7 +331,6 @@ def draw_bars(
     labels: dict[str, str],
     heights: pd.Series,
     expected_ms: dict[str, float],
-    line: str,
 ) -> None:
     """Draw a bar per path with its samples, and the paper's values.
 
@@ -335,7 +340,6 @@ def draw_bars(
         labels: Names of the paths that are drawn, in their order.
         heights: Heights of the bars, ms, by path.
         expected_ms: The paper's values, ms, by path.
-        line: Text of the legend about these values.
     """
     names = []
     for place, path in enumerate(labels):
@@ -351,9 +355,7 @@ def draw_bars(
         names.append(f"{labels[path]}\n{height:.{digits}f} ms (n = {len(times)})")
     places = [[*labels].index(path) for path in expected_ms]
     low, high = np.array(places) - 0.38, np.array(places) + 0.38
-    style = {**PAPER_STYLE, "color": "black", "label": line}
-    lines = axes.hlines([*expected_ms.values()], low, high, **style)
-    axes.legend(handles=[lines], fontsize=8.5, loc="upper right")
+    axes.hlines([*expected_ms.values()], low, high, **PAPER_STYLE, color="black")
     axes.set_xticks(range(len(names)), names)
     axes.grid(visible=False, axis="x")
     axes.set_ylim(0, 1.15 * axes.dataLim.ymax)

@@ -48,8 +48,10 @@ _CALL = "service, caller and server"
 _NAME = "DDS topic"
 STATEMENTS = {
     "an endpoint seen in the global domain is of Table 1": (
-        "Each endpoint that a party in the global domain discovers there, other than those of the parties "
-        "themselves, is on a topic of Table 1.",
+        (
+            "Each endpoint that a party in the global domain discovers there, other than those of the parties "
+            "themselves, is on a topic of Table 1."
+        ),
         _ENDPOINT,
     ),
     "an endpoint seen in the global domain is a router's": (
@@ -106,18 +108,24 @@ STATEMENTS = {
         _NAME,
     ),
     "what a rule opens one way crosses from that side alone, services by half": (
-        "With a rule for one direction, the policy forwards a topic in that direction only. A service, which "
-        "needs both directions, counts as forwarded in part.",
+        (
+            "With a rule for one direction, the policy forwards a topic in that direction only. A service, which "
+            "needs both directions, counts as forwarded in part."
+        ),
         "direction",
     ),
     "near misses of Table 1 stay": (
-        "The policy does not forward names outside Table 1, whether they resemble it (rt/global_x/y) or not "
-        "(rt/chatter).",
+        (
+            "The policy does not forward names outside Table 1, whether they resemble it (rt/global_x/y) or not "
+            "(rt/chatter)."
+        ),
         _NAME,
     ),
     "a standard name crosses whole if it is global, else not at all": (
-        "The policy forwards a standard name of the global scope in both directions, with all its DDS topics. "
-        "It does not forward one of the local scope.",
+        (
+            "The policy forwards a standard name of the global scope in both directions, with all its DDS topics. "
+            "It does not forward one of the local scope."
+        ),
         "ROS name",
     ),
 }
