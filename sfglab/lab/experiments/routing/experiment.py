@@ -66,7 +66,7 @@ exp = Experiment(
             "agent",
             "agent_i",
             "publishes, subscribes, serves and calls every name",
-            count="3; smoke 2, paper 6",
+            count="2, 3 or 6",
         ),
         Actor("ground", "ground_i", "does the same in the global domain D_0", count="2"),
     ),
