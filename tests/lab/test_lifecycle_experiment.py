@@ -67,8 +67,8 @@ def told(tmp_path):
         (
             {"late_s": 15.0, "topic": "/global/heartbeat"},
             [
-                "one publisher per agent on the paper's topic, latched",
-                "a late joiner receives the last heartbeat at once",
+                "one publisher per agent on the paper's topic, transient local",
+                "a late joiner receives the last heartbeat",
             ],
         ),
     ],

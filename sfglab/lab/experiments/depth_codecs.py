@@ -129,6 +129,17 @@ def ratio(run: Run[Config], column: str, against: str) -> Estimate:
     return ratio_of(pairs, np.median, unit="times as fast as PNG")
 
 
+def codec_table(run: Run[Config]) -> pd.DataFrame:
+    """Return `summary` with names of the codecs and columns for readers."""
+    names = {
+        "rvl": "RVL",
+        "png": f"PNG, level {run.config.png_level}",
+        "png_fast": f"PNG, level {_FASTEST}",
+    }
+    table = summary(run).round(2).rename(names).reset_index(names="codec")
+    return table.rename(columns={"exact frames": "share of frames equal after decoding"})
+
+
 def summary(run: Run[Config]) -> pd.DataFrame:
     """Return medians by codec: times and compression ratio; and the share of exact frames."""
     sizes = codings(run, "raw_bytes") / codings(run, "coded_bytes")
@@ -190,7 +201,7 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> None:
         "(paper: faster)"
     )
     frames = len(codings(run, "exact"))
-    boxes = "boxes: quartiles and median, whiskers: 1.5 times their distance"
+    boxes = "boxes: quartiles and median, whiskers: up to 1.5 x IQR, outliers not drawn"
     note(figure, f"measured on {frames} frames; {boxes}")
 
 

@@ -12,8 +12,10 @@ from sfglab.lab.experiments.decode_once.results import (
     cost_model,
     decoding_costs,
     frame_checks,
+    frame_table,
+    residual_table,
     slopes,
-    stream_of_table_two,
+    stream_table,
 )
 
 __all__ = [
@@ -22,6 +24,8 @@ __all__ = [
     "decoding_costs",
     "exp",
     "frame_checks",
+    "frame_table",
+    "residual_table",
     "slopes",
-    "stream_of_table_two",
+    "stream_table",
 ]

@@ -90,14 +90,14 @@ exp = Experiment(
     hosts=("edge", "consumer"),
     actors=(
         Actor("camera", "edge", "encodes and publishes"),
-        Actor("decoder", "consumer", "decodes once, on demand"),
-        Actor("viewer", "consumer", "reads every pixel", count="1 to 10"),
+        Actor("decoder", "consumer", "decodes once, while there is a subscriber"),
+        Actor("subscriber", "consumer", "reads every pixel", count="1 to 10"),
     ),
     links=(
-        Link("camera", "viewer", "compressed, to each (standard)", boundary="network"),
-        Link("camera", "decoder", "compressed, once (dds, proxy)", boundary="network"),
-        Link("decoder", "viewer", "pictures (dds)"),
-        Link("decoder", "viewer", "pictures (proxy)", over="shared memory"),
+        Link("camera", "subscriber", "standard: compressed, to each", boundary="network"),
+        Link("camera", "decoder", "decode once: compressed, once", boundary="network"),
+        Link("decoder", "subscriber", "pictures over DDS"),
+        Link("decoder", "subscriber", "or pictures", over="shared memory"),
     ),
     removed={
         "most": dict.fromkeys(PROFILES, 10),

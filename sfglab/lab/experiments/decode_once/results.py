@@ -42,6 +42,8 @@ LABELS = {
     "dds": "decode once, DDS (paper)",
     "proxy": "decode once, shared memory",
 }
+NAMES = {**LABELS, "network": "receive only, no decoding"}
+"""Name for readers by mode."""
 WAYS = {"standard": "standard", "dds": "over DDS", "proxy": "over shared memory"}
 """Transport of the pictures to the subscribers, by mode."""
 STYLES = {"standard": series("standard"), "dds": series("third"), "proxy": series("proxy")}
@@ -130,8 +132,16 @@ def slopes(run: Run[Config], codec: str = H264) -> pd.DataFrame:
         cpu, received = slope(run, codec, mode, "cpu"), slope(run, codec, mode, "rx")
         less = reduction(run, codec, mode) if mode in HANDED_ON else ""
         shown = "not measurable" if less is None else str(less)
-        rows.append((LABELS[mode], str(cpu), str(received), shown))
-    return pd.DataFrame(rows, columns=["mode", "CPU", "received", "reduction"])
+        rows.append((LABELS[mode], str(cpu), in_words(received), shown))
+    columns = ["mode", "CPU", "received over the network", "reduction of the CPU"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def in_words(slope: Estimate) -> str:
+    """Return a slope as text; one whose interval contains 0 is not measurable."""
+    if not slope.low <= 0 <= slope.high or slope.low == slope.high:
+        return str(slope)
+    return f"no growth measurable: [{slope.low:.1g}, {slope.high:.1g}] {slope.unit}"
 
 
 def frame_checks(run: Run[Config]) -> pd.DataFrame:
@@ -139,6 +149,17 @@ def frame_checks(run: Run[Config]) -> pd.DataFrame:
     views = run["view"].merge(run["cell"], on="cell").groupby(["codec", "mode"], sort=False)
     table = views[["frames", "unreadable", "missed", "disordered", "broken"]].sum()
     return table.assign(age_ms=views["age_ms"].median()).reset_index()
+
+
+def frame_table(run: Run[Config]) -> pd.DataFrame:
+    """Return `frame_checks` with columns and modes for readers, ordered by stream and mode."""
+    table = frame_checks(run)
+    rows = pd.concat([table[table["mode"] == mode] for mode in NAMES])
+    rows = rows.sort_values("codec", kind="stable").drop(columns=["codec", "mode"])
+    streams, modes = table["codec"].map(STREAMS), table["mode"].map(NAMES)
+    rows.insert(0, "stream", streams)
+    rows.insert(1, "mode", modes)
+    return rows.rename(columns={"unreadable": "unknown stamp", "age_ms": "age, median (ms)"})
 
 
 # --- Cost model -------------------------------------------------------------------------------
@@ -195,6 +216,15 @@ def cost_rows(table: pd.DataFrame) -> Floats:
     """Return the factors of `design` and the load of cells, shape (cells, 4)."""
     rows = [(*design(cell.mode, cell.subscribers), cell.paced) for cell in lines_of(table)]
     return np.array(rows)
+
+
+def residual_table(run: Run[Config], codec: str = H264) -> pd.DataFrame:
+    """Return by how much measured loads are above the fitted ones, in % of these, as means over repetitions."""
+    table = cost_model(run, codec).residuals
+    above = table.assign(above=100 * table["error"] / table["fitted"])
+    wide = above.pivot_table("above", "subscribers", "mode")
+    wide = wide[[mode for mode in NAMES if mode in wide]]
+    return wide.round(1).rename(columns=NAMES).reset_index()
 
 
 @derived
@@ -317,11 +347,16 @@ def fit_residual(run: Run[Config]) -> Finding | None:
     relative = fit.residuals["error"] / fit.residuals["fitted"]
     off = 100 * relative.groupby(fit.residuals["subscribers"]).mean()
     reason = (
-        f"lack of fit {fit.lack}: with the fewest subscribers loads are {off.iloc[0]:+.1f} % off, "
-        f"with the most {off.iloc[-1]:+.1f} %; the equations explain {explained}"
+        f"lack of fit {fit.lack}: measured loads are {beside(off.iloc[0])} the fitted ones with the fewest "
+        f"subscribers, {beside(off.iloc[-1])} them with the most; the equations explain {explained}"
     )
     ends = {"p of the F test for lack of fit": fit.lack.p}
     return Finding(estimate=fit.residual, details=details, reason=reason, ends=ends)
+
+
+def beside(percent: float) -> str:
+    """Return a signed percentage in words."""
+    return f"{abs(percent):.1f} % {'above' if percent >= 0 else 'below'}"
 
 
 @derived
@@ -362,6 +397,21 @@ def stream_of_table_two(run: Run[Config]) -> Finding:
     return Finding(estimate=bitrate, details={"encoder": encoder}, ends=ends)
 
 
+def stream_table(run: Run[Config]) -> pd.DataFrame:
+    """Return the values of Table 2 and those of the stream."""
+    found = stream_of_table_two(run)
+    rows = [
+        ("encoder", found.details["encoder"], "hardware (h264_nvmpi)"),
+        ("bit rate (Mbit/s)", f"{found.estimate.value:.2f}", f"{paper('A-H264'):g}"),
+    ]
+    size = (found.ends["pixels in a row"], found.ends["rows"])
+    rows.append(("picture (pixels)", "{:g} x {:g}".format(*size), "640 x 360"))
+    rows.append(("frame rate (Hz)", f"{found.ends['frames a second']:.2f}", "30"))
+    gop = found.ends.get("frames from key frame to key frame")
+    rows.append(("frames per GOP", f"{gop:g}" if gop else "", "30"))
+    return pd.DataFrame(rows, columns=["quantity", "this run", "paper, Table 2"])
+
+
 # --- Figures ----------------------------------------------------------------------------------
 
 
@@ -384,8 +434,8 @@ def draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]:
     draw_load(net, run, codec, "rx_mbit_s")
     if codec == H264:
         draw_paper(cpu, net, means(run, codec, "cpu_percent"))
-    cpu.set(title="CPU", ylabel="consumer's CPU (100 % = one core)")
-    net.set(title="network", ylabel="received by the consumer (Mbit/s)")
+    cpu.set(title="CPU of the consumer", ylabel="% of one core")
+    net.set(title="network: received by the consumer", ylabel="Mbit/s")
     for axes in (cpu, net):
         # Room for the legend.
         axes.set(xlabel="local subscribers", ylim=(0, 1.5 * axes.dataLim.ymax))
@@ -396,8 +446,9 @@ def draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]:
     figure.suptitle(
         f"Decode once ({STREAMS[codec]}), CPU of an added subscriber: {', '.join(saved)}"
     )
-    often = f"{repeats} repetitions, error bars: 95 % CI" if repeats > 1 else "each cell once"
-    note(figure, f"{often}; bands: one standard deviation of the readings", run)
+    often = f"{repeats} repetitions, brackets and error bars: 95 % CI"
+    text = often if repeats > 1 else "each number of subscribers once"
+    note(figure, f"{text}; bands: one standard deviation of the meter readings", run)
     return default_sidecar(run) | {"repetitions": int(repeats)}
 
 
@@ -425,7 +476,10 @@ def draw_load(axes: Axes, run: Run[Config], codec: str, column: str) -> None:
         label = LABELS[mode]
         if column == "cpu_percent":
             label += f": {slope(run, codec, mode, 'cpu').value:+.1f} % each"
-        axes.plot(load["mean"], label=label, markersize=4.5, **STYLES[mode])
+        # The decoder's modes receive the same, so that one line is a frame of the other.
+        is_frame = column == "rx_mbit_s" and mode == PAPERS
+        broad: dict[str, Any] = {"linewidth": 4, "markersize": 9} if is_frame else {"markersize": 4.5}
+        axes.plot(load["mean"], label=label, **broad, **STYLES[mode])
         low, high = load["mean"] - load["std"], load["mean"] + load["std"]
         axes.fill_between(load.index, low, high, color=STYLES[mode]["color"], alpha=0.18, lw=0)
         axes.set_xticks(load.index)
@@ -466,7 +520,7 @@ def draw_terms(axes: Axes, run: Run[Config], codec: str, *, spread: bool) -> Non
     if fit.lack:
         title += f"\nlack of fit: {'p < 0.001' if fit.lack.p < 1e-3 else f'p = {fit.lack.p:.2g}'}"
     axes.set_title(title, fontsize=9)
-    axes.set_ylabel("% of one core")
+    axes.set_ylabel("% of one core per term")
     axes.margins(y=0.15)
     axes.grid(visible=False, axis="x")
 
@@ -532,7 +586,7 @@ def decoding_costs(
         f"at {rate_hz:g} Hz and a {decoder} decoder. Of one core: {', '.join(costs)}."
     )
     panels = (
-        curves("CPU", _CPU, cpu, f"with {subscribers} subscribers: {costs[0]}"),
+        curves("CPU", _CPU, cpu, f"with {subscribers}: {', '.join(costs)}"),
         curves("network", _NET, net, "decode once: equal over DDS and shared memory"),
     )
     return pictures.Picture(said=said, panels=panels)

@@ -7,6 +7,26 @@ its peers, and the bytes that it receives until then. Fleets of up to 25 agents 
 
 from sfglab.lab.experiments.discovery import live, simulated  # they declare parts
 from sfglab.lab.experiments.discovery.experiment import Fleet, exp
-from sfglab.lab.experiments.discovery.results import PAPERS_LARGEST, main_nodes, summary
+from sfglab.lab.experiments.discovery.results import (
+    PAPERS_LARGEST,
+    SIMULATED_NAMES,
+    extrapolation,
+    fleet_table,
+    growth,
+    main_nodes,
+    summary,
+)
 
-__all__ = ["PAPERS_LARGEST", "Fleet", "exp", "live", "main_nodes", "simulated", "summary"]
+__all__ = [
+    "PAPERS_LARGEST",
+    "SIMULATED_NAMES",
+    "Fleet",
+    "exp",
+    "extrapolation",
+    "fleet_table",
+    "growth",
+    "live",
+    "main_nodes",
+    "simulated",
+    "summary",
+]

@@ -42,6 +42,14 @@ if TYPE_CHECKING:
 PAPERS_LARGEST = 6  #: Number of agents that the claims are about.
 LARGEST = 1000  #: Number of agents up to which formulas are drawn.
 SLOWER = "at two thirds of the pace"
+NAMES = {STANDARD: "plain ROS 2", LAUNCHED: "paper's method", ROUTED: "sfglab variant"}
+"""Name for readers by live mode."""
+SIMULATED_NAMES = {
+    STANDARD: NAMES[STANDARD],
+    QUERYING: NAMES[LAUNCHED],
+    PUBLISHING: NAMES[ROUTED],
+}
+"""Name for readers by simulated mode."""
 TIME, BYTES = "resolved_s", "own_bytes"
 _AT_ONCE = 0.0
 
@@ -123,6 +131,63 @@ def summary(run: Run[Config]) -> pd.DataFrame:
     return pd.DataFrame(columns).reset_index()
 
 
+def fleet_table(run: Run[Config]) -> pd.DataFrame:
+    """Return `summary` with columns for readers, in the order of `NAMES`."""
+    table = summary(run)
+    if table.empty:
+        return table
+    columns = {
+        "mode": "method",
+        "agents": "agents",
+        "nodes": "nodes per agent",
+        "pace_s": "time between starts (s)",
+        "fleets": "starts of the fleet",
+        "agents_given_up": "agents given up",
+        "median_s": "discovery time, median (s)",
+        "lowest_s": "lowest (s)",
+        "highest_s": "highest (s)",
+        "received_kb": "received per agent, median (kB)",
+        "fleet_cpu_s": "CPU time of the fleet (s)",
+        "cores_busy": "cores busy, mean",
+    }
+    table = table.assign(received_kb=table["median_bytes"] / 1e3)
+    table = table.sort_values("mode", key=lambda modes: modes.map([*NAMES].index), kind="stable")
+    return table.assign(mode=table["mode"].map(NAMES))[[*columns]].rename(columns=columns)
+
+
+def extrapolation(run: Run[Config]) -> pd.DataFrame:
+    """Return received bytes of the paper's largest fleet with plain ROS 2, measured and extrapolated."""
+    if agents_of(run).empty:
+        return pd.DataFrame()
+    known = [(nodes, float(np.median(received))) for nodes, received in by_nodes(run)]
+    rows = [(nodes, received, "measured") for nodes, received in known]
+    wanted = main_nodes(run)
+    for place, (less, more) in enumerate(pairwise(known)):
+        how = f"extrapolated from {less[0]} and {more[0]} nodes"
+        how += "" if place else ", used by the claims"
+        rows.append((wanted, at_nodes(wanted, [less, more]), how))
+    table = agents_of(run)
+    of_size = (table["mode"] == STANDARD) & (table["agents"] == PAPERS_LARGEST)
+    measured = table.loc[of_size & (table["nodes"] == wanted), BYTES]
+    if len(measured):
+        rows.append((wanted, float(measured.median()), "measured, limited by the cores"))
+    lines = [(nodes, how, each / 1e6, each / nodes / 1e3) for nodes, each, how in rows]
+    columns = ["nodes per agent", "origin", "received per agent (MB)", "per node (kB)"]
+    return pd.DataFrame(lines, columns=columns)
+
+
+def growth(run: Run[Config]) -> list[str]:
+    """Return in words how much longer the paper's largest fleet takes than two agents, by method."""
+    texts = []
+    for mode in (LAUNCHED, ROUTED):
+        few, many = (by_pace(run, mode, agents, TIME) for agents in (2, PAPERS_LARGEST))
+        if few and many:
+            few_s, many_s = float(np.median(few[0])), float(np.median(many[0]))
+            text = f"{many_s:.2f} s with {PAPERS_LARGEST} agents, {few_s:.2f} s with 2"
+            texts.append(f"{NAMES[mode]}: {text}: {many_s / few_s:.1f} times as long")
+    return texts
+
+
 # --- Claims -----------------------------------------------------------------------------------
 
 
@@ -190,7 +255,7 @@ def time_of(run: Run[Config], mode: str) -> Finding | None:
         under=dict(zip([SLOWER], estimates[1:], strict=False)),
         ends=ends,
         details=details,
-        reason=f"to start an agent takes {cpu_s:.1f} s of CPU here",
+        reason=f"starting one agent takes {cpu_s:.1f} s of CPU on this machine, which all agents share",
     )
 
 
@@ -216,7 +281,17 @@ def bytes_of(run: Run[Config], mode: str) -> Finding | None:
         under=under,
         ends={"MB received by standard": standard_bytes(run) / 1e6},
         details=details,
-        reason="the nodes' stand-ins are on Cyclone DDS, the paper's nodes on Fast DDS, over a radio",
+        reason=_bytes_reason(float(np.median(routed[0])), standard_bytes(run)),
+    )
+
+
+def _bytes_reason(own: float, standard: float) -> str:
+    """Return received bytes per agent beside the paper's."""
+    standard_mb = paper("A-DISC-BYTES", "MB at 6 agents, standard")
+    paper_kb = 1e3 * standard_mb / 10 ** paper("A-DISC-BYTES")
+    return (
+        f"with routers an agent receives {own / 1e3:.0f} kB (paper: about {paper_kb:.0f} kB), with plain "
+        f"ROS 2 {standard / 1e6:.0f} MB, extrapolated (paper: {standard_mb} MB)"
     )
 
 
@@ -311,14 +386,14 @@ def received_bytes(mode: str, agents: Any) -> Any:
 STYLES = {STANDARD: series("standard"), LAUNCHED: series("third"), ROUTED: series("proxy")}
 LABELS = {
     STANDARD: "plain ROS 2: one domain",
-    LAUNCHED: "paper: routed, processes started by the order, agents query each other",
-    ROUTED: "sfglab: routed, processes already loaded, descriptions published",
+    LAUNCHED: "paper's method: processes launched by the start command, agents query each other",
+    ROUTED: "sfglab variant: processes already loaded, descriptions published",
 }
 SCALE_STYLES = {STANDARD: STYLES[STANDARD], QUERYING: STYLES[LAUNCHED], PUBLISHING: STYLES[ROUTED]}
 SCALE_LABELS = {
     STANDARD: "plain ROS 2: one domain",
-    QUERYING: "routed, each agent queries its peers (paper)",
-    PUBLISHING: "routed, descriptions published (sfglab)",
+    QUERYING: "paper's method: agents query each other",
+    PUBLISHING: "sfglab variant: descriptions published",
 }
 LIVE_MODES = {STANDARD: STANDARD, QUERYING: LAUNCHED, PUBLISHING: ROUTED}
 """Live mode by simulated mode."""
@@ -328,7 +403,7 @@ _HOLLOW: dict[str, Any] = {"color": "black", "linestyle": "", "markerfacecolor":
 
 
 @exp.figure("discovery_fleet", size=(10, 5.6), when=lambda run: not run["cell"].empty)
-def draw_fleet(figure: Figure, run: Run[Config]) -> None:
+def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the discovery time and received bytes of each agent of the live fleets, and the paper's values."""
     table = main_fleets(run)
     layout: Any = [["time", "bytes"], ["key", "key"]]
@@ -348,7 +423,11 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> None:
     bytes_axes.plot([PAPERS_LARGEST], [routed_mb * 1e6], color=green, **star)
     if len(by_nodes(run)) > 1:
         place = PAPERS_LARGEST + BESIDE[STANDARD] + PACED
-        bytes_axes.plot(place, standard_bytes(run), markersize=8, **STYLES[STANDARD])
+        whole = standard_bytes(run)
+        bytes_axes.plot(place, whole, markersize=8, **STYLES[STANDARD])
+        side: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center"}
+        text = f"{whole / 1e6:.0f} MB, extrapolated"
+        bytes_axes.annotate(text, (place, whole), (-8, 0), color=orange, fontsize=8.5, **side)
     time_axes.set_ylabel("discovery time per agent (s)")
     bytes_axes.set_ylabel("received per agent during discovery")
     sizes = sorted(table["agents"].unique())
@@ -358,13 +437,16 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> None:
         each.set_xticks(sizes, [str(size) for size in sizes])
     for mode, label in LABELS.items():
         key.plot([], [], linestyle="", label=label, **STYLES[mode])
+    key.plot([], [], "o", label="filled: agents started one after another", color="black")
     key.plot([], [], "o", label="hollow: all started at once, limited by the cores", **_HOLLOW)
     key.plot([], [], "*", label="paper A, Fig. 9", markersize=10, **_HOLLOW)
     key.legend(loc="center", ncols=2, fontsize=8.5)
     key.axis("off")
     figure.suptitle(fleet_title(run))
-    nodes = f"live, {main_nodes(run)} nodes per agent"
-    note(figure, f"{nodes}; bars: medians; filled orange: extrapolated from few nodes")
+    few = " and ".join(str(nodes) for nodes, _ in by_nodes(run)[:2])
+    text = f"live, {main_nodes(run)} nodes per agent; one marker per agent; bars: medians"
+    note(figure, f"{text}; filled orange: extrapolated from {few} nodes" if few else text)
+    return {**default_sidecar(run), "repetitions": int(table["repeat"].nunique())}
 
 
 def log_axis(axes: Axes, unit: str) -> None:
@@ -435,7 +517,8 @@ def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         each.set_xticks([2, 6, 25, 100, LARGEST], ["2", "6", "25", "100", f"{LARGEST:,}"])
         each.minorticks_off()
         log_axis(each, unit)
-    for label, kind in (("simulated", "o-"), ("formula", "--"), ("live, started at a pace", "x")):
+    kinds = (("simulated", "o-"), ("formula", "--"), ("live, started one after another", "x"))
+    for label, kind in kinds:
         key.plot([], [], kind, color="black", markersize=5, label=label)
     key.legend(loc="center", ncols=3, fontsize=8.5)
     key.axis("off")
@@ -445,7 +528,11 @@ def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         f"{publishing:,} where descriptions are published"
     )
     each = f"{nodes} nodes and {CORES} simulated cores per agent"
-    note(figure, f"time and endpoints: {each}; bytes: 20 nodes per agent; medians")
+    text = f"time and endpoints: {each}; bytes: 20 nodes per agent; medians"
+    if len(standard_s) > 1:
+        sizes = " and ".join(map(str, standard_s.index))
+        text += f"; dashed time: line through fleets of {sizes} agents"
+    note(figure, text)
     return default_sidecar(run)
 
 

@@ -48,6 +48,7 @@ COLORS_OF_ROWS = dict(zip(Announced, ("#999999", "#009E73", "#D55E00"), strict=T
 HALF_WIDTH, HALF_HEIGHT = 1.75, 0.85
 LANE = 0.3  #: Distance of an arrow from the middle of its row.
 LEFT = -3.7  #: Place of the arrow along the left side.
+RIGHT_ALIGNED = {(State.ACTIVE, State.LOST)}  #: Arrows whose text ends beside them.
 LINE = 0.4  #: Distance of two lines of text.
 TOP = {announced: y + HALF_HEIGHT for announced, y in Y.items()}
 BOTTOM = {announced: y - HALF_HEIGHT for announced, y in Y.items()}
@@ -59,7 +60,7 @@ BETWEEN_ROWS: dict[tuple[State, State], tuple[Sequence[Point], Point]] = {
         [(6.0, BOTTOM[_NEW]), (6.0, 7.3), (0.6, 7.3), (0.6, TOP[_PRESENT])],
         (1.7, 7.55),
     ),
-    (State.ACTIVE, State.LOST): ([(-0.6, BOTTOM[_PRESENT]), (-0.6, TOP[_LOST])], (-3.55, 2.4)),
+    (State.ACTIVE, State.LOST): ([(-0.6, BOTTOM[_PRESENT]), (-0.6, TOP[_LOST])], (-0.75, 2.4)),
     (State.LOST, State.ACTIVE): ([(-0.2, TOP[_LOST]), (-0.2, BOTTOM[_PRESENT])], (-0.1, 3.12)),
     (State.LOST, State.UNKNOWN): (
         [(-HALF_WIDTH, Y[_LOST]), (LEFT, Y[_LOST]), (LEFT, Y[_NEW]), (-HALF_WIDTH, Y[_NEW])],
@@ -173,7 +174,10 @@ class _Table:
         lines = reversed(transitions) if up else transitions
         for number, transition in enumerate(lines):
             place = (at[0], at[1] + (LINE if up else -LINE) * number)
-            self._write(transition, self._words(transition), place, va="center", bbox=white)
+            ends_here = (transition[0], TRANSITIONS[transition][0]) in RIGHT_ALIGNED
+            side = "right" if ends_here else "left"
+            words = self._words(transition)
+            self._write(transition, words, place, va="center", ha=side, bbox=white)
 
     def _write(self, transition: Transition, text: str, place: Point, **style: Any) -> None:
         weight = "bold" if transition in STATED else "normal"
