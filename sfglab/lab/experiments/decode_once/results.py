@@ -478,7 +478,9 @@ def draw_load(axes: Axes, run: Run[Config], codec: str, column: str) -> None:
             label += f": {slope(run, codec, mode, 'cpu').value:+.1f} % each"
         # The decoder's modes receive the same, so that one line is a frame of the other.
         is_frame = column == "rx_mbit_s" and mode == PAPERS
-        broad: dict[str, Any] = {"linewidth": 4, "markersize": 9} if is_frame else {"markersize": 4.5}
+        broad: dict[str, Any] = (
+            {"linewidth": 4, "markersize": 9} if is_frame else {"markersize": 4.5}
+        )
         axes.plot(load["mean"], label=label, **broad, **STYLES[mode])
         low, high = load["mean"] - load["std"], load["mean"] + load["std"]
         axes.fill_between(load.index, low, high, color=STYLES[mode]["color"], alpha=0.18, lw=0)
@@ -572,7 +574,7 @@ def decoding_costs(
     factor = width * height * rate_hz / (_PIXELS * _FPS)
     cpu = pd.DataFrame(index=[*COUNTS, subscribers])
     net = pd.DataFrame(index=cpu.index)
-    costs = []
+    costs, shares = [], []
     for mode in LABELS:
         own = terms[PAPERS if mode == "standard" else mode].copy()
         if hardware_decoding:
@@ -580,13 +582,14 @@ def decoding_costs(
         cpu[mode] = [float(factor * own @ design(mode, count)) for count in cpu.index]
         net[mode] = factor * mbit_s * (cpu.index if mode == "standard" else 1)
         costs.append(f"{cpu[mode].iloc[-1]:.1f} % {WAYS[mode]}")
+        shares.append(f"{WAYS[mode].split()[-1]} {cpu[mode].iloc[-1]:.1f}")
     decoder = "hardware" if hardware_decoding else "software"
     said = (
         f"CPU and network of a device with {subscribers} subscribers to a stream of {picture_size} "
         f"at {rate_hz:g} Hz and a {decoder} decoder. Of one core: {', '.join(costs)}."
     )
     panels = (
-        curves("CPU", _CPU, cpu, f"with {subscribers}: {', '.join(costs)}"),
+        curves("CPU", _CPU, cpu, f"with {subscribers}: {', '.join(shares)} %"),
         curves("network", _NET, net, "decode once: equal over DDS and shared memory"),
     )
     return pictures.Picture(said=said, panels=panels)
