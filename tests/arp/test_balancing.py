@@ -42,11 +42,6 @@ def test_solver_and_closed_form_agree_whatever_the_weight(topics, rate_max_hz, r
     assert found.depth == pytest.approx(exact.depth, rel=1e-4, abs=1e-2)
 
 
-def test_a_solver_that_fails_is_one_of_our_errors():
-    with pytest.raises(SfglabError, match="solver NONESUCH ended without an answer"):
-        balance(BalanceInput(topics=EXPERIMENT, rate_max_hz=100), solver="NONESUCH")
-
-
 def test_an_infeasible_rate_names_equation_4_and_what_would_help_and_a_depth_equation_5():
     with pytest.raises(
         InfeasibleBalanceError, match=r"Eq\. 4.*lacks 4\.21.*raise Rmax to 126"
@@ -69,6 +64,12 @@ def test_an_infeasible_rate_names_equation_4_and_what_would_help_and_a_depth_equ
 )
 def test_meaningless_input_is_refused(values):
     with pytest.raises(InvalidValueError):
-        BalanceInput(**{"topics": (3,), "rate_max_hz": 100, **values})
+        BalanceInput(**{"topics": (3,), "rate_max_hz": 100} | values)
+
+
+def test_a_weight_of_one_is_refused_and_a_solver_that_fails_is_one_of_our_errors():
+    given = BalanceInput(topics=EXPERIMENT, rate_max_hz=100)
     with pytest.raises(InvalidValueError, match="weight"):
-        balance(BalanceInput(topics=(3,), rate_max_hz=100), weight=1)
+        balance(given, weight=1)
+    with pytest.raises(SfglabError, match="solver NONESUCH ended without an answer"):
+        balance(given, solver="NONESUCH")

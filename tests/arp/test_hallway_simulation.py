@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sfglab.arp.hallway import BEAMS_DEG, ROBOTS, End, Manoeuvre, simulation
-from sfglab.arp.hallway.simulation import LAP_DEPTHS, OPTIMUM, LapSettings, SimulatedLap
-from sfglab.arp.robots import METHODS, RATES_HZ
+from sfglab.arp.hallway.simulation import OPTIMUM, LapSettings, SimulatedLap
+from sfglab.arp.robots import METHODS
 from sfglab.messages import default_message, serialized_size
 from sfglab.rtps import Medium
 
@@ -48,49 +48,47 @@ def test_a_seed_gives_the_same_lap_also_in_pauses_and_another_seed_another():
     laps = [SimulatedLap(settings("none", depth=1), seed, record=True) for seed in (3, 3, 4)]
     while not laps[0].drive(laps[0].time_s + 0.33):
         assert laps[0].verdict is None
-    counts = [repr(lap.run().outcome.counts) for lap in laps]
-    ends = [lap.snapshots[-1].poses.tobytes() for lap in laps]
-    for values in (counts, ends):
-        assert values[0] == values[1] != values[2]
+    counts = [lap.run().outcome.counts for lap in laps]
+    ends = [lap.snapshots[-1].poses.tolist() for lap in laps]
+    assert (counts[0], ends[0]) == (counts[1], ends[1])
+    assert ends[0] != ends[2]
 
 
 def test_methods_hold_back_discard_and_send_as_they_claim():
-    laps = {name: SimulatedLap(settings(name), 0).run(limit_s=5.0) for name in METHODS}
-    counts = {name: lap.outcome.counts for name, lap in laps.items()}
+    airtimes = []
     for name, method in METHODS.items():
-        assert (counts[name]["held"] > 0) == method.local_cache
+        counts = SimulatedLap(settings(name), 0).run(limit_s=5.0).outcome.counts
+        assert (counts["held"] > 0) == method.local_cache
         discards = method.cache_control and not method.local_cache
-        assert (counts[name]["compared"] > 0) == discards
-    airtimes = [counts[name]["airtime_ns"] for name in ("OPT", "LC", "none")]
-    assert airtimes == sorted(airtimes)
+        assert (counts["compared"] > 0) == discards
+        if name in ("none", "OPT", "LC"):
+            airtimes.append(counts["airtime_ns"])
+    assert airtimes[1] <= airtimes[2] <= airtimes[0]
 
 
 def test_rate_and_depth_are_those_of_equation_6_or_of_table_2():
-    for rate_hz in RATES_HZ:
-        optimum_hz = rate_hz / 9 - 1
-        expected = (pytest.approx(optimum_hz, abs=1e-4), int(5000 * optimum_hz / rate_hz - 1))
-        assert simulation.rate_and_depth(settings("OPT", rate_max_hz=rate_hz)) == expected
+    """An agent has nine topics: Rmax / 9 - 1."""
+    rate_hz, depth = simulation.rate_and_depth(settings("OPT", rate_max_hz=500))
+    assert (rate_hz, depth) == (pytest.approx(54.5556, abs=1e-4), 544)
     assert simulation.rate_and_depth(settings("OPT", depth=10))[1] == 10
-    for depth in LAP_DEPTHS:
-        assert simulation.rate_and_depth(settings("none", depth=depth)) == (100, depth)
+    assert simulation.rate_and_depth(settings("none", depth=1000)) == (100, 1000)
 
 
 def test_each_robot_has_eight_beams_to_the_station_and_one_command_from_it():
     flows = simulation.scenario_of(settings("none"), seed=0).flows
-    beams = [(flow.source, flow.size_bytes) for flow in flows if flow.target == "station"]
-    assert beams == [(robot, 24) for robot in ROBOTS for _ in BEAMS_DEG]
     twist = serialized_size(default_message("geometry_msgs/msg/Twist"))
-    commands = [(flow.target, flow.size_bytes) for flow in flows if flow.source == "station"]
-    assert commands == [(robot, twist) for robot in ROBOTS]
+    expected = [(robot, "station", 24) for robot in ROBOTS for _ in BEAMS_DEG]
+    expected += [("station", robot, twist) for robot in ROBOTS]
+    assert sorted((flow.source, flow.target, flow.size_bytes) for flow in flows) == sorted(expected)
 
 
 def test_robot_3_forwards_the_others_commands_if_asked_and_the_lap_is_completed():
     changes = {"topics": (8, 5, 5), "beam_bytes": 8, "compute_scale": 4.0}
     relayed = settings("OPT", medium=PERFECT, relay_via_robot3=True, **changes)
     beam, *_, first, last, own = simulation.scenario_of(relayed, seed=0).flows
-    assert (first.source, first.target, first.then) == ("station", "robot3", "robot2/command")
-    assert (last.source, last.target, last.name) == ("robot3", "robot2", "robot2/command")
-    assert (own.source, own.target) == ("station", "robot3")
+    ways = [(flow.source, flow.target, flow.then) for flow in (first, last, own)]
+    forwarded = ("station", "robot3", "robot2/command")
+    assert ways == [forwarded, ("robot3", "robot2", None), ("station", "robot3", None)]
     assert (beam.size_bytes, beam.service_s) == (8, pytest.approx(4 * 120e-6))
     assert beam.rate_hz > simulation.rate_and_depth(settings("OPT"))[0]
     assert SimulatedLap(relayed, 0).run().end is End.SUCCESS
@@ -100,7 +98,7 @@ def test_snapshots_hold_what_the_lidars_measure_and_what_the_station_received():
     lap = SimulatedLap(settings("none", medium=PERFECT), 0, record=True)
     lap.drive(2.0)
     first, *_, before, last = lap.snapshots
-    assert (len(lap.snapshots), last.time_s) == (20, pytest.approx(1.9))
+    assert last.time_s == pytest.approx(1.9)
     assert [first.manoeuvre, last.manoeuvre] == [Manoeuvre.STOP, Manoeuvre.FORWARD]
     assert np.isinf(first.believed_m).all()
     np.testing.assert_array_equal(last.believed_m, before.measured_m)

@@ -20,24 +20,24 @@ def flows_of(given):
 
 def test_sixteen_sensors_and_hello_go_to_the_station_and_hello_comes_back():
     flows = flows_of(cell())
-    down = flows.pop(hello.HELLO_DOWN)
-    assert len(flows) == 16 + 1
-    assert {flow.target for flow in flows.values()} == {hello.STATION}
-    assert flows[hello.HELLO_UP].then == hello.HELLO_DOWN
-    assert (down.source, down.target, down.rate_hz) == (hello.STATION, "robot1", 0)
     assert flows["robot1/lidar"].size_bytes == 24  # of Table 1
+    assert flows[hello.HELLO_UP].then == hello.HELLO_DOWN
+    down = flows.pop(hello.HELLO_DOWN)
+    assert (down.source, down.target, down.rate_hz) == (hello.STATION, "robot1", 0)
+    assert [flow.target for flow in flows.values()] == [hello.STATION] * (16 + 1)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_method_sets_rate_and_caches_and_nothing_else(method):
-    flows = flows_of(cell(method=method)).values()
-    sensors = [flow for flow in flows if flow.change_s]
-    assert len(sensors) == 16
-    assert {flow.cached for flow in sensors} == {METHODS[method].local_cache}
-    assert {flow.compare_s is not None for flow in sensors} == {METHODS[method].cache_control}
-    assert not any(flow.cached for flow in flows if not flow.change_s)  # no "Hello" repeats another
-    rate_hz = hello.balance_of(100).rate_hz if METHODS[method].optimised else 100
-    assert {flow.rate_hz for flow in flows if flow.rate_hz} == {rate_hz}
+@pytest.mark.parametrize("name", METHODS)
+def test_a_method_sets_rate_and_caches_of_sensors_and_nothing_else(name):
+    method = METHODS[name]
+    rate_hz = hello.balance_of(100).rate_hz if method.optimised else 100
+    found = {
+        (flow.change_s > 0, flow.cached, flow.compare_s is not None, flow.rate_hz)
+        for flow in flows_of(cell(method=name)).values()
+        if flow.name.startswith("robot2")
+    }
+    assert found == {(True, method.local_cache, method.cache_control, rate_hz)}
+    assert not flows_of(cell(method=name))[hello.HELLO_UP].cached  # none repeats another
 
 
 def test_the_optimum_is_eq_6_for_the_topics_that_there_are():
@@ -51,27 +51,24 @@ def test_on_a_quiet_channel_hello_takes_two_hops_and_their_nodes_and_a_third_ove
     quiet = Medium(loss=0.0, rate_bps=1e12, overhead_s=20e-6, contention=0.0)
     lowest = []
     for hop in (False, True):
-        outcome = run(hello.scenario_of(cell(hop=hop), medium=quiet), seed=0)
-        latency_ms = hello.hello_latency_ms(outcome)
+        latency_ms = hello.hello_latency_ms(
+            run(hello.scenario_of(cell(hop=hop), medium=quiet), seed=0)
+        )
         assert len(latency_ms) == 200
         lowest.append(np.quantile(latency_ms, 0.1))
     assert lowest[0] == pytest.approx(2 * 0.02 + 0.18 + 0.06, abs=0.01)
     # A hop more, and its node besides the station's, which plans once less.
     assert lowest[1] - lowest[0] == pytest.approx(0.02 + 0.12 - 0.06, abs=0.01)
-    names = (hello.HELLO_UP, hello.HELLO_HOP, hello.HELLO_DOWN)
-    way = [flows_of(cell(hop=True))[name] for name in names]
-    assert [flow.target for flow in way] == ["station", "robot3", "robot1"]
 
 
 def test_a_hello_that_never_arrives_has_an_infinite_time():
     outcome = run(hello.scenario_of(cell(rate_max_hz=200)), seed=0)
     times_ms = hello.hello_times_ms(outcome)
     assert len(times_ms) == len(outcome.flows[hello.HELLO_UP].fate)
-    assert np.isfinite(times_ms).sum() == len(hello.hello_latency_ms(outcome)) < len(times_ms)
+    assert 0 < np.isfinite(times_ms).sum() < len(times_ms)
 
 
-def test_bad_cells_are_refused_with_the_place():
-    with pytest.raises(InvalidValueError, match="method: given 'best'"):
-        cell(method="best")
-    with pytest.raises(InvalidValueError, match="depth: given '0'"):
-        cell(depth="0")
+@pytest.mark.parametrize(("field", "given"), [("method", "best"), ("depth", "0")])
+def test_a_bad_cell_is_refused_with_the_place(field, given):
+    with pytest.raises(InvalidValueError, match=f"{field}: given '{given}'"):
+        cell(**{field: given})

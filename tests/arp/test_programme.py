@@ -2,7 +2,6 @@
 
 import contextlib
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from random import Random
 
@@ -13,10 +12,10 @@ import yaml
 from sfglab.arp.link import link_of
 from sfglab.arp.plan import InfeasiblePlanError, assess, depths_for, plan_as_printed
 from sfglab.arp.programme import pareto_front, plan, plan_file
-from sfglab.arp.topics import Limits, Topic, TopicFile, _Link, load_topics, read_topics
+from sfglab.arp.topics import Limits, Topic, TopicFile, _Link, _Timing, load_topics, read_topics
 from sfglab.documents import Document
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import Bounds, bounds_of
+from sfglab.fields import bounds_of
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, PRESETS, Flow, Medium, Scenario, run
 
@@ -25,6 +24,8 @@ ASYNC = PRESETS["fast_dds_async"]
 VENDORS = pytest.mark.parametrize("vendor", [FAST_DDS, CYCLONE_DDS, ASYNC], ids=lambda v: v.name)
 LATCHED = Durability.TRANSIENT_LOCAL
 HOSTS = ("station", "robot2", "robot3")
+SAME = ("name", "source", "target", "size_bytes", "cached", "change_s")
+"""What a flow of the reliability model has of a topic."""
 
 
 def topic(name: str = "/a", **values) -> Topic:
@@ -41,18 +42,9 @@ def simulated(planned, *, seed: int = 3, duration_s: float = 40.0):
     draw = np.random.default_rng(seed)
     flows = []
     for part in planned.topics:
-        flow = Flow(
-            name=part.topic.name,
-            source=part.topic.source,
-            target=part.topic.target,
-            size_bytes=part.topic.size_bytes,
-            rate_hz=part.rate_hz,
-            phase_s=draw.uniform(0, 1 / part.rate_hz),
-            qos=part.qos,
-            cached=part.topic.cached,
-            change_s=part.topic.change_s,
-        )
-        flows.append(flow)
+        values = {name: getattr(part.topic, name) for name in SAME}
+        values |= {"rate_hz": part.rate_hz, "phase_s": draw.uniform(0, 1 / part.rate_hz)}
+        flows.append(Flow(qos=part.qos, **values))
     given = {"medium": planned.medium, "vendor": planned.vendor, "duration_s": duration_s}
     return run(Scenario(flows=tuple(flows), **given), seed=seed)
 
@@ -79,13 +71,13 @@ def test_equal_topics_share_the_capacity_equally_up_to_the_border_of_what_is_fea
     medium, topics = Medium(contention=0), equal_topics(4, target=target)
     link = link_of(equal_topics(4 * len(topics[0].targets)), medium, CYCLONE_DDS)
     each_hz = 0.9 / (link.data_s + link.acknack_share * link.acknack_s).sum()
-    for lowest_hz in (1.0, 0.999 * each_hz):
-        asked = [replace(one, rate_min_hz=lowest_hz) for one in topics]
-        found = plan(asked, medium, CYCLONE_DDS, latency_price_hz=0.0)
-        assert found.rates_hz == pytest.approx(np.full(4, each_hz), rel=1e-3)
-    asked = [replace(one, rate_min_hz=1.1 * each_hz) for one in topics]
+    feasible, infeasible = (
+        [replace(one, rate_min_hz=share * each_hz) for one in topics] for share in (0.999, 1.1)
+    )
+    found = plan(feasible, medium, CYCLONE_DDS, latency_price_hz=0.0)
+    assert found.rates_hz == pytest.approx(np.full(4, each_hz), rel=1e-3)
     with pytest.raises(InfeasiblePlanError) as caught:
-        plan(asked, medium, CYCLONE_DDS)
+        plan(infeasible, medium, CYCLONE_DDS)
     assert caught.value.lacking == pytest.approx(0.09)
 
 
@@ -101,75 +93,63 @@ def test_the_price_of_airtime_is_the_difference_quotient_of_the_optimum():
 
 @VENDORS
 def test_no_neighbour_of_the_optimum_that_takes_no_more_is_better(vendor):
-    price_hz = 30.0
-    found = plan(PAPER_B.topics, Medium(), vendor, latency_price_hz=price_hz)
+    def worth(planned):
+        return planned.freshness - 30.0 * planned.latency_s
+
+    found = plan(PAPER_B.topics, Medium(), vendor, latency_price_hz=30.0)
     depths, rng = [part.depth for part in found.topics], np.random.default_rng(1)
-    best = found.freshness - price_hz * found.latency_s
     for size in np.repeat([1e-3, 1e-2, 0.05], 40):
         rates_hz = found.rates_hz * (1 + size * rng.standard_normal(18))
         # No more than the losses let through.
         rates_hz = np.clip(rates_hz, 1, found.rates_hz.max())
         other = assessed(PAPER_B.topics, Medium(), vendor, rates_hz, depths)
-        if other.utilisation <= found.utilisation:
-            assert other.freshness - price_hz * other.latency_s <= best + 1e-5
+        assert other.utilisation > found.utilisation or worth(other) <= worth(found) + 1e-5
 
 
-@pytest.mark.parametrize("seed", range(25))
-def test_every_plan_keeps_to_its_bounds(seed):
-    draw = Random(seed)
-    topics = []
-    for host in HOSTS[: 1 + seed % 3]:
-        values = {"change_s": draw.uniform(0.01, 30), "size_bytes": draw.randrange(2000)}
-        values["reliability"] = draw.choice(list(Reliability))
-        topics.append(topic(f"/{host}", target=host, cached=seed % 2 > 0, **values))
-    medium = Medium(loss=draw.uniform(0, 0.2), shared=seed % 4 > 0)
-    vendor = draw.choice([FAST_DDS, CYCLONE_DDS])
-    found = plan(topics, medium, vendor, latency_price_hz=draw.uniform(0, 500))
-    assert 1 <= found.rates_hz.min() <= found.rates_hz.max() <= 1000
-    assert found.utilisation <= 0.9 + 1e-5
-    assert min(part.depth for part in found.topics) >= 2
-    assert 0 <= found.up_to_date <= 1
+WHOLE = ("size_bytes", "queue_frames")
 
 
-def drawn(draw, name, limits, log=(-9, 9)):
-    """Return a legal value of a bounded field, or none, for its default."""
-    low, high = max(limits.low, 10.0 ** log[0]), min(limits.high, 10.0 ** log[1])
-    value = draw.choice([low, high, *np.geomspace(low, high, 9)[1:-1].tolist()])
-    value = int(value) if name in ("size_bytes", "queue_frames") else value
-    return {name: value} if value in limits and draw.random() < 0.5 else {}
+def drawn(draw, kind):
+    """Return legal values of some of a type's bounded fields; the others keep their defaults."""
+    found = {}
+    for name, limits in bounds_of(kind).items():
+        value = draw.choice(np.geomspace(max(limits.low, 1e-9), min(limits.high, 1e9), 9).tolist())
+        value = int(value) if name in WHOLE else value
+        if value in limits and draw.random() < 0.5:
+            found[name] = value
+    return found
 
 
 def drawn_text(draw) -> str:
     """Return a file of topics that `load_topics` reads, with values anywhere in their bounds."""
-    link, timing, topics = {}, {}, {}
-    for name, limits in bounds_of(_Link).items():
-        link |= drawn(draw, name, limits)
-    for name in ("heartbeat_ms", "nack_delay_ms", "ack_delay_ms"):
-        timing |= drawn(draw, name, Bounds(1e-3, 1e6))
+    topics = {}
     for number in range(draw.randint(1, 3)):
-        values = {"from": draw.choice("ab"), "to": draw.choice([["c"], ["c", "d"]])}
-        values |= {"size_bytes": draw.choice([0, 24, 5000]), "rate_min_hz": 1e-9}
-        for name, limits in bounds_of(Topic).items():
-            values |= {} if name == "rate_min_hz" else drawn(draw, name, limits)
+        values = {"size_bytes": 24} | drawn(draw, Topic) | {"rate_min_hz": 1e-9}
+        values |= {"from": draw.choice("ab"), "to": draw.choice([["c"], ["c", "d"]])}
         values["reliability"] = draw.choice([member.value for member in Reliability])
         values["durability"] = draw.choice([member.value for member in Durability])
         topics[f"/t{number}"] = values | {"cached": draw.random() < 0.3}
-    given = {"topics": topics, "link": link, "timing": timing, "vendor": draw.choice([*PRESETS])}
-    return yaml.safe_dump(given)
+    given = {"topics": topics, "link": drawn(draw, _Link), "timing": drawn(draw, _Timing)}
+    return yaml.safe_dump(given | {"vendor": draw.choice([*PRESETS])})
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_every_legal_file_has_a_plan_or_an_error_of_ours(seed):
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")  # CVXPY's, before our error
+@pytest.mark.parametrize("seed", range(40))
+def test_every_legal_file_has_a_plan_within_its_limits_or_an_error_of_ours(seed):
     draw = Random(seed)
     given = read_topics(Document(drawn_text(draw), "t.yaml"))
-    for method in (partial(plan_file, latency_price_hz=10 ** draw.uniform(-1, 3)), plan_as_printed):
-        with contextlib.suppress(SfglabError), np.errstate(all="ignore"):
-            for part in method(given).topics:
-                assert np.isfinite(part.rate_hz)
-                assert part.latency_s > 0
-                assert 0 <= part.up_to_date <= 1
-                assert 0 <= part.loss <= 0.99
-                assert part.deadline_ns is None or part.deadline_ns > 0
+    with contextlib.suppress(SfglabError), np.errstate(all="ignore"):
+        found = plan_file(given, latency_price_hz=10 ** draw.uniform(-1, 3))
+        assert found.utilisation <= 0.9 + 1e-5
+        for part in found.topics:
+            assert part.topic.rate_min_hz <= part.rate_hz <= part.topic.rate_max_hz
+            assert part.depth >= 2
+        for part in (*found.topics, *plan_as_printed(given).topics):
+            assert np.isfinite(part.rate_hz)
+            assert part.latency_s > 0
+            assert 0 <= part.up_to_date <= 1
+            assert 0 <= part.loss <= 0.99
+            assert part.deadline_ns is None or part.deadline_ns > 0
 
 
 @VENDORS
@@ -208,9 +188,7 @@ def test_behind_a_local_cache_slow_values_are_read_often_and_sent_seldom():
     assert cached["/robot1/dht11"].rate_hz > 10 * plain["/robot1/dht11"].rate_hz
     assert cached.up_to_date > plain.up_to_date
     sent = sum(len(flow.fate) for flow in simulated(cached).flows.values())
-    change_hz = 1 / np.array([asked.change_s for asked in topics])
-    found_new = 1 - np.exp(-change_hz / cached.rates_hz)
-    assert sent / 40 == pytest.approx(cached.rates_hz @ found_new, rel=0.05)
+    assert sent / 40 < 0.2 * cached.rates_hz.sum()
 
 
 BIG = topic("/big", rate_min_hz=900, size_bytes=1400)
@@ -245,8 +223,9 @@ def test_depth_holds_what_is_published_during_the_repairs_and_deadline_is_its_le
     asked = topic(rate_max_hz=50, durability=LATCHED)
     link = link_of([asked], Medium(contention=0), FAST_DDS)
     assert depths_for(link, np.array([50.0]), residual_loss=1e-4).tolist() == [5]
-    planned = assessed([asked], Medium(), FAST_DDS, [50.0], [5])
-    assert planned["/a"].qos.deadline_ns == 100_000_000
+    for depth, deadline_ns in ((5, 100_000_000), (1, 40_000_000)):  # two periods at least
+        planned = assessed([asked], Medium(), FAST_DDS, [50.0], [depth])
+        assert planned["/a"].qos.deadline_ns == deadline_ns
     with pytest.raises(InvalidValueError, match=r"given '/b', allowed: /a"):
         planned["/b"]
 
@@ -256,10 +235,9 @@ def test_with_fast_dds_ours_is_sooner_than_the_published_optimum_and_loses_as_li
     """The published depths lose nothing where the medium is not overloaded: they wait for seconds instead."""
     given = PAPER_B.limited_to(rate_max_hz)
     ours, published = plan(given.topics, given.medium, FAST_DDS), plan_as_printed(given)
-    one, other = simulated(ours, duration_s=12.0), simulated(published, duration_s=12.0)
+    one, other = (simulated(planned, duration_s=12.0) for planned in (ours, published))
     assert 20 * latency_of(one) <= latency_of(other)
     assert loss_of(one) <= max(loss_of(other), 4e-4)
-    assert max(part.loss for part in ours.topics) < 4e-4
     assert 0.4 < latency_of(other) / published.latency_s < 1
 
 
@@ -280,36 +258,26 @@ def up_to_date_of(planned, outcome, duration_s: float = 40.0) -> float:
     """Return the share of time in which readers had the true value, mean over the topics."""
     shares = []
     for part, flow in zip(planned.topics, outcome.flows.values(), strict=True):
-        published_s, received_s = flow.published_ns / 1e9, flow.received_ns / 1e9
-        received_s = received_s[flow.delivered]
+        change_s, received_s = part.topic.change_s, flow.received_ns[flow.delivered] / 1e9
         ends_s = np.stack((received_s, np.append(received_s[1:], duration_s)))
         # A value of age a is still true with probability exp(-a / t).
-        true = np.exp((published_s[flow.delivered] - ends_s) / part.topic.change_s)
-        shares.append(part.topic.change_s * (true[0] - true[1]).sum() / duration_s)
+        true = np.exp((flow.published_ns[flow.delivered] / 1e9 - ends_s) / change_s)
+        shares.append(change_s * (true[0] - true[1]).sum() / duration_s)
     return np.mean(shares)
 
 
-def test_readers_are_less_up_to_date_by_what_a_shallow_history_loses():
-    """Half of the samples of a history of one are lost for good, although the topic is RELIABLE."""
-    asked = topic(change_s=0.1, durability=LATCHED)
-    planned = assessed([asked], Medium(loss=0.5, contention=0), CYCLONE_DDS, [20.0], [1])
-    assert planned.topics[0].loss > 0.2
-    per_change = 20.0 * (1 - planned.topics[0].loss) * asked.change_s
-    sent_true = per_change * (1 - np.exp(-1 / per_change))
-    late = np.exp(-planned.latency_s / asked.change_s)
-    assert planned.up_to_date == pytest.approx(sent_true * late)
-
-
-def test_the_planned_loss_counts_all_rounds_of_retransmissions_that_a_history_holds():
+def test_the_planned_loss_counts_all_rounds_that_a_history_holds_and_readers_know_less_by_it():
     """Half of the frames are lost, and so three quarters of the rounds: 0.5 (3 / 4)^k after k rounds."""
-    asked, medium = topic(rate_max_hz=20, durability=LATCHED), Medium(loss=0.5, contention=0)
-    losses = []
-    for depth in (2, 10, 20, 40):
-        planned = assessed([asked], medium, CYCLONE_DDS, [20.0], [depth])
-        losses.append(planned.topics[0].loss)
-        rounds = np.log(2 * losses[-1]) / np.log(3 / 4)
+    asked = topic(rate_max_hz=20, change_s=0.1, durability=LATCHED)
+    found = []
+    for depth in (1, 2, 10, 20, 40):
+        planned = assessed([asked], Medium(loss=0.5, contention=0), CYCLONE_DDS, [20.0], [depth])
+        loss = planned.topics[0].loss
+        rounds = np.log(2 * loss) / np.log(3 / 4)
         assert rounds == pytest.approx(round(rounds), abs=1e-6)
-    assert (np.diff(losses) < 0).all()
+        found.append((-loss, planned.up_to_date))
+    assert (np.diff(found, axis=0) > 0).all()
+    assert found[0][0] < -0.2
 
 
 def test_the_papers_depth_is_a_whole_number_where_the_problem_has_one():
@@ -319,19 +287,13 @@ def test_the_papers_depth_is_a_whole_number_where_the_problem_has_one():
     assert (first.rate_hz, first.depth) == (499, 2494)
 
 
-def test_a_deadline_is_two_periods_at_least():
-    planned = assessed([topic()], Medium(), FAST_DDS, [10.0], [1])
-    assert planned.topics[0].deadline_ns == planned.topics[0].qos.deadline_ns == 200_000_000
-
-
 def test_the_planned_depth_repairs_and_what_no_depth_can_keep_is_in_the_planned_loss():
     """10 % loss: a TRANSIENT_LOCAL history keeps all, a VOLATILE one of Fast DDS as much as planned."""
-    asked = equal_topics(4, rate_max_hz=50, durability=LATCHED)
-    planned = plan(asked, Medium(loss=0.1), FAST_DDS)
-    shallow = replace(planned, topics=tuple(replace(part, depth=1) for part in planned.topics))
-    assert loss_of(simulated(planned)) < 2e-3
-    assert loss_of(simulated(shallow)) > 0.05
-    volatile = plan(equal_topics(4, rate_max_hz=50), Medium(loss=0.1), FAST_DDS)
+    latched, volatile = (
+        plan(equal_topics(4, rate_max_hz=50, durability=one), Medium(loss=0.1), FAST_DDS)
+        for one in (LATCHED, Durability.VOLATILE)
+    )
+    assert loss_of(simulated(latched)) < 2e-3
     assert volatile.topics[0].loss == pytest.approx(0.1 * (1 - 0.9**3), rel=0.01)
     assert 0 < loss_of(simulated(volatile)) < volatile.topics[0].loss
 
@@ -348,21 +310,12 @@ def test_the_planned_depth_repairs_and_what_no_depth_can_keep_is_in_the_planned_
 @pytest.mark.parametrize("rate_hz", [0.1, 1, 5, 20, 80])
 def test_of_one_topic_delays_and_losses_are_as_simulated(vendor, depth, durability, rate_hz):
     """Heartbeats ride with one sample in two or four, or with each, so that depth delays nothing."""
-    asked, samples = topic(durability=durability), 40_000
+    asked = topic(durability=durability)
     planned = assessed([asked], Medium(contention=0), vendor, [rate_hz], [depth])
-    measured = []
-    for seed in range(8):
-        outcome = simulated(planned, seed=seed, duration_s=samples / rate_hz)
-        measured.append((latency_of(outcome), loss_of(outcome)))
-    latency_s, loss = np.mean(measured, axis=0)
+    outcome = simulated(planned, duration_s=300_000 / rate_hz)
     way_s = link_of([asked], planned.medium, vendor).way_s[0]
-    assert planned.latency_s - way_s == pytest.approx(latency_s - way_s, rel=0.25)
-    assert planned.topics[0].loss > loss - 5e-5
-
-
-def test_a_limit_lowers_the_least_rate_with_the_largest():
-    limited = replace(PAPER_B, topics=(BIG,)).limited_to(10).topics[0]
-    assert (limited.rate_min_hz, limited.rate_max_hz) == (10, 10)
+    assert planned.latency_s - way_s == pytest.approx(latency_of(outcome) - way_s, rel=0.25)
+    assert planned.topics[0].loss > loss_of(outcome) - 5e-5
 
 
 @pytest.mark.parametrize(("size_bytes", "frames"), [(24, 1), (1384, 1), (1385, 2), (100_000, 68)])
