@@ -54,6 +54,7 @@ def test_the_whole_middle_line_is_free_in_every_area_and_winds_once():
     angles = np.unwrap([winding_rad(x, y) for x, y in points])
     assert np.diff(angles).min() >= -1e-9
     assert angles[-1] - angles[0] == pytest.approx(math.tau)
+    assert hallway.course_length_m() == 18.0
 
 
 @given(st.floats(0.15, 11.9))

@@ -4,10 +4,8 @@ import json
 import re
 from functools import partial
 from pathlib import Path
-from xml.etree import ElementTree as ET
 
 import pytest
-import yaml
 from commands import called
 
 DATA = Path(__file__).parents[2] / "data" / "qos"
@@ -15,26 +13,14 @@ PAPER_B, WAREHOUSE = str(DATA / "paper_b.yaml"), str(DATA / "warehouse.yaml")
 call = partial(called, "qos")
 
 
-def test_the_table_has_a_line_for_each_topic_and_the_printed_method_gives_all_the_same():
-    text = call(PAPER_B)
-    assert len(re.findall(r"^/\S+ +\d+\.\d\d +\d+ ", text, re.MULTILINE)) == 18
-    assert re.search(r"channel utilisation \d\d %", text)
+def test_the_table_has_a_line_for_each_topic_none_faster_than_rate_max_as_printed_all_the_same():
+    rates = re.findall(r"^/\S+ +(\d+\.\d\d) +\d+ ", call(PAPER_B, "--rate-max", "20"), re.MULTILINE)
+    assert len(rates) == 18
+    assert max(map(float, rates)) == 20
     text = call(PAPER_B, "--method", "paper", "--rate-max", "1000")
     assert text.count(" 165.67    827 ") == 18
     assert "overloaded" in text
     assert "without bound" in text
-
-
-def test_no_topic_is_faster_than_rate_max_and_a_higher_price_of_latency_takes_less():
-    rates = re.findall(r"^/\S+ +(\d+\.\d\d)", call(PAPER_B, "--rate-max", "20"), re.MULTILINE)
-    assert max(map(float, rates)) == 20
-    dear, cheap = (
-        call(PAPER_B, "--vendor", "cyclone_dds", "--latency-weight", price)
-        for price in ("500", "1")
-    )
-    assert int(re.search(r"utilisation (\d+) %", dear)[1]) < int(
-        re.search(r"utilisation (\d+) %", cheap)[1]
-    )
 
 
 def test_the_front_has_a_line_for_each_price():
@@ -46,19 +32,17 @@ def test_the_front_has_a_line_for_each_price():
 
 
 def test_files_are_written_into_a_folder_and_named(tmp_path):
-    out = str(tmp_path / "new" / "config")
-    for name, file, given in (
-        ("fastdds", "fastdds.xml", PAPER_B),
-        ("fastdds3", "fastdds3.xml", PAPER_B),
-        ("cyclone", "cyclonedds.xml", WAREHOUSE),
-        ("ros2", "qos_overrides.yaml", WAREHOUSE),
-        ("table", "qos.txt", WAREHOUSE),
-    ):
-        assert call(given, "--format", name, "--out", out).strip().endswith(file)
-    folder = Path(out)
-    assert len(list(folder.iterdir())) == 5
-    ET.fromstring((folder / "fastdds.xml").read_text())  # noqa: S314 - our own text
-    assert "/**" in yaml.safe_load((folder / "qos_overrides.yaml").read_text())
+    out = tmp_path / "new" / "config"
+    files = {
+        ("fastdds", PAPER_B): "fastdds.xml",
+        ("fastdds3", PAPER_B): "fastdds3.xml",
+        ("cyclone", WAREHOUSE): "cyclonedds.xml",
+        ("ros2", WAREHOUSE): "qos_overrides.yaml",
+        ("table", WAREHOUSE): "qos.txt",
+    }
+    for (name, given), file in files.items():
+        assert call(given, "--format", name, "--out", str(out)).strip().endswith(file)
+    assert {path.name for path in out.iterdir()} == set(files.values())
 
 
 def test_another_vendor_can_be_planned_for():
@@ -83,16 +67,15 @@ def test_what_is_recommended_follows_what_ros_2_runs_on(rmw, named, depth, said)
 
 
 def test_json_has_the_deadlines_and_no_number_that_json_has_not():
-    def refuse(constant):
-        raise AssertionError(constant)
+    def read(*options):
+        text = call(PAPER_B, *options, "--json")
+        return json.loads(text[text.index("{") :], parse_constant=pytest.fail)
 
-    text = call(PAPER_B, "--method", "paper", "--json")
-    plan = json.loads(text[text.index("{") :], parse_constant=refuse)
+    assert read("--latency-weight", "5")["latency_price_hz"] == 5
+    plan = read("--method", "paper")
     assert plan["latency_s"] is None, "the channel is overloaded"
-    assert plan["method"] == "paper"
-    deadlines_ns = [part["deadline_ns"] for part in plan["topics"]]
-    lengths_s = [part["depth"] / part["rate_hz"] for part in plan["topics"]]
-    assert deadlines_ns == pytest.approx([1e9 * length for length in lengths_s])
+    for part in plan["topics"]:
+        assert part["deadline_ns"] == pytest.approx(1e9 * part["depth"] / part["rate_hz"])
 
 
 @pytest.mark.parametrize(
@@ -110,11 +93,10 @@ def test_a_warning_names_topics_beyond_the_model_or_the_limits_of_their_file(
     link, topic, options, warned, tmp_path
 ):
     file = tmp_path / "topics.yaml"
-    quiet = "/b: {from: robot, to: station, size_bytes: 8}"
+    ends = "from: robot, to: station"
     file.write_text(
-        f"link: {link}\ntopics:\n  /a: {{from: robot, to: station, {topic}}}\n  {quiet}\n"
+        f"link: {link}\ntopics:\n  /a: {{{ends}, {topic}}}\n  /b: {{{ends}, size_bytes: 8}}\n"
     )
-    text = call(str(file), *options)
-    found = re.findall(r"^warning: .*$", text, re.MULTILINE)
+    found = re.findall(r"^warning: .*$", call(str(file), *options), re.MULTILINE)
     assert len(found) == (warned is not None)
     assert (warned or "") in "".join(found)

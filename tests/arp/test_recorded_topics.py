@@ -12,7 +12,7 @@ from waiting import program
 from sfglab.arp.recorded import host_of, topics_from_log, topics_text
 from sfglab.arp.topics import load_topics, read_topics
 from sfglab.documents import Document
-from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.errors import SfglabError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.record import LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
@@ -51,26 +51,32 @@ def test_a_bag_of_ros_2_gives_rate_size_and_how_often_the_value_changes(tmp_path
     assert "/global/go2/place" in called("qos", str(bag_path), "--rate-max", "5")
 
 
-def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
-    sides = {
-        "/a": (["/go2/cam"], ["/spot/map", "/base/map", "/go2/own"]),
-        "/b: {": (["/go2/cam"], ["/base/map"]),
-        "/own": (["/go2/cam"], ["/go2/own"]),
-        "/global/go2/scan": (["/camera"], ["/rviz"]),
-        "/both": (["/go2/cam", "/spot/cam"], ["/base/map"]),
-        "/heard": ([], ["/base/map"]),
-    }
-    graph = {t: {"publishers": p, "subscribers": s} for t, (p, s) in sides.items()}
+RECORDED = QoSProfile(reliability=Reliability.BEST_EFFORT, durability=Durability.TRANSIENT_LOCAL)
+SIDES = {  # publishers and subscribers
+    "/a": (["/go2/cam"], ["/spot/map", "/base/map", "/go2/own"]),
+    "/b: {": (["/go2/cam"], ["/base/map"]),
+    "/own": (["/go2/cam"], ["/go2/own"]),
+    "/global/go2/scan": (["/camera"], ["/rviz"]),
+    "/both": (["/go2/cam", "/spot/cam"], ["/base/map"]),
+    "/heard": ([], ["/base/map"]),
+}
+
+
+def test_who_publishes_and_subscribes_decides_what_crosses_with_the_recorded_qos(tmp_path):
+    graph = {t: {"publishers": p, "subscribers": s} for t, (p, s) in SIDES.items()}
     with LogWriter(tmp_path / "a.mcap") as log:
         log.write_metadata(COMPUTATION_GRAPH, graph)
-        for topic, at in product(sides, range(0, 11 * 10**8, 10**8)):
-            log.write_raw(topic, "std_msgs/msg/UInt8", b"\0\1\0\0\7", log_time_ns=at)
+        for topic, at in product(SIDES, range(0, 11 * 10**8, 10**8)):
+            given = {"log_time_ns": at, "qos": RECORDED}
+            log.write_raw(topic, "std_msgs/msg/UInt8", b"\0\1\0\0\7", **given)
     with LogReader(tmp_path / "a.mcap") as log:
         topics, left_out = topics_from_log(log)
     assert [(t.name, t.source, t.target, t.change_s) for t in topics] == [
         ("/a", "go2", ("base", "spot"), 1.0),
         ("/global/go2/scan", "go2", "station", 1.0),
     ]
+    assert topics[0].reliability is RECORDED.reliability
+    assert topics[0].durability is RECORDED.durability
     assert read_topics(Document(topics_text(topics, "a\n.mcap"), "a.yaml")).topics == topics
     assert left_out == {
         "/b: {": "it has no topic name of ROS 2",
@@ -80,54 +86,42 @@ def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
     }
 
 
-@pytest.mark.parametrize("reliability", Reliability)
-@pytest.mark.parametrize("durability", Durability)
-def test_recorded_qos_is_in_the_file_of_topics(tmp_path, reliability, durability):
-    qos = QoSProfile(reliability=reliability, durability=durability)
-    with LogWriter(tmp_path / "a.mcap") as log:
-        for at in range(0, 11 * 10**8, 10**8):
-            reading = b"\0\1\0\0\7"
-            log.write_raw("/go2/state", "std_msgs/msg/UInt8", reading, log_time_ns=at, qos=qos)
-    called("qos", str(tmp_path / "a.mcap"), "--format", "topics", "--out", str(tmp_path))
-    (topic,) = load_topics(tmp_path / "topics.yaml").topics
-    assert (topic.reliability, topic.durability) == (reliability, durability)
-
-
 HOSTS = {"/global/go2/imu": "go2", "/local/go2/imu": "go2", "/robot1/lidar": "robot1"}
-HOSTS |= dict.fromkeys(("/global/agent_heartbeat", "/tf", "/"), "")
+HOSTS |= {"/global/agent_heartbeat": "", "/tf": "", "/": ""}
 
 
-@pytest.mark.parametrize("name", HOSTS)
-def test_names_say_hosts(name):
-    assert host_of(name) == HOSTS[name]
+def test_names_say_hosts():
+    assert {name: host_of(name) for name in HOSTS} == HOSTS
 
 
 @pytest.mark.live
 def test_what_runs_is_recorded_for_a_plan_and_for_a_mapping(domain_id, tmp_path):
     """A publisher and a subscription of other processes, from a domain's graph and messages."""
     at = ("--domain", str(domain_id), "--interface", "lo")
-    word = ("std_msgs/msg/String", "{data: hello}")
+    name, kind = "/global/go2/word", "std_msgs/msg/String"
     topic = (sys.executable, "-m", "sfglab", "topic")
-    speaks = (*topic, "pub", "-r", "20", "-p", "0", "/global/go2/word", *word, *at)
-    hears = (*topic, "echo", "/global/go2/word", word[0], *at)
-    with program(*speaks), program(*hears) as hearer:
+    speaks = ("pub", "-r", "20", "-p", "0", name, kind, "{data: hello}")
+    with program(*topic, *speaks, *at), program(*topic, "echo", name, kind, *at) as hearer:
         hearer.stdout.readline()  # it hears
         called("qos", *at, "--seconds", "4", "--format", "topics", "--out", str(tmp_path))
         called("map", *at, "--seconds", "4", "--out", str(tmp_path / "graph.yaml"))
-    (topic,) = load_topics(tmp_path / "topics.yaml").topics
-    assert (topic.name, topic.source, topic.target) == ("/global/go2/word", "go2", "station")
-    assert topic.size_bytes in (14, 16), "with or without what fills four bytes"
-    assert topic.rate_max_hz == pytest.approx(20, rel=0.3)
+    (found,) = load_topics(tmp_path / "topics.yaml").topics
+    assert (found.name, found.source, found.target) == (name, "go2", "station")
+    assert found.size_bytes in (14, 16), "with or without what fills four bytes"
+    assert found.rate_max_hz == pytest.approx(20, rel=0.3)
     (mapped,) = load_graph(tmp_path / "graph.yaml").topics
-    assert [len(side) for side in (mapped.publishers, mapped.subscribers)] == [1, 1]
+    assert (len(mapped.publishers), len(mapped.subscribers)) == (1, 1)
 
 
-def test_a_file_and_a_domain_and_neither_are_refused(monkeypatch):
-    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    with pytest.raises(SfglabError, match="nothing to read: give a file"):
-        called("map")
-    with pytest.raises(SfglabError, match="a file and --domain exclude each other"):
-        called("map", "a.yaml", "--domain", "3")
-    monkeypatch.setenv("ROS_DOMAIN_ID", "400")
-    with pytest.raises(InvalidValueError, match="ROS_DOMAIN_ID: given '400'"):
-        called("map")
+@pytest.mark.parametrize(
+    ("domain", "given", "says"),
+    [
+        ("", (), "nothing to read: give a file"),
+        ("", ("a.yaml", "--domain", "3"), "a file and --domain exclude each other"),
+        ("400", (), "ROS_DOMAIN_ID: given '400'"),
+    ],
+)
+def test_a_file_and_a_domain_and_neither_are_refused(monkeypatch, domain, given, says):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    with pytest.raises(SfglabError, match=says):
+        called("map", *given)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import fields, replace
+from itertools import accumulate
 
 import numpy as np
 import pytest
@@ -26,8 +27,6 @@ from sfglab.rtps.channel import (
 from sfglab.rtps.frames import fragments, frame_bytes
 
 SLOW = Medium(loss=0.0, overhead_s=1.5e-3, queue_frames=50)  # carries some 600 samples per second
-BEST_EFFORT = QoSProfile(depth=1, reliability=Reliability.BEST_EFFORT)
-BUSY = {"rate_hz": 1000.0, "duration_s": 3.0}
 
 
 def played(medium, qos, *, vendor=FAST_DDS, rate_hz=100.0, duration_s=9.0):
@@ -58,11 +57,10 @@ def test_a_full_queue_drops_its_oldest_frame_or_the_one_that_comes():
 
 def test_a_queue_that_blocks_lets_go_once_half_has_left():
     waiting = [9, 10, 9, 6, 5, 9]
-    blocked, seen = False, []
-    for frames in waiting:
-        blocked = is_blocked(blocked, frames, 10)
-        seen.append(blocked)
-    assert seen == [False, True, True, True, False, False]
+    seen = accumulate(
+        waiting, lambda blocked, frames: is_blocked(blocked, frames, 10), initial=False
+    )
+    assert [*seen][1:] == [False, True, True, True, False, False]
 
 
 def test_nothing_begins_while_the_medium_stalls():
@@ -73,13 +71,11 @@ def test_nothing_begins_while_the_medium_stalls():
 
 @pytest.mark.parametrize("burst", [0.0, 1.0, 5.0])
 def test_losses_come_in_bursts_of_their_mean_length(burst):
-    bad, lost = False, []
-    for draw in np.random.default_rng(3).random(200_000).tolist():
-        bad = is_lost(bad, draw, 0.05, burst)
-        lost.append(bad)
-    starts = np.flatnonzero(np.diff([0, *lost]) == 1)
+    draws = np.random.default_rng(3).random(200_000).tolist()
+    lost = [*accumulate(draws, lambda bad, draw: is_lost(bad, draw, 0.05, burst), initial=False)]
     assert np.mean(lost) == pytest.approx(0.05, rel=0.1)
-    assert np.sum(lost) / len(starts) == pytest.approx(max(burst, 1.0), rel=0.1)
+    starts = np.diff(np.array(lost, int)) == 1
+    assert sum(lost) / sum(starts) == pytest.approx(max(burst, 1.0), rel=0.1)
 
 
 def test_sizes_of_frames_are_those_of_rtps():
@@ -117,28 +113,31 @@ def test_a_bad_medium_is_refused_with_the_place(values, message):
 
 
 @pytest.mark.parametrize(
-    ("preset", "rule", "depth", "loss", "throttled"),
+    ("preset", "rule", "depth", "least", "most", "throttled"),
     [
         # A full history waits for the thread that sends.
-        ("fast_dds_async", "block", 1, (0.0, 0.0), True),
-        ("fast_dds_async", "block", 4000, (0.0, 0.0), False),  # what waits there travels together
-        ("fast_dds_sync", "block", 1, (0.0, 0.0), True),  # the publishing thread waits
-        ("fast_dds_async", "tail", 1, (0.3, 0.6), False),
+        ("fast_dds_async", "block", 1, 0.0, 0.0, True),
+        ("fast_dds_async", "block", 4000, 0.0, 0.0, False),  # what waits there travels together
+        ("fast_dds_sync", "block", 1, 0.0, 0.0, True),  # the publishing thread waits
+        ("fast_dds_async", "tail", 1, 0.3, 0.6, False),
     ],
 )
-def test_what_a_crowded_medium_costs_depends_on_who_waits(preset, rule, depth, loss, throttled):
-    medium, vendor = replace(SLOW, queue_rule=rule), PRESETS[preset]
-    done = played(medium, QoSProfile(depth=depth), vendor=vendor, **BUSY)
-    assert loss[0] <= done.flows["a"].loss <= loss[1]
+def test_what_a_crowded_medium_costs_depends_on_who_waits(
+    preset, rule, depth, least, most, throttled
+):
+    medium, qos = replace(SLOW, queue_rule=rule), QoSProfile(depth=depth)
+    done = played(medium, qos, vendor=PRESETS[preset], rate_hz=1000.0, duration_s=3.0)
+    assert least <= done.flows["a"].loss <= most
     assert (done.counts["throttled"] > 0) == throttled
 
 
 def test_best_effort_loses_as_often_as_it_is_on_air_and_an_access_point_costs_twice():
+    best_effort = QoSProfile(depth=1, reliability=Reliability.BEST_EFFORT)
     media = [Medium(loss=0.1, access_point=relayed) for relayed in (False, True)]
-    once, twice = (played(medium, BEST_EFFORT, duration_s=40.0) for medium in media)
+    once, twice = (played(medium, best_effort, duration_s=40.0) for medium in media)
     assert twice.counts["airtime_ns"] == pytest.approx(1.9 * once.counts["airtime_ns"], rel=0.02)
-    assert once.flows["a"].loss == pytest.approx(0.1, abs=0.02)
-    assert twice.flows["a"].loss == pytest.approx(0.19, abs=0.02)
+    losses = [done.flows["a"].loss for done in (once, twice)]
+    assert losses == pytest.approx([0.1, 0.19], abs=0.02)
     assert once.counts["heartbeat"] == once.counts["acknack"] == once.counts["repeated"] == 0
 
 
@@ -147,11 +146,11 @@ def test_at_a_full_access_point_all_get_a_share_by_chance_and_one_host_everythin
     chance, least, most
 ):
     medium = replace(SLOW, queue_rule="block", access_point=True, random_turns=chance)
-    flow = Flow(name="", source="", target="station", rate_hz=500.0, qos=QoSProfile(depth=10))
-    flows = tuple(replace(flow, name=name, source=name) for name in "abc")
+    given = {"target": "station", "rate_hz": 500.0, "qos": QoSProfile(depth=10)}
+    flows = tuple(Flow(name=name, source=name, **given) for name in "abc")
     vendor = PRESETS["fast_dds_sync"]
     scenario = Scenario(flows=flows, medium=medium, vendor=vendor, duration_s=10.0, drain_s=0)
     done = run(scenario, seed=0)
-    arrived = [int(flow.delivered.sum()) for flow in done.flows.values()]
+    arrived = [flow.delivered.sum() for flow in done.flows.values()]
     assert done.counts["queue_full"] > 0, "it drops where hosts block"
     assert least <= min(arrived) / sum(arrived) <= most
