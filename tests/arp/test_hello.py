@@ -40,13 +40,6 @@ def test_a_method_sets_rate_and_caches_of_sensors_and_nothing_else(name):
     assert not flows_of(cell(method=name))[hello.HELLO_UP].cached  # none repeats another
 
 
-def test_the_optimum_is_eq_6_for_the_topics_that_there_are():
-    # Topics of the agents: 6 sensors, "Hello" and its answer; 5; 5. T_avg = 6, Rmin = Dmin = 1.
-    rate_hz, depth = hello.rate_and_depth(cell(method="OPT", depth="opt", rate_max_hz=500))
-    assert rate_hz == pytest.approx(500 / 6 - 1)
-    assert depth == int(5000 * (500 / 6 - 1) / 500 - 1)
-
-
 def test_on_a_quiet_channel_hello_takes_two_hops_and_their_nodes_and_a_third_over_robot_3():
     quiet = Medium(loss=0.0, rate_bps=1e12, overhead_s=20e-6, contention=0.0)
     lowest = []

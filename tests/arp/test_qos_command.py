@@ -45,7 +45,10 @@ def test_files_are_written_into_a_folder_and_named(tmp_path):
     assert {path.name for path in out.iterdir()} == set(files.values())
 
 
-def test_another_vendor_can_be_planned_for():
+def test_a_plan_is_for_the_files_link_and_vendor_or_for_another_vendor():
+    text = call(WAREHOUSE)
+    assert "Cyclone DDS, 12 Mbit/s, 5 % loss" in text
+    assert re.search(r"^/picker/goal +\S+ +\d+ +none ", text, re.MULTILINE), "it is cached"
     assert "<CycloneDDS" in call(PAPER_B, "--vendor", "cyclone_dds", "--format", "cyclone")
     assert "<NackDelay>10 ms<" in call(WAREHOUSE, "--vendor", "cyclone_dds", "--format", "cyclone")
 

@@ -7,8 +7,7 @@ import pytest
 from sfglab.arp.robots import ROBOTS, SENSORS
 from sfglab.arp.topics import Topic, load_topics, read_topics
 from sfglab.documents import Document, DocumentError
-from sfglab.qos import Durability, Reliability
-from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Medium
+from sfglab.rtps import FAST_DDS, Medium
 
 DATA = Path(__file__).parents[2] / "data" / "qos"
 ONE = "topics:\n  /a: {from: robot, to: station, size_bytes: 8}\n"
@@ -37,16 +36,6 @@ def test_what_a_file_leaves_out_has_the_usual_value_also_of_a_vendor_without_bac
     assert (given.medium, given.vendor, given.agents) == (Medium(), FAST_DDS, ("robot",))
     vendor = read(f"timing: {{heartbeat_ms: 50}}\n{ONE}").vendor
     assert vendor.heartbeat_ns == vendor.heartbeat_max_ns == 50_000_000
-
-
-def test_the_second_example_says_what_may_be_said_beside():
-    given = load_topics(DATA / "warehouse.yaml")
-    topics = {t.name: t for t in given.topics}
-    assert (given.vendor.name, given.medium.rate_bps) == (CYCLONE_DDS.name, 12e6)
-    assert topics["/picker/scan"].reliability is Reliability.BEST_EFFORT
-    assert topics["/carrier1/battery"].rate_max_hz == 1
-    goal = topics["/picker/goal"]
-    assert (goal.durability, goal.cached) == (Durability.TRANSIENT_LOCAL, True)
 
 
 def line(text: str) -> str:

@@ -1,15 +1,14 @@
-"""The wireless channel: each rule by itself, and what full queues, losses and turns do to samples."""
+"""The rules of the wireless channel, each by itself."""
 
 import math
-from dataclasses import fields, replace
+from dataclasses import fields
 from itertools import accumulate
 
 import numpy as np
 import pytest
 
 from sfglab.errors import InvalidValueError
-from sfglab.qos import QoSProfile, Reliability
-from sfglab.rtps import FAST_DDS, PRESETS, Flow, Frame, Medium, Scenario, run
+from sfglab.rtps import Frame, Medium
 from sfglab.rtps.channel import (
     BLOCK,
     DISPLACES,
@@ -25,17 +24,6 @@ from sfglab.rtps.channel import (
     next_sender,
 )
 from sfglab.rtps.frames import fragments, frame_bytes
-
-SLOW = Medium(loss=0.0, overhead_s=1.5e-3, queue_frames=50)  # carries some 600 samples per second
-
-
-def played(medium, qos, *, vendor=FAST_DDS, rate_hz=100.0, duration_s=9.0):
-    flow = Flow(name="a", source="robot", target="station", rate_hz=rate_hz, qos=qos)
-    scenario = Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=duration_s)
-    return run(scenario, seed=1)
-
-
-# --- The rules ---------------------------------------------------------------------------------
 
 
 def test_a_frame_takes_its_bits_and_the_overhead_and_more_with_others():
@@ -107,50 +95,3 @@ QUANTITIES = [field.name for field in fields(Medium) if field.type == "float"]
 def test_a_bad_medium_is_refused_with_the_place(values, message):
     with pytest.raises(InvalidValueError, match=message):
         Medium(**values)
-
-
-# --- What they do to samples -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("preset", "rule", "depth", "least", "most", "throttled"),
-    [
-        # A full history waits for the thread that sends.
-        ("fast_dds_async", "block", 1, 0.0, 0.0, True),
-        ("fast_dds_async", "block", 4000, 0.0, 0.0, False),  # what waits there travels together
-        ("fast_dds_sync", "block", 1, 0.0, 0.0, True),  # the publishing thread waits
-        ("fast_dds_async", "tail", 1, 0.3, 0.6, False),
-    ],
-)
-def test_what_a_crowded_medium_costs_depends_on_who_waits(
-    preset, rule, depth, least, most, throttled
-):
-    medium, qos = replace(SLOW, queue_rule=rule), QoSProfile(depth=depth)
-    done = played(medium, qos, vendor=PRESETS[preset], rate_hz=1000.0, duration_s=3.0)
-    assert least <= done.flows["a"].loss <= most
-    assert (done.counts["throttled"] > 0) == throttled
-
-
-def test_best_effort_loses_as_often_as_it_is_on_air_and_an_access_point_costs_twice():
-    best_effort = QoSProfile(depth=1, reliability=Reliability.BEST_EFFORT)
-    media = [Medium(loss=0.1, access_point=relayed) for relayed in (False, True)]
-    once, twice = (played(medium, best_effort, duration_s=40.0) for medium in media)
-    assert twice.counts["airtime_ns"] == pytest.approx(1.9 * once.counts["airtime_ns"], rel=0.02)
-    losses = [done.flows["a"].loss for done in (once, twice)]
-    assert losses == pytest.approx([0.1, 0.19], abs=0.02)
-    assert once.counts["heartbeat"] == once.counts["acknack"] == once.counts["repeated"] == 0
-
-
-@pytest.mark.parametrize(("chance", "least", "most"), [(True, 0.25, 0.34), (False, 0.0, 0.05)])
-def test_at_a_full_access_point_all_get_a_share_by_chance_and_one_host_everything_in_turns(
-    chance, least, most
-):
-    medium = replace(SLOW, queue_rule="block", access_point=True, random_turns=chance)
-    given = {"target": "station", "rate_hz": 500.0, "qos": QoSProfile(depth=10)}
-    flows = tuple(Flow(name=name, source=name, **given) for name in "abc")
-    vendor = PRESETS["fast_dds_sync"]
-    scenario = Scenario(flows=flows, medium=medium, vendor=vendor, duration_s=10.0, drain_s=0)
-    done = run(scenario, seed=0)
-    arrived = [flow.delivered.sum() for flow in done.flows.values()]
-    assert done.counts["queue_full"] > 0, "it drops where hosts block"
-    assert least <= min(arrived) / sum(arrived) <= most

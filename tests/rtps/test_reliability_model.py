@@ -157,6 +157,36 @@ def test_a_reader_of_cyclone_dds_acknowledges(rate_hz, frames):
     assert (counts["data"], counts["heartbeat"], counts["acknack"]) == frames
 
 
+@pytest.mark.parametrize(
+    ("preset", "rule", "depth", "least", "most", "throttled"),
+    [
+        # A full history waits for the thread that sends.
+        ("fast_dds_async", "block", 1, 0.0, 0.0, True),
+        ("fast_dds_async", "block", 4000, 0.0, 0.0, False),  # what waits there travels together
+        ("fast_dds_sync", "block", 1, 0.0, 0.0, True),  # the publishing thread waits
+        ("fast_dds_async", "tail", 1, 0.3, 0.6, False),
+    ],
+)
+def test_what_a_crowded_medium_costs_depends_on_who_waits(
+    preset, rule, depth, least, most, throttled
+):
+    # It carries some 600 samples per second.
+    medium = Medium(loss=0.0, overhead_s=1.5e-3, queue_frames=50, queue_rule=rule)
+    given = {"vendor": PRESETS[preset], "qos": QoSProfile(depth=depth), "rate_hz": 1000.0}
+    done = played(medium, duration_s=3.0, **given)
+    assert least <= done.flows["a"].loss <= most
+    assert (done.counts["throttled"] > 0) == throttled
+
+
+def test_best_effort_loses_as_often_as_it_is_on_air_and_an_access_point_costs_twice():
+    media = [Medium(loss=0.1, access_point=relayed) for relayed in (False, True)]
+    once, twice = (played(medium, qos=BEST_EFFORT, duration_s=40.0) for medium in media)
+    assert twice.counts["airtime_ns"] == pytest.approx(1.9 * once.counts["airtime_ns"], rel=0.02)
+    losses = [done.flows["a"].loss for done in (once, twice)]
+    assert losses == pytest.approx([0.1, 0.19], abs=0.02)
+    assert once.counts["heartbeat"] == once.counts["acknack"] == once.counts["repeated"] == 0
+
+
 def chain(*names, **changes):
     """Return a scenario of flows each of which is published when the one before was processed."""
     flows = []
