@@ -23,7 +23,7 @@ VENDORS = pytest.mark.parametrize("vendor", [FAST_DDS, CYCLONE_DDS, ASYNC], ids=
 LATCHED = Durability.TRANSIENT_LOCAL
 HOSTS = ("station", "robot2", "robot3")
 SAME = ("name", "source", "target", "size_bytes", "cached", "change_s")
-"""What a flow of the reliability model has of a topic."""
+"""Names of values that a topic and its flow in the reliability model have in common."""
 
 
 def topic(name: str = "/a", **values) -> Topic:
