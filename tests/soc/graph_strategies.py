@@ -72,12 +72,11 @@ def for_every_graph(*more, count=60, **bounds):
     return decorated
 
 
-def chain(*placements, topic_mapping=TopicMapping.SOFTWARE):
+def chain(*placements, names="abcdef", topic_mapping=TopicMapping.SOFTWARE):
     """A graph of nodes a, b, ... in a row, with topics ab, bc, ... of 1 MB at 10 Hz between them."""
-    letters = "abcdef"[: len(placements)]
-    nodes = [Node(name=name, placement=at) for name, at in zip(letters, placements, strict=True)]
+    nodes = [Node(name=name, placement=at) for name, at in zip(names, placements, strict=False)]
     traffic = {"size_bytes": 1_000_000, "rate_hz": 10.0, "mapping": topic_mapping}
     topics = []
-    for one, other in pairwise(letters):
+    for one, other in pairwise(node.name for node in nodes):
         topics.append(Topic(name=one + other, publishers=(one,), subscribers=(other,), **traffic))
     return Graph(nodes=tuple(nodes), topics=tuple(topics))

@@ -6,7 +6,7 @@ from itertools import combinations, pairwise
 import networkx as nx
 import numpy as np
 import pytest
-from graph_strategies import FIGURE_8, HW, SW, for_every_graph
+from graph_strategies import FIGURE_8, HW, SW, chain, for_every_graph
 from matplotlib.colors import to_rgb
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
@@ -20,7 +20,9 @@ from sfglab.soc.mapping import hardware_parts
 
 
 @for_every_graph()
-def test_frames_stand_apart_and_lines_lead_between_them_and_through_none(graph):
+def test_frames_stand_apart_and_lines_lead_between_them_through_none_and_onward_without_cycles(
+    graph,
+):
     layout = layered_layout(graph)
     assert len(layout.boxes) == len(graph.nodes) + len(graph.topics)
     for one, other in combinations(layout.boxes.values(), 2):
@@ -34,14 +36,10 @@ def test_frames_stand_apart_and_lines_lead_between_them_and_through_none(graph):
             assert not ((x < box.width / 2 - 1e-6) & (y < box.height / 2)).any()
             touches = (x < box.width / 2 + 1e-6) & (y < box.height / 2)
             assert (touches[0], touches[-1]) == tuple(vertex == end for end in edge.ends)
-
-
-@for_every_graph()
-def test_a_graph_without_cycles_runs_from_left_to_right(graph):
-    directed = nx.DiGraph([edge.ends for edge in graph.edges()])
-    lines = layered_layout(graph).lines.values()
-    onward = all(line[0, 0] < line[-1, 0] for line in lines)
-    assert onward is nx.is_directed_acyclic_graph(directed)
+    is_onward = all(line[0, 0] < line[-1, 0] for line in layout.lines.values())
+    assert is_onward is nx.is_directed_acyclic_graph(
+        nx.DiGraph(edge.ends for edge in graph.edges())
+    )
 
 
 @for_every_graph(count=15, most_nodes=5, most_topics=4)
@@ -76,12 +74,8 @@ def test_three_pictures_say_ten_eight_and_three_and_one_stage_is_drawn_by_choice
 
 
 def test_a_graph_of_fifty_nodes_fits_a_page_as_a_matrix():
-    nodes = [soc.Node(name=f"perception_node_{i}", placement=(SW, HW)[i % 2]) for i in range(50)]
-    topics = []
-    for one, other in pairwise(node.name for node in nodes):
-        topics.append(soc.Topic(name=f"topic_of_{one}", publishers=(one,), subscribers=(other,)))
+    graph = chain(*[SW, HW] * 25, names=[f"perception_node_{i}" for i in range(50)])
     figure = Figure(layout="constrained")
-    graph = soc.Graph(nodes=tuple(nodes), topics=tuple(topics))
     soc.draw_mapping(soc.map_communication(graph), figure, "gateways")
     assert figure.get_size_inches().max() < 12
     figure.savefig(BytesIO(), format="png")

@@ -33,15 +33,8 @@ def test_over_all_orders_the_last_reader_is_as_late_as_the_transfer_model_says()
 def test_a_gateway_is_faster_than_the_first_place_and_that_than_the_last():
     times = DRIVING.software_s
     first, last = ([s for order, s in times.items() if order[at] == CHAIN[1]] for at in (0, -1))
-    assert modelled_s(Transport.GATEWAY) == DRIVING.gateway_s < max(first) < min(last)
-    assert DRIVING.gateway_s < min(times.values())
-
-
-def test_other_topics_are_streams_in_hardware():
-    assert set(DRIVING.fixed_s) == {"/blurred", "/lane_mask", "/lane"}
-    stream_s = 2 * STORED.endpoint_s + STORED.memory.stream_s(FRAME_BYTES)
-    assert DRIVING.fixed_s["/blurred"] == pytest.approx(stream_s)
-    assert DRIVING.fixed_s["/lane"] > STORED.endpoint_s + STORED.publish_s + STORED.delegate_s
+    assert modelled_s(Transport.GATEWAY) == DRIVING.gateway_s < min(times.values())
+    assert max(first) < min(last)
 
 
 def test_a_graph_without_the_chain_or_with_a_member_outside_hardware_is_refused():

@@ -143,7 +143,6 @@ def test_planar_motion_is_found_among_a_quarter_of_wrong_matches(seed):
     motion = Pose(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
     now = rng.uniform((0.5, -1), (3, 1), (60, 2))
     before = np.array([motion.to_parent(*point) for point in now])
-    assert motion.from_parent(*before[-1]) == pytest.approx(now[-1].tolist())
     before[:15] += rng.uniform(0.3, 1.0, (15, 2))
     found = planar_motion(before, now)
     assert (found.x_m, found.y_m, found.yaw_rad) == pytest.approx((x_m, y_m, yaw_rad), abs=1e-6)

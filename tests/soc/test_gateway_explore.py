@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from walked_core import mutated
+from mutated_table import mutated
 
 from sfglab.errors import SfglabError
 from sfglab.lab.experiments.gateways.experiment import SMALL
@@ -14,7 +14,6 @@ from sfglab.soc.gateway_world import Bound
 BOUNDS = [
     *SMALL,
     Bound(port_messages=4),
-    Bound(software=(3,), hardware=(3,)),
     Bound(software=(3,), hardware=(0,)),
     Bound(software=(0,), hardware=(3,)),
     Bound(software=(2, 1), hardware=(1, 1)),

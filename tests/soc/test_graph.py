@@ -4,7 +4,7 @@ import re
 from contextlib import suppress
 
 import pytest
-from graph_strategies import GRAPHS, HW, SW, chain, for_every_graph
+from graph_strategies import GRAPHS, HW, chain, for_every_graph
 from hypothesis import example
 from hypothesis import strategies as st
 
@@ -32,12 +32,6 @@ def test_a_graph_is_read_back_as_it_was_written_and_written_again_byte_by_byte(g
 @pytest.mark.parametrize("path", sorted(GRAPHS.glob("*.yaml")), ids=lambda path: path.name)
 def test_the_graphs_of_this_repository_are_written_as_they_stand_in_their_files(path):
     assert soc.graph_text(soc.load_graph(path)) == path.read_text()
-
-
-def test_what_stands_in_a_file_once_has_its_default_elsewhere():
-    topic = soc.Topic(name="t", publishers=("a",), mapping=soc.TopicMapping.SOFTWARE)
-    graph = soc.Graph(nodes=(soc.Node(name="a", placement=SW),), topics=(topic,))
-    assert read("nodes: {a: {}}\ntopics: {t: {publishers: [a]}}") == graph
 
 
 MISTAKES = [
@@ -84,7 +78,6 @@ def test_no_change_of_a_word_makes_another_error_than_ours(graph, data):
 
 
 INSIDE = chain(HW, HW, topic_mapping=soc.TopicMapping.HARDWARE)
-PLACED = INSIDE.with_placements({"b": SW})
 
 
 @pytest.mark.parametrize(
@@ -98,23 +91,13 @@ PLACED = INSIDE.with_placements({"b": SW})
             lambda: soc.Graph(nodes=INSIDE.nodes, topics=INSIDE.topics * 2),
             "topics: given 'ab', allowed: each name once",
         ),
-        (lambda: soc.Graph(nodes=(), topics=INSIDE.topics), "none at all"),
         (lambda: INSIDE.with_placements({"z": HW}), "nodes: given 'z', allowed: one of a, b"),
         (
             lambda: INSIDE.with_mappings({"bb": soc.TopicMapping.GATEWAY}),
             "topics: given 'bb', allowed: one of ab",
-        ),
-        (
-            lambda: PLACED.with_mappings({"ab": soc.TopicMapping.HARDWARE}),
-            "'b' is placed in software",
         ),
     ],
 )
 def test_the_graph_itself_refuses_what_its_file_would_and_names_that_are_not_there(make, said):
     with pytest.raises(InvalidValueError, match=said):
         make()
-
-
-def test_placing_anew_takes_topics_back_to_software():
-    assert PLACED.in_hardware == {"a"}
-    assert PLACED.mapped_to(soc.TopicMapping.SOFTWARE) == ("ab",)

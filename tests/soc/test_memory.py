@@ -34,18 +34,6 @@ def setup(publisher=HW, transport=Transport.SMT, size=1_000_000, hardware=4, sof
     return Setup(publisher=publisher, transport=transport, message_bytes=size, **nodes)
 
 
-def times(*args):
-    return transfer_times(setup(*args))
-
-
-def test_a_chunk_takes_data_control_and_latency_cycles_and_a_stream_one_word_per_cycle():
-    assert (MEMIF.data_cycles, MEMIF.read_cycles, MEMIF.write_cycles) == (32, 66, 45)
-    assert (MEMIF.memory_to_stream_cycles, MEMIF.stream_to_memory_cycles) == (98, 77)
-    assert MEMIF.read_s(1) == MEMIF.read_s(256) == pytest.approx(660e-9)
-    assert [MEMIF.chunks(size) for size in (1, 256, 257)] == [1, 1, 2]
-    assert [MEMIF.stream_s(size) for size in (1, 10_000_000)] == pytest.approx([10e-9, 12.5e-3])
-
-
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(0, 400), min_size=1, max_size=8), st.integers(1, 40))
 def test_the_last_of_several_nodes_ends_with_the_busy_period_whatever_the_turns(releases, chunks):
@@ -57,7 +45,7 @@ def test_the_last_of_several_nodes_ends_with_the_busy_period_whatever_the_turns(
 @pytest.mark.parametrize("size", MESSAGE_BYTES)
 @pytest.mark.parametrize(("hardware", "software"), [(1, 1), (4, 1), (8, 1), (3, 3), (5, 0)])
 def test_mean_places_stand_for_all_orders_of_deliveries(hardware, software, size):
-    found = times(SW, Transport.SMT, size, hardware, software)
+    found = transfer_times(setup(SW, Transport.SMT, size, hardware, software))
     orders = itertools.combinations(range(1, hardware + software + 1), hardware)
     each_s, read_s = STORED.delivery_s(size), STORED.memory.read_s(size)
     exact_s = fmean(shared_s([place * each_s for place in order], read_s) for order in orders)

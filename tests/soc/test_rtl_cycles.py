@@ -60,7 +60,6 @@ def test_a_wrong_word_and_a_bench_that_is_not_done_are_errors(monkeypatch):
 @pytest.mark.parametrize(
     ("nodes", "message_bytes", "write_cycles"), [(0, 64, 1), (1, 0, 1), (1, 12, 1), (1, 64, 0)]
 )
-@pytest.mark.parametrize("path", rtl.MemoryPath)
-def test_what_cannot_be_simulated_is_refused(path, nodes, message_bytes, write_cycles):
+def test_what_cannot_be_simulated_is_refused(nodes, message_bytes, write_cycles):
     with pytest.raises(InvalidValueError, match=r"given .*, allowed: "):
-        rtl.simulated_cycles(path, nodes, message_bytes, rtl.Delays(write=write_cycles))
+        rtl.simulated_cycles(OUT, nodes, message_bytes, rtl.Delays(write=write_cycles))
