@@ -67,8 +67,6 @@ def test_three_pictures_say_ten_eight_and_three_and_one_stage_is_drawn_by_choice
     assert [int(title.split(": ")[1].split()[0]) for title in titles] == [10, 8, 3]
     hardware = "topics in hardware: 8 edges across the boundary"
     assert titles_of(FIGURE_8, "hardware") == [hardware]
-    empty = soc.map_communication(soc.Graph(nodes=()))
-    assert titles_of(empty)[0].endswith(": 0 edges across the boundary")
     with pytest.raises(InvalidValueError, match="stage: given 'fast', allowed: software, hardware"):
         titles_of(FIGURE_8, "fast")
 

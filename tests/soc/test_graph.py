@@ -87,10 +87,6 @@ INSIDE = chain(HW, HW, topic_mapping=soc.TopicMapping.HARDWARE)
             lambda: soc.Graph(nodes=INSIDE.nodes[:1] * 2),
             "nodes: given 'a', allowed: each name once, .* 2 times",
         ),
-        (
-            lambda: soc.Graph(nodes=INSIDE.nodes, topics=INSIDE.topics * 2),
-            "topics: given 'ab', allowed: each name once",
-        ),
         (lambda: INSIDE.with_placements({"z": HW}), "nodes: given 'z', allowed: one of a, b"),
         (
             lambda: INSIDE.with_mappings({"bb": soc.TopicMapping.GATEWAY}),
