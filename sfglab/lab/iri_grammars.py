@@ -23,7 +23,8 @@ def without_iri_grammars() -> Iterator[None]:
     if _PACKAGE in sys.modules:
         yield
         return
-    sys.modules[_PACKAGE] = None  # type: ignore[assignment] - None: its import fails (Python reference 5.3.1)
+    # With None in its place the import of a module fails (Python reference, section 5.3.1).
+    sys.modules[_PACKAGE] = None  # type: ignore[assignment]
     try:
         yield
     finally:

@@ -278,7 +278,7 @@ class Fleet(RuleBasedStateMachine):
 
 
 class OfferingFleet(Fleet):
-    """Routers also advertise topics that nobody subscribes to."""
+    """Fleet whose routers also advertise topics without a subscriber."""
 
     offers = True
 
