@@ -7,6 +7,7 @@ weights. The closed form shows this. The problem contains neither links nor loss
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -127,7 +128,10 @@ def solve_problem(problem: Any, about: str, solver: str, **settings: Any) -> Non
     from cvxpy import SolverError
 
     try:
-        problem.solve(solver=solver, **settings)
+        with warnings.catch_warnings():
+            # What CVXPY warns of is refused below.
+            warnings.filterwarnings("ignore", message="Solution may be inaccurate")
+            problem.solve(solver=solver, **settings)
         ended = f"with status {problem.status!r}"
     except SolverError as error:
         ended = f"without an answer ({error})"

@@ -218,7 +218,7 @@ class WriterSpec:
 
 
 class Held(Enum):
-    """Destination of a source whose samples must neither pass yet nor be lost."""
+    """Destination that holds the samples of a source without loss until they may pass."""
 
     HELD = "held"
 

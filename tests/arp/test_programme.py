@@ -128,7 +128,6 @@ def ends_of_bounds():
                     yield {name: value}
 
 
-@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")  # CVXPY's, before our error
 @pytest.mark.parametrize("values", [*ends_of_bounds()], ids=repr)
 def test_every_legal_value_has_a_plan_within_its_limits_or_an_error_of_ours(values):
     draw = Random(repr(values))

@@ -94,7 +94,7 @@ def plan(config: AgentConfig) -> tuple[Component, ...]:
 
 
 def without(config: AgentConfig, components: Iterable[str]) -> AgentConfig:
-    """Return an agent that does not run some components; `InvalidValueError` if there is no such component."""
+    """Return the agent without the named components; `InvalidValueError` if one of them does not exist."""
     dropped = frozenset(components)
     for name in sorted(dropped - set(COMPONENTS)):
         raise InvalidValueError(f"agent {config.agent}, component", name, ", ".join(COMPONENTS))

@@ -55,7 +55,7 @@ class Input(Enum):
 
 
 class Action(Enum):
-    """Action after a transition, which the caller executes."""
+    """Action that the caller executes after a transition."""
 
     START = auto()  #: Start the process and arm the start timer.
     TERMINATE = auto()  #: Tell the process to end and arm the stop timer.

@@ -227,7 +227,7 @@ class Input(Enum):
 
 
 class Action(Enum):
-    """Action after a transition, which the caller executes."""
+    """Action that the caller executes after a transition."""
 
     START = auto()  #: Start the pipeline and arm the start timer.
     STOP = auto()  #: Tell the pipeline to end and arm the stop timer.

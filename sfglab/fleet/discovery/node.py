@@ -97,7 +97,7 @@ class QueryLimit:
         """Wait for a place, and hold it during the context.
 
         Args:
-            failures: Failed queries of the same agent.
+            failures: Number of queries to the same agent that failed before.
             query: Unique number of the query. Among equal failures the smallest number goes first.
         """
         granted: asyncio.Future[None] = asyncio.get_running_loop().create_future()

@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 
 class RosHalves:
-    """Forwards the first and the last of the request or reply endpoints of a service as one endpoint.
+    """Reports a service as one endpoint: it appears with its first request or reply endpoint and goes with its last.
 
     Endpoints of other middleware pass unchanged.
     """

@@ -94,7 +94,7 @@ def modes_of(run: Run[Config], codec: str) -> list[str]:
 
 
 def points(run: Run[Config], codec: str, mode: str, column: str) -> Floats:
-    """Return number of subscribers and load of the cells of a mode, shape (cells, 2)."""
+    """Return the number of subscribers and the CPU load of each measured cell of a mode, shape (cells, 2)."""
     table = cells(run)
     chosen = table[(table["codec"] == codec) & (table["mode"] == mode)]
     return chosen[["subscribers", column]].to_numpy(dtype=np.float64)
@@ -263,7 +263,7 @@ def cost_model(run: Run[Config], codec: str = H264, way: str = PAPERS) -> CostMo
 
 @exp.claim("A-CPU-BASE", how=How.LIVE)
 def base_cost(run: Run[Config]) -> Finding:
-    """Return the CPU of each subscriber that decodes for itself."""
+    """Return the CPU load of each subscriber that decodes the stream for itself."""
     return Finding(estimate=slope(run, H264, "standard", "cpu"), details=hosts_of(run))
 
 

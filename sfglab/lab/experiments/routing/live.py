@@ -220,7 +220,7 @@ async def call_all(fleet: Fleet, call_s: float) -> dict[str, dict[str, str]]:
 
 
 def call_rows(parties: Sequence[PartyRow], answers: dict[str, dict[str, str]]) -> Iterator[CallRow]:
-    """Yield one row per caller and service of another party."""
+    """Yield one row for each caller and each service that another party offers."""
     for caller in parties:
         for server in parties:
             if caller == server:
