@@ -71,13 +71,13 @@ class Verdict(Enum):
 
 
 _MEANINGS = {
-    Verdict.REPRODUCED: "the value is within the accepted range.",
-    Verdict.BETTER: "the whole interval is beyond the accepted range, on its better side.",
-    Verdict.AS_GOOD: "the sfglab variant, which is another method, is within the accepted range or better.",
-    Verdict.FITTED: "within the accepted range, but constants were fitted to the same numbers.",
+    Verdict.REPRODUCED: "the value is accepted; its interval may reach further.",
+    Verdict.BETTER: "the whole interval is above or below the number after 'better'.",
+    Verdict.AS_GOOD: "the value of the sfglab variant, which is another method, is accepted.",
+    Verdict.FITTED: "the value is accepted, but constants were fitted to the same numbers.",
     Verdict.UNDECIDED: "runs, or conditions that the paper leaves open, have different verdicts, or a part "
     "was not measured.",
-    Verdict.DEVIATES: "the value, or another number of the statement, is outside the accepted range.",
+    Verdict.DEVIATES: "the value, or another quantity that the printed reason names, is not accepted.",
     Verdict.NOT_YET: "no run has measured it.",
 }
 _FAVOURABLE = (Verdict.REPRODUCED, Verdict.BETTER, Verdict.AS_GOOD)
@@ -500,12 +500,12 @@ def _row(entry: Entry) -> tuple[str, ...]:
 
 
 def _accepted(claim: Claim) -> str:
-    """Return the values that are accepted, open at the better side."""
+    """Return the values that are accepted, and those that are better."""
     low, high = claim.band
     if claim.better == "above":
-        return f"at least {low:g}"
+        return f"at least {low:g}; better: above {high:g}"
     if claim.better == "below":
-        return f"at most {high:g}"
+        return f"at most {high:g}; better: below {low:g}"
     return f"{low:g}" if low == high else _range(claim.band)
 
 

@@ -155,7 +155,7 @@ def check_table(run: Run[Config]) -> pd.DataFrame:
     titles = {
         "looks": "subscriptions",
         "pictures": "frames",
-        "unreadable": "unreadable",
+        "unreadable": "unknown stamp",
         "missed": "missed",
         "disordered": "out of order",
         "broken": "broken",
