@@ -1,5 +1,7 @@
 """Our commands as a user has them, in this process."""
 
+from inspect import unwrap
+
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -17,7 +19,8 @@ def called(*arguments, status=0):
 
 def commands(command=None, words=()):
     """Yield the words and the command of each that is no group and not hidden."""
-    command = command or get_command(app)
+    # Parsers of their own: tests also make some without the options of their groups.
+    command = command or unwrap(get_command)(app)
     for name, inner in getattr(command, "commands", {}).items():
         yield from commands(inner, (*words, name))
     if not hasattr(command, "commands") and not command.hidden:

@@ -427,7 +427,7 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         bytes_axes.plot(place, whole, markersize=8, **STYLES[STANDARD])
         side: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center"}
         text = f"{whole / 1e6:.0f} MB, extrapolated"
-        bytes_axes.annotate(text, (place, whole), (-8, 0), color=orange, fontsize=8.5, **side)
+        bytes_axes.annotate(text, (place, whole), (-8, 0), fontsize=8.5, **side)
     time_axes.set_ylabel("discovery time per agent (s)")
     bytes_axes.set_ylabel("received per agent during discovery")
     sizes = sorted(table["agents"].unique())
