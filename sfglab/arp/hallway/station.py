@@ -54,9 +54,8 @@ _CORNER_M = 2 * HALF_WIDTH_M
 _SIDE_MORE_M = 0.1  # by which the open side must be longer; at the arc's begin it is 0.7 m
 _OPEN_M = 1.8  # ahead; the shortest corridor shows 2 m after its corner
 _PAST_M = 1.2  # ahead; before two thirds of the arc it is less
-_ALONG_RAD = (
-    0.15  # remaining heading at which an arc ends; the correction along the wall turns the rest
-)
+# Remaining heading at which an arc ends; the correction along the wall turns the rest.
+_ALONG_RAD = 0.15
 _STRAIGHT_RAD = 0.05
 _ROUND = 4  # right turns more than left ones
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 import pandas as pd
 
+from sfglab.codecs import TABLE_2
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
@@ -138,10 +139,11 @@ def slopes(run: Run[Config], codec: str = H264) -> pd.DataFrame:
 
 
 def in_words(slope: Estimate) -> str:
-    """Return a slope as text; one whose interval contains 0 is not measurable."""
-    if not slope.low <= 0 <= slope.high or slope.low == slope.high:
-        return str(slope)
-    return f"no growth measurable: [{slope.low:.1g}, {slope.high:.1g}] {slope.unit}"
+    """Return a slope as text; if its interval contains 0, it says that no growth is measurable."""
+    has_interval = slope.low < slope.high
+    if has_interval and slope.low <= 0 <= slope.high:
+        return f"no growth measurable: [{slope.low:.1g}, {slope.high:.1g}] {slope.unit}"
+    return str(slope)
 
 
 def frame_checks(run: Run[Config]) -> pd.DataFrame:
@@ -400,15 +402,16 @@ def stream_of_table_two(run: Run[Config]) -> Finding:
 def stream_table(run: Run[Config]) -> pd.DataFrame:
     """Return the values of Table 2 and those of the stream."""
     found = stream_of_table_two(run)
+    ends = found.ends
+    gop = ends.get("frames from key frame to key frame")
     rows = [
-        ("encoder", found.details["encoder"], "hardware (h264_nvmpi)"),
+        ("encoder", found.details["encoder"], "h264_nvmpi (hardware)"),
         ("bit rate (Mbit/s)", f"{found.estimate.value:.2f}", f"{paper('A-H264'):g}"),
+        ("pixels in a row", f"{ends['pixels in a row']:g}", f"{TABLE_2.width}"),
+        ("rows", f"{ends['rows']:g}", f"{TABLE_2.height}"),
+        ("frame rate (Hz)", f"{ends['frames a second']:.2f}", f"{TABLE_2.fps:g}"),
+        ("frames per GOP", f"{gop:g}" if gop else "not measured", f"{TABLE_2.gop}"),
     ]
-    size = (found.ends["pixels in a row"], found.ends["rows"])
-    rows.append(("picture (pixels)", "{:g} x {:g}".format(*size), "640 x 360"))
-    rows.append(("frame rate (Hz)", f"{found.ends['frames a second']:.2f}", "30"))
-    gop = found.ends.get("frames from key frame to key frame")
-    rows.append(("frames per GOP", f"{gop:g}" if gop else "", "30"))
     return pd.DataFrame(rows, columns=["quantity", "this run", "paper, Table 2"])
 
 

@@ -162,9 +162,10 @@ def extrapolation(run: Run[Config]) -> pd.DataFrame:
     known = [(nodes, float(np.median(received))) for nodes, received in by_nodes(run)]
     rows = [(nodes, received, "measured") for nodes, received in known]
     wanted = main_nodes(run)
-    for place, (less, more) in enumerate(pairwise(known)):
+    for less, more in pairwise(known):
         how = f"extrapolated from {less[0]} and {more[0]} nodes"
-        how += "" if place else ", used by the claims"
+        if less == known[0]:
+            how += ", used by the claims"
         rows.append((wanted, at_nodes(wanted, [less, more]), how))
     table = agents_of(run)
     of_size = (table["mode"] == STANDARD) & (table["agents"] == PAPERS_LARGEST)
