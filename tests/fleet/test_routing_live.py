@@ -22,6 +22,7 @@ from sfglab.fleet.router.node import (
     Router,
     RouterRunningError,
     domain_lock,
+    serve_terminal,
 )
 from sfglab.messages import message_type, serialize
 from sfglab.messages.dds import opaque_idl_struct
@@ -183,6 +184,25 @@ async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_
             await until(lambda: len(heard) >= 2)
             await _stillness(lambda: len(heard))
             assert sorted(message.data for message in heard) == ["claimed", "new"]
+
+
+async def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
+    said = []
+    serving = asyncio.create_task(serve_terminal(config_of(ids), said.append))
+    async with (
+        Node("one", domain_id=ids[1], interface="lo") as one,
+        Node("everybody", domain_id=ids[0], interface="lo") as everybody,
+    ):
+        one.create_publisher(STRING, TOPIC, LATCHED).publish(String(data="x"))
+        subscription = everybody.create_subscription(STRING, TOPIC, qos=LATCHED)
+        await subscription.take(60)
+        subscription.close()
+        await until(lambda: f"outward rt{TOPIC}: closed" in said)
+        os.kill(os.getpid(), signal.SIGTERM)
+        await serving
+    path = f"outward rt{TOPIC}"
+    ready, released = "router: ready, end it with Ctrl-C", "router: everything is released"
+    assert said == [ready, f"{path}: open", f"{path}: closed", released]
 
 
 def test_the_lock_names_its_holder_and_is_free_as_soon_as_it_is_released():

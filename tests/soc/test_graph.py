@@ -4,7 +4,7 @@ import re
 from contextlib import suppress
 
 import pytest
-from graph_strategies import GRAPHS, HW, chain, for_every_graph
+from graph_strategies import GRAPHS, HW, SW, chain, for_every_graph
 from hypothesis import example
 from hypothesis import strategies as st
 
@@ -32,6 +32,12 @@ def test_a_graph_is_read_back_as_it_was_written_and_written_again_byte_by_byte(g
 @pytest.mark.parametrize("path", sorted(GRAPHS.glob("*.yaml")), ids=lambda path: path.name)
 def test_the_graphs_of_this_repository_are_written_as_they_stand_in_their_files(path):
     assert soc.graph_text(soc.load_graph(path)) == path.read_text()
+
+
+def test_what_stands_in_a_file_once_has_its_default_elsewhere():
+    topic = soc.Topic(name="t", publishers=("a",), mapping=soc.TopicMapping.SOFTWARE)
+    graph = soc.Graph(nodes=(soc.Node(name="a", placement=SW),), topics=(topic,))
+    assert read("nodes: {a: {}}\ntopics: {t: {publishers: [a]}}") == graph
 
 
 MISTAKES = [
@@ -86,6 +92,10 @@ INSIDE = chain(HW, HW, topic_mapping=soc.TopicMapping.HARDWARE)
         (
             lambda: soc.Graph(nodes=INSIDE.nodes[:1] * 2),
             "nodes: given 'a', allowed: each name once, .* 2 times",
+        ),
+        (
+            lambda: soc.Graph(nodes=INSIDE.nodes, topics=INSIDE.topics * 2),
+            "topics: given 'ab', allowed: each name once",
         ),
         (lambda: INSIDE.with_placements({"z": HW}), "nodes: given 'z', allowed: one of a, b"),
         (
