@@ -24,6 +24,8 @@ def test_a_removed_command_is_one_sentence_and_status_2(command, rest):
     ("command", "removed"),
     [
         ("view --domain 7 --to foxglove:8765", "view --to foxglove"),
+        ("view --domain 7 --to serve:9876", "view --to serve"),
+        ("view --domain 7 --to rerun+http://host:9876/proxy", "view --to rerun+http"),
         (
             f"fleet router {FLEET} --agent go2 --target zenoh-acl",
             "fleet router --target zenoh-acl",
@@ -32,7 +34,7 @@ def test_a_removed_command_is_one_sentence_and_status_2(command, rest):
 )
 def test_a_removed_value_of_an_option_is_one_sentence_and_status_2(command, removed):
     said = called(*command.split(), status=2)
-    assert said.startswith(f"sfglab {removed} was removed: use ")
+    assert said.startswith(f"sfglab {removed} was removed: ")
     assert said.count("\n") == 1
 
 

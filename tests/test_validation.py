@@ -110,7 +110,7 @@ WORKERS = [
     *(f"sfglab.lab.workers.{name}" for name in ("hallway", "idle", "mocap", "preview")),
     *(
         f"sfglab.lab.workers.{name}"
-        for name in ("ros_nodes", "scenario_player", "scene_publisher", "viewer")
+        for name in ("ros_nodes", "scenario_player", "picture_flow", "viewer")
     ),
 ]
 

@@ -27,15 +27,23 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from sfglab.codecs import compressed_depth_fields, compressed_image_fields
+from sfglab.codecs import COMPRESSED_IMAGE, compressed_depth_fields, compressed_image_fields
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.browser import Browser, free_port
-from sfglab.lab.checks import fleet_scene
-from sfglab.lab.checks.fleet_scene import PERIOD_NS, START_NS, Moment
+from sfglab.lab.experiments.visualisation.scene import (
+    CAMERA,
+    PERIOD_NS,
+    SIZE,
+    START_NS,
+    Moment,
+    camera_info,
+    image_message,
+    scene_moments,
+)
 from sfglab.lab.paths import find_project
-from sfglab.messages import default_message, serialize
-from sfglab.spatial.poses import Pose
+from sfglab.messages import default_message, message_type, serialize
+from sfglab.spatial.poses import Pose, StampedTransform
 from sfglab.spatial.scene.commands import SetPose, Several, Stretch
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.objects import SceneError
@@ -155,10 +163,10 @@ def record_fleet(path: Path) -> None:
     }
     with closing(open_canvas([str(path)], title="a fleet")) as canvas:
         canvas.show_blueprint(blueprint(replace(layout, cameras=cameras)))
-        replay(_arrivals(), _session(str(file)), canvas)
+        replay(_arrivals(), _session(), canvas)
 
 
-def _session(fleet_file: str) -> Session:
+def _session() -> Session:
     session = Session()
     depth, info = f"{_FRONT}/aligned_depth/compressed_depth", f"{_FRONT}/aligned_depth/camera_info"
     topics = {"depth": depth, "info": info, "color": _PICTURE}
@@ -173,38 +181,53 @@ def _session(fleet_file: str) -> Session:
         ("odometry", "/global/go2/localization/odometry"),
     ):
         session.add(kind, topic)
-    session.add("communication", "/global/agent_heartbeat", {"fleet": fleet_file})
+    session.add("agent_heartbeats", "/global/agent_heartbeat")
     for display in session.displays:
         session.limit(display.id, None)
     return session
 
 
 def _arrivals() -> Iterator[Arrival]:
-    for moment in fleet_scene.scene_moments(_MOMENTS, seed=0):
+    for moment in scene_moments(_MOMENTS, seed=0):
         for topic, message in _messages(moment):
             yield Arrival(topic, message.__msgtype__, moment.stamp_ns, serialize(message))
 
 
 def _messages(moment: Moment) -> Iterator[tuple[str, Any]]:
-    header = moment.header(fleet_scene.CAMERA)
+    header = moment.header(CAMERA)
     if moment.number == 0:
-        eye = ("go2/base", fleet_scene.CAMERA, Pose.at((0.3, 0.0, 0.4), _OPTICAL))
-        yield "/tf_static", fleet_scene.transforms_message(moment, [eye])
+        eye = ("go2/base", CAMERA, Pose.at((0.3, 0.0, 0.4), _OPTICAL))
+        yield "/tf_static", _transforms(moment, [eye])
     angle = 0.3 * math.sin(moment.number / 10) - 0.15
     base = ("map", "go2/base", Pose.from_yaw(_way(moment), angle))
     others = [("map", f"{name}/base", Pose.at((*place, 0.0))) for name, place in _PLACES.items()]
-    yield "/tf", fleet_scene.transforms_message(moment, [base, *others])
+    yield "/tf", _transforms(moment, [base, *others])
     odometry = default_message("nav_msgs/msg/Odometry", header=moment.header("map"))
     odometry.pose.pose = Pose.at(_way(moment)).to_pose_msg()
     yield "/global/go2/localization/odometry", odometry
     yield from _heartbeats(moment)
-    yield _PICTURE, fleet_scene.image_message(moment.rgb, "rgb8", header)
+    yield _PICTURE, image_message(moment.rgb, "rgb8", header)
     jpeg = compressed_image_fields(moment.bgr, "jpeg")
-    yield f"{_FRONT}/color/compressed", fleet_scene.compressed_message(jpeg, header)
+    yield f"{_FRONT}/color/compressed", _compressed(jpeg, header)
     for stream in ("color", "aligned_depth"):
-        yield f"{_FRONT}/{stream}/camera_info", fleet_scene.camera_info(header, fleet_scene.SIZE)
+        yield f"{_FRONT}/{stream}/camera_info", camera_info(header, SIZE)
     depth = compressed_depth_fields(moment.depth_mm)
-    yield f"{_FRONT}/aligned_depth/compressed_depth", fleet_scene.compressed_message(depth, header)
+    yield f"{_FRONT}/aligned_depth/compressed_depth", _compressed(depth, header)
+
+
+def _transforms(moment: Moment, edges: Sequence[tuple[str, str, Pose]]) -> Any:
+    """Return a ``TFMessage`` of a moment; an edge is parent, child, and the child's pose in it."""
+    found = []
+    for parent, child, pose in edges:
+        placed = StampedTransform(parent=parent, child=child, stamp_ns=moment.stamp_ns, pose=pose)
+        found.append(placed.to_msg())
+    return message_type("tf2_msgs/msg/TFMessage")(transforms=found)
+
+
+def _compressed(fields: Any, header: Any) -> Any:
+    """Return a ``CompressedImage`` of an encoder's fields."""
+    data = np.frombuffer(fields.data, np.uint8)
+    return message_type(COMPRESSED_IMAGE)(header=header, format=fields.format, data=data)
 
 
 def _way(moment: Moment) -> tuple[float, float, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import threading
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,10 +21,16 @@ from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
     from sfglab.bus import Node
-    from sfglab.view.app import ViewOptions
+    from sfglab.view.app import Report, ViewOptions
     from sfglab.view.session import Session
 
-_SERVED_PORT = 9876  #: Port of serve if none is given: the viewer's own default.
+_ELSEWHERE = "write a file with --to FILE.rrd, and open it with rerun on the other host"
+_REMOVED = {
+    "foxglove": "use ROS 2's foxglove_bridge; Foxglove opens logs of sfglab as they are",
+    "serve": _ELSEWHERE,
+    "rerun+http": _ELSEWHERE,
+}
+"""Former outputs with what to use instead."""
 
 
 def view(
@@ -36,8 +41,7 @@ def view(
     to: Annotated[
         list[str] | None,
         Option(
-            help="Output (repeatable): FILE.rrd, viewer, serve[[:ADDRESS]:PORT] or "
-            "rerun+http://HOST:PORT/proxy. [default: viewer, if there is a display]"
+            help="Output (repeatable): FILE.rrd or viewer. [default: viewer, if there is a display]"
         ),
     ] = None,
     fleet: Fleet = None,
@@ -51,9 +55,7 @@ def view(
     topic: Annotated[
         list[str] | None, Option(help="Only topics that begin with this text (repeatable).")
     ] = None,
-    memory: Annotated[
-        str, Option(help="Memory limit of the viewer or server, e.g. 25% or 4GB.")
-    ] = "25%",
+    memory: Annotated[str, Option(help="Memory limit of the viewer, e.g. 25% or 4GB.")] = "25%",
     thin: Annotated[
         bool,
         Option("--thin", help="Limit a log to the update rate of each display, as for a domain."),
@@ -70,14 +72,13 @@ def view(
       sfglab view --domain 7
       sfglab view --fleet data/fleets/lab.yaml --interface wlan0 --topic /global/go2
       sfglab view data/reference/cooperation.mcap --to cooperation.rrd
-      sfglab view bag/ --to serve:0.0.0.0:9876   # elsewhere: rerun rerun+http://HOST:9876/proxy
     """
     from sfglab.view.app import ViewOptions
 
     for output in to or ():
-        if output.partition(":")[0] == "foxglove":
-            replacement = "use ROS 2's foxglove_bridge; Foxglove opens logs of sfglab as they are"
-            refuse("view --to foxglove", replacement)
+        kind = output.partition(":")[0]
+        if kind in _REMOVED:
+            refuse(f"view --to {kind}", _REMOVED[kind])
     os.environ.setdefault("RUST_LOG", "off")  # Errors are reported once, by sfglab.
     options = ViewOptions(
         to=tuple(to or _default_output()),
@@ -101,8 +102,8 @@ def _default_output() -> tuple[str]:
     if sys.platform in {"darwin", "win32"} or any(map(os.environ.get, displays)):
         return ("viewer",)
     raise SfglabError(
-        "there is no display for a viewer: give --to FILE.rrd, or --to serve:0.0.0.0:9876 and run "
-        "on another host: rerun rerun+http://<this host>:9876/proxy"
+        "there is no display for a viewer: give --to FILE.rrd, and open the file with rerun on "
+        "another host"
     )
 
 
@@ -128,31 +129,26 @@ def _show_log(log: Path, options: ViewOptions) -> None:
             line += f"; space is drawn in {root}, the root of the largest TF tree"
     typer.echo(line)
 
-    def report(session: Session) -> None:
-        """Report the result, and keep a server running until Ctrl-C: it holds the data."""
-        _report(session)
-        if not session.displays:
-            types = {info.type_name for info in topics}
-            typer.echo(f"no visualizer shows its types: {', '.join(sorted(types)) or 'none'}")
-        if _announce(options):
-            threading.Event().wait()
-
     bar = partial(tqdm, total=count, unit=" messages", leave=False, disable=None)
     try:
-        view_log(log, options, progress=bar, on_shown=report)
+        reports = view_log(log, options, progress=bar)
     except KeyboardInterrupt:
         typer.echo("ended")
+        return
+    _report(reports)
+    if not reports:
+        types = {info.type_name for info in topics}
+        typer.echo(f"no visualizer shows its types: {', '.join(sorted(types)) or 'none'}")
 
 
 def _show_domain(place: Place, options: ViewOptions) -> None:
-    from sfglab.view.app import view_live
+    from sfglab.view.app import report_of, view_live
 
     sessions: list[Session] = []
 
     def started(session: Session) -> None:
         sessions.append(session)
         typer.echo(f"domain {place[0]} goes to {', '.join(options.to)}; Ctrl-C ends")
-        _announce(options)
 
     async def show(node: Node) -> None:
         await view_live(node, options, on_start=started)
@@ -161,28 +157,11 @@ def _show_domain(place: Place, options: ViewOptions) -> None:
         until_interrupted(place, show, "view", err=False)
     finally:
         for session in sessions:
-            _report(session)
+            _report(report_of(session))
 
 
-def _announce(options: ViewOptions) -> bool:
-    """Print how to open the served outputs; return whether there are any."""
-    served = False
-    for output in options.to:
-        kind, _, place = output.partition(":")
-        if kind != "serve":
-            continue
-        address, _, port = place.rpartition(":")
-        host = "<this host>" if address == "0.0.0.0" else address or "127.0.0.1"  # noqa: S104 - asked for
-        typer.echo(f"rerun rerun+http://{host}:{port or _SERVED_PORT}/proxy")
-        served = True
-    return served
-
-
-def _report(session: Session) -> None:
+def _report(reports: tuple[Report, ...]) -> None:
     """Print the number of updates, and one line per display that dropped messages or failed."""
-    from sfglab.view.app import report_of
-
-    reports = report_of(session)
     updates = [report.shown for report in reports]
     typer.echo(f"{len(reports)} displays, {sum(updates)} updates shown")
     for report in reports:

@@ -24,10 +24,10 @@ and an entry point in your ``pyproject.toml``:
     battery = "your_package:Battery"
 
 `sfglab view` then offers it for every topic of its type. Several inputs are synchronised by the class attribute
-``sync``: `Exact`, `Approximate` or `Latest`.
+``sync``: `Exact` or `Approximate`.
 """
 
-from sfglab.view.sync import Approximate, Exact, Independent, Latest
+from sfglab.view.sync import Approximate, Exact, Independent
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 
 __all__ = [
@@ -36,7 +36,6 @@ __all__ = [
     "Exact",
     "Independent",
     "Input",
-    "Latest",
     "Parameter",
     "Update",
     "Visualizer",

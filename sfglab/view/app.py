@@ -1,6 +1,6 @@
-"""Entry points of ``sfglab view`` and of notebooks: from a log or the bus to a viewer, a file or a cell.
+"""Entry points of ``sfglab view`` and of notebooks: from a log or a domain to a viewer, a file or a cell.
 
-Ends cleanly when it is interrupted: what was drawn up to then is sent, and a file is whole.
+An interruption ends a view cleanly: what was drawn up to then is sent, and a file is complete.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from sfglab.view.bridge import Bridge
 from sfglab.view.session import Display, Session
 from sfglab.view.space import largest_tree_root
 from sfglab.view.stage import replay, wanted_topics
-from sfglab.view.visualizers.fleet import Communication
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -29,26 +28,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewOptions:
-    """How to look."""
+    """Outputs of a view, and what it shows."""
 
-    to: tuple[str, ...] = ("viewer",)  #: Where to show it; see `open_canvas`.
-    #: A fleet file, for layout, expected agents and border; None for none.
-    fleet: Path | None = None
+    to: tuple[str, ...] = ("viewer",)  #: Outputs; see `open_canvas`.
+    fleet: Path | None = None  #: Fleet file whose cameras are laid out.
     #: Frame in which space is drawn; empty: ``map`` with a fleet file, else the root of a log's
     #: largest TF tree, else the viewer's choice.
     frame: str = ""
     topics: tuple[str, ...] = ()  #: Only topics with one of these beginnings; empty for all.
-    memory: str = "25%"  #: How much a viewer that is started here may keep.
+    memory: str = "25%"  #: Memory limit of a viewer that is started here.
     #: Whether a log is thinned out by the visualizers' rate budgets, as the bus always is.
     thin: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What became of one display's messages."""
+    """Counts of one display."""
 
     display: str  #: Its id.
-    topics: tuple[str, ...]  #: What it looked at.
+    topics: tuple[str, ...]  #: Its topics.
     received: int  #: Messages that reached it.
     shown: int  #: Updates drawn.
     dropped: int  #: Messages and sets passed over.
@@ -57,7 +55,7 @@ class Report:
 
 
 def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
-    """Return a session with all that installed visualizers can show of topics, given type by topic."""
+    """Return a session with every display that installed visualizers offer for topics, given type by topic."""
     session = Session()
     chosen = {
         t: kind for t, kind in topics.items() if not options.topics or t.startswith(options.topics)
@@ -68,9 +66,7 @@ def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
             "--topic", " ".join(options.topics), f"the beginning of one of {there}"
         )
     for offer in session.offers(chosen):
-        display = session.add(offer.kind, offer.topics)
-        if offer.kind == Communication.name and options.fleet is not None:
-            session.tune(display.id, "fleet", str(options.fleet))
+        session.add(offer.kind, offer.topics)
     return session
 
 
@@ -80,13 +76,19 @@ def view_log(
     *,
     session: Session | None = None,
     progress: Callable[[Iterator[Arrival]], Iterable[Arrival]] = iter,
-    on_shown: Callable[[Session], None] = lambda _: None,
 ) -> tuple[Report, ...]:
-    """Show a log, an MCAP file or a bag that rosbags reads; return what became of messages, one a display.
+    """Show a log, and return what became of the messages, one report per display.
 
-    Without a session all is shown that can be. Messages pass `progress` on their way. `on_shown` is called once
-    with the session when all is sent; what is served is so as long as it runs. Raises LogError or another
-    SfglabError where it cannot be read, SinkError where it cannot be sent, MissingExtraError without Rerun.
+    Args:
+        path: MCAP file or rosbag2 folder.
+        options: Where and how to show it.
+        session: Displays; by default all that can show a topic of the log.
+        progress: Passes the messages on, and may count them.
+
+    Raises:
+        SfglabError: The log cannot be read (LogError).
+        SinkError: An output does not take what is shown.
+        MissingExtraError: Rerun is not installed.
     """
     with open_log(path) as log:
         topics = log.topics
@@ -99,7 +101,6 @@ def view_log(
         with closing(_canvas(options, topics, Path(path).stem)) as canvas:
             replay(progress(log.arrivals(wanted_topics(session))), session, canvas)
             canvas.flush()
-            on_shown(session)
     return report_of(session)
 
 
@@ -110,16 +111,20 @@ async def view_live(
     session: Session | None = None,
     on_start: Callable[[Session], None] = lambda _: None,
 ) -> None:
-    """Show what is on the bus, until cancelled.
+    """Show a domain until cancelled.
 
-    The session may change meanwhile; None follows all topics that can be shown. `on_start` is called once with
-    it, when the bridge runs. Raises SinkError and MissingExtraError as `view_log`.
+    Args:
+        node: Node on the domain.
+        options: Where and how to show it.
+        session: Displays, which may change meanwhile; by default every topic is followed that can be shown.
+        on_start: Called with the session when the bridge runs.
+
+    Raises:
+        SinkError: An output does not take what is shown.
+        MissingExtraError: Rerun is not installed.
     """
     follow = session is None
     session = session or session_for({}, options)
-    if follow:
-        settings = {} if options.fleet is None else {"fleet": str(options.fleet)}
-        session.add(Communication, Communication.inputs[0].pattern, settings)
     canvas = await asyncio.to_thread(_canvas, options, {}, node.name)
     follows = (options.topics or ("/",)) if follow else ()
     with closing(canvas):
@@ -129,7 +134,7 @@ async def view_live(
 
 
 def report_of(session: Session) -> tuple[Report, ...]:
-    """Return what became of the messages, one a display."""
+    """Return the counts of a session, one report per display."""
     return tuple(_report(display) for display in session.displays)
 
 

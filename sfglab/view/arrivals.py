@@ -1,7 +1,7 @@
-"""Messages as they arrive from anywhere, and logs that they come from.
+"""Messages of a domain or a log as a view receives them.
 
-Bytes stay bytes until somebody wants to see them, so a message that is passed over costs no decoding; the
-capture stamp is read where it stands in the bytes. Knows a log's order; refuses to know what is shown of it.
+A message stays serialized until a display shows it, so a dropped message costs no decoding. The capture stamp is
+read from its place in the bytes.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Arrival(NamedTuple):
 
     topic: str  #: Its topic.
     type_name: str  #: Its ROS type.
-    received_ns: int  #: When it arrived, on this host's or the log's clock.
+    received_ns: int  #: Time of its reception, on the clock of this host or of the log.
     cdr: bytes  #: Its bytes; empty where only the message is known.
     message: Any = None  #: Decoded, where that had to be done already.
 
@@ -88,7 +88,7 @@ class Log:
     """A log to read once or several times; made by `open_log`."""
 
     topics: dict[str, str]  #: Type by topic.
-    #: From some topics to their messages, in the order in which they were received.
+    #: Returns the messages of some topics, in the order of reception.
     arrivals: Callable[[Collection[str]], Iterator[Arrival]]
 
 

@@ -1,8 +1,8 @@
-"""The live bridge: subscriptions that follow a session's displays, and a thread that draws.
+"""Live bridge: subscriptions for the displays of a session, and a thread that draws.
 
-Thin: receives, and hands to the stage. Memory is bounded however slow a viewer is: a subscription keeps as many
-messages as its QoS says, a display's slot its few, one job at a time is drawn, and the canvas waits when too
-much is on its way. What does not fit is counted and gone; nobody else waits.
+The memory is bounded however slow a viewer is. A subscription keeps as many messages as its QoS says, and a
+display as many sets as its queue holds. One job at a time is drawn, and the canvas waits when too much is on its
+way. Messages that do not fit are counted and dropped; other displays do not wait.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.bus import (
     ClosedError,
-    EndpointAdded,
     EndpointEvent,
     EndpointKind,
     EndpointRemoved,
@@ -27,21 +26,22 @@ from sfglab.component import end_tasks
 from sfglab.errors import SfglabError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.view.arrivals import Arrival
-from sfglab.view.session import Change, Changed, Session
 from sfglab.view.stage import Job, Stage, Surface
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from sfglab.view.session import Change, Session
+
 _TICK_S = 0.05
 _MOST_DISPLAYS = 500
-"""How many displays are added by themselves, so that a flood of topics costs no more than this."""
+"""Limit of displays that are added automatically, against a flood of topics."""
 
 _Key = tuple[str, str, QoSProfile]
 
 
 def strongest(profiles: Iterable[QoSProfile]) -> QoSProfile:
-    """Return what serves everybody who requests one of several profiles: the most repair, past and depth."""
+    """Return the QoS of one subscription for several requests: the strictest of each policy, the largest depth."""
     first, *others = profiles
     for other in others:
         reliable = Reliability.RELIABLE in (first.reliability, other.reliability)
@@ -56,7 +56,7 @@ def strongest(profiles: Iterable[QoSProfile]) -> QoSProfile:
 
 
 class Bridge:
-    """Shows a session's displays live, until closed.
+    """Bridge that shows the displays of a session live, until closed.
 
     ```python
     async with Node("view", domain_id=0) as node, Bridge(node, session, open_canvas(["viewer"])):
@@ -79,7 +79,6 @@ class Bridge:
         self._surface = surface
         self._follow = follow
         self._readers: dict[_Key, asyncio.Task[None]] = {}
-        self._facts: dict[bytes, EndpointEvent] = {}
         self._types: dict[str, str] = {}
         self._offered: set[tuple[str, str]] = set()
         self._wake = asyncio.Event()
@@ -100,7 +99,7 @@ class Bridge:
 
     @property
     def stage(self) -> Stage:
-        """What is delivered and dropped."""
+        """Queues of the displays."""
         assert self._stage is not None
         return self._stage
 
@@ -125,17 +124,12 @@ class Bridge:
             finally:
                 self._thread.shutdown(wait=False)
 
-    def _changed(self, change: Change) -> None:
-        if change.what is Changed.ADDED:  # it has not heard of the endpoints that there are
-            self._facts |= {e.gid: EndpointAdded(endpoint=e) for e in self._node.graph.endpoints()}
+    def _changed(self, _: Change) -> None:
         self._arrange_soon()
 
     def _heard(self, event: EndpointEvent) -> None:
         endpoint = event.endpoint
-        if endpoint.kind is not EndpointKind.PUBLISHER:
-            return
-        self._facts[endpoint.gid] = event
-        if isinstance(event, EndpointRemoved):
+        if endpoint.kind is not EndpointKind.PUBLISHER or isinstance(event, EndpointRemoved):
             return
         # To follow what is only offered would decode everything that there is.
         offered = OFFER_KEY in entries(endpoint.user_data)
@@ -149,7 +143,7 @@ class Bridge:
             self._arranging = asyncio.get_running_loop().call_soon(self._arrange)
 
     def _add_offers(self) -> None:
-        """Add what is offered for the first time: what somebody has removed stays away."""
+        """Add each offer once: a display that was removed is not added again."""
         for offer in self._session.offers(self._types):
             key = offer.kind, next(iter(offer.topics.values()))
             if key not in self._offered and len(self._session.displays) < _MOST_DISPLAYS:
@@ -188,7 +182,6 @@ class Bridge:
         with contextlib.closing(subscription), contextlib.suppress(ClosedError):
             while True:
                 cdr, info = await subscription.take_with_info()
-                self.stage.lost[topic] = subscription.lost + subscription.dropped
                 self.stage.deliver(Arrival(topic, type_name, info.received_timestamp_ns, cdr))
                 self._wake.set()
 
@@ -204,8 +197,7 @@ class Bridge:
                 async with asyncio.timeout(_TICK_S):
                     await self._wake.wait()
             self._wake.clear()
-            facts, self._facts = self._facts, {}
-            await self._do(self.stage.tick(self._node.get_clock().now_ns(), facts.values()))
+            await self._do(self.stage.tick(self._node.get_clock().now_ns()))
             while (job := self.stage.ready()) is not None:
                 await self._do(job)
 

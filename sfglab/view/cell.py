@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 WAITING_BYTES = 32 * 2**20
-"""How much of what is drawn waits for a page; what comes later than that, and before the page, is not shown."""
+"""Limit of bytes that wait for a page. More is not shown until there is a page."""
 #: The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there.
 ROUNDED_NS = 256
 PROGRAM, WASM = "widget.js", "re_viewer_bg.wasm"
@@ -131,7 +131,7 @@ def _widget_class() -> Any:
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Gives the viewer's two files to whoever knows where they are."""
+    """Server of the viewer's two files, below a secret path."""
 
     def do_GET(self) -> None:  # the base's
         token, _, name = self.path.removeprefix("/").partition("/")

@@ -164,40 +164,23 @@ def colors_by_value(values: NDArray[Any]) -> NDArray[np.uint8]:
     return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO)[:, 0, ::-1])
 
 
-def covariance_ellipsoid(
-    covariance: NDArray[Any],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return half sizes (3,), one sigma, and orientation (x, y, z, w) of a 3 x 3 covariance, or None."""
-    from scipy.spatial.transform import Rotation
-
-    matrix = np.asarray(covariance, dtype=np.float64).reshape(3, 3)
-    if not np.isfinite(matrix).all() or not matrix.any():
-        return None
-    variances, axes = np.linalg.eigh((matrix + matrix.T) / 2)
-    if variances[0] < -1e-9 * variances[-1]:
-        raise InvalidValueError("covariance, eigenvalue", float(variances[0]), "none below 0")
-    axes[:, 0] *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
-    return np.sqrt(np.maximum(variances, 0)), Rotation.from_matrix(axes).as_quat()
-
-
 def _records(cloud: Any) -> NDArray[Any]:
+    """Return all points with their fields; a row step of 0 means rows without padding."""
     order = ">" if cloud.is_bigendian else "<"
-    fields = [
-        field for field in cloud.fields if field.datatype in _POINT_TYPES and field.count <= 1
-    ]
-    formats = [order + _POINT_TYPES[field.datatype] for field in fields]
-    names, offsets = [field.name for field in fields], [field.offset for field in fields]
+    fields = [f for f in cloud.fields if f.datatype in _POINT_TYPES and f.count <= 1]
+    row_bytes = cloud.width * cloud.point_step
+    row_step = cloud.row_step or row_bytes
+    layout = {
+        "names": [field.name for field in fields],
+        "formats": [order + _POINT_TYPES[field.datatype] for field in fields],
+        "offsets": [field.offset for field in fields],
+        "itemsize": cloud.point_step,
+    }
     try:
-        dtype = np.dtype(
-            {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step}
-        )
-        row_bytes = cloud.width * cloud.point_step
-        data = np.asarray(cloud.data)[: cloud.row_step * cloud.height].reshape(
-            cloud.height, cloud.row_step
-        )
-        return np.ascontiguousarray(data[:, :row_bytes]).reshape(-1).view(dtype)
+        dtype = np.dtype(layout)  # type: ignore[call-overload]  # NumPy checks the layout itself
+        rows = np.asarray(cloud.data)[: row_step * cloud.height].reshape(cloud.height, row_step)
+        return np.ascontiguousarray(rows[:, :row_bytes]).reshape(-1).view(dtype)
     except ValueError as error:
-        given = f"{len(cloud.data)} bytes as {cloud.height} rows of {cloud.row_step}"
-        raise InvalidValueError(
-            "point cloud data", given, f"what fits its fields ({error})"
-        ) from error
+        given = f"{len(cloud.data)} bytes as {cloud.height} rows of {row_step}"
+        needed = f"what fits its fields ({error})"
+        raise InvalidValueError("point cloud data", given, needed) from error

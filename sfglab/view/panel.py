@@ -1,7 +1,7 @@
-"""The panel of a notebook: a session's displays as widgets, as in RViz. A thin shell over `Session`.
+"""Panel of a notebook: the displays of a session as widgets, as in RViz.
 
-Whatever it does goes through the session, which checks it; what the session refuses stands below the row that
-adds. Refuses to know messages and the viewer. Widgets come with the extra ``view``.
+The session checks all changes. A change that it refuses is reported below the row that adds displays. Widgets
+come with the extra ``view``.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Panel:
         close()
 
     def refresh(self) -> None:
-        """Say anew what became of the messages of each display."""
+        """Show the current counts of each display."""
         for display in self._session.displays:
             counts = display.slot.counts
             text = f"{counts.received} received, {counts.shown} shown, {counts.dropped} dropped"

@@ -1,15 +1,13 @@
-"""The Rerun side: a canvas over a recording, the places that a recording can go to, and the viewer's layout.
+"""Canvas over a Rerun recording, its outputs, and the layout of the viewer.
 
-The one place that imports Rerun, so that everything else can be imported without it. Two timelines: `capture`
-is the sender's stamp, `received` this host's or the log's clock. What is on its way is bounded: a canvas waits
-when `WINDOW_BYTES` were drawn that no sink has taken. Refuses to know messages.
+Only this module imports Rerun. A recording has two timelines: `capture` is the stamp of the sender, `received`
+the clock of this host or of the log. A canvas waits when `WINDOW_BYTES` were drawn that no output has taken.
 """
 
 from __future__ import annotations
 
 import re
-import socket
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import InvalidValueError, MissingExtraError, SfglabError
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT
 from sfglab.units import NS_PER_S
-from sfglab.view.visualizer import AGENTS, SinkError, agent_root, camera_name, entity_of_topic
+from sfglab.view.visualizer import AGENTS, SinkError, camera_name, entity_of_topic
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -49,11 +47,9 @@ NOTEBOOK = "notebook"  #: The place that is the running cell.
 
 CAPTURE, RECEIVED = "capture", "received"  #: The timelines.
 
-WINDOW_BYTES = 32 * 2**20  #: How much may be drawn before the sinks have to have taken it.
+WINDOW_BYTES = 32 * 2**20  #: Bytes that may be drawn before the outputs have taken them.
 
-_PLACES = (
-    "<path>.rrd, viewer, rerun+http://<host>:<port>/proxy, serve[[:<address>]:<port>], notebook"
-)
+_PLACES = "FILE.rrd, viewer, notebook"
 _TAKE_LIMIT_S = 10.0
 #: A batch of this size leaves at once: a picture does not wait for company.
 _IMAGE_BYTES = 128 * 1024
@@ -65,7 +61,7 @@ class RerunCanvas:
     def __init__(self, recording: Any, to: Sequence[str]) -> None:
         self.recording = recording  #: For what only Rerun can do.
         self._to, self._where = to, " and ".join(to)
-        #: What was drawn since the sinks last had everything: of messages, as they arrived; below a window.
+        #: Bytes of the messages that were drawn since the last flush.
         self.pending_bytes = 0
         self._now_ns = self._flushed_ns = 0
         self._frames: dict[str, str] = {}
@@ -146,17 +142,25 @@ class RerunCanvas:
                 self.recording.disconnect()
 
 
+def new_recording(title: str) -> Any:
+    """Return a recording of Rerun that sends small batches at once and whose only times are ours."""
+    config = rr.ChunkBatcherConfig.LOW_LATENCY()
+    config.flush_num_bytes = _IMAGE_BYTES
+    recording = rr.RecordingStream(title, batcher_config=config)
+    rr.set_log_time_enabled(False, recording=recording)
+    rr.set_log_tick_enabled(False, recording=recording)
+    return recording
+
+
 def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%") -> RerunCanvas:
     """Open a recording that goes to one or several places at once.
 
     Args:
-        to: ``<path>.rrd`` for a file; ``viewer`` to start a viewer on this host; ``rerun+http://<host>:<port>/proxy``
-            for one that runs; ``serve``, ``serve:<port>`` or ``serve:<address>:<port>`` to wait for viewers, on
-            this host unless an address says otherwise; ``notebook`` for the cell that calls
-            `RerunCanvas.show_in_notebook`.
-        title: What the viewer calls it.
-        memory: How much a viewer or server that is started here may keep, as a share of the host's memory or
-            as ``4GB``; the oldest goes first.
+        to: ``FILE.rrd`` for a file; ``viewer`` for a viewer that is started on this host; ``notebook`` for the
+            cell that calls `RerunCanvas.show_in_notebook`.
+        title: Title in the viewer.
+        memory: Memory limit of a viewer that is started here, as a share of the host's memory or as ``4GB``;
+            the viewer removes the oldest data first.
 
     Raises:
         MissingExtraError: Rerun is not installed.
@@ -171,11 +175,7 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
         )
     if NOTEBOOK in to and len(to) > 1:
         raise InvalidValueError("to", to, "the notebook alone, or other places")
-    config = rr.ChunkBatcherConfig.LOW_LATENCY()
-    config.flush_num_bytes = _IMAGE_BYTES
-    recording = rr.RecordingStream(title, batcher_config=config)
-    rr.set_log_time_enabled(False, recording=recording)
-    rr.set_log_tick_enabled(False, recording=recording)
+    recording = new_recording(title)
     try:
         sinks = [sink for place in to if (sink := _sink(place, recording, memory)) is not None]
         if sinks:
@@ -190,7 +190,6 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
 
 def _sink(place: str, recording: Any, memory: str) -> Any:
     """Return a sink; None for the notebook, which takes the recording as it is."""
-    kind, _, rest = place.partition(":")
     if place.endswith(".rrd"):
         path = Path(place)
         if not path.parent.is_dir():
@@ -199,25 +198,9 @@ def _sink(place: str, recording: Any, memory: str) -> Any:
     if place == "viewer":
         recording.spawn(connect=False, memory_limit=memory)
         return rr.GrpcSink()
-    if kind.startswith("rerun"):
-        return rr.GrpcSink(place)
-    if kind == "serve":
-        return rr.GrpcServerSink(*_bound(place, rest), server_memory_limit=memory)
     if place == NOTEBOOK:
         return None
     raise InvalidValueError("to", place, _PLACES)
-
-
-def _bound(place: str, rest: str) -> tuple[str, int]:
-    """Return address and port to wait at; only this host is served unless another address is given."""
-    address, _, port = rest.rpartition(":")
-    if not (port or "9876").isdecimal():
-        raise InvalidValueError("to", place, _PLACES)
-    bound = address or "127.0.0.1", int(port or 9876)
-    with closing(socket.socket()) as probe:  # the server itself would tell only its log
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        probe.bind(bound)
-    return bound
 
 
 def _discard(to: Sequence[str], *, emptied: bool = False) -> None:
@@ -238,16 +221,14 @@ _CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """What a viewer shows side by side."""
+    """Views of the viewer."""
 
     frame: str = ""  #: The frame in which space is drawn; empty leaves the choice to the viewer.
-    agents: tuple[str, ...] = ()  #: Whose heartbeats and states are drawn.
-    #: What each view shows, by a name for people.
+    #: Entity of each camera's view, by title.
     cameras: Mapping[str, str] = field(default_factory=dict)
     #: Entities of images without a CameraInfo: they have no place in space.
     flat: tuple[str, ...] = ()
-    #: Whether heartbeats and states are drawn; without `agents` those of all that turn up.
-    communication: bool = False
+    heartbeats: bool = False  #: Whether the age of heartbeats and the agents' states are shown.
 
 
 def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> Layout:
@@ -258,8 +239,7 @@ def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> Layout:
         for sensor in agent.sensors
         for stream in sensor.streams
     }
-    agents = tuple(agent.name for agent in fleet.agents)
-    return Layout(frame=frame, agents=agents, cameras=cameras, communication=True)
+    return Layout(frame=frame, cameras=cameras, heartbeats=True)
 
 
 def layout_of_topics(topics: Mapping[str, str], *, frame: str = "") -> Layout:
@@ -268,8 +248,8 @@ def layout_of_topics(topics: Mapping[str, str], *, frame: str = "") -> Layout:
     cameras = {topic: entity_of_topic(topic) for topic in pictures}
     placed = {camera_name(topic) for topic, kind in topics.items() if kind == _CAMERA_INFO}
     flat = tuple(cameras[topic] for topic in pictures if camera_name(topic) not in placed)
-    communication = AGENT_HEARTBEAT in topics.values()
-    return Layout(frame=frame, cameras=cameras, flat=flat, communication=communication)
+    heartbeats = AGENT_HEARTBEAT in topics.values()
+    return Layout(frame=frame, cameras=cameras, flat=flat, heartbeats=heartbeats)
 
 
 def blueprint(layout: Layout) -> Any:
@@ -288,8 +268,9 @@ def blueprint(layout: Layout) -> Any:
         )
         views.append(rrb.Grid(*cameras, name="cameras"))
     upper = rrb.Horizontal(*views, column_shares=[3, 2][: len(views)])
-    lower = _communication(layout.agents) if layout.communication else []
-    parts = rrb.Vertical(upper, rrb.Horizontal(*lower), row_shares=[2, 1]) if lower else upper
+    parts: Any = upper
+    if layout.heartbeats:
+        parts = rrb.Vertical(upper, rrb.Horizontal(*_heartbeats()), row_shares=[2, 1])
     return rrb.Blueprint(parts, rrb.TimePanel(timeline="received"), collapse_panels=False)
 
 
@@ -317,23 +298,13 @@ def _space(frame: str) -> dict[str, Any]:
     }
 
 
-def _communication(agents: tuple[str, ...]) -> list[Any]:
+def _heartbeats() -> list[Any]:
+    """Return the views of the age of heartbeats and of the agents' states."""
     import rerun.blueprint as rrb
 
-    roots = [f"{agent_root(agent)}/communication" for agent in agents]
-    everything = [f"{AGENTS}/**"]
-    ages = [f"{root}/heartbeat_age_s" for root in roots] or everything
-    bands = [f"{root}/{what}" for root in roots for what in ("life", "decoders")] or everything
-    drops = [f"{root}/{what}" for root in roots for what in ("dropped", "lost")] or everything
-    plots = {"heartbeat age (s)": ages, "dropped and lost": drops}
-    above = rrb.PlotLegend(rrb.Corner2D.LeftTop)  # where values that grow are not
-    return [
-        rrb.Tabs(
-            *(
-                rrb.TimeSeriesView(origin=AGENTS, contents=paths, name=name, plot_legend=above)
-                for name, paths in plots.items()
-            )
-        ),
-        rrb.StateTimelineView(origin=AGENTS, contents=bands, name="life and decoders"),
-        rrb.GraphView(origin="/fleet/border", name="what crosses the border"),
-    ]
+    above = rrb.PlotLegend(rrb.Corner2D.LeftTop)  # an age that grows reaches the right side
+    everything = f"{AGENTS}/**"
+    ages = rrb.TimeSeriesView(
+        origin=AGENTS, contents=everything, name="age of heartbeats (s)", plot_legend=above
+    )
+    return [ages, rrb.StateTimelineView(origin=AGENTS, contents=everything, name="agents")]

@@ -1,11 +1,8 @@
-"""Displays of a view: visualizers that are installed; added, removed and tuned at run time.
-
-The model behind every panel and command line, as RViz's list of displays is. Pure: it knows which visualizers
-look at which topics; it refuses to know where messages come from and how they are drawn (`stage`), and tells
-whoever listens what has changed.
+"""Displays of a view, which are added, removed and tuned at run time, as in RViz's list of displays.
 
 A package offers visualizers of its own under entry points of the group ``sfglab.visualizers``. One that cannot
-be loaded is told and left out, so that somebody else's mistake costs nobody their view.
+be loaded is reported and left out. A session knows which visualizers show which topics; `stage` delivers
+messages to them.
 """
 
 from __future__ import annotations
@@ -44,11 +41,10 @@ BUILT_IN: tuple[type[Visualizer], ...] = (
     poses.Pose,
     poses.Path,
     poses.Odometry,
-    poses.Imu,
     markers.Marker,
     markers.MarkerArray,
     fleet.AgentStatus,
-    fleet.Communication,
+    fleet.AgentHeartbeats,
 )
 """All of them, in the order in which they offer themselves for a topic."""
 
@@ -57,7 +53,7 @@ class Registry(NamedTuple):
     """Visualizers that were found."""
 
     kinds: dict[str, type[Visualizer]]  #: Visualizers by name, ours first.
-    broken: tuple[str, ...]  #: What could not be loaded, one sentence each.
+    broken: tuple[str, ...]  #: One sentence for each that could not be loaded.
 
 
 def available() -> Registry:
@@ -97,7 +93,7 @@ def _load(entry: EntryPoint) -> type[Visualizer] | str:
 
 
 class Changed(Enum):
-    """What happened to a display."""
+    """Kind of change of a display."""
 
     ADDED = "added"
     REMOVED = "removed"
@@ -110,9 +106,9 @@ class Display:
     """One visualizer that looks at certain topics. Changed by its session only."""
 
     id: str  #: Unique in its session, stable.
-    visualizer: Visualizer  #: What draws.
+    visualizer: Visualizer  #: Visualizer that draws.
     slot: Slot[Any]  #: Its queues.
-    sync: SyncPolicy  #: Which messages belong together.
+    sync: SyncPolicy  #: Policy by which messages are matched.
     #: Requested instead of the inputs' own, by role.
     qos: dict[str, QoSProfile] = field(default_factory=dict)
     enabled: bool = True  #: Whether messages reach it.
@@ -133,8 +129,8 @@ class Display:
 class Change:
     """Something that happened to a display."""
 
-    what: Changed  #: What.
-    display: Display  #: Which; after a removal the one that was.
+    what: Changed  #: Kind of change.
+    display: Display  #: Display that changed, or was removed.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,9 +1,8 @@
-"""Queues between the messages of a visualizer's topics and the visualizer: bounds, order, counts, rate budget.
+"""Queue between the topics of a display and its visualizer.
 
-Pure: stamps and opaque items in, updates out, the clock is the caller's. Memory is bounded by construction: at
-most ``depth`` items of each topic wait for their partners and at most ``queue`` sets for their turn, however
-slow whoever takes them is; what does not fit is counted and gone. Viewers keep what they are sent, and pictures
-also in graphics memory that no limit of the viewer covers, so a rate belongs on the sender's side.
+At most ``depth`` items of each topic wait for their partners, and at most ``queue`` sets for their turn. Others
+are counted and dropped. A viewer keeps all that it receives, and no limit of the viewer covers graphics memory;
+so the rate is limited here. Pure: stamps and opaque items in, sets out, the clock is the caller's.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from sfglab.errors import InvalidValueError
 from sfglab.units import NS_PER_S
-from sfglab.view.sync import Matched, SyncPolicy, synchronizer
+from sfglab.view.sync import Matched, Synchronizer, SyncPolicy
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,10 +23,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counts:
-    """What has become of a slot's messages."""
+    """Counts of the messages of a slot."""
 
     received: int  #: Messages offered.
-    shown: int  #: Sets taken and drawn.
+    shown: int  #: Sets drawn.
     waiting: int  #: Messages that wait for partners and sets that wait for their turn.
     unmatched: int  #: Messages without partners, or out of order.
     over_budget: int  #: Sets that the rate budget stopped.
@@ -44,7 +43,7 @@ class Taken(NamedTuple, Generic[T]):
     """A set whose turn has come."""
 
     items: dict[str, T]  #: By role.
-    stamp_ns: int  #: Of the leading item.
+    stamp_ns: int  #: Stamp of the leading item.
     lost: int  #: Sets passed over since the one before.
 
 
@@ -61,7 +60,7 @@ class Slot(Generic[T]):
         steady: tuple[str, ...] = (),
     ) -> None:
         self.budget = RateBudget(max_hz)  #: May be changed at any time.
-        self._synchronizer = synchronizer(policy, roles, steady=steady)
+        self._synchronizer = Synchronizer[T](policy, roles, steady=steady)
         self._ready: deque[Matched[T]] = deque(maxlen=queue)
         self._received = self._shown = self._pushed_out = self._passed_over = 0
 
@@ -75,7 +74,7 @@ class Slot(Generic[T]):
             if len(self._ready) == self._ready.maxlen:
                 self._pushed_out += 1
                 self._passed_over += 1
-            self._ready.append(matched)  # type: ignore[arg-type]  # the synchroniser does not look at items
+            self._ready.append(matched)
 
     def interrupt(self) -> None:
         """Let go of what waits; messages are kept from here, so the next update says that some are lost."""
@@ -88,21 +87,20 @@ class Slot(Generic[T]):
         if not self._ready:
             return None
         matched = self._ready.popleft()
-        self._shown += 1
         lost, self._passed_over = self._passed_over, 0
         items: Mapping[str, tuple[int, T]] = matched.items
         return Taken({role: item for role, (_, item) in items.items()}, matched.stamp_ns, lost)
 
-    def failed(self) -> None:
-        """Take note that the set taken last could not be drawn."""
-        self._shown -= 1
+    def count_shown(self) -> None:
+        """Take note that the set taken last was drawn."""
+        self._shown += 1
 
     def __len__(self) -> int:
         return len(self._ready)
 
     @property
     def counts(self) -> Counts:
-        """What has become of the messages so far."""
+        """Counts up to now."""
         return Counts(
             received=self._received,
             shown=self._shown,
@@ -134,7 +132,7 @@ class RateBudget:
         self._max_hz, self._next_ns = value, None
 
     def allows(self, now_ns: int) -> bool:
-        """Return whether an event may pass now, else count it as dropped; time that runs back starts anew."""
+        """Return whether an event passes now, otherwise count it as dropped. A clock that jumps back resets the budget."""
         if self._max_hz is None:
             return True
         period_ns = round(NS_PER_S / self._max_hz)

@@ -1,14 +1,12 @@
-"""Drawings from arrivals: every display gets its topics' messages, in its own rhythm; and a log, replayed.
+"""Delivery of messages to the displays of a session, jobs that draw them, and replay of a log.
 
-Knows a session and a canvas; refuses to know where messages come from. The clock is the caller's, so a log is
-replayed on the log's, without gaps, as fast as the sinks take it, and nothing is pushed out of a queue.
-`deliver`, `ready` and `tick` belong to one thread and are cheap; the jobs that they return may be drawn in
-another and take their time, as long as it is always the same one.
+The clock is the caller's: a log is replayed by its own clock, as fast as the outputs take it, and nothing is
+dropped from a queue. `deliver`, `ready` and `tick` belong to one thread. The jobs that they return may be done in
+another thread, always the same one.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 from functools import partial
@@ -18,15 +16,14 @@ from sfglab.errors import SfglabError
 from sfglab.units import NS_PER_S
 from sfglab.view.arrivals import Arrival, capture_ns, decoded
 from sfglab.view.session import Change, Changed, Display, Session
-from sfglab.view.visualizer import Canvas, SinkError, TopicHealth, Update
+from sfglab.view.visualizer import Canvas, NotShownError, SinkError, Update
 
 if TYPE_CHECKING:
-    from sfglab.bus import EndpointEvent
     from sfglab.view.slot import Taken
 
 
 class Surface(Canvas, Protocol):
-    """A canvas that somebody owns."""
+    """A canvas with its end."""
 
     def settle(self, size_bytes: int) -> None:
         """Take note of an update of this size; wait if too much is on its way. SinkError ends it all."""
@@ -44,43 +41,39 @@ def _show(display: Display, taken: Taken[Arrival], surface: Surface) -> None:
     arrivals = taken.items.values()
     received_ns = max(arrival.received_ns for arrival in arrivals)
     surface.at(stamp_ns=taken.stamp_ns, received_ns=received_ns)
-    with _noted(display, on_failure=display.slot.failed):
+    drawn = False
+    with _noted(display):
         messages = {role: decoded(arrival) for role, arrival in taken.items.items()}
         update = Update(
             messages=messages, stamp_ns=taken.stamp_ns, received_ns=received_ns, lost=taken.lost
         )
         display.visualizer.show(update, surface)
+        drawn = True
     surface.settle(sum(len(arrival.cdr) for arrival in arrivals))
+    if drawn:
+        display.slot.count_shown()
 
 
-def _tick(
-    displays: tuple[Display, ...],
-    due: tuple[Display, ...],
-    facts: tuple[EndpointEvent | TopicHealth, ...],
-    now_ns: int,
-    surface: Surface,
-) -> None:
-    """Tell every display the facts, and draw those whose turn it is."""
+def _tick(due: tuple[Display, ...], now_ns: int, surface: Surface) -> None:
+    """Draw the displays whose tick is due."""
     surface.at(stamp_ns=now_ns, received_ns=now_ns)
-    for display in displays:
+    for display in due:
         with _noted(display):
-            for fact in facts:
-                display.visualizer.observe(fact)
-            if display in due:
-                display.visualizer.tick(now_ns, surface)
+            display.visualizer.tick(now_ns, surface)
     surface.settle(0)
 
 
 @contextmanager
-def _noted(display: Display, on_failure: Callable[[], None] = lambda: None) -> Iterator[None]:
+def _noted(display: Display) -> Iterator[None]:
     """Note what a visualizer raises at its display: one that fails keeps no other from being shown."""
     try:
         yield
     except SinkError:
         raise
+    except NotShownError:
+        pass
     except Exception as error:  # noqa: BLE001 - a visualizer may be anybody's
         display.errors += 1
-        on_failure()
         told = str(error) if isinstance(error, SfglabError) else f"{type(error).__name__}: {error}"
         display.last_error = told
 
@@ -89,8 +82,6 @@ class Stage:
     """The displays of a session, which may change at any time."""
 
     def __init__(self, session: Session) -> None:
-        #: Messages that the transport knows to have lost, by topic; kept by whoever receives.
-        self.lost: Counter[str] = Counter()
         self._session = session
         self._wanted: dict[str, list[tuple[Display, str]]] = {}
         self._next_tick_ns: dict[str, int] = {}
@@ -113,7 +104,7 @@ class Stage:
                 display.slot.offer(role, stamp_ns, arrival, now_ns=arrival.received_ns)
 
     def ready(self) -> Job | None:
-        """Return what is to be drawn next, each display in its turn; None when there is nothing."""
+        """Return the next job, each display in turn, or None."""
         displays = self._session.displays
         for offset in range(len(displays)):
             index = (self._turn + offset) % len(displays)
@@ -123,13 +114,10 @@ class Stage:
                 return partial(_show, displays[index], taken)
         return None
 
-    def tick(self, now_ns: int, facts: Iterable[EndpointEvent] = ()) -> Job | None:
-        """Return what is due as the received clock goes by, or None; all displays are told new facts."""
+    def tick(self, now_ns: int) -> Job | None:
+        """Return what is due as the received clock goes by, or None."""
         due = tuple(d for d in self._session.displays if d.enabled and self._is_due(d, now_ns))
-        told = tuple(facts)
-        if not due and not told:
-            return None
-        return partial(_tick, self._session.displays, due, (*told, *self.health()), now_ns)
+        return partial(_tick, due, now_ns) if due else None
 
     def _is_due(self, display: Display, now_ns: int) -> bool:
         """Return whether a display's tick is due, and plan its next one; a clock may jump back."""
@@ -141,22 +129,6 @@ class Stage:
             return False
         self._next_tick_ns[display.id] = now_ns + period_ns
         return True
-
-    def health(self) -> tuple[TopicHealth, ...]:
-        """Return what has become of every topic's messages, by topic."""
-        received: Counter[str] = Counter()
-        dropped: Counter[str] = Counter()
-        for display in self._session.displays:
-            counts = display.slot.counts
-            leading = next(iter(display.visualizer.topics.values()))
-            received[leading] += counts.received
-            dropped[leading] += counts.dropped
-        return tuple(
-            TopicHealth(
-                topic=topic, received=received[topic], dropped=dropped[topic], lost=self.lost[topic]
-            )
-            for topic in sorted(received | self.lost)
-        )
 
     def _changed(self, change: Change) -> None:
         display = change.display
@@ -174,7 +146,7 @@ class Stage:
 
 
 _STEP_NS = 100_000_000
-_MOST_STEPS = 3000  #: Of a silence that is longer than five minutes the rest is passed over.
+_MOST_STEPS = 3000  #: Limit of steps in a silence, which is five minutes.
 
 
 def wanted_topics(session: Session) -> frozenset[str]:

@@ -1,9 +1,8 @@
-"""Synchronisation of messages of several topics: exact and approximate time, and latest.
+"""Synchronisation of messages of several topics by exact or approximate time (paper A, section 4.5).
 
-Pure: knows stamps and opaque items. Every policy keeps the promises of ROS 2's message_filters: an item is
-handed out once at most, sets come out in the order of time, and what waits is bounded by `depth` items of each
-topic. What is dropped unmatched is counted, and so is an item that is not newer than the last one of its topic;
-a clock that jumps back needs `clear`.
+As with ROS 2's message_filters, an item belongs to one set at most, sets come in the order of time, and `depth`
+items of each topic wait at most. Items that are dropped without partners are counted, and so are items that are
+not newer than the one before on their topic. Pure: knows stamps and opaque items.
 """
 
 from __future__ import annotations
@@ -15,6 +14,9 @@ from typing import Generic, TypeVar
 from sfglab.errors import InvalidValueError
 
 T = TypeVar("T")
+
+PATIENCE = 5
+"""Items of the first topic without partners before the one item of each steady topic is taken to hold for good."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,9 +38,9 @@ class Exact:
 class Approximate:
     """The stamps of a set lie within `slop_ns`, and each set is the best for its pivot.
 
-    The pivot is the latest of the topics' oldest waiting items: no set without it can still get better. Its
-    partners are the nearest items of the other topics, which is known once these have reached its stamp; so a
-    set whose stamps differ comes out with the next item of the topic that is behind, or when a queue is full.
+    The pivot is the latest of the topics' oldest waiting items. Its partners are the nearest items of the other
+    topics, which are known once these have reached its stamp. So a set whose stamps differ is complete with the
+    next item of the topic that is behind, or when a queue is full.
     """
 
     slop_ns: int = 50_000_000  #: Largest difference between two stamps of a set, in nanoseconds.
@@ -50,15 +52,7 @@ class Approximate:
             raise InvalidValueError("slop_ns", self.slop_ns, "nanoseconds from 0")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Latest:
-    """Every item of the first topic, once at most, with the latest of each other, which changes rarely."""
-
-
-PATIENCE = 5
-"""How many items of the first topic find no partners before what was said once is taken to hold for good."""
-
-SyncPolicy = Independent | Exact | Approximate | Latest
+SyncPolicy = Independent | Exact | Approximate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,14 +68,30 @@ class Matched(Generic[T]):
 
 
 class Synchronizer(Generic[T]):
-    """The queues of several topics, the leading one first, `depth` items each; made by `synchronizer`."""
+    """Queues of several topics; the first one leads.
 
-    def __init__(self, topics: tuple[str, ...], *, depth: int) -> None:
+    Args:
+        policy: Which items belong together. One topic alone needs no policy.
+        topics: Names of the topics.
+        steady: Topics whose one item may hold for good, as a calibration that is published once; not the first.
+            It holds when `PATIENCE` items of the first topic have found no partner, until there is a second one.
+    """
+
+    def __init__(
+        self, policy: SyncPolicy, topics: tuple[str, ...], *, steady: tuple[str, ...] = ()
+    ) -> None:
         self.unmatched = 0  #: Items dropped because their partners did not come.
         self.disordered = 0  #: Items dropped because they were not newer than the one before.
-        self._depth = depth
-        self._queues: dict[str, deque[tuple[int, T]]] = {topic: deque() for topic in topics}
+        self._leading = topics[0]
+        self._independent = len(topics) == 1 or isinstance(policy, Independent)
+        self._slop_ns = policy.slop_ns if isinstance(policy, Approximate) else 0
+        self._depth = 1 if isinstance(policy, Independent) else policy.depth
+        self._all: dict[str, deque[tuple[int, T]]] = {topic: deque() for topic in topics}
+        self._queues = self._all  # those that a set needs an item of
         self._last_ns: dict[str, int] = {}
+        self._steady: dict[str, list[tuple[int, T]]] = {topic: [] for topic in steady}
+        self._held: dict[str, tuple[int, T]] = {}
+        self._alone = 0  # items of the first topic since the last set
 
     @property
     def waiting(self) -> int:
@@ -89,7 +99,11 @@ class Synchronizer(Generic[T]):
         return sum(map(len, self._queues.values()))
 
     def offer(self, topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
-        """Take one item and return the sets that it completes, the oldest first."""
+        """Take one item, and return the sets that it completes, the oldest first."""
+        if self._independent:
+            return [Matched(items={topic: (stamp_ns, item)})]
+        if self._steady:
+            self._follow_steady(topic, (stamp_ns, item))
         if stamp_ns <= self._last_ns.get(topic, stamp_ns - 1):
             self.disordered += 1
             return []
@@ -99,53 +113,35 @@ class Synchronizer(Generic[T]):
         while len(self._queues[topic]) > self._depth:
             self._drop_oldest(topic)
             found += self._matched()
+        if found:
+            self._alone = 0
         return found
 
-    def clear(self) -> None:
-        """Forget everything that waits, and that time has passed."""
-        self._last_ns.clear()
-        for queue in self._queues.values():
+    def _follow_steady(self, topic: str, stamped: tuple[int, T]) -> None:
+        """Let the items of the steady topics hold, or end that, as the next item says."""
+        if topic in self._steady:
+            self._steady[topic] = [*self._steady[topic][-1:], stamped]
+            if self._held:
+                self._held = {}
+                self._change_queues(self._all)
+        elif topic == self._leading and not self._held:
+            self._alone += 1
+            said_once = all(len(items) == 1 for items in self._steady.values())
+            if said_once and self._alone > PATIENCE:
+                self._held = {topic: items[0] for topic, items in self._steady.items()}
+                self._change_queues({t: q for t, q in self._all.items() if t not in self._steady})
+
+    def _change_queues(self, queues: dict[str, deque[tuple[int, T]]]) -> None:
+        """Need other topics from now on; what waits is given up."""
+        self.unmatched += self.waiting
+        for queue in self._all.values():
             queue.clear()
+        self._last_ns.clear()
+        self._alone = 0
+        self._queues = queues
 
     def _matched(self) -> list[Matched[T]]:
-        raise NotImplementedError
-
-    def _drop_oldest(self, topic: str) -> None:
-        self._queues[topic].popleft()
-        self.unmatched += 1
-
-    def _drop_before(self, stamp_ns: int) -> None:
-        for topic, queue in self._queues.items():
-            while queue and queue[0][0] < stamp_ns:
-                self._drop_oldest(topic)
-
-    def _hand_out(self, indexes: dict[str, int]) -> Matched[T]:
-        """Remove one item of each queue and what is older there."""
-        items = {}
-        for topic, index in indexes.items():
-            for _ in range(index):
-                self._drop_oldest(topic)
-            items[topic] = self._queues[topic].popleft()
-        return Matched(items=items)
-
-
-class _ExactSynchronizer(Synchronizer[T]):
-    def _matched(self) -> list[Matched[T]]:
-        found = []
-        while all(self._queues.values()):
-            latest_ns = max(queue[0][0] for queue in self._queues.values())
-            self._drop_before(latest_ns)
-            if all(queue and queue[0][0] == latest_ns for queue in self._queues.values()):
-                found.append(self._hand_out(dict.fromkeys(self._queues, 0)))
-        return found
-
-
-class _ApproximateSynchronizer(Synchronizer[T]):
-    def __init__(self, topics: tuple[str, ...], *, depth: int, slop_ns: int) -> None:
-        super().__init__(topics, depth=depth)
-        self._slop_ns = slop_ns
-
-    def _matched(self) -> list[Matched[T]]:
+        """Return the sets that are complete."""
         found = []
         while all(self._queues.values()):
             pivot_ns = max(queue[0][0] for queue in self._queues.values())
@@ -163,9 +159,8 @@ class _ApproximateSynchronizer(Synchronizer[T]):
     def _is_decided(self, pivot_ns: int) -> bool:
         """Return whether every topic has reached the pivot, or one cannot wait any longer."""
         queues = self._queues.values()
-        return any(len(q) > self._depth for q in queues) or all(
-            q[-1][0] >= pivot_ns for q in queues
-        )
+        is_full = any(len(queue) > self._depth for queue in queues)
+        return is_full or all(queue[-1][0] >= pivot_ns for queue in queues)
 
     def _best(self, pivot_ns: int) -> dict[str, int]:
         """Return the nearest items to the pivot; where those lie too far apart, the last ones not after it."""
@@ -175,106 +170,23 @@ class _ApproximateSynchronizer(Synchronizer[T]):
             return nearest
         return {topic: _last_until(queue, pivot_ns) for topic, queue in self._queues.items()}
 
+    def _hand_out(self, indexes: dict[str, int]) -> Matched[T]:
+        """Remove one item of each queue and what is older there."""
+        items = dict(self._held)
+        for topic, index in indexes.items():
+            for _ in range(index):
+                self._drop_oldest(topic)
+            items[topic] = self._queues[topic].popleft()
+        return Matched(items={topic: items[topic] for topic in self._all})
 
-class _LatestSynchronizer(Synchronizer[T]):
-    """Holds the latest item of each topic but the first, and one of the first until all others have spoken."""
+    def _drop_oldest(self, topic: str) -> None:
+        self._queues[topic].popleft()
+        self.unmatched += 1
 
-    def _matched(self) -> list[Matched[T]]:
-        leading, *others = self._queues
-        for topic in self._queues:
-            while len(self._queues[topic]) > 1:
-                self._queues[topic].popleft()
-                self.unmatched += topic == leading
-        if not all(self._queues.values()):
-            return []
-        items = {leading: self._queues[leading].popleft()}
-        return [Matched(items={**items, **{topic: self._queues[topic][0] for topic in others}})]
-
-
-class _SteadySynchronizer(Synchronizer[T]):
-    """Matches by stamps, unless steady topics spoke only once, as of a calibration: then that item holds."""
-
-    def __init__(
-        self, policy: SyncPolicy, topics: tuple[str, ...], steady: tuple[str, ...]
-    ) -> None:
-        super().__init__(topics, depth=1)
-        self._by_stamps = synchronizer(policy, topics)
-        self._others = synchronizer(policy, tuple(topic for topic in topics if topic not in steady))
-        self._steady: dict[str, list[tuple[int, T]]] = {topic: [] for topic in steady}
-        self._alone = 0  # items of the first topic since the last set
-        self._holds = False
-
-    @property
-    def waiting(self) -> int:
-        return self._current.waiting
-
-    def offer(self, topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
-        if topic in self._steady:
-            self._steady[topic] = [*self._steady[topic][-1:], (stamp_ns, item)]
-            self._hold(holds=False)
-        elif topic == next(iter(self._queues)):
-            self._alone += 1
-            once = all(len(said) == 1 for said in self._steady.values())
-            self._hold(holds=once and self._alone > PATIENCE)
-        if self._holds:
-            found: list[Matched[T]] = self._counted(self._others, topic, stamp_ns, item)
-            return [self._completed(matched) for matched in found]
-        found = self._counted(self._by_stamps, topic, stamp_ns, item)
-        if found:
-            self._alone = 0
-        return found
-
-    def clear(self) -> None:
-        self._hold(holds=False)
-        self._by_stamps.clear()
-        self._steady = {topic: [] for topic in self._steady}
-
-    @property
-    def _current(self) -> Synchronizer[object]:
-        return self._others if self._holds else self._by_stamps
-
-    def _hold(self, *, holds: bool) -> None:
-        """Go over to the other way to match; what waited for the one is given up."""
-        if holds != self._holds:
-            self.unmatched += self._current.waiting
-            self._current.clear()
-            self._holds, self._alone = holds, self._alone * holds
-
-    def _counted(
-        self, way: Synchronizer[object], topic: str, stamp_ns: int, item: T
-    ) -> list[Matched[T]]:
-        before = way.unmatched, way.disordered
-        found = way.offer(topic, stamp_ns, item)
-        self.unmatched += way.unmatched - before[0]
-        self.disordered += way.disordered - before[1]
-        return found  # type: ignore[return-value]  # what was put in comes out
-
-    def _completed(self, matched: Matched[T]) -> Matched[T]:
-        held = {topic: said[0] for topic, said in self._steady.items()}
-        return Matched(items={topic: (matched.items | held)[topic] for topic in self._queues})
-
-
-class _IndependentSynchronizer(Synchronizer[T]):
-    def offer(self, topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
-        """Return the item; the order of stamps does not matter here."""
-        return [Matched(items={topic: (stamp_ns, item)})]
-
-
-def synchronizer(
-    policy: SyncPolicy, topics: tuple[str, ...], *, steady: tuple[str, ...] = ()
-) -> Synchronizer[object]:
-    """Return a policy's queues, led by the first topic; steady ones, not the first, may speak once for all."""
-    match policy:
-        case Exact() | Approximate() if steady and len(topics) > 1:
-            return _SteadySynchronizer(policy, topics, steady)
-        case Exact(depth=depth) if len(topics) > 1:
-            return _ExactSynchronizer(topics, depth=depth)
-        case Approximate(slop_ns=slop_ns, depth=depth) if len(topics) > 1:
-            return _ApproximateSynchronizer(topics, depth=depth, slop_ns=slop_ns)
-        case Latest() if len(topics) > 1:
-            return _LatestSynchronizer(topics, depth=1)
-        case _:
-            return _IndependentSynchronizer(topics, depth=1)
+    def _drop_before(self, stamp_ns: int) -> None:
+        for topic, queue in self._queues.items():
+            while queue and queue[0][0] < stamp_ns:
+                self._drop_oldest(topic)
 
 
 def _nearest(queue: deque[tuple[int, T]], pivot_ns: int) -> int:

@@ -31,14 +31,12 @@ from sfglab.view.sync import Independent, SyncPolicy
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from sfglab.bus import EndpointEvent
-
 
 @dataclass(frozen=True, slots=True)
 class Input:
     """A topic that a visualizer needs."""
 
-    role: str  #: What the visualizer calls it.
+    role: str  #: Name of the input in the visualizer.
     type: str  #: ROS type of its messages.
     _: KW_ONLY
     pattern: str = "*"  #: Topics that it offers itself for; ``*`` stands for any characters.
@@ -48,7 +46,7 @@ class Input:
     optional: bool = False  #: Whether the visualizer also works without.
     #: Whether one message may hold for good, as a calibration that is published once.
     steady: bool = False
-    qos: QoSProfile = SENSOR_DATA  #: What is requested.
+    qos: QoSProfile = SENSOR_DATA  #: Requested QoS.
 
     def fits(self, topic: str, type_name: str) -> bool:
         """Return whether a topic can be this input."""
@@ -60,9 +58,9 @@ class Update:
     """Messages that belong together."""
 
     messages: Mapping[str, Any]  #: Decoded, by role.
-    #: When the first was captured, on its sender's clock; without a stamp, when it was received.
+    #: Capture stamp of the first message; without a stamp, the time of its reception.
     stamp_ns: int
-    received_ns: int  #: When the last of them was received, on this host's or the log's clock.
+    received_ns: int  #: Time of the last reception, on the clock of this host or of the log.
     #: Sets of messages passed over since the last update, by a full queue or the rate budget.
     lost: int = 0
 
@@ -76,15 +74,8 @@ class Update:
         return message
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TopicHealth:
-    """What has become of a topic's messages up to now, added up over all that show it."""
-
-    topic: str  #: Its name.
-    received: int  #: Messages that arrived.
-    #: Of those, passed over by a bounded queue, by synchronisation or by a rate budget.
-    dropped: int
-    lost: int  #: Messages that the transport knows not to have arrived.
+class NotShownError(SfglabError):
+    """An update that another visualizer shows: it counts neither as shown nor as failed."""
 
 
 class SinkError(SfglabError, OSError):
@@ -92,7 +83,7 @@ class SinkError(SfglabError, OSError):
 
 
 class Canvas(Protocol):
-    """What a visualizer draws on."""
+    """Drawing interface of a visualizer."""
 
     def log(self, entity: str, *what: Any, static: bool = False) -> None:
         """Show Rerun archetypes at an entity, from the present time on, or for all times."""
@@ -110,20 +101,22 @@ class Visualizer(ABC):
     name: ClassVar[str]  #: Under which it is added; unique among all that are installed.
     #: The first leads: it gives the entity, and where it matters the time.
     inputs: ClassVar[tuple[Input, ...]]
-    sync: ClassVar[SyncPolicy] = Independent()  #: Which messages of several inputs belong together.
+    sync: ClassVar[SyncPolicy] = (
+        Independent()
+    )  #: Policy by which messages of several inputs are matched.
     max_hz: ClassVar[float | None] = 30.0  #: Its rate budget; None where each message counts.
-    #: How many updates may wait for their turn; the oldest goes when there are more. 1 shows the latest.
+    #: Number of updates that may wait; the oldest is dropped when there are more. 1 shows the latest.
     queue: ClassVar[int] = 1
-    tick_hz: ClassVar[float] = 0.0  #: How often `tick` is called; 0 for never.
-    parameters: ClassVar[tuple[Parameter, ...]] = ()  #: What can be tuned.
+    tick_hz: ClassVar[float] = 0.0  #: Rate of calls of `tick`, Hz; 0 for none.
+    parameters: ClassVar[tuple[Parameter, ...]] = ()  #: Parameters, which may change at run time.
 
     def __init__(
         self, topics: Mapping[str, str], settings: Mapping[str, object] | None = None
     ) -> None:
         self.topics = _checked_topics(type(self), topics)  #: Topic by role.
         first = next(iter(self.topics.values()))
-        self.entity = entity_of_topic(first)  #: Where it draws, made from the first topic.
-        self.agent = agent_of_topic(first)  #: Whose topic the first one is; None for nobody's.
+        self.entity = entity_of_topic(first)  #: Entity that it draws at, made from the first topic.
+        self.agent = agent_of_topic(first)  #: Agent of the first topic, or None.
         self._settings = check_all(self.parameters, settings or {})
 
     @property
@@ -140,13 +133,15 @@ class Visualizer(ABC):
 
     @abstractmethod
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw one update; an SfglabError is counted and told, and the next ones are tried."""
+        """Draw one update.
+
+        Raises:
+            NotShownError: The update is another visualizer's.
+            SfglabError: It cannot be drawn. That is counted and told, and the next updates are tried.
+        """
 
     def tick(self, now_ns: int, canvas: Canvas) -> None:  # noqa: B027 - most have nothing to do
         """Draw what changes as time goes by; called `tick_hz` times a second of the received clock."""
-
-    def observe(self, fact: EndpointEvent | TopicHealth) -> None:  # noqa: B027 - nor to know
-        """Take note of what the bus knows beside messages: endpoints that come and go, and what was dropped."""
 
 
 def _checked_topics(kind: type[Visualizer], topics: Mapping[str, str]) -> dict[str, str]:
@@ -169,7 +164,7 @@ def agent_root(agent: str) -> str:
 
 
 def agent_of_topic(topic: str) -> str | None:
-    """Return whose topic it is by the schema; None for one of nobody, or outside the schema."""
+    """Return the agent in a topic of the naming schema, or None."""
     try:
         return parse(topic).agent
     except FqnError:
@@ -196,7 +191,7 @@ def entity_of_topic(topic: str) -> str:
     return "/".join((agent_root(agent), scope, *rest))
 
 
-Setting = bool | int | float | str  #: What a parameter can hold.
+Setting = bool | int | float | str  #: Value of a parameter.
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +200,7 @@ class Parameter:
 
     name: str  #: A Python identifier.
     default: Setting  #: Its first value, which also says its type.
-    help: str  #: What it does, for people, with its unit.
+    help: str  #: Sentence on its effect, with its unit.
     _: KW_ONLY
     minimum: float | None = None  #: Smallest number; None for no bound.
     maximum: float | None = None  #: Largest number; None for no bound.
@@ -218,7 +213,7 @@ class Parameter:
 
     @property
     def allowed(self) -> str:
-        """What it takes, in words."""
+        """Sentence on the allowed values."""
         if self.kind is bool:
             return "true or false"
         if self.kind is str:

@@ -1,24 +1,17 @@
-"""The visualisation experiment: everything that is wrong is seen. Its live run is that of its notebook."""
+"""The visualisation experiment: what is wrong is seen. Its live run is that of its notebook."""
 
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from made_logs import ran, reference
 
 from sfglab.errors import MissingExtraError, SfglabError
-from sfglab.lab.checks import fleet_scene, handling, synchronisation
-from sfglab.lab.checks.recordings import Shown, check_sources, check_visualizers, read_recording
-from sfglab.lab.checks.synchronisation import Cloud, check_clouds
-from sfglab.lab.experiments.visualisation import checks, exp
-from sfglab.lab.experiments.visualisation.experiment import check_memory
-from sfglab.lab.experiments.visualisation.stage import BOUND_BYTES
-from sfglab.view import Latest
-from sfglab.view.session import BUILT_IN
-from sfglab.view.sync import synchronizer
+from sfglab.lab.experiments.visualisation import exp, facts, plugin, scene
+from sfglab.lab.experiments.visualisation.points import Cloud, show_clouds
+from sfglab.lab.experiments.visualisation.recordings import read_recording
 
 sys.path.append(str(Path(__file__).parents[2] / "tools"))
 
@@ -27,136 +20,43 @@ import screenshots
 pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 
 
-@pytest.fixture(scope="module")
-def moments():
-    return fleet_scene.scene_moments(2, seed=0)
-
-
-@pytest.fixture(scope="module")
-def parts(moments):
-    return [part for part in fleet_scene.make_parts(moments) if part.expected]
-
-
-def recorded(parts):
-    """What a perfect view would have recorded."""
-    found = {}
-    for part in parts:
-        rows = []
-        for number, values in enumerate(part.expected):
-            stamp_ns = fleet_scene.START_NS + number * fleet_scene.PERIOD_NS
-            received_ns = stamp_ns + fleet_scene.RECEIVED_AFTER_NS
-            captured_ns = received_ns if part.type.endswith("MarkerArray") else stamp_ns
-            times = (None, None) if part.is_timeless else (captured_ns, received_ns)
-            rows.append(Shown(capture_ns=times[0], received_ns=times[1], content=values))
-        found[part.place] = rows
-    return found
-
-
-def wrong(rows):
-    return [row.check.partition(":")[0] for row in rows if row.held < row.checked]
-
-
-def changed(recording, part, **changes):
-    first, *others = recording[part.place]
-    return {**recording, part.place: [replace(first, **changes), *others]}
-
-
-def test_every_visualizer_that_there_is_has_its_part_in_the_scene(moments):
-    assert {part.kind for part in fleet_scene.make_parts(moments)} == {
-        kind.name for kind in BUILT_IN
-    }
-
-
-def test_a_perfect_recording_passes_and_whatever_is_changed_in_it_is_found(parts):
-    perfect = recorded(parts)
-    assert wrong(check_visualizers(tuple(parts), perfect)) == []
-    for part in parts:
-        first = part.expected[0]
-        values = ["else"] if isinstance(first, list) else np.asarray(first) + 1
-        assert wrong(check_visualizers(tuple(parts), changed(perfect, part, content=values))) == [
-            part.kind
-        ]
-        late = changed(perfect, part, capture_ns=7)
-        assert wrong(check_visualizers(tuple(parts), late)) == [part.kind]
-        assert wrong(check_visualizers(tuple(parts), {**perfect, part.place: []})) == [part.kind]
-        twice = {key: rows * 2 for key, rows in perfect.items()}
-        assert len(wrong(check_visualizers(tuple(parts), twice))) == len(parts)
-
-
-def test_what_the_bus_shows_otherwise_than_the_log_is_found(parts):
-    logged, image = recorded(parts), parts[0]
-    assert wrong(check_sources(tuple(parts), logged, logged)) == []
-    other = changed(logged, image, content=np.asarray(image.expected[1]))
-    assert wrong(check_sources(tuple(parts), logged, other)) == ["image"]
-    assert wrong(check_sources(tuple(parts), logged, {**logged, image.place: []})) == ["image"]
-
-
-def test_a_plugin_that_breaks_others_would_be_found(tmp_path, monkeypatch):
+def test_a_package_holds_and_one_whose_mistake_is_not_told_does_not(tmp_path, monkeypatch):
     (tmp_path / "a").mkdir()
-    assert wrong([handling.check_plugins(tmp_path / "a")]) == []
-    monkeypatch.setattr(handling, "_ENTRIES", "battery = {0}:Battery\nbroken = {0}:Broken\n")
+    assert all(plugin.try_package(tmp_path / "a").values())
+    entries = plugin._ENTRY_POINTS.replace("gone = ", "other = ").replace(":Gone", ":Battery")
+    monkeypatch.setattr(plugin, "_ENTRY_POINTS", entries)
     (tmp_path / "b").mkdir()
-    assert "one that cannot be loaded is told" in handling.check_plugins(tmp_path / "b").example
+    wrong = [name for name, held in plugin.try_package(tmp_path / "b").items() if not held]
+    assert wrong == ["one that cannot be loaded is told"]
 
 
-def test_streams_that_are_not_synchronised_are_found(monkeypatch):
-    monkeypatch.setattr(
-        synchronisation, "synchronizer", lambda _, topics, **_more: synchronizer(Latest(), topics)
-    )
-    found = wrong(synchronisation.checks.rows(3, seed=1))
-    assert found[:2] == ["exact time", "approximate time"]
-    assert len(found) == len(synchronisation.checks.names), "every check sees it"
-
-
-def test_the_reference_inverts_the_projection_by_hand():
+def test_the_closed_form_inverts_the_projection_by_hand():
     depth = np.zeros((4, 8), np.uint16)
     depth[1, 2], depth[3, 7] = 2000, 12_000  # the second is too far
-    info = fleet_scene.camera_info(None, (8, 4))
-    (point,) = fleet_scene.back_projected(depth, info, step=1, max_m=10.0)
+    info = scene.camera_info(None, (8, 4))
+    (point,) = scene.back_projected(depth, info, step=1, max_m=10.0)
     focal = info.k[0]
     assert np.allclose(point, [(2 - 3.5) * 2 / focal, (1 - 1.5) * 2 / focal, 2.0])
 
 
-def test_points_or_colours_that_are_off_are_found(moments):
+def test_the_points_of_a_recording_are_those_of_the_closed_form(tmp_path):
+    (cloud,) = show_clouds(scene.scene_moments(1, seed=0), tmp_path / "a.rrd")
+    assert len(cloud.shown) == len(cloud.expected) > 10_000
+    assert cloud.errors_m.max() < 1e-5
+    assert cloud.wrong_colors == 0
+
+
+def test_points_or_colours_that_are_off_are_seen():
     expected = np.ones((3, 3))
     colors = np.zeros((3, 3), np.uint8)
     good = Cloud(
-        moment=moments[0], shown=expected, colors=colors, expected=expected, expected_colors=colors
+        moment=None, shown=expected, colors=colors, expected=expected, expected_colors=colors
     )
-    bad = [
-        replace(good, shown=expected + 1e-4),
-        replace(good, shown=expected[:2], colors=colors[:2]),
-        replace(good, colors=colors + np.uint8(1)),
-    ]
-    check = check_clouds([good, *bad])
-    assert (check.checked, check.held) == (4, 1)
-
-
-def memory(**changes):
-    rows = {
-        "at_s": [0.0, 1.0, 2.0, 3.0],
-        "stopped": [False, True, True, False],
-        "queued_bytes": [0, 10, BOUND_BYTES, 0],
-        "resident_bytes": [0] * 4,
-        "received": [0, 10, 20, 30],
-        "shown": [0, 10, 10, 15],
-        "dropped": [0, 0, 10, 15],
-    }
-    return pd.DataFrame({**rows, **changes})
-
-
-@pytest.mark.parametrize(
-    ("changes", "held"),
-    [
-        ({}, 3),
-        ({"queued_bytes": [0, 10, BOUND_BYTES + 1, 0]}, 2),
-        ({"dropped": [0, 0, 10, 12]}, 2),
-        ({"shown": [0, 10, 10, 10], "dropped": [0, 0, 10, 20]}, 2),
-    ],
-)
-def test_unbounded_waiting_or_pictures_that_vanish_fail_the_check(changes, held):
-    row = check_memory(memory(**changes))
-    assert (row.checked, row.held) == (3, held)
+    assert (good.errors_m.max(), good.wrong_colors) == (0.0, 0)
+    assert replace(good, shown=expected + 1e-4).errors_m.max() > 1e-5
+    fewer = replace(good, shown=expected[:2], colors=colors[:2])
+    assert (len(fewer.errors_m), fewer.wrong_colors) == (0, 3)
+    assert replace(good, colors=colors + np.uint8(1)).wrong_colors == 3
 
 
 def quiet_run(*, tail_ms=0.0):
@@ -168,21 +68,32 @@ def quiet_run(*, tail_ms=0.0):
     return run
 
 
-def test_the_claim_is_the_group_that_is_worst_and_a_tail_fails_it():
-    assert exp.measure(quiet_run())["A-VIZ"].estimate.value == 1.0
+def test_a_log_from_before_the_facts_has_them_by_its_checks():
     run = quiet_run()
+    assert list(facts(run)["held"]) == [8, 7, 3, 2, 10, 2]
+    assert exp.measure(run)["A-VIZ"].estimate.value == 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ("fails", "a plug-in of another package: what was seen"),
+        ("missing", "a plug-in of another package: nothing to check"),
+        ("late", "the delay of the bridge is within its bound: 99 %: 21.0 of 5 ms"),
+    ],
+)
+def test_one_fact_that_does_not_hold_fails_the_claim(change, reason):
+    run = quiet_run(tail_ms=20.0 if change == "late" else 0.0)
     table = run.table("check")
-    table.loc[table["group"] == "plugins", ["checked", "held", "example"]] = [2, 1, "what was seen"]
-    assert list(checks(run)["group"])[-2:] == ["memory", "latency"]
-    for worst, reason in (
-        (run, "a package's visualizers through entry points: 1 of 2: what was seen"),
-        (
-            quiet_run(tail_ms=20.0),
-            "what the bridge adds to a picture's way: 1 of 2: 99 %: 21.0 of 5 ms",
-        ),
-    ):
-        measured = exp.measure(worst)["A-VIZ"]
-        assert (measured.estimate.value, measured.reason) == (0.5, reason)
+    of_plugin = table["check"] == "a package's visualizers through entry points"
+    if change == "fails":
+        table.loc[of_plugin, ["held", "example"]] = [7, "what was seen"]
+    if change == "missing":
+        table.loc[of_plugin, "check"] = "another"
+    measured = exp.measure(run)["A-VIZ"]
+    assert measured.estimate.value == pytest.approx(5 / 6)
+    assert measured.details["facts that hold"] == "5 of 6"
+    assert measured.reason == reason
 
 
 def test_without_rerun_the_run_says_so_and_leaves_no_log(tmp_path, monkeypatch):
@@ -214,7 +125,6 @@ def test_the_fleet_of_the_screenshot_has_its_cloud_its_lost_agent_and_nothing_th
     assert len(shown[f"{root}/cloud", "Points3D:positions"]) == 16
     assert len(shown[root, "DepthImage:buffer"]) == 16
     for agent, life in (("go2", "alive"), ("pi3", "late")):
-        assert shown[f"/agents/{agent}/communication/life", "StateChange:state"][-1].content == [
-            life
-        ]
-    assert {entity for entity, _ in shown} >= {"/tf/go2/base", "/tf/pi1/base", "/fleet/border"}
+        states = shown[f"/agents/{agent}/heartbeat/life", "StateChange:state"]
+        assert states[-1].content == [life]
+    assert {entity for entity, _ in shown} >= {"/tf/go2/base", "/tf/pi1/base"}

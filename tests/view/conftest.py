@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sfglab.lab.checks.fleet_scene import image_message
+from sfglab.lab.experiments.visualisation.scene import image_message
 from sfglab.spatial.poses import header_msg
 from sfglab.view import Update
 

@@ -36,8 +36,8 @@ def edited(planner, holds):
     return wait_until(lambda: planner.call(holds))
 
 
-def heartbeat(agent):
-    return default_message(BEAT, agent=agent, phase=1, period_s=1.0)
+def heartbeat(agent, *, phase=1, period_s=1.0):
+    return default_message(BEAT, agent=agent, phase=phase, period_s=period_s)
 
 
 def cloud(records, *, row_step=None, height=1):

@@ -2,10 +2,8 @@
 
 import asyncio
 import os
-import socket
 import subprocess
 import sys
-from contextlib import closing
 
 import pytest
 from commands import called
@@ -13,8 +11,7 @@ from mcap.reader import make_reader
 from seen import BEAT, at_work, heartbeat, interrupted
 
 from sfglab.bus import Node
-from sfglab.lab.browser import free_port
-from sfglab.lab.checks.recordings import read_recording
+from sfglab.lab.experiments.visualisation.recordings import read_recording
 
 pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 COMMAND = (sys.executable, "-m", "sfglab", "view")
@@ -40,7 +37,7 @@ def test_a_log_becomes_a_recording_of_every_message_and_what_was_shown_is_told(
 
 
 @pytest.mark.live
-def test_without_a_display_it_says_how_to_serve_instead():
+def test_without_a_display_it_says_what_to_do_instead():
     headless = {
         name: at for name, at in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")
     }
@@ -51,21 +48,7 @@ def test_without_a_display_it_says_how_to_serve_instead():
     assert done.stdout == ""
     (line,) = done.stderr.splitlines()
     assert "no display" in line
-    assert "--to serve" in line
-
-
-@pytest.mark.live
-def test_a_log_is_served_until_ctrl_c(pytestconfig):
-    log, port = pytestconfig.rootpath / "data/reference/cooperation.mcap", free_port()
-    with at_work(
-        "view", log, "--topic", "/failure/robot1/pose", "--to", f"serve:{port}"
-    ) as process:
-        said = [process.stdout.readline() for _ in range(3)]
-        with closing(socket.create_connection(("127.0.0.1", port), timeout=60)):
-            pass
-        rest, status = interrupted(process)
-    assert said[2] == f"rerun rerun+http://127.0.0.1:{port}/proxy\n"
-    assert (rest, status) == (["ended"], 0)
+    assert "--to FILE.rrd" in line
 
 
 @pytest.mark.live
@@ -89,7 +72,7 @@ def test_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(
     assert status == 0
     assert said[0] == "ended"
     assert said[1].startswith("1 displays, ")
-    assert ("/agents/go2/communication/heartbeat_age_s", "Scalars:scalars") in read_recording(out)
+    assert ("/agents/go2/heartbeat/age_s", "Scalars:scalars") in read_recording(out)
 
 
 PANEL = """

@@ -1,4 +1,4 @@
-"""The pure parts: budgets, parameters, queues, entities, sessions, links."""
+"""The pure parts: budgets, parameters, queues, entities, sessions."""
 
 import pytest
 from hypothesis import given
@@ -12,7 +12,6 @@ from sfglab.view.bridge import requested, strongest
 from sfglab.view.session import Changed, Session
 from sfglab.view.slot import RateBudget, Slot
 from sfglab.view.visualizer import agent_root, entity_of_topic
-from sfglab.view.visualizers.fleet import FleetLinks, Life, Services
 
 S = 1_000_000_000
 IMAGE = "sensor_msgs/msg/Image"
@@ -77,15 +76,18 @@ def test_a_whole_number_is_a_number_and_stays_exact():
 @given(st.lists(st.sampled_from(["offer", "take"]), max_size=200), st.integers(1, 5))
 def test_a_slot_never_holds_more_than_its_queue_and_accounts_for_every_message(steps, queue):
     slot = Slot(("image",), policy=Independent(), max_hz=None, queue=queue)
-    lost = 0
+    lost = taken_sets = 0
     for number, step in enumerate(steps):
         if step == "offer":
             slot.offer("image", number, number, now_ns=number)
         elif (taken := slot.take()) is not None:
             lost += taken.lost
+            slot.count_shown()
+            taken_sets += 1
         assert len(slot) <= queue
     counts = slot.counts
     assert counts.received == steps.count("offer") == counts.shown + counts.waiting + counts.dropped
+    assert counts.shown == taken_sets
     assert lost <= counts.dropped
 
 
@@ -195,61 +197,6 @@ def test_what_is_requested_matches_the_weakest_offer_and_serves_the_most_demandi
     )
     assert shared.depth == COMPRESSED_STREAM.depth
     assert strongest([SENSOR_DATA]) == SENSOR_DATA
-
-
-def beat(links, agent, now_ns, **changed):
-    links.heard(
-        agent, now_ns=now_ns, **{"incarnation": 1, "period_s": 1.0, "is_starting": False, **changed}
-    )
-
-
-def test_an_agent_lives_by_its_last_heartbeats_age_or_a_discoverers_word_until_the_next():
-    links = FleetLinks()
-    links.expect("pi1")
-    beat(links, "go2", 0, period_s=2.0)
-    lives = [links.links(int(t * S))[0].life for t in (0, 2.9, 3.1, 5.9, 6.1)]
-    assert lives == [Life.ALIVE, Life.ALIVE, Life.LATE, Life.LATE, Life.LOST]
-    assert links.links(0)[1].life is Life.SILENT
-    beat(links, "go2", 7 * S, incarnation=5, is_starting=True)
-    (go2, _) = links.links(7 * S)
-    assert (go2.life, go2.restarts, go2.age_ns) == (Life.STARTING, 1, 0)
-    links = FleetLinks()
-    beat(links, "go2", 0)
-    links.discovered("go2", is_lost=True)
-    assert links.links(1)[0].life is Life.LOST
-    beat(links, "go2", 2)
-    assert links.links(2)[0].life is Life.ALIVE
-
-
-def test_decoders_are_up_while_somebody_publishes_and_drops_are_added_up():
-    links = FleetLinks()
-    topic = "/local/go2/camera_front/color/image_raw"
-    beat(links, "go2", 0)
-    seen = [links.links(0)[0].decoders]
-    for gid, is_there in ((b"1", True), (b"2", True), (b"1", False), (b"2", False), (b"2", False)):
-        links.endpoint(topic, gid, is_there=is_there)
-        seen.append(links.links(0)[0].decoders)
-    up, down = Services.UP, Services.DOWN
-    assert seen == [Services.NONE, up, up, up, down, down]
-    links.endpoint("/global/go2/camera_front/color/ffmpeg", b"3", is_there=True)
-    assert links.links(0)[0].decoders is down
-    links = FleetLinks()
-    beat(links, "go2", 0)
-    links.health("go2", "/a", dropped=3, lost=1)
-    links.health("go2", "/b", dropped=4, lost=0)
-    links.health("go2", "/a", dropped=5, lost=1)
-    links.health(None, "/chatter", dropped=9, lost=9)
-    assert (links.links(0)[0].dropped, links.links(0)[0].lost) == (9, 1)
-
-
-def test_names_that_no_agent_bears_and_a_flood_of_agents_are_refused_and_counted():
-    links = FleetLinks(max_agents=2)
-    for agent in ("go2", "../../etc", "pi1", "pi2", ""):
-        beat(links, agent, 0)
-    assert [link.agent for link in links.links(0)] == ["go2", "pi1"]
-    assert links.refused == 3
-    with pytest.raises(InvalidValueError, match="period_s: given 0"):
-        beat(links, "go2", 0, period_s=0)
 
 
 def test_a_visualizer_declares_before_it_is_made():

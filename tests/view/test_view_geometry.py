@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 from seen import cloud
 
 from sfglab.errors import InvalidValueError
@@ -98,7 +97,7 @@ def test_a_scan_is_points_on_its_rays_and_its_range_limits_hold():
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("row_step", [None, 200])
+@pytest.mark.parametrize("row_step", [None, 200, 0])
 def test_a_cloud_gives_its_finite_points_and_their_fields(order, row_step):
     dtype = np.dtype(
         {
@@ -111,7 +110,10 @@ def test_a_cloud_gives_its_finite_points_and_their_fields(order, row_step):
     records = np.zeros(10, dtype)
     records["x"], records["ring"], records["rgb"] = range(10), range(10), 0x00102030
     records["z"][3] = np.nan
-    points, kept = geometry.cloud_points(cloud(records, row_step=row_step, height=2))
+    message = cloud(records, row_step=row_step, height=2)
+    if row_step == 0:
+        message.row_step = 0  # some drivers leave it out; their rows have no padding
+    points, kept = geometry.cloud_points(message)
     assert np.array_equal(points[:, 0], [0, 1, 2, 4, 5, 6, 7, 8, 9])
     assert np.array_equal(kept["ring"], points[:, 0])
     assert np.array_equal(geometry.cloud_colors(kept), [[0x10, 0x20, 0x30]] * 9)
@@ -138,21 +140,3 @@ def test_a_cloud_without_coordinates_or_with_too_little_data_is_refused():
     message.data = message.data[:-1]
     with pytest.raises(InvalidValueError, match="point cloud data"):
         geometry.cloud_points(message)
-
-
-@given(st.tuples(*[st.floats(0.01, 5)] * 3), st.integers(0, 2**31))
-def test_the_ellipsoid_of_a_covariance_has_its_axes_and_their_lengths(sigmas, seed):
-    turned = Rotation.random(random_state=seed).as_matrix()
-    covariance = turned @ np.diag(np.square(sigmas)) @ turned.T
-    half_sizes, quaternion = geometry.covariance_ellipsoid(covariance)
-    axes = Rotation.from_quat(quaternion).as_matrix()
-    assert np.allclose(sorted(half_sizes), sorted(sigmas), rtol=1e-4)
-    assert np.allclose(
-        axes @ np.diag(half_sizes**2) @ axes.T, covariance, atol=1e-6 * max(sigmas) ** 2
-    )
-
-
-def test_no_covariance_draws_nothing_and_an_impossible_one_is_refused():
-    assert geometry.covariance_ellipsoid(np.zeros(9)) is None
-    with pytest.raises(InvalidValueError, match="eigenvalue: given -1"):
-        geometry.covariance_ellipsoid(np.diag([-1.0, 1, 1]))

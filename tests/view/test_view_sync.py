@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
-from sfglab.view import Approximate, Exact, Independent, Latest
-from sfglab.view.sync import PATIENCE, synchronizer
+from sfglab.view import Approximate, Exact, Independent
+from sfglab.view.sync import PATIENCE, Synchronizer
 
 TOPICS = ("a", "b", "c")
 
@@ -27,7 +27,7 @@ def arrivals(topics=TOPICS):
 
 
 def run(policy, items, topics=TOPICS):
-    sync = synchronizer(policy, topics)
+    sync = Synchronizer(policy, topics)
     sets, waiting = [], []
     for number, (topic, stamp) in enumerate(items):
         sets += sync.offer(topic, stamp, number)
@@ -71,12 +71,12 @@ def test_exact_time_is_bounded_and_accounts_for_every_item(items, depth):
 
 
 def test_equal_stamps_come_out_at_once_and_a_nearer_partner_that_comes_later_is_waited_for():
-    sync = synchronizer(Approximate(slop_ns=10), ("depth", "info"))
+    sync = Synchronizer(Approximate(slop_ns=10), ("depth", "info"))
     assert sync.offer("depth", 100, "d") == []
     (found,) = sync.offer("info", 100, "i")
     assert found.items == {"depth": (100, "d"), "info": (100, "i")}
     assert found.stamp_ns == 100
-    sync = synchronizer(Approximate(slop_ns=50), ("a", "b"))
+    sync = Synchronizer(Approximate(slop_ns=50), ("a", "b"))
     sync.offer("a", 0, "far")
     assert sync.offer("b", 40, "pivot") == []
     (found,) = sync.offer("a", 45, "near")
@@ -84,35 +84,21 @@ def test_equal_stamps_come_out_at_once_and_a_nearer_partner_that_comes_later_is_
     assert sync.unmatched == 1
 
 
-def test_a_full_queue_decides_a_stamp_that_does_not_rise_is_dropped_and_clearing_starts_anew():
-    sync = synchronizer(Approximate(slop_ns=50, depth=2), ("a", "b"))
+def test_a_full_queue_decides_and_a_stamp_that_does_not_rise_is_dropped():
+    sync = Synchronizer(Approximate(slop_ns=50, depth=2), ("a", "b"))
     sync.offer("a", 0, "far")
     found = [s for stamp in (40, 80, 120) for s in sync.offer("b", stamp, stamp)]
     assert [s.items["b"][1] for s in found] == [40]
-    sync = synchronizer(Exact(), ("a", "b"))
+    sync = Synchronizer(Exact(), ("a", "b"))
     sync.offer("a", 5, "x")
     sync.offer("a", 5, "again")
     sync.offer("a", 3, "older")
     assert (sync.disordered, sync.waiting) == (2, 1)
-    sync.clear()
-    assert sync.waiting == 0
-    sync.offer("a", 3, "x")
-    assert len(sync.offer("b", 3, "y")) == 1
 
 
-def test_latest_repeats_what_changes_rarely_but_never_the_leading_item():
-    sync = synchronizer(Latest(), ("image", "info"))
-    assert sync.offer("image", 1, "too early") == []
-    (first,) = sync.offer("info", 9, "calibration")
-    (second,) = sync.offer("image", 2, "next")
-    assert first.items == {"image": (1, "too early"), "info": (9, "calibration")}
-    assert second.items == {"image": (2, "next"), "info": (9, "calibration")}
-    assert sync.offer("info", 10, "new calibration") == []
-
-
-@pytest.mark.parametrize("policy", [Independent(), Exact(), Approximate(), Latest()])
+@pytest.mark.parametrize("policy", [Independent(), Exact(), Approximate()])
 def test_one_topic_alone_needs_no_partner(policy):
-    sync = synchronizer(policy, ("a",))
+    sync = Synchronizer(policy, ("a",))
     sets = sync.offer("a", 1, "x") + sync.offer("a", 1, "y")
     assert [s.items for s in sets] == [{"a": (1, "x")}, {"a": (1, "y")}]
 
@@ -121,7 +107,7 @@ def test_one_topic_alone_needs_no_partner(policy):
 def test_a_calibration_that_was_published_once_holds_and_pictures_still_match_by_their_stamps(
     policy,
 ):
-    sync = synchronizer(policy, ("depth", "info", "color"), steady=("info",))
+    sync = Synchronizer(policy, ("depth", "info", "color"), steady=("info",))
     sync.offer("info", 3, "once")
     found = []
     for stamp in range(100, 2100, 100):
@@ -136,7 +122,7 @@ def test_a_calibration_that_was_published_once_holds_and_pictures_still_match_by
 
 
 def test_a_calibration_that_comes_with_every_picture_is_never_taken_for_another_s():
-    sync = synchronizer(Exact(), ("depth", "info"), steady=("info",))
+    sync = Synchronizer(Exact(), ("depth", "info"), steady=("info",))
     sync.offer("info", 1, "first")
     found = [m for stamp in range(2, 20) for m in sync.offer("depth", stamp, stamp)]
     assert [m.items["info"][1] for m in found] == ["first"] * (18 - PATIENCE)
@@ -145,7 +131,6 @@ def test_a_calibration_that_comes_with_every_picture_is_never_taken_for_another_
     sync.offer("info", 60, "third")
     (matched,) = sync.offer("depth", 60, 60)
     assert matched.items == {"depth": (60, 60), "info": (60, "third")}
-    sync.clear()
     assert sync.waiting == 0
     assert sync.unmatched + 2 * 1 + (18 - PATIENCE) == 18 + 29 + 3 + 1
 

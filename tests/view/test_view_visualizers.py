@@ -10,7 +10,6 @@ from foreign_video import CLOCKS, COUNT, avcc, clocked, ffmpeg_packet
 from foreign_video import packets as foreign_packets
 from seen import cloud, heartbeat
 
-from sfglab.bus import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.codecs import (
     TABLE_2,
     CodecError,
@@ -20,11 +19,11 @@ from sfglab.codecs import (
 )
 from sfglab.codecs.h264 import H264Encoder
 from sfglab.codecs.libav import has_key_frame
-from sfglab.errors import InvalidValueError
-from sfglab.lab.checks.fleet_scene import camera_info
-from sfglab.lab.checks.recordings import read_recording
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fleet.status.heartbeat import Phase
+from sfglab.lab.experiments.visualisation.recordings import read_recording
+from sfglab.lab.experiments.visualisation.scene import camera_info
 from sfglab.messages import default_message, message_type, stamp_from_ns
-from sfglab.qos import DEFAULT
 from sfglab.spatial import Pose
 from sfglab.spatial.poses import header_msg
 from sfglab.view.arrivals import Arrival
@@ -32,7 +31,7 @@ from sfglab.view.rerunning import open_canvas
 from sfglab.view.session import BUILT_IN, Session, find
 from sfglab.view.stage import replay
 from sfglab.view.sync import PATIENCE
-from sfglab.view.visualizer import TopicHealth
+from sfglab.view.visualizer import NotShownError
 from sfglab.view.visualizers.images import image_plane
 
 rr = pytest.importorskip("rerun", reason="the extra 'view' is not installed")
@@ -202,12 +201,14 @@ def test_foxglove_video_starts_with_a_key_frame_and_waits_for_one_after_a_drop(p
 def test_h264_in_a_compressed_image_is_video_and_nothing_else_is(paper, update):
     _, (frame,) = packets(count=1)
     message = coded(SimpleNamespace(format="h264", data=frame.data))
-    made("compressed_image").show(update(image=message), paper)
+    with pytest.raises(NotShownError, match="shown by compressed_image_video"):
+        made("compressed_image").show(update(image=message), paper)
     assert paper.drawn == []
     made("compressed_image_video").show(update(video=message), paper)
     assert paper.kinds("/video") == ["VideoStream", "VideoStream"]
     message.format = "jpeg"
-    made("compressed_image_video").show(update(video=message), paper)
+    with pytest.raises(NotShownError, match=r"shown by compressed_image$"):
+        made("compressed_image_video").show(update(video=message), paper)
     assert len(paper.drawn) == 2
 
 
@@ -311,25 +312,14 @@ def test_a_path_is_a_line_and_an_empty_one_none(paper, update):
     assert lines == [[], [[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]]]
 
 
-def test_odometry_draws_axes_a_bounded_trail_and_its_uncertainty(paper, update):
-    visualizer = made("odometry", trail=3, sigmas=2.0)
-    for x in range(5):
-        message = default_message("nav_msgs/msg/Odometry")
-        message.pose.pose = Pose.at((x, 0, 0)).to_pose_msg()
-        message.pose.covariance = np.diag([0.01, 0.04, 0.09, 0, 0, 0]).reshape(-1)
-        visualizer.show(update(odometry=message), paper)
-    trail = values(paper.at_entity("/odometry/trail")[-1], "strips")
-    assert [point[0] for point in trail[0]] == [2.0, 3.0, 4.0]
-    (half_sizes,) = values(paper.at_entity("/odometry/covariance")[-1], "half_sizes")
-    assert np.allclose(sorted(half_sizes), [0.2, 0.4, 0.6], atol=1e-6)
-
-
-def test_an_inertial_measurement_is_six_curves(paper, update):
-    message = default_message("sensor_msgs/msg/Imu")
-    message.linear_acceleration.z = 9.81
-    made("imu").show(update(imu=message), paper)
-    assert values(paper.at_entity("/imu/linear_acceleration")[0], "scalars") == [0, 0, 9.81]
-    assert values(paper.at_entity("/imu/angular_velocity")[0], "scalars") == [0, 0, 0]
+def test_odometry_is_the_axes_of_its_pose(paper, update):
+    message = default_message("nav_msgs/msg/Odometry", header=header_msg("odom", 0))
+    message.pose.pose = Pose.at((1.0, 2.0, 0.0)).to_pose_msg()
+    made("odometry", axis_length_m=2.0).show(update(odometry=message), paper)
+    (drawn,) = paper.at_entity("/odometry")
+    assert values(drawn, "origins") == [[1.0, 2.0, 0.0]] * 3
+    assert np.allclose(values(drawn, "vectors"), 2.0 * np.eye(3))
+    assert paper.frames["/odometry"] == "odom"
 
 
 def marker(type_, id_=0, *, points=(), scale=(1.0, 1.0, 1.0), lifetime_ns=0, action=0):
@@ -420,51 +410,52 @@ def test_one_bad_marker_does_not_keep_the_others_of_its_array_back(paper, update
     assert set(paper.frames) == {"/markers/walls/1", "/markers/walls/3"}
 
 
-def test_communication_is_drawn_over_the_agents(paper, update):
-    visualizer = made("communication", frame="{agent}/base_link")
-    topic = "/local/go2/camera_front/color/image_raw"
-    decoded = EndpointInfo(
-        kind=EndpointKind.PUBLISHER, topic=topic, type="x", gid=b"g", qos=DEFAULT
-    )
-    visualizer.show(update(heartbeats=heartbeat("go2"), received_ns=10 * S), paper)
-    visualizer.observe(EndpointAdded(endpoint=decoded))
-    health = {"received": 9, "dropped": 2, "lost": 1}
-    visualizer.observe(TopicHealth(topic="/global/go2/camera_front/color/ffmpeg", **health))
-
-    visualizer.tick(10 * S + S // 2, paper)
-    root = "/agents/go2/communication"
-    (ring,) = paper.at_entity(f"{root}/ring")
-    assert values(ring, "labels") == ["go2: alive, 0.5 s, decoder up, 2 dropped, 1 lost"]
-    assert paper.frames[f"{root}/ring"] == "go2/base_link"
-    visualizer.observe(EndpointRemoved(endpoint=decoded))
-    visualizer.tick(14 * S, paper)
-    assert [values(d, "scalars")[0] for d in paper.at_entity(f"{root}/heartbeat_age_s")] == [
-        0.5,
-        4.0,
-    ]
-    said = [values(d, "state") for d in paper.at_entity(f"{root}/life") if not d.static]
-    assert said == [["alive"], ["lost"]]
-    seen = [values(d, "state") for d in paper.at_entity(f"{root}/decoders") if not d.static]
-    assert seen == [["up"], ["down"]]
-    visualizer.tick(15 * S, paper)
-    assert (
-        len([d for d in paper.at_entity(f"{root}/life") if not d.static]) == 2
-    )  # only changes are said
+def ages(paper, agent):
+    drawn = paper.at_entity(f"/agents/{agent}/heartbeat/age_s")
+    return [values(one, "scalars")[0] for one in drawn]
 
 
-def test_the_border_is_who_hears_whom_by_the_fleet_file(paper, pytestconfig):
-    visualizer = made("communication", fleet=str(pytestconfig.rootpath / "data/fleets/lab.yaml"))
+def lives(paper, agent):
+    drawn = paper.at_entity(f"/agents/{agent}/heartbeat/life")
+    return [values(one, "state")[0] for one in drawn if not one.static]
+
+
+def test_an_agent_lives_by_the_age_of_its_last_heartbeat_and_only_changes_are_drawn(paper, update):
+    visualizer = made("agent_heartbeats")
+    first = heartbeat("go2", period_s=2.0, phase=Phase.STARTUP)
+    visualizer.show(update(heartbeats=first, received_ns=0), paper)
+    moments_s = [0.0, 2.9, 3.1, 5.9, 6.1]
+    for now_s in moments_s:
+        visualizer.tick(round(now_s * S), paper)
+    assert ages(paper, "go2") == moments_s
+    assert lives(paper, "go2") == ["starting", "late", "lost"]
+    visualizer.show(update(heartbeats=heartbeat("go2"), received_ns=7 * S), paper)
+    visualizer.tick(7 * S, paper)
+    assert lives(paper, "go2") == ["starting", "late", "lost", "alive"]
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"agent": "../../etc"}, "agent"),
+        ({"agent": ""}, "agent"),
+        ({"agent": "go2", "period_s": 0.0}, "period_s: given 0"),
+    ],
+)
+def test_a_heartbeat_of_no_agent_or_without_a_period_is_refused(paper, update, given, told):
+    visualizer = made("agent_heartbeats")
+    with pytest.raises(SfglabError, match=told):
+        visualizer.show(update(heartbeats=heartbeat(**given)), paper)
     visualizer.tick(S, paper)
-    (border,) = paper.at_entity("/fleet/border")
-    edges = {(e["first"], e["second"]) for e in values(border, "edges")}
-    assert ("go2", "steamdeck") in edges  # the colour stream
-    assert ("steamdeck", "go2") in edges  # the velocity command
-    assert not [e for e in edges if "pi1" in e]  # only what everybody hears
-    assert {d.entity.split("/")[2] for d in paper.drawn if d.entity.startswith("/agents")} == {
-        "go2", "pi1", "pi2", "pi3", "steamdeck", "workstation",
-    }  # fmt: skip
-    visualizer.tick(2 * S, paper)
-    assert len(paper.at_entity("/fleet/border")) == 1
+    assert paper.drawn == []
+
+
+def test_a_flood_of_agents_is_refused(paper, update):
+    visualizer = made("agent_heartbeats")
+    for number in range(256):
+        visualizer.show(update(heartbeats=heartbeat(f"agent{number}")), paper)
+    with pytest.raises(InvalidValueError, match="256 agents at most"):
+        visualizer.show(update(heartbeats=heartbeat("another")), paper)
 
 
 def test_an_agents_status_is_told_with_its_description(paper, update):

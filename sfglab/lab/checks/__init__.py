@@ -7,7 +7,7 @@ A check gives cases, each with what was tried and whether the property held; wha
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -25,7 +25,6 @@ GROUPS = (
     "trajectories",
     "exchange",
     "editing",
-    "synchronisation",
     "routing",
     "trees",
     "lifecycle",
@@ -63,6 +62,35 @@ def share_of_checks(run: Run[Any], prefix: str = "") -> Share:
     """
     table = run["check"]
     return lowest_share(table[table["check"].astype(str).str.startswith(prefix)], "check")
+
+
+def facts_of(run: Run[Any], sources: Mapping[str, tuple[str, ...]]) -> pd.DataFrame:
+    """Return a run's facts as a table with the columns of `CheckRow`, one row per fact, in their order.
+
+    Args:
+        run: Run with a table ``check``. A fact that is missing there does not hold.
+        sources: Names of the facts, each with the checks that stand for it in logs from before there were facts.
+    """
+    import pandas as pd
+
+    rows = []
+    for fact, checks in sources.items():
+        found = run["check"][run["check"]["check"].isin((fact, *checks))]
+        checked, held = int(found["checked"].sum()), int(found["held"].sum())
+        seen = "; ".join(found["example"]) or NOTHING
+        rows.append(CheckRow(check=fact, checked=max(1, checked), held=held, example=seen))
+    return pd.DataFrame([asdict(row) for row in rows])
+
+
+def share_of_facts(facts: pd.DataFrame) -> Share:
+    """Return the share of facts that hold, in each of their cases; columns are those of `CheckRow`."""
+    holds = facts["held"] == facts["checked"]
+    wrong = facts[~holds]
+    return Share(
+        estimate=exactly(float(holds.mean()), "share of checks that hold"),
+        groups={"facts that hold": f"{holds.sum()} of {len(facts)}"},
+        reason="; ".join(f"{row.check}: {row.example}" for row in wrong.itertuples()),
+    )
 
 
 def lowest_share(table: pd.DataFrame, group: str) -> Share:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _RADIUS = Parameter(
     "radius_m", 0.0, "radius of a point, m; 0: the same on the screen", minimum=0, maximum=1.0
 )
-#: Rerun takes a negative radius as one in pixels of the screen, whatever the distance.
+#: A negative radius is in pixels of the screen, at any distance (Rerun).
 _SCREEN_RADIUS = -1.5
 
 _INFO_QOS = replace(LATCHED, depth=SENSOR_DATA.depth)

@@ -1,8 +1,8 @@
-"""Pictures: raw, compressed still, compressed depth, and video.
+"""Visualizers of pictures: raw, compressed still, compressed depth, and video.
 
-A picture lies in the image plane of its camera, a frame of its own below the camera's optical frame, so that it
-hangs in space where a camera info says how (`CameraModel`). Access units of video go to the viewer as they are.
-A P frame is worth nothing after a gap, so none is thinned out; after a loss the stream waits for a key frame.
+A picture lies in the image plane of its camera. This is a frame of its own below the camera's optical frame, so
+that `CameraModel` can place it in space. Access units of video are sent to the viewer as they are. A P frame
+cannot be decoded after a gap, so none is dropped for its rate; after a loss a stream waits for a key frame.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from sfglab.view.rerunning import rr
 from sfglab.view.visualizer import (
     Canvas,
     Input,
+    NotShownError,
     Parameter,
     Update,
     Visualizer,
@@ -86,8 +87,8 @@ class CompressedImage(Visualizer):
         """Draw one picture."""
         message = update.only
         text = message.format.lower()
-        if "h264" in text or "h265" in text or "hevc" in text:
-            return
+        if any(name in text for name in _FORMATS):
+            raise NotShownError(f"video in {message.format!r}: shown by compressed_image_video")
         canvas.place(self.entity, image_plane(message.header.frame_id, self.topics["image"]))
         data = bytes(message.data)
         if "compresseddepth" in text:
@@ -186,7 +187,7 @@ class _Video(Visualizer):
 
 
 class FfmpegVideo(_Video):
-    """What ffmpeg_image_transport sends; it counts its packets, so also a loss on the way is noticed."""
+    """Video of ffmpeg_image_transport. Its packets are numbered, so a loss on the way is noticed, too."""
 
     name = "ffmpeg_video"
     inputs = (Input("video", FFMPEG_PACKET, qos=COMPRESSED_STREAM),)
@@ -226,7 +227,7 @@ class FoxgloveVideo(_Video):
 
 
 class CompressedImageVideo(_Video):
-    """H.264 in a ``CompressedImage`` whose format says so; other formats are `CompressedImage`'s."""
+    """Video in a ``CompressedImage`` whose format names H.264 or H.265."""
 
     name = "compressed_image_video"
     inputs = (Input("video", COMPRESSED_IMAGE, qos=COMPRESSED_STREAM),)
@@ -236,9 +237,10 @@ class CompressedImageVideo(_Video):
         message = update.only
         text = message.format.lower()
         codec = next((c for name, c in _FORMATS.items() if name in text), None)
-        if codec is not None:
-            is_key = has_key_frame(bytes(message.data), codec)
-            self._sample(update, canvas, codec, is_key=is_key, frame=message.header.frame_id)
+        if codec is None:
+            raise NotShownError(f"picture in {message.format!r}: shown by compressed_image")
+        is_key = has_key_frame(bytes(message.data), codec)
+        self._sample(update, canvas, codec, is_key=is_key, frame=message.header.frame_id)
 
 
 _FORMATS = {"h264": "h264", "h265": "hevc", "hevc": "hevc"}

@@ -1,8 +1,7 @@
-"""Places and motions: transforms, poses, paths, odometry and inertial measurements."""
+"""Places and motions: transforms, poses, paths and odometry."""
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,6 @@ import numpy as np
 from sfglab.errors import InvalidValueError
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import DEFAULT, LATCHED, QoSProfile
-from sfglab.view.geometry import covariance_ellipsoid
 from sfglab.view.rerunning import rr
 from sfglab.view.slot import RateBudget
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
 
 _TF = "tf2_msgs/msg/TFMessage"
 _MOST_FRAMES = 10_000
-"""How many frames are drawn at most, so that a sender of ever new ones does not fill the memory."""
+"""Limit of frames, so that a sender of ever new ones does not fill the memory."""
 
 _AXES = np.array([(255, 60, 60), (60, 220, 60), (80, 120, 255)], np.uint8)
 _AXIS_LENGTH = Parameter(
@@ -149,63 +147,15 @@ class Path(Visualizer):
 
 
 class Odometry(Visualizer):
-    """A ``nav_msgs/msg/Odometry``: axes, the way it came, and how sure it is."""
+    """The pose of a ``nav_msgs/msg/Odometry`` as its axes."""
 
     name = "odometry"
     inputs = (Input("odometry", "nav_msgs/msg/Odometry", qos=DEFAULT),)
-    parameters = (
-        _AXIS_LENGTH,
-        _WIDTH,
-        Parameter("trail", 500, "positions that are remembered", minimum=0, maximum=10_000),
-        Parameter("sigmas", 3.0, "size of the ellipsoid; 0 hides it", minimum=0.0, maximum=10.0),
-    )
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self._trail: deque[NDArray[np.float64]] = deque(maxlen=self["trail"])
+    parameters = (_AXIS_LENGTH, _WIDTH)
 
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw everything."""
+        """Draw the axes."""
         message = update.only
-        for part in ("pose", "trail", "covariance"):
-            canvas.place(f"{self.entity}/{part}", message.header.frame_id)
-        _log_axes(
-            canvas, f"{self.entity}/pose", message.pose.pose, self["axis_length_m"], self["width_m"]
-        )
-        self._log_trail(message.pose.pose, canvas)
-        self._log_covariance(message.pose, canvas)
-
-    def _log_trail(self, pose: Any, canvas: Canvas) -> None:
-        if self._trail.maxlen != self["trail"]:
-            self._trail = deque(self._trail, maxlen=self["trail"])
-        self._trail.append(pose_arrays(pose)[0])
-        if len(self._trail) > 1:
-            trail = rr.LineStrips3D([np.array(self._trail)], radii=self["width_m"])
-            canvas.log(f"{self.entity}/trail", trail)
-
-    def _log_covariance(self, pose: Any, canvas: Canvas) -> None:
-        ellipsoid = covariance_ellipsoid(np.asarray(pose.covariance).reshape(6, 6)[:3, :3])
-        if ellipsoid is None or not self["sigmas"]:
-            return
-        half_sizes, quaternion = ellipsoid
-        drawn = rr.Ellipsoids3D(
-            centers=[pose_arrays(pose.pose)[0]],
-            half_sizes=[half_sizes * self["sigmas"]],
-            quaternions=[quaternion],
-        )
-        canvas.log(f"{self.entity}/covariance", drawn)
-
-
-class Imu(Visualizer):
-    """An inertial measurement as curves: angular velocity in rad/s, acceleration in m/s^2."""
-
-    name = "imu"
-    inputs = (Input("imu", "sensor_msgs/msg/Imu"),)
-    max_hz = 100.0
-    queue = 20
-
-    def show(self, update: Update, canvas: Canvas) -> None:
-        """Add one point to each curve."""
-        for part in ("angular_velocity", "linear_acceleration"):
-            vector = getattr(update.only, part)
-            canvas.log(f"{self.entity}/{part}", rr.Scalars([vector.x, vector.y, vector.z]))
+        canvas.place(self.entity, message.header.frame_id)
+        pose = message.pose.pose
+        _log_axes(canvas, self.entity, pose, self["axis_length_m"], self["width_m"])
