@@ -74,6 +74,7 @@ REASONS: dict[str, str] = {
     "figures/performance.*": "no claim names the message budget: the notebook was removed",
     "figures/reliability.*": "no claim names the soak test: the notebook was removed",
     "rows/planning.fault.csv said": "an error names the item of a list",
+    "rows/mocap.edge.csv contradicting": "static transforms and stamps that are published twice are counted",
     "claims/C-FSM by gateways details*": "mutated tables and the core without its claim are tests",
     "claims/C-MAP by gateways details*": "details in plain words",
     "figures/gateway_core*": "title and note in plain words; sidecar from the run",

@@ -16,7 +16,10 @@ from sfglab.errors import InvalidValueError
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from sfglab.bus import Clock, Node
+    from sfglab.spatial.frames.listener import TransformIntake
     from sfglab.spatial.mocap.bridge import BridgeCore, MocapObjectStatus
     from sfglab.spatial.mocap.mapping import MocapMapping
     from sfglab.spatial.mocap.tracking import MocapSource
@@ -186,9 +189,9 @@ def frames_lint(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Check a TF tree for several parents, loops, several roots, wrong names and wrong times.
+    """Check a TF tree for several parents, loops, several roots, wrong names and wrong stamps.
 
-    The exit status is 1 if there are findings or no frames.
+    Transforms that tf2 ignores are findings as well. The exit status is 1 if there are findings or no frames.
 
     Examples:
       sfglab frames lint run.mcap --root map --agents go2,agent_x
@@ -197,23 +200,31 @@ def frames_lint(
     from sfglab.record import LogReader
     from sfglab.spatial.frames.buffer import FrameBuffer
     from sfglab.spatial.frames.lint import FrameRule, lint_frames
-    from sfglab.spatial.frames.listener import FramesListener, fill_from_log
+    from sfglab.spatial.frames.listener import FramesListener, fill_from_log, namespaced_topics
 
     buffer = FrameBuffer(history_s=None)
     observed = observed_domain(log, domain)
 
-    async def observe(node: Node) -> None:
-        async with FramesListener(node, buffer):
+    async def observe(node: Node) -> tuple[TransformIntake, Mapping[str, Sequence[str]]]:
+        async with FramesListener(node, buffer) as listener:
             await asyncio.sleep(listen)
+            return listener, node.graph.topics()
 
     if log is None:
-        on_node((observed, interface), observe, "frames_lint")
+        intake, types = on_node((observed, interface), observe, "frames_lint")
     else:
         unused("with a log, because only a domain is observed", "interface", "listen")
         with LogReader(log) as reader:
-            fill_from_log(reader, buffer)
+            intake = fill_from_log(reader, buffer)
+            types = {topic: (info.type_name,) for topic, info in reader.topics.items()}
     rule = FrameRule(agents=frozenset(agents.split(","))) if agents else None
-    findings = lint_frames(buffer.edges, rule=rule, root=root)
+    findings = lint_frames(
+        buffer.edges,
+        rule=rule,
+        root=root,
+        refused=intake.refused,
+        namespaced=namespaced_topics(types),
+    )
     lines = [*map(str, findings), f"{len(buffer.frames)} frames, {len(findings)} findings"]
     values = {"frames": sorted(buffer.frames), "findings": findings}
     say(values, "\n".join(lines), as_json=as_json)

@@ -1,8 +1,9 @@
-"""Rigid motions, SE(3): where something is and how it is turned.
+"""Rigid motions, SE(3): the position and the orientation of one frame in another.
 
-A pose reads as ``target_from_source``: it takes a point's coordinates in the source frame to those in the
-target frame, and is at the same time the source frame's place in the target frame, as TF has it. Quaternions
-are in ROS's order, x, y, z, w. Plain Python, because one product through SciPy costs several times as much.
+A pose reads as ``target_from_source``: it converts a point's coordinates from the source frame to the
+target frame. It is also the pose of the source frame in the target frame, as in TF. Quaternions have the
+order of ROS: x, y, z, w. All of this is plain Python, because one product with SciPy takes several times
+as long.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
 
-_SHORTEST = 1e-6  #: Quaternions shorter than this hold no direction that one could trust.
-#: How far a squared norm may be from 1 and stay, so that a stored pose reads back bit by bit.
+_SHORTEST = 1e-6  #: Length below which a quaternion has no reliable direction.
+#: Largest deviation of a squared norm from 1 with which a quaternion stays as it is, so that a stored
+#: pose is read back bit by bit.
 _UNIT = 1e-12
 _NEARLY_PARALLEL = 1.0 - 1e-9
 
@@ -38,23 +40,25 @@ class PoseError(InvalidValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseKeys:
-    """A pose, as a file has it."""
+    """A pose in a file."""
 
-    position_m: Vec3  #: Along x, y and z.
-    quat_xyzw: Quat = (0.0, 0.0, 0.0, 1.0)  #: x, y, z, w, of length 1.
+    position_m: Vec3  #: Position along x, y and z.
+    quat_xyzw: Quat = (0.0, 0.0, 0.0, 1.0)  #: Quaternion x, y, z, w of length 1.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
     """A position and an orientation.
 
-    Quaternions of another length than 1 are normalised; q and -q are the same orientation, see `same_as`.
+    Quaternions with another length than 1 are normalised. q and -q are the same orientation, see
+    `same_as`.
 
     Raises:
-        PoseError: A number is not finite, the quaternion is shorter than 1e-6, or the counts are not 3 and 4.
+        PoseError: A number is not finite, the quaternion is shorter than 1e-6, or the counts are not 3
+            and 4.
     """
 
-    position_m: Vec3 = (0.0, 0.0, 0.0)  #: x, y, z.
+    position_m: Vec3 = (0.0, 0.0, 0.0)  #: Position x, y, z.
     quat_xyzw: Quat = (0.0, 0.0, 0.0, 1.0)  #: Unit quaternion x, y, z, w.
 
     def __post_init__(self) -> None:
@@ -62,26 +66,25 @@ class Pose:
         object.__setattr__(self, "position_m", position)
         object.__setattr__(self, "quat_xyzw", quat)
 
-    @classmethod
+    @staticmethod
     def at(
-        cls,
         position_m: Iterable[float] = (0.0, 0.0, 0.0),
         quat_xyzw: Iterable[float] = (0.0, 0.0, 0.0, 1.0),
         *,
         place: str = "pose",
-    ) -> Self:
-        """Return a pose of x, y, z and a quaternion x, y, z, w; the place of a file's key is for messages.
+    ) -> Pose:
+        """Return a pose from x, y, z and a quaternion x, y, z, w. Errors name the place.
 
         Raises:
-            PoseError: As for the class, naming the place.
+            PoseError: As for the class.
         """
         position, quat = _checked(position_m, quat_xyzw, place)
-        return cls._trusted(position, quat)
+        return _pose(position, quat)
 
-    @classmethod
-    def from_rotation(cls, position_m: Iterable[float], rotation: Rotation) -> Self:
+    @staticmethod
+    def from_rotation(position_m: Iterable[float], rotation: Rotation) -> Pose:
         """Return a pose from a position and one SciPy rotation."""
-        return cls.at(position_m, rotation.as_quat())
+        return Pose.at(position_m, rotation.as_quat())
 
     @classmethod
     def from_matrix(cls, matrix: NDArray[np.float64]) -> Self:
@@ -104,77 +107,70 @@ class Pose:
             )
         return cls.from_rotation(matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]))
 
-    @classmethod
-    def from_yaw(cls, position_m: Iterable[float], yaw_rad: float) -> Self:
-        """Return a pose that is turned about z only."""
-        return cls.at(position_m, (0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)))
+    @staticmethod
+    def from_yaw(position_m: Iterable[float], yaw_rad: float) -> Pose:
+        """Return a pose that is rotated about z only."""
+        return Pose.at(position_m, (0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)))
 
-    @classmethod
-    def from_msg(cls, message: Any, *, place: str = "pose") -> Self:
-        """Return the pose in a `geometry_msgs/msg/Pose` or `Transform`, or in anything with the same fields.
+    @staticmethod
+    def from_msg(message: Any, *, place: str = "pose") -> Pose:
+        """Return the pose of a `geometry_msgs/msg/Pose` or `Transform`.
 
         Raises:
-            PoseError: As for the class; also for an all-zero message that nobody filled.
+            PoseError: As for the class; also for a message that contains only zeros.
         """
-        pose = hasattr(message, "position")
-        p = message.position if pose else message.translation
-        q = message.orientation if pose else message.rotation
-        return cls.at((p.x, p.y, p.z), (q.x, q.y, q.z, q.w), place=place)
-
-    @classmethod
-    def _trusted(cls, position_m: Vec3, quat_xyzw: Quat) -> Self:
-        """Return a pose of numbers that are known to be sound, which is four times as fast."""
-        pose = object.__new__(cls)
-        object.__setattr__(pose, "position_m", position_m)
-        object.__setattr__(pose, "quat_xyzw", quat_xyzw)
-        return pose
+        is_pose = hasattr(message, "position")
+        p = message.position if is_pose else message.translation
+        q = message.orientation if is_pose else message.rotation
+        return Pose.at((p.x, p.y, p.z), (q.x, q.y, q.z, q.w), place=place)
 
     def __matmul__(self, other: Pose) -> Pose:
         """Return the product: ``a_from_c = a_from_b @ b_from_c``."""
-        x, y, z = self.apply(other.position_m)
-        return Pose._trusted((x, y, z), _normalised(_product(self.quat_xyzw, other.quat_xyzw)))
+        product = _product(self.quat_xyzw, other.quat_xyzw)
+        return _pose(self.apply(other.position_m), _normalised(*product))
 
     def inverse(self) -> Pose:
         """Return ``b_from_a`` of ``a_from_b``."""
         x, y, z, w = self.quat_xyzw
-        turned = _turned((-x, -y, -z, w), self.position_m)
-        return Pose._trusted((-turned[0], -turned[1], -turned[2]), (-x, -y, -z, w))
+        back = (-x, -y, -z, w)
+        px, py, pz = _rotated(back, self.position_m)
+        return _pose((-px, -py, -pz), back)
 
     def apply(self, point_m: Vec3) -> Vec3:
         """Return a point's coordinates in the target frame, given those in the source frame."""
-        x, y, z = _turned(self.quat_xyzw, point_m)
+        x, y, z = _rotated(self.quat_xyzw, point_m)
         px, py, pz = self.position_m
         return (x + px, y + py, z + pz)
 
     def interpolate(self, other: Pose, fraction: float) -> Pose:
-        """Return the pose at a fraction of the way to another: position linear, SLERP the short way around.
+        """Return the pose at a fraction of the way to another: linear position, SLERP the short way.
 
-        Below 0 and above 1 the motion goes on at the same rates.
+        Below 0 and above 1 the motion continues at the same rates.
 
         Source:
             K. Shoemake: Animating rotation with quaternion curves, SIGGRAPH 1985.
         """
         (ax, ay, az), (bx, by, bz) = self.position_m, other.position_m
         position = (ax + fraction * (bx - ax), ay + fraction * (by - ay), az + fraction * (bz - az))
-        return Pose._trusted(position, _slerp(self.quat_xyzw, other.quat_xyzw, fraction))
+        return _pose(position, _slerp(self.quat_xyzw, other.quat_xyzw, fraction))
 
     def distance_m(self, other: Pose) -> float:
-        """Return how far the other position is from this one."""
+        """Return the distance between the two positions."""
         return math.dist(self.position_m, other.position_m)
 
     def angle_rad(self, other: Pose) -> float:
-        """Return the angle of the one turn that leads to the other orientation, 0 to pi."""
+        """Return the angle of the rotation that leads to the other orientation, 0 to pi."""
         x, y, z, w = self.quat_xyzw
         x, y, z, w = _product((-x, -y, -z, w), other.quat_xyzw)
         return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
 
     def same_as(self, other: Pose, *, within_m: float = 1e-9, within_rad: float = 1e-9) -> bool:
-        """Tell whether both are the same place and orientation, whatever the quaternion's sign."""
+        """Return whether both have the same position and orientation, whatever the quaternions' signs."""
         return self.distance_m(other) <= within_m and self.angle_rad(other) <= within_rad
 
     @property
     def yaw_rad(self) -> float:
-        """The heading: the angle of the turned x axis in the x-y plane, above -pi to pi."""
+        """The heading: the angle of the rotated x axis in the x-y plane, above -pi to pi."""
         x, y, z, w = self.quat_xyzw
         return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
@@ -196,47 +192,41 @@ class Pose:
 
     def to_pose_msg(self) -> Any:
         """Return a `geometry_msgs/msg/Pose`."""
-        return _type("Pose")(
-            position=_type("Point")(*self.position_m), orientation=self._quaternion_msg()
-        )
+        position = _type("Point")(*self.position_m)
+        return _type("Pose")(position=position, orientation=_type("Quaternion")(*self.quat_xyzw))
 
     def to_transform_msg(self) -> Any:
         """Return a `geometry_msgs/msg/Transform`."""
-        moved = _type("Vector3")(*self.position_m)
-        return _type("Transform")(translation=moved, rotation=self._quaternion_msg())
-
-    def _quaternion_msg(self) -> Any:
-        return _type("Quaternion")(*self.quat_xyzw)
+        translation = _type("Vector3")(*self.position_m)
+        rotation = _type("Quaternion")(*self.quat_xyzw)
+        return _type("Transform")(translation=translation, rotation=rotation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StampedTransform:
-    """Where a child frame is in its parent, at a time."""
+    """The pose of a child frame in its parent frame at a time."""
 
-    parent: str  #: The frame that the pose is given in (`header.frame_id`).
-    child: str  #: The frame that is placed (`child_frame_id`).
-    stamp_ns: int  #: When, in nanoseconds since the epoch.
-    pose: Pose  #: ``parent_from_child``.
+    parent: str  #: Parent frame (`header.frame_id`).
+    child: str  #: Child frame (`child_frame_id`).
+    stamp_ns: int  #: Time, in nanoseconds since the epoch.
+    pose: Pose  #: Pose ``parent_from_child``.
 
     @classmethod
     def from_msg(cls, message: Any, *, place: str = "transform") -> Self:
-        """Return the value of a `geometry_msgs/msg/TransformStamped`; leading slashes go, as in tf2.
+        """Return the value of a `geometry_msgs/msg/TransformStamped`, without leading slashes, as tf2.
 
         Raises:
-            PoseError: The numbers are no pose; the message names place and frames.
+            PoseError: The numbers are no pose. The message names place and frames.
         """
-        parent, child = (
-            message.header.frame_id.removeprefix("/"),
-            message.child_frame_id.removeprefix("/"),
-        )
+        parent = message.header.frame_id.removeprefix("/")
+        child = message.child_frame_id.removeprefix("/")
         pose = Pose.from_msg(message.transform, place=f"{place} {parent} -> {child}")
-        return cls(
-            parent=parent, child=child, stamp_ns=ns_from_stamp(message.header.stamp), pose=pose
-        )
+        stamp_ns = ns_from_stamp(message.header.stamp)
+        return cls(parent=parent, child=child, stamp_ns=stamp_ns, pose=pose)
 
     def to_msg(self) -> Any:
         """Return a `geometry_msgs/msg/TransformStamped`."""
-        return message_type("geometry_msgs/msg/TransformStamped")(
+        return _type("TransformStamped")(
             header=header_msg(self.parent, self.stamp_ns),
             child_frame_id=self.child,
             transform=self.pose.to_transform_msg(),
@@ -248,32 +238,40 @@ def header_msg(frame_id: str, stamp_ns: int) -> Any:
     return message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id=frame_id)
 
 
-@functools.cache  # looked up anew, a transform takes 1.7 us instead of 0.7
+@functools.cache  # without it, a transform takes 1.7 us instead of 0.7
 def _type(name: str) -> type[Any]:
     return message_type(f"geometry_msgs/msg/{name}")
 
 
+def _pose(position_m: Vec3, quat_xyzw: Quat) -> Pose:
+    """Return a pose without checks, which is four times as fast."""
+    pose = object.__new__(Pose)
+    object.__setattr__(pose, "position_m", position_m)
+    object.__setattr__(pose, "quat_xyzw", quat_xyzw)
+    return pose
+
+
 def _checked(position: Iterable[float], quat: Iterable[float], place: str) -> tuple[Vec3, Quat]:
-    p = _numbers(position, 3, f"{place}, position")
-    q = _numbers(quat, 4, f"{place}, quaternion")
-    norm = math.hypot(*q)
+    px, py, pz = _numbers(position, 3, f"{place}, position")
+    x, y, z, w = _numbers(quat, 4, f"{place}, quaternion")
+    norm = math.hypot(x, y, z, w)
     if norm < _SHORTEST:
-        raise PoseError(
-            f"{place}, quaternion", list(q), f"a length of at least {_SHORTEST:g}, 1 as a rule"
-        )
+        allowed = f"a length of at least {_SHORTEST:g}, 1 as a rule"
+        raise PoseError(f"{place}, quaternion", [x, y, z, w], allowed)
     if not math.isfinite(norm):
-        raise PoseError(f"{place}, quaternion", list(q), "a finite length, 1 as a rule")
-    x, y, z, w = q if abs(norm * norm - 1.0) <= _UNIT else (c / norm for c in q)
-    return (p[0], p[1], p[2]), (x, y, z, w)
+        raise PoseError(f"{place}, quaternion", [x, y, z, w], "a finite length, 1 as a rule")
+    if abs(norm * norm - 1.0) > _UNIT:
+        x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    return (px, py, pz), (x, y, z, w)
 
 
-def _numbers(values: Iterable[float], count: int, place: str) -> tuple[float, ...]:
+def _numbers(values: Iterable[float], count: int, place: str) -> list[float]:
     try:
-        numbers = tuple(float(value) for value in values)
+        numbers = [float(value) for value in values]
     except (TypeError, ValueError) as error:
         raise PoseError(place, values, f"{count} numbers") from error
     if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise PoseError(place, list(numbers), f"{count} finite numbers")
+        raise PoseError(place, numbers, f"{count} finite numbers")
     return numbers
 
 
@@ -288,15 +286,14 @@ def _product(a: Quat, b: Quat) -> Quat:
     )
 
 
-def _normalised(q: Quat) -> Quat:
-    """Return a quaternion that is nearly of length 1 at that length, so that long chains do not drift."""
-    x, y, z, w = q
+def _normalised(x: float, y: float, z: float, w: float) -> Quat:
+    """Return a quaternion with length 1, so that long chains do not drift."""
     scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
     return (x * scale, y * scale, z * scale, w * scale)
 
 
-def _turned(q: Quat, v: Vec3) -> Vec3:
-    """Return v turned by q: v + 2 w (u x v) + 2 u x (u x v), with u the vector part."""
+def _rotated(q: Quat, v: Vec3) -> Vec3:
+    """Return v rotated by q: v + 2 w (u x v) + 2 u x (u x v), with u the vector part."""
     x, y, z, w = q
     vx, vy, vz = v
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
@@ -308,7 +305,9 @@ def _turned(q: Quat, v: Vec3) -> Vec3:
 
 
 def _slerp(a: Quat, b: Quat, fraction: float) -> Quat:
-    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    dot = ax * bx + ay * by + az * bz + aw * bw
     sign = -1.0 if dot < 0.0 else 1.0
     dot *= sign
     if dot > _NEARLY_PARALLEL:  # the sines vanish; the chord is as good as the arc
@@ -317,5 +316,4 @@ def _slerp(a: Quat, b: Quat, fraction: float) -> Quat:
         angle = math.acos(dot)
         wa = math.sin((1.0 - fraction) * angle) / math.sin(angle)
         wb = sign * math.sin(fraction * angle) / math.sin(angle)
-    x, y, z, w = (wa * ca + wb * cb for ca, cb in zip(a, b, strict=True))
-    return _normalised((x, y, z, w))
+    return _normalised(wa * ax + wb * bx, wa * ay + wb * by, wa * az + wb * bz, wa * aw + wb * bw)

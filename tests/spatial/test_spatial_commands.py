@@ -17,7 +17,6 @@ from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.listener import TRANSFORMS
 
 EXAMPLE = str(Path(__file__).parents[2] / "data" / "mocap" / "two_agents.yaml")
-OFFSET = Pose.at((0.03, -0.01, -0.12), (0.02, -0.03, 0.06, 1.0))
 
 
 def tf(parent, child, stamp_ns=0, pose=None):
@@ -42,6 +41,16 @@ def test_a_sound_tree_passes_the_lint_and_a_broken_one_is_told_and_fails(tmp_pat
     printed = called("frames", "lint", bad, "--root", "map", "--agents", "go2", status=1)
     assert "second-root" in printed
     assert "did you mean 'go2/markers'?" in printed
+
+
+def test_the_lint_fails_where_listeners_would_get_nothing(tmp_path):
+    with LogWriter(tmp_path / "run.mcap") as log:
+        log.write(TF_STATIC, tf("map", ""), log_time_ns=0)
+        log.write("/go2/tf", tf("map", "go2/base"), log_time_ns=1)
+    printed = called("frames", "lint", str(tmp_path / "run.mcap"), status=1)
+    assert "refused: transform 'map' -> '' (1x): its child_frame_id is empty" in printed
+    assert "namespaced: /go2/tf has transforms" in printed
+    assert printed.endswith("0 frames, 2 findings\n")
 
 
 @pytest.mark.live

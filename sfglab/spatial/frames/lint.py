@@ -1,78 +1,89 @@
-"""Faults of a tree of frames, said before anybody stumbles over them: parents, loops, roots, names, time.
+"""Errors of a TF tree: parents, loops, roots, names, stamps, and transforms that listeners ignore.
 
-tf2 takes what comes: with two parents the frame jumps between them, with two roots a look-up fails much later
-and elsewhere. Paper A, section 4.1, asks for prefixes, ``<agent>/<frame>``; that rule is `sfglab.names`'. Trees
-are drawn as in the paper's Fig. 6: roots above, what is wrong in colour. Pure: judges edges that were observed.
+tf2 reports few of them. With two parents a frame jumps between them, and with two roots a look-up fails
+later and elsewhere. Frames have the prefix of their agent, ``<agent>/<frame>`` (paper A, section 4.1,
+and `sfglab.names`). The functions judge edges that were received; they have no clock and no node.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections import Counter, defaultdict
+from collections import defaultdict
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from sfglab.names import SHARED_FRAMES, validate_agent
+from sfglab.names import SHARED_FRAMES, TF, TF_STATIC, validate_agent
+from sfglab.spatial.frames.listener import LOOP
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from matplotlib.axes import Axes
-
     from sfglab.spatial.frames.buffer import Edge
+
+    Parents = Mapping[str, Sequence[str]]  # parents of each child frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameRule:
-    """Which names frames may have; FqnError where an agent's is none that an agent may bear."""
+    """Allowed names of frames.
 
-    agents: frozenset[str]  #: Agents whose prefixes are known.
+    Raises:
+        FqnError: The name of an agent is not valid.
+    """
+
+    agents: frozenset[str]  #: Agents whose prefixes are allowed.
     shared: frozenset[str] = frozenset(SHARED_FRAMES)  #: Frames without prefix that are allowed.
 
     def __post_init__(self) -> None:
         for agent in self.agents:
             validate_agent(agent)
 
-    def problem(self, frame: str, known: frozenset[str] = frozenset()) -> str | None:
-        """Say what is wrong with a frame's name, or return None; what was meant is sought among the known."""
-        agent, slash, rest = frame.partition("/")
-        if frame in self.shared or (
-            slash and agent in self.agents and rest and not rest.startswith("/")
-        ):
-            return None
-        fitting = sorted(name for name in known - {frame} if self.problem(name) is None)
-        near = difflib.get_close_matches(frame, fitting, n=1)
+    def allows(self, frame: str) -> bool:
+        """Return whether a frame may have its name."""
+        agent, _, rest = frame.partition("/")
+        has_prefix = agent in self.agents and rest != "" and not rest.startswith("/")
+        return has_prefix or frame in self.shared
+
+    def problem(self, frame: str, known: Iterable[str] = ()) -> str:
+        """Return what is wrong with a frame's name, with a similar known one; empty: it is allowed."""
+        if self.allows(frame):
+            return ""
+        near = difflib.get_close_matches(frame, filter(self.allows, known), n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        allowed = f"<agent>/<frame> of {', '.join(sorted(self.agents)) or 'no agent'}"
+        agents = ", ".join(sorted(self.agents)) or "no agent"
         shared = ", ".join(sorted(self.shared)) or "nothing"
-        return f"given {frame!r}, allowed are {allowed}, and {shared}{hint}"
+        return f"given {frame!r}, allowed are <agent>/<frame> of {agents}, and {shared}{hint}"
 
 
 _WHY = {
-    "two-parents": "a frame has one parent: it jumps between them, as whichever came last counts",
+    "two-parents": "a frame has one parent: it jumps between them, as the latest transform counts",
     "static-and-dynamic": "each of them makes listeners forget the other",
-    "two-publishers": "the frame jumps between what they say",
-    "loop": "no root is above them, so no look-up ends",
+    "two-publishers": "the frame jumps between their poses",
+    "loop": "no root is above them, so every look-up fails",
     "unreachable": "no look-up leads from one tree to the other",
     "second-root": "no look-up leads from one tree to the other",
-    "name": "who looks for it by its right name finds nothing",
-    "backwards": "a clock was set, a log plays again, or transforms overtake each other",
+    "name": "a look-up of the right name fails",
+    "backwards": "a clock was set, a log is played again, or transforms overtake each other",
+    "static-twice": "the frame is where the latest message puts it, and their order is not certain",
+    "repeated": "which of the poses a look-up returns depends on the listener",
+    "refused": "listeners ignore it: the frame is missing or does not move",
+    "namespaced": f"TF listeners subscribe to {TF} and {TF_STATIC} unless they are remapped",
 }
-"""Every code of a fault, and what comes of it."""
+"""Consequence of each error, by its code."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameFinding:
-    """One fault of a tree."""
+    """One error of a tree."""
 
-    code: str  #: Which fault.
-    frames: tuple[str, ...]  #: The frames that it is about.
-    what: str  #: What was found.
+    code: str  #: Code of the error.
+    frames: tuple[str, ...]  #: Frames, or topics, that it is about.
+    what: str  #: Description of the error.
 
     @property
     def why(self) -> str:
-        """What comes of it."""
+        """Its consequence."""
         return _WHY[self.code]
 
     def __str__(self) -> str:
@@ -80,45 +91,57 @@ class FrameFinding:
 
 
 def lint_frames(
-    edges: Iterable[Edge], *, rule: FrameRule | None = None, root: str | None = None
+    edges: Iterable[Edge],
+    *,
+    rule: FrameRule | None = None,
+    root: str | None = None,
+    refused: Mapping[tuple[str, str, str], int] | None = None,
+    namespaced: Iterable[str] = (),
 ) -> tuple[FrameFinding, ...]:
-    """Judge a tree's parents, loops, roots, names and time; without rule or root any is allowed."""
+    """Return the errors of a tree.
+
+    Args:
+        edges: Edges of the tree, as of `FrameBuffer.edges`.
+        rule: Allowed names; None: any.
+        root: The one root that the tree must have; None: any.
+        refused: Refused transforms, as of `TransformIntake.refused`.
+        namespaced: Topics with transforms other than /tf and /tf_static.
+    """
     edges = tuple(edges)
     by_child: dict[str, list[Edge]] = defaultdict(list)
     for edge in edges:
         by_child[edge.child].append(edge)
-    above = {
-        child: tuple(dict.fromkeys(e.parent for e in group)) for child, group in by_child.items()
-    }
+    parents = {}
+    for child, group in by_child.items():
+        parents[child] = list(dict.fromkeys(edge.parent for edge in group))
     return (
-        *_parents(by_child),
-        *_loops(above),
-        *_roots(above, root),
-        *_names(edges, rule),
-        *_backwards(edges),
+        *_publishers(by_child),
+        *_loops(parents),
+        *_roots(parents, root),
+        *_names(parents, rule),
+        *_stamps(edges),
+        *_ignored(refused or {}, namespaced),
     )
 
 
-def _parents(by_child: Mapping[str, Sequence[Edge]]) -> Iterator[FrameFinding]:
+def _publishers(by_child: Mapping[str, Sequence[Edge]]) -> Iterator[FrameFinding]:
+    """Find frames that are published twice, in different ways."""
     for child, group in by_child.items():
-        parents = sorted({e.parent for e in group})
-        authorities = _rivals(group)
+        parents = sorted({edge.parent for edge in group})
+        rivals = _rivals(group)
         if len(parents) > 1:
-            yield FrameFinding(
-                "two-parents", (child, *parents), f"{child!r} is placed in {_listed(parents)}"
-            )
-        elif len({e.static for e in group}) > 1:
-            yield FrameFinding(
-                "static-and-dynamic", (child,), f"{child!r} comes on /tf and on /tf_static"
-            )
-        elif authorities:
-            yield FrameFinding(
-                "two-publishers", (child,), f"{child!r} is published by {_listed(authorities)}"
-            )
+            what = f"{child!r} is placed in {_listed(parents)}"
+            yield FrameFinding("two-parents", (child, *parents), what)
+        elif len({edge.static for edge in group}) > 1:
+            what = f"{child!r} is published on {TF} and on {TF_STATIC}"
+            yield FrameFinding("static-and-dynamic", (child,), what)
+        elif rivals:
+            what = f"{child!r} is published by {_listed(rivals)}"
+            yield FrameFinding("two-publishers", (child,), what)
 
 
 def _rivals(group: Sequence[Edge]) -> list[str]:
-    """Return who publishes an edge while others do; one that took over, as after a restart, is no rival."""
+    """Return the publishers of an edge at the same time; one that replaced another is no rival."""
     moving = sorted((e for e in group if not e.static), key=lambda e: (e.first_ns, e.last_ns))
     rivals = set()
     for before, after in combinations(moving, 2):
@@ -127,20 +150,19 @@ def _rivals(group: Sequence[Edge]) -> list[str]:
     return sorted(rivals)
 
 
-def _loops(parents: Mapping[str, Sequence[str]]) -> Iterator[FrameFinding]:
-    """Find circles; each is told once, beginning with its first frame by name."""
-    told: set[frozenset[str]] = set()
+def _loops(parents: Parents) -> Iterator[FrameFinding]:
+    """Find loops, each once, from its first frame in the order of names."""
+    found: set[frozenset[str]] = set()
     for start in sorted(parents):
         loop = _loop_from(start, parents)
-        if loop and frozenset(loop) not in told:
-            told.add(frozenset(loop))
-            yield FrameFinding(
-                "loop", tuple(loop), f"{' -> '.join((*loop, loop[0]))} (child -> parent)"
-            )
+        if loop and frozenset(loop) not in found:
+            found.add(frozenset(loop))
+            what = " -> ".join([*loop, start])
+            yield FrameFinding("loop", tuple(loop), f"{what} (child -> parent)")
 
 
-def _loop_from(start: str, parents: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return the shortest way from a frame up to itself; empty when there is none."""
+def _loop_from(start: str, parents: Parents) -> list[str]:
+    """Return the shortest way from a frame up to itself; empty if there is none."""
     ways = [[start]]
     seen = {start}
     for way in ways:
@@ -153,143 +175,72 @@ def _loop_from(start: str, parents: Mapping[str, Sequence[str]]) -> list[str]:
     return []
 
 
-def _roots(parents: Mapping[str, Sequence[str]], root: str | None) -> Iterator[FrameFinding]:
-    frames = {*parents, *(p for group in parents.values() for p in group)}
-    roots = sorted(frames - set(parents))
-    others = [r for r in roots if r != root]
-    if root is not None and frames:
-        lost = sorted(frames - _below(root, parents) - set(others))
-        if others or lost:
-            code = "second-root" if root in frames and others else "unreachable"
-            what = f"{_listed([*others, *lost])} cannot be reached from {root!r}"
-            yield FrameFinding(code, (*others, *lost), what)
-    elif len(roots) > 1:
-        what = f"there are {len(roots)} trees, with the roots {_listed(roots)}"
-        yield FrameFinding("second-root", tuple(roots), what)
+def _roots(parents: Parents, root: str | None) -> Iterator[FrameFinding]:
+    frames = _frames(parents)
+    roots = sorted(frames - parents.keys())
+    if root is None:
+        if len(roots) > 1:
+            what = f"there are {len(roots)} trees, with the roots {_listed(roots)}"
+            yield FrameFinding("second-root", tuple(roots), what)
+        return
+    others = [frame for frame in roots if frame != root]
+    lost = sorted(frames - _below(root, parents) - set(others))
+    if others or lost:
+        code = "second-root" if root in frames and others else "unreachable"
+        what = f"{_listed([*others, *lost])} cannot be reached from {root!r}"
+        yield FrameFinding(code, (*others, *lost), what)
 
 
-def _below(root: str, parents: Mapping[str, Sequence[str]]) -> set[str]:
-    children: dict[str, list[str]] = defaultdict(list)
-    for child, group in parents.items():
-        for parent in group:
-            children[parent].append(child)
-    below, rest = {root}, [root]
-    while rest:
-        new = [child for child in children[rest.pop()] if child not in below]
-        below.update(new)
-        rest += new
+def _frames(parents: Parents) -> set[str]:
+    """Return all children and parents."""
+    return set(parents).union(*parents.values())
+
+
+def _below(root: str, parents: Parents) -> set[str]:
+    """Return a frame and all frames below it."""
+    below = {root}
+    grown = True
+    while grown:
+        new = {child for child, group in parents.items() if not below.isdisjoint(group)}
+        grown = not new <= below
+        below |= new
     return below
 
 
-def _names(edges: Sequence[Edge], rule: FrameRule | None) -> Iterator[FrameFinding]:
-    if rule is None:
-        return
-    frames = frozenset(name for e in edges for name in (e.child, e.parent))
-    for frame in sorted(frames):
-        if problem := rule.problem(frame, frames):
+def _names(parents: Parents, rule: FrameRule | None) -> Iterator[FrameFinding]:
+    frames = sorted(_frames(parents))
+    for frame in frames if rule else ():
+        assert rule is not None
+        problem = rule.problem(frame, frames)
+        if problem:
             yield FrameFinding("name", (frame,), problem)
 
 
-def _backwards(edges: Sequence[Edge]) -> Iterator[FrameFinding]:
+def _stamps(edges: Iterable[Edge]) -> Iterator[FrameFinding]:
     for edge in edges:
+        frame = (edge.child,)
         if edge.backwards:
             what = f"stamps of {edge.child!r} step back {edge.backwards} times, by up to {edge.back_ns} ns"
-            yield FrameFinding("backwards", (edge.child,), what)
+            yield FrameFinding("backwards", frame, what)
+        if edge.contradicting:
+            code, what = "repeated", "was published with the same stamp"
+            if edge.static:
+                code, what = "static-twice", "is static and was published"
+            times = f"{edge.contradicting}x"
+            yield FrameFinding(code, frame, f"{edge.child!r} {what} with another pose ({times})")
+
+
+def _ignored(
+    refused: Mapping[tuple[str, str, str], int], namespaced: Iterable[str]
+) -> Iterator[FrameFinding]:
+    for (parent, child, why), count in refused.items():
+        if why != LOOP:
+            what = f"transform {parent!r} -> {child!r} ({count}x): {why}"
+            yield FrameFinding("refused", (parent, child), what)
+    for topic in namespaced:
+        yield FrameFinding("namespaced", (topic,), f"{topic} has transforms")
 
 
 def _listed(names: Sequence[str]) -> str:
-    quoted = [repr(name) for name in names]
-    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
-
-
-# Okabe and Ito's palette, distinct for all common kinds of colour blindness.
-WRONG, OUTSIDE, PLAIN = "#D55E00", "#0072B2", "#666666"
-_FILL, _WRONG_FILL = "#FFFFFF", "#FBE3D3"
-
-
-def draw_tree(
-    ax: Axes, edges: Iterable[Edge], *, findings: Sequence[FrameFinding] = (), outside: str = ""
-) -> None:
-    """Draw a tree, or what should be one; findings' frames and an outside authority's edges in colour."""
-    edges = tuple(edges)
-    places = tree_layout(edges)
-    wrong = {frame for finding in findings for frame in finding.frames}
-    for edge in edges:
-        _draw_edge(ax, edge, places, OUTSIDE if edge.authority == outside and outside else PLAIN)
-    for frame, (x, y) in places.items():
-        bad = frame in wrong
-        box = {
-            "boxstyle": "round,pad=0.35",
-            "facecolor": _WRONG_FILL if bad else _FILL,
-            "edgecolor": WRONG if bad else PLAIN,
-            "linewidth": 1.8 if bad else 1.0,
-        }
-        ax.text(x, y, _shown(frame), ha="center", va="center", fontsize=8, bbox=box, zorder=3)
-    xs, ys = zip(*places.values(), strict=True) if places else ((0.0,), (0.0,))
-    ax.set(xlim=(min(xs) - 0.6, max(xs) + 0.6), ylim=(min(ys) - 0.5, max(ys) + 0.5))
-    ax.set_axis_off()
-
-
-def tree_layout(edges: Iterable[Edge]) -> dict[str, tuple[float, float]]:
-    """Return a place for every frame, below its first parent, leaves side by side; a circle starts anywhere."""
-    edges = tuple(edges)
-    parents: dict[str, str] = {}
-    children: dict[str, list[str]] = defaultdict(list)
-    counts = Counter(child for child, _ in {(edge.child, edge.parent) for edge in edges})
-    for edge in edges:
-        if parents.setdefault(edge.child, edge.parent) == edge.parent:
-            children[edge.parent].append(edge.child)
-    for below in children.values():
-        below.sort(
-            key=counts.__getitem__
-        )  # who has several parents stands outside, near the other ones
-    frames = list(dict.fromkeys(name for edge in edges for name in (edge.parent, edge.child)))
-    places: dict[str, tuple[float, float]] = {}
-    right = 0.0
-    for frame in sorted(frames, key=lambda name: name in parents):
-        if frame not in places:
-            right = _place(frame, 0, right, children, places)
-    return places
-
-
-def _place(
-    frame: str,
-    depth: int,
-    left: float,
-    children: Mapping[str, Sequence[str]],
-    places: dict[str, tuple[float, float]],
-) -> float:
-    """Place a frame above its children and return where the next one may begin."""
-    # The room that a name takes, in the layout's units.
-    width = 0.35 + 0.085 * max(map(len, _shown(frame).splitlines()))
-    places[frame] = (left + width / 2, -float(depth))
-    below = [child for child in dict.fromkeys(children.get(frame, ())) if child not in places]
-    right = left
-    for child in below:
-        right = _place(child, depth + 1, right, children, places)
-    if below:
-        first, last = places[below[0]][0], places[below[-1]][0]
-        places[frame] = ((first + last) / 2, -float(depth))
-    return max(right, left + width)
-
-
-def _shown(frame: str) -> str:
-    return frame.replace("/", "/\n")
-
-
-def _draw_edge(
-    ax: Axes, edge: Edge, places: Mapping[str, tuple[float, float]], colour: str
-) -> None:
-    ax.annotate(
-        "",
-        xy=places[edge.child],
-        xytext=places[edge.parent],
-        arrowprops={
-            "arrowstyle": "-|>",
-            "color": colour,
-            "linewidth": 1.2 if edge.static else 1.8,
-            "shrinkA": 15,
-            "shrinkB": 16,
-        },
-        zorder=2,
-    )
+    *others, last = [repr(name) for name in names]
+    return f"{', '.join(others)} and {last}" if others else last

@@ -1,12 +1,14 @@
-"""Transforms from the bus or from a log into a buffer.
+"""Transforms from the bus or from a log, inserted into a buffer.
 
-What is refused is counted and said once: one node's broken transform must not blind all listeners.
+Transforms that tf2 would ignore are refused, counted and reported once per frame and reason. One broken
+publisher does not keep a listener from receiving the others.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
@@ -19,12 +21,15 @@ from sfglab.qos import Durability, QoSProfile
 from sfglab.spatial.frames.buffer import (
     ExtrapolationError,
     FrameBuffer,
+    FrameLoopError,
     NotConnectedError,
     UnknownFrameError,
 )
 from sfglab.spatial.poses import Pose, StampedTransform
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from sfglab.bus import Node, Subscription
     from sfglab.record import LogReader
 
@@ -33,32 +38,44 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 #: tf2_ros: DynamicListenerQoS, DynamicBroadcasterQoS (tf2_ros/qos.hpp, Humble).
 TF_QOS = QoSProfile(depth=100)
 TF_STATIC_QOS = QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
-"""tf2_ros: StaticListenerQoS; a broadcaster offers depth 1, or more if it splits its transforms."""
+"""tf2_ros: StaticListenerQoS. A broadcaster offers depth 1, or more if it splits its transforms."""
+LOOP = "it would close a loop"  #: Reason of a refused transform that `lint_frames` finds as a loop.
+_UNIT_TOLERANCE = 10e-3
 
 _log = logging.getLogger(__name__)
 
 
 class TransformIntake:
-    """Takes messages into a buffer, and counts what was refused; frames without prefix get the agent's."""
+    """Inserts the transforms of messages into a buffer.
+
+    Args:
+        buffer: The buffer.
+        agent: Agent whose prefix frames without prefix get; empty: none.
+    """
 
     def __init__(self, buffer: FrameBuffer, *, agent: str = "") -> None:
         self._buffer = buffer
         self._agent = agent
-        self._said: set[tuple[str, str]] = set()
-        #: How many transforms ended in each way (`Insertion.value`).
-        self.taken: Counter[str] = Counter()
-        self.refused: Counter[str] = Counter()  #: How many were refused, by the error's name.
+        self.taken = 0  #: Number of transforms that were inserted.
+        #: Number of transforms that were refused, by parent, child and reason.
+        self.refused: Counter[tuple[str, str, str]] = Counter()
 
     def take(self, message: Any, *, static: bool, authority: str = "") -> None:
-        """Take all transforms of a `tf2_msgs/msg/TFMessage`."""
+        """Insert all transforms of a `tf2_msgs/msg/TFMessage`."""
         for transform in message.transforms:
+            why = _problem(transform)
             try:
-                value = self._renamed(StampedTransform.from_msg(transform, place="tf"))
-                insertion = self._buffer.insert(value, static=static, authority=authority)
+                if not why:
+                    value = self._renamed(StampedTransform.from_msg(transform, place="tf"))
+                    self._buffer.insert(value, static=static, authority=authority)
+            except FrameLoopError:
+                why = LOOP
             except SfglabError as error:
-                self._refuse(str(transform.child_frame_id), error)
+                why = str(error)
+            if why:
+                self._refuse(str(transform.header.frame_id), str(transform.child_frame_id), why)
             else:
-                self.taken[insertion.value] += 1
+                self.taken += 1
 
     def _renamed(self, value: StampedTransform) -> StampedTransform:
         if not self._agent:
@@ -66,19 +83,38 @@ class TransformIntake:
         parent, child = (prefixed_frame(f, self._agent) for f in (value.parent, value.child))
         return replace(value, parent=parent, child=child)
 
-    def _refuse(self, child: str, error: SfglabError) -> None:
-        kind = type(error).__name__
-        self.refused[kind] += 1
-        if (kind, child) not in self._said:
-            self._said.add((kind, child))
-            _log.warning("transform refused: %s", error)
+    def _refuse(self, parent: str, child: str, why: str) -> None:
+        self.refused[parent, child, why] += 1
+        if self.refused[parent, child, why] == 1:
+            _log.warning("transform %r -> %r refused: %s", parent, child, why)
+
+
+def _problem(transform: Any) -> str:
+    """Return why tf2 ignores a `geometry_msgs/msg/TransformStamped`; empty if it does not.
+
+    Source:
+        tf2, buffer_core.cpp, `BufferCore::setTransformImpl` (Humble to Rolling).
+    """
+    for key, name in (
+        ("frame_id", transform.header.frame_id),
+        ("child_frame_id", transform.child_frame_id),
+    ):
+        if not name.removeprefix("/"):
+            return f"its {key} is empty"
+    p, q = transform.transform.translation, transform.transform.rotation
+    if not all(map(math.isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w))):
+        return "a number is not finite"
+    length = math.hypot(q.x, q.y, q.z, q.w)
+    if abs(length * length - 1.0) >= _UNIT_TOLERANCE:
+        return f"its quaternion has length {length:g}, allowed: 1 within 0.5 %"
+    return ""
 
 
 class FramesListener(TransformIntake):
-    """Feeds /tf and /tf_static of a domain into a buffer, as `TransformIntake`, while its context is open.
+    """A `TransformIntake` of the topics /tf and /tf_static of a domain, while its context is open.
 
     ```python
-    async with FramesListener(node, buffer):
+    async with FramesListener(node, buffer) as listener:
         pose = await listener.wait_for("map", "go2/base", time_ns)
     ```
     """
@@ -94,9 +130,8 @@ class FramesListener(TransformIntake):
         for topic, qos in ((TF_STATIC, TF_STATIC_QOS), (TF, TF_QOS)):
             subscription = self._node.create_subscription(TRANSFORMS, topic, qos=qos)
             self._subscriptions.append(subscription)
-            self._tasks.append(
-                asyncio.create_task(self._feed(subscription, static=topic == TF_STATIC))
-            )
+            feeding = self._feed(subscription, static=topic == TF_STATIC)
+            self._tasks.append(asyncio.create_task(feeding))
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -107,12 +142,12 @@ class FramesListener(TransformIntake):
     async def wait_for(
         self, target: str, source: str, time_ns: int | None = None, *, timeout_s: float = 1.0
     ) -> Pose:
-        """Return a pose, as `FrameBuffer.look_up` does, as soon as the transforms for it are there.
+        """Return a pose, as `FrameBuffer.look_up`, as soon as the transforms for it are known.
 
         Raises:
-            UnknownFrameError: A frame is still unknown at the end.
-            NotConnectedError: The frames are still not connected at the end.
-            ExtrapolationError: A transform is still missing at the end.
+            UnknownFrameError: A frame is still unknown after the timeout.
+            NotConnectedError: The frames are still not connected after the timeout.
+            ExtrapolationError: A transform is still missing after the timeout.
         """
         with suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
@@ -131,13 +166,25 @@ class FramesListener(TransformIntake):
 
 
 def fill_from_log(reader: LogReader, buffer: FrameBuffer) -> TransformIntake:
-    """Take all transforms of a log, for a whole one into a buffer with ``history_s=None``; return the intake.
+    """Insert all transforms on /tf and /tf_static of a log into a buffer, and return the intake.
+
+    A buffer with ``history_s=None`` keeps all of them.
 
     Raises:
-        LogError: The log has neither /tf nor /tf_static.
+        LogError: The log has no topic with transforms.
     """
     intake = TransformIntake(buffer)
-    for topic in [topic for topic in (TF_STATIC, TF) if topic in reader.topics] or [TF]:
+    topics = [topic for topic in (TF_STATIC, TF) if topic in reader.topics]
+    types = {topic: (info.type_name,) for topic, info in reader.topics.items()}
+    if not topics and not namespaced_topics(types):
+        topics = [TF]  # reading it fails with the topics that there are
+    for topic in topics:
         for recorded in reader.decoded(topic):
             intake.take(recorded.message, static=topic == TF_STATIC)
     return intake
+
+
+def namespaced_topics(types: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the topics with transforms other than /tf and /tf_static, given the types of all topics."""
+    found = {topic for topic, names in types.items() if TRANSFORMS in names}
+    return sorted(found - {TF, TF_STATIC})

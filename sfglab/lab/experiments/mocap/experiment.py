@@ -106,6 +106,7 @@ class MocapEdgeRow:
     last_ns: int  #: The stamp of the last one.
     backwards: int  #: How often a stamp was older than the one before.
     back_ns: int  #: The largest step back.
+    contradicting: int  #: Number of transforms with another pose for the same time.
 
 
 @exp.table("look")
