@@ -8,7 +8,7 @@ from made_logs import broken, made_run
 
 from sfglab.lab.checks import trees
 from sfglab.lab.experiments.mocap import checks, exp, recordings
-from sfglab.lab.experiments.mocap.experiment import CASES, live_rows, offset_rows
+from sfglab.lab.experiments.mocap.experiment import live_rows
 from sfglab.lab.workers.mocap import motions, world_from_camera
 from sfglab.spatial import Pose
 from sfglab.spatial.mocap.bridge import mocap_trees
@@ -36,10 +36,6 @@ def made(tmp_path):
             "listener": PERFECT | changed,
             "bridge": {"receipts": [(10_000_000, 16_000_000, True)]},
         }
-        offset = dict.fromkeys(exp.tables["offset"].__dataclass_fields__, 1.0) | {
-            "covered": 6,
-            "pairs": 9,
-        }
         tables = {
             "edge": [{"where": "figure 6", **edge} for edge in EDGES],
             "check": [
@@ -47,7 +43,6 @@ def made(tmp_path):
                 {"check": "faults: some", "checked": 1, "held": fault},
             ],
             "confusion": [{"truth": "flipped", "verdict": "flipped", "count": 3}],
-            "offset": [offset | {"drifts": d, "modelled": m} for d, m in CASES],
         }
         for table, row in live_rows("faulty", 0.8, 0, 0, reports):
             tables.setdefault(table, []).append(row)
@@ -144,12 +139,3 @@ def test_the_chain_of_the_robot_s_frames_is_where_the_camera_really_is():
     (odom_from_base, _), later = motions(0, 0), world_from_camera(0, 10_000_000_000)
     assert odom_from_base.child == "agent_x/base"
     assert later.same_as(world_from_camera(0, 0), within_m=1.0, within_rad=2.0)
-
-
-def test_offsets_hold_unless_drift_is_not_allowed_for():
-    rows = list(offset_rows(exp.config("smoke", lengths_s=(10.0,), recordings=2)))
-    good = [row for row in rows if row["modelled"]]
-    assert sum(row["covered"] for row in good) >= 20
-    bad = min(row["after_mm"] for row in rows if not row["modelled"])
-    assert max(row["after_mm"] for row in good) < 6 < bad
-    assert min(row["before_mm"] for row in rows) > 100

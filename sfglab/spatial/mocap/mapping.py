@@ -48,8 +48,7 @@ class MappedObject:
     via: Frame
     #: The frame that is published, as "agent_x/base"; empty for whatever is the root of the agent's tree.
     frame: Frame = ""
-    #: Where `via` is in the object's own frame (``object_from_via``); the same place by default, else as
-    #: `estimate_offset` finds it.
+    #: Where `via` is in the object's own frame (``object_from_via``), as measured; the same place by default.
     offset: Annotated[Pose, ReadAs(PoseKeys, _offset)] = field(default_factory=Pose)
 
 

@@ -1,4 +1,4 @@
-"""Every check of a run, errors of looks and offsets, the claim A-VICON (the share that holds), and the figures.
+"""Every check of a run, errors of looks, the claim A-VICON (the share that holds), and the figures.
 
 A live check is one thing that section 4.5 of paper A says of the direct receiver or of the bridge.
 """
@@ -131,17 +131,6 @@ def errors(run: Run[Config]) -> pd.DataFrame:
     return run["look"].groupby("round", sort=False)[columns].median()
 
 
-@derived
-def offsets(run: Run[Config]) -> pd.DataFrame:
-    """Return medians by case and length, with the share of numbers that the 95 % intervals hold."""
-    table = run["offset"]
-    by = ["drifts", "modelled", "length_s"]
-    medians = table.groupby(by)[
-        ["error_mm", "error_mrad", "sigma_mm", "before_mm", "after_mm"]
-    ].median()
-    return medians.assign(covered=table.groupby(by)["covered"].mean() / 6).reset_index()
-
-
 @exp.claim(
     "A-VICON",
     how=lambda r: How.LIVE if len(r["look"]) else How.EXACT,
@@ -154,7 +143,6 @@ def share_that_holds(run: Run[Config]) -> Finding:
         **{f"{group} checks": held for group, held in share.groups.items()},
         **_live_details(run),
         **_fault_details(run),
-        **_offset_details(run),
     }
     return Finding(estimate=share.estimate, details=details, reason=share.reason)
 
@@ -196,19 +184,6 @@ def _fault_details(run: Run[Config]) -> dict[str, str]:
     }
 
 
-def _offset_details(run: Run[Config]) -> dict[str, str]:
-    table = offsets(run)
-    details = {}
-    for (drifts, modelled), rows in table.groupby(["drifts", "modelled"]):
-        how = f"odometry {'drifts' if drifts else 'is steady'}, {'' if modelled else 'not '}allowed for"
-        best = rows.nsmallest(1, "error_mm").iloc[0]
-        details[f"offset, {how}"] = (
-            f"{best['error_mm']:.2g} mm after {best['length_s']:g} s; intervals hold "
-            f"{rows['covered'].min():.0%} to {rows['covered'].max():.0%} (stated: 95 %)"
-        )
-    return details
-
-
 _TITLES = {
     "direct": "Direct receiver (Fig. 6, left)",
     "renamed": "The same under the right name",
@@ -220,11 +195,6 @@ _ERRORS = (
     ("faulty", "error_mm", "proxy", "faulty"),
     ("faulty", "latest_mm", "standard", "faulty, newest as now"),
 )
-_CASES = {
-    (False, True): ("proxy", "odometry is steady"),
-    (True, True): ("third", "it drifts, allowed for"),
-    (True, False): ("standard", "it drifts, not allowed for"),
-}
 
 
 @exp.figure("mocap_trees", size=(10, 4.6))
@@ -266,34 +236,6 @@ def draw_error(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         figure, f"synthetic cameras; {count} looks a round, a dot each; in the legend: medians", run
     )
     return {"medians": errors(run).round(4).to_dict(orient="index")}
-
-
-@exp.figure("mocap_offset", size=(10, 3.8))
-def draw_offset(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw what an estimate of the offset is worth, by the length of the motion."""
-    table = offsets(run)
-    error, cover = figure.subplots(1, 2)
-    for (drifts, modelled), (key, name) in _CASES.items():
-        rows = table[(table["drifts"] == drifts) & (table["modelled"] == modelled)]
-        # Where two are equal, both are seen: the one below is broader.
-        style = series(key) | ({"linewidth": 4, "alpha": 0.5} if key == "proxy" else {})
-        error.plot(rows["length_s"], rows["after_mm"], label=name, **style)
-        cover.plot(rows["length_s"], 100 * rows["covered"], label=name, **style)
-    error.axhline(table["before_mm"].median(), color="black", linewidth=1, label="no offset")
-    cover.axhline(95, color="black", linewidth=1, linestyle=":", label="stated: 95 %")
-    error.set(yscale="log", ylabel="base through the bridge, median error (mm)")
-    cover.set(ylim=(0, 105), ylabel="numbers within their 95 % interval (%)")
-    for ax, place in ((error, (0.5, 0.38)), (cover, "lower left")):
-        ax.set(xlabel="length of the motion (s)", xticks=sorted(table["length_s"].unique()))
-        ax.legend(fontsize=8, loc=place)
-    last = table[table["drifts"]].groupby("modelled")["after_mm"].last()
-    said = f"to {last[True]:.1f} mm if drift is allowed for, else off by {last[False]:.0f} mm"
-    figure.suptitle(
-        f"Where the base is in the tracked object: {said} (beyond the paper)", fontsize=11
-    )
-    count = run["offset"].groupby(["drifts", "modelled", "length_s"]).size().max()
-    note(figure, f"simulated; {count} motions a dot, each tried on another motion")
-    return {"by_length": table.round(4)}
 
 
 def _draw_errors(ax: Axes, run: Run[Config]) -> None:

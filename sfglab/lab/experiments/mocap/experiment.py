@@ -1,4 +1,4 @@
-"""Runs of motion capture: trees with their checks, faults of cameras, estimates of the offset, live rounds."""
+"""Runs of motion capture: trees with their checks, faults of cameras, live rounds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sfglab.fields import from_json
 from sfglab.lab.checks import CheckRow, trees
 from sfglab.lab.checks.trees import OBJECT
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.lab.experiments.mocap.recordings import confusion_of, fault_checks, offset_row, truth_of
+from sfglab.lab.experiments.mocap.recordings import confusion_of, fault_checks, truth_of
 from sfglab.lab.workers.mocap import MOTION, ROUNDS, TAIL_S, MocapWorkerConfig
 from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 Reports = dict[str, Report]
 
 HOSTS = {"robot": "agent_x", "bridge": "mocap", "listener": "viewer"}
-CASES = ((False, True), (True, True), (True, False))
-"""Whether the odometry drifts, and whether the estimate of the offset allows for it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,9 +46,6 @@ class Config(Profiled):
     live_s: float = 8.0  #: How long a live round lasts, seconds.
     fault_s: float = 60.0  #: How long every recording with faults lasts, seconds.
     fault_recordings: int = 4  #: How many of those there are.
-    #: Lengths of the motions from which the offset is estimated, seconds.
-    lengths_s: tuple[float, ...] = (2.0, 5.0, 10.0, 20.0)
-    recordings: int = 8  #: How many motions there are of each length.
     seed: int = 0  #: Seed of everything that is drawn.
 
 
@@ -64,15 +59,11 @@ exp = Experiment(
         "live_s": 2.0,
         "fault_s": 10.0,
         "fault_recordings": 1,
-        "lengths_s": (5.0,),
-        "recordings": 1,
     },
     paper={
         "trees": 2000,
         "live_s": 30.0,
         "fault_recordings": 30,
-        "lengths_s": (2.0, 5.0, 10.0, 20.0, 40.0),
-        "recordings": 60,
     },
     hosts=tuple(HOSTS.values()),
     actors=(
@@ -87,6 +78,14 @@ exp = Experiment(
         Link("robot", "listener", "the robot's frames", boundary="network"),
         Link("bridge", "listener", "the robot's root, or its markers (direct)", boundary="network"),
     ),
+    removed={
+        "lengths_s": {
+            "smoke": [5.0],
+            "quick": [2.0, 5.0, 10.0, 20.0],
+            "paper": [2.0, 5.0, 10.0, 20.0, 40.0],
+        },
+        "recordings": {"smoke": 1, "quick": 8, "paper": 60},
+    },
 )
 exp.table("check")(CheckRow)
 
@@ -174,26 +173,6 @@ class ConfusionRow:
     count: int  #: How often.
 
 
-@exp.table("offset")
-class OffsetRow:
-    """One estimate of the offset from a recorded motion, and what it is worth."""
-
-    length_s: float  #: Length of the motion.
-    drifts: bool  #: Whether the odometry drifted.
-    modelled: bool  #: Whether the estimate allowed for that.
-    pairs: int  #: Moments that were used.
-    error_mm: float  #: How far the estimated position is from the true one.
-    error_mrad: float  #: By how much the orientation is turned.
-    sigma_mm: float  #: The stated standard deviation of the position, root of the sum of squares.
-    sigma_mrad: float  #: The same of the orientation.
-    covered: int  #: How many of the six numbers the 95 % intervals hold.
-    #: Median error of the base in another motion through the bridge, with no offset.
-    before_mm: float
-    after_mm: float  #: The same with the estimate.
-    before_mrad: float  #: Median error of its orientation, with no offset.
-    after_mrad: float  #: The same with the estimate.
-
-
 @exp.part("trees")
 def join_trees(bench: Bench[Config]) -> None:
     """Write the trees of Fig. 6, and check them and those of random robots."""
@@ -212,22 +191,6 @@ def send_faults(bench: Bench[Config]) -> None:
     for (truth, verdict), count in sorted(tally.confusion.items()):
         bench.write("confusion", {"truth": truth, "verdict": verdict, "count": count})
     bench.write_all("check", fault_checks(tally))
-
-
-@exp.part("offsets")
-def estimate_offsets(bench: Bench[Config]) -> None:
-    """Estimate the offset for every length and motion, of all `CASES`."""
-    bench.write_all("offset", offset_rows(bench.config))
-
-
-def offset_rows(config: Config) -> Iterator[dict[str, Any]]:
-    """Yield an estimate for every length and motion, of all `CASES`."""
-    for drifts, modelled in CASES:
-        for place, length_s in enumerate(config.lengths_s):
-            for number in range(config.recordings):
-                yield offset_row(
-                    length_s, (config.seed, 2, place, number), drifts=drifts, modelled=modelled
-                )
 
 
 @exp.part("live rounds", total=lambda config: len(config.rounds))
