@@ -57,8 +57,7 @@ def captures(count: int) -> Callable[[], object]:
         buffer.insert(markers, static=True)
     config = SyntheticConfig(rate_hz=RATE_HZ)
     rng = np.random.default_rng(3)
-    made = synthetic_captures(motions, config, rng, duration_s=count / RATE_HZ)
-    seen = [each.capture for each in made]
+    seen = list(synthetic_captures(motions, config, rng, duration_s=count / RATE_HZ))
     mapping = MocapMapping(world="map", objects=objects)
 
     def run() -> None:

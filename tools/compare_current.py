@@ -14,6 +14,7 @@ COMMANDS |= {
     "qos-paper.txt": ["qos", "data/qos/paper_b.yaml", "--method", "paper"],
 }
 SEEDED["driving"] |= {"model"}
+SEEDED["mocap"] = {"trees"}
 PLACES["design"] = "sfglab.lab.experiments.decode_once.results"
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -13,14 +14,13 @@ from typer import Argument, Option
 from sfglab.cli.buses import observed_domain, on_node, say, until_interrupted, unused
 from sfglab.cli.options import Domain, Duration, Interface, Json, RecordedDomain, Seconds
 from sfglab.errors import InvalidValueError
-from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from sfglab.bus import Clock, Node
     from sfglab.spatial.frames.listener import TransformIntake
-    from sfglab.spatial.mocap.bridge import BridgeCore, MocapObjectStatus
+    from sfglab.spatial.mocap.bridge import BridgeCore, ObjectStatus
     from sfglab.spatial.mocap.mapping import MocapMapping
     from sfglab.spatial.mocap.tracking import MocapSource
 
@@ -97,9 +97,9 @@ def mocap_run(
                 source = _synthetic(mapping, clock)
             elif log is not None:
                 reader = stack.enter_context(LogReader(log))
-                source = LogSource(reader, topics, clock=clock)
+                source = LogSource(reader, topics, clock)
             else:
-                source = TopicSource(node, topics, type_=POSE if type_ == "pose" else TRANSFORM)
+                source = TopicSource(node, topics, POSE if type_ == "pose" else TRANSFORM)
             if publish_tf:
                 _publish_trees(node, mapping)
             bridge = MocapBridge(node, source, mapping, BridgeOptions(agent=agent))
@@ -127,13 +127,20 @@ def _topics(given: list[str], mapping: MocapMapping) -> dict[str, str]:
 def _synthetic(mapping: MocapMapping, clock: Clock) -> MocapSource:
     import numpy as np
 
-    from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, SyntheticSource
+    from sfglab.spatial.mocap.synthetic import (
+        SyntheticConfig,
+        SyntheticMotion,
+        SyntheticSource,
+        synthetic_captures,
+    )
 
     objects = {}
     for number, id_ in enumerate(mapping.objects):
         objects[id_] = SyntheticMotion(centre_m=(0.0, 3.0 * number, 0.5))
-    config = SyntheticConfig(occlusions_hz=0.1, flips_hz=0.1, dropped=0.01)
-    return SyntheticSource(objects, config, np.random.default_rng(0), clock=clock)
+    config = SyntheticConfig(occlusions_hz=0.1, dropped=0.01)
+    rng = np.random.default_rng(0)
+    captures = synthetic_captures(objects, config, rng, start_ns=clock.now_ns())
+    return SyntheticSource(captures, clock)
 
 
 def _publish_trees(node: Node, mapping: MocapMapping) -> None:
@@ -161,12 +168,11 @@ def _report(core: BridgeCore) -> str:
     return "\n".join([head, *map(_object_line, core.statuses)])
 
 
-def _object_line(status: MocapObjectStatus) -> str:
-    verdicts = [f"{count} {verdict}" for verdict, count in sorted(status.verdicts.items())]
-    times = []
-    for latency in (status.receipt_latency, status.publication_latency):
-        median_ns = latency.median_ns
-        times.append("-" if median_ns is None else f"{median_ns / NS_PER_MS:.2f}")
+def _object_line(status: ObjectStatus) -> str:
+    counts = {verdict.value: count for verdict, count in status.verdicts.items()}
+    verdicts = [f"{count} {verdict}" for verdict, count in sorted(counts.items())]
+    latencies_s = (status.receipt_latency_s, status.publication_latency_s)
+    times = ["-" if math.isnan(value) else f"{1e3 * value:.2f}" for value in latencies_s]
     return (
         f"{status.mapped.id} -> {status.frame or 'nothing yet'}: {status.track.state.value}, "
         f"{status.published} published, {status.unplaced} not placed "

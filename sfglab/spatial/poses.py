@@ -86,27 +86,6 @@ class Pose:
         """Return a pose from a position and one SciPy rotation."""
         return Pose.at(position_m, rotation.as_quat())
 
-    @classmethod
-    def from_matrix(cls, matrix: NDArray[np.float64]) -> Self:
-        """Return the pose of a matrix, shape (4, 4), whose rotation is brought to the nearest orthogonal one.
-
-        Raises:
-            PoseError: It has another shape, is not finite, or mirrors.
-        """
-        import numpy as np
-        from scipy.spatial.transform import Rotation
-
-        matrix = np.asarray(matrix, dtype=np.float64)
-        if (
-            matrix.shape != (4, 4)
-            or not np.isfinite(matrix).all()
-            or np.linalg.det(matrix[:3, :3]) <= 0
-        ):
-            raise PoseError(
-                "pose", matrix.tolist(), "a finite 4 x 4 matrix whose determinant is above 0"
-            )
-        return cls.from_rotation(matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]))
-
     @staticmethod
     def from_yaw(position_m: Iterable[float], yaw_rad: float) -> Pose:
         """Return a pose that is rotated about z only."""
@@ -165,7 +144,7 @@ class Pose:
         return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
 
     def same_as(self, other: Pose, *, within_m: float = 1e-9, within_rad: float = 1e-9) -> bool:
-        """Return whether both have the same position and orientation, whatever the quaternions' signs."""
+        """Return whether both have the same position and orientation. Signs of quaternions do not count."""
         return self.distance_m(other) <= within_m and self.angle_rad(other) <= within_rad
 
     @property

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from sfglab.lab.checks import ALL, GROUPS, CheckRow, Checks, group, lowest_share, trees
-from sfglab.spatial.mocap.bridge import mocap_trees
 from sfglab.spatial.trajectory.path import Interpolation, stretched
 
 
@@ -55,10 +54,11 @@ def nothing(*_, **__):
 
 def mistaken(way, other):
     """The trees of mocap, where one way has another's."""
+    join_trees = trees.join_trees
 
     def joined(*given):
-        found = mocap_trees(*given)
-        return replace(found, **{way: getattr(found, other)})
+        found = join_trees(*given)
+        return {**found, way: found[other]}
 
     return joined
 
@@ -79,9 +79,9 @@ FAR = SimpleNamespace(time_s=0.0, distance_m=1e3, tolerance_m=0.0)
         ("editing", "commands.History.undo", nothing, "any edits, undone", 0),
         ("routing", "Policy.crosses", lambda *_: True, "a name crosses exactly", 0.9),
         ("routing", "Policy.crosses", lambda *_: True, "what a rule opens one way", 0.9),
-        ("trees", "mocap_trees", mistaken("direct", "proxy"), "direct: what is published", 0),
-        ("trees", "mocap_trees", mistaken("renamed", "proxy"), "renamed: the markers", 0),
-        ("trees", "mocap_trees", mistaken("proxy", "direct"), "proxy: nothing is", 0),
+        ("trees", "join_trees", mistaken("direct", "proxy"), "direct: what is published", 0),
+        ("trees", "join_trees", mistaken("renamed", "proxy"), "renamed: the markers", 0),
+        ("trees", "join_trees", mistaken("proxy", "direct"), "proxy: nothing is", 0),
         ("trajectories", "retimed", lambda path, *_: path, "re-timed, no sample", 0.9),
         (
             "trajectories",
@@ -103,7 +103,7 @@ FAR = SimpleNamespace(time_s=0.0, distance_m=1e3, tolerance_m=0.0)
 )
 def test_a_broken_library_fails_its_check(monkeypatch, name, place, broken, check, most):
     monkeypatch.setattr(f"sfglab.lab.checks.{name}.{place}", broken)
-    trees._joined.cache_clear()
+    trees.joined.cache_clear()
     [found] = (one for one in group(name).names if one.startswith(check))
     row = group(name).row(found, count=10, seed=1)
     assert row.held <= most * row.checked
@@ -115,6 +115,6 @@ def test_trees_that_are_never_whole_with_markers_at_the_root_are_caught(monkeypa
     rows = {count: [row.check for row in trees.tree_rows(count, 11)] for count in (0, 20)}
     others = [name for name in trees.checks.names if name != at_root]
     assert rows == {0: others, 20: [*trees.checks.names]}, "none asked of figure 6 alone"
-    monkeypatch.setattr(trees, "mocap_trees", mistaken("renamed", "direct"))
+    monkeypatch.setattr(trees, "join_trees", mistaken("renamed", "direct"))
     row = next(row for row in trees.tree_rows(20, 12) if row.check == at_root)
     assert (row.held, row.checked > 1) == (0, True)

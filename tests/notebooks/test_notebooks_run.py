@@ -114,10 +114,9 @@ def the_bridge_keeps_the_tree_whole(run):
     """The direct receiver does not, and what is logged is a tree."""
     table = mocap.checks(run)
     broken = table[table["held"] < table["checked"]]["check"]
-    # How soon a look is answered, and how far apart its samples are, depends on the machine.
-    assert all("every look is answered" in name or "within 20 mm" in name for name in broken), list(
-        broken
-    )
+    # The time of an answer, and the distance of two samples, depend on the machine.
+    slow = ("each look-up is answered", "within 20 mm")
+    assert [name for name in broken if not any(words in name for words in slow)] == []
     assert (run["heard"]["heard_ms"] >= run["heard"]["receipt_ms"]).all()
     assert run.log.stat().st_size < 100_000
     buffer = FrameBuffer(history_s=None)

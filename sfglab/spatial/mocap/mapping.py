@@ -1,9 +1,9 @@
-"""Objects of the capture system and the frames they stand for: read strictly, placed through a proxy frame.
+"""Objects of a capture system, the frames of their agents, and the transforms that place them.
 
-Paper A, section 4.5, limitation (1): the official receiver "rigidly maps Vicon tracked object IDs to ROS 2 TF
-frame IDs". Eq. 4: ``T_map_base = T_map_markers * T_markers_base``. Who publishes the markers gives the robot's
-tree a second root. So the frame that is published is the root of that tree, and the proxy, which stands
-somewhere within it, is where the cameras see it. Pure.
+Paper A, section 4.5: the official receiver "rigidly maps Vicon tracked object IDs to ROS 2 TF frame
+IDs". If it publishes the markers, the robot's tree has a second root. Therefore the root of that tree is
+published instead (Eq. 4, ``T_map_base = T_map_markers * T_markers_base``). The markers, which may be
+anywhere in the tree, are then where the cameras detect them: they are the proxy frame.
 """
 
 from __future__ import annotations
@@ -43,26 +43,26 @@ Frame = Annotated[str, ReadAs(str, _frame)]
 class MappedObject:
     """One object of the capture system."""
 
-    id: str  #: Its name there.
-    #: The proxy: the frame of the agent's tree that the object stands for, as "agent_x/markers".
+    id: str  #: Name in the capture system.
+    #: Proxy frame: the frame of the agent's tree that is at the object, e.g. "agent_x/markers".
     via: Frame
-    #: The frame that is published, as "agent_x/base"; empty for whatever is the root of the agent's tree.
+    #: Frame that is published, e.g. "agent_x/base"; empty: the root of the agent's tree.
     frame: Frame = ""
-    #: Where `via` is in the object's own frame (``object_from_via``), as measured; the same place by default.
+    #: Pose of `via` in the object's own frame (``object_from_via``), as measured; the same by default.
     offset: Annotated[Pose, ReadAs(PoseKeys, _offset)] = field(default_factory=Pose)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MocapMapping:
-    """All objects, and what they can physically do.
+    """All objects, and the limits of their motion.
 
     Raises:
-        InvalidValueError: There is no object, two stand for one frame, or a frame is the world.
+        InvalidValueError: There is no object, two objects have one frame, or a frame is the world.
     """
 
-    world: Frame  #: The frame in which the capture system measures.
-    objects: Annotated[dict[str, MappedObject], ByName("id")]  #: The objects, by their ids.
-    limits: Limits = field(default_factory=Limits)  #: What no object outdoes.
+    world: Frame  #: Frame in which the capture system measures.
+    objects: Annotated[dict[str, MappedObject], ByName("id")]  #: Objects by id.
+    limits: Limits = field(default_factory=Limits)  #: Limits of the objects' motion.
 
     def __post_init__(self) -> None:
         if not self.objects:
@@ -71,26 +71,21 @@ class MocapMapping:
             )
         taken: dict[str, KeyPath] = {self.world: ("world",)}
         for id_, mapped in self.objects.items():
-            places = {"via": mapped.via} | ({"frame": mapped.frame} if mapped.frame else {})
-            for key, frame in places.items():
+            for key, frame in (("via", mapped.via), ("frame", mapped.frame)):
                 path: KeyPath = ("objects", id_, key)
-                before = taken.setdefault(frame, path)
+                before = taken.setdefault(frame, path) if frame else path
                 if before[:2] != path[:2]:
-                    raise _taken(path, frame, before)
-
-
-def _taken(path: KeyPath, frame: str, before: KeyPath) -> InvalidValueError:
-    return InvalidValueError(path, frame, f"a frame of its own; {key_text(before)} has that one")
+                    allowed = f"a frame of its own; {key_text(before)} has that one"
+                    raise InvalidValueError(path, frame, allowed)
 
 
 def load_mapping(path: Path | str) -> MocapMapping:
-    """Read a mapping's YAML file, as ``data/mocap/two_agents.yaml``; DocumentError says where it is wrong."""
+    """Return the mapping of a YAML file such as ``data/mocap/two_agents.yaml``.
+
+    Raises:
+        DocumentError: The file says something else than a mapping; the error names the line.
+    """
     return Document.of_file(path).read(MocapMapping)
-
-
-def read_mapping(text: str, *, file: str = "mapping.yaml") -> MocapMapping:
-    """Read a mapping from a YAML file's text, its name for messages; DocumentError as of `load_mapping`."""
-    return Document(text, file).read(MocapMapping)
 
 
 class PlacingError(MocapError):
@@ -103,59 +98,60 @@ class PlacingError(MocapError):
 def place_via_proxy(
     buffer: FrameBuffer, mapped: MappedObject, seen: StampedTransform, *, reach_ns: int = 0
 ) -> StampedTransform:
-    """Return the transform from the world to the root of an agent's tree, Eq. 4, at the capture time.
+    """Return the transform from the world to the root of an agent's tree at the capture time: Eq. 4.
 
-    The agent's own transforms may be continued by `reach_ns` where they lag behind the cameras.
+    Args:
+        buffer: Transforms of the agent.
+        mapped: The object.
+        seen: Pose of the object in the world.
+        reach_ns: Time by which the agent's transforms are continued where they are older than the
+            capture, ns.
 
     Raises:
-        UnknownFrameError: The agent has not spoken of the proxy.
-        NotConnectedError: The proxy does not stand in the tree of the frame to be published.
-        ExtrapolationError: The agent's transforms are not known for that time.
-        PlacingError: The frame has another parent already, or it is the world.
+        UnknownFrameError: No transform has the proxy frame.
+        NotConnectedError: The proxy frame is not in the tree of the frame that is to be published.
+        ExtrapolationError: The agent's transforms are not known at that time.
+        PlacingError: The frame already has another parent, or is the world.
     """
     world = seen.parent
     frame = mapped.frame or root_below(buffer, mapped.via, world)
     if frame == world:
-        raise PlacingError(
-            frame, f"{mapped.via!r} stands directly in the world, as a robot's root only should"
-        )
-    if frame in buffer and (parent := buffer.parent_of(frame)) not in {None, world}:
+        why = f"{mapped.via!r} is directly below the world, as only a robot's root should be"
+        raise PlacingError(frame, why)
+    parent = buffer.parent_of(frame) if frame in buffer else None
+    if parent not in {None, world}:
         root = root_below(buffer, frame, world)
-        raise PlacingError(
-            frame, f"it stands in {parent!r} already; publish the root of its tree, {root!r}"
-        )
-    world_from_via = seen.pose @ mapped.offset
-    via_from_frame = Pose()
+        why = f"its parent is already {parent!r}; publish the root of its tree, {root!r}"
+        raise PlacingError(frame, why)
+    pose = seen.pose @ mapped.offset
     if frame != mapped.via:
-        via_from_frame = buffer.look_up(mapped.via, frame, seen.stamp_ns, extrapolate_ns=reach_ns)
-    pose = world_from_via @ via_from_frame
+        pose @= buffer.look_up(mapped.via, frame, seen.stamp_ns, extrapolate_ns=reach_ns)
     return StampedTransform(parent=world, child=frame, stamp_ns=seen.stamp_ns, pose=pose)
 
 
 def root_below(buffer: FrameBuffer, frame: str, world: str) -> str:
-    """Return the highest frame above one that is not the world, whose place in it may be known already.
+    """Return the highest frame above a frame that is not the world.
 
     Raises:
-        UnknownFrameError: Nobody speaks of the frame.
+        UnknownFrameError: No transform has the frame.
     """
-    while (parent := buffer.parent_of(frame)) not in {None, world}:
-        assert parent is not None
+    while (parent := buffer.parent_of(frame)) is not None and parent != world:
         frame = parent
     return frame
 
 
 def direct_name(object_id: str) -> str:
-    """Return what the direct receiver calls an object: ``<subject>_<segment>``, whatever the robot calls it.
+    """Return the frame that the direct receiver publishes for an object: ``<subject>_<segment>``.
 
     Args:
-        object_id: ``subject/segment``, or ``subject`` alone where the segment has the same name.
+        object_id: ``subject/segment``, or ``subject`` if both have the same name.
     """
     subject, _, segment = object_id.partition("/")
     return f"{subject}_{segment or subject}"
 
 
 def direct_transforms(capture: Capture, *, world: str) -> Iterator[StampedTransform]:
-    """Yield what the Vicon Receiver for ROS 2, 1.0.x, publishes, stamped at receipt: Fig. 6, left."""
+    """Yield the transforms of the Vicon Receiver for ROS 2, 1.0.x, stamped at receipt: Fig. 6, left."""
     for object_id, sight in capture.sights.items():
         if isinstance(sight, Pose):
             yield StampedTransform(

@@ -1,8 +1,9 @@
-"""Captures from topics of the bus, from a log of such, or from a Vicon Tracker.
+"""Captures from ROS topics, from a log, or from a Vicon Tracker.
 
-The Tracker speaks through `pyvicon-datastream`, which is installed only where it is needed. It gives
-millimetres, quaternions as w, x, y, z, None for what is occluded, and the latency from the cameras to its own
-hands in seconds; receipt less that latency is when the cameras saw it. It blocks, so it runs in a thread.
+The Tracker is read with `pyvicon-datastream`, which is installed only where it is needed. It returns
+millimetres, quaternions as w, x, y, z, and None for an occluded object. It also returns the latency from
+the cameras to its output in seconds: the capture time is the receipt less that latency. Its calls block,
+so they run in a thread.
 
 Source: pyvicon_datastream/pyvicon_datastream.py of pyvicon-datastream 0.2; Vicon DataStream SDK 1.11 manual.
 """
@@ -11,20 +12,19 @@ from __future__ import annotations
 
 import asyncio
 import importlib
-from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from heapq import merge
 from typing import TYPE_CHECKING, Any
 
 from sfglab.messages import ns_from_stamp
-from sfglab.qos import SENSOR_DATA, QoSProfile
+from sfglab.qos import SENSOR_DATA
 from sfglab.spatial.mocap.tracking import Capture, Lapse, MocapError, Sight
 from sfglab.spatial.poses import Pose, PoseError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, Iterator, Mapping
+    from collections.abc import AsyncGenerator, Iterable, Iterator, Mapping
 
     from sfglab.bus import Clock, Node
     from sfglab.record import LogReader
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
-_QUEUE = 1000
+_WAITING = 1000  # messages
 
 
 def capture_of(object_id: str, message: Any, receipt_ns: int) -> Capture:
-    """Return the capture of one object in a `POSE` or `TRANSFORM` message, stamped as its header says."""
+    """Return the capture of one object from a `POSE` or `TRANSFORM` message, with the stamp of its header."""
     content = message.transform if hasattr(message, "transform") else message.pose
     try:
         sight: Sight = Pose.from_msg(content, place=object_id)
@@ -49,70 +49,71 @@ def capture_of(object_id: str, message: Any, receipt_ns: int) -> Capture:
 
 
 class TopicSource:
-    """Captures from topics, one per object, all `POSE` or all `TRANSFORM`; best effort unless told otherwise.
+    """Captures from one topic per object, received with best effort.
 
-    Raises:
-        MocapError: Another type, or no topic.
+    Args:
+        node: The node.
+        topics: Topics by object.
+        type_: Type of all topics: `POSE` or `TRANSFORM`.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        topics: Mapping[str, str],
-        *,
-        type_: str = POSE,
-        qos: QoSProfile = SENSOR_DATA,
-    ) -> None:
-        if type_ not in {POSE, TRANSFORM}:
-            raise MocapError(
-                f"topic source: given the type {type_!r}, allowed are {POSE} and {TRANSFORM}"
-            )
-        if not topics:
-            raise MocapError(
-                "topic source: no topic is given, allowed is a topic per object, at least one"
-            )
-        self._node, self._topics, self._type, self._qos = node, dict(topics), type_, qos
-        self._queue: deque[Capture] = deque(maxlen=_QUEUE)
-        self._came = asyncio.Event()
-        self.overflowed = 0  #: How many messages newer ones pushed out, as the bridge was late.
+    def __init__(self, node: Node, topics: Mapping[str, str], type_: str = POSE) -> None:
+        self._node, self._topics, self._type = node, topics, type_
 
     async def captures(self) -> AsyncGenerator[Capture, None]:
-        """Subscribe, and yield what comes."""
+        """Subscribe, and yield a capture per message; of waiting ones, the latest 1000 remain."""
+        waiting: asyncio.Queue[Capture] = asyncio.Queue(_WAITING)
+
+        def receive(object_id: str, message: Any) -> None:
+            if waiting.full():
+                waiting.get_nowait()
+            waiting.put_nowait(capture_of(object_id, message, self._node.get_clock().now_ns()))
+
         subscriptions = [
-            self._node.create_subscription(self._type, topic, partial(self._hear, id_), self._qos)
+            self._node.create_subscription(self._type, topic, partial(receive, id_), SENSOR_DATA)
             for id_, topic in self._topics.items()
         ]
         try:
             while True:
-                while self._queue:
-                    yield self._queue.popleft()
-                self._came.clear()
-                await self._came.wait()
+                yield await waiting.get()
         finally:
             for subscription in subscriptions:
                 subscription.close()
 
-    def _hear(self, object_id: str, message: Any) -> None:
-        self.overflowed += len(self._queue) == _QUEUE
-        self._queue.append(capture_of(object_id, message, self._node.get_clock().now_ns()))
-        self._came.set()
-
 
 class LogSource:
-    """Captures from a log's `POSE` or `TRANSFORM` topics as received; with a clock at the log's pace."""
+    """Captures from the `POSE` or `TRANSFORM` topics of a log, in the order and at the pace of receipt.
 
-    def __init__(
-        self, reader: LogReader, topics: Mapping[str, str], *, clock: Clock | None = None
-    ) -> None:
-        self._reader, self._topics, self._clock = reader, dict(topics), clock
+    Args:
+        reader: The log.
+        topics: Topics by object.
+        clock: Clock of the pace.
+    """
 
-    def recorded(self) -> Iterator[Capture]:
-        """Yield all captures, received at log time; LogError without a topic, MocapError for another type."""
-        types = {topic: info.type_name for topic, info in self._reader.topics.items()}
+    def __init__(self, reader: LogReader, topics: Mapping[str, str], clock: Clock) -> None:
+        self._reader, self._topics, self._clock = reader, topics, clock
+
+    async def captures(self) -> AsyncGenerator[Capture, None]:
+        """Yield all captures. Their receipt is the time in the log.
+
+        Raises:
+            LogError: The log has no such topic.
+            MocapError: A topic has another type.
+        """
+        ahead_ns: int | None = None
+        for capture in self._recorded():
+            now_ns = self._clock.now_ns()
+            ahead_ns = now_ns - capture.receipt_ns if ahead_ns is None else ahead_ns
+            wait_ns = capture.receipt_ns + ahead_ns - now_ns
+            await self._clock.sleep_for(max(0, wait_ns) / NS_PER_S)
+            yield capture
+
+    def _recorded(self) -> Iterable[Capture]:
         for topic in self._topics.values():
-            if types.get(topic, POSE) not in {POSE, TRANSFORM}:
+            info = self._reader.topics.get(topic)
+            if info is not None and info.type_name not in {POSE, TRANSFORM}:
                 raise MocapError(
-                    f"{topic}: given the type {types[topic]}, allowed are {POSE} and {TRANSFORM}"
+                    f"{topic}: given the type {info.type_name}, allowed are {POSE} and {TRANSFORM}"
                 )
         streams = [self._stream(id_, topic) for id_, topic in self._topics.items()]
         return merge(*streams, key=lambda capture: capture.receipt_ns)
@@ -121,31 +122,22 @@ class LogSource:
         for recorded in self._reader.decoded(topic):
             yield capture_of(object_id, recorded.message, recorded.log_time_ns)
 
-    async def captures(self) -> AsyncGenerator[Capture, None]:
-        """Yield all captures at the pace of the log, if there is a clock."""
-        ahead_ns: int | None = None
-        for capture in self.recorded():
-            if self._clock is not None:
-                now_ns = self._clock.now_ns()
-                ahead_ns = now_ns - capture.receipt_ns if ahead_ns is None else ahead_ns
-                await self._clock.sleep_for(
-                    max(0.0, (capture.receipt_ns + ahead_ns - now_ns) / NS_PER_S)
-                )
-            yield capture
-
 
 _MODULE = "pyvicon_datastream"
 _NO_FRAME_PAUSE_S = 0.002
 
 
 class ViconSource:
-    """Captures of all subjects that a Vicon Tracker has, each by its root segment.
+    """Captures of all subjects of a Vicon Tracker, each with the pose of its root segment.
 
-    Objects are called ``subject/segment``, or ``subject`` where both have the same name. The host is as in
-    "192.168.10.1:801"; the clock gives the times of receipt.
+    Objects are named ``subject/segment``, or ``subject`` if both have the same name.
+
+    Args:
+        host: Address of the Tracker, e.g. "192.168.10.1:801".
+        clock: Clock of the times of receipt.
 
     Raises:
-        MocapError: `pyvicon-datastream` is not installed; says how to install it.
+        MocapError: `pyvicon-datastream` is not installed; the error says how to install it.
     """
 
     def __init__(self, host: str, *, clock: Clock) -> None:
@@ -158,10 +150,10 @@ class ViconSource:
         self._host, self._clock = host, clock
 
     async def captures(self) -> AsyncGenerator[Capture, None]:
-        """Connect, and yield what is sent.
+        """Connect, and yield the captures that the Tracker sends.
 
         Raises:
-            MocapError: The Tracker does not answer, or refuses a setting; also later, when the connection ends.
+            MocapError: The Tracker does not respond, rejects a setting, or ends the connection.
         """
         client = self._library.PyViconDatastream()
         loop = asyncio.get_running_loop()
@@ -169,7 +161,7 @@ class ViconSource:
             try:
                 await loop.run_in_executor(thread, self._connect, client)
                 while True:
-                    capture = await loop.run_in_executor(thread, self._frame, client)
+                    capture = await loop.run_in_executor(thread, self._capture, client)
                     if capture is not None:
                         yield capture
                     else:
@@ -179,24 +171,24 @@ class ViconSource:
 
     def _connect(self, client: Any) -> None:
         library = self._library
-        self._demand("connect", client.connect(self._host))
-        self._demand("enable segment data", client.enable_segment_data())
-        self._demand("set the stream mode", client.set_stream_mode(library.StreamMode.ServerPush))
+        self._check("connect", client.connect(self._host))
+        self._check("enable segment data", client.enable_segment_data())
+        self._check("set the stream mode", client.set_stream_mode(library.StreamMode.ServerPush))
         axes = (library.Direction.Forward, library.Direction.Left, library.Direction.Up)
-        self._demand("set the axes", client.set_axis_mapping(*axes))
+        self._check("set the axes", client.set_axis_mapping(*axes))
 
-    def _demand(self, what: str, result: Any) -> None:
+    def _check(self, what: str, result: Any) -> None:
         if result != self._library.Result.Success:
             raise MocapError(
                 f"Vicon Tracker at {self._host}: asked to {what}, it answered {result.name}"
             )
 
-    def _frame(self, client: Any) -> Capture | None:
+    def _capture(self, client: Any) -> Capture | None:
         result = client.get_frame()
         receipt_ns = self._clock.now_ns()
         if result == self._library.Result.NoFrame:
             return None
-        self._demand("send a frame", result)
+        self._check("send a frame", result)
         subjects = [client.get_subject_name(i) for i in range(client.get_subject_count())]
         sights = dict(self._sight(client, subject) for subject in subjects if subject is not None)
         latency_ns = round(client.get_latency_total() * NS_PER_S)
@@ -216,9 +208,8 @@ class ViconSource:
         if position_mm is None or quat_wxyz is None:
             return object_id, Lapse.OCCLUDED
         w, x, y, z = quat_wxyz
+        position_m = [value / 1000.0 for value in position_mm]
         try:
-            return object_id, Pose.at(
-                (v / 1000.0 for v in position_mm), (x, y, z, w), place=object_id
-            )
+            return object_id, Pose.at(position_m, (x, y, z, w), place=object_id)
         except PoseError:
             return object_id, Lapse.INVALID

@@ -1,10 +1,10 @@
-"""Motion capture and the tree of frames: paper A, section 4.5, Eq. 4 and Fig. 6.
+"""Motion capture and TF trees: paper A, section 4.5, Eq. 4 and Fig. 6.
 
-Exact: the trees of Fig. 6 and of random robots, faults of cameras. Live: robot, bridge and listener on
-hosts of their own, the direct receiver beside them.
+The trees of Fig. 6 and of random robots are computed. In the live run robot, bridge and listener are on
+hosts of their own; the direct receiver runs beside the bridge.
 """
 
-from sfglab.lab.experiments.mocap.analysis import checks, errors
 from sfglab.lab.experiments.mocap.experiment import exp
+from sfglab.lab.experiments.mocap.results import check_table, checks, look_ups
 
-__all__ = ["checks", "errors", "exp"]
+__all__ = ["check_table", "checks", "exp", "look_ups"]

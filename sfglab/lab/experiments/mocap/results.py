@@ -1,0 +1,269 @@
+"""Checks of TF trees and of live look-ups, the claim A-VICON, and the figures."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from sfglab.lab.checks import Case, CheckRow, check_row, lowest_share
+from sfglab.lab.checks.trees import (
+    AGENT,
+    CAMERAS,
+    DIRECT,
+    PROXY,
+    RENAMED,
+    RULE,
+    WAYS,
+    WORLD,
+)
+from sfglab.lab.checks.trees import checks as tree_checks
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.mocap.experiment import FIGURE_6, LIVE, Config, exp
+from sfglab.lab.figures import COLORS, note, series
+from sfglab.lab.runs import Run, derived
+from sfglab.lab.stats import median_of
+from sfglab.spatial.frames.buffer import Edge
+from sfglab.spatial.frames.lint import FrameFinding, lint_frames
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+RIGHT_MM = 20.0
+"""Limit of the error of a position: a tenth of the distance between markers and base, so that no frame is
+taken for the other one."""
+FORMER = "faulty"  #: Name of the live run in older logs, which have further ones.
+
+
+@derived
+def live(run: Run[Config], table: str) -> pd.DataFrame:
+    """Return a table of the live run."""
+    rows = run[table]
+    return rows[rows["round"] == FORMER] if "round" in rows else rows
+
+
+@derived
+def tree_of(run: Run[Config], where: str, way: str) -> tuple[Edge, ...]:
+    """Return the edges of one tree."""
+    table = run["edge"].replace({"where": {FORMER: LIVE}})
+    chosen = table[(table["where"] == where) & (table["way"] == way)]
+    known = [field.name for field in fields(Edge) if field.name in chosen]
+    rows = chosen[known].to_numpy().tolist()
+    return tuple(Edge(**dict(zip(known, row, strict=True))) for row in rows)
+
+
+def findings_of(run: Run[Config], where: str, way: str) -> tuple[FrameFinding, ...]:
+    """Return the errors of one tree."""
+    return lint_frames(tree_of(run, where, way), rule=RULE, root=WORLD)
+
+
+@derived
+def checks(run: Run[Config]) -> pd.DataFrame:
+    """Return all checks: ``how``, exact or live, and the fields of `CheckRow`."""
+    exact = run["check"][run["check"]["check"].isin(tree_checks.names)]
+    rows = [asdict(row) for row in _live_checks(run)] if len(run["try"]) else []
+    columns = ["how", "check", "checked", "held", "example"]
+    both = [exact.assign(how=How.EXACT.value), pd.DataFrame(rows).assign(how=How.LIVE.value)]
+    return pd.concat(both, ignore_index=True)[columns]
+
+
+def check_table(run: Run[Config]) -> pd.DataFrame:
+    """Return the checks of a run for readers."""
+    table = checks(run)[["check", "how", "checked", "held"]]
+    return table.rename(columns={"checked": "cases", "held": "cases that hold"})
+
+
+def _live_checks(run: Run[Config]) -> Iterator[CheckRow]:
+    found = {way: findings_of(run, LIVE, way) for way in WAYS}
+    own = {way: _own_edges(tree_of(run, LIVE, way)) for way in WAYS}
+    looks = live(run, "look")
+    wrong = "; ".join(map(str, found[PROXY]))
+    yield _fact("proxy: the tree as received is whole", bool(own[PROXY]) and not wrong, wrong)
+    same = own[PROXY] == own[DIRECT]
+    yield _fact("proxy: the robot's own edges are as without", bool(own[PROXY]) and same)
+    answered = looks["wait_ms"].notna()
+    yield check_row("live, proxy: each look-up is answered", _numbered(answered))
+    near = looks["error_mm"] < RIGHT_MM
+    check = f"live, proxy: the camera is within {RIGHT_MM:g} mm of its true position"
+    yield check_row(check, _numbered(near))
+    yield _fact("direct: the tree as received has two roots", _has(found[DIRECT], "second-root"))
+    yield _fact("direct: what is published is no frame of the robot", _has(found[DIRECT], "name"))
+    yield _fact("renamed: the markers have two parents", _has(found[RENAMED], "two-parents"))
+    tries = live(run, "try")
+    for way in (DIRECT, RENAMED):
+        outcomes = tries[tries["way"] == way]
+        checked = int(outcomes["count"].sum())
+        held = checked - int(outcomes["count"][outcomes["outcome"] == "found"].sum())
+        yield CheckRow(
+            check=f"live, {way}: no look-up from the world to the camera is answered",
+            checked=max(1, checked),
+            held=held,
+            example=", ".join(outcomes["outcome"]),
+        )
+
+
+def _fact(check: str, holds: bool, example: str = "") -> CheckRow:  # noqa: FBT001  # the fact itself
+    return check_row(f"live, {check}", [(example, holds)])
+
+
+def _own_edges(edges: Iterable[Edge]) -> set[tuple[str, str, bool]]:
+    """Return the edges of a tree that motion capture does not publish."""
+    return {(edge.child, edge.parent, edge.static) for edge in edges if edge.parent != WORLD}
+
+
+def _has(findings: Iterable[FrameFinding], code: str) -> bool:
+    return any(finding.code == code and AGENT in finding.what for finding in findings)
+
+
+def _numbered(held: pd.Series[bool]) -> list[Case]:
+    return [(f"look-up {number}", bool(holds)) for number, holds in enumerate(held)]
+
+
+def _how(run: Run[Config]) -> How:
+    return How.LIVE if len(run["look"]) else How.EXACT
+
+
+@exp.claim("A-VICON", how=_how)
+def share_that_holds(run: Run[Config]) -> Finding:
+    """Return the share of checks that hold, exact or live, whichever is lower."""
+    share = lowest_share(checks(run), "how")
+    details = {"hosts": str(run.metadata("hosts")["description"])}
+    for how, counts in share.groups.items():
+        details[f"{how} checks"] = counts
+    looks = live(run, "look").dropna()
+    quantities = {
+        "position error at the time asked for": (looks["error_mm"], "mm"),
+        "orientation error at the time asked for": (looks["error_mrad"], "mrad"),
+        "position error of the latest transforms": (looks["latest_mm"], "mm"),
+        "wait until a time is known": (looks["wait_ms"], "ms"),
+        "capture to listener": (live(run, "heard")["heard_ms"], "ms"),
+    }
+    for name, (values, unit) in quantities.items():
+        if len(values):
+            details[name] = str(median_of(values.to_numpy(), unit=unit))
+    return Finding(estimate=share.estimate, details=details, reason=share.reason)
+
+
+# --- Figures ---
+
+_BASE, _MARKERS, _CAMERA = (f"{AGENT}/{name}" for name in ("base", "markers", "camera"))
+_ROBOT = {_BASE: (1.5, 1.0), _MARKERS: (1.0, 0.0), _CAMERA: (2.0, 0.0)}
+_PLACES = {
+    DIRECT: {**_ROBOT, WORLD: (0.2, 2.0), f"{AGENT}_markers": (0.2, 1.0)},
+    RENAMED: {**_ROBOT, WORLD: (0.2, 2.0)},
+    PROXY: {**_ROBOT, WORLD: (1.5, 2.0)},
+}
+"""Places of the frames of Fig. 6 by way."""
+_TITLES = {
+    DIRECT: "Direct receiver (Fig. 6, left)",
+    RENAMED: "Direct receiver, right name",
+    PROXY: "Bridge with proxy frame (Fig. 6, right)",
+}
+_WRONG = "#FBE3D3"  # fill of frames with errors
+
+
+@exp.figure("mocap_trees", size=(10, 4.6), measured=False)
+def draw_trees(figure: Figure, run: Run[Config]) -> None:
+    """Draw the TF trees of Fig. 6 and the one between them, with their errors."""
+    for axes, (way, title) in zip(figure.subplots(1, 3), _TITLES.items(), strict=True):
+        findings = findings_of(run, FIGURE_6, way)
+        _draw_tree(axes, tree_of(run, FIGURE_6, way), _PLACES[way], findings)
+        axes.set_title(title)
+        lines = [fill(f"{one.code}: {', '.join(one.frames)}", 42) for one in findings]
+        text = "\n".join(lines) or "no error"
+        axes.text(0.5, -0.02, text, transform=axes.transAxes, ha="center", va="top", fontsize=8.5)
+    figure.suptitle("The direct receiver breaks a robot's TF tree, the bridge does not")
+    note(figure, "the paper's example; blue: motion capture; orange: frames with errors")
+
+
+def _draw_tree(
+    axes: Axes,
+    edges: Sequence[Edge],
+    places: Mapping[str, tuple[float, float]],
+    findings: Iterable[FrameFinding],
+) -> None:
+    wrong = {frame for finding in findings for frame in finding.frames}
+    for edge in edges:
+        arrow = {
+            "arrowstyle": "-|>",
+            "color": COLORS["proxy" if edge.authority == CAMERAS else "network"],
+            "linewidth": 1.5,
+            "shrinkA": 15,
+            "shrinkB": 16,
+        }
+        axes.annotate("", xy=places[edge.child], xytext=places[edge.parent], arrowprops=arrow)
+    for frame, (x, y) in places.items():
+        is_wrong = frame in wrong
+        box = {
+            "boxstyle": "round,pad=0.35",
+            "facecolor": _WRONG if is_wrong else "white",
+            "edgecolor": COLORS["standard" if is_wrong else "network"],
+        }
+        axes.text(x, y, frame.replace("/", "/\n"), ha="center", va="center", fontsize=8, bbox=box)
+    axes.set(xlim=(-0.5, 2.5), ylim=(-0.4, 2.4))
+    axes.set_axis_off()
+
+
+@exp.figure("mocap_error", size=(10, 6.6))
+def draw_error(figure: Figure, run: Run[Config]) -> None:
+    """Draw the live run: position errors and waits over time, and latencies."""
+    looks, heard = live(run, "look"), live(run, "heard")
+    axes = figure.subplot_mosaic("AAC;BBC")
+    kinds = {
+        "error_mm": ("proxy", "at the time of the look-up"),
+        "latest_mm": ("standard", "latest transforms"),
+    }
+    for column, (key, text) in kinds.items():
+        label = f"{text} (median {looks[column].median():.2g} mm)"
+        axes["A"].plot(
+            looks["at_s"], looks[column], label=label, linestyle="", markersize=2.5, **series(key)
+        )
+    axes["A"].set(yscale="log", ylabel="position error (mm)", title="Camera position error")
+    axes["A"].set_ylim(top=8 * looks["latest_mm"].max())  # room for the legend
+    axes["A"].legend(fontsize=8, ncols=2, loc="upper right")
+    axes["B"].plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
+    axes["B"].set(yscale="log", xlabel="time (s)", ylabel="wait (ms)")
+    axes["B"].set_title("Wait until the transforms for the current time are known")
+    _draw_latencies(axes["C"], heard)
+    at, latest = looks["error_mm"].median(), looks["latest_mm"].median()
+    figure.suptitle(
+        f"Position error {at:.1f} mm at the time of the look-up, {latest:.0f} mm with the latest transforms"
+    )
+    note(figure, f"simulated cameras with occlusions and lost captures; {len(looks)} look-ups", run)
+
+
+def _draw_latencies(axes: Axes, heard: pd.DataFrame) -> None:
+    kinds = {
+        "receipt_ms": ("third", ":", "received by the bridge"),
+        "publication_ms": ("proxy", "-", "published"),
+        "heard_ms": ("standard", "--", "received by the listener"),
+    }
+    for column, (key, line, label) in kinds.items():
+        values = np.sort(heard[column].to_numpy())
+        share = np.arange(1, len(values) + 1) / max(1, len(values))
+        axes.plot(values, share, color=COLORS[key], linestyle=line, label=label)
+    axes.set(xscale="log", xlabel="latency (ms)", ylabel="cumulative share of transforms")
+    axes.set_title("Latency since the capture")
+    axes.xaxis.set_minor_formatter("")
+    ticks = [6, 10, 20, 50, 100]
+    axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    axes.legend(fontsize=8, loc="lower right")
+
+
+def look_ups(run: Run[Config]) -> pd.DataFrame:
+    """Return the medians of the live look-ups in the tree of the bridge, for readers."""
+    looks = live(run, "look")
+    columns = {
+        "error_mm": "position error (mm)",
+        "error_mrad": "orientation error (mrad)",
+        "latest_mm": "position error with the latest transforms (mm)",
+        "wait_ms": "wait (ms)",
+    }
+    medians = looks[list(columns)].median().rename(columns)
+    return pd.DataFrame([medians]).assign(number=len(looks))
