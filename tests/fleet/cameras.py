@@ -22,12 +22,14 @@ FFMPEG = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 IMAGE = "sensor_msgs/msg/Image"
 
 
-def behind_router(world, name: str):
+def behind_router(world, name: str, **settings):
     """Return a simulated node in an agent's own domain, and the agent's router to the network's domain 0."""
     place = {"host": name, "domain_id": 7, "reach": "host"}
     near = world.node("router", **place, process="router")
     far = world.node("router", host=name, process="router")
-    return world.node(f"of_{name}", **place), Router(near, far, RouterSettings(agent=name))
+    return world.node(f"of_{name}", **place), Router(
+        near, far, RouterSettings(agent=name, **settings)
+    )
 
 
 def rolled(settings: H264Settings, count: int) -> list:

@@ -3,12 +3,27 @@
 import asyncio
 from contextlib import asynccontextmanager
 
+import numpy as np
 import pytest
 from cameras import behind_router
 
 from sfglab.component import beside
 from sfglab.fleet.router.config import RouterSettings
 from sfglab.fleet.router.node import Router
+from sfglab.messages import message_type
+from sfglab.names import TF_STATIC
+from sfglab.spatial import Pose, StampedTransform
+from sfglab.spatial.frames.buffer import FrameBuffer
+from sfglab.spatial.frames.lint import lint_frames
+from sfglab.spatial.frames.listener import TF_STATIC_QOS, TRANSFORMS, FramesListener
+from sfglab.spatial.mocap.bridge import MocapBridge
+from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
+from sfglab.spatial.mocap.synthetic import (
+    SyntheticConfig,
+    SyntheticMotion,
+    SyntheticSource,
+    synthetic_captures,
+)
 
 STRING, METADATA = "std_msgs/msg/String", "sfglab_interfaces/srv/GetMetadata"
 AGENTS = ("a", "b", "c", "d")
@@ -51,3 +66,29 @@ async def test_nothing_local_is_seen_on_the_network(sim):
         assert {e.dds_topic for e in watcher.graph.endpoints() if e.user_data} == {
             "rt/global/wanted"
         }
+
+
+async def test_motion_capture_behind_another_router_gives_a_robot_one_root_on_both_sides(sim):
+    go2, robot_router = behind_router(sim, "go2", placed_by_others=("base",))
+    # Motion capture moves other agents' frames, so its own router filters none.
+    station, station_router = behind_router(sim, "station", prefix_frames=False)
+    clock, rng = station.get_clock(), np.random.default_rng(0)
+    motions = {"Go2": SyntheticMotion()}
+    captures = synthetic_captures(motions, SyntheticConfig(), rng, start_ns=clock.now_ns())
+    mapped = MappedObject(id="Go2", via="go2/markers")
+    mapping = MocapMapping(world="map", objects={"Go2": mapped})
+    bridge = MocapBridge(station, SyntheticSource(captures, clock), mapping)
+    inside, outside = FrameBuffer(), FrameBuffer()
+    async with (
+        beside(robot_router.run(), station_router.run(), bridge.run()),
+        FramesListener(go2, inside, agent="go2") as at_robot,
+        FramesListener(sim.node("viewer"), outside) as at_viewer,
+    ):
+        publisher = go2.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS)
+        fixed = StampedTransform(parent="base", child="markers", stamp_ns=0, pose=Pose())
+        publisher.publish(message_type(TRANSFORMS)(transforms=[fixed.to_msg()]))
+        for listener in (at_robot, at_viewer):
+            await listener.wait_for("map", "go2/markers", timeout_s=60)
+        for buffer in (inside, outside):
+            assert lint_frames(buffer.edges, root="map") == ()
+            assert buffer.frames == ("go2/base", "go2/markers", "map")
