@@ -53,7 +53,7 @@ _Offers = Annotated[
 
 @fleet_app.command()
 def lint(file: FleetFile, as_json: Json = False) -> None:
-    """Check a fleet file: forwarded topics, incomplete services, frames and cost of discovery.
+    """Check a fleet file: forwarded topics, incomplete services, frames, hosts, cost of discovery.
 
     The exit status is 0, or 1 if there are errors, or 2 if the file is not a fleet file.
 

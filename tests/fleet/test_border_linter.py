@@ -145,6 +145,45 @@ def test_what_is_no_mistake_is_not_found(code, uses):
     assert code not in codes(report_of(agents(*uses)))
 
 
+NAMED = "global: {domain: 0, interface: wlan0}"
+DDS_ROUTER = "deployment: {router: dds-router, router_image: 'r%s'}"
+
+
+@pytest.mark.parametrize(
+    ("code", "head", "uses"),
+    [
+        (
+            "machine-twice",
+            NAMED,
+            ("host: {address: a@m}", "host: {address: b@m, accelerator: cuda}"),
+        ),
+        ("interface-unnamed", "", ("host: {}",)),
+        ("domain-everywhere", NAMED, ("host: {network: host}",)),
+        ("router-image-unused", "deployment: {router_image: 'r:1'}", ("",)),
+        ("router-image-missing", "deployment: {router: dds-router}", ("",)),
+        ("router-image-moves", DDS_ROUTER % "", ("",)),
+        ("router-image-moves", DDS_ROUTER % ":latest", ("",)),
+    ],
+)
+def test_hosts_and_a_router_that_do_not_fit_together_are_errors(code, head, uses):
+    report = report_of(agents(*uses), head)
+    assert codes(report, Severity.ERROR) == {code}
+
+
+@pytest.mark.parametrize(
+    ("head", "uses"),
+    [
+        ("", ("",)),  # without a host, no interface is asked for
+        (NAMED, 2 * ("host: {address: a@m}",)),
+        (NAMED, ("host: {network: host}, local_interface: lo",)),
+        (DDS_ROUTER % ":1", ("",)),
+        (DDS_ROUTER % f"@sha256:{64 * 'a'}", ("",)),
+    ],
+)
+def test_hosts_and_a_router_that_fit_together_are_none(head, uses):
+    assert codes(report_of(agents(*uses), head), Severity.ERROR) == set()
+
+
 @pytest.mark.parametrize("missing", ["rq/global/*", "rr/global/*"])
 def test_a_policy_with_half_of_services_is_found_in_its_rules_and_in_every_service(missing):
     rules = [r for r in ("rt/global/*", "rq/global/*", "rr/global/*") if r != missing]

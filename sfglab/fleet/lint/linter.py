@@ -8,6 +8,7 @@ from sfglab.documents import DocumentError
 from sfglab.fleet.fleet_file import Fleet, load_fleet
 from sfglab.fleet.lint.discovery import discovery
 from sfglab.fleet.lint.frames import check_frames
+from sfglab.fleet.lint.machines import check_hosts, check_interfaces, check_router_image
 from sfglab.fleet.lint.names import (
     check_descriptions,
     check_domains,
@@ -145,6 +146,9 @@ CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     check_qos,
     check_static_transforms,
     check_frames,
+    check_hosts,
+    check_interfaces,
+    check_router_image,
 )
 """All checks. Findings of equal severity and line are listed in this order."""
 

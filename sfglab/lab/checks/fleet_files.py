@@ -270,7 +270,7 @@ BROKEN = (
         "no interface towards the other agents",
         "global: {domain: 0, interface: wlan0}",
         "global: {domain: 0}",
-        ("which interface", "go2", "global_interface"),
+        ("the interface", "go2", "global_interface"),
     ),
     BrokenFleet(
         "a workspace that is not there",
