@@ -112,26 +112,37 @@ def check(
     fleet: FleetFile,
     agent: Agents = None,
     accelerator: _Accelerator = None,
-    every: Annotated[bool, Option("--all", help="Also list passed checks.")] = False,
+    require: Annotated[
+        bool, Option("--require", help="Fail if a program for a check is not installed.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Check a fleet file, and the files that render writes; the exit status is 1 if a check fails.
+    """Check a fleet file and the files that render writes, with programs of other projects.
 
-    Example:
+    check-jsonschema reads Compose and dev container files, hadolint Dockerfiles, shellcheck scripts, Docker
+    Compose its projects and systemd-analyze service units. Programs that are not installed are named. The
+    exit status is 1 if a check fails, and with --require also if one was not run.
+
+    Examples:
       sfglab deploy check data/fleets/esslingen.yaml
+      sfglab deploy check data/fleets/esslingen.yaml --require
     """
     from tqdm import tqdm
 
-    from sfglab.deploy.fleet_check import check_fleet, fails
+    from sfglab.deploy.bundle import prepare
+    from sfglab.deploy.checks import CHECKS, State, check_bundles, check_fleet, render_verdicts
     from sfglab.deploy.transport import detect_over
-    from sfglab.deploy.verdicts import render_verdicts
 
-    source, release, _ = _release(fleet, agent, accelerator)
-    agents = agent or [one.name for one in source.fleet.agents]
-    bar = partial(tqdm, total=len(agents), unit=" agents", leave=False, disable=None)
-    verdicts = check_fleet(source, release, agents=agents, detect=detect_over, progress=bar)
-    say(verdicts, render_verdicts(verdicts, every=every), as_json=as_json)
-    raise typer.Exit(fails(verdicts))
+    source, release, wheel = _release(fleet, agent, accelerator)
+    verdicts = [check_fleet(source.fleet)]
+    if verdicts[0].state is State.PASSED:
+        made = prepare(source, release, wheel, agents=agent or (), detect=detect_over)
+        running = check_bundles(bundle for _, bundle in made)
+        bar = tqdm(running, total=len(CHECKS), unit=" checks", leave=False, disable=None)
+        verdicts += bar
+    say(verdicts, render_verdicts(verdicts), as_json=as_json)
+    states = {verdict.state for verdict in verdicts}
+    raise typer.Exit(State.FAILED in states or (require and State.NOT_RUN in states))
 
 
 @app.command()

@@ -7,11 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import strategies as st
 
 from sfglab.deploy.deployment import Deployment, Release, deployment_of
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet
-from sfglab.fleet.lint import Severity
 from sfglab.fleet.policy import Direction, ForwardRule, Policy
 
 PROJECT = Path(__file__).parents[2]
@@ -65,22 +63,7 @@ def write_files(files, folder: Path) -> None:
         path.chmod(file.mode)
 
 
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers(-99, 99) | st.text(max_size=8),
-    lambda inner: (
-        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3)
-    ),
-    max_leaves=8,
-)
-
-
-def codes(findings, severity=Severity.ERROR):
-    return {finding.code for finding in findings if finding.severity is severity}
-
-
 def needs(linter: str):
-    """Mark a test that needs a linter of the extra 'deploy'."""
+    """Mark a test that needs a program beside Python or on the path."""
     found = shutil.which(linter, path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
-    return pytest.mark.skipif(
-        found is None, reason=f"{linter} is not installed: pip install '.[deploy]'"
-    )
+    return pytest.mark.skipif(found is None, reason=f"{linter} is not installed")

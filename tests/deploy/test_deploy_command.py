@@ -1,10 +1,14 @@
 """`sfglab deploy` as a user meets it: the paper's fleet, broken ones, a folder in place of a machine."""
 
+import json
+from dataclasses import replace
+
 import pytest
 from commands import called
 from esslingen import FILE as FLEET
+from example_machines import EXAMPLES, write_example
 
-from sfglab.lab.example_machines import EXAMPLES, write_example
+from sfglab.deploy.checks import CHECKS
 
 
 def call(*arguments: object, status: int = 0) -> str:
@@ -13,15 +17,27 @@ def call(*arguments: object, status: int = 0) -> str:
 
 @pytest.mark.slow
 def test_the_papers_fleet_passes_its_check():
-    kinds = (
-        "go2",
-        "pi1",
-        "steamdeck",
-        "workstation",
-    )  # the other Raspberry Pis differ in name and domain
-    assert ", 0 failed" in call(
-        "check", FLEET, *(part for name in kinds for part in ("--agent", name))
-    )
+    kinds = ("go2", "pi1", "steamdeck", "workstation")  # the other Raspberry Pis differ in name
+    agents = [part for name in kinds for part in ("--agent", name)]
+    assert ", 0 failed" in call("check", FLEET, *agents)
+
+
+def test_a_check_that_was_not_run_fails_only_if_it_is_required(monkeypatch):
+    missing = replace(CHECKS[0], program="sfglab-no-such-program")
+    monkeypatch.setattr("sfglab.deploy.checks.CHECKS", (missing,))
+    said = call("check", FLEET, "--agent", "pi1")
+    assert "1 passed, 1 not run, 0 failed" in said
+    assert call("check", FLEET, "--agent", "pi1", "--require", status=1) == said
+
+
+def test_a_check_prints_errors_of_the_fleet_file_and_renders_nothing(tmp_path):
+    path = tmp_path / "fleet.yaml"
+    path.write_text(FLEET.read_text().replace("global: {domain: 0, interface: wlan0}\n", ""))
+    said = call("check", path, status=1)
+    assert "no key names the interface over which go2 reaches the other agents" in said
+    assert "0 passed, 0 not run, 1 failed" in said
+    (verdict,) = json.loads(call("check", path, "--json", status=1))
+    assert (verdict["check"], verdict["state"]) == ("fleet file", "failed")
 
 
 def test_a_fleet_is_planned_applied_and_taken_back_on_a_folder_in_place_of_a_machine(tmp_path):

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from example_machines import EXAMPLES, write_example
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,7 +18,6 @@ from sfglab.deploy.hardware.board import MACHINES, MachineFiles, elf_header, fin
 from sfglab.deploy.hardware.detection import PREFERENCE, codecs_found, detect, expected_codecs
 from sfglab.deploy.hardware.machine import CodecRole, DeviceGroup, render_machine
 from sfglab.fleet.fleet_file import Accelerator, Architecture
-from sfglab.lab.example_machines import EXAMPLES, write_example
 
 RANK = {accelerator: rank for rank, accelerator in enumerate(PREFERENCE)}
 names = pytest.mark.parametrize("name", EXAMPLES)

@@ -23,11 +23,9 @@ from sfglab.deploy.bases import base_of
 from sfglab.deploy.bundle import bundle_of
 from sfglab.deploy.deployment import Deployment
 from sfglab.deploy.dockerfile import _quoted, image_files
-from sfglab.deploy.dockerfile_check import check_dockerfile, parse_dockerfile, stages_of
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PROGRAM
-from sfglab.deploy.text_check import check_dockerfiles, check_shell
-from sfglab.deploy.verdicts import State
+from sfglab.deploy.programs import find_program
 from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution
 
 
@@ -89,33 +87,47 @@ def test_a_workspace_without_ros_is_refused():
         image_files(made)
 
 
-def test_our_rules_find_nothing_in_any_dockerfile():
-    for made in (
-        *possible(),
-        deployment(workspace="ws", packages=("libusb-1.0-0",), launch=("ros2", "run")),
-    ):
-        assert check_dockerfile(image_files(made)["Dockerfile"].text) == ()
+def stages(text: str) -> dict[str, tuple[str, list[str]]]:
+    """Return each stage of a Dockerfile by its name: the image that it starts from, and its lines."""
+    parts = re.split(r"^FROM (\S+) AS (\S+)$", text, flags=re.MULTILINE)
+    groups = zip(parts[1::3], parts[2::3], parts[3::3], strict=True)
+    return {name: (image, lines.splitlines()) for image, name, lines in groups}
+
+
+def test_three_layers_follow_each_other_and_no_image_runs_as_root():
+    workspace = deployment(
+        "go2", workspace="ws", packages=("libusb-1.0-0",), launch=("ros2", "run")
+    )
+    for made in (*possible(), workspace):
+        text = image_files(made)["Dockerfile"].text
+        found = stages(text)
+        below = [found[name][0] for name in ("base", "adapter", "application", "development")]
+        assert below == ["${BASE_IMAGE}", "base", "adapter", "application"]
+        for name in ("application", "development"):
+            users = [line for line in found[name][1] if line.startswith("USER ")]
+            assert users[-1] in {"USER 10001:10001", "USER sfglab"}
+        assert not re.search(r"^(ADD|COPY \.)|\| *(sudo )?(ba)?sh\b", text, re.MULTILINE)
 
 
 @needs("hadolint")
-def test_hadolint_finds_nothing_in_any_dockerfile():
+def test_hadolint_finds_nothing_in_any_dockerfile(tmp_path):
     workspace = deployment("go2", workspace="ws", packages=("libusb-1.0-0",))
     plain = with_ros(deployment("pi1"), RosDistribution.NONE)
-    made = (workspace, plain, deployment("workstation"))
-    found = check_dockerfiles(
-        {f"Dockerfile.{n}": image_files(m)["Dockerfile"] for n, m in enumerate(made)}
-    )
-    assert [(v.state, v.says) for v in found] == 3 * [(State.HOLDS, "")]
+    for number, made in enumerate((workspace, plain, deployment("workstation"))):
+        (tmp_path / f"Dockerfile.{number}").write_text(image_files(made)["Dockerfile"].text)
+    command = [find_program("hadolint"), *tmp_path.iterdir()]
+    assert subprocess.run(command, capture_output=True, check=False).stdout == b""
 
 
 @needs("shellcheck")
 @pytest.mark.parametrize("launch", [(), ("ros2", "launch", "my robot", "it's.py", "$HOME")])
-def test_shellcheck_finds_nothing_in_the_entrypoint(launch):
+def test_shellcheck_finds_nothing_in_the_entrypoint(launch, tmp_path):
     file = image_files(deployment(launch=launch))["image/entrypoint.sh"]
     assert file.text.startswith("#!/bin/sh\n")
-    assert [(v.state, v.says) for v in check_shell({"entrypoint.sh": file})] == 2 * [
-        (State.HOLDS, "")
-    ]
+    assert file.mode == PROGRAM
+    (tmp_path / "entrypoint.sh").write_text(file.text)
+    command = [find_program("shellcheck"), tmp_path / "entrypoint.sh"]
+    assert subprocess.run(command, capture_output=True, check=False).stdout == b""
 
 
 def test_only_arm64_compiles_cyclone_and_ros_decides_the_distribution():
@@ -142,15 +154,14 @@ def test_without_ros_nothing_of_it_is_in_the_images_and_a_workspace_is_built_apa
 def test_a_new_wheel_changes_only_what_comes_after_all_else():
     made = deployment()
     new = replace(made, release=replace(RELEASE, wheel_sha256="cd" * 32))
-    old_steps, new_steps = (
-        parse_dockerfile(image_files(each)["Dockerfile"].text) for each in (made, new)
-    )
-    changed = [old for old, new in zip(old_steps, new_steps, strict=True) if old != new]
-    assert [step.name for step in changed] == ["RUN", "LABEL"]
-    last_layer = [
-        step for step in old_steps[: old_steps.index(changed[0])] if step.name in {"RUN", "COPY"}
-    ][-1]
-    assert last_layer.value.endswith("/etc/sfglab/fleet.yaml")
+    old, other = (image_files(each)["Dockerfile"].text.splitlines() for each in (made, new))
+    changed = [n for n, (one, two) in enumerate(zip(old, other, strict=True)) if one != two]
+    assert len(changed) == 2  # in the installation, and in a label
+    before = [line for line in old[: changed[0]] if line.startswith(("RUN ", "COPY "))]
+    assert before[-2].endswith(
+        "/etc/sfglab/fleet.yaml"
+    )  # the last is the installation of the wheel
+    assert before[-1].startswith("RUN ")
 
 
 def test_the_builder_sees_only_what_the_dockerfile_names():
@@ -240,72 +251,3 @@ def test_a_signal_reaches_both_and_the_agent_says_how_it_ended(tmp_path):
 def test_the_users_software_is_started_beside_an_agent_alone(tmp_path):
     container = Container(tmp_path, 'echo "sfglab $*"', "echo launched; exec sleep 60")
     assert container.run("router", "--agent", "go2") == (0, "sfglab router --agent go2\n")
-
-
-GOOD = """\
-# A comment.
-ARG BASE=debian:12.11
-FROM ${BASE} AS base
-FROM base AS adapter
-RUN true \\
-    # between
-    && echo "# not a comment"
-FROM adapter AS application
-USER 10001:10001
-"""
-DIGEST = "sha256:" + "a" * 64
-
-
-def test_continued_lines_are_one_instruction():
-    steps = parse_dockerfile(GOOD + "COPY <<A <<B /x/\na\nA\nb\nB\nRUN true\n")
-    assert [step.line for step in steps] == [2, 3, 4, 5, 8, 9, 10, 15]
-    assert steps[3].value == 'true && echo "# not a comment"'
-    stages = [("base", "${BASE}"), ("adapter", "base"), ("application", "adapter")]
-    assert [(stage.name, stage.image) for stage in stages_of(steps)] == stages
-
-
-LINES = [  # behind the last, and what is found of them and where
-    ("ENV DB_PASSWORD=hunter2", [("secret", 10)]),
-    ("ENV API_TOKEN hunter2", [("secret", 10)]),
-    ("ARG SIGNING_KEY='hunter2'", [("secret", 10)]),
-    ("ADD https://example.org/x.tar.gz /x", [("unchecked-download", 10)]),
-    ("RUN curl -fsSL https://example.org/x | sh", [("piped-script", 10)]),
-    ("RUN wget -qO- https://example.org/x | sudo bash", [("piped-script", 10)]),
-    ("COPY . /src", [("copies-everything", 10)]),
-    ("USER root", [("runs-as-root", 8)]),
-    ("USER 0:10001", [("runs-as-root", 8)]),
-    *((line, [("dockerfile-syntax", 0)]) for line in ("FLY away", "RUN cat <<END", "WORKDIR")),
-    ("ARG API_TOKEN", []),
-    ('ENV API_TOKEN=""', []),
-    ("ENV MONKEY=banana KEYBOARD=de", []),
-    (f"ADD --checksum={DIGEST} https://example.org/x /x", []),
-    ("RUN curl -fsSL -o /tmp/x https://example.org/x && sh /tmp/checked", []),
-    ("COPY --from=adapter . /src", []),
-    ("RUN <<END\nFLY away\nEND", []),
-    ("FROM application AS development\nUSER 0\nUSER sfglab", []),
-    ("FROM application AS development\nUSER root", [("runs-as-root", 10)]),
-]
-UNPINNED = ("debian", "debian:latest", "localhost:5000/debian", "debian@sha256:abc", "${GIVEN}")
-NOBODY = "USER 10001:10001\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        (GOOD, []),
-        *((f"{GOOD}{line}\n", found) for line, found in LINES),
-        *((GOOD.replace("${BASE}", image), [("unpinned-image", 3)]) for image in UNPINNED),
-        (GOOD.replace("12.11", "latest"), [("unpinned-image", 3)]),  # also where it is a default
-        (GOOD.replace("debian:12.11", f"debian@{DIGEST}"), []),
-        (
-            GOOD.replace("AS adapter", "AS middle").replace("FROM adapter", "FROM middle"),
-            [("layers", 3)],
-        ),
-        (GOOD.replace("FROM adapter", "FROM base"), [("layers", 8)]),
-        ("RUN true\n", [("no-stage", 0), ("layers", 0)]),
-        (GOOD.replace(NOBODY, ""), [("runs-as-root", 8)]),
-        (GOOD.replace(NOBODY, "FROM application AS development\nUSER 1\n"), [("runs-as-root", 8)]),
-    ],
-)
-def test_our_rules_find_what_is_wrong_in_a_dockerfile_and_nothing_else(text, found):
-    assert [(finding.code, finding.place.line) for finding in check_dockerfile(text)] == found

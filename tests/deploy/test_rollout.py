@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from esslingen import program
+from example_machines import EXAMPLES, write_example
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,7 +25,6 @@ from sfglab.deploy.rollout import (
 )
 from sfglab.deploy.transport import Local, Ssh, accelerator_of, is_here, transport_to
 from sfglab.fleet.fleet_file import Accelerator, HostSpec
-from sfglab.lab.example_machines import EXAMPLES, write_example
 
 FOLDER = "/opt/sfglab/go2"
 JETSONS = ("orin_nx", "xavier_nx")

@@ -1,56 +1,90 @@
-"""The deployment experiment: a run fills its claim, draws its figures, and a fault in the files would show."""
+"""The deployment experiment: each fact has a row, a missing program keeps its part open, and a fault shows."""
 
 import asyncio
+import shutil
 
 import pytest
 from made_logs import DATA, reference
 
 from sfglab.deploy.bundle import load_source, prepare
 from sfglab.deploy.release import SOURCE, make_release
-from sfglab.lab.checks.fleet_files import meaning_of
-from sfglab.lab.experiments.deployment import exp
-from sfglab.lab.experiments.deployment.containers import container_checks
+from sfglab.lab.experiments.deployment import exp, facts_of
+from sfglab.lab.experiments.deployment.containers import ask_containers
+from sfglab.lab.experiments.deployment.experiment import ask_hooks
+from sfglab.lab.experiments.deployment.facts import CONTAINERS, FACTS, HOOKS, TRIAL, Outcome
+from sfglab.lab.experiments.deployment.image import PROGRAMS, ask_image
 from sfglab.lab.ledger import entries_of
 from sfglab.lab.paths import find_project
 
 
-def test_a_run_keeps_what_machines_are_given_and_names_what_is_not_checked(tmp_path):
+def pairs_of(*agents):
+    source = load_source(DATA / "fleets" / "esslingen.yaml")
+    release, wheel = make_release(SOURCE, source.text)
+    return prepare(source, release, wheel, agents=agents), wheel
+
+
+def test_a_run_has_a_row_for_each_fact_and_names_missing_programs(tmp_path):
     run = asyncio.run(exp.run("smoke", path=tmp_path / "run.mcap", agents=["steamdeck"]))
+    facts = run["fact"].set_index("fact")
+    assert list(facts.index) == [fact.name for fact in FACTS]
+    assert set(facts["outcome"]) == {Outcome.CONFIRMED.value, Outcome.MISSING.value}
+    assert facts.loc[TRIAL, "outcome"] == Outcome.CONFIRMED.value
     measured = exp.measure(run)["A-DEPLOY"]
     assert (measured.estimate.value, measured.how.value, measured.ends) == (1.0, "exact", {})
-    assert "not checked here: systemd: systemd starts the unit" in measured.details
-    assert [path for path in run["file"]["path"] if not meaning_of(path)] == []
-    assert run["refused"]["refused"].all()
-    assert len(run["refused"]) >= 10
-    assert run.attachment("steamdeck/compose.yaml").startswith(b"# Agent steamdeck")
+    assert "systemd cannot be confirmed without systemd on a machine" in measured.reason
 
 
-def test_one_fault_would_show():
+def test_the_reference_log_has_all_facts_and_leaves_all_parts_open():
     run = reference(exp)
+    facts = facts_of(run)
+    assert list(facts["fact"]) == [fact.name for fact in FACTS]
+    assert set(facts["outcome"][facts["fact"].isin([f.name for f in FACTS if f.was])]) == {
+        "confirmed"
+    }
+    assert exp.measure(run)["A-DEPLOY"].how.value == "live"
     [entry] = entries_of(find_project(), run)
+    assert entry.verdict.value == "undecided"
     assert "systemd: not measured" in entry.reason
-    table = run.table("check")
-    table.loc[table["group"] == "hooks", "held"] = 0
-    measured = exp.measure(run)["A-DEPLOY"]
-    assert (measured.estimate.value, "a dry run changes nothing" in measured.reason) == (0.0, True)
 
 
-def test_live_is_what_ran_and_a_part_counts_when_all_of_it_was_asked_on_a_machine():
+def test_a_fact_that_is_refused_shows_and_a_part_counts_if_all_its_facts_were_asked():
     run = reference(exp)
-    table, unchecked = run.table("check"), run.table("unchecked")
-    table.loc[table["check"] == "they prepare the machine", "check"] = "hooks: as root on a machine"
-    table.loc[table["group"] == "containers", "group"] = "files"
-    unchecked.loc[unchecked["group"] == "hooks", "group"] = "none"
+    table = run.table("check")
+    table.loc[table["check"] == "shellcheck", "held"] = 0
     measured = exp.measure(run)["A-DEPLOY"]
-    assert (measured.how.value, measured.ends) == ("exact", {"hooks": 1.0})
+    assert (measured.estimate.value, "shell scripts: shellcheck" in measured.reason) == (0.5, True)
+    facts = facts_of(run)
+    facts.loc[facts["end"].isin([HOOKS, CONTAINERS]), "outcome"] = Outcome.CONFIRMED.value
+    measured = exp.measure(run)["A-DEPLOY"]
+    assert measured.ends == {CONTAINERS: 1.0, HOOKS: 1.0}
+
+
+def test_hooks_that_do_not_do_what_they_say_are_refused(tmp_path):
+    ((deployment, bundle),), _ = pairs_of("steamdeck")
+    hook = bundle.members["hooks/30-service.sh"]
+
+    again = hook.data + b'date +%N > "$SFGLAB_ROOT/now"\n'
+    members = bundle.members | {"hooks/30-service.sh": type(hook)(data=again, mode=hook.mode)}
+    changed = type(bundle)(agent=bundle.agent, tag=bundle.tag, image=bundle.image, members=members)
+    found = ask_hooks([(deployment, changed)], tmp_path)
+    assert found.outcome is Outcome.REFUSED
+    assert found.detail == "steamdeck: a dry run changes files"
 
 
 @pytest.mark.slow
 @pytest.mark.live
 @pytest.mark.netns
 def test_agents_meet_over_their_bridges_and_routers_and_nothing_of_their_own_gets_out(tmp_path):
-    source = load_source(DATA / "fleets" / "esslingen.yaml")
-    pairs = prepare(source, *make_release(SOURCE, source.text), agents=("go2", "workstation"))
-    rows = asyncio.run(container_checks(pairs, tmp_path))
-    assert len(rows) == 3
-    assert [row for row in rows if row.held < row.checked] == []
+    pairs, _ = pairs_of("go2", "workstation")
+    answers = asyncio.run(ask_containers(pairs, tmp_path))
+    assert len(answers) == 3
+    assert {answer.outcome for answer in answers.values()} == {Outcome.CONFIRMED}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not all(map(shutil.which, PROGRAMS)), reason=f"{' and '.join(PROGRAMS)} are not installed"
+)
+def test_an_image_is_built_from_a_local_base(tmp_path):
+    ((deployment, _),), wheel = pairs_of("workstation")
+    assert ask_image(deployment, wheel, tmp_path).outcome is Outcome.CONFIRMED

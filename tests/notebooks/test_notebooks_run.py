@@ -37,7 +37,7 @@ FIGURES_ANYWHERE = {
     "12_transfer": {"transfer", "transfer_live"},
     "13_driving": {"driving_chain", "driving_lap", "driving_laps"},
     "15_planning": {"planning_interpolation", "planning_scene"},
-    "17_deployment": {"deployment_checks", "deployment_layers"},
+    "17_deployment": {"deployment_layers"},
 }
 # The same for those that mean little without hosts of their own.
 FIGURES_OF_HOSTS = {

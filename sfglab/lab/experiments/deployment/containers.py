@@ -1,6 +1,7 @@
-"""The commands of the rendered Compose projects, run over DDS between machines that are network namespaces.
+"""Commands of the rendered Compose projects, run over DDS between machines that are network namespaces.
 
-An agent's container is a namespace on its machine's bridge. Images, users and Docker's rules are not in it.
+An agent's container is a namespace on the bridge of its machine. Images, users and Docker's own rules are not
+part of this.
 """
 
 from __future__ import annotations
@@ -9,14 +10,14 @@ import asyncio
 import json
 import re
 import sys
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import TYPE_CHECKING
 
 import yaml
 
 from sfglab.bus.address import BusAddress
 from sfglab.deploy.deployment import FLEET_FILE, Deployment
-from sfglab.lab.checks import CheckRow
+from sfglab.lab.experiments.deployment.facts import DISCOVERY, INSIDE, OUTSIDE, Answer, answer
 from sfglab.lab.hosts import Host, Network
 from sfglab.lab.workers.peer import PeerConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
@@ -27,55 +28,72 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.bundle import Bundle
 
+    Process = asyncio.subprocess.Process
+
 OUTSIDER = "outsider"
-MEETING_S = 120.0
-LOOKING_S = 2.0
+MEETING_S = 120.0  #: Time limit of discovery.
+LOOKING_S = 2.0  #: Time that the onlooker stays in each domain.
 _GRACE_S = 10.0
 _SFGLAB = (sys.executable, "-c", "from sfglab.cli import main; main()")
+_HEARTBEAT = "rt/global/agent_heartbeat"
+_GLOBAL = re.compile(r"r[tqr]/(global/.*|tf|tf_static)")
 
 
-async def container_checks(
+async def ask_containers(
     pairs: Sequence[tuple[Deployment, Bundle]], folder: Path
-) -> list[CheckRow]:
-    """Run two or more agents as their Compose projects say, and look at them from outside.
+) -> dict[str, Answer]:
+    """Run agents as their Compose projects say, and look at all domains from outside.
 
     Raises:
-        ProcessFailedError: A container ended, or nobody met in time.
+        ProcessFailedError: A container ended.
     """
-    names = [deployment.agent.name for deployment, _ in pairs]
+    names = {deployment.agent.name for deployment, _ in pairs}
     with Network() as network:
-        hosts = {name: network.add_host(name) for name in (*names, OUTSIDER)}
+        hosts = {name: network.add_host(name) for name in (*sorted(names), OUTSIDER)}
         outside = hosts[OUTSIDER]
         fleet = _fleet_file(pairs[0][0], folder, interface=outside.interface)
         async with AsyncExitStack() as stack:
-            agents = {
-                d.agent.name: await _start(stack, d, b, hosts[d.agent.name], fleet)
-                for d, b in pairs
-            }
-            meetings = (_discovered(agent, {*names} - {name}) for name, agent in agents.items())
-            found = await asyncio.gather(*meetings)
+            waiting = []
+            for deployment, bundle in pairs:
+                name = deployment.agent.name
+                agent = await _start(stack, deployment, bundle, hosts[name], fleet)
+                waiting.append(_undiscovered(agent, names - {name}))
+            missing = await asyncio.gather(*waiting)
             seen = await _look(outside, pairs)
-    return [_meeting_row(names, found), _inside_row(pairs, seen), _global_row(pairs, seen)]
+    local = [seen[deployment.network.local_domain] for deployment, _ in pairs]
+    shown = seen[pairs[0][0].network.global_domain]
+    foreign = [topic for topic in shown if not _GLOBAL.fullmatch(topic)]
+    if _HEARTBEAT not in shown:
+        foreign.append("no heartbeat")
+    return {
+        DISCOVERY: answer(_sentence("not discovered", set().union(*missing))),
+        INSIDE: answer(_sentence("seen from outside", set().union(*local))),
+        OUTSIDE: answer(_sentence("in the global domain", foreign)),
+    }
+
+
+def _sentence(what: str, found: set[str] | list[str]) -> str:
+    return f"{what}: {', '.join(sorted(found))}" if found else ""
 
 
 async def _start(
     stack: AsyncExitStack, deployment: Deployment, bundle: Bundle, host: Host, fleet: Path
-) -> asyncio.subprocess.Process:
-    """Start both containers of an agent, and return the agent's."""
-    # The commands of a Compose project's services, with the fleet file where it is here.
-    commands = {
-        name: [str(fleet) if part == FLEET_FILE else part for part in service["command"]]
-        for name, service in yaml.safe_load(bundle.members["compose.yaml"].data)["services"].items()
-    }
+) -> Process:
+    """Start both containers of an agent, and return the process of the agent's."""
+    project = yaml.safe_load(bundle.members["compose.yaml"].data)
+    commands = {}
+    for name, service in project["services"].items():
+        words = [str(fleet) if word == FLEET_FILE else word for word in service["command"]]
+        commands[name] = [*_SFGLAB, *words]
     enter = (sys.executable, "-m", "sfglab.lab.workers.container", deployment.network.bridge)
-    inside = host.argv([*enter, *_SFGLAB, *commands["agent"], "--json"])
+    inside = host.argv([*enter, *commands["agent"], "--json"])
     agent = await stack.enter_async_context(_running(inside))
-    await stack.enter_async_context(_running(host.argv([*_SFGLAB, *commands["router"]])))
+    await stack.enter_async_context(_running(host.argv(commands["router"])))
     return agent
 
 
 def _fleet_file(deployment: Deployment, folder: Path, *, interface: str) -> Path:
-    """Write the fleet file as the containers read it, with the test hosts' interface as the way out."""
+    """Write the fleet file of the containers, with the interface of the test hosts as the global one."""
     text = deployment.release.fleet_text
     for name in {agent.global_interface for agent in deployment.fleet.agents} - {None}:
         text = text.replace(f"interface: {name}", f"interface: {interface}")
@@ -85,7 +103,7 @@ def _fleet_file(deployment: Deployment, folder: Path, *, interface: str) -> Path
 
 
 @asynccontextmanager
-async def _running(argv: Sequence[str]) -> AsyncIterator[asyncio.subprocess.Process]:
+async def _running(argv: Sequence[str]) -> AsyncIterator[Process]:
     process = await asyncio.create_subprocess_exec(
         *argv, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, limit=1 << 20
     )
@@ -102,32 +120,31 @@ async def _running(argv: Sequence[str]) -> AsyncIterator[asyncio.subprocess.Proc
             await process.communicate()
 
 
-async def _discovered(process: asyncio.subprocess.Process, wanted: set[str]) -> set[str]:
-    """Return which agents an agent's discoverer reports, as soon as all wanted are there or the time is up."""
-    found: set[str] = set()
+async def _undiscovered(process: Process, wanted: set[str]) -> set[str]:
+    """Wait until an agent's discoverer has reported other agents; return those that it did not report."""
+    missing = set(wanted)
     assert process.stdout is not None
-    with suppress(TimeoutError):
+    try:
         async with asyncio.timeout(MEETING_S):
-            while not wanted <= found:
+            while missing:
                 line = await process.stdout.readline()
                 if not line:
-                    raise ProcessFailedError(
-                        f"agent: its container ended with status {await process.wait()}"
-                    )
+                    status = await process.wait()
+                    raise ProcessFailedError(f"agent: its container ended with status {status}")
                 match json.loads(line):
-                    case {
-                        "component": "discoverer",
-                        "report": {"event": "DISCOVERED", "agent": str(agent)},
-                    }:
-                        found.add(agent)
-    return found
+                    case {"report": {"event": "DISCOVERED", "agent": str(agent)}}:
+                        missing.discard(agent)
+    except TimeoutError:
+        return missing
+    return missing
 
 
 async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> dict[int, list[str]]:
     """Return the DDS topics of all endpoints that are seen from outside, by domain."""
-    domains = (pairs[0][0].network.global_domain, *(d.network.local_domain for d, _ in pairs))
+    domains = {pairs[0][0].network.global_domain}
+    domains |= {deployment.network.local_domain for deployment, _ in pairs}
     members = []
-    for domain in dict.fromkeys(domains):
+    for domain in sorted(domains):
         address = BusAddress(domain_id=domain, interface=outside.interface)
         config = PeerConfig(name="onlooker", address=address)
         members.append(Member(name=str(domain), module="sfglab.lab.workers.peer", config=config))
@@ -135,39 +152,8 @@ async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> di
         members, wrap_command=lambda _, command: outside.argv(command), start_s=MEETING_S
     ) as group:
         await asyncio.sleep(LOOKING_S)
-        told = await group.ask("told", timeout_s=MEETING_S, do="tell")
+        reports = await group.ask("told", timeout_s=MEETING_S, do="tell")
     seen = {}
-    for name, report in told.items():
-        seen[int(name)] = sorted(topic for topic, *_ in report["endpoints"])
+    for name, report in reports.items():
+        seen[int(name)] = [topic for topic, *_ in report["endpoints"]]
     return seen
-
-
-def _meeting_row(names: Sequence[str], found: Sequence[set[str]]) -> CheckRow:
-    alone = [name for name, met in zip(names, found, strict=True) if met != {*names} - {name}]
-    met = f"{names[0]} met {', '.join(sorted(found[0]))}"
-    example = f"{', '.join(alone)} met nobody" if alone else met
-    return _row(
-        "agents in containers discover each other through their routers", len(names), alone, example
-    )
-
-
-def _inside_row(pairs: Sequence[tuple[Deployment, Bundle]], seen: dict[int, list[str]]) -> CheckRow:
-    shown = {d.agent.name: seen[d.network.local_domain] for d, _ in pairs}
-    leaking = [str(entry) for entry in shown.items() if entry[1]]
-    example = leaking[0] if leaking else "no endpoint in any agent's own domain"
-    return _row(
-        "an agent's own domain shows nothing outside its machine", len(shown), leaking, example
-    )
-
-
-def _row(check: str, checked: int, wrong: Sequence[str], example: str) -> CheckRow:
-    return CheckRow(check=check, checked=checked, held=checked - len(wrong), example=example)
-
-
-def _global_row(pairs: Sequence[tuple[Deployment, Bundle]], seen: dict[int, list[str]]) -> CheckRow:
-    topics = seen[pairs[0][0].network.global_domain]
-    local = [t for t in topics if not re.fullmatch(r"r[tqr]/(global/.*|tf|tf_static)", t)]
-    wrong = local or ["no heartbeat"] * ("rt/global/agent_heartbeat" not in topics)
-    example = local[0] if local else f"{len(topics)} endpoints, {len(set(topics))} names"
-    check = "the global domain shows global names only, and the heartbeats among them"
-    return _row(check, 1, wrong[:1], example)

@@ -1,62 +1,69 @@
-"""The experiment: a fleet's files made and checked, broken fleets, machines, containers, images.
+"""Configuration, tables and the part of the experiment on deployment.
 
-The claim A-DEPLOY is the share of checks that hold; what could not be checked on the machine of the run leaves
-it undecided. The figures: layers as in Fig. 5, and what was checked.
+Each fact of `facts.FACTS` gets one row: a program of another project confirmed it, refused it, or was not
+there.
 """
 
 from __future__ import annotations
 
+import os
 import re
-from dataclasses import asdict, dataclass
-from itertools import groupby
-from typing import TYPE_CHECKING, Any
+import subprocess
+from dataclasses import dataclass
+from hashlib import sha256
+from typing import TYPE_CHECKING
 
-from sfglab.deploy.bundle import Bundle, load_source, prepare
-from sfglab.deploy.fleet_check import check_fleet
+from sfglab.codecs.probe import SOFTWARE
+from sfglab.deploy.bases import base_of
+from sfglab.deploy.bundle import load_source, prepare, write_bundle
+from sfglab.deploy.checks import State, check_bundles
+from sfglab.deploy.hardware.detection import codecs_found, detect
 from sfglab.deploy.release import SOURCE, make_release
-from sfglab.lab.checks import CheckRow, lowest_share, machines
-from sfglab.lab.checks.fleet_files import (
-    file_rows,
-    layer_rows,
-    refused_rows,
-    release_checks,
-    verdict_rows,
-)
-from sfglab.lab.checks.machines import Unasked, held
-from sfglab.lab.claims import Finding, How
+from sfglab.fleet.fleet_file import Accelerator
+from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.lab.experiments.deployment.containers import OUTSIDER, container_checks
-from sfglab.lab.figures import COLORS, note, word_table
+from sfglab.lab.experiments.deployment.containers import OUTSIDER, ask_containers
+from sfglab.lab.experiments.deployment.facts import (
+    CODEC,
+    FACTS,
+    LOCAL_IMAGE,
+    TRIAL,
+    Answer,
+    Outcome,
+    answer,
+)
+from sfglab.lab.experiments.deployment.image import ask_image
 from sfglab.lab.hosts import Network
 from sfglab.lab.paths import find_project
-from sfglab.lab.trial_build import trial_build
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
 
+    from sfglab.deploy.bundle import Bundle
     from sfglab.deploy.deployment import Deployment
     from sfglab.lab.bench import Bench
-    from sfglab.lab.runs import Run
 
     Pairs = Sequence[tuple[Deployment, Bundle]]
 
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
+LAYERS = ("base", "adapter", "application")
+"""Layers of an image from the hardware upwards: paper A, Fig. 5."""
+_STAGE = re.compile(r"^FROM\s+\S+\s+AS\s+(\S+)", re.MULTILINE)
+_HOOKS_S = 60.0
 _OF_ALL = ("Dockerfile", "compose.yaml")
-_TOO_LONG = ("image/requirements.lock", "image/sfglab-")
+_NOT_SHOWN = ("image/requirements.lock", "image/sfglab-")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """The whole run."""
+    """Agents whose files are rendered, and facts that take long to ask about."""
 
-    agents: tuple[str, ...] = ()  #: Whose files are rendered, checked and applied; none: all.
-    fleet_file: str = "fleets/esslingen.yaml"  #: The fleet, in the data folder.
-    #: Agents whose containers' commands are run over DDS between namespaces; none: not at all.
+    agents: tuple[str, ...] = ()  #: Names of the agents; empty: all.
+    fleet_file: str = "fleets/esslingen.yaml"  #: Fleet file, in the data folder.
+    #: Agents whose containers' commands run over DDS between namespaces; empty: none.
     containers: tuple[str, ...] = ("go2", "pi1", "workstation")
-    build: bool = True  #: Whether images are built, where the tools are.
-    seed: int = 0  #: Of nothing that is random; for the record.
+    build: bool = True  #: Whether an image is built, if the programs for it are installed.
+    seed: int = 0  #: Seed without an effect, which every experiment has.
 
 
 exp = Experiment(
@@ -70,265 +77,167 @@ exp = Experiment(
             "agent",
             "container on the machine's bridge",
             "discovers the others",
-            count="one a machine",
+            count="one per machine",
         ),
-        Actor("router", "machine", "lets global names out", count="one a machine"),
-        Actor("onlooker", OUTSIDER, "looks at all domains from outside"),
+        Actor("router", "machine", "forwards global names", count="one per machine"),
+        Actor("onlooker", OUTSIDER, "joins all domains from outside"),
     ),
     links=(
         Link("agent", "router", "its own domain"),
-        Link("router", "agent", "what other agents say"),
+        Link("router", "agent", "data of other agents"),
         Link("router", "onlooker", "the global domain", boundary="network"),
     ),
 )
 
-PARTS = {
-    "three image layers": (
-        "images",
-        "are built with ROS 2 and an accelerator",
-        "neither's packages are at hand",
-    ),
-    "accelerator detection": (
-        "detection",
-        "on a machine that has one",
-        "machines are folders from documentation",
-    ),
-    "two containers": (
-        "containers",
-        "Docker Compose starts them",
-        "their commands run between namespaces",
-    ),
-    "systemd": ("files", "systemd starts the unit", "it is verified, and nobody starts it"),
-    "dev container": ("files", "VS Code opens it", "its files are checked, and nobody opens them"),
-    "hooks": ("hooks", "as root on a machine", "they run on folders in place of machines"),
-}
-"""By part of the claim the group of its checks, what takes a machine of the fleet, and what is done instead."""
 
+@exp.table("fact")
+class FactRow(TableRow):
+    """One fact of the list, and what became of it."""
 
-@exp.table("check")
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeployCheckRow(CheckRow):
-    """A property that was checked."""
-
-    group: str  #: Which part of the deployment it is of.
-
-
-@exp.table("unchecked")
-class UncheckedRow:
-    """A property that nobody could check here."""
-
-    group: str  #: Which part of the deployment it is of.
-    check: str  #: The property.
-    why: str  #: What is missing.
-
-
-@exp.table("detected")
-class DetectedRow:
-    """What detection says of a machine."""
-
-    machine: str  #: Its name among the examples, or ``this machine``.
-    accelerator: str  #: What its images are made for.
-    why: str  #: The reason for it.
-    #: Accelerators that are there and were not taken, and those that could be thought to be there.
-    instead: str
-
-
-@exp.table("file")
-class BundleFileRow:
-    """A file that a machine is given."""
-
-    agent: str  #: Whose machine.
-    path: str  #: Within the agent's folder.
-    meaning: str  #: What it is for.
-    size_bytes: int  #: Its size.
-    lines: int  #: Its lines; 0 for what is no text.
-    sha256: str  #: Its digest.
+    end: str  #: Part of the claim.
+    fact: str  #: The statement.
+    program: str  #: Program of another project that confirms it.
+    outcome: str  #: One of `Outcome`.
+    detail: str  #: Fault that the program named; empty: none.
 
 
 @exp.table("layer")
-class LayerRow:
+class LayerRow(TableRow):
     """One layer of an agent's image."""
 
-    agent: str  #: Whose.
-    layer: str  #: ``base``, ``adapter`` or ``application``.
-    says: str  #: What makes it differ from other agents' layers.
-    digest: str  #: Of its instructions and all below; equal digests are one layer.
+    agent: str  #: Name of the agent.
+    layer: str  #: One of `LAYERS`.
+    says: str  #: Difference from the layers of other agents.
+    digest: str  #: Digest of its instructions and of all layers below; equal digests are one layer.
 
 
-@exp.table("refused")
-class RefusedFleetRow:
-    """A broken fleet and what `sfglab deploy check` says of it."""
-
-    fault: str  #: What is wrong with it.
-    refused: bool  #: Whether it was refused in the words that name it.
-    said: str  #: The words.
-
-
-def _write(bench: Bench[Config], group: str, *rows: CheckRow | Unasked) -> None:
-    for row in rows:
-        bench.write(
-            "check" if isinstance(row, CheckRow) else "unchecked", {"group": group, **asdict(row)}
-        )
-
-
-@exp.part("fleet", total=7)
+@exp.part("fleet", total=4)
 async def deploy(bench: Bench[Config]) -> None:
-    """Make the fleet's files; check them, broken fleets, machines, containers, an image."""
+    """Render the files of a fleet, and ask a program about each fact."""
     config = bench.config
     source = load_source(find_project().data / config.fleet_file)
     release, wheel = make_release(SOURCE, source.text)
     pairs = prepare(source, release, wheel, agents=config.agents)
-    bench.write_all("file", file_rows(pairs))
     bench.write_all("layer", layer_rows(pairs))
     _attach(bench, pairs)
-    _write(bench, "release", *release_checks(pairs))
+    answers = ask_checkers(pairs)
     bench.advance("files")
-    verdicts = check_fleet(source, release, agents=config.agents)
-    _write(bench, "files", *verdict_rows(verdicts, {str(source.path): config.fleet_file}))
-    bench.advance("checked")
-    refused = list(refused_rows(source.text, release, bench.folder("broken")))
-    bench.write_all("refused", refused)
-    cases = ((row["fault"], row["refused"]) for row in refused)
-    _write(bench, "fleets", held("a broken fleet is refused in words that name the fault", cases))
-    bench.advance("broken fleets")
-    bench.write_all("detected", machines.detected_rows(bench.folder("machines")))
-    _write(bench, "detection", *machines.detection_checks(bench.folder("detection")))
-    bench.advance("detection")
-    _write(bench, "hooks", *machines.hook_checks(pairs, bench.folder("hooks")))
-    _write(bench, "rollout", *machines.rollout_checks(pairs, bench.folder("rollout")))
-    bench.advance("machines")
-    await _try_containers(bench, pairs)
+    answers[CODEC] = ask_codecs()
+    answers[TRIAL] = ask_hooks(pairs, bench.folder("hooks"))
+    bench.advance("hooks")
+    chosen = [pair for pair in pairs if pair[0].agent.name in config.containers]
+    if chosen and Network.available().ok:
+        answers |= await ask_containers(chosen, bench.folder("containers"))
     bench.advance("containers")
-    if config.build:  # of one agent, where the tools are; downloads are kept for the next run
-        folder, release = bench.folder("images"), pairs[0][0].release
-        (folder / release.wheel).write_bytes(wheel)
-        cache = find_project().runs / "cache"
-        built = trial_build(
-            pairs[0][0], folder / release.wheel, folder, lambda _: None, cache=cache
+    if config.build:
+        answers[LOCAL_IMAGE] = ask_image(pairs[0][0], wheel, bench.folder("image"))
+    bench.advance("image")
+    for fact in FACTS:
+        found = answers.get(fact.name, Answer(outcome=Outcome.MISSING))
+        row = FactRow(
+            end=fact.end,
+            fact=fact.name,
+            program=fact.program,
+            outcome=found.outcome.value,
+            detail=found.detail,
         )
-        _write(bench, "images", *built)
-    for part, (group, machine, why) in PARTS.items():
-        _write(bench, group, Unasked(check=f"{part}: {machine}", why=why))
-    bench.advance("images")
+        bench.write(row)
 
 
 def _attach(bench: Bench[Config], pairs: Pairs) -> None:
-    """Keep one agent's texts whole, and of the others what differs most."""
+    """Keep the images' and containers' files of all agents, and the other texts of the first one."""
     for number, (_, bundle) in enumerate(pairs):
         for path, member in bundle.members.items():
-            if path in _OF_ALL or (number == 0 and not path.startswith(_TOO_LONG)):
+            is_text = number == 0 and not path.startswith(_NOT_SHOWN)
+            if path in _OF_ALL or is_text:
                 bench.attach(f"{bundle.agent}/{path}", member.data, "text/plain")
 
 
-async def _try_containers(bench: Bench[Config], pairs: Pairs) -> None:
-    """Run the containers' commands where the machine has namespaces."""
-    chosen = [pair for pair in pairs if pair[0].agent.name in bench.config.containers]
-    if not chosen:
-        return
-    capability = Network.available()
-    if capability.ok:
-        _write(bench, "containers", *await container_checks(chosen, bench.folder("containers")))
-    else:
-        check = "agents in containers discover each other through their routers"
-        _write(bench, "containers", Unasked(check=check, why=capability.reason))
+def layer_rows(pairs: Pairs) -> Iterator[LayerRow]:
+    """Yield the three layers of each agent's image."""
+    for deployment, bundle in pairs:
+        lines = bundle.members["Dockerfile"].data.decode().splitlines(keepends=True)
+        instructions = "".join(line for line in lines if not line.startswith("#"))
+        head, *parts = _STAGE.split(instructions)
+        stages = dict(zip(parts[::2], parts[1::2], strict=True))
+        says = {
+            "base": base_of(deployment).image.rpartition("/")[2],
+            "adapter": f"ROS 2 {deployment.common.ros.value}, {deployment.host.architecture.value}",
+            "application": bundle.tag,
+        }
+        digest = sha256(head.encode())
+        for layer in LAYERS:
+            digest.update(stages[layer].encode())
+            yield LayerRow(
+                agent=bundle.agent, layer=layer, says=says[layer], digest=digest.hexdigest()
+            )
 
 
-def _how(run: Run[Config]) -> How:
-    """Return live where containers' commands did run; all else is checked on files and folders."""
-    return How.LIVE if (run["check"]["group"] == "containers").any() else How.EXACT
+def ask_checkers(pairs: Pairs) -> dict[str, Answer]:
+    """Ask the programs of `sfglab deploy check` that are installed about all files."""
+    answers = {}
+    for verdict in check_bundles(bundle for _, bundle in pairs):
+        if verdict.state is not State.NOT_RUN:
+            answers[verdict.check] = answer(verdict.detail)
+    return answers
 
 
-@exp.claim("A-DEPLOY", how=_how)
-def share_that_holds(run: Run[Config]) -> Finding:
-    """Return the share of checks that hold, in the group where it is lowest."""
-    share, refused = lowest_share(run["check"], "group"), run["refused"]["refused"]
-    details = {
-        **share.groups,
-        "agents": ", ".join(dict.fromkeys(run["file"]["agent"])),
-        "files of all machines": str(len(run["file"])),
-        "broken fleets refused": f"{int(refused.sum())} of {len(refused)}",
-        **{f"not checked here: {row.check}": str(row.why) for row in run["unchecked"].itertuples()},
-    }
-    return Finding(estimate=share.estimate, details=details, reason=share.reason, ends=_parts(run))
+def ask_codecs() -> Answer:
+    """Ask FFmpeg to open the codecs of the accelerator that detection finds on this machine."""
+    machine = detect()
+    if machine.accelerator is Accelerator.NONE:
+        return Answer(outcome=Outcome.MISSING)
+    expected = [one for one in codecs_found(machine) if one.expected and one.name not in SOFTWARE]
+    if any(codec.works for codec in expected):
+        return answer("")
+    tried = [f"{codec.name}: {codec.tried}" for codec in expected]
+    return answer("; ".join(tried) or f"{machine.accelerator.value} has no H.264 codec")
 
 
-def _parts(run: Run[Config]) -> dict[str, float]:
-    """Return the share that holds of every part of which nothing was left unchecked, on a machine neither."""
-    sums, unchecked = (
-        run["check"].groupby("group")[["held", "checked"]].sum(),
-        set(run["unchecked"]["group"]),
-    )
-    asked, shares = set(run["check"]["check"]), sums["held"] / sums["checked"]
-    return {
-        part: float(shares[group])
-        for part, (group, machine, _) in PARTS.items()
-        if f"{part}: {machine}" in asked and group not in unchecked
-    }
+def ask_hooks(pairs: Pairs, folder: Path) -> Answer:
+    """Let Bash run the hooks of each agent on a folder in place of its machine."""
+    faults = []
+    for deployment, bundle in pairs:
+        root = folder / bundle.agent
+        home = root / deployment.folder.lstrip("/")
+        write_bundle(bundle, home)
+        fault = _hook_fault(home / "hooks", root)
+        if fault:
+            faults.append(f"{bundle.agent}: {fault}")
+    return answer("; ".join(faults))
 
 
-_LAYERS = {"base": COLORS["standard"], "adapter": COLORS["proxy"], "application": COLORS["third"]}
-"""Paper A, Fig. 5, from the hardware upwards."""
+def _hook_fault(hooks: Path, root: Path) -> str:
+    """Run the hooks without effect, twice, and with an extension; return the first fault."""
+
+    def run(*options: str) -> None:
+        command = [str(hooks / "initialize.sh"), *options]
+        environment = os.environ | {"SFGLAB_ROOT": str(root)}
+        subprocess.run(command, env=environment, capture_output=True, timeout=_HOOKS_S, check=True)
+
+    before = _snapshot(root)
+    try:
+        run("--dry-run")
+        if _snapshot(root) != before:
+            return "a dry run changes files"
+        run()
+        prepared = _snapshot(root)
+        run()
+    except subprocess.CalledProcessError as error:
+        return error.stderr.decode(errors="replace").strip() or str(error)
+    if prepared == before:
+        return "they change nothing"
+    if _snapshot(root) != prepared:
+        return "a second run changes files"
+    (hooks / "custom.d" / "50-mine.sh").write_text('touch "$SFGLAB_ROOT/mine"\n')
+    run()
+    return "" if (root / "mine").exists() else "a script of the user does not run"
 
 
-@exp.figure("deployment_layers", size=(6.4, 2.7))
-def draw_layers(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw every agent's image as three layers; what is the same for several is one box."""
-    agents = list(dict.fromkeys(run["layer"]["agent"]))
-    figure.set_size_inches(1.3 + 0.96 * len(agents), 2.7)
-    axes = figure.subplots()
-    for row, (layer, color) in enumerate(_LAYERS.items()):
-        table = run["layer"][run["layer"]["layer"] == layer].set_index("agent").loc[agents]
-        for _, same in groupby(range(len(agents)), key=list(table["digest"]).__getitem__):
-            places = list(same)
-            _box(axes, (places[0], places[-1], row), table["says"].iloc[places[0]], color)
-    axes.set_xticks(range(len(agents)), agents)
-    axes.set_yticks(range(len(_LAYERS)), ["hardware base", "adapter", "application"])
-    axes.set(xlim=(-0.55, len(agents) - 0.45), ylim=(-0.5, len(_LAYERS) - 0.5))
-    counts = run["layer"].groupby("layer")["digest"].nunique()
-    said = f"{counts['base']} hardware bases and {counts['adapter']} adapters carry {len(agents)} agents"
-    axes.set_title(f"{said}; a box across agents is the same layer")
-    note(figure, "exact: as rendered from the fleet file (paper A, Fig. 5)")
-    axes.tick_params(length=0)
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
-    return {"agents": len(agents), **{f"distinct {name}": int(n) for name, n in counts.items()}}
-
-
-def _box(axes: Axes, place: tuple[int, int, int], text: str, color: str) -> None:
-    from matplotlib.patches import FancyBboxPatch
-
-    first, last, row = place
-    corner, width, shape = (
-        (first - 0.44, row - 0.36),
-        last - first + 0.88,
-        "round,pad=0.02,rounding_size=0.05",
-    )
-    look: dict[str, Any] = {"facecolor": color, "alpha": 0.28, "linewidth": 0}
-    axes.add_patch(FancyBboxPatch(corner, width, 0.72, boxstyle=shape, **look))
-    shown = text if last > first else "\n".join(re.findall(r".{1,13}(?:[-:, ]|$)|.{13}", text))
-    axes.text((first + last) / 2, row, shown, ha="center", va="center", fontsize=7)
-
-
-@exp.figure("deployment_checks", size=(6.4, 3.0))
-def draw_checks(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw what was checked of each part of the deployment, how many cases hold, and what nobody could ask."""
-    sums = run["check"].groupby("group", sort=False)[["held", "checked"]].sum()
-    kinds, left = run["check"].groupby("group")["check"].nunique(), run["unchecked"]["check"]
-    rows = {}
-    for group in dict.fromkeys([*sums.index, *run["unchecked"]["group"]]):
-        held, checked = sums.loc[group] if group in sums.index else (0, 0)
-        holds = f"{held} of {checked} (properties: {kinds[group]})" if checked else ""
-        open_ = "; ".join(left[run["unchecked"]["group"] == group])
-        color = "network" if not checked else "proxy" if held == checked else "standard"
-        rows[group] = [(holds, COLORS[color]), (open_, COLORS["network" if open_ else "proxy"])]
-    word_table(figure, ["cases that hold", "what could not be asked there"], rows, wrap=36)
-    rest = (
-        f"\n{len(left)} properties could not be tested on that machine; verdict: undecided"
-        * bool(len(left))
-    )
-    figure.suptitle(
-        f"{sums['held'].sum()} of {sums['checked'].sum()} cases hold{rest}", fontsize=10
-    )
-    note(figure, "exact, on files and folders; containers live, between network namespaces")
-    shown = {str(row.Index): f"{row.held} of {row.checked}" for row in sums.itertuples()}
-    return {**shown, "not asked": len(left)}
+def _snapshot(root: Path) -> dict[str, tuple[int, bytes]]:
+    """Return time stamp and content of each file below a folder."""
+    found = {}
+    for path in root.rglob("*"):
+        if path.is_file() and not path.is_symlink():
+            found[str(path)] = (path.stat().st_mtime_ns, path.read_bytes())
+    return found

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class ExampleMachine:
     """A machine made up from documentation."""
 
-    description: str  #: What it is, and where its facts are from.
+    description: str  #: Name of the machine, and source of its facts.
     files: Mapping[str, str]  #: Contents by path below its root; empty for device nodes.
     links: Mapping[str, str]  #: Targets of symbolic links by path below its root.
     #: Architecture of its programs as containers call it; there are not images for every one.

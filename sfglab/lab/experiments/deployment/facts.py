@@ -1,0 +1,82 @@
+"""Facts about a deployment, written down before a run, and the program that confirms or refuses each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Outcome(Enum):
+    """What a program said about a fact."""
+
+    CONFIRMED = "confirmed"
+    REFUSED = "refused"
+    MISSING = "missing"  #: The program was not there.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What became of a fact."""
+
+    outcome: Outcome
+    detail: str = ""  #: Fault that the program named.
+
+
+def answer(fault: str) -> Answer:
+    """Return the answer of a program that was asked; an empty fault confirms the fact."""
+    outcome = Outcome.REFUSED if fault else Outcome.CONFIRMED
+    return Answer(outcome=outcome, detail=fault)
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """One statement about a deployment."""
+
+    end: str  #: Part of claim A-DEPLOY.
+    name: str  #: The statement.
+    program: str  #: Program of another project that confirms it, with the machine that it needs.
+    #: Names of its rows in logs with the table ``check``, from before facts were recorded; empty: none.
+    was: tuple[str, ...] = ()
+
+
+LAYERS, DETECTION, CONTAINERS = "three image layers", "accelerator detection", "two containers"
+SYSTEMD, DEV_CONTAINER, HOOKS = "systemd", "dev container", "hooks"
+#: Programs that only a machine of the fleet has.
+NEVER = "on a machine of the fleet"
+
+LOCAL_IMAGE = "an image is built from a local base and runs as its user"
+CODEC = "FFmpeg opens an H.264 codec of the accelerator that was found"
+DISCOVERY = "agents discover each other through their routers"
+INSIDE = "an agent's own domain shows nothing outside its machine"
+OUTSIDE = "the global domain shows global names only, with the heartbeats"
+TRIAL = "the hooks prepare a folder like a machine, change nothing again, and run the user's own"
+
+_NAMESPACES = "Cyclone DDS between network namespaces"
+_BASH = (
+    "a dry run changes nothing",
+    "they prepare the machine",
+    "the second time nothing changes, not even a time stamp",
+    "the user's own run after them",
+)
+_MEETING = "agents in containers discover each other through their routers"
+_SHOWN = "the global domain shows global names only, and the heartbeats among them"
+FACTS = (
+    Fact(LAYERS, "Dockerfile", "hadolint", ("hadolint",)),
+    Fact(LAYERS, LOCAL_IMAGE, "buildah and debootstrap"),
+    Fact(LAYERS, "images with ROS 2 and an accelerator are built", f"Docker {NEVER}"),
+    Fact(DETECTION, CODEC, "FFmpeg on a machine with an accelerator"),
+    Fact(CONTAINERS, "Compose Specification", "check-jsonschema", ("Compose Specification",)),
+    Fact(CONTAINERS, "Compose project", "docker compose"),
+    Fact(CONTAINERS, DISCOVERY, _NAMESPACES, (_MEETING,)),
+    Fact(CONTAINERS, INSIDE, _NAMESPACES, (INSIDE,)),
+    Fact(CONTAINERS, OUTSIDE, _NAMESPACES, (_SHOWN,)),
+    Fact(CONTAINERS, "Docker Compose starts both containers", f"Docker {NEVER}"),
+    Fact(SYSTEMD, "service unit", "systemd-analyze", ("service unit",)),
+    Fact(SYSTEMD, "systemd starts the unit", f"systemd {NEVER}"),
+    Fact(DEV_CONTAINER, "dev container schema", "check-jsonschema", ("editor's file",)),
+    Fact(DEV_CONTAINER, "VS Code opens the dev container", "VS Code with Docker"),
+    Fact(HOOKS, "shell scripts", "shellcheck", ("shellcheck",)),
+    Fact(HOOKS, TRIAL, "Bash", _BASH),
+    Fact(HOOKS, "the hooks run as root", f"Bash {NEVER}"),
+)
+"""All facts, by the parts of the claim in the order of the ledger."""

@@ -1,0 +1,74 @@
+"""Compose projects of every agent: least privileges, and no way out of an agent's domain but the router."""
+
+from dataclasses import replace
+
+import pytest
+import yaml
+from esslingen import FLEET, GO2, RELEASE, deployed
+
+from sfglab.deploy.compose import compose_files
+from sfglab.deploy.deployment import deployment_of
+from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, RouterSoftware
+
+AGENTS = [agent.name for agent in FLEET.agents]
+
+
+def projects(deployment):
+    """Return the project of an agent, and its overlay for development."""
+    files = compose_files(deployment)
+    return [yaml.safe_load(files[name].text) for name in ("compose.yaml", "compose.dev.yaml")]
+
+
+@pytest.mark.parametrize("router", RouterSoftware)
+@pytest.mark.parametrize("agent", AGENTS)
+def test_both_containers_have_no_right_that_they_do_not_need(agent, router):
+    project, overlay = projects(deployed(agent, router=router, router_image="r:v3.5.0"))
+    assert set(project["services"]) == {"agent", "router"}
+    for service in project["services"].values():
+        assert service["cap_drop"] == ["ALL"]
+        assert service["security_opt"] == ["no-new-privileges:true"]
+        assert service["read_only"] is True
+        assert service["user"] == "10001:10001"
+        assert not {"privileged", "cap_add", "ports", "pid", "ipc", "uts", "cgroup"} & set(service)
+        assert ":" in service["image"]
+        for volume in service.get("volumes", ()):
+            assert volume.startswith("./router/")
+            assert volume.endswith(":ro")
+    assert set(overlay["services"]) == {"agent"}
+    rights = {"privileged", "cap_add", "network_mode", "ports", "user", "security_opt"}
+    assert not rights & set(overlay["services"]["agent"])
+
+
+def test_only_the_router_uses_the_network_of_the_host():
+    project, overlay = projects(GO2)
+    agent, router = project["services"]["agent"], project["services"]["router"]
+    assert ("network_mode" in agent, router["network_mode"]) == (False, "host")
+    assert agent["networks"] == ["agent"]
+    assert project["networks"]["agent"]["internal"] is True
+    assert set(overlay["networks"]) == {"outside"}
+    spec = replace(GO2.agent, host=replace(GO2.host, network=ContainerNetwork.HOST))
+    project, _ = projects(deployment_of(replace(FLEET, agents=(spec,)), "go2", RELEASE))
+    assert project["services"]["agent"]["network_mode"] == "host"
+    assert "networks" not in project
+
+
+@pytest.mark.parametrize(
+    ("accelerator", "devices"),
+    [
+        (Accelerator.JETSON, []),
+        (Accelerator.CUDA, []),
+        (Accelerator.ROCM, ["/dev/kfd", "/dev/dri"]),
+        (Accelerator.VAAPI, ["/dev/dri"]),
+        (Accelerator.V4L2, []),
+        (Accelerator.NONE, []),
+    ],
+)
+def test_a_container_gets_its_accelerator_and_the_devices_of_the_fleet_file(accelerator, devices):
+    project, _ = projects(replace(GO2, accelerator=accelerator))
+    agent = project["services"]["agent"]
+    nodes = [*devices, "/dev/bus/usb"]
+    assert agent["devices"] == [f"{node}:{node}" for node in nodes]
+    assert agent["device_cgroup_rules"] == ["c 189:* rwm"]
+    assert ("runtime" in agent) is (accelerator is Accelerator.JETSON)
+    assert ("deploy" in agent) is (accelerator is Accelerator.CUDA)
+    assert "devices" not in project["services"]["router"]
