@@ -46,9 +46,8 @@ def detect(
       sfglab deploy detect
       sfglab deploy detect --root /mnt/sdcard
     """
-    from sfglab.deploy.hardware.detection import codecs_found
-    from sfglab.deploy.hardware.detection import detect as detect_machine
-    from sfglab.deploy.hardware.machine import render_machine
+    from sfglab.deploy.hardware import codecs_found, render_machine
+    from sfglab.deploy.hardware import detect as detect_machine
 
     machine = detect_machine(root or Path("/"))
     codecs = codecs_found(machine) if root in {None, Path("/")} else None

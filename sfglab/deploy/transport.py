@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.deploy.bases import JETPACK
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.hardware.detection import detect
+from sfglab.deploy.hardware import detect
 from sfglab.deploy.programs import run_heard
 from sfglab.fleet.fleet_file import Accelerator, HostSpec
 
@@ -144,9 +144,8 @@ NODES = (
 
 FILES = (
     "/bin/sh /etc/group /etc/nv_tegra_release /etc/os-release /proc/device-tree/compatible "
-    "/proc/device-tree/model /proc/driver/nvidia/version /sys/bus/pci/devices/*/class "
-    "/sys/bus/pci/devices/*/device /sys/bus/pci/devices/*/uevent /sys/bus/pci/devices/*/vendor "
-    "/sys/class/dmi/id/product_name /sys/class/dmi/id/product_version /sys/class/dmi/id/sys_vendor "
+    "/proc/device-tree/model /proc/driver/nvidia/version "
+    "/sys/class/dmi/id/product_name /sys/class/dmi/id/sys_vendor "
     "/sys/class/drm/renderD*/device/vendor /sys/class/kfd/kfd/topology/nodes/*/properties "
     "/sys/class/video4linux/*/name /sys/firmware/devicetree/base/compatible "
     "/sys/firmware/devicetree/base/model /usr/lib/os-release"

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.errors import DeployError
-from sfglab.deploy.hardware.board import MACHINES, elf_header
 from sfglab.fleet.fleet_file import Accelerator, Architecture
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
+
+
+ELF_MACHINES = {"386": 3, "arm": 40, "amd64": 62, "arm64": 183, "riscv64": 243}
+"""``e_machine`` of ELF headers (elf.h, EM_*) by names in container images."""
+
+
+def elf_header(machine: str, *, bits: int = 64) -> bytes:
+    """Return the first 20 bytes of a little-endian program of 32 or 64 bits."""
+    identity = b"\x7fELF" + bytes([bits // 32, 1, 1]) + bytes(9)
+    return identity + struct.pack("<HH", 3, ELF_MACHINES[machine])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,14 +36,8 @@ class ExampleMachine:
 
 
 def write_example(example: ExampleMachine, folder: Path) -> Path:
-    """Write an example's files into a folder, its root for `detect`; raises `DeployError` if not empty."""
-    folder.mkdir(parents=True, exist_ok=True)
-    if any(folder.iterdir()):
-        raise DeployError(
-            f"{folder}: given for an example's root, allowed: an empty folder, but it has files"
-        )
-    number = next(machine for machine, name in MACHINES.items() if name == example.elf)
-    contents = {"usr/bin/sh": elf_header(number)}
+    """Write an example's files into a folder, its root for `detect`."""
+    contents = {"usr/bin/sh": elf_header(example.elf)}
     contents |= {path: text.encode() for path, text in example.files.items()}
     links = {"bin": "usr/bin", **example.links}
     for path in (*contents, *links):

@@ -1,4 +1,4 @@
-"""Detection on made-up roots: accelerators and codecs, why, how they are told, and that nothing fools it."""
+"""Detection on made-up roots: accelerators and codecs, with reasons, and no file that misleads it."""
 
 import os
 import platform
@@ -7,19 +7,26 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from example_machines import EXAMPLES, write_example
+from example_machines import ELF_MACHINES, EXAMPLES, elf_header, write_example
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.codecs.probe import DECODERS, ENCODERS, probe_encoder
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.hardware.accelerators import gfx_name
-from sfglab.deploy.hardware.board import MACHINES, MachineFiles, elf_header, find_architecture
-from sfglab.deploy.hardware.detection import PREFERENCE, codecs_found, detect, expected_codecs
-from sfglab.deploy.hardware.machine import CodecRole, DeviceGroup, render_machine
+from sfglab.deploy.hardware import (
+    CodecRole,
+    DeviceGroup,
+    codecs_found,
+    detect,
+    expected_codecs,
+    find_architecture,
+    gfx_name,
+    render_machine,
+)
+from sfglab.deploy.machine_files import MachineFiles
 from sfglab.fleet.fleet_file import Accelerator, Architecture
 
-RANK = {accelerator: rank for rank, accelerator in enumerate(PREFERENCE)}
+ORDER = [Accelerator(name) for name in ("jetson", "cuda", "rocm", "vaapi", "v4l2", "none")]
 names = pytest.mark.parametrize("name", EXAMPLES)
 
 
@@ -28,33 +35,23 @@ def machine(tmp_path):
     """Detection on an example, with files added, changed or (None) removed."""
 
     def build(name, **changes):
-        files = {
-            path: text
-            for path, text in {**EXAMPLES[name].files, **changes}.items()
-            if text is not None
-        }
+        files = {**EXAMPLES[name].files, **changes}
+        files = {path: text for path, text in files.items() if text is not None}
         return detect(write_example(replace(EXAMPLES[name], files=files), tmp_path / "root"))
 
     return build
 
 
 def check_honest(machine):
-    """One is chosen, it is the first that is found, and all that it rests on is there."""
-    (chosen,) = [item for item in machine.evidence if item.chosen]
-    assert chosen.found
-    assert chosen.accelerator is machine.accelerator
-    assert RANK[chosen.accelerator] == min(
-        RANK[item.accelerator] for item in machine.evidence if item.found
-    )
+    """The first that is found is chosen, and all devices are there."""
     files = MachineFiles(Path(machine.root))
-    for item in machine.evidence:
-        assert all(files.has(source.path) for source in item.sources)
-        assert item.found or not (item.devices or item.codecs)
-        assert item.reason
-        assert item.verdict
-    assert machine.devices == chosen.devices
+    assert [item.accelerator for item in machine.evidence] == ORDER
+    chosen = next(item for item in machine.evidence if item.found)
+    assert (machine.accelerator, machine.devices) == (chosen.accelerator, chosen.devices)
     assert all(files.has(path) for path in machine.devices)
-    assert chosen.sources or chosen.accelerator is Accelerator.NONE
+    for item in machine.evidence:
+        assert item.reason
+        assert item.found or not (item.devices or item.codecs)
 
 
 @names
@@ -63,8 +60,6 @@ def test_each_gets_its_accelerator_and_without_any_one_file_none_that_is_not_the
 ):
     found = machine(name)
     assert found.accelerator is EXAMPLES[name].expected
-    assert [item.accelerator for item in found.evidence] == list(PREFERENCE)
-    assert set(PREFERENCE) == set(Accelerator)
     check_honest(found)
     root = tmp_path / "root"
     for path in sorted(path for path in root.rglob("*") if path.is_file() or path.is_symlink()):
@@ -72,28 +67,19 @@ def test_each_gets_its_accelerator_and_without_any_one_file_none_that_is_not_the
         path.rename(away)
         check_honest(detect(root))
         away.rename(path)
-    assert detect(root).accelerator is EXAMPLES[name].expected
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.sampled_from(sorted(EXAMPLES)), st.data())
-def test_any_mixture_of_two_machines_files_is_judged_by_what_is_there(name, data):
-    other = data.draw(st.sampled_from(sorted(EXAMPLES)))
-    pool = {**EXAMPLES[other].files, **EXAMPLES[name].files}
-    kept = data.draw(st.sets(st.sampled_from(sorted(pool))))
-    links = {path: target for path, target in EXAMPLES[name].links.items() if path not in kept}
-    example = replace(EXAMPLES[name], files={path: pool[path] for path in kept}, links=links)
-    with tempfile.TemporaryDirectory() as folder:
-        check_honest(detect(write_example(example, Path(folder))))
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from(sorted(EXAMPLES)), st.binary(max_size=64), st.data())
-def test_binary_junk_in_any_files_is_read_as_nothing_known(name, junk, data):
-    spoilt = data.draw(st.sets(st.sampled_from(sorted(EXAMPLES[name].files)), min_size=1))
+def test_any_mixture_of_two_machines_files_and_junk_is_judged_by_what_is_there(name, junk, data):
+    other = data.draw(st.sampled_from(sorted(EXAMPLES)))
+    pool = {**EXAMPLES[other].files, **EXAMPLES[name].files}
+    kept = data.draw(st.sets(st.sampled_from(sorted(pool)), min_size=1))
+    links = {path: target for path, target in EXAMPLES[name].links.items() if path not in kept}
+    example = replace(EXAMPLES[name], files={path: pool[path] for path in kept}, links=links)
     with tempfile.TemporaryDirectory() as folder:
-        root = write_example(EXAMPLES[name], Path(folder))
-        for path in spoilt:
+        root = write_example(example, Path(folder))
+        for path in data.draw(st.sets(st.sampled_from(sorted(kept)))):
             (root / path).write_bytes(junk)
         found = detect(root)
         check_honest(found)
@@ -109,40 +95,13 @@ def test_pipes_folders_and_loops_in_place_of_files_are_read_as_absent_and_never_
     for path, place in files.items():
         if path.startswith("dev/"):
             place.unlink()
-            os.mkfifo(place)  # opening it would wait for ever
+            os.mkfifo(place)  # opening it would block
     assert detect(tmp_path / "root").accelerator is EXAMPLES[name].expected
     makers = (os.mkfifo, os.mkdir, lambda path: path.symlink_to(path.name))
     for number, place in enumerate(files.values()):
         place.unlink()
         makers[number % 3](place)
     check_honest(detect(tmp_path / "root"))
-
-
-def test_a_better_accelerator_changes_the_choice_at_each_step_of_the_order(machine, tmp_path):
-    assert machine("riscv_board").accelerator is Accelerator.NONE
-    steps = [
-        ("raspberry_pi_4", "dev/video10 sys/class/video4linux/video10/name", Accelerator.V4L2),
-        (
-            "laptop_intel",
-            "dev/dri/renderD128 sys/class/drm/renderD128/device/vendor",
-            Accelerator.VAAPI,
-        ),
-        ("desktop_rocm", "dev/kfd sys/class/kfd/kfd/topology/nodes/1/properties", Accelerator.ROCM),
-        (
-            "workstation_rtx",
-            "dev/nvidia0 dev/nvidiactl proc/driver/nvidia/version",
-            Accelerator.CUDA,
-        ),
-        ("jetson_orin_nx", "dev/nvmap etc/nv_tegra_release", Accelerator.JETSON),
-    ]
-    for name, paths, better in steps:
-        for path in paths.split():
-            place = tmp_path / "root" / path
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_text(EXAMPLES[name].files[path], encoding="utf-8")
-        found = detect(tmp_path / "root")
-        assert found.accelerator is better
-        check_honest(found)
 
 
 def test_an_orin_nx_tells_its_jetpack_and_the_nodes_and_groups_a_container_needs(machine):
@@ -159,13 +118,11 @@ def test_an_orin_nx_tells_its_jetpack_and_the_nodes_and_groups_a_container_needs
 @pytest.mark.parametrize(
     ("release", "jetpack", "says"),
     [
-        ("# R28 (release), REVISION: 2.1, GCID: 1", 3, "L4T 28.2.1, that is JetPack 3"),
-        ("# R32 (release), REVISION: 7.1, GCID: 1", 4, "L4T 32.7.1, that is JetPack 4"),
-        ("# R35 (release), REVISION: 4.1", 5, "L4T 35.4.1, that is JetPack 5"),
-        ("# R38 (release), REVISION: 2.1,", 7, "L4T 38.2.1, that is JetPack 7"),
-        ("# R77 (release), REVISION: 1.0", None, "L4T 77.1.0, whose JetPack is not known"),
-        ("tegra", None, "says no release"),
-        (None, None, "says no release"),
+        ("# R28 (release), REVISION: 2.1, GCID: 1", 3, "L4T 28.2.1, JetPack 3"),
+        ("# R38 (release), REVISION: 2.1,", 7, "L4T 38.2.1, JetPack 7"),
+        ("# R77 (release), REVISION: 1.0", None, "L4T 77.1.0, JetPack unknown"),
+        ("tegra", None, "an unknown release of L4T"),
+        (None, None, "an unknown release of L4T"),
     ],
 )
 def test_l4t_releases_give_the_jetpack_that_nvidia_s_archive_names(machine, release, jetpack, says):
@@ -175,21 +132,12 @@ def test_l4t_releases_give_the_jetpack_that_nvidia_s_archive_names(machine, rele
     assert says in found.evidence_of(Accelerator.JETSON).reason
 
 
-def test_a_workstation_with_two_graphics_takes_the_card_and_says_what_else_is_there(machine):
-    found = machine("workstation_rtx")
-    assert found.evidence_of(Accelerator.VAAPI).devices == ("/dev/dri/renderD129",)
-    assert found.evidence_of(Accelerator.VAAPI).verdict == "not chosen: cuda comes before it"
-    assert found.groups == ()
-
-
 def test_a_device_tree_is_read_from_sys_where_proc_has_no_link_to_it(machine, tmp_path):
     machine("jetson_orin_nx", **{"etc/nv_tegra_release": None})
     (tmp_path / "root/proc/device-tree").unlink()
     found = detect(tmp_path / "root")
     assert found.accelerator is Accelerator.JETSON
     assert found.model.startswith("NVIDIA Jetson Orin NX")
-    source = found.evidence_of(Accelerator.JETSON).sources[0]
-    assert str(source) == "/sys/firmware/devicetree/base/compatible (nvidia,tegra234)"
 
 
 CUDA, ROCM, VAAPI, V4L2, NONE = (
@@ -199,62 +147,23 @@ QCOM = {"dev/video1": "", "sys/class/video4linux/video1/name": "qcom-venus-encod
 NO_TEGRA_NODES = {
     path: None for path in EXAMPLES["jetson_orin_nx"].files if path.startswith("dev/nv")
 }
-UNDRIVEN, CARD = "nvidia_without_driver", "sys/bus/pci/devices/0000:01:00.0"
-UEVENTS = {
-    "driven by nouveau": "DRIVER=nouveau\nPCI_CLASS=30000\n",
-    "without a driver": "PCI_CLASS=30000\n",
-}
-UEVENTS |= {"by whom driven is not known": None}
 
 
 @pytest.mark.parametrize(
     ("name", "changes", "asked", "says", "chosen"),
     [
-        (
-            "jetson_orin_nx",
-            NO_TEGRA_NODES,
-            Accelerator.JETSON,
-            "container without NVIDIA's runtime",
-            NONE,
-        ),
-        (UNDRIVEN, {}, CUDA, "NVIDIA's driver does not run; install it", NONE),
-        *(
-            (UNDRIVEN, {f"{CARD}/uevent": text}, CUDA, f"(a graphics card of NVIDIA, {by})", NONE)
-            for by, text in UEVENTS.items()
-        ),
-        (UNDRIVEN, {f"{CARD}/class": "0x040300\n"}, CUDA, "no card", NONE),  # a card's sound
-        (
-            "wsl2",
-            {"usr/lib/wsl/lib/libcuda.so.1.1": None},
-            CUDA,
-            "not NVIDIA's",
-            NONE,
-        ),  # a link to it dangles
-        (
-            "container",
-            {},
-            CUDA,
-            "without /dev/nvidiactl, /dev/nvidia0: a container without the card",
-            NONE,
-        ),
-        ("laptop_intel", {}, CUDA, "no driver of NVIDIA and no card", VAAPI),
+        ("jetson_orin_nx", NO_TEGRA_NODES, Accelerator.JETSON, "without NVIDIA's runtime", NONE),
+        ("nvidia_without_driver", {}, CUDA, "no driver of NVIDIA", NONE),
+        ("wsl2", {"usr/lib/wsl/lib/libcuda.so.1.1": None}, CUDA, "not NVIDIA's", NONE),
+        ("container", {}, CUDA, "without /dev/nvidiactl, /dev/nvidia0", NONE),
         ("jetson_orin_nx", {}, CUDA, "display", Accelerator.JETSON),
         ("workstation_rtx", {}, CUDA, "driver 565.57.01 with 1 card", CUDA),
-        *(
-            ("workstation_rtx", {path: None}, CUDA, f"without /{path}", VAAPI)
-            for path in ("dev/nvidia0", "dev/nvidiactl", "proc/driver/nvidia/version")
-        ),
+        ("workstation_rtx", {"dev/nvidia0": None}, CUDA, "without /dev/nvidia0", VAAPI),
         ("steam_deck", {}, ROCM, "gfx1033 is not on AMD's list", VAAPI),
-        ("desktop_rocm", {"dev/dri/renderD128": None}, ROCM, "its render node is missing", NONE),
-        (
-            "raspberry_pi_5",
-            {},
-            V4L2,
-            "HEVC decoder only: H.264 is encoded and decoded by the processor",
-            V4L2,
-        ),
+        ("desktop_rocm", {"dev/dri/renderD128": None}, ROCM, "render node is missing", NONE),
+        ("raspberry_pi_5", {}, V4L2, "HEVC decoder only: the processor encodes", V4L2),
         ("raspberry_pi_4", {}, V4L2, "H.264 encoder and decoder in hardware", V4L2),
-        ("riscv_board", QCOM, V4L2, "not known without opening them (qcom-venus-encoder)", V4L2),
+        ("riscv_board", QCOM, V4L2, "unknown formats (qcom-venus-encoder)", V4L2),
         ("container", {}, NONE, "container", NONE),
     ],
 )
@@ -262,10 +171,8 @@ def test_the_reason_says_what_is_there_and_what_is_missing(
     machine, name, changes, asked, says, chosen
 ):
     found = machine(name, **changes)
-    evidence = found.evidence_of(asked)
-    assert any(says in text for text in (evidence.reason, *map(str, evidence.sources)))
+    assert says in found.evidence_of(asked).reason
     assert found.accelerator is chosen
-    assert not found.evidence_of(V4L2).codecs or name == "raspberry_pi_4"
 
 
 @pytest.mark.parametrize(
@@ -324,12 +231,11 @@ def test_no_link_leads_out_of_the_root(machine, tmp_path, target):
     assert detect(tmp_path / "root").operating_system == "unknown"
 
 
-@pytest.mark.parametrize(
-    ("number", "bits", "known"), [(n, b, MACHINES[n]) for n in MACHINES for b in (32, 64)]
-)
-def test_programs_headers_tell_the_architecture_or_what_else_it_is(tmp_path, number, bits, known):
+@pytest.mark.parametrize("bits", [32, 64])
+@pytest.mark.parametrize("known", ELF_MACHINES)
+def test_programs_headers_tell_the_architecture_or_what_else_it_is(tmp_path, known, bits):
     (tmp_path / "bin").mkdir()
-    (tmp_path / "bin/sh").write_bytes(elf_header(number, bits=bits))
+    (tmp_path / "bin/sh").write_bytes(elf_header(known, bits=bits))
     architecture, reason = find_architecture(MachineFiles(tmp_path))
     if bits == 64 and known in {"amd64", "arm64"}:
         assert (architecture, reason) == (Architecture(known), "from the ELF header of /bin/sh")
@@ -345,7 +251,7 @@ def test_a_loader_tells_the_architecture_where_there_is_no_shell_and_without_it_
     assert architecture is None
     assert reason.startswith("not known: no program with an ELF header")
     (tmp_path / "lib").mkdir()
-    (tmp_path / "lib/ld-linux-aarch64.so.1").write_bytes(elf_header(183))
+    (tmp_path / "lib/ld-linux-aarch64.so.1").write_bytes(elf_header("arm64"))
     found = find_architecture(MachineFiles(tmp_path))
     assert found == (Architecture.ARM64, "from the ELF header of /lib/ld-linux-aarch64.so.1")
 
@@ -359,12 +265,6 @@ def test_only_the_own_root_asks_the_kernel_for_its_architecture(monkeypatch):
 
 def test_this_machine_is_detected_without_a_word_against_its_own_files():
     check_honest(detect())
-
-
-def test_an_example_is_not_written_over_something(tmp_path):
-    write_example(EXAMPLES["container"], tmp_path / "root")
-    with pytest.raises(DeployError, match="an empty folder, but it has files"):
-        write_example(EXAMPLES["wsl2"], tmp_path / "root")
 
 
 ENCODER, DECODER = CodecRole.ENCODER, CodecRole.DECODER
@@ -411,7 +311,7 @@ def test_all_codecs_are_tried_here_and_told_beside_what_the_machine_promises(mac
     assert list(rows) == [(name, role) for role in CodecRole for name in TRIED[role]]
     assert {key for key, row in rows.items() if row.expected} == expected(found)
     assert rows["h264_v4l2m2m", DECODER].why == "stateful V4L2 codec of the board"
-    assert rows["h264_nvenc", ENCODER].why == "not what this machine's v4l2 is used through"
+    assert rows["h264_nvenc", ENCODER].why == "not of this machine's accelerator"
     for name in ENCODERS:
         probe = probe_encoder(name)
         assert (rows[name, ENCODER].works, rows[name, ENCODER].tried) == (probe.works, probe.reason)
@@ -435,14 +335,9 @@ def test_a_report_tells_for_every_accelerator_what_was_found_and_why(machine):
         "Accelerator:      vaapi",
         "Groups:           render (992)",
         "* vaapi   found: graphics of AMD with a video engine",
-        "          chosen: encodes and decodes H.264",
-        "          - /dev/kfd",
+        "  rocm    not found: gfx1033 is not on AMD's list of supported chips",
     }
-    for item in found.evidence:
-        assert any(
-            line[2:].startswith(item.accelerator.value) and item.reason in line for line in lines
-        )
-        assert all(f"          - {source}" in lines for source in item.sources)
+    assert len([line for line in lines if "found: " in line]) == len(ORDER)
     assert "PyAV" not in text
 
 

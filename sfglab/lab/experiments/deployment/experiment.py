@@ -17,7 +17,7 @@ from sfglab.codecs.probe import SOFTWARE
 from sfglab.deploy.bases import base_of
 from sfglab.deploy.bundle import load_source, prepare, write_bundle
 from sfglab.deploy.checks import State, check_bundles
-from sfglab.deploy.hardware.detection import codecs_found, detect
+from sfglab.deploy.hardware import codecs_found, detect
 from sfglab.deploy.release import SOURCE, make_release
 from sfglab.fleet.fleet_file import Accelerator
 from sfglab.lab.bench import TableRow

@@ -7,7 +7,7 @@ from enum import Enum
 
 
 class Outcome(Enum):
-    """What a program said about a fact."""
+    """Result of asking a program about a fact."""
 
     CONFIRMED = "confirmed"
     REFUSED = "refused"
@@ -16,7 +16,7 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What became of a fact."""
+    """Result for a fact."""
 
     outcome: Outcome
     detail: str = ""  #: Fault that the program named.

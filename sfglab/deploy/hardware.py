@@ -1,0 +1,558 @@
+"""Hardware of a machine from its files: its accelerator, by which paper A, section 4.4, chooses a base image.
+
+Detection reads files below a root and nothing else, so that it finds the same in a copy of them as on the
+machine. `codecs_found` tries here and now which codecs really open.
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sfglab.deploy.machine_files import MachineFiles, plain
+from sfglab.fleet.fleet_file import Accelerator, Architecture
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+
+class CodecRole(Enum):
+    """Role of a codec."""
+
+    ENCODER = "encoder"
+    DECODER = "decoder"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Codec:
+    """An H.264 codec that the hardware has, if FFmpeg was built for it."""
+
+    name: str  #: FFmpeg's name.
+    role: CodecRole  #: Encoder or decoder.
+    why: str  #: Hardware that it runs on, and what it needs.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CodecFound(Codec):
+    """A codec that was tried."""
+
+    expected: bool  #: Whether the hardware has it.
+    works: bool  #: Whether it encoded or decoded in this process.
+    tried: str  #: Result of the trial.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """Result of looking for one accelerator."""
+
+    accelerator: Accelerator
+    reason: str  #: Reason why it counts as found or not.
+    found: bool = False  #: Whether it is there and can be used.
+    devices: tuple[str, ...] = ()  #: Device nodes that a container needs to use it.
+    codecs: tuple[Codec, ...] = ()  #: H.264 codecs that it has.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceGroup:
+    """A group that a container's user needs to open the devices."""
+
+    name: str  #: Name, as udev's rules give it.
+    #: Number on the machine; None if the machine's ``/etc/group`` does not have it.
+    gid: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Machine:
+    """A machine, as its files describe it."""
+
+    root: str  #: Folder that stands for its ``/``.
+    #: Architecture of its programs; None if it is not known or there are no images for it.
+    architecture: Architecture | None
+    architecture_reason: str  #: Source of the architecture, or the reason why there is none.
+    model: str  #: Model name of the manufacturer.
+    operating_system: str  #: Name of the distribution.
+    jetpack: int | None  #: Major version of JetPack; None if there is none or it is not known.
+    accelerator: Accelerator  #: Accelerator that its images are made for.
+    #: Evidence for each accelerator, in the order of choice.
+    evidence: tuple[Evidence, ...]
+    devices: tuple[str, ...]  #: Device nodes that a container needs for the accelerator.
+    groups: tuple[DeviceGroup, ...]  #: Groups that may open them.
+
+    def evidence_of(self, accelerator: Accelerator) -> Evidence:
+        """Return the evidence for one accelerator."""
+        return next(item for item in self.evidence if item.accelerator is accelerator)
+
+
+Look = Callable[[MachineFiles], Evidence]
+
+
+def detect(root: Path = Path("/")) -> Machine:
+    """Return the hardware of a machine, and the accelerator that its images are made for.
+
+    `root` is the folder that stands for the machine's ``/``; a `DeployError` says that there is none.
+    """
+    files = MachineFiles(root)
+    evidence = tuple(look(files) for look in TABLE)
+    chosen = next(item for item in evidence if item.found)
+    architecture, reason = find_architecture(files)
+    release = _l4t_release(files)
+    return Machine(
+        root=str(root),
+        architecture=architecture,
+        architecture_reason=reason,
+        model=_model(files),
+        operating_system=_operating_system(files),
+        jetpack=JETPACKS.get(release[0]) if release else None,
+        accelerator=chosen.accelerator,
+        evidence=evidence,
+        devices=chosen.devices,
+        groups=_groups(files, chosen.devices),
+    )
+
+
+# NVIDIA Jetson.
+
+JETPACKS = {28: 3, 31: 4, 32: 4, 34: 5, 35: 5, 36: 6, 38: 7, 39: 7}
+"""Major version of JetPack by that of Jetson Linux (L4T): docs.nvidia.com/jetson/archives."""
+
+_RELEASE_FILE = "/etc/nv_tegra_release"
+_RELEASE = re.compile(r"#\s*R([0-9]{1,3})\s*\(release\),\s*REVISION:\s*([0-9][0-9.]{0,15})")
+
+
+def look_for_jetson(files: MachineFiles) -> Evidence:
+    """Look for a Jetson whose engines can be reached.
+
+    The device tree (``nvidia,tegra*``) or the release file of L4T names the board. Its engines are reached
+    through ``/dev/nvmap`` and ``/dev/nvhost-*`` (L4T, /etc/nvidia-container-runtime/host-files-for-container.d).
+    """
+    is_jetson = _is_tegra(files) or files.text(_RELEASE_FILE) is not None
+    engines = files.paths("/dev", r"nvhost-[A-Za-z0-9_-]+|nvmap")
+    if not is_jetson:
+        return Evidence(accelerator=Accelerator.JETSON, reason="no Tegra board and no L4T release")
+    if not engines:
+        reason = (
+            "a Jetson, but no /dev/nvmap or /dev/nvhost-*: a container without NVIDIA's runtime?"
+        )
+        return Evidence(accelerator=Accelerator.JETSON, reason=reason)
+    nodes = [*engines]
+    for folder in files.paths("/dev/nvgpu", r"[\w-]+"):
+        nodes += files.paths(folder, r"[\w-]+")
+    nodes += files.paths("/dev", r"nvidia[0-9]+|nvidiactl|nvidia-modeset|v4l2-nv(dec|enc)")
+    nodes += files.paths("/dev/dri", r"renderD[0-9]+")
+    release = _l4t_release(files)
+    version = f"L4T {release[1]}, JetPack {JETPACKS.get(release[0], 'unknown')}" if release else ""
+    return Evidence(
+        accelerator=Accelerator.JETSON,
+        reason=f"a Jetson with {version or 'an unknown release of L4T'}",
+        found=True,
+        devices=tuple(nodes),
+        codecs=_jetson_codecs(files),
+    )
+
+
+def _is_tegra(files: MachineFiles) -> bool:
+    """Tell whether a board is compatible with a Tegra (Devicetree Specification, 2.3.1)."""
+    texts = [files.text(f"{tree}/compatible") or "" for tree in _TREES]
+    names = [plain(name) for text in texts for name in text.split("\0")]
+    return any(name.startswith("nvidia,tegra") for name in names)
+
+
+def _l4t_release(files: MachineFiles) -> tuple[int, str] | None:
+    """Return major version and version of L4T."""
+    found = _RELEASE.search(files.text(_RELEASE_FILE) or "")
+    return (int(found[1]), f"{found[1]}.{found[2].rstrip('.')}") if found else None
+
+
+def _jetson_codecs(files: MachineFiles) -> tuple[Codec, ...]:
+    """Return NVENC and NVDEC; Orin Nano has no NVENC (NVIDIA, Jetson Orin Nano Series Data Sheet)."""
+    why = "engine on the chip; in FFmpeg of jetson-ffmpeg, not in the wheels of PyAV"
+    decoder = Codec(name="h264_nvmpi", role=CodecRole.DECODER, why=why)
+    if "Orin Nano" in _model(files):
+        return (decoder,)
+    return (Codec(name="h264_nvmpi", role=CodecRole.ENCODER, why=why), decoder)
+
+
+# NVIDIA cards.
+
+_DRIVER_FILE = "/proc/driver/nvidia/version"
+_DRIVER = re.compile(r"Kernel Module(?: for \w+)?\s+([0-9]+(?:\.[0-9]+)+)")
+_CUDA_CODECS = (
+    Codec(
+        name="h264_nvenc",
+        role=CodecRole.ENCODER,
+        why="NVENC on the card; needs the driver's library from the host; an A100 has no encoder",
+    ),
+    Codec(name="h264_cuvid", role=CodecRole.DECODER, why="NVDEC on the card"),
+)
+
+
+def look_for_cuda(files: MachineFiles) -> Evidence:
+    """Look for a card with NVIDIA's driver.
+
+    The driver is there with ``/proc/driver/nvidia/version``, a card with ``/dev/nvidia0``; both are used through
+    ``/dev/nvidiactl`` (NVIDIA Accelerated Linux Graphics Driver README). WSL 2 has ``/dev/dxg`` for all cards,
+    and the libcuda of NVIDIA's driver below /usr/lib/wsl/lib (CUDA on WSL User Guide). A Jetson has the same
+    nodes for its display.
+    """
+    if files.has("/dev/dxg"):
+        if files.paths("/usr/lib/wsl/lib", r"libcuda\.so[0-9.]*"):
+            return _cuda("NVIDIA's driver for Windows, through WSL 2", ("/dev/dxg",))
+        reason = "WSL 2 with a graphics card that is not NVIDIA's"
+        return Evidence(accelerator=Accelerator.CUDA, reason=reason)
+    if _is_tegra(files):
+        reason = "a Tegra: its /dev/nvidia* belong to the display"
+        return Evidence(accelerator=Accelerator.CUDA, reason=reason)
+    driver = files.text(_DRIVER_FILE)
+    cards = files.paths("/dev", r"nvidia[0-9]+")
+    needed = {
+        _DRIVER_FILE: driver is not None,
+        "/dev/nvidiactl": files.has("/dev/nvidiactl"),
+        "/dev/nvidia0": bool(cards),
+    }
+    if all(needed.values()):
+        version = _DRIVER.search(driver or "")
+        name = version[1] if version else "of unknown version"
+        extra = files.paths("/dev", r"nvidia-(uvm|uvm-tools|modeset)")
+        nodes = (*cards, "/dev/nvidiactl", *extra)
+        return _cuda(f"NVIDIA's driver {name} with {len(cards)} card(s)", nodes)
+    missing = ", ".join(path for path, is_there in needed.items() if not is_there)
+    reason = f"NVIDIA's driver is not complete: without {missing}"
+    if not any(needed.values()):
+        reason = "no driver of NVIDIA"
+    return Evidence(accelerator=Accelerator.CUDA, reason=reason)
+
+
+def _cuda(reason: str, devices: tuple[str, ...]) -> Evidence:
+    return Evidence(
+        accelerator=Accelerator.CUDA,
+        reason=reason,
+        found=True,
+        devices=devices,
+        codecs=_CUDA_CODECS,
+    )
+
+
+# AMD and Intel.
+
+ROCM_TARGETS = frozenset(
+    {"gfx908", "gfx90a", "gfx942", "gfx1030", "gfx1100", "gfx1101", "gfx1200", "gfx1201"}
+)
+"""Chips on AMD's list of supported GPUs for ROCm 6.4 ('System requirements (Linux)', column LLVM target).
+
+Read from the list of an earlier 6.x and the release notes of 6.4.1; gfx1101 is from memory: compare before use.
+The base image must be of this release or a later one. Other chips may compute with HSA_OVERRIDE_GFX_VERSION,
+which AMD calls unofficial, and do not count.
+"""
+
+_TOPOLOGY = "/sys/class/kfd/kfd/topology/nodes"
+_AMD, _INTEL = "0x1002", "0x8086"  # PCI vendors
+_VENDORS = {_AMD: "AMD", _INTEL: "Intel"}
+_QUICK_SYNC = "Intel's Quick Sync; needs the runtime of oneVPL or Media SDK in the image"
+_VAAPI_CODEC = Codec(
+    name="h264_vaapi",
+    role=CodecRole.ENCODER,
+    why="video engine of the graphics; needs the VA driver of Mesa or Intel in the image",
+)
+"""VAAPI decodes inside FFmpeg's ``h264``, without a name of its own."""
+
+
+def look_for_rocm(files: MachineFiles) -> Evidence:
+    """Look for an AMD chip that ROCm supports.
+
+    The kernel also offers ``/dev/kfd`` for chips that AMD's libraries have no code for, such as the gfx1033 of
+    the Steam Deck. A container needs it and the chip's render node (AMD, 'Running ROCm Docker containers').
+    """
+    chips = dict(_chips(files))
+    good = [name for name in chips if name in ROCM_TARGETS]
+    nodes = [node for name in good for node in chips[name]]
+    if good and nodes and files.has("/dev/kfd"):
+        return Evidence(
+            accelerator=Accelerator.ROCM,
+            reason=f"{', '.join(good)} is on AMD's list of supported chips",
+            found=True,
+            devices=("/dev/kfd", *nodes),
+            codecs=(_VAAPI_CODEC,),
+        )
+    reason = "no chip of AMD that computes"
+    if good:
+        reason = f"{', '.join(good)}, but /dev/kfd or its render node is missing: a container?"
+    elif chips:
+        reason = f"{', '.join(chips)} is not on AMD's list of supported chips"
+    return Evidence(accelerator=Accelerator.ROCM, reason=reason)
+
+
+def _chips(files: MachineFiles) -> Iterator[tuple[str, list[str]]]:
+    """Yield each chip with its render node, if that is there; processors have version 0."""
+    found: dict[str, list[str]] = {}
+    for name in files.names(_TOPOLOGY, r"[0-9]+"):
+        text = files.text(f"{_TOPOLOGY}/{name}/properties") or ""
+        version, minor = _property(text, "gfx_target_version"), _property(text, "drm_render_minor")
+        node = f"/dev/dri/renderD{minor}"
+        if version:
+            nodes = found.setdefault(gfx_name(version), [])
+            nodes += [node] if minor and files.has(node) else []
+    yield from found.items()
+
+
+def _property(text: str, name: str) -> int:
+    found = re.search(rf"^{name} ([0-9]{{1,7}})$", text, re.MULTILINE)
+    return int(found[1]) if found else 0
+
+
+def gfx_name(gfx_target_version: int) -> str:
+    """Return LLVM's name of a chip by the number in a node's properties.
+
+    The kernel writes ``major * 10000 + minor * 100 + stepping``; LLVM's name has minor and stepping as one
+    hexadecimal digit each, as in 90010 for gfx90a (Linux, drivers/gpu/drm/amd/amdkfd/kfd_device.c; LLVM, User
+    Guide for AMDGPU Backend).
+    """
+    major, rest = divmod(gfx_target_version, 10000)
+    minor, stepping = divmod(rest, 100)
+    return f"gfx{major}{minor:x}{stepping:x}"
+
+
+def look_for_vaapi(files: MachineFiles) -> Evidence:
+    """Look for graphics of Intel or AMD with a render node, whose video engine VAAPI drives.
+
+    The vendor is ``/sys/class/drm/renderD*/device/vendor``. Nodes of others, such as virtio or nouveau, do not
+    count: what they offer depends on the host, or is too little.
+    """
+    nodes = {}
+    for path in files.paths("/dev/dri", r"renderD[0-9]+"):
+        vendor = files.text(f"/sys/class/drm/{path.rpartition('/')[2]}/device/vendor")
+        nodes[path] = plain(vendor or "").lower()
+    good = {path: vendor for path, vendor in nodes.items() if vendor in _VENDORS}
+    if not good:
+        reason = "render nodes, but none of Intel or AMD" if nodes else "no /dev/dri/renderD*"
+        return Evidence(accelerator=Accelerator.VAAPI, reason=reason)
+    codecs = [_VAAPI_CODEC]
+    if _INTEL in good.values():
+        codecs += [Codec(name="h264_qsv", role=role, why=_QUICK_SYNC) for role in CodecRole]
+    makers = sorted({_VENDORS[vendor] for vendor in good.values()})
+    return Evidence(
+        accelerator=Accelerator.VAAPI,
+        reason=f"graphics of {' and '.join(makers)} with a video engine",
+        found=True,
+        devices=tuple(good),
+        codecs=tuple(codecs),
+    )
+
+
+# Codecs of boards.
+
+_H264 = {"bcm2835-codec-decode": CodecRole.DECODER, "bcm2835-codec-encode": CodecRole.ENCODER}
+"""H.264 codecs of Raspberry Pi 4 and before (Raspberry Pi's kernel, bcm2835-v4l2-codec.c)."""
+_HEVC = frozenset({"rpivid", "rpi-hevc-dec"})  # of Raspberry Pi 4 and 5
+_CODEC = re.compile(r"(?:.*[-_ ])?(?:enc|encode|encoder|dec|decode|decoder)", re.IGNORECASE)
+
+
+def look_for_v4l2(files: MachineFiles) -> Evidence:
+    """Look for a V4L2 device node that is a codec, by its driver's name in /sys/class/video4linux.
+
+    A codec of any format counts, because base images differ by driver. It may do nothing for H.264: a Raspberry
+    Pi 5 has an HEVC decoder only (Raspberry Pi 5 Product Brief). Cameras and image processors are no codecs.
+    """
+    names = {}
+    for path in files.paths("/dev", r"video[0-9]+"):
+        text = files.text(f"/sys/class/video4linux/{path.removeprefix('/dev/')}/name")
+        names[path] = plain(text or "")
+    codecs = {n: name for n, name in names.items() if _CODEC.fullmatch(name) or name in _HEVC}
+    if not codecs:
+        reason = f"{len(names)} video device(s), but none is a codec"
+        return Evidence(accelerator=Accelerator.V4L2, reason=reason)
+    known = {_H264.get(name) for name in codecs.values()}
+    roles = [role for role in CodecRole if role in known]
+    if roles:
+        reason = f"H.264 {' and '.join(role.value for role in roles)} in hardware"
+    elif set(codecs.values()) <= _HEVC:
+        reason = "an HEVC decoder only: the processor encodes and decodes H.264"
+    else:
+        reason = f"codecs of unknown formats ({', '.join(sorted(set(codecs.values())))})"
+    why = "stateful V4L2 codec of the board"
+    return Evidence(
+        accelerator=Accelerator.V4L2,
+        reason=reason,
+        found=True,
+        devices=tuple(codecs),
+        codecs=tuple(Codec(name="h264_v4l2m2m", role=role, why=why) for role in roles),
+    )
+
+
+def look_for_none(files: MachineFiles) -> Evidence:
+    """Return the processor, which is always there."""
+    reason = "the processor is always there"
+    if files.has("/.dockerenv") or files.has("/run/.containerenv"):
+        reason += "; this is the root of a container, which has only the devices that it was given"
+    return Evidence(accelerator=Accelerator.NONE, reason=reason, found=True)
+
+
+TABLE: tuple[Look, ...] = (
+    look_for_jetson,  # its libraries fit one L4T release, and no other base runs there
+    look_for_cuda,  # computes, encodes and decodes, apart from the processor's graphics
+    look_for_rocm,  # computes, and its base also has VAAPI
+    look_for_vaapi,  # encodes and decodes H.264
+    look_for_v4l2,  # a single codec of the board, on some boards without H.264
+    look_for_none,
+)
+"""One row per accelerator. The first that is found is chosen."""
+
+
+# Architecture, model and groups.
+
+_ELF = {3: "386", 8: "mips", 20: "ppc", 21: "ppc64", 22: "s390x", 40: "arm", 62: "amd64"}
+_ELF |= {183: "arm64", 243: "riscv64", 258: "loong64"}
+"""Names in container images by ``e_machine`` of the System V ABI's ELF header (elf.h, EM_*)."""
+_PROGRAMS = ("/bin/sh", "/usr/bin/sh", "/bin/busybox", "/usr/bin/env", "/sbin/init")
+_LOADERS = ("/lib64", "/lib", "/usr/lib64", "/usr/lib")
+_KERNEL_NAMES = {"x86_64": "amd64", "aarch64": "arm64"}
+_TREES = ("/proc/device-tree", "/sys/firmware/devicetree/base")  # the first is a link to the second
+_DMI = "/sys/class/dmi/id"
+_GROUPS = (
+    (re.compile(r"/dev/dri/renderD[0-9]+|/dev/kfd"), "render"),
+    (re.compile(r"/dev/video[0-9]+|/dev/dri/card[0-9]+"), "video"),
+    (re.compile(r"/dev/(nvhost-|nvmap|nvgpu|v4l2-nv).*"), "video"),
+)
+"""Groups of device nodes: systemd's 50-udev-default.rules, and for Jetson L4T's 99-tegra-devices.rules."""
+
+
+def find_architecture(files: MachineFiles) -> tuple[Architecture | None, str]:
+    """Return the architecture, and its source or the reason why there is none."""
+    loaders: list[str] = []
+    for place in _LOADERS:
+        loaders += files.paths(place, r"ld-(linux|musl)-?[\w.-]*so[\w.-]*")
+    for path in (*_PROGRAMS, *loaders):
+        name = _elf_name(files.head(path, 20))
+        if name:
+            return _supported(name, f"the ELF header of {path}")
+    if files.root == Path("/"):
+        kernel = platform.machine()
+        return _supported(_KERNEL_NAMES.get(kernel, kernel), "the kernel's own name for it")
+    return None, "not known: no program with an ELF header"
+
+
+def _elf_name(header: bytes | None) -> str:
+    """Return the architecture's name in container images; empty if this is no program."""
+    if header is None or len(header) < 20 or header[:4] != b"\x7fELF":
+        return ""
+    is_64_bit, is_little_endian = header[4] == 2, header[5] == 1
+    (machine,) = struct.unpack_from("<H" if is_little_endian else ">H", header, 18)
+    name = _ELF.get(machine, f"ELF machine {machine}")
+    if name in {"amd64", "arm64"} and not (is_64_bit and is_little_endian):
+        return f"{name} with 32-bit or big-endian programs"
+    return "riscv32" if name == "riscv64" and not is_64_bit else name
+
+
+def _supported(name: str, source: str) -> tuple[Architecture | None, str]:
+    allowed = [member.value for member in Architecture]
+    if name in allowed:
+        return Architecture(name), f"from {source}"
+    wanted = ", ".join(allowed)
+    return None, f"{name}, from {source}: there are no images for it, allowed: {wanted}"
+
+
+def _model(files: MachineFiles) -> str:
+    """Return the device tree's model, otherwise manufacturer and product of DMI, otherwise 'unknown'."""
+    for tree in _TREES:
+        model = plain(files.text(f"{tree}/model") or "")
+        if model:
+            return model
+    names = [plain(files.text(f"{_DMI}/{name}") or "") for name in ("sys_vendor", "product_name")]
+    return " ".join(filter(None, names)) or "unknown"
+
+
+def _operating_system(files: MachineFiles) -> str:
+    """Return PRETTY_NAME of os-release(5), otherwise 'unknown'."""
+    for path in ("/etc/os-release", "/usr/lib/os-release"):
+        found = re.search(r"^PRETTY_NAME=(.*)$", files.text(path) or "", re.MULTILINE)
+        name = plain(found[1]).strip("\"'") if found else ""
+        if name:
+            return name
+    return "unknown"
+
+
+def _groups(files: MachineFiles, devices: Sequence[str]) -> tuple[DeviceGroup, ...]:
+    """Return the groups that udev gives device nodes, with their numbers on this machine."""
+    wanted = {name for path in devices for pattern, name in _GROUPS if pattern.fullmatch(path)}
+    known: dict[str, int] = {}
+    for line in (files.text("/etc/group") or "").splitlines():
+        name, *fields = line.split(":")
+        if len(fields) > 1 and re.fullmatch(r"[0-9]{1,10}", fields[1]):
+            known.setdefault(name, int(fields[1]))
+    return tuple(DeviceGroup(name=name, gid=known.get(name)) for name in sorted(wanted))
+
+
+# Codecs that open, and the report.
+
+_SOFTWARE = (
+    Codec(name="libx264", role=CodecRole.ENCODER, why="the processor; in the wheels of PyAV"),
+    Codec(name="h264", role=CodecRole.DECODER, why="the processor; part of FFmpeg"),
+)
+
+
+def expected_codecs(machine: Machine) -> tuple[Codec, ...]:
+    """Return the H.264 codecs of a machine's accelerator, then those of the processor."""
+    return (*machine.evidence_of(machine.accelerator).codecs, *_SOFTWARE)
+
+
+def codecs_found(machine: Machine) -> tuple[CodecFound, ...]:
+    """Try all H.264 codecs of FFmpeg here, and return them beside those expected of a machine."""
+    from sfglab.codecs.probe import available_decoders, available_encoders
+
+    expected = {(codec.name, codec.role): codec.why for codec in expected_codecs(machine)}
+    probes = [(probe, CodecRole.ENCODER) for probe in available_encoders()]
+    probes += [(probe, CodecRole.DECODER) for probe in available_decoders()]
+    found = []
+    for probe, role in probes:
+        why = expected.get((probe.name, role))
+        codec = CodecFound(
+            name=probe.name,
+            role=role,
+            expected=why is not None,
+            works=probe.works,
+            tried=probe.reason,
+            why=why or "not of this machine's accelerator",
+        )
+        found.append(codec)
+    return tuple(found)
+
+
+def render_machine(machine: Machine, codecs: Sequence[CodecFound] | None = None) -> str:
+    """Return a report of a machine, with the result of `codecs_found` unless it is None."""
+    architecture = f"{machine.architecture.value}, " if machine.architecture else ""
+    groups = [
+        f"{group.name} ({'not in /etc/group' if group.gid is None else group.gid})"
+        for group in machine.groups
+    ]
+    rows = {
+        "Model": machine.model,
+        "Operating system": machine.operating_system,
+        "Architecture": f"{architecture}{machine.architecture_reason}",
+        "JetPack": str(machine.jetpack or ""),
+        "Accelerator": machine.accelerator.value,
+        "Devices": ", ".join(machine.devices) or "none needed",
+        "Groups": ", ".join(groups) or "none needed",
+    }
+    lines = [f"{title + ':':18}{text}" for title, text in rows.items() if text]
+    lines += ["", "Accelerators, in order of preference:"]
+    for item in machine.evidence:
+        mark = "*" if item.accelerator is machine.accelerator else " "
+        found = "found" if item.found else "not found"
+        lines.append(f"{mark} {item.accelerator.value:7} {found}: {item.reason}")
+    if codecs is not None:
+        lines += ["", "H.264 codecs, as PyAV opens them in this process:"]
+        lines.append(f"  {'name':14} {'role':8} {'expected':8} {'opens':6} tried; why")
+        lines += map(_codec_line, codecs)
+    return "\n".join(lines) + "\n"
+
+
+def _codec_line(codec: CodecFound) -> str:
+    expected = "yes" if codec.expected else "no"
+    works = "yes" if codec.works else "no"
+    start = f"  {codec.name:14} {codec.role.value:8} {expected:8} {works:6}"
+    return f"{start} {codec.tried}; {codec.why}"
