@@ -87,7 +87,7 @@ def router_file(
     if target != "dds-router":
         replacement = "use a DDS Router, whose file this command writes"
         refuse(f"fleet router --target {target}", replacement)
-    from sfglab.deploy.routers.dds_router import render_dds_router
+    from sfglab.deploy.dds_router import render_dds_router
     from sfglab.fleet.fleet_file import load_fleet
 
     write_text(render_dds_router(load_fleet(file), agent), output)

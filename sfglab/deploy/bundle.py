@@ -13,13 +13,13 @@ from pathlib import Path
 from types import MappingProxyType
 
 from sfglab.deploy.compose import compose_files
+from sfglab.deploy.dds_router import ROUTER_FILE, render_dds_router
 from sfglab.deploy.deployment import Deployment, Release, deployment_of
 from sfglab.deploy.dockerfile import image_files
 from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile
 from sfglab.deploy.host import host_files
-from sfglab.deploy.routers.dds_router import ROUTER_FILE, render_dds_router
 from sfglab.files import read_text, write_files
 from sfglab.fleet.fleet_file import (
     AUTO,

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from sfglab.deploy.dds_router import ROUTER_FILE
 from sfglab.deploy.deployment import FLEET_FILE, USER_ID, Deployment
 from sfglab.deploy.files import BundleFile, one_line
-from sfglab.deploy.routers.dds_router import ROUTER_FILE
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
 
 _NEEDS_INITIALIZE = "run hooks/initialize.sh first"

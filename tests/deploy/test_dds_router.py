@@ -8,8 +8,8 @@ from esslingen import LAB, fleet_of, rule
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfglab.deploy.dds_router import render_dds_router
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.routers.dds_router import render_dds_router
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.policy import TABLE_1, Direction
 

@@ -9,8 +9,8 @@ import pytest
 from esslingen import FLEET, RELEASE
 
 from sfglab.deploy.bundle import render_bundle
+from sfglab.deploy.dds_router import render_dds_router
 from sfglab.deploy.deployment import deployment_of
-from sfglab.deploy.routers.dds_router import render_dds_router
 
 GOLDEN = Path(__file__).parent / "golden"
 REVIEWED = {
