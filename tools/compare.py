@@ -97,6 +97,8 @@ REASONS: dict[str, str] = {
     "messages/sfglab_rows.msg.*": "rows have only the columns that a result reads",
     "commands/qos-paper.txt": "channel utilisation is named; of VOLATILE Fast DDS, loss is an upper bound",
     "commands/qos-*.txt": "VOLATILE writers of Fast DDS: one depth, and loss as an upper bound",
+    "folders/*/systemd/*": "the service starts the release that a link names",
+    "folders/*/hooks/30-service.sh": "the file .env stays outside of the release",
     "folders/interfaces/sfglab_interfaces/msg/StreamInfo.msg": "a comment named the codec med",
 }
 """Reasons for differences, by a pattern of their names."""

@@ -20,7 +20,7 @@ from sfglab.fleet.fleet_file import (
     HostSpec,
 )
 
-#: The last port below net.ipv4.ip_local_port_range, which anybody gets.
+#: The last port below net.ipv4.ip_local_port_range, from which Linux assigns ports to any process.
 LAST_EPHEMERAL_FREE_PORT = 32767
 
 _LONGEST_INTERFACE = 15  # IFNAMSIZ of Linux, less its closing zero
@@ -35,11 +35,11 @@ class NetworkPlan:
     global_domain: int  #: The domain that all routers join.
     #: Name of the agent's bridge; empty where its container stands on the host's network.
     bridge: str
-    agent_interface: str  #: Where the agent's container speaks its own domain.
-    router_interface: str  #: Where the router meets it.
-    #: Where the router meets the other agents; None leaves the choice to DDS.
+    agent_interface: str  #: Interface of the agent's container to its own domain.
+    router_interface: str  #: Interface of the router to that domain.
+    #: Interface of the router to the other agents; None leaves the choice to DDS.
     global_interface: str | None
-    #: First and last UDP port of its own domain, which nobody outside may reach.
+    #: First and last UDP port of its own domain, which no other host may reach.
     local_ports: tuple[int, int]
     global_ports: tuple[int, int]  #: First and last UDP port of the global domain.
 
@@ -79,25 +79,27 @@ def bridge_name(agent: str) -> str:
     return f"{name[: _LONGEST_INTERFACE - 5]}-{digest}"
 
 
-HOME = "/opt/sfglab"  #: Where machines keep what they are given, one folder an agent.
+HOME = "/opt/sfglab"  #: Folder of all agents on a machine, with one folder per agent.
 
-FLEET_FILE = "/etc/sfglab/fleet.yaml"  #: Where images have the fleet file.
+CURRENT = "current"  #: Link in an agent's folder to the release that runs.
 
-USER, USER_ID = "sfglab", 10001  #: Who runs in containers; its group has the same number.
+FLEET_FILE = "/etc/sfglab/fleet.yaml"  #: Path of the fleet file in images.
+
+USER, USER_ID = "sfglab", 10001  #: User in containers; its group has the same number.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Release:
-    """What goes into an application image, and where it comes from."""
+    """Contents of an application image, and their origin."""
 
-    version: str  #: Of sfglab.
+    version: str  #: Version of sfglab.
     wheel: str  #: File name of sfglab's wheel.
     wheel_sha256: str  #: Its digest, as hexadecimal digits.
     #: The pinned lock file's text: names, versions and digests of all that runs beside it.
     lock: str
     fleet_text: str  #: The fleet file, as it was read.
     revision: str = ""  #: Commit the wheel was built from; empty where it is not known.
-    created: str = ""  #: When that was, as RFC 3339 has it; empty where it is not known.
+    created: str = ""  #: Time of that commit, as in RFC 3339; empty if it is not known.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,19 +109,24 @@ class Deployment:
     fleet: Fleet  #: The fleet.
     agent: AgentSpec  #: The agent.
     host: HostSpec  #: Its machine.
-    accelerator: Accelerator  #: What its images are made for.
-    network: NetworkPlan  #: Where its containers stand.
-    release: Release  #: What runs in them.
+    accelerator: Accelerator  #: Accelerator that its images are made for.
+    network: NetworkPlan  #: Networks of its containers.
+    release: Release  #: Release that runs in them.
 
     @property
     def common(self) -> DeploymentSpec:
-        """What is the same for all machines of the fleet."""
+        """Settings of all machines of the fleet."""
         return self.fleet.deployment
 
     @property
     def folder(self) -> str:
-        """Where the machine keeps the agent's files."""
+        """Folder of the agent on its machine, with its releases and what the user keeps."""
         return f"{HOME}/{self.agent.name}"
+
+    @property
+    def release_folder(self) -> str:
+        """Path of the link to the release that runs."""
+        return f"{self.folder}/{CURRENT}"
 
     @property
     def project(self) -> str:

@@ -111,6 +111,7 @@ def service_unit(deployment: Deployment) -> str:
         fleet=_UNSAFE.sub(" ", deployment.fleet.name).strip(),
         service=deployment.service,
         folder=deployment.folder,
+        release=deployment.release_folder,
         project=deployment.project,
         options=f"--project-name {deployment.project}",
     )

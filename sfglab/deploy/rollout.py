@@ -1,8 +1,7 @@
-"""Rollout of a bundle to a machine: what would change, bringing it there, and going back by a release's name.
+"""Rollout of a bundle to a machine: planned changes, installation, and rollback by a release's name.
 
-A machine keeps the archives of its releases, so that going back needs nothing else. The manifest is an
-archive's last file: a machine that was cut off shows what is missing, and applying again goes on. What talks to
-a machine raises a `DeployError` where it cannot be reached, or a command fails there.
+A machine keeps its latest releases, each in a folder of its own, and a symbolic link names the one that runs.
+Functions that talk to a machine raise a `DeployError` if it cannot be reached or a command fails there.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.bundle import ENVIRONMENT, MANIFEST, Bundle, Member, pack, unpack
+from sfglab.deploy.deployment import CURRENT
 from sfglab.deploy.errors import DeployError
 from sfglab.tables import text_table
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from sfglab.deploy.transport import Transport
 
 
-#: What containers take in when they start anew.
+#: Files that containers read when they start.
 _RESTARTING = ("compose.yaml", ENVIRONMENT, "router/")
 
 
 class Change(Enum):
-    """What happens to a file."""
+    """Change of a file."""
 
     NEW = "new"
     CHANGED = "changed"
@@ -44,20 +44,20 @@ class FileChange:
     """One file."""
 
     path: str  #: Within the agent's folder.
-    change: Change  #: What happens to it.
-    remark: str = ""  #: What else is worth knowing, as that somebody changed it on the machine.
+    change: Change  #: Its change.
+    remark: str = ""  #: Remark, as that the file was changed on the machine.
     diff: str = ""  #: Unified diff of its text; empty where there is none to show.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What applying a bundle would do."""
+    """Changes that applying a bundle would make."""
 
     agent: str  #: The agent.
     before: str  #: The release on the machine; empty: none.
     after: str  #: The release of the bundle.
     files: tuple[FileChange, ...]  #: Every file that is or will be there.
-    restart: bool  #: Whether the containers start anew.
+    restart: bool  #: Whether the containers restart.
 
     @property
     def nothing(self) -> bool:
@@ -96,12 +96,8 @@ def _read_manifest(manifest: Member | None) -> tuple[str, dict[str, dict[str, st
 def _change(
     path: str, new: Member | None, old: Member | None, written: Mapping[str, Mapping[str, str]]
 ) -> FileChange:
-    touched = (
-        old
-        and path in written
-        and written[path].get("sha256") != hashlib.sha256(old.data).hexdigest()
-    )
-    remark = "changed on the machine by somebody else" if touched else ""
+    touched = old is not None and path in written and _is_changed(old, written[path])
+    remark = "changed on the machine since" if touched else ""
     if new is None:
         return FileChange(path=path, change=Change.GONE, remark=remark)
     if old is None:
@@ -109,6 +105,11 @@ def _change(
     if new == old:
         return FileChange(path=path, change=Change.SAME)
     return FileChange(path=path, change=Change.CHANGED, remark=remark, diff=_diff(path, old, new))
+
+
+def _is_changed(member: Member, entry: Mapping[str, str]) -> bool:
+    """Tell whether a file is another one than its entry in a manifest says."""
+    return entry.get("sha256") != hashlib.sha256(member.data).hexdigest()
 
 
 def _diff(path: str, old: Member, new: Member) -> str:
@@ -124,19 +125,19 @@ def _diff(path: str, old: Member, new: Member) -> str:
 class Step:
     """A command that follows when the files are there."""
 
-    what: str  #: What it does, for people.
+    what: str  #: Description for people.
     script: str  #: For a shell on the machine.
-    #: Of the running system, so that a folder in place of a machine goes without.
+    #: Whether it needs the running system; it is skipped on a folder in place of a machine.
     on_system: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prospect:
-    """What is to happen to one agent."""
+    """Planned changes of one agent."""
 
     agent: str  #: The agent.
-    machine: str  #: Where.
-    plan: Plan | None  #: What would change; None where the machine could not be looked at.
+    machine: str  #: Name of its machine.
+    plan: Plan | None  #: The changes; None if the machine could not be reached.
     steps: tuple[Step, ...] = ()  #: Commands that follow.
     problem: str = ""  #: Why it could not be looked at; empty when it was.
 
@@ -186,16 +187,21 @@ def _details(prospect: Prospect, *, diff: bool) -> Iterator[str]:
     yield "\n".join(lines)
 
 
-KEPT = 5  #: Releases whose files a machine keeps.
+KEPT = 5  #: Number of releases that a machine keeps.
 
 _RELEASES = ".releases"
 _BUILT = " ".join(f"--exclude=./workspace/{name}" for name in ("build", "install", "log"))
 
 
 def look(transport: Transport, folder: str) -> dict[str, Member]:
-    """Return what a machine has in an agent's folder, by path; nothing where there is no folder."""
+    """Return the files of the release that a machine runs, by path; nothing if there is none."""
+    return _files(transport, f"{folder}/{CURRENT}")
+
+
+def _files(transport: Transport, folder: str) -> dict[str, Member]:
+    """Return the files of a release's folder, with the user's own in folders that are links."""
     place = _quoted(transport, folder)
-    script = f"cd {place} 2>/dev/null || exit 0; tar -cf - --exclude=./{_RELEASES} {_BUILT} ."
+    script = f"cd {place} 2>/dev/null || exit 0; tar -chf - --exclude=./.env {_BUILT} ."
     archive = transport.run(script)
     return unpack(archive) if archive else {}
 
@@ -206,25 +212,23 @@ def look_and_plan(transport: Transport, folder: str, bundle: Bundle) -> Plan:
 
 
 def steps(deployment: Deployment, bundle: Bundle, plan: Plan) -> tuple[Step, ...]:
-    """Return the commands that follow the files; none where nothing changes."""
+    """Return the commands that follow the files; none if nothing changes."""
     if plan.nothing:
         return ()
-    folder, service = shlex.quote(deployment.folder), shlex.quote(deployment.service)
-    there = f"docker image inspect {shlex.quote(bundle.image)} >/dev/null 2>&1"
+    release, service = shlex.quote(deployment.release_folder), shlex.quote(deployment.service)
+    is_there = f"docker image inspect {shlex.quote(bundle.image)} >/dev/null 2>&1"
+    verb = "restart" if plan.restart else "start"
     return (
         Step(
             what="prepare the host: time, firewall, service",
-            script=f"{folder}/hooks/initialize.sh",
+            script=f"{release}/hooks/initialize.sh",
             on_system=False,
         ),
         Step(
             what=f"build {bundle.image} unless it is there",
-            script=f"{there} || (cd {folder} && docker compose build agent)",
+            script=f"{is_there} || (cd {release} && docker compose build agent)",
         ),
-        Step(
-            what=f"{'restart' if plan.restart else 'start'} {deployment.service}",
-            script=f"systemctl {'restart' if plan.restart else 'start'} {service}",
-        ),
+        Step(what=f"{verb} {deployment.service}", script=f"systemctl {verb} {service}"),
     )
 
 
@@ -235,10 +239,10 @@ def apply_plan(
     transport: Transport,
     say: Callable[[str], None],
 ) -> None:
-    """Bring a bundle to its machine and start it, as `look_and_plan` found; `say` hears each step."""
+    """Copy a bundle to its machine and start it, as `look_and_plan` found; `say` gets each step as text."""
     if plan.nothing:
         return
-    _install(plan, bundle, deployment.folder, transport)
+    install(bundle, deployment.folder, transport)
     say(f"{plan.agent}: files written to {transport.name}")
     for step in steps(deployment, bundle, plan):
         if transport.root and step.on_system:
@@ -251,53 +255,69 @@ def apply_plan(
 
 
 def releases(transport: Transport, folder: str) -> tuple[str, ...]:
-    """Return the releases whose files a machine keeps, the newest first."""
+    """Return the releases that a machine keeps, the newest first."""
     place = _quoted(transport, f"{folder}/{_RELEASES}")
-    names = (
-        transport.run(f"ls -1t {place} 2>/dev/null || true").decode(errors="replace").splitlines()
-    )
-    return tuple(name.removesuffix(".tar") for name in names if name.endswith(".tar"))
+    script = f"cd {place} 2>/dev/null || exit 0; ls -1dt */ 2>/dev/null || true"
+    names = transport.run(script).decode(errors="replace").splitlines()
+    return tuple(name.rstrip("/") for name in names if not name.endswith((_NEW, _OLD)))
 
 
 def released(transport: Transport, deployment: Deployment, tag: str) -> Bundle:
-    """Return an earlier release as the machine kept it; `DeployError` if it is not there, or not whole."""
-    folder = deployment.folder
-    known = releases(transport, folder)
+    """Return an earlier release from a machine; `DeployError` if it is not there or was changed."""
+    known = releases(transport, deployment.folder)
     if tag not in known:
         allowed = ", ".join(known) or "none, nothing has been applied there"
         raise DeployError(
             f"{transport.name}: release of {deployment.agent.name}: given {tag!r}, allowed: {allowed}"
         )
-    members = unpack(transport.run(f"cat {_quoted(transport, _archive(folder, tag))}"))
-    if MANIFEST not in members:
-        raise DeployError(f"{transport.name}: {_archive(folder, tag)}: not a whole release")
-    return Bundle(
-        agent=deployment.agent.name,
-        tag=tag,
-        image=f"{deployment.repository}:{tag}",
-        members=members,
-    )
+    found = _files(transport, f"{deployment.folder}/{_RELEASES}/{tag}")
+    _, written = _read_manifest(found.get(MANIFEST))
+    members = {}
+    for path, entry in written.items():
+        member = found.get(path)
+        if member is None or _is_changed(member, entry):
+            raise DeployError(
+                f"{transport.name}: release {tag} of {deployment.agent.name}: {path} is missing or was "
+                "changed there; apply the fleet file instead"
+            )
+        members[path] = member
+    if not members:
+        raise DeployError(
+            f"{transport.name}: release {tag}: it has no manifest; apply the fleet file"
+        )
+    members[MANIFEST] = found[MANIFEST]
+    image = f"{deployment.repository}:{tag}"
+    return Bundle(agent=deployment.agent.name, tag=tag, image=image, members=members)
 
 
-def _install(plan: Plan, bundle: Bundle, folder: str, transport: Transport) -> None:
-    place = _quoted(transport, folder)
-    archive = _quoted(transport, _archive(folder, bundle.tag))
-    gone = [file.path for file in plan.files if file.change is Change.GONE]
+_NEW, _OLD = ".new/", ".old/"
+
+
+def install(bundle: Bundle, folder: str, transport: Transport) -> None:
+    """Unpack a bundle beside the other releases of an agent, and let the link name it.
+
+    The link changes once all files are there. Files that the user keeps stay outside of it in the agent's
+    folder: a release has links to the folder of the user's hooks and to ``.env``.
+    """
+    release = shlex.quote(f"{_RELEASES}/{bundle.tag}")
     lines = [
-        f"mkdir -p {place}/{_RELEASES}",
-        f"cat > {archive}.part",
-        f"mv {archive}.part {archive}",
-        # Not over the old files: what runs keeps the one it has opened.
-        f"tar -x --unlink-first --no-same-owner -f {archive} -C {place}",
-        *(f"rm -f {place}/{shlex.quote(path)}" for path in gone),
-        f"cd {place}/{_RELEASES}",
-        f'ls -1t | tail -n +{KEPT + 1} | while read -r old; do rm -f "$old"; done',
+        f"mkdir -p {_quoted(transport, folder)}",
+        f"cd {_quoted(transport, folder)}",
+        f"rm -rf {release}.new {release}.old",
+        f"mkdir -p {release}.new/hooks hooks/custom.d",
+        f"ln -s ../../../hooks/custom.d {release}.new/hooks/custom.d",
+        f"ln -s ../../.env {release}.new/.env",
+        f"tar -x --no-same-owner -f - -C {release}.new",
+        f"if [ -e {release} ]; then mv {release} {release}.old; fi",
+        f"mv {release}.new {release}",
+        f"ln -sfn {release} {CURRENT}.new",
+        f"mv -fT {CURRENT}.new {CURRENT}",
+        f"rm -rf {release}.old",
+        f"cd {_RELEASES}",
+        f"touch {shlex.quote(bundle.tag)}",
+        f'ls -1t | tail -n +{KEPT + 1} | while read -r old; do rm -rf "$old"; done',
     ]
     transport.run("\n".join(lines), data=pack(bundle))
-
-
-def _archive(folder: str, tag: str) -> str:
-    return f"{folder}/{_RELEASES}/{tag}.tar"
 
 
 def _quoted(transport: Transport, path: str) -> str:

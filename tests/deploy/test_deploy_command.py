@@ -77,4 +77,4 @@ def test_on_a_folder_in_place_of_a_machine_detection_looks_there(tmp_path):
     root = write_example(EXAMPLES["steam_deck"], tmp_path / "deck")
     options = ("--agent", "workstation", "--accelerator", "auto", "--root", root)
     call("apply", FLEET, *options)
-    assert "/dev/dri:/dev/dri" in (root / "opt/sfglab/workstation/compose.yaml").read_text()
+    assert "/dev/dri:/dev/dri" in (root / "opt/sfglab/workstation/current/compose.yaml").read_text()

@@ -7,7 +7,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
-from esslingen import program
+from esslingen import GO2, program
 from example_machines import EXAMPLES, write_example
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,10 +17,11 @@ from sfglab.deploy.errors import DeployError
 from sfglab.deploy.rollout import (
     KEPT,
     Change,
-    _install,
+    install,
     look,
     look_and_plan,
     plan_changes,
+    released,
     releases,
 )
 from sfglab.deploy.transport import Local, Ssh, accelerator_of, is_here, transport_to
@@ -45,12 +46,6 @@ def changes(plan) -> dict[str, Change]:
     return {file.path: file.change for file in plan.files if file.path != MANIFEST}
 
 
-def install(new: Bundle, machine: Local):
-    plan = look_and_plan(machine, FOLDER, new)
-    _install(plan, new, FOLDER, machine)
-    return plan
-
-
 @given(trees, trees)
 def test_a_plan_says_of_every_file_what_happens_to_it(before, after):
     found = changes(plan_changes(bundle_of(after, "2"), bundle_of(before, "1").members))
@@ -62,14 +57,14 @@ def test_a_plan_says_of_every_file_what_happens_to_it(before, after):
     assert kinds[Change.CHANGED] == (before.keys() & after.keys()) - same
 
 
-def test_a_users_own_file_is_nobodys_business_and_a_touched_one_is_told():
+def test_a_users_own_file_is_left_out_and_a_touched_one_has_a_remark():
     there = dict(bundle_of({"a": b"1"}).members) | {
         "hooks/custom.d/mine.sh": Member(data=b"x", mode=0o755)
     }
     there["a"] = Member(data=b"by hand\n", mode=0o644)
     plan = plan_changes(bundle_of({"a": b"2\n"}, "2"), there)
     (touched,) = [file for file in plan.files if file.path == "a"]
-    assert touched.remark == "changed on the machine by somebody else"
+    assert touched.remark == "changed on the machine since"
     assert "-by hand\n+2\n" in touched.diff
     assert "hooks/custom.d/mine.sh" not in changes(plan)
 
@@ -98,38 +93,65 @@ def test_a_bundle_survives_its_archive_equal_ones_are_equal_bytes_and_change_not
     assert pack(there) == pack(bundle_of(tree))
 
 
-def test_files_are_written_removed_and_the_second_time_nothing_is_to_do(tmp_path):
+def test_a_link_names_the_new_release_and_what_the_user_keeps_stays(tmp_path):
     machine = Local(folder=tmp_path)
+    folder = tmp_path / FOLDER.lstrip("/")
     assert look(machine, FOLDER) == {}
-    install(bundle_of({"a": b"1", "sub/b": b"2"}, "1"), machine)
-    own = tmp_path / "opt/sfglab/go2/hooks/custom.d/mine.sh"
-    own.parent.mkdir(parents=True)
-    own.write_text("mine")
-    new = bundle_of({"a": b"changed"}, "2")
-    install(new, machine)
-    there = {
-        path: member.data for path, member in look(machine, FOLDER).items() if path != MANIFEST
+    readme = {"hooks/custom.d/README": b"yours"}
+    install(bundle_of({"a": b"1", "sub/b": b"2", **readme}, "1"), FOLDER, machine)
+    own = {
+        "hooks/custom.d/mine.sh": "mine",
+        ".env": "SFGLAB_TAG=1\n",
+        "workspace/build/made": "built",
     }
-    assert there == {"a": b"changed", "hooks/custom.d/mine.sh": b"mine"}
+    for path, text in own.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text)
+    new = bundle_of({"a": b"changed", **readme}, "2")
+    install(new, FOLDER, machine)
+    assert (folder / "current").readlink() == Path(".releases/2")
+    assert {path: (folder / path).read_text() for path in own} == own
+    current = folder / "current"
+    assert (current / "hooks/custom.d/mine.sh").read_text() == "mine"
+    assert (current / ".env").read_text() == "SFGLAB_TAG=1\n"
+    there = look(machine, FOLDER)
+    assert {path: there[path].data for path in ("a", *readme)} == {"a": b"changed", **readme}
+    assert "sub/b" not in there
     assert look_and_plan(machine, FOLDER, new).nothing
 
 
 def test_a_machine_keeps_its_latest_releases_and_no_more(tmp_path):
     machine = Local(folder=tmp_path)
     for number in range(KEPT + 3):
-        install(bundle_of({"a": b"%d" % number}, f"{number}"), machine)
-        os.utime(tmp_path / f"opt/sfglab/go2/.releases/{number}.tar", (number, number))
+        install(bundle_of({"a": b"%d" % number}, f"{number}"), FOLDER, machine)
+        os.utime(tmp_path / f"opt/sfglab/go2/.releases/{number}", (number, number))
     assert releases(machine, FOLDER) == tuple(str(n) for n in range(KEPT + 2, 2, -1))
 
 
-def test_an_installation_that_was_cut_off_is_seen_and_the_next_one_completes_it(tmp_path):
+def test_an_installation_that_was_cut_off_changes_nothing_and_the_next_one_completes_it(tmp_path):
     machine = Local(folder=tmp_path)
-    new = bundle_of({"a": b"1", "b": b"2"}, "2")
-    install(new, machine)
-    (tmp_path / "opt/sfglab/go2" / MANIFEST).unlink()  # it is the last file of an archive
-    (tmp_path / "opt/sfglab/go2/b").unlink()
-    assert changes(install(new, machine)) == {"a": Change.SAME, "b": Change.NEW}
+    old, new = bundle_of({"a": b"1"}, "1"), bundle_of({"a": b"2"}, "2")
+    install(old, FOLDER, machine)
+    cut = Bundle(agent="go2", tag="2", image="", members={"/": Member(data=b"", mode=0)})
+    with pytest.raises(DeployError, match="status"):
+        install(cut, FOLDER, machine)
+    assert look_and_plan(machine, FOLDER, old).nothing
+    assert releases(machine, FOLDER) == ("1",)
+    install(new, FOLDER, machine)
     assert look_and_plan(machine, FOLDER, new).nothing
+
+
+def test_a_release_that_was_changed_on_its_machine_is_not_rolled_back_to(tmp_path):
+    machine = Local(folder=tmp_path)
+    install(bundle_of({"a": b"1"}, "1"), FOLDER, machine)
+    assert released(machine, GO2, "1").members["a"].data == b"1"
+    place = tmp_path / "opt/sfglab/go2/.releases/1"
+    (place / "a").write_bytes(b"by hand")
+    with pytest.raises(DeployError, match="a is missing or was changed there"):
+        released(machine, GO2, "1")
+    (place / MANIFEST).unlink()
+    with pytest.raises(DeployError, match="it has no manifest"):
+        released(machine, GO2, "1")
 
 
 @pytest.fixture

@@ -12,9 +12,12 @@
 
 UNIT=/etc/systemd/system/$SFGLAB_SERVICE
 WANTED=/etc/systemd/system/multi-user.target.wants/$SFGLAB_SERVICE
-# Beside compose.yaml, which on a developer's machine may stand anywhere.
-COMPOSE_ENV=$(cd -- "$SFGLAB_HOOKS/.." && pwd)/.env
-COMPOSE_ENV=${COMPOSE_ENV#"$SFGLAB_ROOT"}
+# Beside compose.yaml, which on a developer's machine may be anywhere. In an installed release it is a link to
+# a file outside of the release, which stays when the release changes.
+COMPOSE_ENV=$(readlink -m -- "$SFGLAB_HOOKS/../.env")
+if [ -n "$SFGLAB_ROOT" ]; then
+    COMPOSE_ENV=${COMPOSE_ENV#"$(readlink -m -- "$SFGLAB_ROOT")"}
+fi
 
 group_number() {
     if [ -z "$SFGLAB_ROOT" ] && command -v getent >/dev/null; then
