@@ -15,6 +15,7 @@ COMMANDS |= {
 }
 SEEDED["driving"] |= {"model"}
 SEEDED["mocap"] = {"trees"}
+SEEDED["planning"] = {"facts"}
 PLACES["design"] = "sfglab.lab.experiments.decode_once.results"
 
 if __name__ == "__main__":

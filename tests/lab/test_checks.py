@@ -1,13 +1,11 @@
 """A claim takes its share from a table of checks, and each check can fail."""
 
 from dataclasses import asdict, replace
-from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 
 from sfglab.lab.checks import ALL, GROUPS, CheckRow, Checks, group, lowest_share, trees
-from sfglab.spatial.trajectory.path import Interpolation, stretched
 
 
 def table(*rows):
@@ -63,42 +61,15 @@ def mistaken(way, other):
     return joined
 
 
-def otherwise(path, *_):
-    kinds = list(Interpolation)
-    return replace(path, interpolation=kinds[1 - kinds.index(path.interpolation)])
-
-
-FAR = SimpleNamespace(time_s=0.0, distance_m=1e3, tolerance_m=0.0)
-
-
 @pytest.mark.parametrize(
     ("name", "place", "broken", "check", "most"),
     [
         ("naming", "parse", nothing, "parses back to the tuple", 0),
-        ("exchange", "exchange.trajectory_from_csv", nothing, "CSV gives back", 0),
-        ("editing", "commands.History.undo", nothing, "any edits, undone", 0),
         ("routing", "Policy.crosses", lambda *_: True, "a name crosses exactly", 0.9),
         ("routing", "Policy.crosses", lambda *_: True, "what a rule opens one way", 0.9),
         ("trees", "join_trees", mistaken("direct", "proxy"), "direct: what is published", 0),
         ("trees", "join_trees", mistaken("renamed", "proxy"), "renamed: the markers", 0),
         ("trees", "join_trees", mistaken("proxy", "direct"), "proxy: nothing is", 0),
-        ("trajectories", "retimed", lambda path, *_: path, "re-timed, no sample", 0.9),
-        (
-            "trajectories",
-            "retimed",
-            lambda path, *_: stretched(path, 0.1),
-            "a spline within limits",
-            0.9,
-        ),
-        ("trajectories", "stretched", otherwise, "stretched in time, the path stays", 0.9),
-        ("trajectories", "closest_approach", lambda *_: FAR, "no sample of two agents", 0.9),
-        (
-            "trajectories",
-            "align_waypoint",
-            lambda path, *_: path,
-            "aligned to the next waypoint",
-            0.9,
-        ),
     ],
 )
 def test_a_broken_library_fails_its_check(monkeypatch, name, place, broken, check, most):

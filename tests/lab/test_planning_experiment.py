@@ -1,14 +1,19 @@
-"""The experiment on planning: it fills its claim, its checks can fail, and its log says what was driven."""
+"""The experiment on planning: its facts can fail, and its log has what was planned and driven."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_logs import DATA, reference
+from made_logs import DATA, ran, reference
 
-from sfglab.lab.checks import editing, trajectories
-from sfglab.lab.experiments.planning import SceneCell, checks, exp
-from sfglab.lab.experiments.planning.analysis import allowed_m
-from sfglab.lab.experiments.planning.experiment import example_rows
+from sfglab.lab.experiments.planning import SceneCell, exp, facts_of
+from sfglab.lab.experiments.planning.facts import FACTS
+from sfglab.lab.experiments.planning.results import CARRIED_OUT
 from sfglab.record import LogReader
+from sfglab.spatial.trajectory.motion import motion_of
+from sfglab.spatial.trajectory.path import Interpolation
+
+LINE = Interpolation.POLYLINE
 
 
 @pytest.fixture
@@ -16,82 +21,71 @@ def run():
     return reference(exp)
 
 
-def test_every_way_in_which_a_goal_can_end_was_seen(run):
-    ended = {"succeeded", "canceled", "overtaken", "server gone"}
-    refused = {"busy", "unknown agent", "unknown frame", "start too far", "limits exceeded"}
-    assert set(run["goal"]["outcome"]) == ended | refused | {"invalid trajectory"}
+def test_the_committed_log_answers_the_claim_with_seven_facts(run):
+    assert (run.unread, run.why_not) == ((), "")
+    found = facts_of(run)
+    assert set(found["check"]) == {*FACTS, CARRIED_OUT}
+    assert (found["held"] == found["checked"]).all()
+    measured = exp.measure(run)["A-PLAN"]
+    assert (measured.estimate.value, measured.details["facts"]) == (1.0, "7 of 7")
 
 
-def test_the_log_holds_plans_and_poses_as_messages(run):
-    with LogReader(run.log) as reader:
-        kinds = {
-            name: info.type_name
-            for name, info in reader.topics.items()
-            if name.startswith("/global")
-        }
-        assert kinds == {
-            f"/global/{agent}/{what}": type_
-            for agent in ("go2", "drone")
-            for what, type_ in (
-                ("path", "nav_msgs/msg/Path"),
-                ("pose", "geometry_msgs/msg/PoseStamped"),
-            )
-        }
-        poses = sum(1 for entry in reader.messages("/global/go2/pose"))
-    assert poses == (run["track"]["agent"] == "go2").sum() > 100
-
-
-NEAR = {"x_m": 0.0, "y_m": 1.2, "z_m": 0.8}
+def test_a_fact_without_a_case_and_a_goal_that_is_not_carried_out_fail_the_claim(run):
+    goals = run.table("goal")
+    goals.loc[goals["agent"] == "drone", "outcome"] = "path left"
+    geometry = run.table("geometry")
+    geometry["check"] = "another"
+    found = facts_of(run).set_index("check")["held"]
+    assert found[CARRIED_OUT] == 1
+    assert (found == 0).sum() == 4
+    measured = exp.measure(run)["A-PLAN"]
+    assert (measured.estimate.value, measured.details["facts"]) == (0.0, "2 of 7")
+    assert "1 of 2: drone: path left" in measured.reason
 
 
 @pytest.mark.parametrize(
-    ("check", "table", "where", "changes", "held", "said"),
+    ("place", "broken", "name"),
     [
-        (
-            "a goal ends",
-            "goal",
-            "case == 'too fast'",
-            {"outcome": "succeeded"},
-            15,
-            "too fast: succeeded",
-        ),
-        (
-            "an agent is never further",
-            "track",
-            "agent == 'drone'",
-            {"error_m": 0.31},
-            1,
-            "0.310 of 0.300 m",
-        ),
-        ("driven, agents stay", "track", "agent == 'drone'", NEAR, 0, "drone and go2: "),
+        ("facts.align_waypoint", lambda path, *_: path, "aligned to the next"),
+        ("facts.align_waypoint", lambda path, *_: path, "aligned to the previous"),
+        ("facts.pose_at", lambda path, _: path.waypoints[0].pose, "a polyline is linear"),
+        ("facts.motion_of", lambda path: motion_of(replace(path, interpolation=LINE)), "a spline"),
+        ("facts.Editor.undo", lambda _: None, "any edits, undone"),
+        ("facts.load_scene", lambda _: None, "a saved scene"),
     ],
 )
-def test_what_went_otherwise_fails_its_check_and_the_claim(
-    run, check, table, where, changes, held, said
-):
-    rows = run.table(table)
-    rows.loc[rows.eval(where), list(changes)] = list(changes.values())
-    wrong = checks(run).query("held < checked")
-    assert set(wrong["group"]) == {"execution"}
-    [row] = wrong[wrong["check"].str.startswith(check)].to_dict("records")
-    assert (row["held"], said in row["example"]) == (held, True)
-    assert exp.measure(run)["A-PLAN"].estimate.value < 1
-    assert allowed_m(run) == pytest.approx({"go2": 0.532, "drone": 0.300}, abs=2e-3)
+def test_a_broken_library_fails_its_fact(monkeypatch, place, broken, name):
+    monkeypatch.setattr(f"sfglab.lab.experiments.planning.{place}", broken)
+    [problem_of] = [problem_of for fact, problem_of in FACTS.items() if fact.startswith(name)]
+    rng = np.random.default_rng(0)
+    assert all(problem_of(rng) for _ in range(3))
 
 
-def test_a_reader_that_lets_faults_pass_fails_the_check(monkeypatch):
-    monkeypatch.setattr(
-        "sfglab.spatial.scene.editor.load_scene", lambda *_: editing.read_scene(editing.GOOD)
-    )
-    assert not any(
-        f["one_line"] or f["names_the_line"] or f["scene_kept"] for f in editing.faults()
-    )
+def test_a_smoke_run_has_all_facts_and_draws_its_figures(tmp_path):
+    run = ran(exp, tmp_path / "smoke.mcap", cases=2)
+    found = facts_of(run)
+    assert set(found["check"]) == {*FACTS, CARRIED_OUT}
+    assert (found["held"] == found["checked"]).all()
+    assert run["track"]["error_m"].max() < 0.6
+    assert run["goal"]["share"].tolist() == [1.0, 1.0]
+    for name in exp.drawings:
+        exp.draw(name, run)
+    with LogReader(run.log) as reader:
+        kinds = {name: info.type_name for name, info in reader.topics.items() if "global" in name}
+        poses = sum(1 for _ in reader.messages("/global/go2/pose"))
+    assert kinds == {
+        "/global/go2/path": "nav_msgs/msg/Path",
+        "/global/go2/pose": "geometry_msgs/msg/PoseStamped",
+        "/global/drone/path": "nav_msgs/msg/Path",
+        "/global/drone/pose": "geometry_msgs/msg/PoseStamped",
+    }
+    assert poses == (run["track"]["agent"] == "go2").sum() > 100
 
 
-def test_evenly_spaced_knots_make_loops_and_the_check_sees_them():
-    points = np.array([[5.3, 7.2], [0.47, 0.14], [-0.05, 0.24], [-5.3, 6.5]])
-    assert any(map(trajectories.loops, trajectories.uniform_curve(points)))
-    assert not any(map(trajectories.loops, trajectories.planar_curve(points)))
+def test_the_explorer_shows_both_interpolations():
+    shown = exp.explorers["interpolation"](segment_s=2.0)
+    assert [panel.title for panel in shown.panels] == ["Path", "Speed"]
+    assert "polyline (paper) 1.07 m/s" in shown.said
 
 
 def test_the_editor_in_a_cell_edits_a_copy_and_has_a_still(tmp_path, monkeypatch):
@@ -107,9 +101,3 @@ def test_the_editor_in_a_cell_edits_a_copy_and_has_a_still(tmp_path, monkeypatch
         assert cell.planner.call(lambda editor: editor.file) == tmp_path / "runs/scenes/hall.yaml"
     finally:
         cell.planner.close()
-
-
-def test_the_example_is_retimed_to_the_limits_that_are_asked():
-    rows = list(example_rows(exp.config(speed_m_s=0.5, segment_s=2.0)))
-    assert max(row["speed_m_s"] for row in rows if row["retimed"]) == pytest.approx(0.5, rel=1e-3)
-    assert max(row["t_s"] for row in rows if not row["retimed"]) == 10.0

@@ -4,11 +4,13 @@ import difflib
 import errno
 import math
 import stat
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from sfglab.lab.checks import editing
 from sfglab.spatial import Pose
 from sfglab.spatial.scene.commands import AlignWaypoints, Rename, Retime, SetProperty, SetScene
 from sfglab.spatial.scene.conflicts import ConflictKind
@@ -20,7 +22,26 @@ from sfglab.spatial.trajectory.path import Align
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
 
-GOOD = editing.GOOD.replace("0.6, 0.8]", "0.0, 1.0]")  # nothing is turned
+GOOD = """\
+sfglab_scene: 1
+name: hall
+next_id: 6
+objects:
+- id: 1
+  kind: group
+  name: room
+- id: 2
+  kind: agent
+  name: go2
+  parent: 1
+- id: 3
+  kind: trajectory
+  name: path
+  agent: 2
+  waypoints:
+  - {id: 4, time_s: 0.0, xyz_m: [0.0, 0.0, 0.0], quat_xyzw: [0.0, 0.0, 0.0, 1.0]}
+  - {id: 5, time_s: 1.5, xyz_m: [1.0, 0.0, 0.0], quat_xyzw: [0.0, 0.0, 0.0, 1.0]}
+"""
 
 
 BROKEN = [  # beside what `test_documents.py` has for every file
@@ -152,6 +173,36 @@ def test_names_read_back_as_the_same_text(name, editor):
     path = editor.add("trajectory", name)
     editor.do(Rename(id=editor.insert_waypoint(path), name=name))
     assert read_scene(scene_text(editor.scene)) == editor.scene
+
+
+SAVES = """
+import sys
+from pathlib import Path
+from sfglab.spatial.scene.files import load_scene, save_scene
+path = Path(sys.argv[1])
+scenes = [load_scene(path.with_name(name)) for name in ("a.yaml", "b.yaml")]
+print("ready", flush=True)
+while True:
+    for scene in scenes:
+        save_scene(scene, path)
+"""
+
+
+def test_a_file_whose_writer_is_killed_is_the_old_one_or_the_new_one(tmp_path):
+    texts = []
+    for y, name in enumerate("ab"):
+        editor = Editor(read_scene(GOOD))
+        for x in range(200):
+            editor.insert_waypoint(3, pose=Pose.at((x, y, 0)))
+        save_scene(editor.scene, tmp_path / f"{name}.yaml")
+        texts.append(scene_text(editor.scene))
+    path = tmp_path / "plan.yaml"
+    argv = [sys.executable, "-c", SAVES, str(path)]
+    with subprocess.Popen(argv, stdout=subprocess.PIPE) as writer:
+        writer.stdout.readline()
+        time.sleep(0.1)
+        writer.kill()
+    assert path.read_text() in texts
 
 
 @pytest.mark.parametrize("fails", ["fsync", "replace", "text", "write"])

@@ -1,11 +1,11 @@
-"""Edits, undo and redo in known cases; `sfglab.lab.checks.editing` holds what any sequence of edits keeps."""
+"""Edits, undo and redo in known cases; the experiment `planning` tries any sequence of edits."""
 
 import math
 
 import numpy as np
 import pytest
 
-from sfglab.lab.checks import editing
+from sfglab.lab.experiments.planning.facts import edited
 from sfglab.spatial import Pose
 from sfglab.spatial.scene import commands
 from sfglab.spatial.scene.editor import ChangeKind, Editor
@@ -19,7 +19,7 @@ S = 1_000_000_000
 
 @pytest.mark.parametrize("seed", range(10))
 def test_after_any_edits_whoever_is_held_knows_by_whom_and_waypoints_go_by_time(seed):
-    editor, _ = editing.edited(np.random.default_rng(seed))
+    editor, _ = edited(np.random.default_rng(seed))
     scene = editor.scene
     assert {thing.id for thing in scene.walk()} == scene.objects.keys()
     assert all(

@@ -1,15 +1,22 @@
-"""Trajectories: known numbers, rates, what is refused; `sfglab.lab.checks` holds what all have."""
+"""Trajectories: what holds for any of them, known numbers, messages, and what is refused.
+
+The experiment `planning` tries alignment, polylines and the formula of splines.
+"""
 
 import math
+from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from trajectory_strategies import trajectories
+from trajectory_strategies import poses, trajectories
 
+from sfglab.messages import deserialize, serialize
 from sfglab.spatial import Pose, PoseError
+from sfglab.spatial.execution.orders import Order, goal_message, order_from_goal
 from sfglab.spatial.trajectory import exchange
 from sfglab.spatial.trajectory.limits import Limits, Quantity, limit_violations, peaks, retimed
 from sfglab.spatial.trajectory.motion import motion_of, resampled, sample
@@ -20,6 +27,7 @@ from sfglab.spatial.trajectory.path import (
     Trajectory,
     TrajectoryError,
     align_waypoint,
+    in_frame,
     stretched,
     with_durations,
 )
@@ -32,6 +40,83 @@ def line(*points, step_ns=S, interpolation=Interpolation.POLYLINE):
     return Trajectory.of(
         [(i * step_ns, Pose.at((*p, 0.0))) for i, p in enumerate(points)], interpolation
     )
+
+
+@settings(deadline=None)
+@given(trajectories(), poses)
+def test_waypoints_are_met_poses_are_rigid_and_frames_commute_with_interpolation(trajectory, frame):
+    times = [w.time_ns / S for w in trajectory.waypoints]
+    found = sample(trajectory, times)
+    for index, waypoint in enumerate(trajectory.waypoints):
+        assert found.pose(index).same_as(waypoint.pose, within_rad=1e-6)
+    between = np.linspace(times[0] - 1.0, times[-1] + 1.0, 15)
+    here, there = sample(trajectory, between), sample(in_frame(trajectory, frame), between)
+    assert np.linalg.norm(here.quats_xyzw, axis=1) == pytest.approx(np.ones(15))
+    # A turn by half a circle is equally short either way.
+    turns = [a.pose.angle_rad(b.pose) for a, b in pairwise(trajectory.waypoints)]
+    for index in range(15):
+        moved = frame @ here.pose(index)
+        assert moved.distance_m(there.pose(index)) < 1e-6
+        if max(turns) < 3.1:
+            assert moved.angle_rad(there.pose(index)) < 1e-5
+
+
+@settings(deadline=None)
+@given(trajectories(least=3, interpolation=st.just(SPLINE)))
+def test_the_velocity_of_a_spline_does_not_jump_at_waypoints(trajectory):
+    inner = np.array([w.time_ns for w in trajectory.waypoints[1:-1]]) / S
+    before, after = sample(trajectory, np.nextafter(inner, 0.0)), sample(trajectory, inner)
+    fastest = max(1.0, after.speeds_m_s.max(), before.speeds_m_s.max())
+    assert after.velocities_m_s == pytest.approx(before.velocities_m_s, abs=1e-6 * fastest)
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-2, 1), st.integers(1, 3 * S)), min_size=3, max_size=7),
+    st.sampled_from([(1.0, 0.0, 0.0), (0.6, -0.8, 0.0), (0.48, 0.6, 0.64)]),
+)
+def test_a_spline_along_a_line_never_goes_back(steps, way):
+    along = np.cumsum([10.0**exponent for exponent, _ in steps])
+    times = np.cumsum([step_ns for _, step_ns in steps])
+    places = zip(times.tolist(), np.outer(along, way), strict=True)
+    path = Trajectory.of(((t, Pose.at(p)) for t, p in places), SPLINE)
+    found = sample(path, np.linspace(path.start_ns, path.end_ns, 500) / S)
+    assert (found.velocities_m_s @ way).min() >= -1e-9 * found.speeds_m_s.max()
+
+
+def turns_by(points_m):
+    """The largest turn of a path's direction between two close samples, rad."""
+    ways = np.diff(points_m, axis=0)
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    return np.arccos(np.clip((ways[1:] * ways[:-1]).sum(axis=1), -1.0, 1.0)).sum()
+
+
+def test_centripetal_knots_make_no_loop_where_evenly_spaced_ones_do():
+    points = np.array([[5.3, 7.2], [0.47, 0.14], [-0.05, 0.24], [-5.3, 6.5]])
+    path = line(*points, interpolation=SPLINE)
+    middle = motion_of(path).positions(np.linspace(1.0, 2.0, 400))
+    assert turns_by(middle) < np.pi
+    slopes = (points[2:] - points[:-2]) / 2.0
+    s = np.linspace(0.0, 1.0, 400)[:, None]
+    (a, b), (va, vb) = points[1:3], slopes
+    even = a + s * va + s**2 * (3 * (b - a) - 2 * va - vb) + s**3 * (2 * (a - b) + va + vb)
+    assert turns_by(even) > np.pi
+
+
+@settings(deadline=None, max_examples=30)
+@given(trajectories(), st.integers(1, 10**18))
+def test_messages_give_back_every_nanosecond_and_bit(trajectory, start_ns):
+    def received(message):
+        return deserialize(serialize(message), type(message))
+
+    multi = exchange.multi_dof_from_trajectory(trajectory, "go2", frame_id="map", start_ns=5)
+    again = exchange.trajectory_from_multi_dof(
+        received(multi), "go2", interpolation=trajectory.interpolation
+    )
+    assert again == trajectory
+    line = replace(trajectory, interpolation=Interpolation.POLYLINE)
+    order = Order(agent="go2", trajectory=line, frame_id="hall", start_ns=start_ns)
+    assert order_from_goal(received(goal_message(order))) == order
 
 
 def test_a_wait_in_a_spline_is_at_rest_and_turning_on_the_spot_turns_at_an_even_rate():

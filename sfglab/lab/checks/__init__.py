@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
 GROUPS = (
     "naming",
-    "trajectories",
-    "exchange",
-    "editing",
     "routing",
     "trees",
     "lifecycle",

@@ -1,7 +1,11 @@
-"""Planning: paper A, section 4.5, Fig. 7: trajectories and edits checked, agents sent along."""
+"""Planning: paper A, section 4.5, Fig. 7.
 
-from sfglab.lab.experiments.planning.analysis import apart_m, checks
+Facts of trajectories, edits and scene files are tried on random cases, and the agents of a scene carry out
+their trajectories as goals of an action.
+"""
+
 from sfglab.lab.experiments.planning.editor import SceneCell
 from sfglab.lab.experiments.planning.experiment import exp
+from sfglab.lab.experiments.planning.results import apart_m, facts_of
 
-__all__ = ["SceneCell", "apart_m", "checks", "exp"]
+__all__ = ["SceneCell", "apart_m", "exp", "facts_of"]

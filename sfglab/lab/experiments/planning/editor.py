@@ -36,7 +36,7 @@ class SceneCell:
         file.parent.mkdir(parents=True, exist_ok=True)
         #: The editor, served: its `call` edits from Python, its `close` ends it.
         self.planner = show_planner(Editor(load_scene(project.data / name), file=file))
-        self.widget = widgets().HTML(self.planner._repr_html_())  #: What the cell shows.
+        self.widget = widgets().HTML(self.planner._repr_html_())  #: Widget of the cell.
 
     def __repr__(self) -> str:
         return f"<scene editor: {self.planner.call(lambda editor: editor.scene.name)}>"
@@ -46,7 +46,7 @@ class SceneCell:
         return data | {"text/plain": repr(self)}, metadata
 
     def _draw(self, figure: Figure) -> None:
-        from sfglab.lab.experiments.planning.analysis import draw_from_above
+        from sfglab.lab.experiments.planning.results import draw_from_above
 
         scene, axes = self.planner.call(lambda editor: editor.scene), figure.subplots()
         draw_from_above(axes, scene)

@@ -1,238 +1,234 @@
-"""Runs of planning: the checks, the drawn example, and a scene's agents on their way over the action."""
+"""Configuration, tables and parts of the experiment on planning."""
 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass, replace
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.bus import Node
 from sfglab.bus.sim import World, run_simulated
-from sfglab.fields import between
-from sfglab.lab.checks import CheckRow, editing, exchange, trajectories
-from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.lab.experiments.planning.driving import Driven, MakeNode, drive_scene, try_goals
+from sfglab.lab.bench import TableRow
+from sfglab.lab.checks import ALL, CheckRow
+from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
+from sfglab.lab.experiments.planning.facts import FACTS
 from sfglab.lab.paths import find_project
+from sfglab.messages import ns_from_stamp
 from sfglab.spatial import Pose
+from sfglab.spatial.execution.agent import Dynamics
+from sfglab.spatial.execution.client import Execution, scene_orders
+from sfglab.spatial.execution.server import AgentSetup, TrajectoryServer
 from sfglab.spatial.scene.files import load_scene, scene_text
+from sfglab.spatial.scene.objects import AgentObject
 from sfglab.spatial.trajectory.exchange import path_from_trajectory
-from sfglab.spatial.trajectory.limits import Limits, Quantity, peaks, retimed
-from sfglab.spatial.trajectory.motion import resampled, sample
-from sfglab.spatial.trajectory.path import Interpolation, Trajectory
+from sfglab.spatial.trajectory.motion import pose_at, resampled
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable
 
     from sfglab.lab.bench import Bench
+    from sfglab.spatial.execution.orders import Feedback, Order
     from sfglab.spatial.scene.tree import Scene
 
-EXAMPLE_M = ((0.0, 0.0), (1.2, 0.3), (1.5, 1.5), (3.0, 1.5), (3.3, 1.3), (5.0, 0.0))
-"""Where the waypoints lie; some far from each other and some close."""
-_SAMPLES = 160
-_PATH_STEP_NS = 200_000_000
+OWN_GOAL = "the scene's trajectory"  #: Reason of the goals; earlier logs have further ones.
 _SIMULATED_LIMIT_S = 3600.0
+_LEAD_S = 1.0
+_LOGGED_EVERY = 5  # of 50 poses per second
+_PATH_STEP_NS = 200_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """The whole run."""
+    """Number of random cases, and the scene whose agents are sent along their trajectories."""
 
-    cases: int = 100  #: Random cases of each property of trajectories and exchange.
-    edit_cases: int = 40  #: Random sequences of edits of each property of editing.
-    kills: int = 4  #: Writers of a file that are killed.
-    #: Whether the action runs over DDS, on the loopback interface; else on the simulated bus.
+    cases: int = 100  #: Random cases of each fact.
+    #: Whether the action runs over DDS, on the loopback interface; otherwise on the simulated bus.
     live: bool = True
-    domain: int = 57  #: Which DDS domain.
-    #: The scene whose agents are sent along, in the data folder.
-    scene_file: str = "scenes/hall.yaml"
-    #: From one waypoint of the example to the next, as drawn.
-    segment_s: float = between(1.0, 0.3, 4.0)
-    #: Highest speed that the example is re-timed to [m/s].
-    speed_m_s: float = between(1.0, 0.2, 4.0)
-    #: Highest acceleration that it is re-timed to [m/s²].
-    acceleration_m_s2: float = between(1.0, 0.2, 8.0)
-    seed: int = 0  #: Of all cases.
+    domain: int = 57  #: DDS domain.
+    scene_file: str = "scenes/hall.yaml"  #: File of the scene, in the data folder.
+    seed: int = 0  #: Seed of the random cases.
 
 
 exp = Experiment(
     "planning",
     Config,
     where="A 4.5",
-    smoke={"cases": 8, "edit_cases": 4, "kills": 1, "live": False},
-    paper={"cases": 2000, "edit_cases": 500, "kills": 30},
+    smoke={"cases": 8, "live": False},
+    paper={"cases": 2000},
     actors=(
-        Actor("planner", "station", "sends every agent its trajectory"),
-        Actor("agent", "robot", "drives along it", count="as the scene has"),
-        Actor("viewer", "station", "listens to poses"),
+        Actor("planner", "station", "sends each agent its trajectory"),
+        Actor("agent", "robot", "simulates a robot that follows it", count="as the scene has"),
+        Actor("viewer", "station", "subscribes to the poses"),
     ),
     links=(
-        Link("planner", "agent", "goals, cancels"),
+        Link("planner", "agent", "goals, cancel requests"),
         Link("agent", "planner", "feedback, results"),
         Link("agent", "viewer", "poses"),
     ),
+    removed={
+        "edit_cases": {"smoke": 4, "quick": 40, "paper": 500},
+        "kills": {"smoke": 1, "quick": 4, "paper": 30},
+        # Parameters of the explorer.
+        "segment_s": dict.fromkeys(PROFILES, 1.0),
+        "speed_m_s": dict.fromkeys(PROFILES, 1.0),
+        "acceleration_m_s2": dict.fromkeys(PROFILES, 1.0),
+    },
 )
-exp.table("geometry", "contrast", "exchange", "editing", "disk")(CheckRow)
-
-
-@exp.table("fault")
-class PlanningFaultRow:
-    """One kind of broken file."""
-
-    fault: str  #: What is broken.
-    said: str  #: The error.
-    names_the_line: bool  #: Whether it begins with file and line.
-    one_line: bool  #: Whether it is one sentence.
-    file_kept: bool  #: Whether the file is as it was.
-    scene_kept: bool  #: Whether the editor still has the scene that it had.
+exp.table("check")(CheckRow)
 
 
 @exp.table("goal")
-class PlanningGoalRow:
-    """One goal that was sent to an action's server."""
+class PlanningGoalRow(TableRow):
+    """A trajectory of the scene that was sent as a goal."""
 
-    case: str  #: Why it was sent.
-    agent: str  #: Who was to move.
-    expected: str  #: The outcome that it must have.
-    outcome: str  #: The outcome it had.
-    said: str  #: What the server said.
-    feedbacks: int  #: How often it said how it got on.
-    steady: bool  #: Whether what it said never went back.
-    share: float  #: The last it said: how much was over, 0 to 1.
-    left_m: float  #: From where the agent ended to the last pose; NaN where it does not count.
-    end_speed_m_s: float  #: How fast the agent was when its goal had ended.
-    seconds: float  #: From sending to the end.
+    case: str  #: Reason of the goal.
+    agent: str  #: Name of the agent.
+    outcome: str  #: Outcome of the goal.
+    said: str  #: Text of the result.
+    feedbacks: int  #: Number of feedback messages.
+    share: float  #: Share of the trajectory's duration that is over, by the last feedback.
+    left_m: float  #: Distance from the last pose at the end, m; NaN where the result has no pose.
+    seconds: float  #: Time from sending to the result, s.
 
 
 @exp.table("track")
-class PlanningTrackRow:
-    """Where an agent of the scene was, and where it should have been."""
+class PlanningTrackRow(TableRow):
+    """A pose of an agent, and the planned one."""
 
-    agent: str  #: Its name.
-    t_s: float  #: Since the scene's time 0.
-    x_m: float  #: Where it was.
-    y_m: float  #: The same.
-    z_m: float  #: The same.
-    speed_m_s: float  #: How fast it was.
-    planned_x_m: float  #: Where it should have been.
-    planned_y_m: float  #: The same.
-    planned_z_m: float  #: The same.
-    error_m: float  #: From one to the other.
-
-
-@exp.table("sample")
-class PlanningSampleRow:
-    """A moment of the example that is drawn in every way."""
-
-    interpolation: str  #: Polyline or spline.
-    retimed: bool  #: Whether it keeps to the limits.
-    t_s: float  #: When.
-    x_m: float  #: Where.
-    y_m: float  #: The same.
-    speed_m_s: float  #: How fast.
-    acceleration_m_s2: float  #: Length of the acceleration; 0 inside a polyline's segments.
-    waypoint: bool  #: Whether it is a waypoint's moment.
-    jump_m_s2: float  #: At a polyline's corners what `limits` takes for the acceleration; else 0.
+    agent: str  #: Name of the agent.
+    t_s: float  #: Time since the scene's time 0, s.
+    x_m: float  #: Position along x, m.
+    y_m: float  #: Position along y, m.
+    z_m: float  #: Position along z, m.
+    planned_x_m: float  #: Planned position along x, m.
+    planned_y_m: float  #: Planned position along y, m.
+    planned_z_m: float  #: Planned position along z, m.
+    error_m: float  #: Distance between both, m.
 
 
-@exp.part("trajectories", timed=False)
-def check_trajectories(bench: Bench[Config]) -> None:
-    """Check trajectories and their exchange; the contrast shows what the check for loops can see."""
-    config = bench.config
-    bench.write_all("geometry", trajectories.checks.rows(config.cases, config.seed))
-    bench.write_all("contrast", trajectories.contrast.rows(10 * config.cases, config.seed))
-    bench.write_all("exchange", exchange.checks.rows(config.cases, config.seed))
-
-
-@exp.part("edits and faults", timed=False)
-def check_edits(bench: Bench[Config]) -> None:
-    """Check edits, broken files, and files whose writers are killed."""
-    config = bench.config
-    bench.write_all("editing", editing.checks.rows(config.edit_cases, config.seed))
-    bench.write_all("fault", editing.faults())
-    bench.write("disk", editing.survives_kills(np.random.default_rng(config.seed), config.kills))
-
-
-@exp.part("example", total=0, timed=False)
-def draw_example(bench: Bench[Config]) -> None:
-    """Write the example's moments in every way."""
-    bench.write_all("sample", example_rows(bench.config))
+@exp.part("facts", total=len(FACTS), timed=False)
+def try_facts(bench: Bench[Config]) -> None:
+    """Try each fact on random cases, from a generator of its own."""
+    for number, (name, problem_of) in enumerate(FACTS.items()):
+        rng = np.random.default_rng([bench.config.seed, number])
+        for _ in range(bench.config.cases):
+            problem = problem_of(rng)
+            bench.cases[name].append((problem or ALL, not problem))
+        bench.advance(name)
 
 
 @exp.part("agents on their way", timed=False)
 async def drive(bench: Bench[Config]) -> None:
-    """Drive the scene and try all ways in which a goal can end; write tracks as rows and as messages."""
+    """Send all agents of the scene along their trajectories; write goals, plans and poses."""
     config = bench.config
     scene = load_scene(find_project().data / config.scene_file)
     bench.metadata("scene", {"text": scene_text(scene)})
-    driven, goals = await _executed(config, scene)
-    bench.write_all("goal", [*driven.goals, *goals])
-    for row in driven.tracks:
-        bench.write("track", row, at_ns=round(row["t_s"] * NS_PER_S))
-    # What was planned, as paths, from the scene's time 0 on.
-    for order in driven.orders:
-        fine = replace(order, trajectory=resampled(order.trajectory, _PATH_STEP_NS))
-        message = path_from_trajectory(
-            fine.trajectory, frame_id=order.frame_id, start_ns=order.start_ns
-        )
-        bench.log.write(f"/global/{order.agent}/path", message, log_time_ns=0)
-    for topic, stamp_ns, message in driven.poses:
-        bench.log.write(topic, message, log_time_ns=stamp_ns - driven.start_ns)
-
-
-async def _executed(config: Config, scene: Scene) -> tuple[Driven, list[dict[str, Any]]]:
-    """Drive over DDS; or on the simulated bus, whose loop of its own needs a thread of its own."""
-
-    async def with_nodes(node: MakeNode) -> tuple[Driven, list[dict[str, Any]]]:
-        return await drive_scene(node, scene), await try_goals(node)
-
-    async def main(world: World) -> tuple[Driven, list[dict[str, Any]]]:
-        return await with_nodes(lambda name: world.node(name, host=name))
-
     if config.live:
-        return await with_nodes(partial(Node, domain_id=config.domain, interface="lo", lease_s=1.0))
-    return await asyncio.to_thread(
-        run_simulated, main, seed=config.seed, limit_s=_SIMULATED_LIMIT_S
+        await drive_scene(
+            bench, partial(Node, domain_id=config.domain, interface="lo", lease_s=1.0), scene
+        )
+        return
+
+    async def simulated(world: World) -> None:
+        await drive_scene(bench, lambda name: world.node(name, host=name), scene)
+
+    # The simulated bus has an event loop of its own, which needs a thread of its own.
+    await asyncio.to_thread(run_simulated, simulated, seed=config.seed, limit_s=_SIMULATED_LIMIT_S)
+
+
+async def drive_scene(bench: Bench[Config], node: Callable[[str], Any], scene: Scene) -> None:
+    """Send all agents of a scene along their trajectories at once, from nodes that `node` makes by name."""
+    async with AsyncExitStack() as stack:
+        for agent in scene.all_of(AgentObject):
+            home = await stack.enter_async_context(node(agent.name))
+            setup = AgentSetup(
+                pose=scene.world_pose(agent.id),
+                frame_id=scene.frame_id,
+                dynamics=Dynamics(limits=agent.limits),
+            )
+            await stack.enter_async_context(TrajectoryServer(home, agent.name, setup=setup))
+        viewer = await stack.enter_async_context(node("viewer"))
+        planner = await stack.enter_async_context(node("planner"))
+        goals = [_Goal(planner, order) for order in scene_orders(scene)]
+        await asyncio.gather(*(goal.execution.ready() for goal in goals))
+        start_ns = planner.get_clock().now_ns() + round(_LEAD_S * NS_PER_S)
+        orders = scene_orders(scene, start_ns=start_ns)
+        for order in orders:
+            _write_path(bench, order)
+            _record(bench, viewer, order)
+        for row in await asyncio.gather(*map(_Goal.carried_out, goals, orders)):
+            bench.write(row)
+
+
+class _Goal:
+    """A goal on its way, and the row about it."""
+
+    def __init__(self, planner: Node, order: Order) -> None:
+        self.feedbacks: list[Feedback] = []
+        self.clock = planner.get_clock()
+        self.execution = Execution(planner, order.agent, on_feedback=self.feedbacks.append)
+
+    async def carried_out(self, order: Order) -> PlanningGoalRow:
+        """Send the order, wait for its end, and return the row."""
+        begun_ns = self.clock.now_ns()
+        await self.execution.begin(order)
+        ended = await self.execution.result()
+        self.execution.close()
+        last = order.trajectory.waypoints[-1].pose
+        return PlanningGoalRow(
+            case=OWN_GOAL,
+            agent=order.agent,
+            outcome=ended.outcome.value,
+            said=ended.text,
+            feedbacks=len(self.feedbacks),
+            share=self.feedbacks[-1].share if self.feedbacks else 0.0,
+            left_m=last.distance_m(ended.pose) if ended.pose else np.nan,
+            seconds=(self.clock.now_ns() - begun_ns) / NS_PER_S,
+        )
+
+
+def _write_path(bench: Bench[Config], order: Order) -> None:
+    """Write a plan as a `nav_msgs/msg/Path`."""
+    path = path_from_trajectory(
+        resampled(order.trajectory, _PATH_STEP_NS),
+        frame_id=order.frame_id,
+        start_ns=order.start_ns,
     )
+    bench.log.write(f"/global/{order.agent}/path", path, log_time_ns=0)
 
 
-def example_limits(config: Config) -> Limits:
-    """Return what the example is re-timed to."""
-    return Limits(speed_m_s=config.speed_m_s, acceleration_m_s2=config.acceleration_m_s2)
+def _record(bench: Bench[Config], viewer: Node, order: Order) -> None:
+    """Write every fifth pose of an agent from the scene's time 0 on, as a row and as a message."""
+    topic = f"/global/{order.agent}/pose"
+    received = 0
 
+    def record(message: Any) -> None:
+        nonlocal received
+        received += 1
+        time_ns = ns_from_stamp(message.header.stamp) - order.start_ns
+        if received % _LOGGED_EVERY or time_ns < 0:
+            return
+        pose = Pose.from_msg(message.pose, place=topic)
+        planned = pose_at(order.trajectory, time_ns / NS_PER_S)
+        x_m, y_m, z_m = pose.position_m
+        planned_x_m, planned_y_m, planned_z_m = planned.position_m
+        row = PlanningTrackRow(
+            agent=order.agent,
+            t_s=time_ns / NS_PER_S,
+            x_m=x_m,
+            y_m=y_m,
+            z_m=z_m,
+            planned_x_m=planned_x_m,
+            planned_y_m=planned_y_m,
+            planned_z_m=planned_z_m,
+            error_m=pose.distance_m(planned),
+        )
+        bench.write(row, at_ns=time_ns)
+        bench.log.write(topic, message, log_time_ns=time_ns)
 
-def example_rows(config: Config) -> Iterator[dict[str, Any]]:
-    """Yield the example's moments, by interpolation and timing."""
-    segment_ns = round(config.segment_s * NS_PER_S)
-    drawn = Trajectory.of(
-        (i * segment_ns, Pose.at((x, y, 0.0))) for i, (x, y) in enumerate(EXAMPLE_M)
-    )
-    for kind, slow in product(Interpolation, (False, True)):
-        path = replace(drawn, interpolation=kind)
-        yield from _rows(retimed(path, example_limits(config)) if slow else path, retimed_=slow)
-
-
-def _rows(path: Trajectory, *, retimed_: bool) -> Iterator[dict[str, Any]]:
-    corners = [w.time_ns / NS_PER_S for w in path.waypoints]
-    times = np.unique(np.concatenate([np.linspace(corners[0], corners[-1], _SAMPLES), corners]))
-    found = sample(path, times)
-    top = peaks(path, Quantity.ACCELERATION)
-    jumps = dict(zip(top.times_s.tolist(), top.values.tolist(), strict=True))
-    polyline = path.interpolation is Interpolation.POLYLINE
-    for i, time_s in enumerate(times.tolist()):
-        x, y, _ = found.positions_m[i].tolist()
-        yield {
-            "interpolation": path.interpolation.value,
-            "retimed": retimed_,
-            "t_s": time_s,
-            "x_m": x,
-            "y_m": y,
-            "speed_m_s": float(found.speeds_m_s[i]),
-            "acceleration_m_s2": float(np.linalg.norm(found.accelerations_m_s2[i])),
-            "waypoint": time_s in corners,
-            "jump_m_s2": jumps.get(time_s, 0.0) if polyline and time_s in corners else 0.0,
-        }
+    viewer.create_subscription("geometry_msgs/msg/PoseStamped", topic, record)

@@ -1,0 +1,241 @@
+"""The claim A-PLAN, figures of the scene and of both interpolations, and the explorer."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from itertools import combinations
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import pandas as pd
+
+from sfglab.fields import Bounds
+from sfglab.lab import pictures
+from sfglab.lab.checks import check_row, lowest_share
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.planning.experiment import OWN_GOAL, Config, exp
+from sfglab.lab.experiments.planning.facts import FACTS
+from sfglab.lab.figures import COLORS, note
+from sfglab.lab.runs import Run, derived, lines_of
+from sfglab.spatial import Pose
+from sfglab.spatial.scene.files import read_scene
+from sfglab.spatial.scene.objects import AgentObject, ObstacleObject, ZoneObject, ZoneRule
+from sfglab.spatial.trajectory.clearance import Box, Shape
+from sfglab.spatial.trajectory.motion import Samples, sample
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sfglab.lab.checks import Case
+    from sfglab.lab.stats import Floats
+    from sfglab.spatial.scene.tree import Scene
+
+FORMER_TABLES = ("geometry", "editing")
+"""Tables of earlier logs that hold the facts, among further checks that are tests now."""
+CARRIED_OUT = "a goal is carried out by an action server"
+_SUCCEEDED = "succeeded"
+
+EXAMPLE_M = ((0.0, 0.0), (1.2, 0.3), (1.5, 1.5), (3.0, 1.5), (3.3, 1.3), (5.0, 0.0))
+"""Waypoints of the example in both interpolations, x and y, m; some are far apart and some close."""
+WAYS = {
+    Interpolation.POLYLINE: ("polyline (paper)", COLORS["network"]),
+    Interpolation.CATMULL_ROM: ("Catmull-Rom (sfglab)", COLORS["proxy"]),
+}
+_AGENT_COLORS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
+_SAMPLES = 160
+
+
+def how_of(run: Run[Config]) -> How:
+    """Return how goals were sent: over DDS, or on the simulated bus."""
+    return How.LIVE if run.config.live else How.SIMULATED
+
+
+@derived
+def scene_of(run: Run[Config]) -> Scene:
+    """Return the scene whose agents were sent along their trajectories."""
+    return read_scene(str(run.metadata("scene")["text"]))
+
+
+@derived
+def facts_of(run: Run[Config]) -> pd.DataFrame:
+    """Return the facts of section 4.5, one row for each, with the columns of `CheckRow`."""
+    tried = run["check"]
+    if tried.empty:
+        tried = pd.concat([run[table] for table in FORMER_TABLES])
+    goals = lines_of(run["goal"][run["goal"]["case"] == OWN_GOAL])
+    cases = [(f"{goal.agent}: {goal.outcome}", goal.outcome == _SUCCEEDED) for goal in goals]
+    rows = [tried[tried["check"].isin(FACTS)], _table(CARRIED_OUT, cases)]
+    rows += [_table(name, []) for name in FACTS if name not in set(tried["check"])]
+    return pd.concat(rows, ignore_index=True)
+
+
+def _table(name: str, cases: list[Case]) -> pd.DataFrame:
+    """Return the row of a fact; a fact without a case does not hold."""
+    return pd.DataFrame([asdict(check_row(name, cases))])
+
+
+@exp.claim("A-PLAN", how=how_of)
+def share_that_holds(run: Run[Config]) -> Finding:
+    """Return the share of cases that hold, of the fact where it is lowest."""
+    table = facts_of(run)
+    share = lowest_share(table, "check")
+    held = int((table["held"] == table["checked"]).sum())
+    details = {
+        "facts": f"{held} of {len(FACTS) + 1}",
+        **share.groups,
+        "actions": "over DDS, all nodes in one process"
+        if run.config.live
+        else "on the simulated bus",
+        "beyond the paper": "splines, its future work",
+    }
+    return Finding(estimate=share.estimate, details=details, reason=share.reason)
+
+
+# --- Figures ----------------------------------------------------------------------------------
+
+
+def apart_m(run: Run[Config], a: str, b: str) -> pd.Series[float]:
+    """Return the distance of two agents' centres, m, at the times of the first one's poses, s."""
+    track = run["track"].set_index("t_s")
+    one, other = (track[track["agent"] == name] for name in (a, b))
+    squares = 0.0
+    for axis in ("x_m", "y_m", "z_m"):
+        squares += (one[axis] - np.interp(one.index, other.index, other[axis])) ** 2
+    distances: pd.Series[float] = np.sqrt(squares)
+    return distances
+
+
+@exp.figure("planning_scene", size=(10, 4.9))
+def draw_scene(figure: Figure, run: Run[Config]) -> None:
+    """Draw the scene from above with planned and driven tracks, the agents' distance, and their errors."""
+    axes = figure.subplot_mosaic([["scene", "apart"], ["scene", "error"]], width_ratios=(1.55, 1.0))
+    scene = scene_of(run)
+    draw_from_above(axes["scene"], scene)
+    tracks = run["track"].groupby("agent")
+    for color, (name, track) in zip(_AGENT_COLORS, tracks, strict=False):
+        axes["scene"].plot(track["x_m"], track["y_m"], color=color, label=f"{name}, driven", lw=3)
+        axes["error"].plot(track["t_s"], track["error_m"], color=color, label=name)
+    for a, b in combinations(scene.all_of(AgentObject), 2):
+        needed_m = a.radius_m + b.radius_m + scene.margin_m
+        axes["apart"].plot(apart_m(run, a.name, b.name), label=f"{a.name}, {b.name}")
+        axes["apart"].axhline(needed_m, color="crimson", linestyle=":", label="radii and margin")
+    axes["apart"].set(ylim=(0, None), ylabel="distance (m)", title="Distance of agents")
+    axes["error"].set(ylim=(0, None), xlabel="time (s)", ylabel="error (m)", title="Tracking error")
+    for one in axes.values():
+        one.legend(fontsize=8, loc="best" if one is not axes["scene"] else "upper left")
+    largest = ", ".join(f"{name} {error:.2f} m" for name, error in tracks["error_m"].max().items())
+    figure.suptitle(f"Agents of a scene carry out their plans; largest error: {largest}")
+    bus = "live, over DDS on one host" if run.config.live else "on the simulated bus"
+    note(figure, f"{bus}; simulated agents; the paper states no values")
+
+
+def draw_from_above(axes: Axes, scene: Scene) -> None:
+    """Draw a scene's zones and obstacles, and its agents' trajectories with their waypoints."""
+    for thing in (*scene.all_of(ZoneObject), *scene.all_of(ObstacleObject)):
+        _draw_body(axes, thing, scene.world_pose(thing.id))
+    labels = ("planned", "waypoint")
+    for agent in scene.all_of(AgentObject):
+        _draw_plan(axes, scene.motion(agent.id), labels)
+        labels = ("", "")
+    axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="Scene from above")
+
+
+def _draw_body(axes: Axes, thing: ZoneObject | ObstacleObject, pose: Pose) -> None:
+    from matplotlib.patches import Polygon
+
+    corners = _outline(thing.shape, pose)
+    style: dict[str, Any] = {"facecolor": "0.8", "edgecolor": "0.4"}
+    x, y = corners.mean(axis=0)
+    if isinstance(thing, ZoneObject):
+        style = {"facecolor": "#f3d6c8", "edgecolor": COLORS["standard"], "hatch": "//"}
+        if thing.rule is ZoneRule.INSIDE:
+            style = {"fill": False, "edgecolor": "0.5", "linewidth": 1.6}
+            x, y = corners.min(axis=0) + 0.4
+    axes.add_patch(Polygon(corners, **style))
+    behind = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8}
+    axes.text(x, y, thing.name, fontsize=8, ha="center", va="center", bbox=behind)
+
+
+def _outline(shape: Shape, pose: Pose) -> Floats:
+    """Return the corners of a body from above, shape (n, 2); a round one is a polygon of many."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 49)
+    if isinstance(shape, Box):
+        local = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * np.array(shape.size_m[:2]) / 2
+    else:
+        local = shape.radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
+    return np.array([pose.apply((x, y, 0.0))[:2] for x, y in local.tolist()])
+
+
+def _draw_plan(axes: Axes, planned: Trajectory, labels: tuple[str, str]) -> None:
+    times_s = np.linspace(planned.start_ns, planned.end_ns, 300) / NS_PER_S
+    places = sample(planned, times_s).positions_m
+    axes.plot(places[:, 0], places[:, 1], "k--", lw=1.2, zorder=4, label=labels[0])
+    points = np.array([waypoint.pose.position_m for waypoint in planned.waypoints])
+    axes.plot(points[:, 0], points[:, 1], "k.", zorder=5, label=labels[1])
+    for waypoint in planned.waypoints:
+        heading = waypoint.pose.apply((0.45, 0.0, 0.0))
+        tip = {"arrowstyle": "->", "linewidth": 0.9}
+        axes.annotate("", heading[:2], waypoint.pose.position_m[:2], arrowprops=tip)
+
+
+def example(interpolation: Interpolation, segment_s: float) -> Trajectory:
+    """Return the example with equal times between waypoints."""
+    timed = []
+    for number, (x, y) in enumerate(EXAMPLE_M):
+        timed.append((round(number * segment_s * NS_PER_S), Pose.at((x, y, 0.0))))
+    return Trajectory.of(timed, interpolation)
+
+
+def _moments(interpolation: Interpolation, segment_s: float) -> Samples:
+    end_s = segment_s * (len(EXAMPLE_M) - 1)
+    return sample(example(interpolation, segment_s), np.linspace(0.0, end_s, _SAMPLES))
+
+
+@exp.figure("planning_interpolation", size=(10, 4.2), measured=False)
+def draw_interpolation(figure: Figure, run: Run[Config]) -> None:  # noqa: ARG001  # computed
+    """Draw path and speed of the example, as a polyline and as a spline."""
+    path, speed = figure.subplots(1, 2)
+    for way, (name, color) in WAYS.items():
+        found = _moments(way, 1.0)
+        path.plot(found.positions_m[:, 0], found.positions_m[:, 1], color=color, label=name)
+        steps = "steps-post" if way is Interpolation.POLYLINE else "default"
+        speed.plot(found.times_s, found.speeds_m_s, color=color, drawstyle=steps, label=name)
+    path.plot(*np.array(EXAMPLE_M).T, "k.", label="waypoint")
+    path.set(xlabel="x (m)", ylabel="y (m)", title="Path", aspect="equal")
+    speed.set(ylim=(0, None), xlabel="time (s)", ylabel="speed (m/s)", title="Speed")
+    path.legend(fontsize=8)
+    figure.suptitle("The speed of a spline changes continuously; that of a polyline jumps")
+    note(figure, "six waypoints, 1 s apart; splines are the paper's future work")
+
+
+_X = pictures.Axis("x", "m", -0.5, 5.5)
+_Y = pictures.Axis("y", "m", -2.0, 4.0)
+_TIME = pictures.Axis("time", "s", 0, 20)
+_SPEED = pictures.Axis("speed", "m/s", 0, 10)
+Seconds = Annotated[float, Bounds(0.3, 4.0)]
+
+
+@exp.explorer
+def interpolation(*, segment_s: Seconds = 1.0) -> pictures.Picture:
+    """Return path and speed of the example, as a polyline and as a spline.
+
+    Args:
+        segment_s: Time from each waypoint to the next [s].
+    """
+    paths, speeds, fastest = [], [], []
+    for way, (name, color) in WAYS.items():
+        found = _moments(way, segment_s)
+        x, y, _ = found.positions_m.T.tolist()
+        paths.append(pictures.Series(name=name, color=color, kind="path", x=x, y=y))
+        times, values = found.times_s.tolist(), found.speeds_m_s.tolist()
+        speeds.append(pictures.Series(name=name, color=color, x=times, y=values))
+        fastest.append(f"{name} {max(values):.2f} m/s")
+    x, y = zip(*EXAMPLE_M, strict=True)
+    paths.append(pictures.Series(name="waypoint", color="#000000", kind="dot", x=x, y=y))
+    path = pictures.Panel(title="Path", x=_X, y=_Y, series=tuple(paths))
+    speed = pictures.Panel(title="Speed", x=_TIME, y=_SPEED, series=tuple(speeds))
+    said = f"Path and speed with {segment_s:g} s per segment. Highest speed: {', '.join(fastest)}."
+    return pictures.Picture(said=said, panels=(path, speed))
