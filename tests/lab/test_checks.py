@@ -1,6 +1,6 @@
 """A claim takes its share from a table of checks, and each check can fail."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import pandas as pd
 import pytest
