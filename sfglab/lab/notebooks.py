@@ -48,6 +48,7 @@ RENAMED = {
     "09_transmission": "09_loss",
     "10_cooperation": "10_hallway",
     "11_gateways": "11_mapping_and_gateway",
+    "14_mocap": "14_frames",
     "19_phases": "09_loss",
 }
 #: Commands for topics without a notebook, by the name or the former name of the notebook.

@@ -23,7 +23,7 @@ CHAPTER = {
     "cooperation": ("09_loss", "11_mapping_and_gateway"),
     "gateways": ("10_hallway", "12_transfer"),
     "transfer": ("11_mapping_and_gateway", "13_driving"),
-    "driving": ("12_transfer", "14_mocap"),
+    "driving": ("12_transfer", "14_frames"),
 }
 FOLDERS = ("notebooks", "runs/notebooks", "runs/try/gateways-1")
 

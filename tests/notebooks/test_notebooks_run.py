@@ -45,7 +45,7 @@ FIGURES_OF_HOSTS = {
     "03_decode_once": {"decode_once_h264", "depth_codecs"},
     "05_discovery": {"heartbeats", "discovery_states", "discovery_fleet", "discovery_scale"},
     "07_latency": {"latency"},
-    "14_mocap": {"mocap_error", "mocap_trees"},
+    "14_frames": {"mocap_error", "mocap_trees"},
     "16_visualisation": {"visualisation_latency", "visualisation_points"},
 }
 FIGURES = FIGURES_ANYWHERE | FIGURES_OF_HOSTS
