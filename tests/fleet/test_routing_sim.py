@@ -10,13 +10,13 @@ from cameras import behind_router
 from sfglab.component import beside
 from sfglab.fleet.router.config import RouterSettings
 from sfglab.fleet.router.node import Router
-from sfglab.messages import message_type
+from sfglab.messages import default_message, message_type
 from sfglab.names import TF_STATIC
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.frames.lint import lint_frames
 from sfglab.spatial.frames.listener import TF_STATIC_QOS, TRANSFORMS, FramesListener
-from sfglab.spatial.mocap.bridge import MocapBridge
+from sfglab.spatial.mocap.bridge import STATUS, STATUS_QOS, MocapBridge, status_topic
 from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
 from sfglab.spatial.mocap.synthetic import (
     SyntheticConfig,
@@ -68,7 +68,7 @@ async def test_nothing_local_is_seen_on_the_network(sim):
         }
 
 
-async def test_motion_capture_behind_another_router_gives_a_robot_one_root_on_both_sides(sim):
+async def test_motion_capture_and_a_robot_behind_two_routers_have_one_tree_with_one_root(sim):
     go2, robot_router = behind_router(sim, "go2", placed_by_others=("base",))
     # Motion capture moves other agents' frames, so its own router filters none.
     station, station_router = behind_router(sim, "station", prefix_frames=False)
@@ -92,3 +92,9 @@ async def test_motion_capture_behind_another_router_gives_a_robot_one_root_on_bo
         for buffer in (inside, outside):
             assert lint_frames(buffer.edges, root="map") == ()
             assert buffer.frames == ("go2/base", "go2/markers", "map")
+        statuses = go2.create_subscription(STATUS, status_topic(), qos=STATUS_QOS)
+        status = default_message("sfglab_interfaces/msg/MocapObject")
+        while not status.frame:
+            (status,) = (await statuses.take(timeout_s=60)).objects
+        assert (status.id, status.frame, status.state) == ("Go2", "go2/base", status.TRACKED)
+        assert status.receipt_latency_s > 0.006

@@ -20,7 +20,6 @@ TRIES = {"proxy": {"found": 4}, "direct": {"E": 4}, "renamed": {"E": 4}}
 PERFECT = {
     "looks": [LOOK] * 4,
     "tries": TRIES,
-    "heard_ns": [(10_000_000, 17_000_000, 18_000_000)],
     "edges": EDGES,
 }
 
@@ -30,7 +29,6 @@ def made(tmp_path):
     """Give a function that returns a run as its log would give it, from what a perfect live run reports."""
 
     def make(*, held=9, **changed):
-        bridge = {"receipts_ns": [(10_000_000, 16_000_000)]}
         exact = {"check": "proxy: nothing is found wrong", "checked": 9, "held": held}
         former = {"check": "faults: of a former version", "checked": 9, "held": 0}
         tables = {
@@ -38,7 +36,7 @@ def made(tmp_path):
             "check": [exact, former],
         }
         names = {row_class: table for table, row_class in exp.tables.items()}
-        for row in live_rows({"listener": PERFECT | changed, "bridge": bridge}):
+        for row in live_rows(PERFECT | changed):
             tables.setdefault(names[type(row)], []).append(asdict(row))
         return made_run(exp, tmp_path / "m.mcap", tables, config=exp.config())
 
@@ -92,7 +90,7 @@ def test_many_live_checks_do_not_hide_an_exact_one(made):
 
 def test_a_run_that_received_nothing_has_not_shown_anything(made):
     tries = {way: {"E": 1} for way in trees.WAYS}
-    run = made(looks=[], tries=tries, heard_ns=[], edges=[])
+    run = made(looks=[], tries=tries, edges=[])
     assert len(broken(checks(run))) == 7, "all but the two on look-ups that fail"
 
 

@@ -117,7 +117,6 @@ def the_bridge_keeps_the_tree_whole(run):
     # The time of an answer, and the distance of two samples, depend on the machine.
     slow = ("each look-up is answered", "within 20 mm")
     assert [name for name in broken if not any(words in name for words in slow)] == []
-    assert (run["heard"]["heard_ms"] >= run["heard"]["receipt_ms"]).all()
     assert run.log.stat().st_size < 100_000
     buffer = FrameBuffer(history_s=None)
     with LogReader(run.log) as reader:

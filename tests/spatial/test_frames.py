@@ -61,8 +61,7 @@ def test_a_known_chain_has_known_numbers(buffer):
     assert buffer.look_up("map", "base", S // 2).same_as(Pose.from_yaw((1, 0, 0), np.pi / 2))
     assert buffer.look_up("base", "map", S).same_as(Pose.from_yaw((3, -1, 0), np.pi))
     assert buffer.look_up("map", "map", 17) == Pose()
-    assert (buffer.root_of("base"), buffer.parent_of("base")) == ("map", "odom")
-    assert buffer.parent_of("map") is None
+    assert (buffer.parent_of("base"), buffer.parent_of("map")) == ("odom", None)
     assert buffer.frames == ("base", "map", "odom")
     assert "odom" in buffer
 
@@ -102,29 +101,18 @@ def test_the_history_is_that_of_a_plain_list_whatever_the_order_of_arrival(arriv
         assert buffer.interval("map", name) == (min(rows) * S, max(rows) * S)
 
 
-def test_clearing_forgets_transforms_but_not_the_tree(buffer):
-    put(buffer, "map", "a", 5 * S)
-    buffer.clear()
-    with pytest.raises(ExtrapolationError, match="known never"):
-        buffer.look_up("map", "a", 5 * S)
-    put(buffer, "map", "a", S)
-    assert buffer.look_up("map", "a") == Pose()
-
-
 def test_nothing_is_extrapolated_unless_asked_and_the_error_says_what_is_known(buffer):
     for i in range(3):
         put(buffer, "map", "a", (i + 1) * S, Pose.from_yaw((i, 0, 0), 0.1 * i))
     known = r"'a' is known from 1000000000 to 3000000000 ns"
-    with pytest.raises(ExtrapolationError, match=rf"{known} \(500.000 ms after that\)"):
-        buffer.look_up("map", "a", 7 * S // 2)
-    with pytest.raises(ExtrapolationError, match=rf"{known} \(0.000 ms before that\)"):
-        buffer.look_up("a", "map", S - 1)
+    for time_ns, side in ((7 * S // 2, r"500.000 ms after"), (S - 1, r"0.000 ms before")):
+        with pytest.raises(ExtrapolationError, match=rf"{known} \({side} that\)"):
+            buffer.look_up("map", "a", time_ns)
     with pytest.raises(ExtrapolationError):
         buffer.look_up("map", "a", 7 * S // 2, extrapolate_ns=S // 2 - 1)
-    ahead = buffer.look_up("map", "a", 7 * S // 2, extrapolate_ns=S // 2)
-    assert ahead.same_as(Pose.from_yaw((2.5, 0, 0), 0.25), within_rad=1e-7)
-    before = buffer.look_up("map", "a", S // 2, extrapolate_ns=S)
-    assert before.same_as(Pose.from_yaw((-0.5, 0, 0), -0.05))
+    for time_ns, x_m in ((7 * S // 2, 2.5), (S // 2, -0.5)):
+        pose = buffer.look_up("map", "a", time_ns, extrapolate_ns=S // 2)
+        assert pose.same_as(Pose.from_yaw((x_m, 0, 0), 0.1 * x_m), within_rad=1e-7)
     put(buffer, "map", "single", S, Pose.at((1, 2, 3)))  # which is held
     assert buffer.look_up("map", "single", 2 * S, extrapolate_ns=S).position_m == (1, 2, 3)
 
@@ -159,7 +147,7 @@ def test_unknown_frames_are_refused_with_similar_names_and_loops_leave_the_tree_
     with pytest.raises(UnknownFrameError, match="did you mean 'agent_x/markers'"):
         buffer.look_up("map", "agent_x_markers", 0)
     with pytest.raises(UnknownFrameError, match="2 frames are known"):
-        buffer.root_of("zzz")
+        buffer.parent_of("zzz")
     put(buffer, "a", "b", 0, Pose.at((1, 0, 0)))
     put(buffer, "b", "c", 0)
     with pytest.raises(FrameLoopError, match="a -> c -> b -> a"):
@@ -170,12 +158,10 @@ def test_unknown_frames_are_refused_with_similar_names_and_loops_leave_the_tree_
 
 
 def test_frames_without_a_sound_name_and_a_history_of_no_time_are_refused(buffer):
-    for name in ("", " base"):
-        with pytest.raises(InvalidValueError):
-            put(buffer, "map", name)
-    for history_s in (0, float("nan")):
-        with pytest.raises(InvalidValueError, match="history_s"):
-            FrameBuffer(history_s=history_s)
+    with pytest.raises(InvalidValueError, match="outer blanks"):
+        put(buffer, "map", " base")
+    with pytest.raises(InvalidValueError, match="history_s"):
+        FrameBuffer(history_s=0)
 
 
 # --- Lint --------------------------------------------------------------------------------------
@@ -219,14 +205,12 @@ def test_each_error_of_a_tree_is_found_once(edges, found):
     assert codes(edges) == found
 
 
-def test_findings_name_frames_and_the_consequence():
-    (finding,) = lint_frames([*GOOD, *tree(("map", "go2/base"))])
-    assert (finding.code, finding.frames) == ("two-parents", ("go2/base", "go2/odom", "map"))
-    assert "'go2/odom' and 'map' (a frame has one parent" in str(finding)
-    (loop,) = lint_frames(tree(("a", "b"), ("b", "c"), ("c", "a")))
-    assert loop.frames == ("a", "c", "b")
-    (finding,) = lint_frames([*GOOD, *tree(("world", "go1/base"))], root="map")
-    assert (finding.code, finding.frames) == ("second-root", ("world", "go1/base"))
+def test_a_finding_names_its_frames_and_its_consequence():
+    edges = [*GOOD, *tree(("map", "go2/base"), ("world", "go1/base"))]
+    parents, root = lint_frames(edges, root="map")
+    assert (parents.code, parents.frames) == ("two-parents", ("go2/base", "go2/odom", "map"))
+    assert "'go2/odom' and 'map' (a frame has one parent" in str(parents)
+    assert (root.code, root.frames) == ("second-root", ("world", "go1/base"))
     assert codes(GOOD, root="earth") == ["unreachable"]
 
 

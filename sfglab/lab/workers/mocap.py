@@ -18,10 +18,10 @@ import numpy as np
 
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
-from sfglab.component import Orders, Report, Reporter, beside, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.fields import to_json
 from sfglab.lab.checks.trees import AGENT, DIRECT, OBJECT, PROXY, RENAMED, WAYS, WORLD
-from sfglab.messages import message_type, ns_from_stamp
+from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
@@ -37,7 +37,7 @@ from sfglab.spatial.mocap.synthetic import (
 from sfglab.units import NS_PER_MS, NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
+    from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator, Mapping
 
     from sfglab.bus import Clock, Publisher
     from sfglab.spatial.mocap.tracking import Capture, MocapSource
@@ -60,7 +60,7 @@ _WORLD_FROM_ODOM = Pose.from_yaw((1.5, -0.7, 0.1), 0.6)
 _DRIFT_M_S, _DRIFT_RAD_S = 0.02, 0.01  # of the odometry, typical of wheels and legs
 _MOTION_HZ, _LOOK_UP_HZ = 50.0, 50.0
 _PATIENCE_S = 2.0  # longest wait of a look-up
-_KEPT_PERIOD_NS = 100 * NS_PER_MS  # of transforms that the log keeps
+_SAMPLE_NS = 100 * NS_PER_MS  # time between transforms in the log
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,7 +158,6 @@ class _SharedSource:
     """The source of the bridge, whose captures the direct receiver gets as well."""
 
     def __init__(self, source: MocapSource, nodes: Nodes) -> None:
-        self.receipts_ns: list[tuple[int, int]] = []  # capture and receipt
         self._source = source
         self._direct = nodes[DIRECT].create_publisher(TRANSFORMS, TF, TF_QOS)
         self._renamed = nodes[RENAMED].create_publisher(TRANSFORMS, TF, TF_QOS)
@@ -167,7 +166,6 @@ class _SharedSource:
         async with aclosing(self._source.captures()) as captures:
             async for capture in captures:
                 yield capture
-                self.receipts_ns.append((capture.capture_ns, capture.receipt_ns))
                 for transform in direct_transforms(capture, world=WORLD):
                     _publish(self._direct, transform)
                     _publish(self._renamed, replace(transform, child=OBJECT))
@@ -185,58 +183,35 @@ async def play_bridge(nodes: Nodes, times: Times, seed: int) -> Report:
     node = nodes[PROXY]
     source = _SharedSource(SyntheticSource(made, node.get_clock()), nodes)
     await MocapBridge(node, source, MAPPING).run()
-    return {"receipts_ns": source.receipts_ns}
+    return {}
 
 
 async def play_listener(nodes: Nodes, times: Times, seed: int) -> Report:
     """Receive all trees, and look up the camera while the robot moves."""
     buffers = {way: FrameBuffer(history_s=None) for way in WAYS}
-    heard_ns: list[tuple[int, int, int]] = []  # capture, publication and receipt
-    kept: dict[tuple[str, int], tuple[int, StampedTransform]] = {}
     async with AsyncExitStack() as stack:
         listeners = {}
         for way in WAYS:
             listener = FramesListener(nodes[way], buffers[way])
             listeners[way] = await stack.enter_async_context(listener)
-        moving = nodes[PROXY].create_subscription(TRANSFORMS, TF, qos=TF_QOS)
-        stack.callback(moving.close)
-
-        async def receive() -> None:
-            while True:
-                message, info = await moving.take_with_info()
-                for each in message.transforms:
-                    transform = StampedTransform.from_msg(each)
-                    received_ns = info.received_timestamp_ns
-                    place = (transform.child, received_ns // _KEPT_PERIOD_NS)
-                    kept.setdefault(place, (received_ns, transform))
-                    if transform.parent == WORLD:
-                        stamp_ns = ns_from_stamp(each.header.stamp)
-                        heard_ns.append((stamp_ns, info.source_timestamp_ns, received_ns))
-
-        await stack.enter_async_context(beside(receive()))
         clock = nodes[PROXY].get_clock()
         looks, tries = await _look_up(times, seed, listeners[PROXY], buffers, clock)
     edges = [{"way": way, **asdict(edge)} for way in WAYS for edge in buffers[way].edges]
-    still = [(times.start_ns, transform) for transform in _static(buffers[PROXY])]
-    return {
-        "looks": looks,
-        "tries": tries,
-        "heard_ns": heard_ns,
-        "edges": edges,
-        "still": to_json(still),
-        "moving": to_json(list(kept.values())),
-    }
+    sampled = to_json(list(_sampled(buffers[PROXY], times.start_ns)))
+    return {"looks": looks, "tries": tries, "edges": edges, "sampled": sampled}
 
 
-def _static(buffer: FrameBuffer) -> list[StampedTransform]:
-    transforms = []
+def _sampled(buffer: FrameBuffer, start_ns: int) -> Iterator[tuple[bool, StampedTransform]]:
+    """Yield whether a transform is static, and the transform; those that are not, every 0.1 s."""
     for edge in buffer.edges:
-        if edge.static:
-            pose = buffer.look_up(edge.parent, edge.child)
-            transforms.append(
-                StampedTransform(parent=edge.parent, child=edge.child, stamp_ns=0, pose=pose)
-            )
-    return transforms
+        span = range(edge.first_ns, edge.last_ns, _SAMPLE_NS)
+        for at_ns in [start_ns] if edge.static else span:
+            with suppress(FrameError):  # of an edge with a former parent
+                pose = buffer.look_up(edge.parent, edge.child, at_ns)
+                step = StampedTransform(
+                    parent=edge.parent, child=edge.child, stamp_ns=at_ns, pose=pose
+                )
+                yield edge.static, step
 
 
 async def _look_up(

@@ -113,11 +113,6 @@ class _Frame:
         self.stamps[at], self.poses[at] = stamp_ns, pose
         return is_other
 
-    def clear(self) -> None:
-        """Remove all poses."""
-        self.stamps.clear()
-        self.poses.clear()
-
     def pose_at(self, time_ns: int, reach_ns: int) -> Pose | None:
         """Return the pose in the parent at a time, or None if it is not known then."""
         stamps = self.stamps
@@ -181,7 +176,7 @@ class FrameBuffer:
             _check_loop(child, parent)
         if child.parent is not parent or child.is_static != static:
             child.parent, child.is_static = parent, static
-            child.clear()
+            child.stamps, child.poses = [], []
         is_other = child.insert(transform.stamp_ns, transform.pose, self._history_ns)
         edge.contradicting += is_other
 
@@ -231,17 +226,8 @@ class FrameBuffer:
         parent = self._known(frame).parent
         return None if parent is None else parent.name
 
-    def root_of(self, frame: str) -> str:
-        """Return the root of a frame's tree."""
-        return self._known(frame).above()[-1].name
-
     def __contains__(self, frame: str) -> bool:
         return frame in self._frames
-
-    def clear(self) -> None:
-        """Remove all transforms, e.g. after a jump of simulated time. The tree stays."""
-        for frame in self._frames.values():
-            frame.clear()
 
     def _count(self, transform: StampedTransform, *, static: bool, authority: str) -> Edge:
         child, parent, stamp_ns = transform.child, transform.parent, transform.stamp_ns

@@ -5,6 +5,6 @@ hosts of their own; the direct receiver runs beside the bridge.
 """
 
 from sfglab.lab.experiments.mocap.experiment import exp
-from sfglab.lab.experiments.mocap.results import check_table, checks, look_ups
+from sfglab.lab.experiments.mocap.results import check_table, checks
 
-__all__ = ["check_table", "checks", "exp", "look_ups"]
+__all__ = ["check_table", "checks", "exp"]

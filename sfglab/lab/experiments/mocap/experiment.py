@@ -17,7 +17,7 @@ from sfglab.names import TF, TF_STATIC
 from sfglab.processes import Member, ProcessGroup
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.listener import TRANSFORMS
-from sfglab.units import NS_PER_MS, NS_PER_S
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -114,15 +114,6 @@ class TryRow(TableRow):
     count: int  #: Number of look-ups.
 
 
-@exp.table("heard")
-class MocapHeardRow(TableRow):
-    """One transform of the bridge at the listener; times since its capture."""
-
-    receipt_ms: float  #: Receipt of the capture by the bridge.
-    publication_ms: float  #: Publication, by the source time stamp.
-    heard_ms: float  #: Receipt by the listener.
-
-
 @exp.part("trees")
 def join_trees(bench: Bench[Config]) -> None:
     """Write the trees of Fig. 6, and check them and those of random robots."""
@@ -135,9 +126,8 @@ def join_trees(bench: Bench[Config]) -> None:
 
 @exp.part("live run")
 async def run_live(bench: Bench[Config]) -> None:
-    """Run robot, bridge and listener on their hosts; the received tree of the bridge goes into the log."""
+    """Run robot, bridge and listener on their hosts; the received tree of the bridge is sampled into the log."""
     config = bench.config
-    start_ns = 0
     async with ProcessGroup(
         members(bench.testbed, config.seed), wrap_command=bench.testbed.argv
     ) as group:
@@ -145,13 +135,14 @@ async def run_live(bench: Bench[Config]) -> None:
         order: dict[str, Any] = {"start_ns": start_ns, "seconds": config.live_s}
         timeout_s = _LEAD_S + config.live_s + _SLACK_S
         reports = await group.ask("played", timeout_s=timeout_s, **order)
-    for row in live_rows(reports):
+    listener = reports["listener"]
+    for row in live_rows(listener):
         bench.write(row)
-    for topic, reported in ((TF_STATIC, "still"), (TF, "moving")):
-        for received_ns, values in reports["listener"][reported]:
-            message = from_json(StampedTransform, values).to_msg()
-            whole = message_type(TRANSFORMS)(transforms=[message])
-            bench.log.write(topic, whole, log_time_ns=received_ns)
+    for is_static, values in listener["sampled"]:
+        step = from_json(StampedTransform, values)
+        message = message_type(TRANSFORMS)(transforms=[step.to_msg()])
+        topic = TF_STATIC if is_static else TF
+        bench.log.write(topic, message, log_time_ns=step.stamp_ns)
 
 
 def members(testbed: Testbed, seed: int) -> Iterator[Member]:
@@ -165,9 +156,8 @@ def members(testbed: Testbed, seed: int) -> Iterator[Member]:
         yield Member(name=role, module="sfglab.lab.workers.mocap", config=config, host=host)
 
 
-def live_rows(reports: dict[str, Report]) -> Iterator[Any]:
-    """Yield the rows of what the processes report."""
-    listener = reports["listener"]
+def live_rows(listener: Report) -> Iterator[Any]:
+    """Yield the rows of what the listener reports."""
     for look in listener["looks"]:
         yield LookUpRow(**look)
     for way, outcomes in listener["tries"].items():
@@ -177,10 +167,3 @@ def live_rows(reports: dict[str, Report]) -> Iterator[Any]:
     for edge in listener["edges"]:
         authority = names.setdefault(edge["authority"], f"publisher {len(names)}")
         yield MocapEdgeRow(**{**edge, "where": LIVE, "authority": authority})
-    received_ns = dict(reports["bridge"]["receipts_ns"])
-    for capture_ns, published_ns, heard_ns in listener["heard_ns"]:
-        yield MocapHeardRow(
-            receipt_ms=(received_ns[capture_ns] - capture_ns) / NS_PER_MS,
-            publication_ms=(published_ns - capture_ns) / NS_PER_MS,
-            heard_ms=(heard_ns - capture_ns) / NS_PER_MS,
-        )

@@ -6,7 +6,6 @@ from dataclasses import asdict, fields
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pandas as pd
 
 from sfglab.lab.checks import Case, CheckRow, check_row, lowest_share
@@ -142,7 +141,6 @@ def share_that_holds(run: Run[Config]) -> Finding:
         "orientation error at the time asked for": (looks["error_mrad"], "mrad"),
         "position error of the latest transforms": (looks["latest_mm"], "mm"),
         "wait until a time is known": (looks["wait_ms"], "ms"),
-        "capture to listener": (live(run, "heard")["heard_ms"], "ms"),
     }
     for name, (values, unit) in quantities.items():
         if len(values):
@@ -210,60 +208,28 @@ def _draw_tree(
     axes.set_axis_off()
 
 
-@exp.figure("mocap_error", size=(10, 6.6))
+@exp.figure("mocap_error", size=(10, 5.6))
 def draw_error(figure: Figure, run: Run[Config]) -> None:
-    """Draw the live run: position errors and waits over time, and latencies."""
-    looks, heard = live(run, "look"), live(run, "heard")
-    axes = figure.subplot_mosaic("AAC;BBC")
+    """Draw the live run: errors of the camera's position, and waits for its transforms, over time."""
+    looks = live(run, "look")
+    errors, waits = figure.subplots(2, 1, sharex=True)
     kinds = {
         "error_mm": ("proxy", "at the time of the look-up"),
         "latest_mm": ("standard", "latest transforms"),
     }
     for column, (key, text) in kinds.items():
         label = f"{text} (median {looks[column].median():.2g} mm)"
-        axes["A"].plot(
+        errors.plot(
             looks["at_s"], looks[column], label=label, linestyle="", markersize=2.5, **series(key)
         )
-    axes["A"].set(yscale="log", ylabel="position error (mm)", title="Camera position error")
-    axes["A"].set_ylim(top=8 * looks["latest_mm"].max())  # room for the legend
-    axes["A"].legend(fontsize=8, ncols=2, loc="upper right")
-    axes["B"].plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
-    axes["B"].set(yscale="log", xlabel="time (s)", ylabel="wait (ms)")
-    axes["B"].set_title("Wait until the transforms for the current time are known")
-    _draw_latencies(axes["C"], heard)
+    errors.set(yscale="log", ylabel="position error (mm)", title="Camera position error")
+    errors.set_ylim(top=8 * looks["latest_mm"].max())  # room for the legend
+    errors.legend(fontsize=8, ncols=2, loc="upper right")
+    waits.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
+    waits.set(yscale="log", xlabel="time (s)", ylabel="wait (ms)")
+    waits.set_title("Wait until the transforms for the current time are known")
     at, latest = looks["error_mm"].median(), looks["latest_mm"].median()
     figure.suptitle(
         f"Position error {at:.1f} mm at the time of the look-up, {latest:.0f} mm with the latest transforms"
     )
     note(figure, f"simulated cameras with occlusions and lost captures; {len(looks)} look-ups", run)
-
-
-def _draw_latencies(axes: Axes, heard: pd.DataFrame) -> None:
-    kinds = {
-        "receipt_ms": ("third", ":", "received by the bridge"),
-        "publication_ms": ("proxy", "-", "published"),
-        "heard_ms": ("standard", "--", "received by the listener"),
-    }
-    for column, (key, line, label) in kinds.items():
-        values = np.sort(heard[column].to_numpy())
-        share = np.arange(1, len(values) + 1) / max(1, len(values))
-        axes.plot(values, share, color=COLORS[key], linestyle=line, label=label)
-    axes.set(xscale="log", xlabel="latency (ms)", ylabel="cumulative share of transforms")
-    axes.set_title("Latency since the capture")
-    axes.xaxis.set_minor_formatter("")
-    ticks = [6, 10, 20, 50, 100]
-    axes.set_xticks(ticks, [str(tick) for tick in ticks])
-    axes.legend(fontsize=8, loc="lower right")
-
-
-def look_ups(run: Run[Config]) -> pd.DataFrame:
-    """Return the medians of the live look-ups in the tree of the bridge, for readers."""
-    looks = live(run, "look")
-    columns = {
-        "error_mm": "position error (mm)",
-        "error_mrad": "orientation error (mrad)",
-        "latest_mm": "position error with the latest transforms (mm)",
-        "wait_ms": "wait (ms)",
-    }
-    medians = looks[list(columns)].median().rename(columns)
-    return pd.DataFrame([medians]).assign(number=len(looks))
