@@ -73,7 +73,7 @@ def mocap_run(
       sfglab mocap run data/mocap/two_agents.yaml --synthetic --publish-tf --domain 7 --interface lo --duration 10
     """
     from sfglab.record import LogReader
-    from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge, status_topic
+    from sfglab.spatial.mocap.bridge import MocapBridge, status_topic
     from sfglab.spatial.mocap.mapping import load_mapping
     from sfglab.spatial.mocap.sources import POSE, TRANSFORM, LogSource, TopicSource, ViconSource
 
@@ -102,7 +102,7 @@ def mocap_run(
                 source = TopicSource(node, topics, POSE if type_ == "pose" else TRANSFORM)
             if publish_tf:
                 _publish_trees(node, mapping)
-            bridge = MocapBridge(node, source, mapping, BridgeOptions(agent=agent))
+            bridge = MocapBridge(node, source, mapping, agent=agent)
             typer.echo(f"mocap: ready, status on {status_topic(agent)}; end it with Ctrl-C")
             try:
                 await bridge.run()

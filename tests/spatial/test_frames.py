@@ -54,16 +54,13 @@ def random_pose(rng):
     return Pose.at(rng.normal(size=3), rng.normal(size=4))
 
 
-def test_a_known_chain_has_known_numbers(buffer):
-    put(buffer, "map", "odom", 0, Pose.from_yaw((1, 0, 0), 0))
-    put(buffer, "map", "odom", S, Pose.from_yaw((3, 0, 0), np.pi))
-    put(buffer, "odom", "base", 0, Pose.at((0, 1, 0)), static=True)
-    assert buffer.look_up("map", "base", S // 2).same_as(Pose.from_yaw((1, 0, 0), np.pi / 2))
-    assert buffer.look_up("base", "map", S).same_as(Pose.from_yaw((3, -1, 0), np.pi))
-    assert buffer.look_up("map", "map", 17) == Pose()
+def test_a_tree_has_frames_and_parents_and_a_frame_is_at_its_own_place(buffer):
+    put(buffer, "map", "odom")
+    put(buffer, "odom", "base", static=True)
     assert (buffer.parent_of("base"), buffer.parent_of("map")) == ("odom", None)
     assert buffer.frames == ("base", "map", "odom")
     assert "odom" in buffer
+    assert buffer.look_up("map", "map", 17) == Pose()
 
 
 @settings(max_examples=40, deadline=None)
@@ -329,14 +326,13 @@ def test_a_broken_transform_leaves_the_others_and_nearly_normalised_ones_are_tak
 
 def test_a_log_fills_a_buffer_and_one_without_transforms_is_refused(tmp_path):
     with LogWriter(tmp_path / "run.mcap") as log:
-        for second in range(100):
-            moved = message(at_x("map", "base", second, float(second)))
-            log.write(TF, moved, log_time_ns=second * S)
+        for second in (0, 100):
+            log.write(TF, message(at_x("map", "base", second, second)), log_time_ns=second * S)
         log.write(TF_STATIC, message(at_x("base", "camera", 0, 0.5)), log_time_ns=50 * S)
     buffer = FrameBuffer(history_s=None)
     with LogReader(tmp_path / "run.mcap") as reader:
-        assert fill_from_log(reader, buffer).taken == 101
-    assert buffer.look_up("map", "camera", 10 * S + S // 2).position_m == (11.0, 0, 0)
+        assert fill_from_log(reader, buffer).taken == 3
+    assert buffer.look_up("map", "camera", 10 * S).position_m == (10.5, 0, 0)
     with LogWriter(tmp_path / "text.mcap") as log:
         log.write("/text", message_type("std_msgs/msg/String")(data="x"), log_time_ns=0)
     with LogReader(tmp_path / "text.mcap") as reader, pytest.raises(LogError, match="/tf"):

@@ -12,7 +12,6 @@ import math
 import statistics
 from collections import Counter, deque
 from contextlib import aclosing
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.messages import message_type, stamp_from_ns
@@ -31,7 +30,7 @@ from sfglab.spatial.mocap.tracking import (
     Verdict,
 )
 from sfglab.spatial.poses import Pose, StampedTransform
-from sfglab.units import NS_PER_S
+from sfglab.units import NS_PER_MS, NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.bus import Node, Publisher
@@ -42,6 +41,10 @@ STATUS = "sfglab_interfaces/msg/MocapStatus"
 STATUS_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
 _OBJECT = "sfglab_interfaces/msg/MocapObject"
 _RECENT = 1000  # transforms whose latency counts
+_STATUS_PERIOD_S = 1.0
+_REACH_NS = (
+    100 * NS_PER_MS
+)  # by which agents' transforms are continued where they are older than a capture
 
 _log = logging.getLogger(__name__)
 
@@ -95,19 +98,19 @@ def _median_s(latencies_ns: deque[int]) -> float:
 class BridgeCore:
     """Converts captures into transforms that keep the agents' trees whole.
 
+    The agents' transforms are continued by up to 0.1 s where they are older than a capture.
+
     Args:
         mapping: Objects and their frames.
         buffer: Transforms of the agents.
-        reach_s: Time by which the agents' transforms are continued where they are older than a capture, s.
     """
 
-    def __init__(self, mapping: MocapMapping, buffer: FrameBuffer, *, reach_s: float = 0.1) -> None:
+    def __init__(self, mapping: MocapMapping, buffer: FrameBuffer) -> None:
         self.world = mapping.world  #: Frame in which the capture system measures.
         self.captures = 0  #: Number of captures.
         self.dropped = 0  #: Number of lost captures: gaps in the frame numbers.
         self.unmapped: Counter[str] = Counter()  #: Detections of objects without a mapping, by id.
         self._buffer = buffer
-        self._reach_ns = round(reach_s * NS_PER_S)
         self._number: int | None = None
         self._objects: dict[str, ObjectStatus] = {}
         for id_, mapped in mapping.objects.items():
@@ -155,7 +158,7 @@ class BridgeCore:
             parent=self.world, child=mapped.id, stamp_ns=capture.capture_ns, pose=sight
         )
         try:
-            transform = place_via_proxy(self._buffer, mapped, seen, reach_ns=self._reach_ns)
+            transform = place_via_proxy(self._buffer, mapped, seen, reach_ns=_REACH_NS)
         except (FrameError, PlacingError) as error:
             status.note_unplaced(error)
             return None
@@ -203,16 +206,6 @@ def _object_message(status: ObjectStatus) -> Any:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BridgeOptions:
-    """Options of a bridge."""
-
-    #: Time by which the agents' transforms are continued where they are older than a capture, s.
-    reach_s: float = 0.1
-    agent: str = ""  #: Agent that has the bridge, as in the topic of the status; empty: none.
-    status_period_s: float = 1.0  #: Time between two messages of the status, s.
-
-
 class MocapBridge:
     """Publishes poses of agents from a capture system as TF, and keeps the agents' trees whole.
 
@@ -222,19 +215,20 @@ class MocapBridge:
     bridge = MocapBridge(node, ViconSource("192.168.10.1", clock=node.get_clock()), load_mapping(path))
     await bridge.run()
     ```
+
+    Args:
+        node: The node.
+        source: Source of captures.
+        mapping: Objects and their frames.
+        agent: Agent that has the bridge, as in the topic of the status; empty: none.
     """
 
     def __init__(
-        self,
-        node: Node,
-        source: MocapSource,
-        mapping: MocapMapping,
-        options: BridgeOptions | None = None,
+        self, node: Node, source: MocapSource, mapping: MocapMapping, *, agent: str = ""
     ) -> None:
-        self._node, self._source = node, source
-        self._options = options or BridgeOptions()
+        self._node, self._source, self._agent = node, source, agent
         self._buffer = FrameBuffer()
-        self.core = BridgeCore(mapping, self._buffer, reach_s=self._options.reach_s)  #: It decides.
+        self.core = BridgeCore(mapping, self._buffer)  #: It decides.
         self._logged: set[tuple[str, str]] = set()
 
     async def run(self) -> None:
@@ -244,7 +238,7 @@ class MocapBridge:
             MocapError: The source cannot be opened, or fails.
         """
         publisher = self._node.create_publisher(TRANSFORMS, TF, TF_QOS)
-        status = self._node.create_publisher(STATUS, status_topic(self._options.agent), STATUS_QOS)
+        status = self._node.create_publisher(STATUS, status_topic(self._agent), STATUS_QOS)
         reporting = asyncio.create_task(self._report(status))
         try:
             async with (
@@ -278,4 +272,4 @@ class MocapBridge:
         clock = self._node.get_clock()
         while True:
             status.publish(status_message(self.core, clock.now_ns()))
-            await clock.sleep_for(self._options.status_period_s)
+            await clock.sleep_for(_STATUS_PERIOD_S)
