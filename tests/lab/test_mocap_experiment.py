@@ -88,10 +88,12 @@ def test_many_live_checks_do_not_hide_an_exact_one(made):
     assert claim(made(held=0)).estimate.value == 0
 
 
-def test_a_run_that_received_nothing_has_not_shown_anything(made):
+def test_a_run_that_received_nothing_has_not_shown_anything_and_is_drawn(made):
     tries = {way: {"E": 1} for way in trees.WAYS}
-    run = made(looks=[], tries=tries, edges=[])
+    never = dict.fromkeys(LOOK, float("nan")) | {"at_s": 1.0}
+    run = made(looks=[never], tries=tries, edges=[])
     assert len(broken(checks(run))) == 7, "all but the two on look-ups that fail"
+    assert set(exp.figures(run)) == {"mocap_error", "mocap_trees"}
 
 
 def test_the_bridge_leads_to_where_the_robot_s_camera_really_is():

@@ -223,7 +223,7 @@ def draw_error(figure: Figure, run: Run[Config]) -> None:
             looks["at_s"], looks[column], label=label, linestyle="", markersize=2.5, **series(key)
         )
     errors.set(yscale="log", ylabel="position error (mm)", title="Camera position error")
-    errors.set_ylim(top=8 * looks["latest_mm"].max())  # room for the legend
+    errors.margins(y=0.25)  # room for the legend
     errors.legend(fontsize=8, ncols=2, loc="upper right")
     waits.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
     waits.set(yscale="log", xlabel="time (s)", ylabel="wait (ms)")
