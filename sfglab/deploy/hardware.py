@@ -9,7 +9,6 @@ from __future__ import annotations
 import platform
 import re
 import struct
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -19,7 +18,7 @@ from sfglab.deploy.machine_files import MachineFiles, plain
 from sfglab.fleet.fleet_file import Accelerator, Architecture
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
 
 class CodecRole(Enum):
@@ -47,15 +46,24 @@ class CodecFound(Codec):
     tried: str  #: Result of the trial.
 
 
+@dataclass(frozen=True, slots=True)
+class Found:
+    """An accelerator that is there and can be used."""
+
+    reason: str  #: Reason why it counts as found.
+    devices: tuple[str, ...] = ()  #: Device nodes that a container needs to use it.
+    codecs: tuple[Codec, ...] = ()  #: H.264 codecs that it has.
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
     """Result of looking for one accelerator."""
 
     accelerator: Accelerator
     reason: str  #: Reason why it counts as found or not.
-    found: bool = False  #: Whether it is there and can be used.
-    devices: tuple[str, ...] = ()  #: Device nodes that a container needs to use it.
-    codecs: tuple[Codec, ...] = ()  #: H.264 codecs that it has.
+    found: bool  #: Whether it is there and can be used.
+    devices: tuple[str, ...]  #: Device nodes that a container needs to use it.
+    codecs: tuple[Codec, ...]  #: H.264 codecs that it has.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,16 +97,13 @@ class Machine:
         return next(item for item in self.evidence if item.accelerator is accelerator)
 
 
-Look = Callable[[MachineFiles], Evidence]
-
-
 def detect(root: Path = Path("/")) -> Machine:
     """Return the hardware of a machine, and the accelerator that its images are made for.
 
     `root` is the folder that stands for the machine's ``/``; a `DeployError` says that there is none.
     """
     files = MachineFiles(root)
-    evidence = tuple(look(files) for look in TABLE)
+    evidence = tuple(_evidence(accelerator, files) for accelerator in TABLE)
     chosen = next(item for item in evidence if item.found)
     architecture, reason = find_architecture(files)
     release = _l4t_release(files)
@@ -116,7 +121,20 @@ def detect(root: Path = Path("/")) -> Machine:
     )
 
 
-# NVIDIA Jetson.
+def _evidence(accelerator: Accelerator, files: MachineFiles) -> Evidence:
+    result = TABLE[accelerator](files)
+    is_found = isinstance(result, Found)
+    found = result if isinstance(result, Found) else Found(result)
+    return Evidence(
+        accelerator=accelerator,
+        reason=found.reason,
+        found=is_found,
+        devices=found.devices,
+        codecs=found.codecs,
+    )
+
+
+# Each function returns what it found, or why there is nothing. First: NVIDIA Jetson.
 
 JETPACKS = {28: 3, 31: 4, 32: 4, 34: 5, 35: 5, 36: 6, 38: 7, 39: 7}
 """Major version of JetPack by that of Jetson Linux (L4T): docs.nvidia.com/jetson/archives."""
@@ -125,7 +143,7 @@ _RELEASE_FILE = "/etc/nv_tegra_release"
 _RELEASE = re.compile(r"#\s*R([0-9]{1,3})\s*\(release\),\s*REVISION:\s*([0-9][0-9.]{0,15})")
 
 
-def look_for_jetson(files: MachineFiles) -> Evidence:
+def look_for_jetson(files: MachineFiles) -> Found | str:
     """Look for a Jetson whose engines can be reached.
 
     The device tree (``nvidia,tegra*``) or the release file of L4T names the board. Its engines are reached
@@ -134,26 +152,19 @@ def look_for_jetson(files: MachineFiles) -> Evidence:
     is_jetson = _is_tegra(files) or files.text(_RELEASE_FILE) is not None
     engines = files.paths("/dev", r"nvhost-[A-Za-z0-9_-]+|nvmap")
     if not is_jetson:
-        return Evidence(accelerator=Accelerator.JETSON, reason="no Tegra board and no L4T release")
+        return "no Tegra board and no L4T release"
     if not engines:
-        reason = (
-            "a Jetson, but no /dev/nvmap or /dev/nvhost-*: a container without NVIDIA's runtime?"
-        )
-        return Evidence(accelerator=Accelerator.JETSON, reason=reason)
+        return "a Jetson, but no /dev/nvmap or /dev/nvhost-*: a container without NVIDIA's runtime?"
     nodes = [*engines]
     for folder in files.paths("/dev/nvgpu", r"[\w-]+"):
         nodes += files.paths(folder, r"[\w-]+")
     nodes += files.paths("/dev", r"nvidia[0-9]+|nvidiactl|nvidia-modeset|v4l2-nv(dec|enc)")
     nodes += files.paths("/dev/dri", r"renderD[0-9]+")
     release = _l4t_release(files)
-    version = f"L4T {release[1]}, JetPack {JETPACKS.get(release[0], 'unknown')}" if release else ""
-    return Evidence(
-        accelerator=Accelerator.JETSON,
-        reason=f"a Jetson with {version or 'an unknown release of L4T'}",
-        found=True,
-        devices=tuple(nodes),
-        codecs=_jetson_codecs(files),
-    )
+    version = "an unknown release of L4T"
+    if release:
+        version = f"L4T {release[1]}, JetPack {JETPACKS.get(release[0], 'unknown')}"
+    return Found(f"a Jetson with {version}", tuple(nodes), _jetson_codecs(files))
 
 
 def _is_tegra(files: MachineFiles) -> bool:
@@ -192,7 +203,7 @@ _CUDA_CODECS = (
 )
 
 
-def look_for_cuda(files: MachineFiles) -> Evidence:
+def look_for_cuda(files: MachineFiles) -> Found | str:
     """Look for a card with NVIDIA's driver.
 
     The driver is there with ``/proc/driver/nvidia/version``, a card with ``/dev/nvidia0``; both are used through
@@ -202,40 +213,25 @@ def look_for_cuda(files: MachineFiles) -> Evidence:
     """
     if files.has("/dev/dxg"):
         if files.paths("/usr/lib/wsl/lib", r"libcuda\.so[0-9.]*"):
-            return _cuda("NVIDIA's driver for Windows, through WSL 2", ("/dev/dxg",))
-        reason = "WSL 2 with a graphics card that is not NVIDIA's"
-        return Evidence(accelerator=Accelerator.CUDA, reason=reason)
+            return Found("NVIDIA's driver for Windows, in WSL 2", ("/dev/dxg",), _CUDA_CODECS)
+        return "WSL 2 with a graphics card that is not NVIDIA's"
     if _is_tegra(files):
-        reason = "a Tegra: its /dev/nvidia* belong to the display"
-        return Evidence(accelerator=Accelerator.CUDA, reason=reason)
+        return "a Tegra: its /dev/nvidia* belong to the display"
     driver = files.text(_DRIVER_FILE)
     cards = files.paths("/dev", r"nvidia[0-9]+")
-    needed = {
-        _DRIVER_FILE: driver is not None,
-        "/dev/nvidiactl": files.has("/dev/nvidiactl"),
-        "/dev/nvidia0": bool(cards),
-    }
-    if all(needed.values()):
-        version = _DRIVER.search(driver or "")
-        name = version[1] if version else "of unknown version"
-        extra = files.paths("/dev", r"nvidia-(uvm|uvm-tools|modeset)")
-        nodes = (*cards, "/dev/nvidiactl", *extra)
-        return _cuda(f"NVIDIA's driver {name} with {len(cards)} card(s)", nodes)
-    missing = ", ".join(path for path, is_there in needed.items() if not is_there)
-    reason = f"NVIDIA's driver is not complete: without {missing}"
-    if not any(needed.values()):
-        reason = "no driver of NVIDIA"
-    return Evidence(accelerator=Accelerator.CUDA, reason=reason)
-
-
-def _cuda(reason: str, devices: tuple[str, ...]) -> Evidence:
-    return Evidence(
-        accelerator=Accelerator.CUDA,
-        reason=reason,
-        found=True,
-        devices=devices,
-        codecs=_CUDA_CODECS,
-    )
+    control = files.paths("/dev", "nvidiactl")
+    missing = [] if driver is not None else [_DRIVER_FILE]
+    missing += [] if control else ["/dev/nvidiactl"]
+    missing += [] if cards else ["/dev/nvidia0"]
+    if len(missing) > 2:
+        return "no driver of NVIDIA"
+    if missing:
+        return f"NVIDIA's driver is not complete: without {', '.join(missing)}"
+    version = _DRIVER.search(driver or "")
+    name = version[1] if version else "of unknown version"
+    extra = files.paths("/dev", r"nvidia-(uvm|uvm-tools|modeset)")
+    reason = f"NVIDIA's driver {name} with {len(cards)} card(s)"
+    return Found(reason, (*cards, *control, *extra), _CUDA_CODECS)
 
 
 # AMD and Intel.
@@ -262,7 +258,7 @@ _VAAPI_CODEC = Codec(
 """VAAPI decodes inside FFmpeg's ``h264``, without a name of its own."""
 
 
-def look_for_rocm(files: MachineFiles) -> Evidence:
+def look_for_rocm(files: MachineFiles) -> Found | str:
     """Look for an AMD chip that ROCm supports.
 
     The kernel also offers ``/dev/kfd`` for chips that AMD's libraries have no code for, such as the gfx1033 of
@@ -272,19 +268,13 @@ def look_for_rocm(files: MachineFiles) -> Evidence:
     good = [name for name in chips if name in ROCM_TARGETS]
     nodes = [node for name in good for node in chips[name]]
     if good and nodes and files.has("/dev/kfd"):
-        return Evidence(
-            accelerator=Accelerator.ROCM,
-            reason=f"{', '.join(good)} is on AMD's list of supported chips",
-            found=True,
-            devices=("/dev/kfd", *nodes),
-            codecs=(_VAAPI_CODEC,),
-        )
-    reason = "no chip of AMD that computes"
+        reason = f"{', '.join(good)} is on AMD's list of supported chips"
+        return Found(reason, ("/dev/kfd", *nodes), (_VAAPI_CODEC,))
     if good:
-        reason = f"{', '.join(good)}, but /dev/kfd or its render node is missing: a container?"
-    elif chips:
-        reason = f"{', '.join(chips)} is not on AMD's list of supported chips"
-    return Evidence(accelerator=Accelerator.ROCM, reason=reason)
+        return f"{', '.join(good)}, but /dev/kfd or its render node is missing: a container?"
+    if chips:
+        return f"{', '.join(chips)} is not on AMD's list of supported chips"
+    return "no chip of AMD that computes"
 
 
 def _chips(files: MachineFiles) -> Iterator[tuple[str, list[str]]]:
@@ -317,7 +307,7 @@ def gfx_name(gfx_target_version: int) -> str:
     return f"gfx{major}{minor:x}{stepping:x}"
 
 
-def look_for_vaapi(files: MachineFiles) -> Evidence:
+def look_for_vaapi(files: MachineFiles) -> Found | str:
     """Look for graphics of Intel or AMD with a render node, whose video engine VAAPI drives.
 
     The vendor is ``/sys/class/drm/renderD*/device/vendor``. Nodes of others, such as virtio or nouveau, do not
@@ -329,19 +319,13 @@ def look_for_vaapi(files: MachineFiles) -> Evidence:
         nodes[path] = plain(vendor or "").lower()
     good = {path: vendor for path, vendor in nodes.items() if vendor in _VENDORS}
     if not good:
-        reason = "render nodes, but none of Intel or AMD" if nodes else "no /dev/dri/renderD*"
-        return Evidence(accelerator=Accelerator.VAAPI, reason=reason)
+        return "render nodes, but none of Intel or AMD" if nodes else "no /dev/dri/renderD*"
     codecs = [_VAAPI_CODEC]
     if _INTEL in good.values():
         codecs += [Codec(name="h264_qsv", role=role, why=_QUICK_SYNC) for role in CodecRole]
     makers = sorted({_VENDORS[vendor] for vendor in good.values()})
-    return Evidence(
-        accelerator=Accelerator.VAAPI,
-        reason=f"graphics of {' and '.join(makers)} with a video engine",
-        found=True,
-        devices=tuple(good),
-        codecs=tuple(codecs),
-    )
+    reason = f"graphics of {' and '.join(makers)} with a video engine"
+    return Found(reason, tuple(good), tuple(codecs))
 
 
 # Codecs of boards.
@@ -352,7 +336,7 @@ _HEVC = frozenset({"rpivid", "rpi-hevc-dec"})  # of Raspberry Pi 4 and 5
 _CODEC = re.compile(r"(?:.*[-_ ])?(?:enc|encode|encoder|dec|decode|decoder)", re.IGNORECASE)
 
 
-def look_for_v4l2(files: MachineFiles) -> Evidence:
+def look_for_v4l2(files: MachineFiles) -> Found | str:
     """Look for a V4L2 device node that is a codec, by its driver's name in /sys/class/video4linux.
 
     A codec of any format counts, because base images differ by driver. It may do nothing for H.264: a Raspberry
@@ -364,8 +348,7 @@ def look_for_v4l2(files: MachineFiles) -> Evidence:
         names[path] = plain(text or "")
     codecs = {n: name for n, name in names.items() if _CODEC.fullmatch(name) or name in _HEVC}
     if not codecs:
-        reason = f"{len(names)} video device(s), but none is a codec"
-        return Evidence(accelerator=Accelerator.V4L2, reason=reason)
+        return "no video device that is a codec"
     known = {_H264.get(name) for name in codecs.values()}
     roles = [role for role in CodecRole if role in known]
     if roles:
@@ -375,32 +358,27 @@ def look_for_v4l2(files: MachineFiles) -> Evidence:
     else:
         reason = f"codecs of unknown formats ({', '.join(sorted(set(codecs.values())))})"
     why = "stateful V4L2 codec of the board"
-    return Evidence(
-        accelerator=Accelerator.V4L2,
-        reason=reason,
-        found=True,
-        devices=tuple(codecs),
-        codecs=tuple(Codec(name="h264_v4l2m2m", role=role, why=why) for role in roles),
-    )
+    h264 = [Codec(name="h264_v4l2m2m", role=role, why=why) for role in roles]
+    return Found(reason, tuple(codecs), tuple(h264))
 
 
-def look_for_none(files: MachineFiles) -> Evidence:
+def look_for_none(files: MachineFiles) -> Found:
     """Return the processor, which is always there."""
     reason = "the processor is always there"
     if files.has("/.dockerenv") or files.has("/run/.containerenv"):
         reason += "; this is the root of a container, which has only the devices that it was given"
-    return Evidence(accelerator=Accelerator.NONE, reason=reason, found=True)
+    return Found(reason)
 
 
-TABLE: tuple[Look, ...] = (
-    look_for_jetson,  # its libraries fit one L4T release, and no other base runs there
-    look_for_cuda,  # computes, encodes and decodes, apart from the processor's graphics
-    look_for_rocm,  # computes, and its base also has VAAPI
-    look_for_vaapi,  # encodes and decodes H.264
-    look_for_v4l2,  # a single codec of the board, on some boards without H.264
-    look_for_none,
-)
-"""One row per accelerator. The first that is found is chosen."""
+TABLE: dict[Accelerator, Callable[[MachineFiles], Found | str]] = {
+    Accelerator.JETSON: look_for_jetson,  # its libraries fit one L4T release and no other base
+    Accelerator.CUDA: look_for_cuda,  # computes, encodes and decodes, beside other graphics
+    Accelerator.ROCM: look_for_rocm,  # computes, and its base also has VAAPI
+    Accelerator.VAAPI: look_for_vaapi,  # encodes and decodes H.264
+    Accelerator.V4L2: look_for_v4l2,  # a single codec of the board, on some boards without H.264
+    Accelerator.NONE: look_for_none,
+}
+"""The order of choice: the first accelerator that is found is taken."""
 
 
 # Architecture, model and groups.
