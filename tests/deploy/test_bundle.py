@@ -1,0 +1,65 @@
+"""A fleet file becomes bundles: what cannot be deployed is refused with its place, and workspaces are packed."""
+
+from dataclasses import replace
+
+import pytest
+from esslingen import FILE, FLEET, RELEASE
+
+from sfglab.deploy.bundle import load_source, prepare, with_accelerator, workspace_members
+from sfglab.deploy.deployment import deployment_of
+from sfglab.deploy.errors import DeployError
+from sfglab.fleet.fleet_file import Accelerator
+
+
+def without(**changes):
+    """Return the paper's fleet with other values of the Go2."""
+    agents = [replace(one, **changes) if one.name == "go2" else one for one in FLEET.agents]
+    return replace(FLEET, agents=tuple(agents))
+
+
+def test_an_agent_without_a_host_or_an_accelerator_is_refused():
+    with pytest.raises(DeployError, match="host: nothing is given, allowed: the machine that go2"):
+        deployment_of(without(host=None), "go2", RELEASE)
+    host = replace(FLEET.agent("go2").host, accelerator=None)
+    fleet = without(host=host)
+    with pytest.raises(DeployError, match=r"accelerator: given 'auto'.*jetson, cuda, rocm"):
+        deployment_of(fleet, "go2", RELEASE)
+    made = deployment_of(fleet, "go2", RELEASE, detected=Accelerator.JETSON)
+    assert made.accelerator is Accelerator.JETSON
+
+
+def test_an_accelerator_of_the_command_line_is_that_of_the_named_agents_alone():
+    source = load_source(FILE)
+    changed = with_accelerator(source, ["pi1"], "none").fleet
+    assert changed.agent("pi1").host.accelerator is Accelerator.NONE
+    assert changed.agent("pi2") == FLEET.agent("pi2")
+    assert with_accelerator(source, [], "auto").fleet.agent("pi2").host.accelerator is None
+    with pytest.raises(DeployError, match=r"given 'jetsn', allowed: auto, .*did you mean 'jetson'"):
+        with_accelerator(source, [], "jetsn")
+
+
+def test_a_workspace_is_packed_without_hidden_and_built_files(tmp_path):
+    with pytest.raises(DeployError, match="given no folder src, allowed: a colcon workspace"):
+        workspace_members(tmp_path)
+    for path in ("src/p/package.xml", "src/p/.git/x", "src/p/run.sh", "build/made"):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(path)
+    (tmp_path / "src/p/run.sh").chmod(0o755)
+    modes = {path: member.mode for path, member in workspace_members(tmp_path).items()}
+    assert modes == {"workspace/src/p/package.xml": 0o644, "workspace/src/p/run.sh": 0o755}
+
+
+def test_equal_contents_have_one_name_and_any_change_is_another_release():
+    source = load_source(FILE)
+    names = []
+    for release, wheel in (
+        (RELEASE, b"wheel"),
+        (RELEASE, b"wheel"),
+        (RELEASE, b"another wheel"),
+        (replace(RELEASE, fleet_text="fleet: other\n"), b"wheel"),
+        (replace(RELEASE, lock=RELEASE.lock.replace("numpy==", "numpy==1!")), b"wheel"),
+    ):
+        ((_, bundle),) = prepare(source, release, wheel, agents=["pi1"])
+        names.append(bundle.tag)
+    assert names[0] == names[1]
+    assert len(set(names)) == 4
