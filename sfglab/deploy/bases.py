@@ -33,10 +33,10 @@ class Distribution(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseImage:
-    """What the hardware-dependent layer starts from."""
+    """Base image of the hardware-dependent layer."""
 
     image: str  #: The image, with a tag that does not move.
-    distribution: Distribution  #: What is in it.
+    distribution: Distribution  #: Distribution in the image.
     packages: tuple[str, ...]  #: Debian packages that the accelerator needs.
     environment: tuple[tuple[str, str], ...]  #: Variables that the accelerator's runtime reads.
     python: str  #: Version of the Python that sfglab runs on, as in ``3.11``.

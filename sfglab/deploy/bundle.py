@@ -32,7 +32,7 @@ from sfglab.fleet.fleet_file import (
 )
 from sfglab.validation import suggestion
 
-#: A bundle's files, with digests; written last: without it one is not complete.
+#: Digests of a bundle's files; the last file of an archive.
 MANIFEST = "manifest.json"
 
 ENVIRONMENT = "release.env"  #: The release that Compose starts; the hooks make ``.env`` of it.
@@ -169,7 +169,7 @@ def _members_of(tar: tarfile.TarFile, left: int) -> Iterator[tuple[str, Member]]
         path, left = info.name.removeprefix("./"), left - max(info.size, 0)
         if left < 0 or path.startswith("/") or ".." in path.split("/"):
             raise DeployError(
-                f"archive: given {path!r} of {info.size} bytes, allowed is what is in it"
+                f"archive: given {path!r} of {info.size} bytes, allowed: no more than the archive holds, below its folder"
             )
         file = tar.extractfile(info)
         yield path, Member(data=file.read() if file else b"", mode=info.mode & 0o777)
@@ -185,7 +185,7 @@ class FleetSource:
 
     fleet: Fleet  #: The fleet.
     path: Path  #: Its file.
-    text: str  #: What stands in it.
+    text: str  #: Text of the file.
 
     @property
     def folder(self) -> Path:

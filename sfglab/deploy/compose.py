@@ -56,7 +56,7 @@ def _development(deployment: Deployment) -> dict[str, Any]:
     }
     overlay: dict[str, Any] = {"services": {"agent": agent}}
     if deployment.network.bridge:
-        # By name, because with two networks nobody says which is eth0; needs Docker Engine 28.1.
+        # With two networks, only a name decides which one is eth0; needs Docker Engine 28.1.
         agent["networks"] = {
             "agent": {"interface_name": deployment.network.agent_interface},
             "outside": {"interface_name": "eth1"},

@@ -16,7 +16,7 @@ from sfglab.fleet.fleet_file import Architecture, RosDistribution
 STAGES = ("base", "adapter", "application")  #: The three layers of the paper, in their order.
 
 VENV = "/opt/venv"
-OVERLAY = "/opt/workspace"  #: Where the user's colcon workspace is installed.
+OVERLAY = "/opt/workspace"  #: Folder of the user's installed colcon workspace.
 
 _LICENCE = "Apache-2.0"  # LICENSE
 _TOOLS = ("cmakelang", "debugpy", "six")  # formats CMake (and needs six); debugs Python
@@ -32,10 +32,10 @@ class _Cyclone:
     """Eclipse Cyclone DDS as source."""
 
     version: str = "11.0.1"  #: Its tag, and that of the Python binding on PyPI.
-    commit: str = "e54e991f75a3e67f8e628da3171122e36ea5b872"  #: What the tag names.
-    #: Where it is fetched from.
+    commit: str = "e54e991f75a3e67f8e628da3171122e36ea5b872"  #: Commit of the tag.
+    #: Repository that it is fetched from.
     repository: str = "https://github.com/eclipse-cyclonedds/cyclonedds.git"
-    prefix: str = "/opt/cyclonedds"  #: Where it is installed.
+    prefix: str = "/opt/cyclonedds"  #: Folder that it is installed in.
     packages: tuple[str, ...] = ()  #: Debian packages that build it.
 
 
@@ -60,7 +60,7 @@ class _Ros:
 _CYCLONE_BUILD_LOCK = """wheel==0.45.1 \\
     --hash=sha256:708e7481cc80179af0e556bbf0cc00b8444c7321e2700b8d8580231d13017248
 """
-"""What the binding's own build asks for beside setuptools, which the project's lock pins."""
+"""Requirement of the binding's build beside setuptools, which the project's lock pins."""
 
 
 def image_files(deployment: Deployment) -> dict[str, BundleFile]:

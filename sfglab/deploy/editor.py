@@ -10,10 +10,10 @@ from sfglab.deploy.deployment import FLEET_FILE, USER, Deployment
 from sfglab.deploy.files import BundleFile
 from sfglab.fleet.fleet_file import RosDistribution
 
-#: Of images, with sfglab; nodes of a distribution run on the system's.
+#: Python of the images with sfglab; nodes of a distribution run on that of the system.
 INTERPRETER = "/opt/venv/bin/python"
 
-#: Of the workspace's nodes, for debuggers, which source no shell files.
+#: Environment of the workspace's nodes, for debuggers, which source no shell files.
 ENVIRONMENT_FILE = "build/ros.env"
 
 _KEPT = "^(AMENT_|CMAKE_PREFIX_PATH=|COLCON_|LD_LIBRARY_PATH=|PATH=|PYTHONPATH=|ROS_)"
@@ -57,7 +57,7 @@ EXTENSIONS = tuple(sorted({*_OTHERS, *DEBUGGERS.values(), *FORMATTERS.values()})
 _BUILT = ("build", "install", "log")
 
 
-#: Of their Ubuntu (REP 2000).
+#: Python of each distribution's Ubuntu (REP 2000).
 _PYTHON = {RosDistribution.HUMBLE: "3.10", RosDistribution.JAZZY: "3.12"}
 
 
@@ -150,7 +150,7 @@ def _bash(
     return task | ({"group": group} if group else {})
 
 
-#: Where ``python -m debugpy --listen 5678 ...`` waits; its own documentation's example.
+#: Port of ``python -m debugpy --listen 5678 ...``, as in the documentation of debugpy.
 DEBUGPY_PORT = 5678
 
 _ARGUMENTS = "${input:arguments}"

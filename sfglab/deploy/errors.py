@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sfglab.errors import SfglabError
 
-EXTRA = "pip install '.[deploy]'"  #: What installs every checker that a package index has.
+EXTRA = "pip install '.[deploy]'"  #: Command that installs the programs of `sfglab deploy check` that a package index has.
 
 
 class DeployError(SfglabError, ValueError):

@@ -15,7 +15,7 @@ PROGRAM = 0o755
 class BundleFile:
     """A text file of an agent's folder."""
 
-    text: str  #: What stands in it.
+    text: str  #: Text of the file.
     mode: int = PLAIN  #: Its permissions, ``PLAIN`` or ``PROGRAM``.
 
 

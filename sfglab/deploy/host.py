@@ -13,7 +13,7 @@ from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile, render
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimePlan:
-    """What a machine does about time."""
+    """Time synchronisation of a machine."""
 
     #: Names or addresses of machines that it asks, in the order of the fleet file.
     servers: tuple[str, ...]
@@ -117,7 +117,7 @@ def service_unit(deployment: Deployment) -> str:
     )
 
 
-#: Where machines keep what a run of the hooks still owes, one folder an agent.
+#: Folder of the tasks that a run of the hooks could not finish, with one folder per agent.
 STATE = "/var/lib/sfglab"
 
 SCRIPTS = {

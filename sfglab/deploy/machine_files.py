@@ -1,7 +1,7 @@
 """Files of a machine below a folder that stands for its ``/``.
 
-Files are read without leaving the folder or opening a device. What is missing, unreadable, looped or no plain
-file reads as absent, so that detection does not fail on it.
+Files are read without leaving the folder or opening a device. A path that is missing, unreadable,
+looped or no plain file reads as absent, so that detection does not fail on it.
 """
 
 from __future__ import annotations

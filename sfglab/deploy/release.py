@@ -44,9 +44,9 @@ AGENT_ROOTS = (  # by their normal names (PEP 503)
     "uvloop",  # every component's event loop
     "zstandard",  # sfglab.record
 )
-"""What is imported at run time on a robot; without cvxpy, pandas, Qt, Jupyter and what else plans or shows."""
+"""Packages that a robot imports at run time: none that only plan or display, such as cvxpy, pandas and Qt."""
 
-#: What Linux calls a processor.
+#: Name of a processor in Linux, by architecture.
 MACHINES = {Architecture.AMD64: "x86_64", Architecture.ARM64: "aarch64"}
 
 
@@ -138,7 +138,7 @@ def _requirements(name: str, environment: dict[str, str]) -> list[str]:
     try:
         requirements = [Requirement(text) for text in requires(name) or ()]
     except PackageNotFoundError as error:
-        # What only other targets need is not installed here, and then needs nothing that we could know of.
+        # A package that only other targets need is not installed here, and its own requirements are unknown.
         if name in AGENT_ROOTS:
             raise DeployError(
                 f"{name}: given nothing installed, allowed: sfglab with its libraries"

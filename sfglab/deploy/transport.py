@@ -1,7 +1,7 @@
 """Transports to a machine, this one or another over SSH, and a copy of what detection reads there.
 
-The same shell commands run on both. Knows how bytes and commands get there; refuses to know what they mean.
-Needs `sh` and `tar` there, and over SSH a key that asks for nothing and a user with `sudo` without password.
+The same shell commands run on both. The machine needs `sh` and `tar`, and over SSH a key without a passphrase
+prompt and a user with `sudo` without password.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from sfglab.fleet.fleet_file import Accelerator, HostSpec
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-CONNECT_S = 10  #: How long an SSH connection may take.
-QUICK_S = 120.0  #: How long a command that only moves files may take.
+CONNECT_S = 10  #: Time limit for an SSH connection.
+QUICK_S = 120.0  #: Time limit for a command that only moves files.
 
 
 class Transport(ABC):
@@ -35,11 +35,11 @@ class Transport(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """What the machine is called in messages."""
+        """Name of the machine in messages."""
 
     @property
     def root(self) -> str:
-        """Where its files begin: empty, or a folder that stands for its root."""
+        """Folder in place of its root; empty if there is none."""
         return ""
 
     @abstractmethod
@@ -81,16 +81,16 @@ class Transport(ABC):
 class Local(Transport):
     """This machine."""
 
-    folder: Path = Path("/")  #: What stands for its root; ``/`` is the machine itself.
+    folder: Path = Path("/")  #: Folder in place of its root; ``/`` is the machine itself.
 
     @property
     def name(self) -> str:
-        """What the machine is called in messages."""
+        """Name of the machine in messages."""
         return "this machine" if not self.root else str(self.folder)
 
     @property
     def root(self) -> str:
-        """Where its files begin."""
+        """Folder in place of its root; empty for the machine itself."""
         return "" if self.folder == Path("/") else str(self.folder.absolute())
 
     def command(self, script: str) -> list[str]:
@@ -107,7 +107,7 @@ class Ssh(Transport):
 
     @property
     def name(self) -> str:
-        """What the machine is called in messages."""
+        """Name of the machine in messages."""
         return self.address
 
     def command(self, script: str) -> list[str]:
@@ -140,7 +140,7 @@ NODES = (
     "/.dockerenv /dev/dri/* /dev/dxg /dev/kfd /dev/nvgpu/*/* /dev/nvhost-* /dev/nvidia* /dev/nvmap "
     "/dev/v4l2-nv* /dev/video* /run/.containerenv /usr/lib/wsl/lib/libcuda.so*"
 )
-"""What detection looks for, by patterns of a shell; only whether it is there counts."""
+"""Paths whose existence detection checks, as patterns of a shell."""
 
 FILES = (
     "/bin/sh /etc/group /etc/nv_tegra_release /etc/os-release /proc/device-tree/compatible "
@@ -150,7 +150,7 @@ FILES = (
     "/sys/class/video4linux/*/name /sys/firmware/devicetree/base/compatible "
     "/sys/firmware/devicetree/base/model /usr/lib/os-release"
 )
-"""What detection reads."""
+"""Files that detection reads."""
 
 _HEAD_BYTES = 65536
 
