@@ -494,7 +494,7 @@ def codecs_found(machine: Machine) -> tuple[CodecFound, ...]:
             expected=why is not None,
             works=probe.works,
             tried=probe.reason,
-            why=why or "not of this machine's accelerator",
+            why=why or "not expected on this machine",
         )
         found.append(codec)
     return tuple(found)
