@@ -4,13 +4,14 @@ import sys
 from dataclasses import replace
 
 import pytest
-from esslingen import FLEET, GO2, needs
+from esslingen import FLEET, GO2, deployed, needs
 from esslingen import program as shell_program
 
 from sfglab.deploy.bundle import Member, bundle_of
 from sfglab.deploy.checks import CHECKS, State, check_bundles, check_fleet, render_verdicts
 from sfglab.deploy.errors import MissingProgramError
 from sfglab.deploy.programs import find_program
+from sfglab.fleet.fleet_file import RosDistribution
 
 BUNDLE = bundle_of(GO2, b"wheel")
 BY_NAME = {check.name: check for check in CHECKS}
@@ -54,6 +55,24 @@ def test_a_fault_is_found_by_the_program_of_its_file(monkeypatch, name, path, ol
     verdict = result(monkeypatch, name, changed(path, old, new))
     assert verdict.state is State.FAILED
     assert says in verdict.detail
+
+
+@pytest.mark.slow
+def test_every_kind_of_file_passes_the_programs_that_are_installed():
+    workspace = replace(GO2.host, workspace="ws", packages=("libusb-1.0-0",))
+    odd = ("ros2", "launch", "my robot", "it's.py", "$HOME")
+    made = [
+        replace(GO2, host=workspace),
+        deployed("pi1", ros=RosDistribution.NONE),
+        replace(deployed("steamdeck"), host=replace(GO2.host, launch=odd)),
+        deployed("workstation"),
+    ]
+    bundles = []
+    for number, deployment in enumerate(made):
+        bundles.append(replace(bundle_of(deployment, b"wheel"), agent=f"agent{number}"))
+    verdicts = list(check_bundles(bundles))
+    assert [verdict for verdict in verdicts if verdict.state is State.FAILED] == []
+    assert {verdict.check for verdict in verdicts} == set(BY_NAME)
 
 
 @needs("hadolint")

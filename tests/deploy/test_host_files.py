@@ -5,7 +5,7 @@ import subprocess
 from dataclasses import replace
 
 import pytest
-from esslingen import FLEET, RELEASE, needs, write_files
+from esslingen import FLEET, RELEASE
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,7 +23,6 @@ from sfglab.deploy.host import (
     plan_time,
     service_unit,
 )
-from sfglab.deploy.programs import find_program
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork
 
 needs_nft = pytest.mark.skipif(not shutil.which("nft"), reason="nft is missing: install nftables")
@@ -56,15 +55,6 @@ def test_only_three_files_know_the_agent_and_hooks_are_programs(agent):
     assert [name for name in files if name.startswith("hooks/custom.d/")] == [
         "hooks/custom.d/README"
     ]
-
-
-@needs("shellcheck")
-def test_shellcheck_has_nothing_to_say_where_it_does_not_follow_what_scripts_read(tmp_path):
-    write_files(host_files(deployment()), tmp_path)
-    scripts = sorted(map(str, tmp_path.glob("hooks/*.sh")))
-    argv = [find_program("shellcheck"), "-S", "style", *scripts]
-    done = subprocess.run(argv, capture_output=True, text=True, check=False)
-    assert (len(scripts), done.returncode, done.stdout) == (6, 0, "")
 
 
 def test_settings_say_to_a_shell_what_the_fleet_file_says(tmp_path):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from esslingen import RELEASE, deployed, needs, program
+from esslingen import RELEASE, deployed, program
 from hypothesis import given
 from hypothesis import strategies as st
 from waiting import wait_until
@@ -25,7 +25,6 @@ from sfglab.deploy.deployment import Deployment
 from sfglab.deploy.dockerfile import _quoted, image_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PROGRAM
-from sfglab.deploy.programs import find_program
 from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution
 
 
@@ -107,27 +106,6 @@ def test_three_layers_follow_each_other_and_no_image_runs_as_root():
             users = [line for line in found[name][1] if line.startswith("USER ")]
             assert users[-1] in {"USER 10001:10001", "USER sfglab"}
         assert not re.search(r"^(ADD|COPY \.)|\| *(sudo )?(ba)?sh\b", text, re.MULTILINE)
-
-
-@needs("hadolint")
-def test_hadolint_finds_nothing_in_any_dockerfile(tmp_path):
-    workspace = deployment("go2", workspace="ws", packages=("libusb-1.0-0",))
-    plain = with_ros(deployment("pi1"), RosDistribution.NONE)
-    for number, made in enumerate((workspace, plain, deployment("workstation"))):
-        (tmp_path / f"Dockerfile.{number}").write_text(image_files(made)["Dockerfile"].text)
-    command = [find_program("hadolint"), *tmp_path.iterdir()]
-    assert subprocess.run(command, capture_output=True, check=False).stdout == b""
-
-
-@needs("shellcheck")
-@pytest.mark.parametrize("launch", [(), ("ros2", "launch", "my robot", "it's.py", "$HOME")])
-def test_shellcheck_finds_nothing_in_the_entrypoint(launch, tmp_path):
-    file = image_files(deployment(launch=launch))["image/entrypoint.sh"]
-    assert file.text.startswith("#!/bin/sh\n")
-    assert file.mode == PROGRAM
-    (tmp_path / "entrypoint.sh").write_text(file.text)
-    command = [find_program("shellcheck"), tmp_path / "entrypoint.sh"]
-    assert subprocess.run(command, capture_output=True, check=False).stdout == b""
 
 
 def test_only_arm64_compiles_cyclone_and_ros_decides_the_distribution():
