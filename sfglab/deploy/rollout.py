@@ -190,6 +190,7 @@ def _details(prospect: Prospect, *, diff: bool) -> Iterator[str]:
 KEPT = 5  #: Number of releases that a machine keeps.
 
 _RELEASES = ".releases"
+_CUSTOM = "hooks/custom.d"  # all releases share it, and it has the user's own hooks
 _BUILT = " ".join(f"--exclude=./workspace/{name}" for name in ("build", "install", "log"))
 
 
@@ -199,9 +200,12 @@ def look(transport: Transport, folder: str) -> dict[str, Member]:
 
 
 def _files(transport: Transport, folder: str) -> dict[str, Member]:
-    """Return the files of a release's folder, with the user's own in folders that are links."""
-    place = _quoted(transport, folder)
-    script = f"cd {place} 2>/dev/null || exit 0; tar -chf - --exclude=./.env {_BUILT} ."
+    """Return the files of a release's folder, and the README in the folder of the user's hooks."""
+    script = (
+        f"cd {_quoted(transport, folder)} 2>/dev/null || exit 0\n"
+        f"readme=$(ls {_CUSTOM}/README 2>/dev/null || true)\n"
+        f"tar -cf - --exclude=./.env --exclude=./{_CUSTOM} {_BUILT} . $readme"
+    )
     archive = transport.run(script)
     return unpack(archive) if archive else {}
 
@@ -275,7 +279,8 @@ def released(transport: Transport, deployment: Deployment, tag: str) -> Bundle:
     members = {}
     for path, entry in written.items():
         member = found.get(path)
-        if member is None or _is_changed(member, entry):
+        is_shared = path.startswith(f"{_CUSTOM}/")
+        if member is None or (_is_changed(member, entry) and not is_shared):
             raise DeployError(
                 f"{transport.name}: release {tag} of {deployment.agent.name}: {path} is missing or was "
                 "changed there; apply the fleet file instead"
@@ -304,8 +309,8 @@ def install(bundle: Bundle, folder: str, transport: Transport) -> None:
         f"mkdir -p {_quoted(transport, folder)}",
         f"cd {_quoted(transport, folder)}",
         f"rm -rf {release}.new {release}.old",
-        f"mkdir -p {release}.new/hooks hooks/custom.d",
-        f"ln -s ../../../hooks/custom.d {release}.new/hooks/custom.d",
+        f"mkdir -p {release}.new/hooks {_CUSTOM}",
+        f"ln -s ../../../{_CUSTOM} {release}.new/{_CUSTOM}",
         f"ln -s ../../.env {release}.new/.env",
         f"tar -x --no-same-owner -f - -C {release}.new",
         f"if [ -e {release} ]; then mv {release} {release}.old; fi",

@@ -107,6 +107,8 @@ def test_a_link_names_the_new_release_and_what_the_user_keeps_stays(tmp_path):
     for path, text in own.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_text(text)
+    (folder / "hooks/custom.d/gone.sh").symlink_to("nowhere")
+    readme = {"hooks/custom.d/README": b"yours, in other words"}
     new = bundle_of({"a": b"changed", **readme}, "2")
     install(new, FOLDER, machine)
     assert (folder / "current").readlink() == Path(".releases/2")
@@ -118,6 +120,7 @@ def test_a_link_names_the_new_release_and_what_the_user_keeps_stays(tmp_path):
     assert {path: there[path].data for path in ("a", *readme)} == {"a": b"changed", **readme}
     assert "sub/b" not in there
     assert look_and_plan(machine, FOLDER, new).nothing
+    assert set(released(machine, GO2, "1").members) == {"a", "sub/b", *readme, MANIFEST}
 
 
 def test_a_machine_keeps_its_latest_releases_and_no_more(tmp_path):
