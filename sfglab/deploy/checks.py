@@ -65,19 +65,19 @@ class Check:
 _COMPOSE = "install Docker with its Compose plug-in"
 CHECKS = (
     Check(
-        name="Compose Specification",
+        name="Compose files",
         program="check-jsonschema",
         arguments=("--builtin-schema", "vendor.compose-spec"),
         files=("compose.yaml", "compose.dev.yaml"),
     ),
     Check(
-        name="dev container schema",
+        name="dev container files",
         program="check-jsonschema",
         arguments=("--regex-variant", "python", "--schemafile", _DEVCONTAINER),
         files=(".devcontainer/devcontainer.json",),
     ),
     Check(
-        name="Dockerfile",
+        name="Dockerfiles",
         program="hadolint",
         arguments=("--no-color",),
         files=("Dockerfile",),
@@ -89,7 +89,7 @@ CHECKS = (
         files=("hooks/*.sh", "image/entrypoint.sh"),
     ),
     Check(
-        name="Compose project",
+        name="Compose projects",
         program="docker compose",
         arguments=("--file", "{}/compose.yaml", "config", "--quiet"),
         files=("compose.yaml",),
@@ -97,7 +97,7 @@ CHECKS = (
         each=True,
     ),
     Check(
-        name="Compose project for development",
+        name="Compose projects for development",
         program="docker compose",
         arguments=("-f", "{}/compose.yaml", "-f", "{}/compose.dev.yaml", "config", "--quiet"),
         files=("compose.dev.yaml",),
@@ -105,7 +105,7 @@ CHECKS = (
         each=True,
     ),
     Check(
-        name="service unit",
+        name="service units",
         program="systemd-analyze",
         arguments=("verify", "--man=no"),
         files=("systemd/*.service",),

@@ -41,13 +41,13 @@ CONTAINER = ".devcontainer/devcontainer.json"
     [
         pytest.param(name, *fault, marks=needs(BY_NAME[name].program))
         for name, *fault in [
-            ("Compose Specification", "compose.yaml", "read_only", "readonly", "'readonly'"),
-            ("dev container schema", CONTAINER, '"service"', '"servce"', "'servce'"),
-            ("dev container schema", CONTAINER, '"sfglab"', '"root"', "remoteUser"),
-            ("dev container schema", CONTAINER, "redhat.vscode-yaml", "yaml", "'yaml'"),
-            ("Dockerfile", "Dockerfile", "USER 10001:10001", "CMD a\nCMD b", "DL3025"),
+            ("Compose files", "compose.yaml", "read_only", "readonly", "'readonly'"),
+            ("dev container files", CONTAINER, '"service"', '"servce"', "'servce'"),
+            ("dev container files", CONTAINER, '"sfglab"', '"root"', "remoteUser"),
+            ("dev container files", CONTAINER, "redhat.vscode-yaml", "yaml", "'yaml'"),
+            ("Dockerfiles", "Dockerfile", "USER 10001:10001", "CMD a\nCMD b", "DL3025"),
             ("shell scripts", "hooks/10-time.sh", "apply() {", "apply() {\n    rm $1", "SC2086"),
-            ("service unit", UNIT, "ProtectHome=yes", "ProtectHome=maybe", "go2.service:34"),
+            ("service units", UNIT, "ProtectHome=yes", "ProtectHome=maybe", "go2.service:34"),
         ]
     ],
 )
@@ -78,16 +78,16 @@ def test_every_kind_of_file_passes_the_programs_that_are_installed():
 @needs("hadolint")
 def test_equal_files_of_agents_are_read_once(monkeypatch):
     twin = replace(BUNDLE, agent="twin")
-    assert result(monkeypatch, "Dockerfile", BUNDLE, twin).files == 1
+    assert result(monkeypatch, "Dockerfiles", BUNDLE, twin).files == 1
     other = replace(changed("Dockerfile", "AS base", "AS base\nRUN true"), agent="other")
-    verdict = result(monkeypatch, "Dockerfile", BUNDLE, other)
+    verdict = result(monkeypatch, "Dockerfiles", BUNDLE, other)
     assert (verdict.files, verdict.state) == (2, State.PASSED)
 
 
 @needs("systemd-analyze")
 def test_a_program_that_this_host_lacks_is_no_fault_of_a_unit(monkeypatch):
     unit = changed(UNIT, "ExecStart=docker", "ExecStart=no-such-docker")
-    assert result(monkeypatch, "service unit", unit).state is State.PASSED
+    assert result(monkeypatch, "service units", unit).state is State.PASSED
 
 
 @pytest.fixture
@@ -99,14 +99,14 @@ def programs(monkeypatch, tmp_path):
 
 
 def test_a_missing_program_is_named_with_the_way_to_install_it(monkeypatch, programs):
-    verdict = result(monkeypatch, "Dockerfile", BUNDLE)
+    verdict = result(monkeypatch, "Dockerfiles", BUNDLE)
     assert verdict.state is State.NOT_RUN
     assert verdict.detail == "hadolint is not installed: pip install '.[deploy]'"
 
 
 def test_docker_without_its_compose_plug_in_is_not_run(monkeypatch, programs):
     shell_program(programs / "docker", 'echo "unknown command: $*" >&2; exit 1')
-    verdict = result(monkeypatch, "Compose project", BUNDLE)
+    verdict = result(monkeypatch, "Compose projects", BUNDLE)
     assert verdict.state is State.NOT_RUN
     assert "docker compose is not installed: install Docker with" in verdict.detail
 
@@ -115,14 +115,14 @@ def test_compose_reads_each_project_with_the_variables_of_the_hooks(monkeypatch,
     reads = 'test "$2" = version || { echo "$*, $SFGLAB_TAG" >&2; test -f "$3" && test "$3" != go2/compose.yaml; }'
     shell_program(programs / "docker", reads)
     other = replace(changed("compose.yaml", "go2", "other"), agent="other")
-    verdict = result(monkeypatch, "Compose project", BUNDLE, other)
+    verdict = result(monkeypatch, "Compose projects", BUNDLE, other)
     assert verdict.state is State.FAILED
     assert verdict.detail == "compose --file go2/compose.yaml config --quiet, checked"
 
 
 def test_a_program_that_fails_without_a_word_fails_its_check(monkeypatch, programs):
     shell_program(programs / "hadolint", "exit 4")
-    verdict = result(monkeypatch, "Dockerfile", BUNDLE)
+    verdict = result(monkeypatch, "Dockerfiles", BUNDLE)
     assert verdict.state is State.FAILED
     assert verdict.detail == "hadolint ended with status 4 and no message"
 
@@ -130,7 +130,7 @@ def test_a_program_that_fails_without_a_word_fails_its_check(monkeypatch, progra
 def test_a_program_that_does_not_finish_fails_its_check(monkeypatch, programs):
     monkeypatch.setattr("sfglab.deploy.checks._LIMIT_S", 0.2)
     shell_program(programs / "hadolint", "exec sleep 60")
-    assert "hadolint did not finish" in result(monkeypatch, "Dockerfile", BUNDLE).detail
+    assert "hadolint did not finish" in result(monkeypatch, "Dockerfiles", BUNDLE).detail
 
 
 def test_errors_of_the_fleet_file_fail():
@@ -143,11 +143,11 @@ def test_errors_of_the_fleet_file_fail():
 
 def test_a_table_has_each_check_the_output_of_its_program_and_counts(monkeypatch, programs):
     shell_program(programs / "hadolint", "echo Dockerfile:1 DL3007; exit 1")
-    verdict = result(monkeypatch, "Dockerfile", BUNDLE)
+    verdict = result(monkeypatch, "Dockerfiles", BUNDLE)
     assert render_verdicts([verdict, check_fleet(FLEET)]).splitlines() == [
-        "failed  Dockerfile  hadolint           1 files",
+        "failed  Dockerfiles  hadolint           1 files",
         "    Dockerfile:1 DL3007",
-        "passed  fleet file  sfglab fleet lint  1 files",
+        "passed  fleet file   sfglab fleet lint  1 files",
         "1 passed, 0 not run, 1 failed",
     ]
 

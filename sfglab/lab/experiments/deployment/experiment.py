@@ -30,6 +30,7 @@ from sfglab.lab.experiments.deployment.facts import (
     TRIAL,
     Answer,
     Outcome,
+    accepted,
     answer,
 )
 from sfglab.lab.experiments.deployment.image import ask_image
@@ -178,7 +179,7 @@ def ask_checkers(pairs: Pairs) -> dict[str, Answer]:
     answers = {}
     for verdict in check_bundles(bundle for _, bundle in pairs):
         if verdict.state is not State.NOT_RUN:
-            answers[verdict.check] = answer(verdict.detail)
+            answers[accepted(verdict.check)] = answer(verdict.detail)
     return answers
 
 

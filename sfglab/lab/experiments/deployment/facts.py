@@ -28,6 +28,11 @@ def answer(fault: str) -> Answer:
     return Answer(outcome=outcome, detail=fault)
 
 
+def accepted(check: str) -> str:
+    """Return the fact that a check of `sfglab deploy check` is about."""
+    return f"{check} are accepted"
+
+
 @dataclass(frozen=True, slots=True)
 class Fact:
     """One statement about a deployment."""
@@ -41,8 +46,7 @@ class Fact:
 
 LAYERS, DETECTION, CONTAINERS = "three image layers", "accelerator detection", "two containers"
 SYSTEMD, DEV_CONTAINER, HOOKS = "systemd", "dev container", "hooks"
-#: Programs that only a machine of the fleet has.
-NEVER = "on a machine of the fleet"
+_ROBOT = "on a machine of the fleet"
 
 LOCAL_IMAGE = "an image is built from a local base and runs as its user"
 CODEC = "FFmpeg opens an H.264 codec of the accelerator that was found"
@@ -61,22 +65,22 @@ _BASH = (
 _MEETING = "agents in containers discover each other through their routers"
 _SHOWN = "the global domain shows global names only, and the heartbeats among them"
 FACTS = (
-    Fact(LAYERS, "Dockerfile", "hadolint", ("hadolint",)),
+    Fact(LAYERS, accepted("Dockerfiles"), "hadolint", ("hadolint",)),
     Fact(LAYERS, LOCAL_IMAGE, "buildah and debootstrap"),
-    Fact(LAYERS, "images with ROS 2 and an accelerator are built", f"Docker {NEVER}"),
+    Fact(LAYERS, "images with ROS 2 and an accelerator are built", f"Docker {_ROBOT}"),
     Fact(DETECTION, CODEC, "FFmpeg on a machine with an accelerator"),
-    Fact(CONTAINERS, "Compose Specification", "check-jsonschema", ("Compose Specification",)),
-    Fact(CONTAINERS, "Compose project", "docker compose"),
+    Fact(CONTAINERS, accepted("Compose files"), "check-jsonschema", ("Compose Specification",)),
+    Fact(CONTAINERS, accepted("Compose projects"), "docker compose"),
     Fact(CONTAINERS, DISCOVERY, _NAMESPACES, (_MEETING,)),
     Fact(CONTAINERS, INSIDE, _NAMESPACES, (INSIDE,)),
     Fact(CONTAINERS, OUTSIDE, _NAMESPACES, (_SHOWN,)),
-    Fact(CONTAINERS, "Docker Compose starts both containers", f"Docker {NEVER}"),
-    Fact(SYSTEMD, "service unit", "systemd-analyze", ("service unit",)),
-    Fact(SYSTEMD, "systemd starts the unit", f"systemd {NEVER}"),
-    Fact(DEV_CONTAINER, "dev container schema", "check-jsonschema", ("editor's file",)),
+    Fact(CONTAINERS, "Docker Compose starts both containers", f"Docker {_ROBOT}"),
+    Fact(SYSTEMD, accepted("service units"), "systemd-analyze", ("service unit",)),
+    Fact(SYSTEMD, "systemd starts the unit", f"systemd {_ROBOT}"),
+    Fact(DEV_CONTAINER, accepted("dev container files"), "check-jsonschema", ("editor's file",)),
     Fact(DEV_CONTAINER, "VS Code opens the dev container", "VS Code with Docker"),
-    Fact(HOOKS, "shell scripts", "shellcheck", ("shellcheck",)),
+    Fact(HOOKS, accepted("shell scripts"), "shellcheck", ("shellcheck",)),
     Fact(HOOKS, TRIAL, "Bash", _BASH),
-    Fact(HOOKS, "the hooks run as root", f"Bash {NEVER}"),
+    Fact(HOOKS, "the hooks run as root", f"Bash {_ROBOT}"),
 )
 """All facts, by the parts of the claim in the order of the ledger."""
