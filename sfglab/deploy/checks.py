@@ -231,12 +231,11 @@ def _is_about_a_unit(line: str) -> bool:
 
 def render_verdicts(verdicts: Sequence[Verdict]) -> str:
     """Return a table of results with the output of each program that found faults, and a count."""
-    rows = [
-        (verdict.state.value, verdict.check, verdict.program, f"{verdict.files} files")
-        for verdict in verdicts
-    ]
-    lines: list[str] = []
-    for verdict, line in zip(verdicts, columns(rows), strict=True):
+    rows = [("result", "check", "program", "files")]
+    rows += [(one.state.value, one.check, one.program, str(one.files)) for one in verdicts]
+    head, *lines_of_verdicts = columns(rows)
+    lines = [head]
+    for verdict, line in zip(verdicts, lines_of_verdicts, strict=True):
         lines.append(line)
         said = verdict.detail.splitlines()
         lines += [f"    {text}" for text in said[:_MOST_LINES]]

@@ -145,9 +145,10 @@ def test_a_table_has_each_check_the_output_of_its_program_and_counts(monkeypatch
     shell_program(programs / "hadolint", "echo Dockerfile:1 DL3007; exit 1")
     verdict = result(monkeypatch, "Dockerfiles", BUNDLE)
     assert render_verdicts([verdict, check_fleet(FLEET)]).splitlines() == [
-        "failed  Dockerfiles  hadolint           1 files",
+        "result  check        program            files",
+        "failed  Dockerfiles  hadolint           1",
         "    Dockerfile:1 DL3007",
-        "passed  fleet file   sfglab fleet lint  1 files",
+        "passed  fleet file   sfglab fleet lint  1",
         "1 passed, 0 not run, 1 failed",
     ]
 
