@@ -44,9 +44,8 @@ from sfglab.lab.experiments.visualisation.scene import (
 from sfglab.lab.paths import find_project
 from sfglab.messages import default_message, message_type, serialize
 from sfglab.spatial.poses import Pose, StampedTransform
-from sfglab.spatial.scene.commands import SetPose, Several, Stretch
 from sfglab.spatial.scene.editor import Editor
-from sfglab.spatial.scene.objects import SceneError
+from sfglab.spatial.scene.model import SceneError
 from sfglab.view.arrivals import Arrival
 from sfglab.view.planner.server import Planner
 from sfglab.view.rerunning import blueprint, layout_of_fleet, open_canvas
@@ -78,6 +77,7 @@ _SETTLED_S = 3.0
 _FADED_IN = "getComputedStyle(document.querySelector('canvas')).opacity === '1'"
 _CLOSE_NOTE = "document.querySelector('.mantine-Notification-closeButton')?.click()"
 _DRONE_PATH, _DRONE_ACROSS, _DRONE_LAST, _LOW_M = 14, 17, 18, 0.6
+_SLOWER = 2.1
 
 
 def planner_editor(file: Path) -> None:
@@ -108,8 +108,10 @@ def with_conflict(editor: Editor) -> Scene:
     place = editor.scene.get(_DRONE_ACROSS).pose
     x, y, _ = place.position_m
     low = Pose(position_m=(x, y, _LOW_M), quat_xyzw=place.quat_xyzw)
-    later = Stretch(id=_DRONE_PATH, factor=2.1)
-    editor.do(Several(commands=(later, SetPose(id=_DRONE_ACROSS, pose=low)), label="Cross later"))
+    with editor.drag():
+        for waypoint in reversed(editor.scene.waypoints(_DRONE_PATH)):
+            editor.set_waypoint_time(waypoint.id, round(_SLOWER * waypoint.time_ns))
+        editor.set_pose(_DRONE_ACROSS, low)
     editor.select(_DRONE_LAST)
     editor.set_time(_TIME_S)
     return editor.scene

@@ -111,10 +111,9 @@ def serve(
 
 
 def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
-    from sfglab.spatial.execution.agent import Dynamics
     from sfglab.spatial.execution.server import AgentSetup
     from sfglab.spatial.scene.files import load_scene
-    from sfglab.spatial.scene.objects import AgentObject
+    from sfglab.spatial.scene.model import AgentObject
 
     if scene is None:
         return AgentSetup(preempt=preempt)
@@ -122,13 +121,7 @@ def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
     named = {found.name: found for found in loaded.all_of(AgentObject)}
     if agent not in named:
         raise InvalidValueError(f"--agent, {scene}", agent, ", ".join(named) or "no agent")
-    found = named[agent]
-    return AgentSetup(
-        pose=loaded.world_pose(found.id),
-        frame_id=loaded.frame_id,
-        dynamics=Dynamics(limits=found.limits),
-        preempt=preempt,
-    )
+    return AgentSetup.of_scene(loaded, named[agent], preempt=preempt)
 
 
 @app.command("run")
@@ -176,12 +169,12 @@ def run_scene(
 
 async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], action: str) -> int:
     from sfglab.spatial.execution.client import Execution
-    from sfglab.spatial.execution.orders import FOLLOW_TRAJECTORY, Outcome
+    from sfglab.spatial.execution.orders import Outcome, goal_message
 
     executions: list[Execution] = []
     for order in orders(0):
         # Imports at first use must not take time once the start is set.
-        FOLLOW_TRAJECTORY.goal(order)
+        goal_message(order)
         execution = _execution(node, order.agent, action, len(executions))
         executions.append(execution)
         await execution.ready()
@@ -215,8 +208,7 @@ def _execution(node: Node, agent: str, action: str, position: int) -> Execution:
     bar = tqdm(total=100, desc=agent, position=position, unit="%", file=sys.stderr)
 
     def show(feedback: Any) -> None:
-        error_m = feedback.error_m
-        bar.set_postfix_str("" if error_m is None else f"{error_m:.2f} m off")
+        bar.set_postfix_str(f"{feedback.error_m:.2f} m off")
         bar.update(round(100 * feedback.share) - bar.n)
 
     return Execution(node, agent, action=action, on_feedback=show)

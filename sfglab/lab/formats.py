@@ -14,7 +14,7 @@ from sfglab.lab.claims import Claim, load_claims
 from sfglab.schema import Schema, schema_of
 from sfglab.soc.graph import Graph, load_graph
 from sfglab.spatial.mocap.mapping import MocapMapping, load_mapping
-from sfglab.spatial.scene.files import load_scene, scene_keys
+from sfglab.spatial.scene.files import SceneKeys, load_scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ FORMATS = {
         "Computation graph", "sfglab map", "graphs/*.yaml", load_graph, partial(schema_of, Graph)
     ),
     "scene": Format(
-        "Scene", "sfglab plan", "scenes/*.yaml", load_scene, lambda: schema_of(scene_keys())
+        "Scene", "sfglab plan", "scenes/*.yaml", load_scene, partial(schema_of, SceneKeys)
     ),
     "mocap": Format(
         "Motion capture mapping",

@@ -2,7 +2,6 @@
 
 import asyncio
 from contextlib import asynccontextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,27 +10,24 @@ from waiting import until
 from sfglab import bus
 from sfglab.cli import plan
 from sfglab.errors import InvalidValueError
-from sfglab.messages import message_type, ns_from_stamp, register_action
+from sfglab.messages import ns_from_stamp
 from sfglab.spatial import Pose
-from sfglab.spatial.execution.agent import Dynamics, Tolerances
+from sfglab.spatial.execution.agent import Dynamics, Limits, Tolerances
 from sfglab.spatial.execution.client import execute, scene_orders, send
 from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
-    ActionDialect,
-    Ended,
-    Feedback,
     Order,
     Outcome,
     action_name,
+    ended_of,
+    goal_message,
 )
 from sfglab.spatial.execution.server import AgentSetup, TrajectoryServer
 from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.frames.listener import FramesListener
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
-from sfglab.spatial.scene.objects import AgentObject
-from sfglab.spatial.trajectory.exchange import path_from_trajectory
-from sfglab.spatial.trajectory.limits import Limits
+from sfglab.spatial.scene.model import AgentObject
 from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
@@ -138,29 +134,26 @@ async def test_ctrl_c_while_an_answer_is_on_its_way_cancels_what_was_taken(
 
 async def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(node):
     setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=0.9)))
-    empty, reversed_ = (
-        replace(FOLLOW_TRAJECTORY, goal=lambda order, points=points: _with_points(order, points))
-        for points in ((), path().waypoints[::-1])
-    )
     async with served(node, setup) as (near, server):
         ended = await execute(near, order(agent="spot"), action=server.action_name)
         assert (ended.outcome, ended.text) == (
             Outcome.UNKNOWN_AGENT,
             "agent: given 'spot', allowed: 'go2'",
         )
-        for dialect in (empty, reversed_):
-            ended = await execute(near, order(), dialect=dialect)
-            assert ended.outcome is Outcome.INVALID_TRAJECTORY
         assert server.state.pose == Pose()
 
 
-def _with_points(order, waypoints):
-    goal = FOLLOW_TRAJECTORY.goal(order)
-    by_time = {
-        p.time_from_start.sec * S + p.time_from_start.nanosec: p for p in goal.trajectory.points
-    }
-    goal.trajectory.points = [by_time[w.time_ns] for w in waypoints]
-    return goal
+@pytest.mark.parametrize("points", [slice(0), slice(None, None, -1)], ids=["none", "backwards"])
+@simulated
+async def test_a_goal_without_a_trajectory_is_aborted_with_the_reason(points, node):
+    async with served(node) as (near, server):
+        goal = goal_message(order())
+        goal.trajectory.points = list(goal.trajectory.points)[points]
+        client = near.create_action_client(FOLLOW_TRAJECTORY, server.action_name)
+        await client.wait_for_server(5.0)
+        ended = ended_of(await (await client.send_goal(goal)).result())
+        client.close()
+    assert ended.outcome is Outcome.INVALID_TRAJECTORY
 
 
 @simulated
@@ -206,9 +199,7 @@ async def test_both_agents_of_the_hall_go_at_once_and_stay_as_far_apart_as_plann
     async with node("agents") as far, node("planner") as near:
         servers = {}
         for agent in scene.all_of(AgentObject):
-            setup = AgentSetup(
-                pose=scene.world_pose(agent.id), dynamics=Dynamics(limits=agent.limits)
-            )
+            setup = AgentSetup.of_scene(scene, agent)
             servers[agent.name] = TrajectoryServer(far, agent.name, setup=setup)
         start_ns = near.get_clock().now_ns() + S
 
@@ -247,45 +238,9 @@ async def test_poses_odometry_and_transforms_say_the_same(node):
         assert max(odometry.twist.twist.linear.x for *_, odometry in common) > 0.2
 
 
-TEXT = "nav_msgs/Path path\nstring controller_id\n---\nstd_msgs/Empty result\n---\nfloat32 distance_to_goal\n"
-OTHER = register_action("sfglab_test_interfaces/action/FollowPath", TEXT)
-
-
-async def test_another_type_of_action_is_served_by_a_dialect_of_its_own(node):
-    def goal(order):
-        message = path_from_trajectory(
-            order.trajectory, frame_id=order.frame_id, start_ns=order.start_ns
-        )
-        return OTHER.goal(path=message, controller_id="FollowPath")
-
-    dialect = ActionDialect(
-        type="sfglab_test_interfaces/action/FollowPath",
-        goal=goal,
-        feedback=lambda m: Feedback(share=1.0 - m.distance_to_goal / 3.0),
-        result=lambda r: Ended(outcome=Outcome.SUCCEEDED if r.status == 4 else Outcome.FAILED),
-    )
-    asked = []
-
-    async def follow(handle):
-        asked.append(handle.request)
-        handle.publish_feedback(OTHER.feedback(distance_to_goal=1.5))
-        handle.succeed()
-        return OTHER.result(result=message_type("std_msgs/msg/Empty")())
-
-    async with node("robot") as far, node("planner") as near:
-        far.create_action_server(dialect.type, "/follow_path", follow)
-        heard = []
-        ended = await execute(
-            near, order(), action="/follow_path", dialect=dialect, on_feedback=heard.append
-        )
-    assert ended == Ended(outcome=Outcome.SUCCEEDED)
-    assert [f.share for f in heard] == [0.5]
-    assert len(asked[0].path.poses) == 3
-
-
 def test_a_spline_goes_as_a_polyline_that_stays_near_it():
     spline = path(2.0, 4.0, Interpolation.CATMULL_ROM)
-    sent = FOLLOW_TRAJECTORY.goal(Order(agent="go2", trajectory=spline)).trajectory.points
+    sent = goal_message(Order(agent="go2", trajectory=spline)).trajectory.points
     assert len(sent) == 41
     for point in sent:
         time_s = point.time_from_start.sec + point.time_from_start.nanosec / S

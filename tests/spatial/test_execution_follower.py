@@ -1,7 +1,6 @@
 """A simulated agent on a timed trajectory: within its limits whatever is asked, and there in the end."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -17,9 +16,9 @@ from sfglab.spatial.execution.agent import (
     AgentState,
     Dynamics,
     Follower,
+    Limits,
     Phase,
     Tolerances,
-    falls_behind_m,
 )
 from sfglab.spatial.execution.orders import (
     OUTCOMES,
@@ -30,7 +29,6 @@ from sfglab.spatial.execution.orders import (
     judge,
     outcome_of,
 )
-from sfglab.spatial.trajectory.limits import Limits, retimed
 from sfglab.spatial.trajectory.path import Trajectory
 
 S = 1_000_000_000
@@ -64,24 +62,6 @@ def run_to_end(following, step_ns=50_000_000, limit=100_000):
         if progress.outcome is not None:
             return progress
     pytest.fail("it never ended")
-
-
-@pytest.mark.parametrize(
-    "held", [Limits(speed_m_s=1.0, acceleration_m_s2=1.0), Limits(speed_m_s=1.5), Limits()]
-)
-@pytest.mark.parametrize("points", [(0, 0.9), (0, 0.5, 0.8), (0, 0.3, 0.3, 0.0)])
-def test_no_agent_falls_behind_further_than_its_dynamics_explain_and_a_slower_one_does(
-    points, held
-):
-    path = Trajectory.of(
-        (round(i * 4 * S), Pose.at((4 * x, 0.0, 0.0))) for i, x in enumerate(points)
-    )
-    dynamics = Dynamics(limits=held)
-    allowed_m = falls_behind_m(path, dynamics)
-    behind_m = run_to_end(follower(path, dynamics=dynamics), 20_000_000).largest_error_m
-    assert 0.5 * allowed_m < behind_m <= allowed_m
-    slow = Dynamics(limits=replace(held, acceleration_m_s2=0.3), lag_s=0.2, gain_per_s=1.2)
-    assert run_to_end(follower(path, dynamics=slow), 20_000_000).largest_error_m > allowed_m
 
 
 def rounding(vector):
@@ -126,16 +106,14 @@ def test_an_agent_that_may_take_its_time_stands_at_the_last_pose_in_the_end(path
     assert progress.state.pose.angle_rad(last) <= EASY.goal_rad
 
 
-@settings(max_examples=10, deadline=None)
-@given(st.floats(0.5, 3.0), st.floats(0.5, 3.0), st.lists(st.floats(-5, 5), min_size=2, max_size=5))
-def test_a_trajectory_within_the_limits_is_followed_within_what_braking_to_its_speed_takes(
-    speed, accel, xs
-):
-    held = Limits(speed_m_s=speed, acceleration_m_s2=accel)
-    progress = run_to_end(follower(retimed(line(*xs), held), dynamics=Dynamics(limits=held)))
+@pytest.mark.parametrize("points", [(0, 0.9), (0, 0.5, 0.8), (0, 0.3, 0.3, 0.0)])
+def test_an_agent_falls_behind_by_no_more_than_accelerating_to_the_plans_speed_takes(points):
+    path = line(*(4 * x for x in points), rest_s=4.0)
+    held = Dynamics(limits=Limits(speed_m_s=1.0, acceleration_m_s2=1.0))
+    progress = run_to_end(follower(path, dynamics=held), 20_000_000)
     assert progress.outcome is Outcome.SUCCEEDED
-    # the corner's jump of at most 2 v takes (2 v)^2 / (2 a), and the lag 0.1 s
-    assert progress.largest_error_m <= 2.0 * speed**2 / accel + 0.2 * speed + 0.05
+    # v^2 / (2 a), twice the speed at a corner, and the lag
+    assert 0.01 < progress.largest_error_m <= 2.0 + 0.1
 
 
 @settings(max_examples=10, deadline=None)
@@ -225,7 +203,19 @@ def test_dynamics_that_no_agent_has_are_refused(wrong):
         Dynamics(**wrong)
 
 
-RULES = Rules(agent="go2", frame_id="map", limits=Limits(speed_m_s=1.0), start_m=0.5)
+@pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
+def test_limits_that_are_no_numbers_above_zero_are_refused(wrong):
+    with pytest.raises(InvalidValueError, match="limits, speed_m_s"):
+        Limits(speed_m_s=wrong)
+
+
+def test_the_yaw_rate_is_that_of_the_turn():
+    path = Trajectory.of([(0, Pose()), (2 * S, Pose.from_yaw((0.0, 0.0, 0.0), -1.0))])
+    progress = follower(path).step(S)
+    assert progress.state.yaw_rate_rad_s == pytest.approx(-0.5)
+
+
+RULES = Rules(agent="go2", frame_id="map", speed_m_s=1.0, start_m=0.5)
 
 
 def order(*points, agent="go2", **more):
@@ -237,9 +227,9 @@ def order(*points, agent="go2", **more):
     [
         (order(0.0, 1.0, agent="spot"), Outcome.UNKNOWN_AGENT, "given 'spot', allowed: 'go2'"),
         (order(0.0, 1.0, frame_id="odom"), Outcome.UNKNOWN_FRAME, "allowed: 'map'"),
-        (order(0.0, 3.0), Outcome.LIMITS_EXCEEDED, "speed_m_s: given 3 at"),
+        (order(0.0, 3.0), Outcome.LIMITS_EXCEEDED, "speed: given 3 m/s at 1.000 s, allowed: 1 m/s"),
         (order(0.6, 1.0), Outcome.START_TOO_FAR, "0.600 m away, allowed: 0.5 m"),
-        (order(0.0, 1.0, start_ns=1), Outcome.INVALID_TRAJECTORY, "over 97.000 s ago"),
+        (order(0.0, 1.0, start_ns=1), Outcome.INVALID_TRAJECTORY, "ended 97.000 s ago"),
         (order(0.0, 1.0, start_ns=98 * S), Outcome.START_TOO_FAR, "1.000 m away"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import math
 import threading
+from dataclasses import fields as dataclass_fields
 from dataclasses import replace
 from queue import Queue
 
@@ -14,20 +15,20 @@ from scipy.spatial.transform import Rotation
 from sfglab.errors import SfglabError
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.editor import Change, ChangeKind, Editor
-from sfglab.spatial.scene.objects import (
+from sfglab.spatial.scene.model import (
+    COMMON,
     KINDS,
     ROOT,
-    AgentObject,
+    Box,
+    Cylinder,
     SceneError,
-    TrajectoryObject,
-    WaypointObject,
+    Sphere,
 )
 from sfglab.spatial.scene.tree import Scene
-from sfglab.spatial.trajectory.clearance import Box, Cylinder, Sphere
 from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.view.planner import looks
 from sfglab.view.planner.context import JobQueue
-from sfglab.view.planner.forms import fields_of, yaw_pitch_roll_deg
+from sfglab.view.planner.fields import fields_of, yaw_pitch_roll_deg
 from sfglab.view.planner.server import ConflictWatch
 from sfglab.view.planner.toolbar import ADDABLE, add, add_waypoint, insert_waypoint
 from sfglab.view.planner.viewport import concerned
@@ -54,7 +55,7 @@ def field(editor, id_, key):
 
 
 def put(editor, id_, key, value):
-    editor.do(field(editor, id_, key).command(value))
+    field(editor, id_, key).edit(editor, value)
 
 
 # rows
@@ -83,12 +84,13 @@ def test_every_property_of_every_kind_has_a_field_and_its_own_value_changes_noth
     for kind, id_ in ids.items():
         fields = fields_of(editor.scene, id_)
         keys = " ".join(f.key for f in fields)
-        assert all(prop.name in keys for prop in KINDS[kind].properties)
+        own = {f.name for f in dataclass_fields(KINDS[kind])} - {*COMMON, "time_ns"}
+        assert all(name in keys for name in own)
         for each in fields:
             if each.enabled and each.value != "" and each.key != "angles":
-                editor.do(each.command(each.value))
+                each.edit(editor, each.value)
     for each in fields_of(editor.scene, ROOT):
-        editor.do(each.command(each.value))
+        each.edit(editor, each.value)
     assert editor.scene == before
 
 
@@ -334,4 +336,4 @@ def test_a_scene_that_cannot_be_checked_is_told_and_the_next_one_is_checked():
 
 
 def test_kinds_that_the_viewport_draws_are_all_there_are():
-    assert {AgentObject.kind, TrajectoryObject.kind, WaypointObject.kind, *ADDABLE} == KINDS.keys()
+    assert {"waypoint", *ADDABLE} == KINDS.keys()

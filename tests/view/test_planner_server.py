@@ -14,7 +14,6 @@ from seen import at_work, edited
 
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.commands import Rename
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene, scene_text
 from sfglab.view.planner.server import Planner, show_planner
@@ -112,7 +111,7 @@ def test_a_drag_that_another_selection_ends_does_not_swallow_later_edits(planner
     dragged(planner, "start")
     dragged(planner, "update", (1.0, 0.0, 0.0))
     planner.call(lambda e: e.select(2))
-    planner.call(lambda e: e.do(Rename(id=1, name="cat")))
+    planner.call(lambda e: e.rename(1, "cat"))
     planner.call(Editor.undo)
     assert planner.call(lambda e: (e.scene.get(1).name, e.scene.get(1).pose.position_m)) == (
         "dog",
@@ -150,7 +149,7 @@ def test_a_row_selects_and_a_second_click_selects_nothing(planner):
 def test_an_edit_touches_only_the_rows_and_nodes_that_it_concerns(planner):
     rows = planner.call(lambda _: dict(planner._hierarchy._buttons))
     nodes = planner.call(lambda _: dict(planner._viewport._nodes))
-    planner.call(lambda e: e.do(Rename(id=1, name="cat")))
+    planner.call(lambda e: e.rename(1, "cat"))
     planner.call(lambda e: e.place(1, Pose(position_m=(1.0, 1.0, 1.0))))
     assert planner.call(lambda _: planner._hierarchy._buttons) == rows
     assert rows[1].label == "cat  #1"
@@ -158,7 +157,7 @@ def test_an_edit_touches_only_the_rows_and_nodes_that_it_concerns(planner):
 
 
 def test_conflicts_are_listed_and_lead_to_their_time_and_objects(planner):
-    planner.call(lambda e: e.do(Rename(id=1, name="cat")))
+    planner.call(lambda e: e.rename(1, "cat"))
     buttons = edited(planner, lambda _: planner._warnings._buttons)
     assert "cat is" in buttons[0].label
     planner.call(lambda e: e.select())

@@ -1,4 +1,4 @@
-"""Trajectories carried out: sent to an action's server, and a server that moves a simulated agent.
+"""Trajectories that are carried out: goals of an action, and a server that simulates an agent.
 
-Paper A, section 4.5: the trajectory inspector publishes to a configurable ROS 2 action server.
+Paper A, section 4.5: the trajectory inspector sends a trajectory to a configurable ROS 2 action server.
 """

@@ -1,4 +1,4 @@
-"""Sending trajectories to agents: goal, feedback, result, and a cancellation that waits for the brake."""
+"""Sending of trajectories to agents: goal, feedback, result, and a cancellation that waits until the agent stands."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from sfglab.errors import InvalidValueError
 from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
     OUTCOMES,
-    ActionDialect,
     Ended,
     Feedback,
     Order,
     Outcome,
     action_name,
+    ended_of,
+    feedback_of,
+    goal_message,
 )
-from sfglab.spatial.scene.objects import AgentObject
+from sfglab.spatial.scene.model import AgentObject, TrajectoryObject
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,13 +29,11 @@ if TYPE_CHECKING:
 
 
 class ExecuteOptions(TypedDict, total=False):
-    """How a trajectory is sent."""
+    """Options of sending a trajectory."""
 
-    action: str  #: The action's name; ``/global/<agent>/execute_trajectory`` where it is not given.
-    #: How orders are said in its type; `FOLLOW_TRAJECTORY` where it is not given.
-    dialect: ActionDialect
-    on_feedback: Callable[[Feedback], None]  #: Called with what the server says on the way.
-    timeout_s: float  #: For finding the server, and again for its answer, in seconds (5).
+    action: str  #: Name of the action; by default ``/global/<agent>/execute_trajectory``.
+    on_feedback: Callable[[Feedback], None]  #: Called with each feedback.
+    timeout_s: float  #: Timeout for finding the server, and for its response, s (5).
 
 
 class Execution:
@@ -41,66 +41,64 @@ class Execution:
 
     Raises:
         FqnError: No action is given, and it is not the name of an agent.
-        BusTimeoutError: By what needs a server, or asks it: there is none, or it does not answer.
-        ActionServerGoneError: By waiting for the end: the server went away before that.
+        BusTimeoutError: By the methods that need a server: there is none, or it does not respond.
+        ActionServerGoneError: By waiting for the end: the server went away before.
     """
 
     def __init__(self, node: Node, agent: str, **options: Unpack[ExecuteOptions]) -> None:
-        #: What the server said last; None before it said anything.
-        self.latest: Feedback | None = None
-        self._dialect = options.get("dialect", FOLLOW_TRAJECTORY)
+        self.latest: Feedback | None = None  #: Last feedback; None: none yet.
         self._on_feedback = options.get("on_feedback")
         self._timeout_s = options.get("timeout_s", 5.0)
         name = options.get("action") or action_name(agent)
-        self._client = node.create_action_client(self._dialect.type, name)
+        self._client = node.create_action_client(FOLLOW_TRAJECTORY, name)
         self._handle: ClientGoalHandle | None = None
         self._answered = asyncio.Event()
-        self._answered.set()  # nothing is asked yet
+        self._answered.set()  # no goal was sent yet
 
     async def ready(self) -> None:
-        """Return once there is a server, so that what is sent now arrives at once."""
+        """Return once there is a server, so that a goal arrives at once."""
         await self._client.wait_for_server(self._timeout_s)
 
     async def begin(self, order: Order) -> None:
-        """Send an order, once, and return when the server has answered."""
-        goal = self._dialect.goal(order)
+        """Send an order, once, and return when the server has responded."""
+        goal = goal_message(order)
         self._answered.clear()
         try:
             with contextlib.suppress(GoalRejectedError):
-                self._handle = await self._client.send_goal(goal, self._heard, self._timeout_s)
+                self._handle = await self._client.send_goal(goal, self._received, self._timeout_s)
         finally:
             self._answered.set()
 
     async def result(self) -> Ended:
-        """Return how it ended, waiting for the end."""
+        """Wait for the end and return it."""
         if self._handle is None:
             return Ended(outcome=Outcome.REJECTED, text=OUTCOMES[Outcome.REJECTED].meaning)
-        return self._dialect.result(await self._handle.result())
+        return ended_of(await self._handle.result())
 
     async def cancel(self) -> None:
-        """Ask the agent to stop; `result` then says when it stands. Once it ended, nothing happens.
+        """Stop the agent; `result` then returns when it stands. Nothing happens after the end.
 
-        An agent may move before its answer is here: what is being sent is cancelled as soon as it is.
+        The agent may move before its response arrives. A goal that is being sent is cancelled then.
         """
         await self._answered.wait()
         if self._handle is not None:
             await self._handle.cancel_goal(self._timeout_s)
 
     def close(self) -> None:
-        """Stop listening; the agent goes on."""
+        """Close the client; the agent goes on."""
         self._client.close()
 
-    def _heard(self, message: Any) -> None:
-        self.latest = self._dialect.feedback(message)
+    def _received(self, message: Any) -> None:
+        self.latest = feedback_of(message)
         if self._on_feedback is not None:
             self._on_feedback(self.latest)
 
 
 async def send(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> Execution:
-    """Send an order and return once the server has answered; `Execution.close` ends it.
+    """Send an order and return once the server has responded; `Execution.close` ends it.
 
     Raises:
-        BusTimeoutError: There is no server, or it does not answer.
+        BusTimeoutError: There is no server, or it does not respond.
     """
     execution = Execution(node, order.agent, **options)
     try:
@@ -112,7 +110,7 @@ async def send(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> E
 
 
 async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> Ended:
-    """Send an agent along a trajectory; return how it ended, also where it was not taken.
+    """Send an agent along a trajectory and return the end, also of a rejected goal.
 
     A task that awaits this and is cancelled cancels the goal, and ends only when the agent stands.
 
@@ -121,7 +119,7 @@ async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -
     ```
 
     Raises:
-        BusTimeoutError: There is no server, or it does not answer.
+        BusTimeoutError: There is no server, or it does not respond.
         ActionServerGoneError: It went away before the end.
     """
     execution = Execution(node, order.agent, **options)
@@ -130,7 +128,7 @@ async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -
         await asyncio.shield(begun)
         return await execution.result()
     except asyncio.CancelledError:
-        with contextlib.suppress(BusError):  # a server that is gone moves nobody for us
+        with contextlib.suppress(BusError):  # a lost server moves no agent
             await begun
             await execution.cancel()
             await execution.result()
@@ -142,9 +140,9 @@ async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -
 def scene_orders(
     scene: Scene, *, agents: tuple[str, ...] = (), start_ns: int = 0
 ) -> tuple[Order, ...]:
-    """Return what a scene asks of its agents, the named ones or all that drive a trajectory.
+    """Return the orders of a scene to the named agents, by default to all that follow a trajectory.
 
-    All share the time 0, `start_ns` in ns since the epoch; 0: when each server takes its order.
+    All have the same time 0: `start_ns`, as Unix time in ns; 0: when each server accepts its goal.
 
     Raises:
         InvalidValueError: There is no such agent, several have this name, or it has no trajectory.
@@ -152,17 +150,24 @@ def scene_orders(
     found: dict[str, list[Order]] = {}
     for agent in scene.all_of(AgentObject):
         driven = scene.driven_by(agent.id)
-        trajectory = None if driven is None else scene.world_trajectory(driven.id)
-        if trajectory is not None:
-            order = Order(
-                agent=agent.name, trajectory=trajectory, frame_id=scene.frame_id, start_ns=start_ns
-            )
+        order = None if driven is None else trajectory_order(scene, driven.id, start_ns=start_ns)
+        if order is not None:
             found.setdefault(agent.name, []).append(order)
     for name in agents or found:
         if len(found.get(name, ())) != 1:
             known = ", ".join(n for n, orders in found.items() if len(orders) == 1)
             allowed = (
-                f"one that alone has this name and drives a trajectory: {known or 'there is none'}"
+                f"an agent with a trajectory and a name of its own: {known or 'there is none'}"
             )
             raise InvalidValueError("agent", name, allowed)
     return tuple(found[name][0] for name in agents or found)
+
+
+def trajectory_order(scene: Scene, trajectory: int, *, start_ns: int = 0) -> Order | None:
+    """Return the order of one trajectory to its agent; None if it has no agent or no waypoint."""
+    agent = scene.of_kind(trajectory, TrajectoryObject).agent
+    path = scene.world_trajectory(trajectory)
+    if agent is None or path is None:
+        return None
+    name = scene.get(agent).name
+    return Order(agent=name, trajectory=path, frame_id=scene.frame_id, start_ns=start_ns)

@@ -1,11 +1,11 @@
-"""A simulated agent on the bus, for rehearsals: one action that moves it, and what it says of itself."""
+"""A simulated agent on the bus, for rehearsals: an action that moves it, and topics with its pose."""
 
 from __future__ import annotations
 
 import asyncio
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from sfglab.spatial.execution.agent import (
     AgentState,
     Dynamics,
     Follower,
+    Limits,
     Progress,
     Tolerances,
     braked,
@@ -40,29 +41,48 @@ from sfglab.spatial.trajectory.motion import motion_of
 from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.units import NS_PER_S
 
+if TYPE_CHECKING:
+    from sfglab.spatial.scene.model import AgentObject
+    from sfglab.spatial.scene.tree import Scene
+
 _FEEDBACK_EVERY = 5  #: Steps from one feedback to the next.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentSetup:
-    """A simulated agent before it moves."""
+    """Settings of a simulated agent."""
 
-    pose: Pose = field(default_factory=Pose)  #: Where it stands.
-    frame_id: str = "map"  #: The frame of its poses.
-    dynamics: Dynamics = field(default_factory=Dynamics)  #: How it answers.
-    tolerances: Tolerances = field(default_factory=Tolerances)  #: How well it has to follow.
-    #: A second goal takes the first one's place; else it is refused as `Outcome.BUSY`.
+    pose: Pose = field(default_factory=Pose)  #: Pose before it moves.
+    frame_id: str = "map"  #: Frame of its poses.
+    dynamics: Dynamics = field(default_factory=Dynamics)  #: Reaction to a plan.
+    tolerances: Tolerances = field(default_factory=Tolerances)  #: Required accuracy.
+    #: Whether a second goal replaces the first one; otherwise it is refused as `Outcome.BUSY`.
     preempt: bool = False
-    #: Refused goals are taken and aborted at once, with the reason; else just not taken.
+    #: Whether refused goals are accepted and aborted with the reason; otherwise they are rejected.
     explain: bool = True
-    period_s: float = 0.02  #: From one step to the next; poses leave at each.
+    period_s: float = 0.02  #: Time between two steps, and between two poses, s.
+
+    @classmethod
+    def of_scene(cls, scene: Scene, agent: AgentObject, *, preempt: bool = False) -> AgentSetup:
+        """Return the settings of an agent of a scene, with its limits."""
+        limits = Limits(
+            speed_m_s=agent.speed_m_s,
+            acceleration_m_s2=agent.acceleration_m_s2,
+            yaw_rate_rad_s=agent.yaw_rate_rad_s,
+        )
+        return cls(
+            pose=scene.world_pose(agent.id),
+            frame_id=scene.frame_id,
+            dynamics=Dynamics(limits=limits),
+            preempt=preempt,
+        )
 
 
 class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
     """Moves one simulated agent along the trajectories that it is sent, one at a time.
 
-    Publishes ``/global/<agent>/pose`` and ``odometry``, and its frame ``<agent>/base`` on ``/tf``. A goal that
-    is canceled, or has left its path, ends when the agent stands. Without a name the action is
+    It publishes ``/global/<agent>/pose`` and ``odometry``, and the frame ``<agent>/base`` on ``/tf``. A goal
+    that is canceled or leaves its path ends when the agent stands. By default, the action is
     ``/global/<agent>/execute_trajectory``.
 
     ```python
@@ -78,26 +98,25 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         self, node: Node, agent: str, *, name: str = "", setup: AgentSetup | None = None
     ) -> None:
         self._node, self._agent, self._setup = node, agent, setup or AgentSetup()
-        self.state = AgentState(pose=self._setup.pose)  #: Where the agent is, and how it moves.
+        self.state = AgentState(pose=self._setup.pose)  #: State of the agent.
         self._rules = Rules(
             agent=agent,
             frame_id=self._setup.frame_id,
-            limits=self._setup.dynamics.limits,
+            speed_m_s=self._setup.dynamics.limits.speed_m_s,
             start_m=self._setup.tolerances.start_m,
         )
         self._run: _Run | None = None
-        motion_of(
-            Trajectory.standing(self._setup.pose)
-        )  # imports SciPy now, and not when a start time runs
+        # Imports SciPy now and not after the start of a goal.
+        motion_of(Trajectory.standing(self._setup.pose))
         self._stepped_ns = node.get_clock().now_ns()
         self._publishers = tuple(
             node.create_publisher(kind, topic, qos) for kind, topic, qos in _topics(agent)
         )
         self._action = node.create_action_server(
-            FOLLOW_TRAJECTORY.type,
+            FOLLOW_TRAJECTORY,
             name or action_name(agent),
             self._execute,
-            goal_callback=self._takes,
+            goal_callback=self._respond,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
         self.action_name = self._action.action_name  #: The fully resolved ROS action.
@@ -105,11 +124,11 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
 
     @property
     def busy(self) -> bool:
-        """Whether it is on its way for somebody."""
+        """Whether it follows a goal."""
         return self._run is not None
 
     def close(self) -> None:
-        """End the server; what runs is aborted. Again is harmless."""
+        """End the server; a running goal is aborted. Further calls have no effect."""
         self._timer.cancel()
         self._action.close()
         for publisher in self._publishers:
@@ -118,7 +137,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
     async def __aexit__(self, *_: object) -> None:
         self.close()
 
-    def _takes(self, goal: Any) -> GoalResponse:
+    def _respond(self, goal: Any) -> GoalResponse:
         if not self._setup.explain:
             try:
                 self._judged(goal)
@@ -127,7 +146,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         return GoalResponse.ACCEPT
 
     def _judged(self, goal: Any) -> Order:
-        """Return the order of a goal that may be followed now; RefusalError where it may not."""
+        """Return the order of a goal that can be followed now, or raise a RefusalError."""
         order = order_from_goal(goal)
         judge(order, self._rules, self.state.pose, self._node.get_clock().now_ns())
         if self.busy and not self._setup.preempt:
@@ -145,9 +164,8 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         finally:
             if self._run is run:
                 self._run = None
-        return self._finish(
-            handle, outcome, "" if outcome is Outcome.SUCCEEDED else OUTCOMES[outcome].meaning
-        )
+        text = "" if outcome is Outcome.SUCCEEDED else OUTCOMES[outcome].meaning
+        return self._finish(handle, outcome, text)
 
     def _begin(self, handle: ServerGoalHandle, order: Order) -> _Run:
         if self._run is not None:
@@ -175,7 +193,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         return result_message(outcome, text, self._pose_message())
 
     def _tick(self) -> None:
-        """Move the agent to now, and say where it is."""
+        """Move the agent to the current time, and publish its pose."""
         now_ns = self._node.get_clock().now_ns()
         dt_s, self._stepped_ns = (now_ns - self._stepped_ns) / NS_PER_S, now_ns
         if self._run is not None:
@@ -212,7 +230,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
 
 @dataclass(slots=True, kw_only=True)
 class _Run:
-    """A goal that is being followed."""
+    """A goal that is followed."""
 
     handle: ServerGoalHandle
     follower: Follower
@@ -257,8 +275,8 @@ def _odometry(state: AgentState, transform: StampedTransform) -> Any:
 
 
 def _feedback(progress: Progress, pose: Any) -> Any:
-    """Return how it stands as feedback of ours, with the agent's stamped pose."""
-    return action_type(FOLLOW_TRAJECTORY.type).feedback(
+    """Return the progress as feedback, with the agent's stamped pose."""
+    return action_type(FOLLOW_TRAJECTORY).feedback(
         progress=progress.share,
         time_from_start=duration_msg(progress.time_ns),
         pose=pose,

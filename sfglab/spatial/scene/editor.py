@@ -1,4 +1,4 @@
-"""An editor without a screen: a scene, its history, selection, time and file, and who wants to hear of changes.
+"""An editor without a screen: a scene with its history, selection, time and file, and listeners for changes.
 
 A browser, a notebook or a test calls methods, in one thread, and listens; all decisions are here.
 """
@@ -11,19 +11,20 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.commands import Add, Command, History, Remove, SetPose, Step
 from sfglab.spatial.scene.conflicts import Conflict, Ghost, conflicts, ghosts
 from sfglab.spatial.scene.files import load_scene, save_scene
-from sfglab.spatial.scene.objects import (
+from sfglab.spatial.scene.history import History, Step
+from sfglab.spatial.scene.model import (
     KINDS,
     ROOT,
     SceneError,
     SceneObject,
     TrajectoryObject,
     WaypointObject,
+    checked,
     place_of,
 )
-from sfglab.spatial.scene.tree import Scene
+from sfglab.spatial.scene.tree import SETTINGS, Scene, SceneSettings, scene_of
 from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.units import NS_PER_S
 
@@ -31,103 +32,279 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from sfglab.spatial.trajectory.path import Trajectory
+    from sfglab.spatial.trajectory.path import Align, Trajectory
 
 
 class ChangeKind(Enum):
-    """What happened."""
+    """Kind of a change."""
 
-    EDIT = "edit"  #: A command was done.
+    EDIT = "edit"  #: An edit was done.
     UNDO = "undo"  #: A step was taken back.
     REDO = "redo"  #: A step was done again.
-    LOAD = "load"  #: Another scene is here.
-    SAVE = "save"  #: The scene is on disk.
+    LOAD = "load"  #: Another scene was loaded.
+    SAVE = "save"  #: The scene was saved.
     SELECTION = "selection"  #: Other objects are selected.
     TIME = "time"  #: The time slider moved.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """What listeners hear."""
+    """A change, as listeners get it."""
 
-    kind: ChangeKind  #: What happened.
-    label: str = ""  #: Of the step, where it is one.
-    added: tuple[int, ...] = ()  #: Ids that are new.
-    removed: tuple[int, ...] = ()  #: Ids that are gone.
-    #: Ids whose object, or what it holds, changed; 0 is the scene itself.
+    kind: ChangeKind  #: Kind of the change.
+    label: str = ""  #: Label of the step; empty: it is none.
+    added: tuple[int, ...] = ()  #: Ids of new objects.
+    removed: tuple[int, ...] = ()  #: Ids of removed objects.
+    #: Ids of objects that changed, or that hold others now; 0 is the scene itself.
     changed: tuple[int, ...] = ()
 
 
 class Editor:
-    """A scene that is being edited, an empty one if none is given, and the file where it is saved, if any yet.
+    """A scene that is edited, by default an empty one, and its file.
 
     Raises:
-        SceneError: By every method that edits or selects: an id that no object has, or something that is not
-            allowed; nothing changed, and nobody is called.
+        SceneError: By each method that edits or selects: an id that no object has, or an edit that is not
+            allowed; nothing changed, and no listener is called.
     """
 
     def __init__(self, scene: Scene | None = None, *, file: Path | None = None) -> None:
-        self.file = file  #: Where it is saved.
-        self.selection: tuple[int, ...] = ()  #: Ids of what is selected, in the order of selecting.
-        self.time_s = 0.0  #: Where the time slider stands.
+        self.file = file  #: File of the scene; None: none yet.
+        self.selection: tuple[int, ...] = ()  #: Ids of the selected objects, in order of selection.
+        self.time_s = 0.0  #: Time of the slider, s.
         self._history = History(scene or Scene())
         self._saved = self._history.scene
         self._written_next_id = self._history.scene.next_id
         self._listeners: list[Callable[[Change], None]] = []
-        self._drag: str | None = None
+        self._drag: int | None = None
         self._drags = 0
 
     @classmethod
     def open(cls, file: Path) -> Editor:
-        """Return an editor of a scene file; where there is none, of an empty scene that will be saved there.
+        """Return an editor of a scene file; if it does not exist, of an empty scene that will be saved there.
 
         Raises:
-            SceneError: The file is there and is no scene.
+            SceneError: The file exists and is no scene.
         """
-        return cls(
-            load_scene(file) if file.exists() else Scene(name=file.stem or "scene"), file=file
-        )
+        scene = load_scene(file) if file.exists() else Scene(name=file.stem or "scene")
+        return cls(scene, file=file)
 
     @property
     def scene(self) -> Scene:
-        """The scene as it is now."""
+        """Current scene."""
         return self._history.scene
 
     @property
     def dirty(self) -> bool:
-        """Whether the scene is another one than was loaded or saved last."""
+        """Whether the scene differs from the one that was loaded or saved last."""
         return self.scene != self._saved
 
     @property
     def undo_label(self) -> str | None:
-        """What undo would take back, None where there is nothing."""
+        """Label of the step that undo takes back; None: there is none."""
         return self._history.undo_label
 
     @property
     def redo_label(self) -> str | None:
-        """What redo would do again, None where there is nothing."""
+        """Label of the step that redo does again; None: there is none."""
         return self._history.redo_label
 
-    def listen(self, listener: Callable[[Change], None]) -> Callable[[], None]:
-        """Call somebody, who must not raise, after every change with what happened; return what ends it."""
-        self._listeners.append(listener)
+    def listen(self, on_change: Callable[[Change], None]) -> Callable[[], None]:
+        """Call a function, which must not raise, after each change; return a function that ends this."""
+        self._listeners.append(on_change)
 
         def end() -> None:
-            if listener in self._listeners:
-                self._listeners.remove(listener)
+            if on_change in self._listeners:
+                self._listeners.remove(on_change)
 
         return end
 
-    def do(self, command: Command) -> bool:
-        """Do an edit, and return whether anything changed."""
+    # Edits. Each is one step, or a part of the current drag.
+
+    def add(self, kind: str, name: str = "", *, parent: int = ROOT, **values: Any) -> int:
+        """Add an object of one of `KINDS`, with values of its fields as in a file, or typed; return its id."""
+        if kind not in KINDS:
+            raise SceneError("kind", kind, " or ".join(KINDS))
+        allowed = [f.name for f in fields(KINDS[kind]) if f.name not in {"kind", "id", "name"}]
+        for key in values:
+            if key not in allowed:
+                raise SceneError(f"{kind} ({name}), property", key, " or ".join(allowed))
+        id_ = self._history.next_id
+        made = KINDS[kind](id=id_, name=name, parent=parent, **values)
+        self._commit(f"Add {kind}", *self.scene.objects.values(), made)
+        return id_
+
+    def add_trajectory(
+        self, trajectory: Trajectory, name: str, *, agent: int | None = None, parent: int = ROOT
+    ) -> int:
+        """Add a trajectory with its waypoints, in the parent's frame, as one step; return its id."""
+        id_ = self._history.next_id
+        top = TrajectoryObject(
+            id=id_, name=name, parent=parent, agent=agent, interpolation=trajectory.interpolation
+        )
+        held = []
+        for number, point in enumerate(trajectory.waypoints, id_ + 1):
+            held.append(
+                WaypointObject(id=number, parent=id_, time_ns=point.time_ns, pose=point.pose)
+            )
+        self._commit("Add trajectory", *self.scene.objects.values(), top, *held)
+        return id_
+
+    def insert_waypoint(
+        self,
+        trajectory: int,
+        *,
+        time_ns: int | None = None,
+        pose: Pose | None = None,
+        **values: Any,
+    ) -> int:
+        """Add a waypoint, by default a second after the last and on the path; return its id.
+
+        Raises:
+            SceneError: There is no such trajectory, or another waypoint has this time.
+        """
+        path = self.scene.trajectory(trajectory)
+        if time_ns is None:
+            time_ns = 0 if path is None else path.end_ns + NS_PER_S
+        if pose is None:
+            pose = Pose() if path is None else pose_at(path, time_ns / NS_PER_S)
+        return self.add("waypoint", parent=trajectory, time_ns=time_ns, pose=pose, **values)
+
+    def remove(self, *ids: int) -> None:
+        """Remove objects with all that they hold, by default the selected ones.
+
+        A trajectory stays if its agent is removed, without an agent.
+        """
+        chosen = ids or self.selection
+        gone = set(chosen)
+        for id_ in chosen:
+            self.scene.get(id_)
+            gone |= {thing.id for thing in self.scene.walk(id_)}
+        left = []
+        for thing in self.scene.objects.values():
+            if isinstance(thing, TrajectoryObject) and thing.agent in gone:
+                thing = replace(thing, agent=None)  # noqa: PLW2901
+            if thing.id not in gone:
+                left.append(thing)
+        self._commit("Remove" if len(chosen) == 1 else f"Remove {len(chosen)} objects", *left)
+
+    def duplicate(self, id_: int) -> int:
+        """Copy an object with all that it holds, and put the copy after it; return the copy's id.
+
+        A copied trajectory has no agent, unless the agent is copied as well.
+
+        Raises:
+            SceneError: There is no object of this id, or it is a waypoint, whose copy would have its time.
+        """
+        original = self.scene.get(id_)
+        if isinstance(original, WaypointObject):
+            allowed = "a new waypoint at another time"
+            raise SceneError(place_of(original), "a copy at the same time", allowed)
+        copied = (original, *self.scene.walk(id_))
+        new = {thing.id: self._history.next_id + i for i, thing in enumerate(copied)}
+        copies = []
+        for thing in copied:
+            copy = replace(thing, id=new[thing.id], parent=new.get(thing.parent, thing.parent))
+            if isinstance(copy, TrajectoryObject):
+                copy = replace(copy, agent=new.get(copy.agent or ROOT))
+            copies.append(copy)
+        objects = list(self.scene.objects.values())
+        after = objects.index(original) + 1
+        self._commit(f"Add {original.kind}", *objects[:after], *copies, *objects[after:])
+        return new[id_]
+
+    def move(
+        self, id_: int, parent: int, *, index: int | None = None, keep_place: bool = True
+    ) -> None:
+        """Put an object under another parent, or elsewhere among its siblings.
+
+        Args:
+            id_: Id of the object.
+            parent: Id of the new parent, or `ROOT`.
+            index: Index among the other objects there; None: at the end.
+            keep_place: Whether its place in the scene stays, otherwise its pose in the parent.
+        """
+        thing = self.scene.get(id_)
+        moved = replace(thing, parent=parent)
+        if keep_place and (parent == ROOT or parent in self.scene.objects):
+            pose = self.scene.world_pose(parent).inverse() @ self.scene.world_pose(id_)
+            moved = replace(moved, pose=pose if parent != thing.parent else thing.pose)
+        objects = [one for one in self.scene.objects.values() if one.id != id_]
+        siblings = [one for one in objects if one.parent == parent]
+        if index is not None and not 0 <= index <= len(siblings):
+            allowed = f"0 to {len(siblings)}, or none for the end"
+            raise SceneError(f"{place_of(thing)}, index", index, allowed)
+        place = len(objects)
+        if index is not None and index < len(siblings):
+            place = objects.index(siblings[index])
+        self._commit("Move in the tree", *objects[:place], moved, *objects[place:])
+
+    def rename(self, id_: int, name: str) -> bool:
+        """Give an object another name; return whether it changed."""
+        return self._put("Rename", replace(self.scene.get(id_), name=name))
+
+    def set_pose(self, id_: int, pose: Pose) -> bool:
+        """Put an object elsewhere in its parent; an aligned waypoint keeps its orientation."""
+        return self._put("Change pose", replace(self.scene.get(id_), pose=pose))
+
+    def place(self, id_: int, world_pose: Pose) -> bool:
+        """Put an object elsewhere in the scene's frame."""
+        parent = self.scene.world_pose(self.scene.get(id_).parent)
+        return self.set_pose(id_, parent.inverse() @ world_pose)
+
+    def set_waypoint_time(self, id_: int, time_ns: int) -> bool:
+        """Give a waypoint another time; the order of the waypoints may change."""
+        waypoint = self.scene.of_kind(id_, WaypointObject)
+        return self._put("Change time", replace(waypoint, time_ns=time_ns))
+
+    def set_property(self, id_: int, key: str, value: Any) -> bool:
+        """Change another field of an object, such as a radius; the value is as in a file, or typed."""
+        thing = self.scene.get(id_)
+        known = [f.name for f in fields(thing) if f.name not in {"kind", "id", "parent"}]
+        if key not in known:
+            raise SceneError(f"{place_of(thing)}, property", key, " or ".join(known))
+        changed = {key: value}
+        return self._put(f"Change {key}", replace(thing, **changed))
+
+    def align(self, id_: int, align: Align) -> bool:
+        """Align all waypoints of a trajectory. Paper A, section 4.5."""
+        self.scene.of_kind(id_, TrajectoryObject)
+        turned = [replace(waypoint, align=align) for waypoint in self.scene.waypoints(id_)]
+        return self._put("Align waypoints", *turned)
+
+    def set_scene(self, key: str, value: Any) -> bool:
+        """Change a property of the scene itself."""
+        if key not in SETTINGS:
+            raise SceneError("scene, property", key, " or ".join(SETTINGS))
+        own = {name: getattr(self.scene, name) for name in SETTINGS}
+        made = checked(SceneSettings(**(own | {key: value})), "scene")
+        after = replace(self.scene, **{name: getattr(made, name) for name in SETTINGS})
+        return self._do(f"Change {key}", after)
+
+    def _put(self, label: str, *changed: SceneObject) -> bool:
+        """Do the edit that replaces objects by those of the same ids."""
+        objects = {**self.scene.objects, **{thing.id: thing for thing in changed}}
+        return self._commit(label, *objects.values())
+
+    def _commit(self, label: str, *objects: SceneObject) -> bool:
+        """Do the edit that leads to a scene with these objects, of which the new ones are checked."""
+        known = self.scene.objects
+        made = []
+        for thing in objects:
+            is_new = known.get(thing.id) is not thing
+            made.append(checked(thing, place_of(thing)) if is_new else thing)
+        return self._do(label, scene_of(self.scene, made))
+
+    def _do(self, label: str, after: Scene) -> bool:
         before = self.scene
-        done = self._history.do(command, drag=self._drag)
+        done = self._history.do(label, after, drag=self._drag)
         if done:
-            self._tell_difference(ChangeKind.EDIT, command.label, before)
+            self._tell_difference(ChangeKind.EDIT, label, before)
         return done
 
+    # Undo, redo and drags.
+
     def undo(self) -> bool:
-        """Take the last step back, and end a drag that goes on; return whether there was one."""
+        """Take the last step back and end the current drag; return whether there was a step."""
         return self._stepped(ChangeKind.UNDO, self._history.undo)
 
     def redo(self) -> bool:
@@ -143,101 +320,27 @@ class Editor:
         return step is not None
 
     def begin_drag(self) -> None:
-        """Make what is done from here on one step, until `end_drag`."""
+        """Join the following edits into one step, until `end_drag`."""
         self._drags += 1
-        self._drag = f"drag {self._drags}"
+        self._drag = self._drags
 
     def end_drag(self) -> None:
-        """Let what is done from here on be steps of its own."""
+        """Let each of the following edits be a step."""
         self._drag = None
 
     @contextmanager
     def drag(self) -> Iterator[None]:
-        """Make what is done inside one step."""
+        """Join the edits inside into one step."""
         self.begin_drag()
         try:
             yield
         finally:
             self.end_drag()
 
-    def add(self, kind: str, name: str, *, parent: int = ROOT, **values: Any) -> int:
-        """Add an object of one of `KINDS` with values of its fields, typed or plain, and return its id."""
-        if kind not in KINDS:
-            raise SceneError("kind", kind, " or ".join(KINDS))
-        made = KINDS[kind]
-        allowed = [f.name for f in fields(made) if f.name not in {"id", "name", "parent"}]
-        for key in values:
-            if key not in allowed:
-                raise SceneError(f"{kind} ({name}), property", key, " or ".join(allowed))
-        id_ = self._history.next_id
-        self.do(Add(objects=(made(id=id_, name=name, parent=parent, **values),)))
-        return id_
-
-    def add_trajectory(
-        self, trajectory: Trajectory, name: str, *, agent: int | None = None, parent: int = ROOT
-    ) -> int:
-        """Add a trajectory with its waypoints, in the parent's frame, as one step; return its id."""
-        id_ = self._history.next_id
-        top = TrajectoryObject(
-            id=id_, name=name, parent=parent, agent=agent, interpolation=trajectory.interpolation
-        )
-        held = (
-            WaypointObject(id=id_ + i, parent=id_, time_ns=w.time_ns, pose=w.pose)
-            for i, w in enumerate(trajectory.waypoints, 1)
-        )
-        self.do(Add(objects=(top, *held)))
-        return id_
-
-    def insert_waypoint(
-        self,
-        trajectory: int,
-        *,
-        time_ns: int | None = None,
-        pose: Pose | None = None,
-        **values: Any,
-    ) -> int:
-        """Add a waypoint, by default a second after the last and where the trajectory is then; return its id.
-
-        Raises:
-            SceneError: There is no such trajectory, or another waypoint has this time.
-        """
-        path = self.scene.trajectory(trajectory)
-        if time_ns is None:
-            time_ns = 0 if path is None else path.end_ns + NS_PER_S
-        if pose is None:
-            pose = Pose() if path is None else pose_at(path, time_ns / NS_PER_S)
-        return self.add("waypoint", "", parent=trajectory, time_ns=time_ns, pose=pose, **values)
-
-    def remove(self, *ids: int) -> None:
-        """Remove objects with all they hold, what is selected where none is named."""
-        chosen = ids or self.selection
-        if chosen:
-            self.do(Remove(ids=chosen))
-
-    def duplicate(self, id_: int) -> int:
-        """Copy an object with all it holds, but no agent from outside, beside it; return the copy's id.
-
-        Raises:
-            SceneError: There is no object of this id, or it is a waypoint, whose copy would have its time.
-        """
-        original = self.scene.get(id_)
-        if isinstance(original, WaypointObject):
-            raise SceneError(
-                place_of(original), "a copy at the same time", "a new waypoint at another time"
-            )
-        copied = (original, *self.scene.walk(id_))
-        new = {thing.id: self._history.next_id + i for i, thing in enumerate(copied)}
-        copies = tuple(_copy(thing, new) for thing in copied)
-        self.do(Add(objects=copies, index=self.scene.held_by(original.parent).index(id_) + 1))
-        return new[id_]
-
-    def place(self, id_: int, world_pose: Pose) -> None:
-        """Put an object where a gizmo in the scene's frame says."""
-        parent = self.scene.world_pose(self.scene.get(id_).parent)
-        self.do(SetPose(id=id_, pose=parent.inverse() @ world_pose))
+    # Selection, time, warnings and file.
 
     def select(self, *ids: int) -> None:
-        """Select objects, and only these."""
+        """Select these objects only."""
         for id_ in ids:
             self.scene.get(id_)
         chosen = tuple(dict.fromkeys(ids))
@@ -246,41 +349,41 @@ class Editor:
             self._tell(Change(kind=ChangeKind.SELECTION))
 
     def set_time(self, time_s: float) -> None:
-        """Move the time slider; SceneError where it is no finite number."""
+        """Move the time slider; SceneError if the time is no finite number."""
         if not float("-inf") < time_s < float("inf"):
             raise SceneError("time", time_s, "a finite number of seconds")
         self.time_s = float(time_s)
         self._tell(Change(kind=ChangeKind.TIME))
 
     def ghosts(self) -> tuple[Ghost, ...]:
-        """Return every agent at the slider's time."""
+        """Return each agent at the time of the slider."""
         return ghosts(self.scene, self.time_s)
 
     def conflicts(self) -> tuple[Conflict, ...]:
-        """Return what is wrong with the plan."""
+        """Return the warnings of the plan."""
         return conflicts(self.scene)
 
     def save(self, file: Path | None = None) -> None:
-        """Save the scene, whole or not at all, into a file, from now on its own; None: where it was last.
+        """Save the scene, whole or not at all, into a file; None: the editor's.
 
         Raises:
-            SceneError: No file was ever named, or it cannot be written; what was there is still there.
+            SceneError: There is no file, or it cannot be written; its former content is still there.
         """
         target = file or self.file
         if target is None:
             raise SceneError("file", None, "a file to save into")
         scene = self.scene
-        # ids that a saved file once held are not given out again, also when their addition was undone since
+        # Ids of a saved file are not given again, also if their addition was undone since.
         next_id = max(scene.next_id, self._written_next_id)
         save_scene(replace(scene, next_id=next_id), target)
         self.file, self._saved, self._written_next_id = target, scene, next_id
         self._tell(Change(kind=ChangeKind.SAVE))
 
     def load(self, file: Path | None = None) -> None:
-        """Load a scene in place of this one; None: what was saved last. Nothing before it can be undone.
+        """Load a scene from a file, by default the editor's; earlier steps cannot be undone.
 
         Raises:
-            SceneError: No file was ever named, or it is no scene; the editor keeps what it has.
+            SceneError: There is no file, or it is no scene; the editor keeps its scene.
         """
         source = file or self.file
         if source is None:
@@ -296,28 +399,18 @@ class Editor:
         common = before.objects.keys() & after.objects.keys()
         changed = {i for i in common if before.objects[i] != after.objects[i]}
         changed |= {i for i in {ROOT, *common} if before.held_by(i) != after.held_by(i)}
-        if any(
-            getattr(before, key) != getattr(after, key) for key in ("name", "frame_id", "margin_m")
-        ):
+        if any(getattr(before, name) != getattr(after, name) for name in SETTINGS):
             changed.add(ROOT)
         self.selection = tuple(i for i in self.selection if i in after.objects)
-        self._tell(
-            Change(
-                kind=kind,
-                label=label,
-                added=tuple(sorted(after.objects.keys() - before.objects.keys())),
-                removed=tuple(sorted(before.objects.keys() - after.objects.keys())),
-                changed=tuple(sorted(changed)),
-            )
+        change = Change(
+            kind=kind,
+            label=label,
+            added=tuple(sorted(after.objects.keys() - before.objects.keys())),
+            removed=tuple(sorted(before.objects.keys() - after.objects.keys())),
+            changed=tuple(sorted(changed)),
         )
+        self._tell(change)
 
     def _tell(self, change: Change) -> None:
-        for listener in tuple(self._listeners):
-            listener(change)
-
-
-def _copy(thing: SceneObject, new: dict[int, int]) -> SceneObject:
-    copy = replace(thing, id=new[thing.id], parent=new.get(thing.parent, thing.parent))
-    if isinstance(copy, TrajectoryObject):
-        copy = replace(copy, agent=new.get(copy.agent or ROOT))
-    return copy
+        for on_change in tuple(self._listeners):
+            on_change(change)

@@ -1,66 +1,74 @@
-"""A scene as a value: objects, who holds whom, and what follows from it.
+"""A scene as a value: objects, their holders, and the rules that concern more than one object.
 
-Every state of a scene is a value that shares what did not change with the one before. `Draft` is where a next
-state is made: it checks whatever concerns more than one object.
+Each state of a scene is a value. `scene_of` makes the next one from its objects and checks it: files and
+edits have the same rules.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, fields, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
+from sfglab.fields import Bounds
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.objects import (
+from sfglab.spatial.scene.model import (
+    KINDS,
     ROOT,
     AgentObject,
     Group,
     SceneError,
     SceneObject,
+    Text,
     TrajectoryObject,
     WaypointObject,
-    checked_object,
-    length,
     place_of,
-    text,
 )
 from sfglab.spatial.trajectory.path import Trajectory, Waypoint, aligned_quat, in_frame
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
-#: A waypoint aligned as well as this is left alone, so that files read back byte by byte.
+T = TypeVar("T", bound=SceneObject)
+
+#: Angle up to which an aligned waypoint keeps its orientation, so that files read back byte by byte.
 _SAME_RAD = 1e-9
-
-#: Of a scene itself.
-SCENE_PROPERTIES = (text("name"), text("frame_id"), length("margin_m", zero=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
-    """A tree of objects.
+class SceneSettings:
+    """The properties of a scene itself."""
+
+    name: Text = "scene"  #: Name for people.
+    frame_id: Text = "map"  #: Frame of the objects at the top, for messages.
+    margin_m: Annotated[float, Bounds(0)] = 0.1  #: Least distance of agents beyond their radii, m.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene(SceneSettings):
+    """A tree of objects; `scene_of` makes a checked one.
 
     Raises:
-        SceneError: By every method that takes an id: there is no object of this id, or it is of another kind.
+        SceneError: By each method that takes an id: no object has it, or the object is of another kind.
     """
 
-    name: str = "scene"  #: For people.
-    frame_id: str = "map"  #: The frame of what stands at the top, for messages.
-    margin_m: float = 0.1  #: How far agents must stay apart beyond their radii.
-    next_id: int = 1  #: The least id that no object of this scene ever had.
-    objects: Mapping[int, SceneObject] = field(default_factory=dict)  #: Every object by id.
-    #: Ids that `ROOT`, a group or a trajectory holds, in order; a trajectory's in order of time.
+    next_id: int = 1  #: Lowest id that no object ever had.
+    objects: Mapping[int, SceneObject] = field(default_factory=dict)  #: Objects by id.
+    #: Ids that `ROOT`, a group or a trajectory holds, in order; waypoints in order of time.
     children: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
     def get(self, id_: int) -> SceneObject:
         """Return an object."""
-        return _found(self.objects, id_)
+        if id_ not in self.objects:
+            raise SceneError("object id", id_, "the id of an object in the scene")
+        return self.objects[id_]
 
-    def of_kind(self, id_: int, kind: type[Any]) -> Any:
-        """Return an object of a kind."""
+    def of_kind(self, id_: int, kind: type[T]) -> T:
+        """Return an object of a class."""
         found = self.get(id_)
         if not isinstance(found, kind):
-            raise SceneError("object id", place_of(found), f"the id of a {kind.kind}")
+            words = [word for word, known in KINDS.items() if issubclass(known, kind)]
+            raise SceneError("object id", place_of(found), f"the id of a {' or '.join(words)}")
         return found
 
     def held_by(self, id_: int = ROOT) -> tuple[int, ...]:
@@ -68,215 +76,158 @@ class Scene:
         return self.children.get(id_, ())
 
     def walk(self, id_: int = ROOT) -> Iterator[SceneObject]:
-        """Yield what an object, or the top, holds: each before what it holds itself, in order."""
+        """Yield all objects below an object, or below the top; each before those that it holds."""
         pending = list(reversed(self.held_by(id_)))
         while pending:
             found = self.objects[pending.pop()]
             yield found
             pending.extend(reversed(self.held_by(found.id)))
 
-    def all_of(self, kind: type[Any]) -> Iterator[Any]:
-        """Yield every object of a kind, in the tree's order."""
+    def all_of(self, kind: type[T]) -> Iterator[T]:
+        """Yield all objects of a class, in the order of the tree."""
         return (thing for thing in self.walk() if isinstance(thing, kind))
 
     def world_pose(self, id_: int) -> Pose:
-        """Return where an object is in the scene's frame; `ROOT` is at its origin."""
+        """Return the pose of an object in the scene's frame; `ROOT` is at its origin."""
         pose = Pose()
         while id_ != ROOT:
             thing = self.get(id_)
             pose, id_ = thing.pose @ pose, thing.parent
         return pose
 
+    def waypoints(self, trajectory: int) -> list[WaypointObject]:
+        """Return the waypoints of a trajectory, in order of time."""
+        return [self.of_kind(id_, WaypointObject) for id_ in self.held_by(trajectory)]
+
     def trajectory(self, id_: int) -> Trajectory | None:
-        """Return the waypoints of a trajectory in its own frame, None where there are none yet."""
-        thing: TrajectoryObject = self.of_kind(id_, TrajectoryObject)
-        found = tuple(
-            Waypoint(time_ns=w.time_ns, pose=w.pose)
-            for w in (self.objects[i] for i in self.held_by(id_))
-            if isinstance(w, WaypointObject)
-        )
-        return Trajectory(waypoints=found, interpolation=thing.interpolation) if found else None
+        """Return a trajectory in its own frame; None if it has no waypoint."""
+        thing = self.of_kind(id_, TrajectoryObject)
+        points = tuple(Waypoint(time_ns=w.time_ns, pose=w.pose) for w in self.waypoints(id_))
+        if not points:
+            return None
+        return Trajectory(waypoints=points, interpolation=thing.interpolation)
 
     def world_trajectory(self, id_: int) -> Trajectory | None:
-        """Return a trajectory in the scene's frame, None where it has no waypoints yet."""
+        """Return a trajectory in the scene's frame; None if it has no waypoint."""
         found = self.trajectory(id_)
         return None if found is None else in_frame(found, self.world_pose(id_))
 
     def driven_by(self, agent: int) -> TrajectoryObject | None:
-        """Return the trajectory that an agent drives, if any."""
-        found = (
-            t for t in self.objects.values() if isinstance(t, TrajectoryObject) and t.agent == agent
-        )
-        return next(found, None)
+        """Return the trajectory that an agent follows, if any."""
+        for thing in self.objects.values():
+            if isinstance(thing, TrajectoryObject) and thing.agent == agent:
+                return thing
+        return None
 
     def motion(self, agent: int) -> Trajectory:
-        """Return how an agent moves in the scene's frame: its trajectory, or standing where its pose is."""
+        """Return the motion of an agent in the scene's frame: its trajectory, or standing at its pose."""
         self.of_kind(agent, AgentObject)
         driven = self.driven_by(agent)
         found = None if driven is None else self.world_trajectory(driven.id)
         return Trajectory.standing(self.world_pose(agent)) if found is None else found
 
 
-class Draft:
-    """A scene in the making; the scene it was made from stays as it is."""
+SETTINGS = tuple(f.name for f in fields(SceneSettings))  #: Names of a scene's own properties.
 
-    def __init__(self, scene: Scene) -> None:
-        self._scene = scene
-        self._objects = dict(scene.objects)
-        self._children = dict(scene.children)
-        self._next_id = scene.next_id
-        self._unsettled: set[int] = set()
 
-    def scene(self) -> Scene:
-        """Return what was made, with aligned waypoints turned along their segments."""
-        for trajectory in self._unsettled & self._objects.keys():
-            self._settle(trajectory)
-        self._unsettled.clear()
-        children = {id_: held for id_, held in self._children.items() if held}
-        return replace(self._scene, objects=self._objects, children=children, next_id=self._next_id)
+def scene_of(
+    before: Scene, objects: Iterable[SceneObject], places: Mapping[int, str] | None = None
+) -> Scene:
+    """Return a scene with other objects, after checking the rules between them.
 
-    def get(self, id_: int) -> SceneObject:
-        """Return an object as it is by now."""
-        return _found(self._objects, id_)
+    The top or a group holds each object, and a trajectory holds a waypoint; nothing holds itself. The waypoints
+    of a trajectory have different times. An agent follows one trajectory at most. Aligned waypoints are
+    turned along their segments.
 
-    def insert(self, thing: SceneObject, index: int | None = None) -> None:
-        """Put a new object under its parent, at an index among its siblings or the end; waypoints go by time.
+    Args:
+        before: Scene whose own properties stay.
+        objects: Checked objects with different ids; those of one holder in their order.
+        places: Places of objects in a file, by id, for messages.
 
-        Raises:
-            SceneError: The object, its id, its parent, its time or its agent is not allowed.
-        """
-        thing = checked_object(thing)
-        if thing.id in self._objects:
-            taken = place_of(self._objects[thing.id])
-            raise SceneError(
-                place_of(thing), f"id {thing.id}", f"an id of its own; {taken} has this one"
-            )
-        self._check_parent(thing, thing.parent)
-        self._check_agent(thing)
-        self._attach(thing, index)
-        self._next_id = max(self._next_id, thing.id + 1)
+    Raises:
+        SceneError: A rule does not hold.
+    """
+    found = {thing.id: thing for thing in objects}
+    rules = _Rules(found, places or {})
+    held: dict[int, list[int]] = {}
+    for thing in found.values():
+        rules.check_parent(thing)
+        held.setdefault(thing.parent, []).append(thing.id)
+    rules.check_agents()
+    for id_, ids in held.items():
+        if isinstance(found.get(id_), TrajectoryObject):
+            waypoints = rules.in_order_of_time(ids)
+            held[id_] = [waypoint.id for waypoint in waypoints]
+            found |= {waypoint.id: waypoint for waypoint in _aligned(waypoints)}
+    children = {id_: tuple(ids) for id_, ids in held.items()}
+    next_id = max([before.next_id, *(id_ + 1 for id_ in found)])
+    return replace(before, next_id=next_id, objects=found, children=children)
 
-    def remove(self, id_: int) -> None:
-        """Take away an object with all it holds; a trajectory without its agent stays, without agent."""
-        self._detach(self.get(id_))
-        pending = [id_]
-        while pending:
-            gone = pending.pop()
-            pending.extend(self._children.pop(gone, ()))
-            if isinstance(self._objects.pop(gone), AgentObject):
-                self._forget(gone)
 
-    def put(self, thing: SceneObject) -> None:
-        """Replace an object by one of its id and parent; SceneError if not allowed, or its time is taken."""
-        thing = checked_object(thing)
-        self._check_agent(thing)
-        before = self.get(thing.id)
+class _Rules:
+    """Rules between the objects of a scene."""
+
+    def __init__(self, objects: Mapping[int, SceneObject], places: Mapping[int, str]) -> None:
+        self._objects = objects
+        self._places = places
+
+    def check_parent(self, thing: SceneObject) -> None:
+        """Check the holder of an object."""
+        holder = self._objects.get(thing.parent)
         if isinstance(thing, WaypointObject):
-            self._detach(before)
-            self._attach(thing, None)
+            if not isinstance(holder, TrajectoryObject):
+                raise self._refusal(thing, "parent", thing.parent, "the id of a trajectory")
             return
-        self._objects[thing.id] = thing
-        if isinstance(thing, TrajectoryObject):
-            self._unsettled.add(thing.id)
+        if thing.parent != ROOT and not isinstance(holder, Group):
+            allowed = f"the id of a group, or {ROOT} for the top"
+            raise self._refusal(thing, "parent", thing.parent, allowed)
+        above = [thing.id]
+        while holder is not None and holder.id not in above[1:]:
+            above.append(holder.id)
+            if holder.id == thing.id:
+                loop = " in ".join(map(str, above))
+                raise self._refusal(thing, "parent", f"a loop, {loop}", "a tree")
+            holder = self._objects.get(holder.parent)
 
-    def put_times(self, trajectory: int, times_ns: list[int]) -> None:
-        """Give all waypoints of a trajectory new times, which grow as the old ones did."""
-        for id_, time_ns in zip(self._children.get(trajectory, ()), times_ns, strict=True):
-            self._objects[id_] = checked_object(replace(self._waypoint(id_), time_ns=time_ns))
-
-    def move(self, thing: SceneObject, parent: int, index: int | None) -> None:
-        """Put an object, its pose that in the new parent, elsewhere; the index is without it, None the end.
-
-        Raises:
-            SceneError: The parent cannot hold it, lies inside it, or a waypoint's time is taken there.
-        """
-        self._check_parent(thing, parent)
-        above = parent
-        while above != ROOT:
-            if above == thing.id:
-                raise SceneError(
-                    f"{place_of(thing)}, parent", parent, "a parent that does not lie inside it"
-                )
-            above = self._objects[above].parent
-        self._detach(self.get(thing.id))
-        self._attach(checked_object(replace(thing, parent=parent)), index)
-
-    def _waypoint(self, id_: int) -> WaypointObject:
-        found = self._objects[id_]
-        assert isinstance(found, WaypointObject)  # a trajectory holds nothing else
-        return found
-
-    def _check_parent(self, thing: SceneObject, parent: int) -> None:
-        place = f"{place_of(thing)}, parent"
-        held_by = self._objects.get(parent)
-        if isinstance(thing, WaypointObject):
-            if not isinstance(held_by, TrajectoryObject):
-                raise SceneError(place, parent, "the id of a trajectory")
-        elif parent != ROOT and not isinstance(held_by, Group):
-            raise SceneError(place, parent, f"the id of a group, or {ROOT} for the top")
-
-    def _check_agent(self, thing: SceneObject) -> None:
-        if not isinstance(thing, TrajectoryObject) or thing.agent is None:
-            return
-        place = f"{place_of(thing)}, agent"
-        if not isinstance(self._objects.get(thing.agent), AgentObject):
-            raise SceneError(place, thing.agent, "the id of an agent in the scene, or none")
-        for other in self._objects.values():
-            if (
-                isinstance(other, TrajectoryObject)
-                and other.agent == thing.agent
-                and other.id != thing.id
-            ):
-                allowed = f"an agent that drives no other; this one drives {other.id}"
-                raise SceneError(place, thing.agent, allowed)
-
-    def _attach(self, thing: SceneObject, index: int | None) -> None:
-        held = self._children.get(thing.parent, ())
-        if isinstance(thing, WaypointObject):
-            index = self._place_in_time(thing, held)
-            self._unsettled.add(thing.parent)
-        elif index is None:
-            index = len(held)
-        elif isinstance(index, bool) or not isinstance(index, int) or not 0 <= index <= len(held):
-            raise SceneError(
-                f"{place_of(thing)}, index", index, f"0 to {len(held)}, or none for the end"
-            )
-        self._children[thing.parent] = (*held[:index], thing.id, *held[index:])
-        self._objects[thing.id] = thing
-
-    def _place_in_time(self, waypoint: WaypointObject, held: tuple[int, ...]) -> int:
-        index = bisect_left(held, waypoint.time_ns, key=lambda id_: self._waypoint(id_).time_ns)
-        if index < len(held) and self._waypoint(held[index]).time_ns == waypoint.time_ns:
-            taken = f"a time of its own; waypoint {held[index]} has this one"
-            raise SceneError(f"{place_of(waypoint)}, time_ns", waypoint.time_ns, taken)
-        return index
-
-    def _detach(self, thing: SceneObject) -> None:
-        self._children[thing.parent] = tuple(
-            id_ for id_ in self._children[thing.parent] if id_ != thing.id
-        )
-        if isinstance(thing, WaypointObject):
-            self._unsettled.add(thing.parent)
-
-    def _forget(self, agent: int) -> None:
-        for id_, thing in self._objects.items():
-            if isinstance(thing, TrajectoryObject) and thing.agent == agent:
-                self._objects[id_] = replace(thing, agent=None)
-
-    def _settle(self, trajectory: int) -> None:
-        """Turn aligned waypoints along their segments."""
-        held = [self._waypoint(id_) for id_ in self._children.get(trajectory, ())]
-        positions = [waypoint.pose.position_m for waypoint in held]
-        for index, here in enumerate(held):
-            quat = aligned_quat(positions, index, here.align)
-            if quat is None:
+    def check_agents(self) -> None:
+        """Check the agents of trajectories."""
+        followed: dict[int, int] = {}
+        for thing in self._objects.values():
+            if not isinstance(thing, TrajectoryObject) or thing.agent is None:
                 continue
-            turned = Pose(position_m=here.pose.position_m, quat_xyzw=quat)
-            if here.pose.angle_rad(turned) > _SAME_RAD:
-                self._objects[here.id] = replace(here, pose=turned)
+            if not isinstance(self._objects.get(thing.agent), AgentObject):
+                allowed = "the id of an agent in the scene, or none"
+                raise self._refusal(thing, "agent", thing.agent, allowed)
+            other = followed.setdefault(thing.agent, thing.id)
+            if other != thing.id:
+                allowed = f"an agent that follows no other trajectory; this one follows {other}"
+                raise self._refusal(thing, "agent", thing.agent, allowed)
+
+    def in_order_of_time(self, ids: Iterable[int]) -> list[WaypointObject]:
+        """Return the waypoints of a trajectory in order of time."""
+        held = [self._objects[id_] for id_ in ids]
+        waypoints = [thing for thing in held if isinstance(thing, WaypointObject)]
+        waypoints.sort(key=lambda waypoint: waypoint.time_ns)
+        for before, after in pairwise(waypoints):
+            if before.time_ns == after.time_ns:
+                allowed = f"a time of its own; waypoint {before.id} has this one"
+                raise self._refusal(after, "time_ns", after.time_ns, allowed)
+        return waypoints
+
+    def _refusal(self, thing: SceneObject, key: str, given: object, allowed: str) -> SceneError:
+        place = f"{place_of(thing)}, {key}"
+        if thing.id in self._places:
+            place = f"{self._places[thing.id]}: {place}"
+        return SceneError(place, given, allowed)
 
 
-def _found(objects: Mapping[int, SceneObject], id_: int) -> SceneObject:
-    if id_ not in objects:
-        raise SceneError("object id", id_, "the id of an object in the scene")
-    return objects[id_]
+def _aligned(waypoints: list[WaypointObject]) -> Iterator[WaypointObject]:
+    """Yield those aligned waypoints that must be turned, turned along their segments."""
+    positions = [waypoint.pose.position_m for waypoint in waypoints]
+    for index, waypoint in enumerate(waypoints):
+        quat = aligned_quat(positions, index, waypoint.align)
+        if quat is None:
+            continue
+        turned = Pose(position_m=waypoint.pose.position_m, quat_xyzw=quat)
+        if waypoint.pose.angle_rad(turned) > _SAME_RAD:
+            yield replace(waypoint, pose=turned)

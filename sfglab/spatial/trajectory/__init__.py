@@ -1,1 +1,1 @@
-"""Trajectories: timed waypoints in SE(3), what lies between, what they collide with. Paper A, section 4.5."""
+"""Trajectories: timed waypoints in SE(3), and the poses between them. Paper A, section 4.5."""

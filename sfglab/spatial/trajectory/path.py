@@ -1,7 +1,7 @@
-"""A trajectory as a value: timed poses and how to go from one to the next. Paper A, section 4.5.
+"""A trajectory as a value: timed poses and the way from one to the next. Paper A, section 4.5.
 
-The paper's T = {(p_i, t_i)}, p_i in SE(3), t_i a temporal offset from 0. Times are whole nanoseconds, so that
-files and messages give back what they were given. What lies between waypoints is `motion`.
+The paper's T = {(p_i, t_i)}, p_i in SE(3), with t_i an offset from time 0. Times are whole nanoseconds, so
+that files and messages give them back exactly. `motion` has the poses between waypoints.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import Enum
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
@@ -19,43 +18,52 @@ from sfglab.tables import html_table
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-#: Eleven days: up to here a float in seconds with nine decimals gives back its ns.
+#: Latest time of a waypoint, 11 days: up to here a float in seconds has all nanoseconds.
 LATEST_NS = 10**15
+_FLAT_M = 1e-9  # horizontal distances up to here have no heading
 
 
 class TrajectoryError(InvalidValueError):
-    """Values that are no trajectory, or a message or text that holds none."""
+    """Values that are no trajectory, or a message without one."""
 
     def __str__(self) -> str:
         return f"{self.place}: given {self.given}, allowed: {self.allowed}"
 
 
 class Interpolation(Enum):
-    """How to go from one waypoint to the next; `motion` has the formulas."""
+    """Way from one waypoint to the next; `motion` has the formulas."""
 
-    POLYLINE = "polyline"  #: Position linear in time, orientation by SLERP; the paper's.
+    POLYLINE = "polyline"  #: Position linear in time, orientation by SLERP, as in the paper.
     #: Position on a centripetal Catmull-Rom spline, orientation by SLERP.
     CATMULL_ROM = "catmull_rom"
 
 
+class Align(Enum):
+    """Direction of a waypoint's x axis."""
+
+    NONE = "none"  #: The waypoint's own orientation.
+    PREVIOUS = "previous"  #: Along the segment that arrives, from the previous waypoint.
+    NEXT = "next"  #: Along the segment that leaves, to the next waypoint.
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Waypoint:
-    """Where to be, and when."""
+    """A pose at a time."""
 
-    time_ns: int  #: Since the trajectory's time 0, 0 to `LATEST_NS`.
-    pose: Pose  #: Where, and how turned.
+    time_ns: int  #: Time since the trajectory's time 0, ns, up to `LATEST_NS`.
+    pose: Pose  #: Pose at that time.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trajectory:
-    """Waypoints in order of time. Before the first and after the last, one stands there.
+    """Waypoints in order of time. Before the first and after the last, the pose is constant.
 
     Raises:
         TrajectoryError: There is no waypoint, a time is out of range, or times do not grow.
     """
 
     waypoints: tuple[Waypoint, ...]  #: At least one; their times grow strictly.
-    interpolation: Interpolation = Interpolation.POLYLINE  #: How to go from one to the next.
+    interpolation: Interpolation = Interpolation.POLYLINE  #: Way from one to the next.
 
     def __post_init__(self) -> None:
         if not self.waypoints:
@@ -68,24 +76,25 @@ class Trajectory:
             before = waypoint.time_ns
 
     def __repr__(self) -> str:
-        count, took_s = len(self.waypoints), (self.end_ns - self.start_ns) / 1e9
-        return f"<trajectory, {self.interpolation.value}: {count} waypoints, {took_s:g} s>"
+        duration_s = (self.end_ns - self.start_ns) / 1e9
+        count = len(self.waypoints)
+        return f"<trajectory, {self.interpolation.value}: {count} waypoints, {duration_s:g} s>"
 
     def _repr_html_(self) -> str:
-        rows = [
-            (f"{w.time_ns / 1e9:g}", *(f"{c:.3f}" for c in (*w.pose.position_m, *w.pose.quat_xyzw)))
-            for w in self.waypoints
-        ]
-        return html_table([("s", *"xyz", "qx", "qy", "qz", "qw"), *rows], repr(self)[1:-1])
+        rows: list[Sequence[str]] = [("s", *"xyz", "qx", "qy", "qz", "qw")]
+        for waypoint in self.waypoints:
+            numbers = (*waypoint.pose.position_m, *waypoint.pose.quat_xyzw)
+            rows.append((f"{waypoint.time_ns / 1e9:g}", *map("{:.3f}".format, numbers)))
+        return html_table(rows, repr(self)[1:-1])
 
     @property
     def start_ns(self) -> int:
-        """The first waypoint's time."""
+        """Time of the first waypoint, ns."""
         return self.waypoints[0].time_ns
 
     @property
     def end_ns(self) -> int:
-        """The last waypoint's time."""
+        """Time of the last waypoint, ns."""
         return self.waypoints[-1].time_ns
 
     @classmethod
@@ -94,13 +103,13 @@ class Trajectory:
         waypoints: Iterable[tuple[int, Pose]],
         interpolation: Interpolation = Interpolation.POLYLINE,
     ) -> Trajectory:
-        """Return the trajectory of pairs of nanoseconds and pose."""
+        """Return the trajectory of pairs of a time in nanoseconds and a pose."""
         listed = tuple(Waypoint(time_ns=time_ns, pose=pose) for time_ns, pose in waypoints)
         return cls(waypoints=listed, interpolation=interpolation)
 
     @classmethod
     def standing(cls, pose: Pose) -> Trajectory:
-        """Return the trajectory of whoever stays where they are."""
+        """Return the trajectory of an agent that stays at a pose."""
         return cls.of([(0, pose)])
 
 
@@ -112,49 +121,10 @@ def in_frame(trajectory: Trajectory, target_from_source: Pose) -> Trajectory:
     return replace(trajectory, waypoints=moved)
 
 
-def with_durations(trajectory: Trajectory, durations_ns: Iterable[int]) -> Trajectory:
-    """Return the same waypoints with other durations between them; the first keeps its time.
-
-    Raises:
-        TrajectoryError: A duration is not above zero, or the end lies too late.
-        ValueError: There is another number of durations.
-    """
-    time_ns = trajectory.start_ns
-    moved = [trajectory.waypoints[0]]
-    for waypoint, duration_ns in zip(trajectory.waypoints[1:], durations_ns, strict=True):
-        time_ns += int(duration_ns)
-        moved.append(replace(waypoint, time_ns=time_ns))
-    return replace(trajectory, waypoints=tuple(moved))
-
-
-def stretched(trajectory: Trajectory, factor: float) -> Trajectory:
-    """Return the same path with durations `factor` times as long; the first waypoint keeps its time.
-
-    Raises:
-        TrajectoryError: The factor is not above zero, waypoints fall together, or the end lies too late.
-    """
-    if not 0.0 < factor < float("inf"):
-        raise TrajectoryError("factor", factor, "a finite number above zero")
-    start_ns = trajectory.start_ns
-    times = [start_ns + round((w.time_ns - start_ns) * factor) for w in trajectory.waypoints]
-    return with_durations(trajectory, [after - before for before, after in pairwise(times)])
-
-
-_FLAT_M = 1e-9  #: Horizontal distances up to here say nothing about a heading.
-
-
-class Align(Enum):
-    """What a waypoint's x axis points along."""
-
-    NONE = "none"  #: Its own orientation.
-    PREVIOUS = "previous"  #: The segment that arrives, from the previous waypoint.
-    NEXT = "next"  #: The segment that leaves, to the next waypoint.
-
-
 def heading_quat(start_m: Vec3, end_m: Vec3) -> Quat | None:
-    """Return the orientation x, y, z, w, without roll, whose x axis points from one position to the other.
+    """Return the orientation x, y, z, w without roll whose x axis points from one position to the other.
 
-    None where the two lie above each other or together, as there is no yaw then.
+    None if one position is above the other or both are equal: there is no yaw.
     """
     dx, dy, dz = (b - a for a, b in zip(start_m, end_m, strict=True))
     flat = math.hypot(dx, dy)
@@ -166,9 +136,9 @@ def heading_quat(start_m: Vec3, end_m: Vec3) -> Quat | None:
 
 
 def aligned_quat(positions_m: Sequence[Vec3], index: int, align: Align) -> Quat | None:
-    """Return the orientation x, y, z, w of a waypoint that looks along a neighbouring segment; None: its own.
+    """Return the orientation x, y, z, w of a waypoint that is aligned to a segment; None: its own.
 
-    The first waypoint has only the segment that leaves, the last only the one that arrives; they take that.
+    The first waypoint has only the segment that leaves, and the last only the segment that arrives.
     """
     if align is Align.NONE or len(positions_m) < 2:
         return None
@@ -178,7 +148,7 @@ def aligned_quat(positions_m: Sequence[Vec3], index: int, align: Align) -> Quat 
 
 
 def align_waypoint(trajectory: Trajectory, index: int, align: Align) -> Trajectory:
-    """Return a trajectory with one waypoint turned along a neighbouring segment, as `aligned_quat` has it."""
+    """Return a trajectory with one waypoint aligned, as `aligned_quat` defines it."""
     points = trajectory.waypoints
     quat = aligned_quat([w.pose.position_m for w in points], index, align)
     if quat is None:

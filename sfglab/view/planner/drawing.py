@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.spatial.scene import objects
-from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape
+from sfglab.spatial.scene import model
+from sfglab.spatial.scene.model import Box, Cylinder, Shape
 from sfglab.units import NS_PER_S
 from sfglab.view.planner import looks
 
@@ -63,15 +63,15 @@ class Drawing:
     ) -> list[Any]:
         """Redraw an obstacle, zone or trajectory, a selected one broader and with times; return its nodes."""
         thing = scene.get(id_)
-        if isinstance(thing, objects.ObstacleObject):
+        if isinstance(thing, model.ObstacleObject):
             return [self._body(scene, id_, thing.shape, _OBSTACLE, 1.0)]
-        if isinstance(thing, objects.ZoneObject):
-            forbidden = thing.rule is objects.ZoneRule.FORBIDDEN
+        if isinstance(thing, model.ZoneObject):
+            forbidden = thing.rule is model.ZoneRule.FORBIDDEN
             nodes = [self._edges(scene, id_, thing.shape, _FORBIDDEN if forbidden else _INSIDE)]
             return nodes + (
                 [self._body(scene, id_, thing.shape, _FORBIDDEN, 0.25)] if forbidden else []
             )
-        if isinstance(thing, objects.TrajectoryObject):
+        if isinstance(thing, model.TrajectoryObject):
             nodes = self._trajectory(scene, thing, selected=selected)
             return nodes + (self._times(scene, thing, before) if selected else [])
         return []
@@ -100,7 +100,7 @@ class Drawing:
     def _make_ghosts(self, scene: Scene, ghosts: list[Ghost]) -> None:
         colours = looks.agent_colours(scene)
         for ghost in ghosts:
-            agent: objects.AgentObject = scene.get(ghost.agent)  # type: ignore[assignment]
+            agent: model.AgentObject = scene.get(ghost.agent)  # type: ignore[assignment]
             name = f"/ghosts/{ghost.agent}"
             frame = self._api.add_frame(
                 name,
@@ -165,7 +165,7 @@ class Drawing:
         )
 
     def _trajectory(
-        self, scene: Scene, thing: objects.TrajectoryObject, *, selected: bool
+        self, scene: Scene, thing: model.TrajectoryObject, *, selected: bool
     ) -> list[Any]:
         path = scene.world_trajectory(thing.id)
         if path is None:
@@ -192,16 +192,12 @@ class Drawing:
         return [*nodes, axes]
 
     def _times(
-        self, scene: Scene, thing: objects.TrajectoryObject, before: Mapping[str, Any]
+        self, scene: Scene, thing: model.TrajectoryObject, before: Mapping[str, Any]
     ) -> list[Any]:
         held = scene.held_by(thing.id)[:_MOST_TIMES]
-        return [
-            self._time(scene, scene.of_kind(id_, objects.WaypointObject), before) for id_ in held
-        ]
+        return [self._time(scene, scene.of_kind(id_, model.WaypointObject), before) for id_ in held]
 
-    def _time(
-        self, scene: Scene, waypoint: objects.WaypointObject, before: Mapping[str, Any]
-    ) -> Any:
+    def _time(self, scene: Scene, waypoint: model.WaypointObject, before: Mapping[str, Any]) -> Any:
         """Label a waypoint; the label that is there is moved, for there may be many, and one is dragged."""
         name = f"/objects/{waypoint.parent}/time {waypoint.id}"
         text = f"{waypoint.time_ns / NS_PER_S:g} s"

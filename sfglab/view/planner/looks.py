@@ -8,16 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.spatial.scene.objects import (
+from sfglab.spatial.scene.model import (
     ROOT,
     AgentObject,
+    Box,
+    Cylinder,
     ObstacleObject,
     SceneObject,
+    Shape,
+    Sphere,
     TrajectoryObject,
     WaypointObject,
     ZoneObject,
 )
-from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
 from sfglab.spatial.trajectory.motion import motion_of, sample
 from sfglab.units import NS_PER_S
 

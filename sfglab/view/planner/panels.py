@@ -11,12 +11,11 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.spatial.scene.commands import Retime
 from sfglab.spatial.scene.editor import Change, ChangeKind
-from sfglab.spatial.scene.objects import ROOT, TrajectoryObject, WaypointObject
+from sfglab.spatial.scene.model import ROOT, WaypointObject
 from sfglab.units import NS_PER_S
 from sfglab.view.planner.context import Context, Part
-from sfglab.view.planner.forms import Field, FieldKind, fields_of
+from sfglab.view.planner.fields import Field, FieldKind, fields_of
 from sfglab.view.planner.looks import TreeRow, rows_of, title_of
 
 if TYPE_CHECKING:
@@ -154,11 +153,6 @@ class Inspector(Part):
             self._folder = gui.add_folder((f"{thing.kind}: " if thing else "") + title)
         with self._folder:
             self._widgets = {field.key: self._add(id_, field) for field in fields}
-            if isinstance(thing, TrajectoryObject) and thing.agent is not None:
-                slower = gui.add_button(
-                    "Keep to limits", hint="Slow down until the agent's limits hold."
-                )
-                slower.on_click(self._context.on(lambda _: self._context.editor.do(Retime(id=id_))))
 
     def _add(self, id_: int, field: Field) -> Any:
         widget = self._makers[field.kind](field)
@@ -183,7 +177,7 @@ class Inspector(Part):
             return
         field = next((f for f in fields_of(editor.scene, id_) if f.key == key), None)
         if field is not None and value != field.value:
-            editor.do(field.command(value))
+            field.edit(editor, value)
 
 
 _TICK_S = 0.05

@@ -11,15 +11,15 @@ import numpy as np
 
 from sfglab.spatial.poses import Pose, Vec3
 from sfglab.spatial.scene.editor import Change, ChangeKind, Editor
-from sfglab.spatial.scene.objects import (
+from sfglab.spatial.scene.model import (
     ROOT,
     AgentObject,
+    Box,
     Group,
     SceneError,
     TrajectoryObject,
     WaypointObject,
 )
-from sfglab.spatial.trajectory.clearance import Box
 from sfglab.spatial.trajectory.path import Align, Trajectory
 from sfglab.units import NS_PER_S
 from sfglab.view.planner.context import Context, Part

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.editor import Change, ChangeKind
-from sfglab.spatial.scene.objects import AgentObject, Group, TrajectoryObject, WaypointObject
+from sfglab.spatial.scene.model import AgentObject, Group, TrajectoryObject, WaypointObject
 from sfglab.spatial.trajectory.path import Align
 from sfglab.view.planner.context import Context, Part
 from sfglab.view.planner.drawing import Drawing

@@ -5,9 +5,7 @@ from sfglab.documents import DocumentError
 from sfglab.errors import SfglabError
 from sfglab.fleet.fleet_file import read_fleet
 from sfglab.spatial.scene.files import read_scene
-from sfglab.spatial.trajectory.exchange import COLUMNS, trajectory_from_csv
 
-CSV = f"{','.join(COLUMNS)}\n0.0,1,2,3,0,0,0,1\n".encode()
 FLEET, SCENE = (
     (ROOT / f"data/{name}.yaml").read_bytes()[:1500] for name in ("fleets/lab", "scenes/hall")
 )
@@ -22,10 +20,7 @@ YAML = (
 DOORS = {
     "fleet": Door(text(read_fleet), DocumentError, (FLEET,)),
     "scene": Door(text(read_scene), SfglabError, (SCENE,)),
-    "trajectory": Door(text(trajectory_from_csv), SfglabError, (CSV,)),
 }
 ATTACKS = [
     *(("fleet", f"fleet: {value}\nagents: {value}\n".encode()) for value in YAML),
-    ("trajectory", CSV.replace(b"0.0", b"1e99999999")),
-    ("trajectory", CSV.replace(b"x_m", b"\r_m")),
 ]

@@ -12,7 +12,7 @@ from sfglab.lab.figures import drawn, png_of
 from sfglab.lab.paths import find_project
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
-from sfglab.spatial.scene.objects import AgentObject
+from sfglab.spatial.scene.model import AgentObject
 from sfglab.view.planner.server import show_planner
 from sfglab.view.widgets import widgets
 

@@ -19,11 +19,10 @@ from sfglab.lab.experiments.planning.facts import FACTS
 from sfglab.lab.paths import find_project
 from sfglab.messages import ns_from_stamp
 from sfglab.spatial import Pose
-from sfglab.spatial.execution.agent import Dynamics
 from sfglab.spatial.execution.client import Execution, scene_orders
 from sfglab.spatial.execution.server import AgentSetup, TrajectoryServer
 from sfglab.spatial.scene.files import load_scene, scene_text
-from sfglab.spatial.scene.objects import AgentObject
+from sfglab.spatial.scene.model import AgentObject
 from sfglab.spatial.trajectory.exchange import path_from_trajectory
 from sfglab.spatial.trajectory.motion import pose_at, resampled
 from sfglab.units import NS_PER_S
@@ -146,11 +145,7 @@ async def drive_scene(bench: Bench[Config], node: Callable[[str], Any], scene: S
     async with AsyncExitStack() as stack:
         for agent in scene.all_of(AgentObject):
             home = await stack.enter_async_context(node(agent.name))
-            setup = AgentSetup(
-                pose=scene.world_pose(agent.id),
-                frame_id=scene.frame_id,
-                dynamics=Dynamics(limits=agent.limits),
-            )
+            setup = AgentSetup.of_scene(scene, agent)
             await stack.enter_async_context(TrajectoryServer(home, agent.name, setup=setup))
         viewer = await stack.enter_async_context(node("viewer"))
         planner = await stack.enter_async_context(node("planner"))

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.spatial import Pose
-from sfglab.spatial.scene import commands
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene, save_scene, scene_text
-from sfglab.spatial.scene.objects import (
+from sfglab.spatial.scene.model import (
     Group,
     SceneError,
     SceneObject,
@@ -163,21 +162,21 @@ def _edit(editor: Editor, rng: np.random.Generator) -> None:
         case 0:
             editor.add("agent", str(rng.choice(_NAMES)), pose=random_pose(rng))
         case 1:
-            editor.do(commands.SetPose(id=anything, pose=random_pose(rng)))
+            editor.set_pose(anything, random_pose(rng))
         case 2:
-            editor.do(commands.Rename(id=anything, name=str(rng.choice(_NAMES))))
+            editor.rename(anything, str(rng.choice(_NAMES)))
         case 3:
             group = _any(editor, rng, Group)
             kept = bool(rng.random() < 0.5)
-            editor.do(commands.Move(id=anything, parent=group, keep_place=kept))
+            editor.move(anything, group, keep_place=kept)
         case 4:
-            time_ns = int(rng.integers(20 * NS_PER_S))
-            editor.do(commands.SetTime(id=_any(editor, rng, WaypointObject), time_ns=time_ns))
+            waypoint = _any(editor, rng, WaypointObject)
+            editor.set_waypoint_time(waypoint, int(rng.integers(20 * NS_PER_S)))
         case 5:
-            editor.do(commands.AlignWaypoints(id=path, align=list(Align)[rng.integers(3)]))
+            editor.align(path, list(Align)[rng.integers(3)])
         case 6:
             kind = list(Interpolation)[rng.integers(2)]
-            editor.do(commands.SetProperty(id=path, key="interpolation", value=kind))
+            editor.set_property(path, "interpolation", kind)
         case _:
             editor.remove(anything)
 

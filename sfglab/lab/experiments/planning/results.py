@@ -19,8 +19,14 @@ from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.spatial import Pose
 from sfglab.spatial.scene.files import read_scene
-from sfglab.spatial.scene.objects import AgentObject, ObstacleObject, ZoneObject, ZoneRule
-from sfglab.spatial.trajectory.clearance import Box, Shape
+from sfglab.spatial.scene.model import (
+    AgentObject,
+    Box,
+    ObstacleObject,
+    Shape,
+    ZoneObject,
+    ZoneRule,
+)
 from sfglab.spatial.trajectory.motion import Samples, sample
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 from sfglab.units import NS_PER_S
@@ -134,7 +140,9 @@ def draw_scene(figure: Figure, run: Run[Config]) -> None:
 
 def draw_from_above(axes: Axes, scene: Scene) -> None:
     """Draw a scene's zones and obstacles, and its agents' trajectories with their waypoints."""
-    for thing in (*scene.all_of(ZoneObject), *scene.all_of(ObstacleObject)):
+    bodies: list[ZoneObject | ObstacleObject] = [*scene.all_of(ZoneObject)]
+    bodies += scene.all_of(ObstacleObject)
+    for thing in bodies:
         _draw_body(axes, thing, scene.world_pose(thing.id))
     labels = ("planned", "waypoint")
     for agent in scene.all_of(AgentObject):

@@ -1,0 +1,291 @@
+"""Objects of a scene (paper A, section 4.5): groups, agents, obstacles, zones, trajectories and waypoints.
+
+Each is a value with an id that no other object ever gets, a name, a parent, and a pose in its parent. Types
+and bounds of the fields are declared here once: pydantic checks files and edits with them, and the
+inspector derives its fields.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import MISSING, dataclass, field, fields
+from enum import Enum
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfglab.documents import OR_NULL, ReadAs
+from sfglab.errors import InvalidValueError, KeyPath, key_text
+from sfglab.fields import Bounds, bounds, to_json
+from sfglab.schema import Source
+from sfglab.spatial.poses import Pose, PoseError
+from sfglab.spatial.trajectory.path import LATEST_NS, Align, Interpolation
+from sfglab.validation import read_from
+
+Floats = NDArray[np.float64]
+T = TypeVar("T")
+
+ROOT = 0  #: Parent of the objects at the top; no object has this id.
+_LONGEST = 100
+_FARTHEST_M = 1e6
+
+
+class SceneError(InvalidValueError):
+    """A scene, an edit or a file that is not allowed; nothing changed."""
+
+
+class Printable:
+    """Restricts a text to 1 to 100 printable characters."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core.core_schema import no_info_after_validator_function
+
+        return no_info_after_validator_function(self._checked, handler(source))
+
+    def _checked(self, text: str) -> str:
+        if len(text) > _LONGEST or not text.isprintable():
+            raise InvalidValueError((), text, f"1 to {_LONGEST} printable characters")
+        return text
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
+        return {**handler(core), "maxLength": _LONGEST}
+
+
+Text = Annotated[str, Printable()]
+Length = Annotated[float, Bounds(0, without=(0,))]
+Coordinate = Annotated[float, Bounds(-_FARTHEST_M, _FARTHEST_M)]
+
+
+# --- Shapes -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """A box, centred at its pose."""
+
+    kind: Literal["box"] = "box"  #: Kind of the shape.
+    size_m: tuple[Length, Length, Length]  #: Lengths along x, y and z, m.
+
+    @property
+    def reach_m(self) -> float:
+        """Distance of the farthest point from the centre, m."""
+        return math.hypot(*self.size_m) / 2.0
+
+    def distances_m(self, points_m: Floats) -> Floats:
+        """Return the distances of points, shape (n, 3), to the surface; negative inside."""
+        return _distances(np.abs(points_m) - np.array(self.size_m) / 2.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sphere:
+    """A sphere, centred at its pose."""
+
+    kind: Literal["sphere"] = "sphere"  #: Kind of the shape.
+    radius_m: Length  #: Radius, m.
+
+    @property
+    def reach_m(self) -> float:
+        """Distance of the farthest point from the centre, m."""
+        return self.radius_m
+
+    def distances_m(self, points_m: Floats) -> Floats:
+        """Return the distances of points, shape (n, 3), to the surface; negative inside."""
+        return np.asarray(np.linalg.norm(points_m, axis=1) - self.radius_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cylinder:
+    """A cylinder along the z axis of its pose, centred there."""
+
+    kind: Literal["cylinder"] = "cylinder"  #: Kind of the shape.
+    radius_m: Length  #: Radius, m.
+    height_m: Length  #: Height, m; half of it is below the centre.
+
+    @property
+    def reach_m(self) -> float:
+        """Distance of the farthest point from the centre, m."""
+        return math.hypot(self.radius_m, self.height_m / 2.0)
+
+    def distances_m(self, points_m: Floats) -> Floats:
+        """Return the distances of points, shape (n, 3), to the surface; negative inside."""
+        beside = np.hypot(points_m[:, 0], points_m[:, 1]) - self.radius_m
+        above = np.abs(points_m[:, 2]) - self.height_m / 2.0
+        return _distances(np.stack([beside, above], axis=1))
+
+
+Shape = Box | Sphere | Cylinder
+SHAPES = ("box", "sphere", "cylinder")
+_SPHERE = Sphere(radius_m=0.5)
+
+
+def _distances(beyond: Floats) -> Floats:
+    """Return the distances to a product of intervals, given how far a point is beyond each interval."""
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    return np.asarray(outside + np.minimum(beyond.max(axis=1), 0.0))
+
+
+class ByKind:
+    """Chooses one of several dataclasses by their field ``kind``."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic import Field
+
+        return handler.generate_schema(Annotated[source, Field(discriminator="kind")])
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
+        shape = handler(core)
+        for option in shape["oneOf"]:
+            needed = handler.resolve_ref_schema(option)["required"]
+            if "kind" not in needed:
+                needed.append("kind")
+        return shape
+
+
+# --- Objects ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseKeys:
+    """A pose in the parent."""
+
+    xyz_m: tuple[Coordinate, Coordinate, Coordinate]  #: Position along x, y and z, m.
+    #: Orientation, of length 1.
+    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    @property
+    def pose(self) -> Pose:
+        """The pose; an `InvalidValueError` if the quaternion has no direction."""
+        try:
+            return Pose.at(self.xyz_m, self.quat_xyzw)
+        except PoseError as error:  # the numbers are finite
+            allowed = "a quaternion of length 1"
+            raise InvalidValueError(("quat_xyzw",), list(self.quat_xyzw), allowed) from error
+
+
+class ZoneRule(Enum):
+    """Rule of a zone."""
+
+    FORBIDDEN = "forbidden"  #: No agent may touch it.
+    INSIDE = "inside"  #: Each waypoint must be in a zone of this rule.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneObject:
+    """An object of a scene."""
+
+    kind: str = ""  #: Kind of the object.
+    id: int = field(metadata=bounds(1))  #: Number that no other object ever gets.
+    name: Text  #: Name for people; several objects may share one.
+    parent: int = field(default=ROOT, metadata=bounds(ROOT))  #: Id of its holder; 0: none.
+    #: Pose in its parent; by default that of the parent.
+    pose: Annotated[Pose, ReadAs(PoseKeys, lambda keys: keys.pose)] = field(default_factory=Pose)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group(SceneObject):
+    """Holds other objects and moves them together."""
+
+    kind: Literal["group"] = "group"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AgentObject(SceneObject):
+    """A robot. Its pose counts as long as no trajectory moves it."""
+
+    kind: Literal["agent"] = "agent"
+    radius_m: Length = 0.3  #: Radius of the sphere around its origin, m.
+    speed_m_s: Annotated[Length | None, OR_NULL] = None  #: Highest speed, m/s; None: no limit.
+    #: Highest acceleration, m/s²; None: no limit.
+    acceleration_m_s2: Annotated[Length | None, OR_NULL] = None
+    #: Highest yaw rate, rad/s; None: no limit.
+    yaw_rate_rad_s: Annotated[Length | None, OR_NULL] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObstacleObject(SceneObject):
+    """A fixed body that no agent may touch."""
+
+    kind: Literal["obstacle"] = "obstacle"
+    shape: Annotated[Shape, ByKind()] = _SPHERE  #: Body, centred at the pose.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ZoneObject(SceneObject):
+    """A part of space with a rule."""
+
+    kind: Literal["zone"] = "zone"
+    shape: Annotated[Shape, ByKind()] = _SPHERE  #: Part, centred at the pose.
+    rule: ZoneRule = ZoneRule.FORBIDDEN  #: Rule for agents or waypoints.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrajectoryObject(SceneObject):
+    """Holds waypoints, in order of time."""
+
+    kind: Literal["trajectory"] = "trajectory"
+    #: Id of the agent that follows it; an agent follows one trajectory at most.
+    agent: Annotated[int | None, OR_NULL] = None
+    interpolation: Interpolation = Interpolation.POLYLINE  #: Way from one waypoint to the next.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WaypointObject(SceneObject):
+    """A pose of a trajectory at a time. It may have no name."""
+
+    kind: Literal["waypoint"] = "waypoint"
+    name: Text = ""
+    #: Time since the scene's time 0, ns, which no other waypoint of the trajectory has.
+    time_ns: int = field(default=0, metadata=bounds(0, LATEST_NS))
+    #: Direction of its x axis; unless `Align.NONE`, the orientation is derived.
+    align: Align = Align.NONE
+
+
+KINDS: dict[str, type[SceneObject]] = {
+    "group": Group,
+    "agent": AgentObject,
+    "obstacle": ObstacleObject,
+    "zone": ZoneObject,
+    "trajectory": TrajectoryObject,
+    "waypoint": WaypointObject,
+}
+"""Classes of objects by kind."""
+COMMON = tuple(f.name for f in fields(SceneObject))  #: Names of the fields that all objects have.
+
+
+def place_of(thing: SceneObject) -> str:
+    """Return the name of an object in messages: kind, id and name."""
+    return f"{thing.kind} {thing.id}" + (f" ({thing.name})" if thing.name else "")
+
+
+def plain(value: Any) -> Any:
+    """Return a value of a field as it is in a file."""
+    if isinstance(value, Pose):
+        return {"xyz_m": list(value.position_m), "quat_xyzw": list(value.quat_xyzw)}
+    return to_json(value)
+
+
+def settings_of(thing: Any) -> dict[str, Any]:
+    """Return the fields of an object that differ from their defaults, as they are in a file."""
+    found = {}
+    for one in fields(thing):
+        value = getattr(thing, one.name)
+        default = one.default
+        if one.default_factory is not MISSING:
+            default = one.default_factory()
+        if value != default:
+            found[one.name] = plain(value)
+    return found
+
+
+def checked(thing: T, place: str) -> T:
+    """Return an object with the types of its class, or raise a `SceneError` that begins with the place.
+
+    Its fields may be typed, or plain as in a file.
+    """
+
+    def refuse(path: KeyPath, given: object, allowed: str) -> SceneError:
+        return SceneError(f"{place}, {key_text(path)}", given, allowed)
+
+    made: T = read_from(Source.FILE, type(thing), settings_of(thing), refuse)
+    return made
