@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _Job = tuple["Hashable", "Callable[[], object]"]
+#: Time when a job is due, the job, and whether the next user's action does it first.
+_Held = tuple[float, "Callable[[], object]", bool]
 
 
 class JobQueue:
@@ -38,7 +40,7 @@ class JobQueue:
         self._refused = refused
         self._wake = threading.Condition()
         self._jobs: deque[_Job] = deque()
-        self._later: dict[Hashable, tuple[float, Callable[[], object]]] = {}
+        self._later: dict[Hashable, _Held] = {}
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="planner-jobs", daemon=True)
         self._thread.start()
@@ -60,11 +62,20 @@ class JobQueue:
             self._jobs.append((key, job))
             self._wake.notify()
 
-    def later(self, key: Hashable, job: Callable[[], object], *, delay_s: float) -> None:
-        """Leave a job that waits until nobody has left one of its key for a while: somebody may be typing."""
+    def later(
+        self, key: Hashable, job: Callable[[], object], *, delay_s: float, settles: bool = True
+    ) -> None:
+        """Leave a job that waits until none of its key was left for a while, as while a user types.
+
+        Args:
+            key: Key of the job, which replaces a waiting one of its key.
+            job: The job.
+            delay_s: Time without a job of this key, s.
+            settles: Whether `submit` with `settle`, `call` and `close` do it first.
+        """
         with self._wake:
             if not self._closed:
-                self._later[key] = (time.monotonic() + delay_s, job)
+                self._later[key] = (time.monotonic() + delay_s, job, settles)
                 self._wake.notify()
 
     def waits(self, key: Hashable) -> bool:
@@ -99,8 +110,10 @@ class JobQueue:
         self._thread.join()
 
     def _settle(self) -> None:
-        self._jobs.extend((None, job) for _, job in self._later.values())
-        self._later.clear()
+        for key, (_, job, settles) in list(self._later.items()):
+            if settles:
+                self._jobs.append((None, job))
+                del self._later[key]
 
     def _work(self) -> None:
         while (job := self._next()) is not None:
@@ -118,10 +131,10 @@ class JobQueue:
                 if self._closed:
                     return None
                 now_s = time.monotonic()
-                for key in [key for key, (due_s, _) in self._later.items() if due_s <= now_s]:
+                for key in [key for key, held in self._later.items() if held[0] <= now_s]:
                     self._jobs.append((None, self._later.pop(key)[1]))
                 if not self._jobs:
-                    due_s = min((due_s for due_s, _ in self._later.values()), default=None)
+                    due_s = min((held[0] for held in self._later.values()), default=None)
                     self._wake.wait(None if due_s is None else due_s - now_s)
             return self._jobs.popleft()[1]
 

@@ -43,7 +43,6 @@ class Drawing:
         self._clicked = clicked
         self._conflicts: list[Any] = []
         self._ghosts: dict[int, tuple[Any, Any]] = {}
-        self.by_speed = False  #: Trajectories are coloured by speed, not by agent.
 
     def floor(self, size_m: float) -> None:
         """Draw a grid at height zero."""
@@ -172,11 +171,10 @@ class Drawing:
             return []
         name = f"/objects/{thing.id}"
         colour = looks.NOBODY if thing.agent is None else looks.agent_colours(scene)[thing.agent]
-        top_m_s = looks.top_speed_m_s(scene) if self.by_speed else None
-        points, colours = looks.line_of(path, colour=colour, top_m_s=top_m_s)
+        points = looks.line_of(path)
         width = 2.0 * _LINE_PX if selected else _LINE_PX
         nodes = (
-            [self._lines(f"{name}/line", points, looks.linear(colours), width)]
+            [self._lines(f"{name}/line", points, looks.linear(colour), width)]
             if len(points)
             else []
         )

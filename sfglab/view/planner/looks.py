@@ -21,7 +21,7 @@ from sfglab.spatial.scene.model import (
     WaypointObject,
     ZoneObject,
 )
-from sfglab.spatial.trajectory.motion import motion_of, sample
+from sfglab.spatial.trajectory.motion import motion_of
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -48,8 +48,6 @@ _AGENTS: tuple[Colour, ...] = (
     (150, 60, 60),
 )
 """Told apart also by people who do not see all colours, after Okabe and Ito."""
-# Dark to bright with rising speed; lightness alone tells slow from fast.
-_RAMP = np.array([(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 200, 37)], float)
 _PER_SEGMENT = 24
 _MOST_SAMPLES = 4000
 _ROUND = 24
@@ -67,44 +65,23 @@ def wxyz(pose: Pose) -> Quat:
     return (w, x, y, z)
 
 
-def ramp(shares: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Return colours, shape (n, 3), of shares from 0 to 1; what is beyond has the colour of the end."""
-    stops = np.linspace(0.0, 1.0, len(_RAMP))
-    parts = [np.interp(shares, stops, _RAMP[:, channel]) for channel in range(3)]
-    return np.stack(parts, axis=-1).astype(np.uint8)
-
-
-def linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return sRGB colours as the linear ones that viser takes at the ends of lines, which else look pale."""
-    shares = np.asarray(colours, float) / 255.0
+def linear(colour: Colour) -> NDArray[np.uint8]:
+    """Return an sRGB colour as the linear one that viser takes for lines, which otherwise look pale."""
+    shares = np.asarray(colour, float) / 255.0
     bent = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
     return np.asarray(np.round(255.0 * bent), np.uint8)
 
 
-def top_speed_m_s(scene: Scene) -> float:
-    """Return what the bright end of the ramp means: the highest speed that any agent may or does have."""
-    given = [agent.speed_m_s for agent in scene.all_of(AgentObject) if agent.speed_m_s is not None]
-    return max(given, default=1.0)
-
-
-def line_of(
-    trajectory: Trajectory, *, colour: Colour, top_m_s: float | None = None
-) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Return a trajectory's segments and their ends' colours, (n, 2, 3) each, by speed up to `top_m_s`."""
+def line_of(trajectory: Trajectory) -> NDArray[np.float32]:
+    """Return a trajectory as line segments, shape (n, 2, 3)."""
     knots = motion_of(trajectory).times_s
     if len(knots) < 2:
-        return np.zeros((0, 2, 3), np.float32), np.zeros((0, 2, 3), np.uint8)
+        return np.zeros((0, 2, 3), np.float32)
     each = max(1, min(_PER_SEGMENT, _MOST_SAMPLES // (len(knots) - 1)))
-    times = np.interp(np.arange((len(knots) - 1) * each + 1) / each, np.arange(len(knots)), knots)
-    found = sample(trajectory, times)
-    if top_m_s is None:
-        colours = np.broadcast_to(np.array(colour, np.uint8), (len(times), 3))
-    else:
-        colours = ramp(np.asarray(found.speeds_m_s) / top_m_s)
-    points = np.asarray(found.positions_m, np.float32)
-    return np.stack([points[:-1], points[1:]], axis=1), np.stack(
-        [colours[:-1], colours[1:]], axis=1
-    )
+    places = np.arange((len(knots) - 1) * each + 1) / each
+    times = np.interp(places, np.arange(len(knots)), knots)
+    points = motion_of(trajectory).positions(times).astype(np.float32)
+    return np.stack([points[:-1], points[1:]], axis=1)
 
 
 def outline_of(shape: Shape) -> NDArray[np.float32]:

@@ -1,11 +1,10 @@
 """The editor in the browser: starts viser, puts the panels around the viewport, and carries changes to them.
 
-All browsers that open its address see and edit the same scene. Conflicts are found in a thread of their own
-once nobody has changed the scene for a moment: a crowded scene takes seconds; a drag must not. Scenes are
-values, so nothing is locked while one is checked. Knows no edit; see `panels`.
+All browsers that open its address see and edit the same scene. Conflicts are looked for once the scene has not
+changed for a moment, so that a drag does not wait. `panels` has the edits.
 
-Who does not know the server's token, or comes from another page, is refused: viser checks neither, and any page
-in a browser may open a WebSocket to loopback.
+Requests without the server's token, or from another page, are refused: viser checks neither, and any page in a
+browser may open a WebSocket to loopback.
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
 from sfglab.errors import SfglabError
-from sfglab.spatial.scene.conflicts import Conflict, conflicts
 from sfglab.spatial.scene.editor import Change, Editor
 from sfglab.view.planner.context import Context, JobQueue, Part, quiet, viser
 from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Warnings
@@ -34,7 +32,6 @@ from sfglab.view.widgets import LOOPBACK, address_of_port
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
 
-    from sfglab.spatial.scene.tree import Scene
 
 DEFAULT_PORT = 8092
 _LOCAL_NAMES = frozenset({LOOPBACK, "localhost"})
@@ -42,65 +39,9 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _LEFT_PX, _RIGHT_PX, _TIME_PX = 270, 330, 560
 _SAID_S = 10.0
+_QUIET_S = 0.25
 #: Period at which `Planner.wait` looks for Ctrl-C, s.
 _NOTICE_S = 1.0
-
-
-class ConflictWatch:
-    """Checks the newest scene once quiet for `quiet_s`; tells `found` or `failed` on its own thread."""
-
-    def __init__(
-        self,
-        found: Callable[[Scene, tuple[Conflict, ...]], None],
-        failed: Callable[[Exception], None],
-        *,
-        quiet_s: float = 0.25,
-        check: Callable[[Scene], tuple[Conflict, ...]] = conflicts,
-    ) -> None:
-        self._found = found
-        self._failed = failed
-        self._quiet_s = quiet_s
-        self._check = check
-        self._wake = threading.Condition()
-        self._newest: Scene | None = None
-        self._closed = False
-        self._thread = threading.Thread(target=self._work, name="planner-conflicts", daemon=True)
-        self._thread.start()
-
-    def look(self, scene: Scene) -> None:
-        """Have a scene checked."""
-        with self._wake:
-            self._newest = scene
-            self._wake.notify()
-
-    def close(self) -> None:
-        """End; a check that goes on is let run out, and nobody hears of it."""
-        with self._wake:
-            self._closed = True
-            self._wake.notify()
-        self._thread.join(timeout=self._quiet_s)
-
-    def _work(self) -> None:
-        while (scene := self._next()) is not None:
-            try:
-                found = self._check(scene)
-            except Exception as error:  # noqa: BLE001 - one scene that cannot be checked must not end the watch
-                if not self._closed:
-                    self._failed(error)
-                continue
-            if not self._closed:
-                self._found(scene, found)
-
-    def _next(self) -> Scene | None:
-        """Return the newest scene once it has been the newest for a while; None at the end."""
-        with self._wake:
-            while not self._closed:
-                scene = self._newest
-                self._wake.wait(None if scene is None else self._quiet_s)
-                if scene is not None and scene is self._newest and not self._closed:
-                    self._newest = None
-                    return scene
-            return None
 
 
 class Planner(AbstractContextManager["Planner"]):
@@ -133,15 +74,10 @@ class Planner(AbstractContextManager["Planner"]):
         self._closed = threading.Event()
         self._parts: list[Part] = []
         self._jobs = JobQueue(self._refused)
-        self._watch = ConflictWatch(
-            lambda scene, found: self._jobs.submit(lambda: self._found(scene, found), settle=False),
-            lambda error: self._jobs.submit(lambda: self._unchecked(error), settle=False),
-        )
         self._context = Context(viser=library, server=self._server, editor=editor, jobs=self._jobs)
         try:
             self._jobs.call(self._furnish)
         except BaseException:
-            self._watch.close()
             self._jobs.close()
             self._stop()
             raise
@@ -172,7 +108,6 @@ class Planner(AbstractContextManager["Planner"]):
         if self._closed.is_set():
             return
         self._closed.set()
-        self._watch.close()
         self._timeline.close()
         self._jobs.close()
         self._end_listening()
@@ -210,7 +145,7 @@ class Planner(AbstractContextManager["Planner"]):
         upper = [self._viewport, self._toolbar, self._inspector]
         self._parts = [*upper, self._hierarchy, self._timeline, self._warnings]
         self._end_listening = context.editor.listen(self._changed)
-        self._watch.look(context.editor.scene)
+        self._check_later()
 
     def _changed(self, change: Change) -> None:
         for part in self._parts:
@@ -219,16 +154,20 @@ class Planner(AbstractContextManager["Planner"]):
             except Exception:  # noqa: BLE001 - a part that fails must not stop the others, nor the editor
                 _log.exception("the scene editor failed to show a change")
         if change.added or change.removed or change.changed:
-            self._watch.look(self._context.editor.scene)
+            self._check_later()
 
-    def _found(self, scene: Scene, conflicts: tuple[Conflict, ...]) -> None:
-        if scene is self._context.editor.scene:
-            self._warnings.found(conflicts)
-            self._viewport.found(conflicts)
+    def _check_later(self) -> None:
+        """Look for conflicts once the scene has not changed for a moment: a drag goes on meanwhile."""
+        self._jobs.later("conflicts", self._check, delay_s=_QUIET_S, settles=False)
 
-    def _unchecked(self, error: Exception) -> None:
-        self._warnings.failed()
-        self._refused(error)
+    def _check(self) -> None:
+        try:
+            found = self._context.editor.conflicts()
+        except Exception:
+            self._warnings.failed()
+            raise
+        self._warnings.found(found)
+        self._viewport.found(found)
 
     def _refused(self, error: Exception) -> None:
         """Say why something was not done, and show again what the scene has."""

@@ -133,9 +133,6 @@ class Viewport(Part):
         self._open: int | None = None
         self._agents: frozenset[int] = frozenset()
         self._drawing.floor(_FLOOR_M)
-        with container:
-            colours = context.server.gui.add_dropdown("paths by", ("agent", "speed"))
-        colours.on_update(context.on(self._colour, read=lambda event: event.target.value))
         context.server.on_client_disconnect(lambda _: context.jobs.submit(self._gizmo.drop))
         self._look()
         self._draw_all()
@@ -207,10 +204,6 @@ class Viewport(Part):
     def _look(self) -> None:
         camera = self._context.server.initial_camera
         camera.position, camera.look_at = camera_for(self._context.editor.scene)
-
-    def _colour(self, by: str) -> None:
-        self._drawing.by_speed = by == "speed"
-        self._draw([t.id for t in self._context.editor.scene.all_of(TrajectoryObject)])
 
     def _clicked(self, of: Callable[[Any], int]) -> Any:
         def select(index: Any) -> None:
