@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -40,16 +41,21 @@ def plan(
     new: Annotated[
         bool, Option("--new", help="Begin an empty scene; the first save creates the file.")
     ] = False,
+    domain: Domain = None,
+    interface: Interface = None,
 ) -> None:
     """Edit the trajectories of several robots in a 3D scene, in the browser (paper A, section 4.5).
 
-    Every browser that opens the address edits the same scene. Ctrl-C ends without saving.
+    All browsers that open the address edit the same scene. The inspector of a trajectory sends it to
+    an action server and cancels it. Ctrl-C ends without saving, and cancels trajectories on their way.
 
     Examples:
       sfglab plan data/scenes/hall.yaml
       sfglab plan warehouse.yaml --new
       sfglab plan data/scenes/course.yaml --port 0 --no-browser
+      sfglab plan data/scenes/hall.yaml --domain 7 --interface lo
     """
+    from sfglab.bus import Node
     from sfglab.spatial.scene.editor import Editor
     from sfglab.view.planner.server import Planner
 
@@ -60,7 +66,8 @@ def plan(
     if not scene.parent.is_dir():
         raise InvalidValueError("scene", str(scene), "a file in an existing folder")
     editor = Editor.open(scene)
-    with Planner(editor, port=port) as planner:
+    node = partial(Node, "planner", domain_id=domain, interface=interface)
+    with Planner(editor, port=port, node=node) as planner:
         try:
             typer.echo(f"{scene.name}: {planner.url}  (Ctrl-C ends)")
             if not no_browser:

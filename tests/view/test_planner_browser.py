@@ -1,15 +1,21 @@
 """The scene editor as people have it: in a real browser, with a mouse, until the file on disk."""
 
+import os
 from contextlib import closing
+from functools import partial
 
 import pytest
 from machine import open_browser
 from pixels import CAMERA, pixel
-from seen import edited
+from seen import at_work, edited
 
+from sfglab.bus import Node
 from sfglab.lab.browser import Browser
+from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
+from sfglab.spatial.trajectory.path import Trajectory
+from sfglab.view.planner.server import Planner
 
 pytestmark = [pytest.mark.live, pytest.mark.browser]
 
@@ -25,8 +31,6 @@ def browser():
 
 @pytest.fixture
 def planner(tmp_path):
-    from sfglab.view.planner.server import Planner
-
     with Planner(Editor.open(tmp_path / "new.yaml"), port=0) as made:
         yield made
 
@@ -85,3 +89,23 @@ def test_a_second_browser_sees_what_the_first_one_does(planner, browser):
         other.find("obstacle 1 #1")
         browser.press("agent")
         other.find("agent 1 #2")
+
+
+def test_a_trajectory_is_sent_to_an_action_server_and_cancelled_with_the_mouse(
+    tmp_path, browser, domain_id
+):
+    editor = Editor.open(tmp_path / "new.yaml")
+    dog = editor.add("agent", "dog")
+    path = Trajectory.of([(0, Pose()), (60 * 10**9, Pose.at((3.0, 0.0, 0.0)))])
+    editor.select(editor.add_trajectory(path, "walk", agent=dog))
+    node = partial(Node, "planner", domain_id=domain_id, interface="lo")
+    more = {"env": os.environ | {"PYTHONUNBUFFERED": "1"}}
+    place = ("--domain", domain_id, "--interface", "lo")
+    served = at_work("follow", "serve", "--agent", "dog", *place, **more)
+    with served as agent, Planner(editor, port=0, node=node) as planner:
+        assert "moves it" in agent.stdout.readline()
+        browser.open(planner.url)
+        browser.press("Send")
+        browser.wait_for("document.body.innerText.includes('m from the plan')", 60.0)
+        browser.press("Cancel")
+        browser.wait_for("document.body.innerText.includes('canceled: ')", 60.0)

@@ -7,15 +7,20 @@ import socket
 import subprocess
 import sys
 import threading
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
 from seen import at_work, edited
+from waiting import wait_until
 
+from sfglab.bus import Node
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene, scene_text
+from sfglab.spatial.trajectory.path import Trajectory
+from sfglab.view.planner.sending import Sending
 from sfglab.view.planner.server import Planner, show_planner
 
 pytest.importorskip("viser", reason="the scene editor needs the extra 'view'")
@@ -202,6 +207,65 @@ def test_the_toolbar_removes_a_waypoint_back_to_its_trajectory_and_selects_a_cop
     assert copy != made
     tool("remove")
     assert planner.call(lambda e: (e.selection, copy in e.scene.objects)) == ((), False)
+
+
+@pytest.fixture
+def sending(domain_id):
+    """A planner in a domain with an agent's server, the id of the agent's trajectory, and the form to send it."""
+    place = ("--domain", domain_id, "--interface", "lo")
+    more = {"env": os.environ | {"PYTHONUNBUFFERED": "1"}}
+    served = at_work("follow", "serve", "--agent", "dog", "--action", "/walk", *place, **more)
+    editor = Editor()
+    made = editor.add("agent", "dog")
+    path = Trajectory.of([(0, Pose()), (60 * 10**9, Pose.at((3.0, 0.0, 0.0)))])
+    id_ = editor.add_trajectory(path, "walk", agent=made)
+    editor.select(id_)
+    node = partial(Node, "planner", domain_id=domain_id, interface="lo")
+    with served as agent, Planner(editor, port=0, node=node) as planner:
+        assert "/walk moves it" in agent.stdout.readline()
+        form = planner._inspector._send_form
+        assert form._action.value == "/global/dog/execute_trajectory"
+        form._action.value = "/walk"
+        yield planner, id_, form
+
+
+def state_of(planner, id_):
+    return planner._sender.states.get(id_, Sending())
+
+
+def test_a_trajectory_is_sent_shows_feedback_and_is_cancelled(sending):
+    planner, id_, form = sending
+    assert (form._send.disabled, form._cancel.disabled) == (False, True)
+    clicked(form._send)
+    wait_until(lambda: "m from the plan" in form._text.content and form._bar.value > 0.0)
+    assert (form._send.disabled, form._cancel.disabled) == (True, False)
+    clicked(form._cancel)
+    wait_until(lambda: form._text.content.startswith("canceled"))
+    assert (form._send.disabled, form._cancel.disabled) == (False, True)
+    assert not state_of(planner, id_).running
+
+
+def test_an_editor_that_is_closed_cancels_its_goals(sending):
+    planner, id_, form = sending
+    clicked(form._send)
+    wait_until(lambda: state_of(planner, id_).share > 0.0)
+    planner.close()
+    assert state_of(planner, id_).text.startswith("canceled")
+
+
+def test_no_server_and_no_agent_are_reported(planner):
+    planner.call(lambda e: e.select(e.add_trajectory(Trajectory.standing(Pose()), "walk")))
+    id_ = planner.call(lambda e: e.selection[0])
+    clicked(planner._inspector._send_form._send)
+    planner.call(lambda _: None)
+    assert state_of(planner, id_) == Sending()
+    planner.call(lambda e: e.set_property(id_, "agent", 1))
+    assert planner._inspector._send_form._action.value == "/global/dog/execute_trajectory"
+    planner._inspector._send_form._action.value = "no name"
+    clicked(planner._inspector._send_form._send)
+    wait_until(
+        lambda: "no name" in state_of(planner, id_).text and not state_of(planner, id_).running
+    )
 
 
 def test_playing_moves_the_time_and_ends_with_the_planner(planner):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Hashable, Iterator
 
     from sfglab.spatial.scene.editor import Change, Editor
+    from sfglab.view.planner.sending import Sender
 
 
 _log = logging.getLogger(__name__)
@@ -159,6 +160,7 @@ class Context:
     server: Any  #: Its server; what is added to it, every browser shows.
     editor: Editor  #: The scene in work; touched on the jobs's thread only.
     jobs: JobQueue  #: The thread.
+    sender: Sender  #: Sender of trajectories to action servers.
 
     def on(
         self,

@@ -12,11 +12,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.scene.editor import Change, ChangeKind
-from sfglab.spatial.scene.model import ROOT, WaypointObject
+from sfglab.spatial.scene.model import ROOT, TrajectoryObject, WaypointObject
 from sfglab.units import NS_PER_S
 from sfglab.view.planner.context import Context, Part
 from sfglab.view.planner.fields import Field, FieldKind, fields_of
 from sfglab.view.planner.looks import TreeRow, rows_of, title_of
+from sfglab.view.planner.sending import SendForm, usual_action
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -116,6 +117,7 @@ class Inspector(Part):
         self._folder: Any = None
         self._widgets: dict[str, Any] = {}
         self._fields: dict[str, Field] = {}
+        self._send_form: SendForm | None = None
         self.refresh()
 
     def show(self, change: Change) -> None:
@@ -130,6 +132,8 @@ class Inspector(Part):
         fields = fields_of(editor.scene, id_)
         title = title_of(editor.scene.get(id_)) if id_ else "scene"
         form = (id_, title, *((f.key, f.kind, f.choices) for f in fields))
+        if isinstance(editor.scene.objects.get(id_), TrajectoryObject):
+            form += (usual_action(editor.scene, id_),)
         self._fields = {field.key: field for field in fields}
         if form != self._form:
             self._build(id_, title, fields)
@@ -144,6 +148,11 @@ class Inspector(Part):
             ):
                 widget.value = field.value
 
+    def sent(self, id_: int) -> None:
+        """Show the state of a trajectory that was sent."""
+        if self._send_form is not None and self._form[0] == id_:
+            self._send_form.show()
+
     def _build(self, id_: int, title: str, fields: tuple[Field, ...]) -> None:
         if self._folder is not None:
             self._folder.remove()
@@ -153,6 +162,9 @@ class Inspector(Part):
             self._folder = gui.add_folder((f"{thing.kind}: " if thing else "") + title)
         with self._folder:
             self._widgets = {field.key: self._add(id_, field) for field in fields}
+            self._send_form = None
+            if isinstance(thing, TrajectoryObject):
+                self._send_form = SendForm(self._context, id_)
 
     def _add(self, id_: int, field: Field) -> Any:
         widget = self._makers[field.kind](field)

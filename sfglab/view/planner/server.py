@@ -25,12 +25,15 @@ from sfglab.errors import SfglabError
 from sfglab.spatial.scene.editor import Change, Editor
 from sfglab.view.planner.context import Context, JobQueue, Part, quiet, viser
 from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Warnings
+from sfglab.view.planner.sending import Sender
 from sfglab.view.planner.toolbar import Toolbar
 from sfglab.view.planner.viewport import Viewport
 from sfglab.view.widgets import LOOPBACK, address_of_port
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
+
+    from sfglab.bus import Node
 
 
 DEFAULT_PORT = 8092
@@ -45,11 +48,21 @@ _NOTICE_S = 1.0
 
 
 class Planner(AbstractContextManager["Planner"]):
-    """An editor, served; a context that ends with the server stopped. A notebook's cell shows it.
+    """An editor that is served to browsers; a notebook's cell shows it.
 
-    The editor belongs to the planner's own thread: from elsewhere go through `call`. Only this machine's
-    browsers reach the default host; port 0 is any free one, and a taken one an SfglabError; MissingExtraError
-    without viser.
+    The editor belongs to the planner's own thread; other threads use `call`.
+
+    Args:
+        editor: The editor.
+        host: Address to serve; only browsers of this machine reach the default.
+        port: Port to serve; 0: any free one.
+        height_px: Height in a notebook's cell.
+        node: Function that makes the node for sending trajectories, in the event loop of a thread of its own;
+            None: a node in the usual domain.
+
+    Raises:
+        MissingExtraError: viser is not installed.
+        SfglabError: The port is taken.
     """
 
     def __init__(
@@ -59,6 +72,7 @@ class Planner(AbstractContextManager["Planner"]):
         host: str = LOOPBACK,
         port: int = DEFAULT_PORT,
         height_px: int = 700,
+        node: Callable[[], Node] | None = None,
     ) -> None:
         library = viser()
         _check_free(host, port)
@@ -74,7 +88,14 @@ class Planner(AbstractContextManager["Planner"]):
         self._closed = threading.Event()
         self._parts: list[Part] = []
         self._jobs = JobQueue(self._refused)
-        self._context = Context(viser=library, server=self._server, editor=editor, jobs=self._jobs)
+        self._sender = Sender(node or _usual_node, self._sent)
+        self._context = Context(
+            viser=library,
+            server=self._server,
+            editor=editor,
+            jobs=self._jobs,
+            sender=self._sender,
+        )
         try:
             self._jobs.call(self._furnish)
         except BaseException:
@@ -108,6 +129,7 @@ class Planner(AbstractContextManager["Planner"]):
         if self._closed.is_set():
             return
         self._closed.set()
+        self._sender.close()
         self._timeline.close()
         self._jobs.close()
         self._end_listening()
@@ -180,9 +202,19 @@ class Planner(AbstractContextManager["Planner"]):
             client.add_notification("Not done", said, color="red", auto_close_seconds=_SAID_S)
         self._inspector.refresh()
 
+    def _sent(self, id_: int) -> None:
+        self._jobs.submit(lambda: self._inspector.sent(id_), key=("sent", id_), settle=False)
+
     def _stop(self) -> None:
         with quiet():
             self._server.stop()
+
+
+def _usual_node() -> Node:
+    """Return a node in the usual domain."""
+    from sfglab.bus import Node
+
+    return Node("planner")
 
 
 def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 700) -> Planner:
