@@ -143,9 +143,9 @@ def _touches(sampled: _Sampled) -> Iterator[Conflict]:
             bodies.append((ConflictKind.ZONE, zone))
     for kind, body in bodies:
         pose = scene.world_pose(body.id)
-        turned = pose.rotation.inv()
+        axes = pose.matrix()[:3, :3]
         for agent in sampled.agents:
-            inside = turned.apply(sampled.positions_m[agent.id] - pose.position_m)
+            inside = (sampled.positions_m[agent.id] - pose.position_m) @ axes
             gaps_m = body.shape.distances_m(inside) - agent.radius_m
             index = int(gaps_m.argmin())
             if gaps_m[index] < 0.0:

@@ -154,14 +154,25 @@ def scene_of(
         rules.check_parent(thing)
         held.setdefault(thing.parent, []).append(thing.id)
     rules.check_agents()
+    changed = _changed_holders(before.objects, found)
+    children: dict[int, tuple[int, ...]] = {}
     for id_, ids in held.items():
-        if isinstance(found.get(id_), TrajectoryObject):
+        children[id_] = tuple(ids) if id_ in changed else before.children[id_]
+        if id_ in changed and isinstance(found.get(id_), TrajectoryObject):
             waypoints = rules.in_order_of_time(ids)
-            held[id_] = [waypoint.id for waypoint in waypoints]
+            children[id_] = tuple(waypoint.id for waypoint in waypoints)
             found |= {waypoint.id: waypoint for waypoint in _aligned(waypoints)}
-    children = {id_: tuple(ids) for id_, ids in held.items()}
     next_id = max([before.next_id, *(id_ + 1 for id_ in found)])
     return replace(before, next_id=next_id, objects=found, children=children)
+
+
+def _changed_holders(
+    before: Mapping[int, SceneObject], after: Mapping[int, SceneObject]
+) -> set[int]:
+    """Return the ids of those holders whose objects are not all as before."""
+    gone = [thing for id_, thing in before.items() if after.get(id_) is not thing]
+    come = [thing for id_, thing in after.items() if before.get(id_) is not thing]
+    return {thing.parent for thing in (*gone, *come)}
 
 
 class _Rules:
