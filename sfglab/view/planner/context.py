@@ -1,8 +1,8 @@
 """The context of every part of the editor's window: viser, its server, the editor, and the queue of jobs.
 
-One thread does everything in order, so that an editor of one thread can serve many browsers. Callbacks come
-from viser's loop, a timer and workers; each leaves a job. The one place that imports viser, so that everything
-else can be imported without it; and keeps it quiet.
+One thread does all jobs in order, so that an editor of one thread serves many browsers. Callbacks of viser's
+event loop, a timer and the bus leave jobs. Only this module imports viser, so that the others can be imported
+without it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _Held = tuple[float, "Callable[[], object]", bool]
 
 
 class JobQueue:
-    """A queue of jobs and the thread that does them, on which `refused` is told of every error they raise."""
+    """A queue of jobs and the thread that does them; `refused` gets each error, on this thread."""
 
     def __init__(self, refused: Callable[[Exception], None]) -> None:
         self._refused = refused
@@ -49,9 +49,12 @@ class JobQueue:
     def submit(
         self, job: Callable[[], object], *, key: Hashable = None, settle: bool = True
     ) -> None:
-        """Leave a job; of those with the same key that wait in a row, as a slider's positions, only the newest.
+        """Leave a job; it replaces the last waiting one if both have the same key, as positions of a slider.
 
-        To settle is to do first what `later` holds back, as before an undo; not for what nobody asked for.
+        Args:
+            job: The job.
+            key: Key of the job; None: it replaces none.
+            settle: Whether jobs of `later` are done before, as before an undo.
         """
         with self._wake:
             if self._closed:
@@ -80,18 +83,18 @@ class JobQueue:
                 self._wake.notify()
 
     def waits(self, key: Hashable) -> bool:
-        """Return whether a job of `later` is held back."""
+        """Return whether a job of `later` waits."""
         with self._wake:
             return key in self._later
 
     def call(self, job: Callable[[], _T]) -> _T:
-        """Do a job and return or raise what it does, from another thread; SfglabError where it is closed."""
+        """Do a job from another thread and return its result; SfglabError if the queue is closed."""
         future: Future[_T] = Future()
 
         def run() -> None:
             try:
                 future.set_result(job())
-            except BaseException as error:  # noqa: BLE001 - whoever waits gets it
+            except BaseException as error:  # noqa: BLE001  # raised by `result`
                 future.set_exception(error)
 
         with self._wake:
@@ -103,7 +106,7 @@ class JobQueue:
         return future.result()
 
     def close(self) -> None:
-        """Do what was left, then end; again is harmless."""
+        """Do the remaining jobs and end; further calls have no effect."""
         with self._wake:
             self._settle()
             self._closed = True
@@ -141,7 +144,7 @@ class JobQueue:
 
 
 class Part(ABC):
-    """A part of the window: it shows what the editor has, and leaves what people want at the queue of jobs."""
+    """A part of the window: it shows the editor's state, and leaves the users' actions in the queue of jobs."""
 
     def __init__(self, context: Context, container: Any) -> None:
         self._context = context
@@ -149,12 +152,12 @@ class Part(ABC):
 
     @abstractmethod
     def show(self, change: Change) -> None:
-        """Show what changed."""
+        """Show a change."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """What a part works with."""
+    """Objects that all parts share."""
 
     viser: Any  #: The library.
     server: Any  #: Its server; what is added to it, every browser shows.
@@ -189,7 +192,7 @@ def viser() -> Any:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep viser from drawing its banner into the terminal; what there is to say, we say."""
+    """Keep viser from printing its banner into the terminal."""
     console = import_module("rich").get_console()
     before, console.quiet = console.quiet, True
     try:

@@ -1,4 +1,4 @@
-"""Objects, ghosts and conflicts as nodes of viser's scene. Refuses to know what changed (`viewport`)."""
+"""Objects, ghosts and conflicts as nodes of viser's scene; `viewport` decides which are drawn again."""
 
 from __future__ import annotations
 
@@ -32,10 +32,12 @@ _MARK_M = 0.22
 
 
 class Drawing:
-    """Draws into one server's scene; what is drawn under a name replaces what was there.
+    """Draws into the scene of a server; a node replaces the one of its name.
 
-    `clicked` returns the callback of a node that stands for an object, given a function from the event's
-    instance index to the object's id.
+    Args:
+        scene_api: The scene of viser's server.
+        clicked: Returns the callback of a node, given a function from an event's instance index to the id of
+            the object.
     """
 
     def __init__(self, scene_api: Any, clicked: Callable[[Callable[[Any], int]], Any]) -> None:
@@ -60,7 +62,7 @@ class Drawing:
     def object(
         self, scene: Scene, id_: int, before: Mapping[str, Any], *, selected: bool
     ) -> list[Any]:
-        """Redraw an obstacle, zone or trajectory, a selected one broader and with times; return its nodes."""
+        """Draw an obstacle, zone or trajectory, a selected one broader and with times; return its nodes."""
         thing = scene.get(id_)
         if isinstance(thing, model.ObstacleObject):
             return [self._body(scene, id_, thing.shape, _OBSTACLE, 1.0)]
@@ -76,7 +78,7 @@ class Drawing:
         return []
 
     def ghosts(self, scene: Scene, ghosts: tuple[Ghost, ...], again: Collection[int] = ()) -> None:
-        """Show every agent where it is at the slider's time; `again`: ids of those that look otherwise now."""
+        """Show each agent at the time of the slider; `again` has the ids of agents to draw again."""
         for id_ in self._ghosts.keys() - {ghost.agent for ghost in ghosts}:
             self._ghosts.pop(id_)[0].remove()
         self._make_ghosts(
@@ -196,7 +198,7 @@ class Drawing:
         return [self._time(scene, scene.of_kind(id_, model.WaypointObject), before) for id_ in held]
 
     def _time(self, scene: Scene, waypoint: model.WaypointObject, before: Mapping[str, Any]) -> Any:
-        """Label a waypoint; the label that is there is moved, for there may be many, and one is dragged."""
+        """Label a waypoint; an existing label is moved, because there may be many and only one is dragged."""
         name = f"/objects/{waypoint.parent}/time {waypoint.id}"
         text = f"{waypoint.time_ns / NS_PER_S:g} s"
         position = scene.world_pose(waypoint.id).position_m

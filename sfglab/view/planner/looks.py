@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 Colour = tuple[int, int, int]
 
-NOBODY: Colour = (110, 110, 110)  #: Of a trajectory that no agent drives.
+NOBODY: Colour = (110, 110, 110)  #: Colour of a trajectory without an agent.
 _AGENTS: tuple[Colour, ...] = (
     (0, 114, 178),
     (213, 94, 0),
@@ -103,7 +103,7 @@ def outline_of(shape: Shape) -> NDArray[np.float32]:
 
 
 def camera_for(scene: Scene) -> tuple[Vec3, Vec3]:
-    """Return where to look from and at, so that everything in a scene is seen from above and behind."""
+    """Return position and target of a camera that sees the whole scene from above and behind."""
     centres: Mapping[int, Vec3] = {
         thing.id: scene.world_pose(thing.id).position_m
         for thing in scene.walk()
@@ -131,17 +131,17 @@ def _ring(radius_m: float) -> NDArray[np.float64]:
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
-MOST_ROWS = 300  #: A browser shows so many buttons at once with ease.
+MOST_ROWS = 300  #: Largest number of rows: a browser shows as many buttons with ease.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TreeRow:
     """One object in the list."""
 
-    id: int  #: Its id.
-    kind: str  #: Its kind's word.
-    depth: int  #: How many parents it has.
-    text: str  #: What people read.
+    id: int  #: Id of the object.
+    kind: str  #: Kind of the object.
+    depth: int  #: Number of holders above it.
+    text: str  #: Label of the row.
     selected: bool  #: Whether it is selected.
 
 
@@ -162,7 +162,7 @@ def rows_of(scene: Scene, selection: tuple[int, ...]) -> tuple[TreeRow, ...]:
 
 
 def open_trajectory(scene: Scene, selection: tuple[int, ...]) -> int | None:
-    """Return the trajectory that is worked on: the last one that is selected, itself or by a waypoint."""
+    """Return the trajectory that is selected last, itself or by a waypoint."""
     for id_ in reversed(selection):
         thing = scene.objects.get(id_)
         if isinstance(thing, TrajectoryObject):

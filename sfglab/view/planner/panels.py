@@ -1,7 +1,7 @@
 """Panels around the viewport: hierarchy, inspector, timeline and warnings. Thin shells.
 
-Each shows a part of the editor's state in viser's widgets; decisions are in `sfglab.spatial.scene` and in
-`forms` and `looks`. Refuse to know each other.
+Each shows a part of the editor's state in viser's widgets. Decisions are in `sfglab.spatial.scene`, `fields` and
+`looks`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ div:has(> * > .sfg-rows) .mantine-Button-inner { justify-content: flex-start; }
 
 
 class Hierarchy(Part):
-    """The rows, in the container that is open when it is made."""
+    """The tree of objects, as rows."""
 
     def __init__(self, context: Context, container: Any) -> None:
         super().__init__(context, container)
@@ -55,7 +55,7 @@ class Hierarchy(Part):
         self._draw()
 
     def show(self, change: Change) -> None:
-        """Show rows that are new, gone, elsewhere or called otherwise."""
+        """Show rows that are new, removed, moved or renamed."""
         if change.kind not in {ChangeKind.TIME, ChangeKind.SAVE}:
             self._draw()
 
@@ -97,7 +97,7 @@ _STEP = 0.05
 
 
 class Inspector(Part):
-    """The fields of one object."""
+    """The fields of the object that was selected last, or of the scene."""
 
     def __init__(self, context: Context, container: Any) -> None:
         super().__init__(context, container)
@@ -121,12 +121,12 @@ class Inspector(Part):
         self.refresh()
 
     def show(self, change: Change) -> None:
-        """Show what an edit or another selection changed."""
+        """Show the fields after an edit or another selection."""
         if change.kind is ChangeKind.SELECTION or change.changed or change.added or change.removed:
             self.refresh()
 
     def refresh(self) -> None:
-        """Show what the scene has, also where a value was refused."""
+        """Show the values of the scene, also after a refused one."""
         editor = self._context.editor
         id_ = editor.selection[-1] if editor.selection else ROOT
         fields = fields_of(editor.scene, id_)
@@ -183,7 +183,7 @@ class Inspector(Part):
         return widget
 
     def _set(self, id_: int, key: str, value: Any) -> None:
-        """Do the edit of a field as it is by now; the object may be gone, or have no such field any more."""
+        """Do the edit of a field; its object may be gone, or may no longer have this field."""
         editor = self._context.editor
         if id_ != ROOT and id_ not in editor.scene.objects:
             return
@@ -273,7 +273,7 @@ div:has(> * > .sfg-warnings) .mantine-Button-inner { justify-content: flex-start
 
 
 class Warnings(Part):
-    """The buttons."""
+    """The conflicts, as buttons."""
 
     def __init__(self, context: Context, container: Any) -> None:
         super().__init__(context, container)
@@ -284,16 +284,16 @@ class Warnings(Part):
             self._head = context.server.gui.add_markdown("checking …")
 
     def show(self, change: Change) -> None:
-        """Say that what is listed is of an older scene, where it is."""
+        """Show that the list is that of an older scene."""
         if change.changed or change.added or change.removed:
             self._head.content = "checking …"
 
     def failed(self) -> None:
-        """Say that nobody knows what is wrong with the scene."""
+        """Show that the scene was not checked."""
         self._head.content = "**not checked**: see the message"
 
     def found(self, conflicts: tuple[Conflict, ...]) -> None:
-        """Show what is wrong with the scene."""
+        """Show the conflicts of the scene."""
         many = f"{len(conflicts)} conflict" + ("s" if len(conflicts) != 1 else "")
         more = f", the first {_MOST} are listed" if len(conflicts) > _MOST else ""
         self._head.content = f"**{many}**{more}" if conflicts else "no conflicts"

@@ -1,4 +1,4 @@
-"""The editor in the browser: starts viser, puts the panels around the viewport, and carries changes to them.
+"""The editor in the browser: starts viser, puts the panels around the viewport, and reports changes to them.
 
 All browsers that open its address see and edit the same scene. Conflicts are looked for once the scene has not
 changed for a moment, so that a drag does not wait. `panels` has the edits.
@@ -81,7 +81,10 @@ class Planner(AbstractContextManager["Planner"]):
         )
         with quiet(), self._guard.serving():
             self._server = library.ViserServer(host=host, port=port, verbose=False)
-        if port not in {0, self._server.get_port()}:  # somebody was faster: viser took another one
+        if port not in {
+            0,
+            self._server.get_port(),
+        }:  # the port was taken meanwhile, and viser took another one
             self._stop()
             raise _taken(host, port)
         self._host, self._height_px = host, height_px
@@ -105,27 +108,27 @@ class Planner(AbstractContextManager["Planner"]):
 
     @property
     def url(self) -> str:
-        """Where a browser finds it; the token in it is all that a visitor needs, so it is kept to oneself."""
+        """Address for a browser. The token in it gives access, so it must be kept private."""
         return f"http://{self._host}:{self._server.get_port()}/{self._guard.token}/"
 
     @property
     def closed(self) -> bool:
-        """Whether it is served no more."""
+        """Whether it is closed."""
         return self._closed.is_set()
 
     def call(self, job: Callable[[Editor], _T]) -> _T:
-        """Do something with the editor, in order with what browsers do; see `JobQueue.call`."""
+        """Do something with the editor, in order with the browsers' actions; see `JobQueue.call`."""
         return self._jobs.call(lambda: job(self._context.editor))
 
     def wait(self) -> None:
-        """Return when it is closed."""
+        """Wait until it is closed."""
         # Python runs the handler of Ctrl-C in the main thread. If another thread received the
         # signal, an endless wait would not notice it.
         while not self._closed.wait(_NOTICE_S):
             pass
 
     def close(self) -> None:
-        """Finish what was asked for and stop serving; again is harmless. Saves nothing."""
+        """Cancel goals, do the remaining jobs and stop serving; further calls have no effect. Saves nothing."""
         if self._closed.is_set():
             return
         self._closed.set()
@@ -192,7 +195,7 @@ class Planner(AbstractContextManager["Planner"]):
         self._viewport.found(found)
 
     def _refused(self, error: Exception) -> None:
-        """Say why something was not done, and show again what the scene has."""
+        """Show why a job was refused, and the values of the scene again."""
         said = (
             str(error)
             if isinstance(error, SfglabError)
@@ -218,10 +221,15 @@ def _usual_node() -> Node:
 
 
 def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 700) -> Planner:
-    """Return an editor to look at in a notebook's cell, or at its `url`.
+    """Return an editor for a notebook's cell, which is also at its `url`.
 
-    Where JupyterLab runs the kernel, the editor's page is below its address; else the browser must reach this
-    machine at 127.0.0.1. The scene is a file, which need not exist yet, or an editor; port 0 is any free one.
+    Below JupyterLab, the editor's page has JupyterLab's address; otherwise the browser must reach this machine
+    at 127.0.0.1.
+
+    Args:
+        scene: A file, which need not exist yet, or an editor.
+        port: Port to serve; 0: any free one.
+        height_px: Height in the cell.
 
     Raises:
         SceneError: The file is no scene.
@@ -253,9 +261,9 @@ def _taken(host: str, port: int) -> SfglabError:
 
 
 class Guard:
-    """The token of one server, and the hosts, without port, by which it may be asked for.
+    """The token of a server, and the host names, without port, that requests may have.
 
-    Without any it is whatever leads here, as the proxy of a notebook's server, whose name nobody knows here.
+    Without names any is allowed, because the name of a notebook's proxy is unknown here.
     """
 
     def __init__(self, hosts: Collection[str]) -> None:

@@ -1,7 +1,4 @@
-"""The toolbar: add, remove, undo, save; its commands also stand in viser's palette, with keys.
-
-What it adds has sensible first values that people then drag.
-"""
+"""The toolbar: add, remove, undo and save. Viser's palette has some of these commands with keys."""
 
 from __future__ import annotations
 
@@ -30,15 +27,22 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.scene.tree import Scene
 
-ADDABLE = ("agent", "obstacle", "zone", "trajectory", "group")  #: What the toolbar adds.
+ADDABLE = (
+    "agent",
+    "obstacle",
+    "zone",
+    "trajectory",
+    "group",
+)  #: Kinds of objects that the toolbar adds.
 _STEP_S = 2.0
 _STEP_M = 1.0
 
 
 def add(editor: Editor, kind: str, at_m: Vec3) -> int:
-    """Add an object of one of `ADDABLE`, in the selected group if there is one; select it, return its id.
+    """Add an object of one of `ADDABLE`, select it and return its id.
 
-    It is near a place in the scene's frame; a trajectory of a selected agent begins where that agent is.
+    It is in the selected group, if any, near a place in the scene's frame. A trajectory begins at the selected
+    agent, if any.
     """
     scene = editor.scene
     parent = next((i for i in editor.selection if isinstance(scene.get(i), Group)), ROOT)
@@ -56,7 +60,7 @@ def add(editor: Editor, kind: str, at_m: Vec3) -> int:
 
 
 def add_waypoint(editor: Editor) -> int:
-    """Add a waypoint after the last one of the trajectory that is worked on, and select it."""
+    """Add a waypoint after the last one of the open trajectory, and select it."""
     id_ = _worked_on(editor)
     path = editor.scene.trajectory(id_)
     if path is None:
@@ -80,7 +84,7 @@ def add_waypoint(editor: Editor) -> int:
 
 
 def insert_waypoint(editor: Editor) -> int:
-    """Add a waypoint at the slider's time, where the trajectory that is worked on is then, and select it."""
+    """Add a waypoint on the open trajectory, at the time of the slider, and select it."""
     id_ = _worked_on(editor)
     made = editor.insert_waypoint(
         id_, time_ns=max(0, round(editor.time_s * NS_PER_S)), align=Align.NEXT
@@ -128,7 +132,7 @@ div:has(> * > .sfg-tools) > * > button { padding-inline: 0.3em; }
 
 
 class Toolbar(Part):
-    """The buttons."""
+    """The buttons of the toolbar."""
 
     def __init__(self, context: Context, container: Any) -> None:
         super().__init__(context, container)
@@ -147,7 +151,7 @@ class Toolbar(Part):
         self._draw()
 
     def show(self, change: Change) -> None:
-        """Show what can be undone, and whether the file is as the scene."""
+        """Show the labels of undo and redo, and whether the scene is saved."""
         if change.kind not in {ChangeKind.TIME, ChangeKind.SELECTION}:
             self._draw()
 
@@ -194,7 +198,7 @@ class Toolbar(Part):
             editor.select(*(editor.duplicate(id_) for id_ in editor.selection))
 
     def _reload(self) -> None:
-        """Load the file again; where that loses edits, ask first."""
+        """Load the file again; ask first if edits would be lost."""
         editor, gui = self._context.editor, self._context.server.gui
         if not editor.dirty:
             editor.load()
@@ -229,6 +233,6 @@ def _set(widget: Any, name: str, value: object) -> None:
 
 
 def _seen(client: Any) -> Vec3:
-    """Return what a browser's camera looks at, on the floor, to the nearest decimetre."""
+    """Return the target of a browser's camera on the floor, to the nearest decimetre."""
     x, y, _ = (round(float(c), 1) + 0.0 for c in client.camera.look_at)
     return (x, y, 0.0)

@@ -1,6 +1,6 @@
-"""The viewport: redraws what a change concerns, and only that; a click on something selects it.
+"""The viewport: draws the objects of a change again, and only these; a click selects an object.
 
-The gizmo stands on what is selected: one drag with it is one step that can be undone.
+The gizmo is at the selected object. One drag with it is one step that can be undone.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _SCALE = 1.6
 
 
 class Gizmo:
-    """The transform controls, where one object is selected."""
+    """Transform controls at the object that was selected last."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -34,7 +34,7 @@ class Gizmo:
         self._dragging = False
 
     def show(self) -> None:
-        """Stand on the last selected object; while somebody drags, stay under their hand."""
+        """Move to the last selected object, except during a drag."""
         editor = self._context.editor
         on = None
         if editor.selection:
@@ -47,7 +47,7 @@ class Gizmo:
             self._handle.position, self._handle.wxyz = pose.position_m, wxyz(pose)
 
     def drop(self) -> None:
-        """End a drag whose browser is gone."""
+        """End the drag of a browser that disconnected."""
         if self._dragging:
             self._dragging = False
             self._context.editor.end_drag()
@@ -110,7 +110,7 @@ _FLOOR_M = 40.0
 
 
 def concerned(scene: Scene, change: Change) -> set[int]:
-    """Return whose drawing a change concerns: what changed, who shows it, and what moves with it."""
+    """Return the ids of objects to draw again: the changed ones, and those that move with them."""
     found = {*change.added, *change.changed} & scene.objects.keys()
     for id_ in tuple(found):
         thing = scene.get(id_)
@@ -123,7 +123,7 @@ def concerned(scene: Scene, change: Change) -> set[int]:
 
 
 class Viewport(Part):
-    """What is seen in 3D."""
+    """The 3D view."""
 
     def __init__(self, context: Context, container: Any) -> None:
         super().__init__(context, container)
@@ -138,7 +138,7 @@ class Viewport(Part):
         self._draw_all()
 
     def show(self, change: Change) -> None:
-        """Redraw what a change concerns."""
+        """Draw the objects of a change again."""
         if change.kind is ChangeKind.SAVE:
             return
         with self._context.server.atomic():
