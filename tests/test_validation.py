@@ -107,7 +107,7 @@ WORKERS = [
     *("sfglab.fleet.agent.app", "sfglab.lab.hosts.hub"),
     *("sfglab.lab.hosts.enter", "sfglab.lab.hosts.radio_relay", "sfglab.lab.sweep.run"),
     *(f"sfglab.lab.workers.{name}" for name in ("camera", "container", "crossing", "driving")),
-    *(f"sfglab.lab.workers.{name}" for name in ("hallway", "idle", "mocap", "preview")),
+    *(f"sfglab.lab.workers.{name}" for name in ("hallway", "idle", "mocap")),
     *(
         f"sfglab.lab.workers.{name}"
         for name in ("ros_nodes", "scenario_player", "picture_flow", "viewer")

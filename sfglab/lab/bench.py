@@ -38,8 +38,6 @@ class Options:
     #: Whether hosts are separate; None: they are where the machine can do that.
     separate: bool | None = None
     workers: Workers | None = None  #: Workers of the sweeps; None: each sweep has its own.
-    #: Whether the run is for an interactive plot: its log counts for no claim.
-    explored: bool = False
     #: Tables of sweeps and names of parts that run; None: all.
     only: frozenset[str] | None = None
 

@@ -10,13 +10,13 @@ entries of the ledger.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import Bounds, to_json
+from sfglab.fields import to_json
 from sfglab.lab.bench import Bench, Options, rows_of
 from sfglab.lab.checks import check_row
 from sfglab.lab.claims import Finding, How, Measured
@@ -144,25 +144,6 @@ def _numbers(value: Any) -> Any:
     return value.to_dict(orient="list") if hasattr(value, "columns") else to_json(value)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
-    """An interactive plot, which follows the reader's settings and is computed from a few fast tables."""
-
-    turn: Sequence[str]  #: Fields of the configuration that a form shows first.
-    #: Tables of sweeps, and names of parts, that it needs; may be empty.
-    needs: Collection[str]
-    size: tuple[float, float]  #: Width and height, inches.
-    #: Fields whose first value differs from ``quick``.
-    start: Mapping[str, Any] = field(default_factory=dict)
-    #: Fields that the first, coarse plot changes.
-    coarse: Mapping[str, Any] = field(default_factory=dict)
-    #: Narrower bounds, so that the plot can follow a slider.
-    within: Mapping[str, Bounds] = field(default_factory=dict)
-    reference: str = ""  #: The experiment's figure that is shown for comparison; empty: none.
-    #: Function that draws into an empty figure.
-    draw: Callable[[Figure, Run[Any]], Any] = lambda _figure, _run: None
-
-
 class Experiment(Generic[C]):
     """An experiment; `setup` shows its actors and the links between them.
 
@@ -204,7 +185,6 @@ class Experiment(Generic[C]):
             str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]
         ] = {}
         self._drawings: dict[str, _Drawing] = {}
-        self.looks: dict[str, Look] = {}
         self.explorers: dict[str, Callable[..., Any]] = {}
 
     def __repr__(self) -> str:
@@ -329,15 +309,6 @@ class Experiment(Generic[C]):
 
         return declare
 
-    def look(self, name: str, look: Look) -> Callable[[F], F]:
-        """Declare an interactive plot: the function draws from its tables whenever a reader changes a field."""
-
-        def declare(function: F) -> F:
-            self.looks[name] = replace(look, draw=function)
-            return function
-
-        return declare
-
     def explorer(self, function: F) -> F:
         """Declare an explorer: a function that returns the plot for a setting.
 
@@ -415,7 +386,7 @@ class Experiment(Generic[C]):
         Raises:
             InvalidValueError: A field cannot hold its value.
             LogError: The log exists.
-            SfglabError: A part failed. Rows written before are in ``<log>.part``, unless the run is explored.
+            SfglabError: A part failed. Rows written before are in ``<log>.part``.
         """
         config = self.config(profile, **changes)
         path = path or new_log(find_project(), self.name, profile)
@@ -430,20 +401,11 @@ class Experiment(Generic[C]):
                 one.table: self._swept(one, config, journal(one.table), usual) for one in sweeps
             }
             unfinished = unfinished_of(path)
-            done: dict[str, Any] = {
-                "experiment": self.name,
-                "profile": profile,
-                "explored": options.explored,
-            }
+            done: dict[str, Any] = {"experiment": self.name, "profile": profile}
             done["changed"] = self._changed(profile, config)
             if options.only is not None:
                 done["only"] = sorted(options.only)
-            try:
-                await self.write(config, unfinished, rows, options, done)
-            except BaseException:
-                if options.explored:
-                    unfinished.unlink(missing_ok=True)
-                raise
+            await self.write(config, unfinished, rows, options, done)
             unfinished.rename(path)
         return self.load(path)
 

@@ -220,7 +220,7 @@ def _why_not(records: Mapping[str, Mapping[str, Any]]) -> str:
     done = records.get(COMPLETION)
     if not done:
         return "it has no completion record"
-    if done["explored"]:
+    if done.get("explored"):  # by an earlier version
         return "it was explored"
     if done["profile"] == SMOKE:
         return "it is a smoke test"

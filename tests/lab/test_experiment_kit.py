@@ -18,7 +18,6 @@ import pytest
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between
-from sfglab.lab.bench import Options
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Actor, Experiment, Link, Setup, SkippedPartError
 from sfglab.lab.ledger import find_log, logs_of, save_figures
@@ -187,11 +186,10 @@ def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finish
     )
 
 
-def test_smoke_tests_changed_and_explored_runs_do_not_speak(tmp_path):
+def test_smoke_tests_and_changed_runs_do_not_speak(tmp_path):
     for name, profile, changes, why in [
         ("a", "smoke", {}, "it is a smoke test"),
         ("b", "quick", {"loss": 0.2}, "changed: loss"),
-        ("c", "quick", {"options": Options(explored=True)}, "it was explored"),
         ("d", "quick", {"seed": 5}, ""),
     ]:
         found = standing(run(tmp_path / f"{name}.mcap", profile, **changes).log)

@@ -8,17 +8,19 @@ all codecs. Times are CPU times of one thread.
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator  # noqa: TC003 - read by the explorer's form
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import pandas as pd
 
 from sfglab.codecs import decode_depth, encode_depth
-from sfglab.fields import between
+from sfglab.fields import Bounds, between
+from sfglab.lab import pictures
 from sfglab.lab.bench import TableRow
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiment import Experiment, Look
+from sfglab.lab.experiment import Experiment
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.sources import open_source
@@ -98,7 +100,14 @@ def noisy(
 @exp.part("frames", total=lambda config: config.frames)
 def code_frames(bench: Bench[Config]) -> None:
     """Encode each frame with each codec, and write one row per frame and codec."""
-    config = bench.config
+    for number, rows in enumerate(coded_frames(bench.config), start=1):
+        for row in rows:
+            bench.write(row)
+        bench.advance(f"frame {number}")
+
+
+def coded_frames(config: Config) -> Iterator[list[CodingRow]]:
+    """Yield the rows of each frame, one per codec."""
     rng = np.random.default_rng(config.seed)
     noise = np.random.default_rng((config.seed, 1))
     source = open_source(config.source, seed=config.seed)
@@ -109,9 +118,8 @@ def code_frames(bench: Bench[Config]) -> None:
     for number in range(1, config.frames + 1):
         depth: Any = source.frame().depth_mm
         depth_mm = noisy(depth, config.noise_mm, noise)
-        for codec in rng.permutation(list(CODECS)):
-            bench.write(code(number, depth_mm, str(codec), config.png_level))
-        bench.advance(f"frame {number}")
+        order = rng.permutation(list(CODECS))
+        yield [code(number, depth_mm, str(codec), config.png_level) for codec in order]
     source.close()
 
 
@@ -173,17 +181,6 @@ def encoding_speed(run: Run[Config]) -> Finding:
     return Finding(estimate=exactly(0.0, speed.unit), details=details, reason=reason)
 
 
-@exp.look(
-    "codecs",
-    Look(
-        turn=("png_level", "noise_mm", "frames"),
-        needs=("frames",),
-        size=(11, 3.6),
-        start={"frames": 4},
-        coarse={"frames": 1},
-        reference="depth_codecs",
-    ),
-)
 @exp.figure("depth_codecs", size=(11, 3.6))
 def draw_codecs(figure: Figure, run: Run[Config]) -> None:
     """Draw coding times and sizes of all codecs: boxes are quartiles over frames, with their medians."""
@@ -216,3 +213,56 @@ def draw_boxes(axes: Axes, table: pd.DataFrame, png_level: int) -> None:
         patch.set_facecolor(COLORS[color])
     for line in parts["medians"]:
         line.set_color("black")
+
+
+# --- Explorer ---------------------------------------------------------------------------------
+
+Level = Annotated[int, Bounds(0, 9)]
+Noise = Annotated[float, Bounds(0.0, 50.0)]
+Frames = Annotated[int, Bounds(1, 10)]
+_FRAME = pictures.Axis("frame", "", 0, 11)
+_PANELS = {
+    "encode": pictures.Axis("CPU time per frame", "ms", 0.3, 3000.0, log=True),
+    "decode": pictures.Axis("CPU time per frame", "ms", 0.0, 10.0),
+    "size": pictures.Axis("compressed size", "kB", 0.0, 500.0),
+}
+
+
+@exp.explorer
+def codec_times(
+    *, png_level: Level = _DEFAULT, noise_mm: Noise = 0.0, frames: Frames = 4
+) -> Iterator[pictures.Picture]:
+    """Yield times and sizes of the codecs, measured here on more and more frames of the stereo pair's depth.
+
+    Args:
+        png_level: Level of PNG beside its fastest, 1.
+        noise_mm: Standard deviation of noise that is added to depth [mm].
+        frames: Number of frames.
+    """
+    rows: list[CodingRow] = []
+    for coded in coded_frames(Config(frames=frames, png_level=png_level, noise_mm=noise_mm)):
+        rows += coded
+        yield _measured(rows, png_level)
+
+
+def _measured(rows: list[CodingRow], png_level: int) -> pictures.Picture:
+    """Return the picture of what is measured up to now."""
+    values = {
+        "encode": lambda row: row.encode_ms,
+        "decode": lambda row: row.decode_ms,
+        "size": lambda row: row.coded_bytes / 1000,
+    }
+    names = {"rvl": "RVL", "png": "PNG", "png_fast": f"PNG, level {_FASTEST}"}
+    panels = []
+    for title, axis in _PANELS.items():
+        series = []
+        for codec, color in CODECS.items():
+            own = [row for row in rows if row.codec == codec]
+            x = [row.frame for row in own]
+            y = [values[title](row) for row in own]
+            one = pictures.Series(name=names[codec], color=COLORS[color], kind="dot", x=x, y=y)
+            series.append(one)
+        panels.append(pictures.Panel(title=title, x=_FRAME, y=axis, series=tuple(series)))
+    count = rows[-1].frame
+    said = f"Times and sizes of {count} depth frames with RVL, PNG of level {png_level} and level 1"
+    return pictures.Picture(said=said, panels=tuple(panels))

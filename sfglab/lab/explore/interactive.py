@@ -14,7 +14,8 @@ from dataclasses import make_dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any, ClassVar, get_type_hints
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.lab.experiment import Experiment
 from sfglab.lab.explore.follower import Follower
 from sfglab.lab.explore.form import Form
 from sfglab.lab.explore.press import still_bundle
@@ -172,3 +173,25 @@ class Interactive:
         """Return the values of a panel at a position, and the call that repeats them."""
         values = self.picture.at(panel, x).to_string(index=False)
         return f"{values}\n\n{self.code()}.at({panel!r}, {x!r})"
+
+
+def explore(what: Experiment[Any] | Callable[..., Any], name: str = "") -> Interactive:
+    """Show sliders, and a figure that follows them.
+
+        explore(transfer.exp)
+
+    Args:
+        what: Experiment, or a function that returns a `Picture` (see `Experiment.explorer`).
+        name: Name of the experiment's explorer. [default: the first]
+
+    Raises:
+        InvalidValueError: The experiment has no such explorer.
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+    if not isinstance(what, Experiment):
+        return Interactive(what)
+    chosen = name or next(iter(what.explorers), "")
+    if chosen not in what.explorers:
+        allowed = ", ".join(what.explorers) or "none: it has no explorer"
+        raise InvalidValueError(f"{what.name}: explorer", name, allowed)
+    return Interactive(what.explorers[chosen])
