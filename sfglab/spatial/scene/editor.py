@@ -240,7 +240,7 @@ class Editor:
 
     def rename(self, id_: int, name: str) -> bool:
         """Give an object another name; return whether it changed."""
-        return self._put("Rename", replace(self.scene.get(id_), name=name))
+        return self.set_property(id_, "name", name)
 
     def set_pose(self, id_: int, pose: Pose) -> bool:
         """Put an object elsewhere in its parent; an aligned waypoint keeps its orientation."""
@@ -263,7 +263,8 @@ class Editor:
         if key not in known:
             raise SceneError(f"{place_of(thing)}, property", key, " or ".join(known))
         changed = {key: value}
-        return self._put(f"Change {key}", replace(thing, **changed))
+        label = "Rename" if key == "name" else f"Change {key}"
+        return self._put(label, replace(thing, **changed))
 
     def align(self, id_: int, align: Align) -> bool:
         """Align all waypoints of a trajectory. Paper A, section 4.5."""

@@ -11,13 +11,20 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from sfglab.spatial.execution.client import trajectory_order
 from sfglab.spatial.scene.editor import Change, ChangeKind
-from sfglab.spatial.scene.model import ROOT, TrajectoryObject, WaypointObject
+from sfglab.spatial.scene.model import (
+    ROOT,
+    SceneError,
+    TrajectoryObject,
+    WaypointObject,
+    place_of,
+)
 from sfglab.units import NS_PER_S
 from sfglab.view.planner.context import Context, Part
 from sfglab.view.planner.fields import Field, FieldKind, fields_of
 from sfglab.view.planner.looks import TreeRow, rows_of, title_of
-from sfglab.view.planner.sending import SendForm, usual_action
+from sfglab.view.planner.sending import Sending, usual_action
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,6 +101,43 @@ class Hierarchy(Part):
 
 _TYPING_S = 0.5
 _STEP = 0.05
+
+
+class SendForm:
+    """Widgets of the inspector for one trajectory, in the open container: action, send, cancel, feedback."""
+
+    def __init__(self, context: Context, trajectory: int) -> None:
+        self._context = context
+        self._trajectory = trajectory
+        gui, icon = context.server.gui, context.viser.Icon
+        usual = usual_action(context.editor.scene, trajectory)
+        with gui.add_folder("Send"):
+            self._action = gui.add_text(
+                "action", usual, hint="Action of type sfglab_interfaces/action/FollowTrajectory"
+            )
+            self._send = gui.add_button("Send", icon=icon.SEND)
+            self._cancel = gui.add_button("Cancel", icon=icon.PLAYER_STOP)
+            self._bar = gui.add_progress_bar(0.0)
+            self._text = gui.add_markdown("")
+        self._send.on_click(context.on(lambda _: self._clicked_send()))
+        self._cancel.on_click(context.on(lambda _: context.sender.cancel(trajectory)))
+        self.show()
+
+    def show(self) -> None:
+        """Show the state of the trajectory."""
+        state = self._context.sender.states.get(self._trajectory, Sending())
+        self._send.disabled = state.running
+        self._cancel.disabled = not state.running
+        self._bar.value = 100.0 * state.share
+        self._text.content = state.text
+
+    def _clicked_send(self) -> None:
+        scene = self._context.editor.scene
+        order = trajectory_order(scene, self._trajectory)
+        if order is None:
+            place = place_of(scene.get(self._trajectory))
+            raise SceneError(place, None, "a trajectory with an agent and a waypoint, to be sent")
+        self._context.sender.send(self._trajectory, order, self._action.value.strip())
 
 
 class Inspector(Part):

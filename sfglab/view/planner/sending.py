@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import SfglabError
 from sfglab.spatial.execution.client import Execution, trajectory_order
 from sfglab.spatial.execution.orders import action_name
-from sfglab.spatial.scene.model import SceneError, place_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
     from sfglab.spatial.execution.orders import Feedback, Order
     from sfglab.spatial.scene.tree import Scene
-    from sfglab.view.planner.context import Context
 
 _CLOSE_S = 5.0
 
@@ -142,40 +140,3 @@ def usual_action(scene: Scene, trajectory: int) -> str:
         return action_name(order.agent)
     except SfglabError:
         return ""
-
-
-class SendForm:
-    """Widgets of the inspector for one trajectory, in the open container: action, send, cancel, feedback."""
-
-    def __init__(self, context: Context, trajectory: int) -> None:
-        self._context = context
-        self._trajectory = trajectory
-        gui, icon = context.server.gui, context.viser.Icon
-        usual = usual_action(context.editor.scene, trajectory)
-        with gui.add_folder("Send"):
-            self._action = gui.add_text(
-                "action", usual, hint="Action of type sfglab_interfaces/action/FollowTrajectory"
-            )
-            self._send = gui.add_button("Send", icon=icon.SEND)
-            self._cancel = gui.add_button("Cancel", icon=icon.PLAYER_STOP)
-            self._bar = gui.add_progress_bar(0.0)
-            self._text = gui.add_markdown("")
-        self._send.on_click(context.on(lambda _: self._clicked_send()))
-        self._cancel.on_click(context.on(lambda _: context.sender.cancel(trajectory)))
-        self.show()
-
-    def show(self) -> None:
-        """Show the state of the trajectory."""
-        state = self._context.sender.states.get(self._trajectory, Sending())
-        self._send.disabled = state.running
-        self._cancel.disabled = not state.running
-        self._bar.value = 100.0 * state.share
-        self._text.content = state.text
-
-    def _clicked_send(self) -> None:
-        scene = self._context.editor.scene
-        order = trajectory_order(scene, self._trajectory)
-        if order is None:
-            place = place_of(scene.get(self._trajectory))
-            raise SceneError(place, None, "a trajectory with an agent and a waypoint, to be sent")
-        self._context.sender.send(self._trajectory, order, self._action.value.strip())
