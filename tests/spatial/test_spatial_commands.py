@@ -102,7 +102,7 @@ def test_ctrl_c_and_a_lost_terminal_stop_the_agent_and_the_command_ends_when_it_
                 sender.send_signal(number)
                 said, _ = sender.communicate(timeout=60)
                 assert said.startswith(
-                    "go2: canceled: somebody canceled the goal, and the agent braked at (-"
+                    "go2: canceled: the goal was canceled, and the agent braked at (-"
                 )
                 assert sender.returncode == 130
         finally:
