@@ -48,11 +48,14 @@ CAMERA = f"{AGENT}/camera"
 MOTION = SyntheticMotion()  #: Path of the markers in the world.
 CAMERAS = SyntheticConfig(occlusions_hz=0.5, occlusion_s=0.15, dropped=0.02)
 """The simulated capture system, with noise, occlusions and lost captures."""
-MAPPING = MocapMapping(world=WORLD, objects={OBJECT: MappedObject(id=OBJECT, via=OBJECT)})
-"""Mapping of the bridge: it publishes the root of the robot's tree."""
+MAPPING = MocapMapping(
+    world=WORLD, objects={OBJECT: MappedObject(id=OBJECT, via=OBJECT, frame=f"{AGENT}/odom")}
+)
+"""Mapping of the bridge. It names the root of the robot's tree, because without odometry, which may be
+received later than the static transforms, the root is another frame."""
 #: Time for which robot and bridge continue after the run, so that the last look-ups are answered, s.
 TAIL_S = 0.6
-_EARLY_S = 2.0  # time for which the robot publishes before the run, so that all have discovered it
+_EARLY_S = 5.0  # time for which the robot publishes before the run, so that all have discovered it
 _FIRST_S = 0.25  # time of the first look-up
 _BASE_FROM_MARKERS = Pose.at((0.1, 0.0, 0.2), (0.0, 0.05, 0.0, 1.0))
 _HEAD_FROM_CAMERA = Pose.at((0.08, 0.0, 0.03), (0.5, -0.5, 0.5, -0.5))

@@ -30,7 +30,7 @@ FIGURE_6 = "figure 6"  #: The paper's example in the table ``edge``.
 LIVE = "live"  #: The live run in the table ``edge``.
 HOSTS = {"robot": "agent_x", "bridge": "mocap", "listener": "viewer"}
 _DOMAINS = {trees.PROXY: 51, trees.DIRECT: 52, trees.RENAMED: 53}
-_LEAD_S = 3.0  # time from the order to the start of the live run
+_LEAD_S = 6.0  # time from the order to the start of the live run
 _SLACK_S = 90.0  # time that the processes may take longer
 _BOTH = ["faulty", "ideal"]
 
