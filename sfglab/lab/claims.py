@@ -141,6 +141,7 @@ class Finding:
     ends: Mapping[str, float] = field(default_factory=dict)
     #: Alternatives: the value under other conditions that the paper leaves open, by condition.
     under: Mapping[str, Estimate] = field(default_factory=dict)
+    count: str = ""  #: Number of facts behind a share, as ``6 facts``; empty: it is no such share.
     fitted: str = ""  #: Constants that were fitted to the claim's own numbers; empty: none.
     #: Whether the claim's criterion judges the value, instead of its `band`.
     by_criterion: bool = False
@@ -230,8 +231,11 @@ class Entry:
 
     @property
     def unit(self) -> str:
-        """Unit of `value`."""
-        return self.shown.unit if self.shown else self.claim.unit
+        """Unit of `value`, with the number of facts behind a share."""
+        if self.shown is None or self.measured is None:
+            return self.claim.unit
+        count = self.measured.count
+        return f"{self.shown.unit} ({count})" if count else self.shown.unit
 
     @property
     def interval(self) -> str:

@@ -48,6 +48,7 @@ class Sender:
         self._make_node = node
         self._on_state = on_state
         self._node: Node | None = None
+        self._joining = asyncio.Lock()  # two goals at once join the domain once
         self._executions: dict[int, Execution] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -95,8 +96,9 @@ class Sender:
             self._tell(id_, Sending(running=True, share=feedback.share, text=text))
 
         try:
-            if self._node is None:
-                self._node = await self._make_node().__aenter__()
+            async with self._joining:
+                if self._node is None:
+                    self._node = await self._make_node().__aenter__()
             execution = Execution(self._node, order.agent, action=action, on_feedback=on_feedback)
             self._executions[id_] = execution
             try:

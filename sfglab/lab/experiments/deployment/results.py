@@ -72,7 +72,9 @@ def share_confirmed(run: Run[Config]) -> Finding:
         else:
             ends[str(end)] = shares[-1]
     estimate = exactly(min(shares), "share of checks that hold")
-    return Finding(estimate=estimate, details=details, reason="; ".join(reasons), ends=ends)
+    reason = "; ".join(reasons)
+    count = f"{len(facts)} facts"
+    return Finding(estimate=estimate, details=details, reason=reason, ends=ends, count=count)
 
 
 def _counts(facts: pd.DataFrame) -> str:

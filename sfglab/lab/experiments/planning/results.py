@@ -97,7 +97,8 @@ def share_that_holds(run: Run[Config]) -> Finding:
         else "on the simulated bus",
         "beyond the paper": "splines, its future work",
     }
-    return Finding(estimate=share.estimate, details=details, reason=share.reason)
+    count = f"{len(FACTS) + 1} facts"
+    return Finding(estimate=share.estimate, details=details, reason=share.reason, count=count)
 
 
 # --- Figures ----------------------------------------------------------------------------------

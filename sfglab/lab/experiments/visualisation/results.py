@@ -99,10 +99,12 @@ def share_that_holds(run: Run[Config]) -> Finding:
 
     The delay that the bridge adds is judged at the median and at 99 %; the paper states none.
     """
-    share = share_of_facts(facts(run))
+    table = facts(run)
+    share = share_of_facts(table)
     delay = f"{added_ms(run)}; asked is below {ADDED_MS:g} ms"
     details = {**share.groups, "added by the bridge": delay}
-    return Finding(estimate=share.estimate, details=details, reason=share.reason)
+    count = f"{len(table)} facts"
+    return Finding(estimate=share.estimate, details=details, reason=share.reason, count=count)
 
 
 @exp.figure("visualisation_latency", size=(7, 4.2))
