@@ -209,7 +209,11 @@ async def test_the_stamp_of_a_received_picture_is_that_of_the_frame_in_its_pixel
                 )
                 here.create_subscription(IMAGE, route.local_topic, take, SENSOR_DATA)
                 await processes.look(1, mode="proxy")
-                await asyncio.sleep(1)
+                for pictures in received.values():
+                    pictures.clear()
+                async with asyncio.timeout(60):
+                    while min(map(len, received.values())) < 40:
+                        await asyncio.sleep(0.1)
                 [seen] = await processes.stop(1)
     assert (seen["unreadable"], seen["disordered"], seen["broken"]) == (0, 0, 0)
     assert len(seen["sightings"]) == seen["frames"] > 10
