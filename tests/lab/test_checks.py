@@ -38,7 +38,7 @@ def test_every_property_holds_on_a_few_cases(name, check):
 def test_what_fails_is_counted_and_shown():
     checks = Checks("some")
     checks.cases("even")(lambda sample: ((str(n), n % 2 == 0) for n in range(sample.count)))
-    checks.trial("small")(lambda rng: "large" if rng.random() > 0.5 else "")
+    checks.cases("small")(lambda sample: (("large", x < 0.5) for x in sample.rng.random(10)))
     even, small = checks.rows(10, 0)
     assert (even.checked, even.held, even.example) == (10, 5, "1")
     assert (small.checked, small.example) == (10, "large")

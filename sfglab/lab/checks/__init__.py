@@ -61,33 +61,22 @@ def share_of_checks(run: Run[Any], prefix: str = "") -> Share:
     return lowest_share(table[table["check"].astype(str).str.startswith(prefix)], "check")
 
 
-def facts_of(run: Run[Any], sources: Mapping[str, tuple[str, ...]]) -> pd.DataFrame:
-    """Return a run's facts as a table with the columns of `CheckRow`, one row per fact, in their order.
+def fact_rows(table: pd.DataFrame, sources: Mapping[str, tuple[str, ...]]) -> pd.DataFrame:
+    """Return facts as a table with the columns of `CheckRow`, one row per fact, in their order.
 
     Args:
-        run: Run with a table ``check``. A fact that is missing there does not hold.
+        table: Rows of a log's checks. A fact that is missing there does not hold.
         sources: Names of the facts, each with the checks that stand for it in logs from before there were facts.
     """
     import pandas as pd
 
     rows = []
     for fact, checks in sources.items():
-        found = run["check"][run["check"]["check"].isin((fact, *checks))]
+        found = table[table["check"].isin((fact, *checks))]
         checked, held = int(found["checked"].sum()), int(found["held"].sum())
         seen = "; ".join(found["example"]) or NOTHING
         rows.append(CheckRow(check=fact, checked=max(1, checked), held=held, example=seen))
     return pd.DataFrame([asdict(row) for row in rows])
-
-
-def share_of_facts(facts: pd.DataFrame) -> Share:
-    """Return the share of facts that hold, in each of their cases; columns are those of `CheckRow`."""
-    holds = facts["held"] == facts["checked"]
-    wrong = facts[~holds]
-    return Share(
-        estimate=exactly(float(holds.mean()), "share of checks that hold"),
-        groups={"facts that hold": f"{holds.sum()} of {len(facts)}"},
-        reason="; ".join(f"{row.check}: {row.example}" for row in wrong.itertuples()),
-    )
 
 
 def lowest_share(table: pd.DataFrame, group: str) -> Share:
@@ -146,20 +135,6 @@ class Checks:
             self._cases[name] = lambda sample: (
                 (str(thing), bool(function(thing))) for thing in of(sample.count, sample.seed)
             )
-            return function
-
-        return declare
-
-    def trial(self, name: str) -> Callable[[F], F]:
-        """Add a property whose function draws a case from a generator and says what is wrong with it."""
-
-        def declare(function: F) -> F:
-            def cases(sample: Sample) -> Iterator[Case]:
-                for _ in range(sample.count):
-                    problem = str(function(sample.rng))
-                    yield problem or ALL, not problem
-
-            self._cases[name] = cases
             return function
 
         return declare

@@ -11,7 +11,7 @@ import pandas as pd
 
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
-from sfglab.lab.checks import check_row, lowest_share
+from sfglab.lab.checks import check_row, fact_rows, lowest_share
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.planning.experiment import OWN_GOAL, Config, exp
 from sfglab.lab.experiments.planning.facts import FACTS
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sfglab.lab.checks import Case
     from sfglab.lab.stats import Floats
     from sfglab.spatial.scene.tree import Scene
 
@@ -73,14 +72,9 @@ def facts_of(run: Run[Config]) -> pd.DataFrame:
         tried = pd.concat([run[table] for table in FORMER_TABLES])
     goals = lines_of(run["goal"][run["goal"]["case"] == OWN_GOAL])
     cases = [(f"{goal.agent}: {goal.outcome}", goal.outcome == _SUCCEEDED) for goal in goals]
-    rows = [tried[tried["check"].isin(FACTS)], _table(CARRIED_OUT, cases)]
-    rows += [_table(name, []) for name in FACTS if name not in set(tried["check"])]
-    return pd.concat(rows, ignore_index=True)
-
-
-def _table(name: str, cases: list[Case]) -> pd.DataFrame:
-    """Return the row of a fact; a fact without a case does not hold."""
-    return pd.DataFrame([asdict(check_row(name, cases))])
+    carried_out = pd.DataFrame([asdict(check_row(CARRIED_OUT, cases))])
+    of_cases = fact_rows(tried, dict.fromkeys(FACTS, ()))
+    return pd.concat([of_cases, carried_out], ignore_index=True)
 
 
 @exp.claim("A-PLAN", how=how_of)

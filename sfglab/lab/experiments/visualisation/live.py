@@ -194,7 +194,7 @@ class _Timed:
 async def time_pictures(
     canvas: RerunCanvas, domain_id: int, *, rounds: int, pictures: int
 ) -> list[dict[str, Any]]:
-    """Time so many pictures of both arms in turn, so that other load on the machine falls on both."""
+    """Return the times of pictures of both arms, taken in turn, so that other load on the machine affects both."""
     rows = []
     for number in range(rounds):
         bare = await asyncio.to_thread(_bare, canvas, pictures)
