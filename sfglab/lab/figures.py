@@ -12,9 +12,8 @@ import inspect
 import io
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.runs import Run
 
-    Cell = tuple[str, str]  # a text and its colour
 
 # The palette is based on that of Okabe and Ito, distinct for all common kinds of colour blindness. Blue is
 # darker and green is lighter, so that the three methods which are compared most also differ in grey.
@@ -149,31 +147,6 @@ def paper_line(
         va="top" if below else "bottom",
         color="black",
     )
-
-
-def word_table(
-    figure: Figure, head: Sequence[str], rows: Mapping[str, Sequence[Cell]], *, wrap: int
-) -> None:
-    """Draw a table of coloured texts into a figure, by row its cells; the figure gets the height of the table."""
-    lines = [
-        [fill(text, wrap) for text in (name, *(text for text, _ in row))]
-        for name, row in rows.items()
-    ]
-    heights = np.array([max(text.count("\n") for text in line) + 1.9 for line in lines])
-    middles = np.cumsum(heights) - heights / 2
-    figure.set_figheight(0.95 + 0.15 * heights.sum())
-    axes = figure.subplots()
-    for (_, *texts), cells, y, height in zip(lines, rows.values(), middles, heights, strict=True):
-        for column, (text, (_, color)) in enumerate(zip(texts, cells, strict=True)):
-            axes.barh(y, 0.98, height - 0.2, left=column, color=color, alpha=0.25)
-            axes.text(column + 0.02, y, text, va="center", fontsize=7.5)
-    axes.set(xlim=(0, len(head)), ylim=(max(heights.sum(), 1), 0))
-    axes.set_xticks([column + 0.5 for column in range(len(head))], head)
-    axes.set_yticks(middles, [line[0] for line in lines], fontsize=7.5)
-    axes.xaxis.tick_top()
-    axes.tick_params(length=0)
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
 
 
 _RC: dict[Any, Any] = {

@@ -55,11 +55,6 @@ class Samples:
         """Lengths of the velocities, shape (n,)."""
         return np.asarray(np.linalg.norm(self.velocities_m_s, axis=1))
 
-    @property
-    def yaw_rates_rad_s(self) -> Floats:
-        """Angular velocities about the fixed z axis, shape (n,)."""
-        return self.angular_rad_s[:, 2]
-
     def pose(self, index: int) -> Pose:
         """Return one of the poses."""
         position, quat = self.positions_m[index].tolist(), self.quats_xyzw[index].tolist()
