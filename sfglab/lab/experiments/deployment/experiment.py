@@ -223,15 +223,15 @@ def _hook_fault(hooks: Path, root: Path) -> str:
             return "a dry run changes files"
         run()
         prepared = _snapshot(root)
+        if prepared == before:
+            return "they change nothing"
+        run()
+        if _snapshot(root) != prepared:
+            return "a second run changes files"
+        (hooks / "custom.d" / "50-mine.sh").write_text('touch "$SFGLAB_ROOT/mine"\n')
         run()
     except subprocess.CalledProcessError as error:
         return error.stderr.decode(errors="replace").strip() or str(error)
-    if prepared == before:
-        return "they change nothing"
-    if _snapshot(root) != prepared:
-        return "a second run changes files"
-    (hooks / "custom.d" / "50-mine.sh").write_text('touch "$SFGLAB_ROOT/mine"\n')
-    run()
     return "" if (root / "mine").exists() else "a script of the user does not run"
 
 
