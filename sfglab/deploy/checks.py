@@ -225,7 +225,7 @@ def _faults(check: Check, command: Sequence[str], folder: Path) -> list[str]:
 
 
 def _is_about_a_unit(line: str) -> bool:
-    """Tell whether a line is about a unit of an agent, and not about a program that this host lacks."""
+    """Return whether a line is about a unit of an agent, and not about a program that this host lacks."""
     return "sfglab-" in line and "is not executable" not in line
 
 

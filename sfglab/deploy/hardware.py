@@ -168,7 +168,7 @@ def look_for_jetson(files: MachineFiles) -> Found | str:
 
 
 def _is_tegra(files: MachineFiles) -> bool:
-    """Tell whether a board is compatible with a Tegra (Devicetree Specification, 2.3.1)."""
+    """Return whether a board is compatible with a Tegra (Devicetree Specification, 2.3.1)."""
     texts = [files.text(f"{tree}/compatible") or "" for tree in _TREES]
     names = [plain(name) for text in texts for name in text.split("\0")]
     return any(name.startswith("nvidia,tegra") for name in names)

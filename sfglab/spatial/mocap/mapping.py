@@ -83,7 +83,7 @@ def load_mapping(path: Path | str) -> MocapMapping:
     """Return the mapping of a YAML file such as ``data/mocap/two_agents.yaml``.
 
     Raises:
-        DocumentError: The file says something else than a mapping; the error names the line.
+        DocumentError: The file is no mapping; the error names the line.
     """
     return Document.of_file(path).read(MocapMapping)
 
