@@ -21,7 +21,7 @@ from sfglab.qos import Durability, Reliability
 class Outputs:
     """Local publishers that are not there."""
 
-    def serve(self, _):
+    def open(self):
         pass
 
 
@@ -45,7 +45,7 @@ def test_camera_gop_cache_and_decoder_ask_for_best_effort(monkeypatch):
             observer.graph.watch(dds_topic(STREAM), kind, note)
         keeper = GopCacheNode(world.node("keeper"), GopCacheSettings(streams=(STREAM,)))
         decoding = run_pipeline(
-            route, (), remote=world.node("decoder"), outputs=Outputs(), counts=Statistics()
+            route, remote=world.node("decoder"), outputs=Outputs(), counts=Statistics()
         )
         async with camera._camera(config, lambda _: None) as shooting:
             async with beside(keeper.run(), decoding):

@@ -2,6 +2,7 @@
 
 import asyncio
 import zlib
+from dataclasses import asdict
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.bus.sim import run_simulated
 from sfglab.codecs import COMPRESSED_IMAGE
-from sfglab.component import beside
+from sfglab.component import Orders, beside
 from sfglab.fleet.decoder import pipeline, streams
 from sfglab.fleet.decoder.pipeline import (
     Statistics,
@@ -20,6 +21,7 @@ from sfglab.fleet.decoder.pipeline import (
     message_bytes,
     write_message,
 )
+from sfglab.fleet.decoder.process import PipelineWorker
 from sfglab.fleet.decoder.streams import (
     RELAY,
     Demand,
@@ -98,19 +100,36 @@ def test_a_new_kind_of_stream_is_one_entry_and_one_codec(monkeypatch):
     (described,), errors = routes_of_agent(metadata(topic, type=COMPRESSED_IMAGE))
     assert (described.source_topic, described.decoded_type, errors) == (topic, BYTES, ())
     assert route.local_topic == described.local_topic == "/local/go2/lidar/scan"
-    outputs = SimpleNamespace(serve=lambda _: None, publish=lambda *parts: shown.append(parts))
+    outputs = SimpleNamespace(open=lambda: None, publish=lambda *parts: shown.append(parts))
     data = np.frombuffer(zlib.compress(b"scan"), np.uint8)
 
     async def main(world):
         publisher = world.node("lidar").create_publisher(COMPRESSED_IMAGE, topic, SENSOR_DATA)
         told = {"remote": world.node("remote"), "outputs": outputs, "counts": Statistics()}
-        async with beside(pipeline.run_pipeline(route, ["dds"], **told)):
+        async with beside(pipeline.run_pipeline(route, **told)):
             await publisher.wait_for_subscriptions(1, 5)
             publisher.publish(default_message(COMPRESSED_IMAGE, data=data))
             await asyncio.sleep(1)
 
     run_simulated(main, seed=1, limit_s=60)
     assert [scan for _, scan in shown] == [b"scan"]
+
+
+def test_transports_that_change_before_a_pipeline_has_begun_are_served():
+    async def main(world):
+        orders, local = Orders(), world.node("local")
+        worker = PipelineWorker(world.node("remote"), local, lambda _: None)
+        _, route = routes_of_topic(STREAM)
+        orders.put_nowait({"do": "open", "stream": asdict(route), "transports": []})
+        orders.put_nowait({"do": "serve", "transports": ["dds"]})
+        async with beside(worker.run(orders)):
+            await asyncio.sleep(1)
+            assert len(local.graph.publishers(LOCAL_INFO)) == 1
+            orders.put_nowait({"do": "serve", "transports": []})
+            await asyncio.sleep(1)
+            assert not local.graph.publishers(LOCAL_INFO)
+
+    run_simulated(main, seed=1, limit_s=60)
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ class Screen:
     def __init__(self) -> None:
         self.times_s: list[float] = []
 
-    def serve(self, _: object) -> None:
+    def open(self) -> None:
         pass
 
     def publish(self, *_: object) -> None:
@@ -74,7 +74,7 @@ def first_picture(
         ):
             await asyncio.sleep(5 + (joined + 0.5) / fps)
             joined_s = asyncio.get_running_loop().time()
-            async with beside(run_pipeline(route, (), remote=near, outputs=screen, counts=counts)):
+            async with beside(run_pipeline(route, remote=near, outputs=screen, counts=counts)):
                 await asyncio.sleep(FRAMES / fps)
             return joined_s
 

@@ -115,17 +115,26 @@ class Statistics:
 
 
 class Outputs:
-    """Local publishers of one topic: one for each subscribed transport."""
+    """Local publishers of one topic: one for each subscribed transport, once it is open."""
 
-    def __init__(self, local: Node, type_: str, topic: str) -> None:
+    def __init__(self, local: Node, type_: str, topic: str, transports: Iterable[str]) -> None:
         self._local = local
         self._type = type_
         self._topic = topic
+        self._transports = frozenset(transports)
+        self._is_open = False
         self._publishers: dict[str, Publisher] = {}
 
+    def open(self) -> None:
+        """Create the publishers."""
+        self._is_open = True
+        self.serve(self._transports)
+
     def serve(self, transports: Iterable[str]) -> None:
-        """Open and close publishers so that exactly these transports are served."""
-        wanted = set(transports)
+        """Serve exactly these transports: now, or from `open` on."""
+        wanted = self._transports = frozenset(transports)
+        if not self._is_open:
+            return
         for gone in set(self._publishers) - wanted:
             self._publishers.pop(gone).close()
         for new in sorted(wanted - set(self._publishers)):
@@ -155,9 +164,7 @@ class Outputs:
         self.serve(())
 
 
-async def run_pipeline(
-    route: Route, transports: Iterable[str], *, remote: Node, outputs: Outputs, counts: Statistics
-) -> None:
+async def run_pipeline(route: Route, *, remote: Node, outputs: Outputs, counts: Statistics) -> None:
     """Decode or relay one stream from the remote node until cancelled, updating the counts.
 
     A message that cannot be decoded is counted and skipped: the next key frame heals the stream.
@@ -166,29 +173,25 @@ async def run_pipeline(
         CodecError: There is no decoder for this type and codec.
     """
     if route.codec == RELAY:
-        await _relay(route, transports, remote, outputs, counts)
+        await _relay(route, remote, outputs, counts)
     else:
-        await _decode(route, transports, remote, outputs, counts)
+        await _decode(route, remote, outputs, counts)
 
 
-async def _relay(
-    route: Route, transports: Iterable[str], remote: Node, outputs: Outputs, counts: Statistics
-) -> None:
+async def _relay(route: Route, remote: Node, outputs: Outputs, counts: Statistics) -> None:
     with closing(
         remote.create_subscription(
             route.source_type, route.source_topic, qos=COMPRESSED_STREAM, raw=True
         )
     ) as subscription:
-        outputs.serve(transports)
+        outputs.open()
         async for cdr in subscription:
             counts.received += 1
             outputs.publish_raw(cdr)
             counts.published += 1
 
 
-async def _decode(
-    route: Route, transports: Iterable[str], remote: Node, outputs: Outputs, counts: Statistics
-) -> None:
+async def _decode(route: Route, remote: Node, outputs: Outputs, counts: Statistics) -> None:
     with ExitStack() as stack:
 
         def subscribe(topic: str, qos: QoSProfile) -> Subscription:
@@ -200,7 +203,7 @@ async def _decode(
         # the other.
         replay = subscribe(route.replay_topic, REPLAY_QOS) if route.replay_topic else None
         live = subscribe(route.source_topic, COMPRESSED_STREAM)
-        outputs.serve(transports)
+        outputs.open()
         decoding = _Decoding(route, outputs, counts)
         if replay is not None:
             await decoding.join(live, replay)

@@ -66,7 +66,11 @@ class PipelineWorker:
         if order["do"] == "open":
             await self._end()
             route = from_json(Route, order["stream"])
-            self._pipeline = asyncio.create_task(self._run_one(route, order["transports"]))
+            # Before the task has begun, the next order may change the transports.
+            self._outputs = Outputs(
+                self._local, route.local_type, route.local_topic, order["transports"]
+            )
+            self._pipeline = asyncio.create_task(self._run_one(route, self._outputs))
         elif order["do"] == "serve" and self._outputs is not None:
             self._outputs.serve(order["transports"])
         elif order["do"] == "close":
@@ -80,16 +84,13 @@ class PipelineWorker:
                 await self._pipeline
             self._pipeline = None
 
-    async def _run_one(self, route: Route, transports: list[str]) -> None:
-        outputs = self._outputs = Outputs(self._local, route.local_type, route.local_topic)
+    async def _run_one(self, route: Route, outputs: Outputs) -> None:
         counts = Statistics()
         reports: asyncio.Task[None] | None = None
         try:
             self._report({"is": "opened"})
             reports = asyncio.create_task(self._report_counts(counts))
-            await run_pipeline(
-                route, transports, remote=self._remote, outputs=outputs, counts=counts
-            )
+            await run_pipeline(route, remote=self._remote, outputs=outputs, counts=counts)
         except Exception as error:  # noqa: BLE001  # the decoder must know of any failure
             self._report({"is": "broken", "why": f"{type(error).__name__}: {error}"})
         finally:
