@@ -50,7 +50,7 @@ ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted bes
 	.venv-$*/bin/python $(INSTALL) $<
 	@touch $@
 
-ros2: ros $(VENV)/.tests ## Test and measure beside ROS 2 (PROFILE=quick|paper), record it, and renew the README's table
+ros2: ros $(VENV)/.tests ## Test and measure beside ROS 2 (PROFILE=quick|paper), and record it
 	$(BIN)/python tests/ros2/record.py $(PROFILE)
 
 yosys: setup ## Add Yosys to .venv: area and proof of the gateway as hardware

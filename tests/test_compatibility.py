@@ -1,11 +1,10 @@
-"""What is said to work beside ROS 2: README and book have the log's tables, and the log what the tests show."""
+"""What is said to work beside ROS 2: the book has the log's tables, and the log what the tests show."""
 
 import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from test_readme import README, readme
 
 from sfglab.lab.experiments import ros2
 from sfglab.lab.experiments.ros2.experiment import FeatureRow
@@ -22,13 +21,6 @@ ROOT = Path(__file__).parents[1]
 sys.path += [str(ROOT / "tests" / "ros2"), str(ROOT / "book")]
 import features  # noqa: E402
 import pages  # noqa: E402
-
-
-def test_the_readme_has_the_table_of_the_log():
-    """`make ros2` records it, and renews the README."""
-    assert README.read_text(encoding="utf-8") == readme(
-        features.BEGIN, features.table(), features.END
-    )
 
 
 def test_the_book_has_the_tables_of_the_logs():

@@ -1,4 +1,4 @@
-"""The features that tests beside ROS 2 show by their marks, and the README's table, from the committed log.
+"""The features that tests beside ROS 2 show by their marks.
 
 @pytest.mark.feature("Topics", condition="on one host", cannot={"kilted": "why"})
 """
@@ -6,12 +6,10 @@
 from importlib import import_module
 from pathlib import Path
 
-from sfglab.lab.experiments import ros2
 from sfglab.lab.experiments.ros2.experiment import FeatureRow
 from sfglab.lab.ros2 import TESTED
 
 HERE = Path(__file__).parent
-BEGIN, END = "<!-- compatibility: make ros2 -->\n", "<!-- end -->\n"
 
 
 def rows_of(function, distributions=TESTED):
@@ -39,10 +37,3 @@ def tests():
         for name, value in vars(module).items()
         if name.startswith("test_")
     ]
-
-
-def table():
-    """Return the README's table."""
-    lines = [f"| beside real rclpy | {' | '.join(map(str.capitalize, TESTED))} |", "|---|---|---|"]
-    lines += [f"| {' | '.join(row)} |" for row in ros2.feature_table().itertuples(index=False)]
-    return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""Run the experiment `ros2` into its committed logs, and renew figures and the README's table: ``make ros2``.
+"""Run the experiment `ros2` into its committed logs, and renew its figures: ``make ros2``.
 
     python tests/ros2/record.py PROFILE [PART ...]
 
@@ -13,10 +13,8 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1]))  # where tests find what they share
 
-import features
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from test_readme import README, readme
 
 import sfglab
 from sfglab.lab.bench import Options
@@ -40,7 +38,6 @@ async def record(profile, *parts):
             pack(path, project.reference_logs / path.name)
         path.unlink()
     redraw_figures(project, ["ros2"])
-    README.write_text(readme(features.BEGIN, features.table(), features.END), encoding="utf-8")
 
 
 def pack(source: Path, target: Path) -> None:
