@@ -25,7 +25,6 @@ ROOT = Path(__file__).parents[2]
 INDEX = "00_index"
 SHOWN = "data/reference/cooperation.mcap"
 CONSTANTS = "data/reference/decode_once.mcap"  # of the explorer of notebook 03
-COUNTED = "data/reference/discovery.mcap"  # bytes of simulated fleets in notebook 05
 TIMES = "data/reference/latency.mcap"  # of the explorer of notebook 07
 RCLPY = "data/reference/decode_once_ros2.mcap"  # compared in notebook 03
 LOSS = ("latency", "live", "loss", "validation")
@@ -44,7 +43,7 @@ FIGURES_ANYWHERE = {
 FIGURES_OF_HOSTS = {
     "01_names_and_border": {"naming_schema", "routing_border"},
     "03_decode_once": {"decode_once_h264", "depth_codecs"},
-    "05_discovery": {"heartbeats", "discovery_states", "discovery_fleet", "discovery_scale"},
+    "05_discovery": {"heartbeats", "discovery_states", "discovery_fleet"},
     "07_latency": {"latency"},
     "14_frames": {"mocap_error", "mocap_trees"},
     "16_visualisation": {"visualisation_latency", "visualisation_points"},
@@ -56,11 +55,11 @@ NAMES = [*FIGURES_ANYWHERE, *(pytest.param(name, marks=LIVE) for name in FIGURES
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """A checkout of its own, with five logs, for readers to look at; what runs for it is gone at the end."""
+    """A checkout of its own, with four logs, for readers to look at; what runs for it is gone at the end."""
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
     shutil.copytree(ROOT / "data", tmp_path / "data", ignore=shutil.ignore_patterns("reference"))
     (tmp_path / "data" / "reference").mkdir()
-    for log in (SHOWN, CONSTANTS, COUNTED, TIMES, RCLPY):
+    for log in (SHOWN, CONSTANTS, TIMES, RCLPY):
         shutil.copy(ROOT / log, tmp_path / log)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     yield Project(root=tmp_path)

@@ -12,9 +12,8 @@ from sfglab.lab.experiments.discovery.results import (
     SIMULATED_NAMES,
     extrapolation,
     fleet_table,
-    growth,
     main_nodes,
-    summary,
+    simulated_table,
 )
 
 __all__ = [
@@ -24,9 +23,8 @@ __all__ = [
     "exp",
     "extrapolation",
     "fleet_table",
-    "growth",
     "live",
     "main_nodes",
     "simulated",
-    "summary",
+    "simulated_table",
 ]

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final, Literal
 
 import numpy as np
 
-from sfglab.errors import InvalidValueError
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
-STANDARD = "standard"
+STANDARD: Final = "standard"
 #: The paper's method: the start order launches all processes of an agent, and agents query each
 #: other's metadata service.
-LAUNCHED = "launched"
+LAUNCHED: Final = "launched"
 #: The sfglab variant: all processes are loaded before the order, and agents publish descriptions.
-ROUTED = "routed"
+ROUTED: Final = "routed"
 #: Simulated routed agents that query each other's service, as in the paper.
 QUERYING = "routed"
 PUBLISHING = "published"  #: Simulated routed agents that publish their descriptions.
@@ -24,28 +23,14 @@ PUBLISHING = "published"  #: Simulated routed agents that publish their descript
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """Live fleets of one kind.
+    """Live fleets of one kind."""
 
-    Raises:
-        InvalidValueError: There is no such mode, or an agent would have no peer or no node.
-    """
-
-    mode: str  #: ``standard``, ``launched`` or ``routed``.
+    mode: Literal["standard", "launched", "routed"]  #: Method of discovery.
     agents: tuple[int, ...]  #: Sizes of the fleet.
     talkers: int = 10  #: Publishing nodes per agent.
     listeners: int = 10  #: Subscribing nodes per agent.
     repeats: int = 1  #: Number of starts of each fleet.
     pace_s: float = 0.0  #: Time from one agent's start to the next one's, s; 0: all at once.
-
-    def __post_init__(self) -> None:
-        modes = (STANDARD, LAUNCHED, ROUTED)
-        if self.mode not in modes:
-            raise InvalidValueError("mode", self.mode, ", ".join(modes))
-        if min(self.agents) < 2 or self.talkers + self.listeners < 1:
-            given = f"{min(self.agents)} agents with {self.talkers} + {self.listeners} nodes"
-            raise InvalidValueError(
-                "stage", given, "fleets from 2 agents with at least one node each"
-            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,14 +49,13 @@ _FLEETS = (2, 3, 4, 5, 6)
 _FEW = tuple(
     Stage(mode=STANDARD, agents=(6,), talkers=n, listeners=n, repeats=3) for n in (1, 2, 3)
 )
-_PACES_S = {LAUNCHED: 2.5, ROUTED: 1.0}
 
 
-def _former_fleet(mode: str, agents: tuple[int, ...], nodes: int, repeats: int) -> dict[str, Any]:
-    """Return a fleet of the former part ``ros2`` as logs have it."""
+def _former_fleet(mode: str, agents: int, nodes: int, repeats: int) -> dict[str, Any]:
+    """Return a fleet of the former part ``ros2`` as the committed log has it."""
     return {
         "mode": mode,
-        "agents": [*agents],
+        "agents": [agents],
         "talkers": nodes,
         "listeners": nodes,
         "repeats": repeats,
@@ -79,35 +63,28 @@ def _former_fleet(mode: str, agents: tuple[int, ...], nodes: int, repeats: int) 
     }
 
 
-def _former_fleets(repeats: int, *sizes: tuple[int, int]) -> list[dict[str, Any]]:
-    """Return the fleets of each mode that the part compared; a size is agents and nodes of a role."""
-    fleets = []
-    for agents, nodes in sizes:
-        fleets.append(_former_fleet("standard ROS 2", (agents,), nodes, repeats))
-        fleets.append(_former_fleet(STANDARD, (agents,), nodes, repeats))
-        fleets.append(_former_fleet(ROUTED, (agents,), nodes, 1))
-    return fleets
-
-
-_COMPOSED = "standard ROS 2, composed"
-_FORMER_ROS2 = {
-    "quick": [*_former_fleets(2, (2, 10), (4, 3)), _former_fleet(_COMPOSED, (6,), 10, 1)],
-    "paper": [
-        *_former_fleets(20, (2, 10), (3, 6), (4, 3), (6, 2)),
-        _former_fleet(_COMPOSED, _FLEETS, 10, 20),
-    ],
-}
-"""The removed field ``ros2``, by profile."""
+_REAL = "standard ROS 2"
+_FORMER_ROS2 = [
+    _former_fleet(_REAL, 2, 10, 2),
+    _former_fleet(STANDARD, 2, 10, 2),
+    _former_fleet(ROUTED, 2, 10, 1),
+    _former_fleet(_REAL, 4, 3, 2),
+    _former_fleet(STANDARD, 4, 3, 2),
+    _former_fleet(ROUTED, 4, 3, 1),
+    _former_fleet(f"{_REAL}, composed", 6, 10, 1),
+]
+"""The removed field ``ros2`` of the profile ``quick``."""
 
 
 def paced(repeats: int, sizes: tuple[int, ...]) -> tuple[Stage, ...]:
     """Return fleets started agent after agent; the largest also at two thirds of the pace."""
-    stages = []
-    for mode, pace_s in _PACES_S.items():
-        for agents, slower in ((sizes, 1), (sizes[-1:], 1.5)):
-            stage = Stage(mode=mode, agents=agents, repeats=repeats, pace_s=slower * pace_s)
-            stages.append(stage)
-    return tuple(stages)
+    largest = sizes[-1:]
+    return (
+        Stage(mode=LAUNCHED, agents=sizes, repeats=repeats, pace_s=2.5),
+        Stage(mode=LAUNCHED, agents=largest, repeats=repeats, pace_s=3.75),
+        Stage(mode=ROUTED, agents=sizes, repeats=repeats, pace_s=1.0),
+        Stage(mode=ROUTED, agents=largest, repeats=repeats, pace_s=1.5),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -233,7 +210,7 @@ exp = Experiment(
         Link("router", "discoverer", "peers' heartbeats, descriptions"),
         Link("router", "peers", "with routers: heartbeats, description", boundary="the network"),
     ),
-    removed={"ros2": _FORMER_ROS2},
+    removed={"ros2": {"quick": _FORMER_ROS2}},
 )
 
 
