@@ -35,7 +35,7 @@ FIGURES_ANYWHERE = {
     "10_hallway": {"cooperation", "cooperation_tracks"},
     "11_mapping_and_gateway": {"gateway_core", "graph_mapping"},
     "12_transfer": {"transfer", "transfer_live"},
-    "13_driving": {"driving_chain", "driving_lap", "driving_laps"},
+    "13_driving": {"driving_chain", "driving_lap"},
     "15_planning": {"planning_interpolation", "planning_scene"},
     "17_deployment": {"deployment_layers"},
 }

@@ -73,8 +73,6 @@ class Config(Profiled):
     seed: int = 0  #: Seed of the first town.
 
 
-_REMOVED = {"chain.width": 640, "chain.height": 480, "chain.graph_file": "graphs/driving.yaml"}
-
 exp = Experiment(
     "driving",
     Config,
@@ -86,7 +84,11 @@ exp = Experiment(
         "live_s": 1.0,
     },
     paper={"laps": 100, "live_s": 120.0},
-    removed={name: dict.fromkeys(("quick", "paper"), value) for name, value in _REMOVED.items()},
+    removed={
+        "chain.width": {"quick": 640},
+        "chain.height": {"quick": 480},
+        "chain.graph_file": {"quick": "graphs/driving.yaml"},
+    },
     actors=(
         Actor("town", "simulation", "renders the camera's images, moves the car, judges the lap"),
         Actor("stack", "application", "all nodes of Fig. 9, each one timed"),
@@ -222,7 +224,6 @@ class DrivingTrackRow(TableRow):
     x_m: float  #: True position of the car, east.
     y_m: float  #: True position of the car, north.
     speed_mps: float  #: True speed.
-    left_m: float  #: Distance to the left of the lane's middle.
 
 
 @exp.part("drawn lap", timed=False)
@@ -267,7 +268,6 @@ class Recorder:
             x_m=car.x_m,
             y_m=car.y_m,
             speed_mps=car.speed_mps,
-            left_m=moment.place.left_m,
         )
         self._bench.write(row, at_ns=now_ns)
         children = ("car",) if number else ("car", "odom")

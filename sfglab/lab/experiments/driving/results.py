@@ -19,12 +19,12 @@ from sfglab.lab.experiments.driving.experiment import (
     exp,
     load_chain,
 )
-from sfglab.lab.figures import COLORS, note, paper_line
+from sfglab.lab.figures import COLORS, note
 from sfglab.lab.paper import paper
-from sfglab.lab.runs import Run, derived, lines_of
+from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, Floats, bootstrap, exactly
 from sfglab.lab.workers.driving import GATEWAY, SOFTWARE
-from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Camera, Chain, Rules
+from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Camera, Chain
 from sfglab.soc.driving.town import LANE_M, Road
 from sfglab.units import NS_PER_S
 
@@ -41,11 +41,6 @@ LIVE = "live across processes"
 PAPER = "paper"
 _COLUMNS = {SOFTWARE: "smt_s", GATEWAY: "gateway_s"}  #: Columns of topic A in the table ``chain``.
 _COLORS = {SOFTWARE: COLORS["standard"], GATEWAY: COLORS["proxy"]}
-_KIND_COLORS = {
-    "nodes": COLORS["network"],
-    "other topics": COLORS["third"],
-    "topic A": COLORS["fourth"],
-}
 _RED = "#D62728"
 _MS = 1e3
 _FEWEST = 30  #: Smallest number of live images that a standard deviation is computed from.
@@ -182,24 +177,13 @@ def orders_less(times: Sequence[Floats] | Floats) -> float:
     return float(np.log10(software.std(ddof=1) / gateway.std(ddof=1)))
 
 
-@exp.figure("driving_chain", size=(10, 4.3))
+@exp.figure("driving_chain", size=(7, 4.3))
 def draw_chain(figure: Figure, run: Run[Config]) -> None:
-    """Draw mean and standard deviation of the chain's time by source, and its parts."""
-    left, right = figure.subplots(1, 2, width_ratios=(1, 1.2))
-    _draw_times(left, chain_table(run))
-    _draw_parts(right, part_table(run))
-    stated = paper("C-DRIVE", "times as fast")
-    figure.suptitle(
-        f"With a gateway for topic A the chain is {_ratio(run, ASSUMED):.1f} times as fast "
-        f"(paper: {stated})"
-    )
-    note(figure, "transfers modelled; error bars: standard deviation")
-
-
-def _draw_times(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw mean and standard deviation by source and mapping."""
+    """Draw mean and standard deviation of the chain's time by source."""
+    axes = figure.subplots()
+    table = chain_table(run)
     sources = table["source"].unique()
-    for mapping, shift in ((SOFTWARE, -0.15), (GATEWAY, 0.15)):
+    for mapping, shift in ((SOFTWARE, -0.1), (GATEWAY, 0.1)):
         rows = table[table["topic A"] == mapping]
         places = np.arange(len(rows)) + shift
         style: dict[str, Any] = {"color": _COLORS[mapping], "label": f"topic A: {mapping}"}
@@ -207,29 +191,14 @@ def _draw_times(axes: Axes, table: pd.DataFrame) -> None:
             places, rows["mean (ms)"], rows["deviation (ms)"], fmt="o", capsize=4, **style
         )
     axes.set_xticks(range(len(sources)), [fill(source, 16) for source in sources])
-    axes.tick_params(axis="x", labelsize=8)
     axes.set(ylabel="time of the chain (ms)", ylim=(0, None))
     axes.legend(loc="lower left")
-
-
-def _draw_parts(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw mean times of nodes, topic A and other topics as stacked bars."""
-    kinds = ["nodes" if part in CHAIN else "other topics" for part in table.index]
-    kinds[table.index.get_loc(SHARED_TOPIC)] = "topic A"
-    sums = table.groupby(kinds).sum()
-    names = [fill(", topic A: ".join(column), 16) for column in table.columns.to_flat_index()]
-    bottom = np.zeros(len(names))
-    for kind, color in _KIND_COLORS.items():
-        bars = axes.bar(names, sums.loc[kind], 0.6, bottom, color=color, label=kind)
-        axes.bar_label(bars, fmt="%.1f", label_type="center", fontsize=8)
-        bottom += sums.loc[kind]
-    stated = {mapping: paper("C-DRIVE", f"{mapping}, mean (ms)") for mapping in MAPPINGS}
-    for mapping, mean_ms in stated.items():
-        paper_line(axes, mean_ms, color=_COLORS[mapping])
-    axes.tick_params(axis="x", labelsize=8)
-    highest = max(bottom.max(), *stated.values())
-    axes.set(ylabel="mean time (ms)", ylim=(0, 1.2 * highest), xlim=(-0.5, 4.2))
-    axes.legend(fontsize=8, ncols=3, loc="upper left")
+    stated = paper("C-DRIVE", "times as fast")
+    figure.suptitle(
+        f"With a gateway for topic A the chain is {_ratio(run, ASSUMED):.1f} times as fast "
+        f"(paper: {stated})"
+    )
+    note(figure, "transfers modelled; error bars: standard deviation")
 
 
 @derived
@@ -248,13 +217,12 @@ def stops(run: Run[Config]) -> pd.DataFrame:
     return found[(found["end_s"] - found["t_s"] >= 1.0) & (found["t_s"] > 1.0)]
 
 
-@exp.figure("driving_lap", size=(10, 6.2))
+@exp.figure("driving_lap", size=(10, 4.6))
 def draw_lap(figure: Figure, run: Run[Config]) -> None:
-    """Draw one lap: town and track, distance from the lane's middle, and the image at the first stop."""
-    grid = figure.add_gridspec(2, 2, height_ratios=(2, 0.6))
-    _draw_map(figure.add_subplot(grid[0, 0]), run)
-    _draw_first_stop(figure.add_subplot(grid[0, 1]), run)
-    _draw_lateral(figure.add_subplot(grid[1, :]), run)
+    """Draw one lap: town and track, and the camera image at the first stop."""
+    left, right = figure.subplots(1, 2)
+    _draw_map(left, run)
+    _draw_first_stop(right, run)
     lap = run["lap"].iloc[0]
     result = "passes" if lap["passed"] else "does not pass"
     figure.suptitle(
@@ -295,40 +263,3 @@ def _draw_map(axes: Axes, run: Run[Config]) -> None:
     axes.plot(stops(run)["x_m"], stops(run)["y_m"], "o", color=_RED, label="stop of the car")
     axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)")
     axes.legend(fontsize=8, loc="center")
-
-
-def _draw_lateral(axes: Axes, run: Run[Config]) -> None:
-    track = run["track"]
-    axes.plot(track["t_s"], track["left_m"] * 100, color=COLORS["proxy"])
-    limit = Rules().lateral_m * 100
-    axes.hlines([-limit, limit], 0, track["t_s"].max(), color="black", linestyle=":")
-    for stop in lines_of(stops(run)):
-        axes.axvspan(stop.t_s, stop.end_s, color=_RED, alpha=0.15)
-    axes.set(xlabel="time (s)", ylabel="left of the\nlane's middle (cm)")
-    axes.set_title("red: the car stands; dotted: a wheel would leave the lane", fontsize=8.5)
-
-
-@exp.figure("driving_laps", size=(10.2, 5.4))
-def draw_laps(figure: Figure, run: Run[Config]) -> None:
-    """Draw all laps by seed: largest distance from the lane's middle, red lights, odometry error."""
-    laps = run["lap"].set_index("seed")
-    table = pd.DataFrame(
-        {
-            "largest distance from\nthe lane's middle (cm)": laps["largest_lateral_m"] * 100,
-            "red lights obeyed": laps["red_lights_obeyed"],
-            "odometry error at the end\n(% of the lap)": 100
-            * laps["odometry_error_m"]
-            / laps["lane_m"],
-        }
-    )
-    limits = (Rules().lateral_m * 100, Rules().red_lights, np.nan)
-    colors = np.where(laps["passed"], COLORS["proxy"], COLORS["standard"])
-    panels = figure.subplots(3, 1, sharex=True)
-    for axes, name, limit in zip(panels, table, limits, strict=True):
-        axes.bar(table.index, table[name], 0.7, color=colors)
-        axes.set_ylabel(name, fontsize=8)
-        axes.axhline(limit, color="black", linestyle=":")
-    panels[-1].set_xlabel("seed of the town")
-    panels[-1].locator_params(axis="x", integer=True)
-    figure.suptitle(f"{laps['passed'].sum()} of {len(laps)} laps pass")
-    note(figure, "simulated, one lap per town; dotted: limits of the judge")

@@ -13,7 +13,7 @@ import numpy as np
 from sfglab.codecs import TABLE_2
 from sfglab.fields import between
 from sfglab.lab.bench import TableRow
-from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
 PATHS = ("standard", "decoder", "agent", "container", "on_demand")
 """Paths from the camera to the viewer, see `sfglab.lab.experiments.latency.live`."""
@@ -73,9 +73,9 @@ exp = Experiment(
         Link("decoder", "viewer", "decoded frames over DDS (container, new process)"),
     ),
     removed={
-        "idle_s": {"smoke": 0.5, "quick": 3.0, "paper": 30.0},
-        "ros2": {"smoke": 1, "quick": 6, "paper": 120},
-        "link_mbit_s": dict.fromkeys(PROFILES, 50.0),
+        "idle_s": {"quick": 3.0},
+        "ros2": {"quick": 6},
+        "link_mbit_s": {"quick": 50.0},
     },
 )
 

@@ -100,7 +100,7 @@ exp = Experiment(
         Link("node", "rclpy", "topics, services, actions"),
         Link("rclpy", "node", "topics, services, actions"),
     ),
-    removed={"slow": {"smoke": False, "quick": False, "paper": True}},
+    removed={"slow": {"quick": False}},
 )
 
 

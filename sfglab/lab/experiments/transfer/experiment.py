@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.fields import to_json
 from sfglab.lab.bench import TableRow
-from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.soc.memory import STORED, Costs, MemoryInterface
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, speed_ups
 
@@ -75,24 +75,24 @@ exp = Experiment(
         Link("publisher", "software", "messages", "socket", "software and hardware"),
     ),
     removed={
-        "refits": {"smoke": 2, "quick": 20, "paper": 30},
-        "rtl_check_bytes": {"smoke": 4096, "quick": 100_032, "paper": 1_000_000},
-        "areas": {"smoke": False, "quick": True, "paper": True},
-        "proved": {"smoke": False, "quick": True, "paper": True},
-        "most_subscribers": {"smoke": 8, "quick": 16, "paper": 16},
-        "sizes": {"smoke": 6, "quick": 26, "paper": 26},
-        "small_graphs": {"smoke": 2, "quick": 12, "paper": 40},
-        "small_nodes": {"smoke": 5, "quick": 8, "paper": 8},
-        "large_graphs": {"smoke": 1, "quick": 4, "paper": 10},
-        "large_nodes": {"smoke": 12, "quick": 50, "paper": 50},
+        "refits": {"quick": 20},
+        "rtl_check_bytes": {"quick": 100_032},
+        "areas": {"quick": True},
+        "proved": {"quick": True},
+        "most_subscribers": {"quick": 16},
+        "sizes": {"quick": 26},
+        "small_graphs": {"quick": 12},
+        "small_nodes": {"quick": 8},
+        "large_graphs": {"quick": 4},
+        "large_nodes": {"quick": 50},
         # Parameters of the explorer.
-        "subscribers": dict.fromkeys(PROFILES, 4),
-        "message_bytes": dict.fromkeys(PROFILES, 1_000_000),
-        "read_latency_cycles": dict.fromkeys(PROFILES, 30.0),
-        "write_latency_cycles": dict.fromkeys(PROFILES, 8.758),
-        "delegate_us": dict.fromkeys(PROFILES, 80.0),
-        "endpoint_us": dict.fromkeys(PROFILES, 373.57),
-        "cancel_us": dict.fromkeys(PROFILES, 310.43),
+        "subscribers": {"quick": 4},
+        "message_bytes": {"quick": 1_000_000},
+        "read_latency_cycles": {"quick": 30.0},
+        "write_latency_cycles": {"quick": 8.758},
+        "delegate_us": {"quick": 80.0},
+        "endpoint_us": {"quick": 373.57},
+        "cancel_us": {"quick": 310.43},
     },
 )
 
