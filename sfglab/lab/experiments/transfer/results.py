@@ -208,60 +208,29 @@ def software_to_software(run: Run[Config]) -> Finding:
 def evidence(run: Run[Config], panel: Panel, size: int, count: int) -> dict[str, Any]:
     """Return the details of a claim about one bar of a panel, and what was fitted to its numbers."""
     predicted = []
-    narrowed = []
     for row in lines_of(stated(run)[stated(run)["panel"] == panel.value]):
         interval = f"[{row.low:.3g}, {row.high:.3g}]"
-        narrower = f"[{row.narrowed_low:.3g}, {row.narrowed_high:.3g}]"
         predicted.append(f"{row.predicted:.3g} {interval} for {row.paper:g} {row.unit}")
-        narrowed.append(f"{row.decider}: {interval} becomes {narrower}")
     fitted = (
         f"{len(FITTED)} constants to {len(STATED)} stated numbers, so their agreement shows only that "
         f"the numbers are consistent under the model; out of sample: {', '.join(predicted)}"
     )
-    details = {
-        "RTL": rtl_detail(run, panel, size, count),
-        "live": live_detail(run, panel, size, count),
-        "largest difference to a stated number": f"{worst_fit(run):.1%}",
-        "would decide": "; ".join(narrowed),
-    }
+    by_rtl = ratios_of(run, panel, RTL).get((size, count))
+    skipped = run.metadata("missing").get("rtl", "not simulated")
+    rtl = f"{by_rtl:.3f} {_FAST}" if by_rtl else str(skipped)
+    details = {"RTL": rtl, "live": live_detail(run, panel, size, count)}
     return {"details": details, "fitted": fitted}
-
-
-def rtl_detail(run: Run[Config], panel: Panel, size: int, count: int) -> str:
-    """Return the speed-up of a bar with the cycles of simulated hardware, and how they compare."""
-    table = cycles(run)
-    if table.empty:
-        return str(run.metadata("missing").get("rtl", "not simulated"))
-    worst = table["difference"].abs().max()
-    text = f"cycles per chunk differ from the model's by at most {worst:.2%}"
-    ratio = ratios_of(run, panel, RTL).get((size, count))
-    if ratio is None:
-        return text
-    return f"{ratio:.3f} {_FAST} with the cycles of simulated hardware; {text}"
 
 
 def live_detail(run: Run[Config], panel: Panel, size: int, count: int) -> str:
     """Return the speed-up of a bar between processes with its interval."""
-    bars_of = {
-        (bar.panel, bar.message_bytes, bar.subscribers): bar for bar in lines_of(live_bars(run))
-    }
-    bar = bars_of.get((panel.value, size, count))
-    if bar is None:
+    table = live_bars(run).set_index(["panel", "message_bytes", "subscribers"])
+    place = (panel.value, size, count)
+    if place not in table.index:
         return "this bar was not measured"
-    speed_up = Estimate(value=bar.ratio, low=bar.low, high=bar.high, unit=_FAST)
-    return (
-        f"{speed_up}, {count} hardware subscribers, {size} B; {bar.repeats} repetitions, "
-        f"up to {process_count(run)} processes"
-    )
-
-
-def process_count(run: Run[Config]) -> int:
-    """Return the largest number of processes that take part in a message.
-
-    Besides the subscribers on the hardware side, these are the topic in software, the software
-    subscriber, the publisher and the gateway.
-    """
-    return int(run["crossing"]["subscribers"].max()) + 4
+    bar = table.loc[place]
+    speed_up = Estimate(value=bar["ratio"], low=bar["low"], high=bar["high"], unit=_FAST)
+    return f"{speed_up}, {count} hardware subscribers, {size} B; {bar['repeats']} repetitions"
 
 
 # --- Figures ----------------------------------------------------------------------------------
@@ -338,10 +307,7 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
         f"{same.sum()} of them in the model's direction"
     )
     figure.suptitle(title)
-    note(
-        figure,
-        f"measured live, medians; error bars: 95 % CI; up to {process_count(run)} processes at once",
-    )
+    note(figure, "measured live, medians; error bars: 95 % CI")
 
 
 def draw_intervals(
@@ -412,22 +378,16 @@ SIZES_BYTES = np.geomspace(256, 100_000_000, 29).astype(int).tolist()
 """Message sizes of the curves."""
 _SIZE = pictures.Axis("message size", "B", 256, 1e8, log=True, ticks=(1e3, 1e5, 1e7), si=True)
 _TIME = pictures.Axis("transfer time", "ms", 0.01, 3e4, log=True, ticks=(0.01, 1, 100, 1e4))
-_US_PER_S = 1e6
-_DELEGATE_US = round(_US_PER_S * STORED.delegate_s, 2)
-_ENDPOINT_US = round(_US_PER_S * STORED.endpoint_s, 2)
-_CANCEL_US = round(_US_PER_S * STORED.cancel_s, 2)
+_DELEGATE_US = round(1e6 * STORED.delegate_s, 2)
 
 
 @exp.explorer
-def transfer_curves(  # noqa: PLR0913  # one slider for each
+def transfer_curves(
     *,
     message_bytes: Size = 1_000_000,
     subscribers: Count = 4,
     read_latency_cycles: Cycles = STORED.memory.read_latency_cycles,
-    write_latency_cycles: Cycles = STORED.memory.write_latency_cycles,
     delegate_us: Microseconds = _DELEGATE_US,
-    endpoint_us: Microseconds = _ENDPOINT_US,
-    cancel_us: Microseconds = _CANCEL_US,
 ) -> pictures.Picture:
     """Return transfer times over message sizes, and the gateway's speed-up at one of them.
 
@@ -435,18 +395,9 @@ def transfer_curves(  # noqa: PLR0913  # one slider for each
         message_bytes: Message size of the dots [B].
         subscribers: Number of hardware subscribers.
         read_latency_cycles: Latency from a read request to its first word [cycles].
-        write_latency_cycles: Latency from the last word of a write to its response [cycles].
         delegate_us: Round trip to a delegate [µs].
-        endpoint_us: Time of a node or core for a message at either end [µs].
-        cancel_us: Cancellation of a gateway core's request [µs].
     """
-    values = {
-        "read_latency_cycles": read_latency_cycles,
-        "write_latency_cycles": write_latency_cycles,
-        "delegate_s": delegate_us / _US_PER_S,
-        "endpoint_s": endpoint_us / _US_PER_S,
-        "cancel_s": cancel_us / _US_PER_S,
-    }
+    values = {"read_latency_cycles": read_latency_cycles, "delegate_s": delegate_us / 1e6}
     all_sizes = [*SIZES_BYTES, message_bytes]
     costs = with_values(STORED, values)
     computed = speed_ups(costs, subscribers=[subscribers], sizes_bytes=all_sizes)
