@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,7 @@ from sfglab.lab.experiments.routing.experiment import (
     on_the_wire,
 )
 from sfglab.lab.figures import COLORS, note
-from sfglab.lab.runs import Run, derived, lines_of
+from sfglab.lab.runs import Run, derived
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 AGENT = "agent_1"  #: The agent whose messages the figure follows.
 GROUND = "ground_1"  #: The party in the global domain whose messages the figure follows.
-HEARD = "received, and allowed (number: share that arrived, %)"
+HEARD = "received, and allowed"
 SILENT = "not received, and forbidden"
 FORBIDDEN = "received, but forbidden"
 MISSING = "not received, but allowed"
@@ -139,23 +139,47 @@ def heard(run: Run[Config]) -> pd.DataFrame:
 
     ``allowed`` says whether Table 1 names the topic, ``across`` whether the domains differ.
     """
-    table = _marked(run["heard"], "dds_topic", "source", "hearer")
-    return table.assign(allowed=table["dds_topic"].map(in_table_1))
+    table = run["heard"]
+    return table.assign(
+        across=table["source_domain"] != table["hearer_domain"],
+        allowed=table["dds_topic"].map(in_table_1),
+        case=table["dds_topic"] + ": " + table["source"] + ", " + table["hearer"],
+    )
 
 
 @derived
 def calls(run: Run[Config]) -> pd.DataFrame:
     """Return one row per service and caller, with ``allowed`` and ``across``."""
-    table = _marked(run["call"], "name", "caller", "server")
-    return table.assign(allowed=table["name"].map(may_cross))
-
-
-def _marked(table: pd.DataFrame, name: str, one: str, other: str) -> pd.DataFrame:
-    """Add whether the domains of two parties differ, and the text of the case."""
+    table = run["call"]
     return table.assign(
-        across=table[f"{one}_domain"] != table[f"{other}_domain"],
-        case=table[name] + ": " + table[one] + ", " + table[other],
+        across=table["caller_domain"] != table["server_domain"],
+        allowed=table["name"].map(may_cross),
+        answered=table["answered"].astype(bool),
+        case=table["name"] + ": " + table["caller"] + ", " + table["server"],
     )
+
+
+@derived
+def passages(run: Run[Config]) -> pd.DataFrame:
+    """Return one row per DDS topic, source and hearer; a call has a request and, back, a reply.
+
+    ``owner`` is the party whose name is in that of a service, otherwise the source.
+    """
+    columns = ["source", "hearer", "source_domain", "hearer_domain", "received", "sent", "owner"]
+    topics = heard(run).assign(owner=heard(run)["source"])
+    called = calls(run).assign(owner=calls(run)["server"], sent=1)
+    called["received"] = called["answered"].astype(int)
+    wire = [on_the_wire(name) for name in called["name"]]
+    ways = (("caller", "server"), ("server", "caller"))
+    tables = [topics[["dds_topic", *columns]]]
+    for place, (source, hearer) in enumerate(ways):
+        names = {source: "source", hearer: "hearer"}
+        names |= {f"{source}_domain": "source_domain", f"{hearer}_domain": "hearer_domain"}
+        half = called.rename(columns=names)[columns]
+        half.insert(0, "dds_topic", [both[place] for both in wire])
+        tables.append(half)
+    table = pd.concat(tables, ignore_index=True)
+    return table.assign(across=table["source_domain"] != table["hearer_domain"])
 
 
 @derived
@@ -223,7 +247,7 @@ def _service_checks(run: Run[Config]) -> Iterator[CheckRow]:
     named = called[called["across"] & called["allowed"]]
     others = called[called["across"] & ~called["allowed"]]
     yield _check("a service of Table 1 answers calls from other domains", named, named["answered"])
-    yield _check("any other service does not", others, ~others["answered"].astype(bool))
+    yield _check("any other service does not", others, ~others["answered"])
 
 
 def _check(name: str, rows: pd.DataFrame, holds: pd.Series[bool]) -> CheckRow:
@@ -232,33 +256,17 @@ def _check(name: str, rows: pd.DataFrame, holds: pd.Series[bool]) -> CheckRow:
 
 def _rules_check(run: Run[Config]) -> CheckRow:
     """Check that every row of Table 1 was seen to be open at every agent, both ways."""
+    crossed = passages(run)
+    crossed = crossed[crossed["across"] & (crossed["received"] > 0)]
     parties = run["party"]
-    agents = parties.loc[parties["domain"] != GLOBAL_DOMAIN, "party"]
-    seen = set(_crossings(run))
-    wanted = [
-        (rule.pattern, agent, way) for rule in TABLE_1 for agent in agents for way in ("out", "in")
-    ]
-    cases = ((", ".join(crossing), crossing in seen) for crossing in wanted)
-    return check_row("every rule is seen open at every agent, both ways", cases)
-
-
-def _crossings(run: Run[Config]) -> Iterator[tuple[str, str, str]]:
-    """Yield rule, agent and way of everything that was seen to cross."""
-    every = heard(run)
-    for row in every[every["across"] & (every["received"] > 0)].itertuples():
-        yield from _crossing(str(row.dds_topic), str(row.source), str(row.hearer))
-    called = calls(run)
-    for row in called[called["across"] & called["answered"]].itertuples():
-        request, reply = on_the_wire(str(row.name))
-        yield from _crossing(request, str(row.caller), str(row.server))
-        yield from _crossing(reply, str(row.server), str(row.caller))
-
-
-def _crossing(dds_topic: str, source: str, hearer: str) -> Iterator[tuple[str, str, str]]:
+    cases = []
     for rule in TABLE_1:
-        if rule.matches(dds_topic):
-            yield rule.pattern, source, "out"
-            yield rule.pattern, hearer, "in"
+        matched = crossed[crossed["dds_topic"].map(rule.matches)]
+        for agent in parties.loc[parties["domain"] != GLOBAL_DOMAIN, "party"]:
+            for way, column in (("out", "source"), ("in", "hearer")):
+                is_seen = agent in set(matched[column])
+                cases.append((f"{rule.pattern}, {agent}, {way}", is_seen))
+    return check_row("every rule is seen open at every agent, both ways", cases)
 
 
 @exp.claim("A-NET-RULES", how=How.LIVE)
@@ -282,43 +290,18 @@ def reached(run: Run[Config], source: str) -> pd.DataFrame:
         One row per DDS topic and domain: ``name`` with ``<agent>`` for the party, ``domain``,
         ``share`` of the messages that arrived or calls that were answered, and ``outcome``.
     """
-    table = heard(run)
-    chosen = table[(table["source"] == source) & ~table["dds_topic"].str.contains(r"status\d+$")]
-    called = calls(run)
-    asked = called[called["caller"] == source]
-    served = called[called["server"] == source]
-    requests = asked["name"].map(lambda name: on_the_wire(name)[0])
-    replies = served["name"].map(lambda name: on_the_wire(name)[1])
-    every = pd.concat(
-        [
-            _reached(chosen, chosen["dds_topic"], "source", "hearer_domain", "received"),
-            _reached(asked, requests, "server", "server_domain", "answered"),
-            _reached(served, replies, "server", "caller_domain", "answered"),
-        ]
-    )
-    by_place = every.groupby(["name", "domain"], sort=False)
+    table = passages(run)
+    own = table[(table["source"] == source) & ~table["dds_topic"].str.contains(r"status\d+$")]
+    pairs = zip(own["dds_topic"], own["owner"], strict=True)
+    names = [topic.replace(owner, "<agent>") for topic, owner in pairs]
+    by_place = own.assign(name=names).groupby(["name", "hearer_domain"], sort=False)
     found = by_place.agg({"received": "sum", "sent": "sum", "across": "first"}).reset_index()
     allowed = found["name"].map(in_table_1) | ~found["across"]
     arrived = found["received"] > 0
     outcome = np.select([arrived & allowed, arrived, allowed], [HEARD, FORBIDDEN, MISSING], SILENT)
     share = found["received"] / found["sent"]
+    found = found.rename(columns={"hearer_domain": "domain"})
     return found[["name", "domain"]].assign(share=share, outcome=outcome)
-
-
-def _reached(
-    table: pd.DataFrame, dds: pd.Series[str], owner: str, domain: str, received: str
-) -> pd.DataFrame:
-    """Return rows of a table as ``name``, ``domain``, ``received``, ``sent`` and ``across``."""
-    pairs = zip(dds, table[owner], strict=True)
-    return pd.DataFrame(
-        {
-            "name": [name.replace(party, "<agent>") for name, party in pairs],
-            "domain": table[domain].to_numpy(),
-            "received": table[received].to_numpy(dtype=int),
-            "sent": table["sent"].to_numpy() if "sent" in table else 1,
-            "across": table["across"].to_numpy(),
-        }
-    )
 
 
 @exp.figure("routing_border", size=(10, 8))
@@ -328,30 +311,19 @@ def draw_border(figure: Figure, run: Run[Config]) -> None:
     names = sorted(set().union(*(panel["name"] for panel in panels.values())), key=_order)
     domains = sorted(run["party"]["domain"].unique())
     others = [domain for domain in domains if domain > 1]
-    figure.set_size_inches(10, 2.5 + 0.235 * len(names))
-    layout: Any = [["left", "right"], ["key", "key"]]
-    axes = figure.subplot_mosaic(layout, height_ratios=(len(names), 3))
-    left, right = axes["left"], axes["right"]
+    figure.set_size_inches(10, 2.5 + 0.22 * len(names))
+    left, right = figure.subplots(1, 2, sharey=True)
     _draw_matrix(left, panels[AGENT], names, [1, GLOBAL_DOMAIN, *others])
     _draw_matrix(right, panels[GROUND], names, domains)
     left.set_title("published in an agent's domain, $D_1$", fontsize=10)
     right.set_title("published in the global domain, $D_0$", fontsize=10)
-    right.set_yticklabels([])
-    crossing = sum(map(in_table_1, names))
-    style: dict[str, Any] = {"rotation": 270, "ha": "left", "va": "center", "fontsize": 9}
-    edge = len(domains) - 0.4
-    right.text(edge, (crossing - 1) / 2, "Table 1: crosses", **style)
-    right.text(edge, (crossing + len(names) - 1) / 2, "all else: stays", **style)
-    for text, color in OUTCOMES.items():
-        axes["key"].plot([], [], "s", color=color, label=text)
-    axes["key"].plot([], [], " ", label="blank: no call, because no party calls itself")
-    title = "In the domain of the column a message or call was"
-    axes["key"].legend(loc="center", ncols=2, fontsize=9, title=title)
-    axes["key"].axis("off")
+    for outcome, color in OUTCOMES.items():
+        left.bar(0, 0, color=color, label=outcome)
+    figure.legend(loc="outside lower right", ncols=2, fontsize=9)
     sums = checks(run).groupby("how")[["held", "checked"]].sum()
     shares = [f"{row.held:,} of {row.checked:,} {row.Index}" for row in sums.itertuples()]
     figure.suptitle(f"Only Table 1 of paper A crosses the border: {', '.join(shares)} checks hold")
-    note(figure, f"{run.config.rate_hz:g} messages per second and name", run)
+    note(figure, "above the line: names of Table 1; numbers: share that arrived, %")
 
 
 def _order(name: str) -> tuple[bool, int, str]:
@@ -362,17 +334,16 @@ def _order(name: str) -> tuple[bool, int, str]:
 
 def _draw_matrix(axes: Axes, cells: pd.DataFrame, names: list[str], domains: list[int]) -> None:
     """Draw where each name was heard; the first column is the publisher's own domain."""
-    for cell in lines_of(cells):
-        x, y = domains.index(cell.domain), names.index(cell.name)
-        axes.barh(y, 0.88, 0.84, left=x - 0.44, color=OUTCOMES[cell.outcome])
-        if cell.share > 0:
-            share = f"{100 * cell.share:.0f}"
-            axes.text(x, y, share, ha="center", va="center", color="white", fontsize=8)
+    x, y = cells["domain"].map(domains.index), cells["name"].map(names.index)
+    axes.barh(y, 0.88, 0.84, left=x - 0.44, color=cells["outcome"].map(OUTCOMES))
+    for place, row, share in zip(x, y, cells["share"], strict=True):
+        if share > 0:
+            text = f"{100 * share:.0f}"
+            axes.text(place, row, text, ha="center", va="center", color="white", fontsize=8)
     axes.axhline(sum(map(in_table_1, names)) - 0.5, color="black", linewidth=1)
-    axes.axvline(0.5, color="black", linewidth=1, linestyle=(0, (2, 2)))
+    axes.axvline(0.5, color="black", linewidth=1, linestyle=":")
     axes.set_xticks(range(len(domains)), [f"$D_{domain}$" for domain in domains])
     axes.set_yticks(range(len(names)), names, fontsize=8, family="monospace")
     axes.set(xlim=(-0.5, len(domains) - 0.5), ylim=(len(names) - 0.5, -0.5))
-    axes.tick_params(length=0, top=True, labeltop=True, bottom=False, labelbottom=False)
+    axes.tick_params(length=0)
     axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
