@@ -11,7 +11,7 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
-from sfglab.fleet.policy import Crossing, Direction, Policy
+from sfglab.fleet.policy import Direction, Policy
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.checks.naming import checks
 from sfglab.lab.claims import Finding, How
@@ -23,8 +23,6 @@ from sfglab.tables import Shown
 from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -153,17 +151,8 @@ def _draw_segment(axes: Axes, label: str, x: float, fqn: RosFqn | None) -> None:
     if label in EXTENSIBLE:
         below += "\n+ suffix, Custom"
     if text:
-        below = f"{label}: {_origin(getattr(fqn, label))}"
+        below = label
     axes.text(x, -0.55, below, ha="center", va="top", fontsize=8)
-
-
-def _origin(value: Any) -> str:
-    """Return where a segment's text comes from."""
-    if isinstance(value, names.Suffixed):
-        return f"standard\n{value.base.text!r} with {value.suffix!r}"
-    if isinstance(value, names.Custom):
-        return "custom"
-    return "given" if isinstance(value, str) else "standard"
 
 
 def _arrow(axes: Axes, start: float, end: float, *, height: float, taken: bool = False) -> None:
@@ -180,15 +169,9 @@ def _arrow(axes: Axes, start: float, end: float, *, height: float, taken: bool =
 # --- A name to type ---
 
 _CAMERA = "/global/go2/camera_front/color/ffmpeg"
-_TABLE_1 = Policy()
 _SETS = {
     kind.__name__.lower(): kind
     for kind in (names.Scope, names.Component, names.Stream, names.Resource)
-}
-_CROSSINGS = {
-    Crossing.WHOLE: "crosses",
-    Crossing.PARTIAL: "crosses only in part, so that callers wait for ever",
-    Crossing.NONE: "stays",
 }
 
 
@@ -200,59 +183,33 @@ class NamePicture(Pressed):
         MissingExtraError: The extra ``view`` is not installed.
     """
 
-    def __init__(self, name: str = _CAMERA, policy: Policy = _TABLE_1) -> None:
-        self._policy = policy
-        kit = widgets()
-        kinds = {"kind by its name": None} | {kind.value: kind for kind in names.ResourceKind}
-        self.field = kit.Text(value=name, description="name", layout={"width": "40em"})
-        self.choice = kit.Dropdown(options=kinds, layout={"width": "15em"})
+    def __init__(self, name: str = _CAMERA) -> None:
+        layout = {"width": "40em"}
+        self.field = widgets().Text(value=name, description="name", layout=layout)
         self._read()
-        super().__init__(self._draw_name, size=(11, 5), above=[kit.HBox([self.field, self.choice])])
-        for control in (self.field, self.choice):
-            control.observe(lambda _: self.answer(self._read), "value")
+        super().__init__(self._draw_name, size=(11, 4), above=[self.field])
+        self.field.observe(lambda _: self.answer(self._read), "value")
 
     def _read(self) -> None:
         """Read the field; a text that is no ROS name at all is refused."""
-        name, kind = self.field.value, self.choice.value
+        name = self.field.value
         fqn, why = None, ""
         try:
-            fqn = names.parse(name, kind)
+            fqn = names.parse(name)
         except names.FqnError as error:
             why = str(error)
-            names.validate_ros_name(name, kind or names.ResourceKind.TOPIC)
+            names.validate_ros_name(name, names.ResourceKind.TOPIC)
         self.name = name  #: The name that is shown.
         self.why = why  #: Why the schema does not know it; empty: the schema knows it.
         self.fqn: RosFqn | None = fqn  #: Its segments; None: the schema does not know it.
-        self.kind = fqn.kind if fqn else kind or names.ResourceKind.TOPIC  #: Its kind.
 
     def _draw_name(self, figure: Figure) -> None:
-        schema, border = figure.subplots(2, 1, height_ratios=(3, 1.6))
-        draw_schema(schema, self.fqn)
+        draw_schema(figure.subplots(), self.fqn)
+        kind = self.fqn.kind if self.fqn else names.ResourceKind.TOPIC
         read = "a name of the schema" if self.fqn else f"no name of the schema: {self.why}"
-        title = f"The {self.kind.value} {self.name} is {read}; it {self._verdict()}."
-        figure.suptitle(fill(title, 130), fontsize=10)
-        draw_rules(border, names.dds_names(self.name, self.kind), self._policy)
-
-    def _verdict(self) -> str:
-        """Return whether the name crosses the border, by direction if they differ."""
-        found = {way: self._policy.crossing(self.name, self.kind, way) for way in Direction}
-        if len(set(found.values())) == 1:
-            return _CROSSINGS[found[Direction.OUTWARD]]
-        return ", ".join(f"{_CROSSINGS[crossing]} {way.value}" for way, crossing in found.items())
-
-
-def draw_rules(axes: Axes, dds_names: Sequence[str], policy: Policy) -> None:
-    """Draw a table of DDS topics with the rule that lets each cross, by direction."""
-    rows = []
-    for dds in dds_names:
-        rules = [policy.deciding(dds, way) for way in Direction]
-        rows.append([dds, *(rule.pattern if rule else "stays" for rule in rules)])
-    titles = ["DDS topic", *(f"crosses {way.value} by the rule" for way in Direction)]
-    table = axes.table(rows, colLabels=titles, colWidths=(0.5, 0.25, 0.25), loc="upper center")
-    table.auto_set_font_size(False)
-    table.set_fontsize(9)
-    for (row, column), cell in table.get_celld().items():
-        cell.set_linewidth(0.5)
-        if row and column and cell.get_text().get_text() != "stays":
-            cell.get_text().set(color=COLORS["standard"], weight="bold")
-    axes.axis("off")
+        figure.suptitle(fill(f"The {kind.value} {self.name} is {read}.", 130), fontsize=10)
+        lines = []
+        for dds in names.dds_names(self.name, kind):
+            rule = Policy().deciding(dds, Direction.OUTWARD)
+            lines.append(f"{dds} crosses by {rule.pattern}" if rule else f"{dds} stays")
+        note(figure, "\n".join(lines))
