@@ -166,14 +166,12 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
         await stage.start(stage.listener("first"), stage.listener("late"))
         await stage.listen("first")
         shared = stage.address(ROBOT)
-        addresses = dict.fromkeys(agents, shared)
-        if config.routed:
-            for number, agent in enumerate(agents):
-                domain_id = FIRST_LOCAL_DOMAIN + number
-                addresses[agent] = BusAddress(domain_id=domain_id, interface="lo")
-            routers = [router(agent, addresses[agent], shared) for agent in agents]
-            await stage.start(*routers)
-        providers = [status_provider(a, config.schedule, addresses[a]) for a in agents]
+        routers, providers = [], []
+        for domain_id, agent in enumerate(agents, start=FIRST_LOCAL_DOMAIN):
+            local = BusAddress(domain_id=domain_id, interface="lo")
+            routers.append(router(agent, local, shared))
+            providers.append(status_provider(agent, config.schedule, local))
+        await stage.start(*routers)
         await stage.start(*providers)
         bench.advance("start-up")
         await steady_beats(stage, 2)

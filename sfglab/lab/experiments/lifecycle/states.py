@@ -48,7 +48,6 @@ COLORS_OF_ROWS = dict(zip(Announced, ("#999999", "#009E73", "#D55E00"), strict=T
 HALF_WIDTH, HALF_HEIGHT = 1.75, 0.85
 LANE = 0.3  #: Distance of an arrow from the middle of its row.
 LEFT = -3.7  #: Place of the arrow along the left side.
-RIGHT_ALIGNED = {(State.ACTIVE, State.LOST)}  #: Arrows whose text ends beside them.
 LINE = 0.4  #: Distance of two lines of text.
 TOP = {announced: y + HALF_HEIGHT for announced, y in Y.items()}
 BOTTOM = {announced: y - HALF_HEIGHT for announced, y in Y.items()}
@@ -60,7 +59,7 @@ BETWEEN_ROWS: dict[tuple[State, State], tuple[Sequence[Point], Point]] = {
         [(6.0, BOTTOM[_NEW]), (6.0, 7.3), (0.6, 7.3), (0.6, TOP[_PRESENT])],
         (1.7, 7.55),
     ),
-    (State.ACTIVE, State.LOST): ([(-0.6, BOTTOM[_PRESENT]), (-0.6, TOP[_LOST])], (-0.75, 2.4)),
+    (State.ACTIVE, State.LOST): ([(-0.6, BOTTOM[_PRESENT]), (-0.6, TOP[_LOST])], (-3.2, 2.4)),
     (State.LOST, State.ACTIVE): ([(-0.2, TOP[_LOST]), (-0.2, BOTTOM[_PRESENT])], (-0.1, 3.12)),
     (State.LOST, State.UNKNOWN): (
         [(-HALF_WIDTH, Y[_LOST]), (LEFT, Y[_LOST]), (LEFT, Y[_NEW]), (-HALF_WIDTH, Y[_NEW])],
@@ -80,9 +79,7 @@ BETWEEN_ROWS: dict[tuple[State, State], tuple[Sequence[Point], Point]] = {
     ),
 }
 KEY = "\u21ba: the state stays. CAPITALS: discovery event. Bold: stated by the paper.\n"
-KEY_OF_RUN = (
-    f"input / actions \u00d7 number in this run. {KEY}Dashed or orange: not taken in this run."
-)
+KEY_OF_RUN = f"input / actions \u00d7 number in this run. {KEY}Orange: not taken in this run."
 KEY_OF_MOMENT = (
     f"input / actions. {KEY}Orange: present state and last transition. Blue: possible now."
 )
@@ -174,10 +171,8 @@ class _Table:
         lines = reversed(transitions) if up else transitions
         for number, transition in enumerate(lines):
             place = (at[0], at[1] + (LINE if up else -LINE) * number)
-            ends_here = (transition[0], TRANSITIONS[transition][0]) in RIGHT_ALIGNED
-            side = "right" if ends_here else "left"
             words = self._words(transition)
-            self._write(transition, words, place, va="center", ha=side, bbox=white)
+            self._write(transition, words, place, va="center", ha="left", bbox=white)
 
     def _write(self, transition: Transition, text: str, place: Point, **style: Any) -> None:
         weight = "bold" if transition in STATED else "normal"
@@ -197,12 +192,10 @@ class _Table:
         return text if self._taken is None else f"{text} \u00d7{self._taken[transition]}"
 
     def _style(self, transitions: Sequence[Transition]) -> dict[str, Any]:
-        """Return the style of an arrow: dashed if none of its transitions was taken."""
-        counts = [1]
-        if self._taken is not None:
-            counts = [self._taken[transition] for transition in transitions]
-        color = COLORS["proxy" if all(counts) else "standard"]
-        return {"color": color, "linewidth": 1.2, "linestyle": "-" if any(counts) else "--"}
+        """Return the style of an arrow: orange if one of its transitions was not taken."""
+        taken = self._taken
+        is_whole = taken is None or all(taken[transition] for transition in transitions)
+        return {"color": COLORS["proxy" if is_whole else "standard"], "linewidth": 1.2}
 
 
 def _route(source: State, target: State) -> tuple[Sequence[Point], Point, bool]:
