@@ -8,23 +8,19 @@ sfglab's variant, it shares them in memory. CPU and received bytes are black-box
 from sfglab.lab.experiments.decode_once import live  # noqa: F401 - declares its parts
 from sfglab.lab.experiments.decode_once.experiment import exp
 from sfglab.lab.experiments.decode_once.results import (
-    codecs,
     cost_model,
     decoding_costs,
     frame_checks,
-    frame_table,
     residual_table,
     slopes,
     stream_table,
 )
 
 __all__ = [
-    "codecs",
     "cost_model",
     "decoding_costs",
     "exp",
     "frame_checks",
-    "frame_table",
     "residual_table",
     "slopes",
     "stream_table",

@@ -48,7 +48,6 @@ NAMES = {**LABELS, "network": "receive only, no decoding"}
 WAYS = {"standard": "standard", "dds": "over DDS", "proxy": "over shared memory"}
 """Transport of the pictures to the subscribers, by mode."""
 STYLES = {"standard": series("standard"), "dds": series("third"), "proxy": series("proxy")}
-STREAMS = {"h264": "colour, H.264", "rvl": "depth, RVL"}
 UNITS = {"cpu": "% of one core per subscriber", "rx": "Mbit/s per subscriber"}
 """Units of slopes, by load."""
 THROUGH = "% of one core per subscriber, through the decoder"  #: Key of the paper's 1.8 %.
@@ -80,11 +79,6 @@ def cells(run: Run[Config]) -> pd.DataFrame:
     consumer = table[table["label"] == "consumer"].groupby("cell")
     medians = consumer.agg(cpu=("cpu_percent", "median"), rx=("rx_mbit_s", "median"))
     return run["cell"].merge(medians.assign(paced=paced), left_on="cell", right_index=True)
-
-
-def codecs(run: Run[Config]) -> tuple[str, ...]:
-    """Return the codecs that were measured, in the order of the run."""
-    return tuple(run["cell"]["codec"].unique())
 
 
 def modes_of(run: Run[Config], codec: str) -> list[str]:
@@ -130,20 +124,12 @@ def slopes(run: Run[Config], codec: str = H264) -> pd.DataFrame:
     """Return CPU and received data per subscriber, and the reduction of the CPU, by mode."""
     rows = []
     for mode in modes_of(run, codec):
-        cpu, received = slope(run, codec, mode, "cpu"), slope(run, codec, mode, "rx")
         less = reduction(run, codec, mode) if mode in HANDED_ON else ""
         shown = "not measurable" if less is None else str(less)
-        rows.append((LABELS[mode], str(cpu), in_words(received), shown))
+        cpu, received = slope(run, codec, mode, "cpu"), slope(run, codec, mode, "rx")
+        rows.append((LABELS[mode], str(cpu), str(received), shown))
     columns = ["mode", "CPU", "received over the network", "reduction of the CPU"]
     return pd.DataFrame(rows, columns=columns)
-
-
-def in_words(slope: Estimate) -> str:
-    """Return a slope as text; if its interval contains 0, it says that no growth is measurable."""
-    has_interval = slope.low < slope.high
-    if has_interval and slope.low <= 0 <= slope.high:
-        return f"no growth measurable: [{slope.low:.1g}, {slope.high:.1g}] {slope.unit}"
-    return str(slope)
 
 
 def frame_checks(run: Run[Config]) -> pd.DataFrame:
@@ -151,17 +137,6 @@ def frame_checks(run: Run[Config]) -> pd.DataFrame:
     views = run["view"].merge(run["cell"], on="cell").groupby(["codec", "mode"], sort=False)
     table = views[["frames", "unreadable", "missed", "disordered", "broken"]].sum()
     return table.assign(age_ms=views["age_ms"].median()).reset_index()
-
-
-def frame_table(run: Run[Config]) -> pd.DataFrame:
-    """Return `frame_checks` with columns and modes for readers, ordered by stream and mode."""
-    table = frame_checks(run)
-    rows = pd.concat([table[table["mode"] == mode] for mode in NAMES])
-    rows = rows.sort_values("codec", kind="stable").drop(columns=["codec", "mode"])
-    streams, modes = table["codec"].map(STREAMS), table["mode"].map(NAMES)
-    rows.insert(0, "stream", streams)
-    rows.insert(1, "mode", modes)
-    return rows.rename(columns={"unreadable": "unknown stamp", "age_ms": "age, median (ms)"})
 
 
 # --- Cost model -------------------------------------------------------------------------------
@@ -207,11 +182,11 @@ def residual_percent(rows: Floats) -> float:
     return float(100 * np.sqrt(np.mean(errors_of(rows) ** 2)) / np.mean(rows[:, 3]))
 
 
-def cost_cells(run: Run[Config], codec: str, way: str) -> pd.DataFrame:
+def cost_cells(run: Run[Config], way: str) -> pd.DataFrame:
     """Return the cells that Eq. 2 and 3 describe if the decoder passes pictures on in one mode."""
     table = cells(run)
     modes = ["standard", "network", way]
-    return table[(table["codec"] == codec) & table["mode"].isin(modes)]
+    return table[(table["codec"] == H264) & table["mode"].isin(modes)]
 
 
 def cost_rows(table: pd.DataFrame) -> Floats:
@@ -220,25 +195,23 @@ def cost_rows(table: pd.DataFrame) -> Floats:
     return np.array(rows)
 
 
-def residual_table(run: Run[Config], codec: str = H264) -> pd.DataFrame:
+def residual_table(run: Run[Config]) -> pd.DataFrame:
     """Return by how much measured loads are above the fitted ones, in % of these, as means over repetitions."""
-    table = cost_model(run, codec).residuals
+    table = cost_model(run).residuals
     above = table.assign(above=100 * table["error"] / table["fitted"])
     wide = above.pivot_table("above", "subscribers", "mode")
-    wide = wide[[mode for mode in NAMES if mode in wide]]
     return wide.round(1).rename(columns=NAMES).reset_index()
 
 
 @derived
-def cost_model(run: Run[Config], codec: str = H264, way: str = PAPERS) -> CostModel:
-    """Fit Eq. 2 and 3 to the cells of a stream, without any term that the paper does not have.
+def cost_model(run: Run[Config], way: str = PAPERS) -> CostModel:
+    """Fit Eq. 2 and 3 to the cells of the colour stream, without any term that the paper does not have.
 
     Args:
         run: The run.
-        codec: Codec of the stream.
         way: Mode of the decoder. Each has its own c_ipc, and is fitted alone.
     """
-    table = cost_cells(run, codec, way)
+    table = cost_cells(run, way)
     rows = cost_rows(table)
 
     def term(place: int) -> Estimate:
@@ -291,18 +264,16 @@ def reduction_by(run: Run[Config], way: str) -> Finding | None:
     less = reduction(run, H264, way) if way in modes_of(run, H264) else None
     if less is None:
         return None
-    details = hosts_of(run)
     costs = []
     for mode, number in (("standard", paper("A-CPU-BASE")), (way, paper("A-CPU-SFG", THROUGH))):
-        cost = slope(run, H264, mode, "cpu")
-        details[f"slope, {WAYS[mode]}"] = str(cost)
-        costs.append(f"{cost.value:.2f} % {WAYS[mode]} (paper {number:g})")
+        cost = slope(run, H264, mode, "cpu").value
+        costs.append(f"{cost:.2f} % {WAYS[mode]} (paper {number:g})")
     checks = frame_checks(run).query("codec == @H264").set_index("mode")
     arrived = checks["frames"] / (checks["frames"] + checks["missed"])
     least = float(min(arrived["standard"], arrived[way]))
     return Finding(
         estimate=less,
-        details=details,
+        details=hosts_of(run),
         reason=f"of a core, a subscriber costs {', '.join(costs)}",
         ends={"share of pictures that arrive, least of both modes": least},
     )
@@ -324,8 +295,6 @@ def bandwidth(run: Run[Config]) -> Finding | None:
         "Mbit/s per further subscriber, through the decoder by DDS": through.value,
     }
     details = {**hosts_of(run), "multicast": run.config.multicast}
-    for mode in modes_of(run, H264):
-        details[f"slope, {WAYS[mode]}"] = str(slope(run, H264, mode, "rx"))
     return Finding(estimate=median_of(received, unit="Mbit/s"), details=details, ends=ends)
 
 
@@ -334,15 +303,12 @@ def fit_residual(run: Run[Config]) -> Finding | None:
     """Return the fit's residual and its test for lack of fit."""
     if PAPERS not in modes_of(run, H264):
         return None
-    fit = cost_model(run, H264, PAPERS)
-    explained = f"{100 * fit.explained:.1f} % of the variance"
+    fit = cost_model(run, PAPERS)
     details = {
         "c_net": str(fit.net),
         "c_dec": str(fit.dec),
         "c_ipc over DDS": str(fit.ipc),
-        "c_ipc over shared memory": str(cost_model(run, H264, "proxy").ipc),
-        "explained": explained,
-        "lack of fit": str(fit.lack or "no cell was measured twice"),
+        "c_ipc over shared memory": str(cost_model(run, "proxy").ipc),
     }
     if fit.lack is None:
         return Finding(estimate=fit.residual, details=details)
@@ -350,7 +316,8 @@ def fit_residual(run: Run[Config]) -> Finding | None:
     off = 100 * relative.groupby(fit.residuals["subscribers"]).mean()
     reason = (
         f"lack of fit {fit.lack}: measured loads are {beside(off.iloc[0])} the fitted ones with the fewest "
-        f"subscribers, {beside(off.iloc[-1])} them with the most; the equations explain {explained}"
+        f"subscribers, {beside(off.iloc[-1])} them with the most; the equations explain "
+        f"{100 * fit.explained:.1f} % of the variance"
     )
     ends = {"p of the F test for lack of fit": fit.lack.p}
     return Finding(estimate=fit.residual, details=details, reason=reason, ends=ends)
@@ -402,16 +369,16 @@ def stream_of_table_two(run: Run[Config]) -> Finding:
 def stream_table(run: Run[Config]) -> pd.DataFrame:
     """Return the values of Table 2 and those of the stream."""
     found = stream_of_table_two(run)
-    ends = found.ends
-    gop = ends.get("frames from key frame to key frame")
-    rows = [
-        ("encoder", found.details["encoder"], "h264_nvmpi (hardware)"),
-        ("bit rate (Mbit/s)", f"{found.estimate.value:.2f}", f"{paper('A-H264'):g}"),
-        ("pixels in a row", f"{ends['pixels in a row']:g}", f"{TABLE_2.width}"),
-        ("rows", f"{ends['rows']:g}", f"{TABLE_2.height}"),
-        ("frame rate (Hz)", f"{ends['frames a second']:.2f}", f"{TABLE_2.fps:g}"),
-        ("frames per GOP", f"{gop:g}" if gop else "not measured", f"{TABLE_2.gop}"),
-    ]
+    stated = {
+        "encoder": "h264_nvmpi (hardware)",
+        "Mbit/s": paper("A-H264"),
+        "pixels in a row": TABLE_2.width,
+        "rows": TABLE_2.height,
+        "frames a second": TABLE_2.fps,
+        "frames from key frame to key frame": TABLE_2.gop,
+    }
+    measured = {**found.details, "Mbit/s": found.estimate.value, **found.ends}
+    rows = [(name, measured.get(name, "not measured"), value) for name, value in stated.items()]
     return pd.DataFrame(rows, columns=["quantity", "this run", "paper, Table 2"])
 
 
@@ -421,95 +388,70 @@ def stream_table(run: Run[Config]) -> pd.DataFrame:
 @exp.figure("decode_once_h264", size=(11.5, 4.1))
 def draw_colour(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw CPU, network and cost model of the colour stream over the number of subscribers."""
-    return draw_stream(figure, run, H264)
-
-
-@exp.figure("decode_once_rvl", size=(11.5, 4.1), when=lambda run: "rvl" in codecs(run))
-def draw_depth(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw CPU, network and cost model of the depth stream over the number of subscribers."""
-    return draw_stream(figure, run, "rvl")
-
-
-def draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]:
-    """Draw the three panels of a stream; return the sidecar."""
     cpu, net, cost = figure.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
-    draw_load(cpu, run, codec, "cpu_percent")
-    draw_load(net, run, codec, "rx_mbit_s")
-    if codec == H264:
-        draw_paper(cpu, net, means(run, codec, "cpu_percent"))
-    cpu.set(title="CPU of the consumer", ylabel="% of one core")
-    net.set(title="network: received by the consumer", ylabel="Mbit/s")
-    for axes in (cpu, net):
-        # Room for the legend.
-        axes.set(xlabel="local subscribers", ylim=(0, 1.5 * axes.dataLim.ymax))
-        axes.legend(fontsize=8, loc="upper left")
-    repeats = run["cell"].groupby("codec")["repeat"].nunique()[codec]
-    draw_terms(cost, run, codec, spread=repeats > 1)
-    saved = [saving(run, codec, mode, spread=repeats > 1) for mode in modes_of(run, codec)[1:]]
-    figure.suptitle(
-        f"Decode once ({STREAMS[codec]}), CPU of an added subscriber: {', '.join(saved)}"
-    )
-    often = f"{repeats} repetitions, brackets and error bars: 95 % CI"
-    text = often if repeats > 1 else "each number of subscribers once"
-    note(figure, f"{text}; bands: one standard deviation of the meter readings", run)
-    return default_sidecar(run) | {"repetitions": int(repeats)}
+    draw_load(cpu, run, "cpu_percent")
+    draw_load(net, run, "rx_mbit_s")
+    draw_paper(cpu, net, means(run, "cpu_percent"))
+    cpu.set(title="CPU of the consumer", ylabel="% of one core", ylim=(0, None))
+    net.set(title="network: received by the consumer", ylabel="Mbit/s", ylim=(0, None))
+    cpu.legend(fontsize=8, loc="upper left")
+    draw_terms(cost, run)
+    saved = [saving(run, mode) for mode in modes_of(run, H264)[1:]]
+    figure.suptitle(f"CPU of an added subscriber: {', '.join(saved)} than in standard")
+    repeats = int(run["cell"].groupby("codec")["repeat"].nunique()[H264])
+    text = "dashed: slopes of the paper; error bars: 95 % CI; bands: one standard deviation of the readings"
+    note(figure, f"{repeats} repetitions; {text}", run)
+    return default_sidecar(run) | {"repetitions": repeats}
 
 
-def saving(run: Run[Config], codec: str, mode: str, *, spread: bool) -> str:
+def saving(run: Run[Config], mode: str) -> str:
     """Return in words how much less CPU a further subscriber takes than in standard."""
-    less = reduction(run, codec, mode)
+    less = reduction(run, H264, mode)
     if less is None:
         return f"{WAYS[mode]} not measurable"
-    interval = f" [{less.low:.0f}, {less.high:.0f}]" if spread else ""
     word = "less" if less.value >= 0 else "more"
-    return f"{abs(less.value):.0f} %{interval} {word} {WAYS[mode]}"
+    return f"{abs(less.value):.0f} % {word} {WAYS[mode]}"
 
 
-def means(run: Run[Config], codec: str, column: str) -> pd.DataFrame:
+def means(run: Run[Config], column: str) -> pd.DataFrame:
     """Return means and standard deviations of the consumer's readings by mode and subscribers."""
     table = readings(run)
-    chosen = table[(table["label"] == "consumer") & (table["codec"] == codec)]
+    chosen = table[(table["label"] == "consumer") & (table["codec"] == H264)]
     return chosen.groupby(["mode", "subscribers"])[column].agg(["mean", "std"]).fillna(0)
 
 
-def draw_load(axes: Axes, run: Run[Config], codec: str, column: str) -> None:
+def draw_load(axes: Axes, run: Run[Config], column: str) -> None:
     """Draw a load over the number of subscribers with one standard deviation, one line per mode."""
-    for mode in modes_of(run, codec):
-        load = means(run, codec, column).loc[mode]
-        label = LABELS[mode]
-        if column == "cpu_percent":
-            label += f": {slope(run, codec, mode, 'cpu').value:+.1f} % each"
+    for mode in modes_of(run, H264):
+        load = means(run, column).loc[mode]
         # The decoder's modes receive the same, so that one line is a frame of the other.
-        is_frame = column == "rx_mbit_s" and mode == PAPERS
-        broad: dict[str, Any] = (
-            {"linewidth": 4, "markersize": 9} if is_frame else {"markersize": 4.5}
-        )
-        axes.plot(load["mean"], label=label, **broad, **STYLES[mode])
+        size = 9 if column == "rx_mbit_s" and mode == PAPERS else 4.5
+        axes.plot(load["mean"], label=LABELS[mode], markersize=size, **STYLES[mode])
         low, high = load["mean"] - load["std"], load["mean"] + load["std"]
         axes.fill_between(load.index, low, high, color=STYLES[mode]["color"], alpha=0.18, lw=0)
         axes.set_xticks(load.index)
+    axes.set_xlabel("local subscribers")
 
 
 def draw_paper(cpu: Axes, net: Axes, loads: pd.DataFrame) -> None:
     """Draw the paper's slopes from the first of our points, and what it states of the network."""
     received = paper("A-BW")
-    for mode, each, mbit_s, text in (
-        ("standard", paper("A-CPU-BASE"), received, "linear"),
-        (PAPERS, paper("A-CPU-SFG", THROUGH), 0, f"about {received:g} Mbit/s"),
+    for mode, each, mbit_s in (
+        ("standard", paper("A-CPU-BASE"), received),
+        (PAPERS, paper("A-CPU-SFG", THROUGH), 0),
     ):
         if mode not in loads.index:
             continue
         load = loads.loc[mode]["mean"]
         further = load.index - load.index[0]
         style = {"color": STYLES[mode]["color"], **PAPER_STYLE}
-        label = f"paper: +{each:g} % each, from our first point"
-        cpu.plot(load.index, load.iloc[0] + each * further, label=label, **style)
-        net.plot(load.index, received + mbit_s * further, label=f"paper: {text}", **style)
+        cpu.plot(load.index, load.iloc[0] + each * further, **style)
+        net.plot(load.index, received + mbit_s * further, **style)
 
 
-def draw_terms(axes: Axes, run: Run[Config], codec: str, *, spread: bool) -> None:
+def draw_terms(axes: Axes, run: Run[Config]) -> None:
     """Draw the fitted terms of Eq. 2 and 3; each way of passing pictures on has its own c_ipc."""
-    fits = {way: cost_model(run, codec, way) for way in modes_of(run, codec)[1:]}
+    fits = {way: cost_model(run, way) for way in modes_of(run, H264)[1:]}
     fit = next(iter(fits.values()))
     terms = {"$c_{net}$": fit.net, "$c_{dec}$": fit.dec}
     colors = [COLORS["network"], COLORS["standard"]]
@@ -518,14 +460,10 @@ def draw_terms(axes: Axes, run: Run[Config], codec: str, *, spread: bool) -> Non
         colors.append(STYLES[way]["color"])
     table = pd.DataFrame(map(asdict, terms.values()))
     values = table["value"]
-    errors = np.clip([values - table["low"], table["high"] - values], 0, None) if spread else None
+    errors = np.clip([values - table["low"], table["high"] - values], 0, None)
     bars = axes.bar(list(terms), values, color=colors, width=0.6, yerr=errors, capsize=4)
     axes.bar_label(bars, fmt="%.1f", padding=3)
-    title = f"Eq. 2 and 3 fitted: {100 * fit.explained:.0f} % of the variance"
-    if fit.lack:
-        title += f"\nlack of fit: {'p < 0.001' if fit.lack.p < 1e-3 else f'p = {fit.lack.p:.2g}'}"
-    axes.set_title(title, fontsize=9)
-    axes.set_ylabel("% of one core per term")
+    axes.set(title="terms of Eq. 2 and 3, fitted", ylabel="% of one core per term")
     axes.margins(y=0.15)
     axes.grid(visible=False, axis="x")
 
@@ -548,7 +486,7 @@ _NET = pictures.Axis("received", "Mbit/s", 0.1, 5000, log=True, ticks=(0.1, 1, 1
 def reference_terms() -> tuple[dict[str, Floats], float]:
     """Return (c_net, c_dec, c_ipc) by mode, % of one core, and the stream's Mbit/s in the reference run."""
     run = exp.load(find_project().reference_logs / f"{exp.name}.mcap")
-    terms = {way: fit_terms(cost_rows(cost_cells(run, H264, way))) for way in HANDED_ON}
+    terms = {way: fit_terms(cost_rows(cost_cells(run, way))) for way in HANDED_ON}
     return terms, slope_of(points(run, H264, "standard", "rx"))
 
 
