@@ -100,7 +100,7 @@ def test_every_repetition_subscribes_on_all_paths_at_one_phase_and_phases_cover_
 def test_the_explorer_has_the_reference_run_at_its_length_and_waits_for_half_a_group():
     usual, longer = (first_frame(gop=gop).at("first frame", gop) for gop in (30, 300))
     run = reference(exp)
-    names = {path: label.replace("\n", " ") for path, label in results.FIRST_BARS.items()}
+    names = {path: results.NAMES[path] for path in results.FIRST_BARS}
     for path, name in names.items():
         (time_ms,) = usual.set_index("series").loc[[name], "y"]
         # The phases of the run are drawn, and their mean is not exactly half a group.

@@ -8,7 +8,6 @@ from sfglab.lab.experiments.latency import live  # noqa: F401 - declares its par
 from sfglab.lab.experiments.latency.experiment import exp
 from sfglab.lab.experiments.latency.results import (
     added_table,
-    check_table,
     checks,
     first_frame,
     first_table,

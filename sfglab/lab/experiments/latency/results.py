@@ -6,7 +6,8 @@ A picture is identified by its capture stamp, which is also in the camera's own 
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any
+from textwrap import fill
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import pandas as pd
@@ -38,18 +39,9 @@ NAMES = {
     "decoder": "sfglab without routers",
 }
 """Names of the paths as tables, figures and texts print them."""
-STEADY_BARS = {
-    STANDARD: "standard",
-    PAPERS: "container\n(paper), DDS",
-    OURS: "sfglab,\nshared memory",
-    "decoder": "sfglab without\nrouters",
-}
-FIRST_BARS = {
-    STANDARD: "standard",
-    PAPERS: "container\n(paper)",
-    NEW_PROCESS: "new process",
-    OURS: "sfglab (standby\n+ GOP cache)",
-}
+STEADY_BARS = (STANDARD, PAPERS, OURS, "decoder")
+FIRST_BARS = (STANDARD, PAPERS, NEW_PROCESS, OURS)
+"""Paths that the panels of the figure show."""
 BAR_COLORS = {
     STANDARD: COLORS["standard"],
     PAPERS: COLORS["third"],
@@ -150,24 +142,6 @@ def checks(run: Run[Config]) -> pd.DataFrame:
 # --- Tables of the notebook -------------------------------------------------------------------
 
 
-def check_table(run: Run[Config]) -> pd.DataFrame:
-    """Return `checks` with names of paths and columns for readers."""
-    titles = {
-        "looks": "subscriptions",
-        "pictures": "frames",
-        "unreadable": "unknown stamp",
-        "missed": "missed",
-        "disordered": "out of order",
-        "broken": "broken",
-        "unknown": "unknown first frames",
-        "oldest_ms": "age of the oldest first frame (ms)",
-        "replay_packets": "replayed frames",
-        "replay_bytes": "replayed bytes",
-    }
-    table = checks(run).set_index("path").loc[list(NAMES)].rename(index=NAMES)
-    return table[[*titles]].rename(columns=titles).reset_index()
-
-
 def added_table(run: Run[Config]) -> pd.DataFrame:
     """Return the latencies that paths add to each other, in the steady state."""
     pairs = [(path, STANDARD, "") for path in (PAPERS, OURS, "decoder")]
@@ -219,27 +193,11 @@ def hosts_of(run: Run[Config]) -> dict[str, str]:
     return {"hosts": str(description), "encoder": str(encoder)}
 
 
-def steady_details(run: Run[Config]) -> dict[str, str]:
-    """Return the details of both claims on the age of pictures."""
-    return {
-        **hosts_of(run),
-        "standard": str(glass_median(run, STANDARD)),
-        "pictures": str(len(sights(run))),
-        "what is measured": "capture stamp to decoded pixels in the viewer's hands; no lens, no display",
-    }
-
-
 @exp.claim("A-G2G", how=How.LIVE)
 def glass_to_glass(run: Run[Config]) -> Finding:
     """Return what routers, decoder and DDS add to the age of a picture, as in the paper."""
     by_dds = added(run, PAPERS, to=OURS)
-    details = {
-        **steady_details(run),
-        "judged by": "two routers, the decoder, and DDS to the viewer",
-        "by shared memory to the viewer": str(added(run, OURS)),
-        "DDS in place of shared memory": str(by_dds),
-        "pictures lost on the way": str(checks(run).set_index("path")["missed"][PAPERS]),
-    }
+    details = {**hosts_of(run), "standard": str(glass_median(run, STANDARD))}
     reason = f"of it DDS in place of shared memory: {by_dds}"
     return Finding(estimate=added(run, PAPERS), details=details, reason=reason)
 
@@ -247,21 +205,13 @@ def glass_to_glass(run: Run[Config]) -> Finding:
 @exp.claim("A-G2G-OURS", how=How.LIVE)
 def glass_to_glass_ours(run: Run[Config]) -> Finding:
     """Return what routers, decoder and shared memory add to the age of a picture."""
-    details = {**steady_details(run), "without routers": str(added(run, "decoder"))}
+    details = {**hosts_of(run), "without routers": str(added(run, "decoder"))}
     return Finding(estimate=added(run, OURS), details=details)
 
 
 @exp.claim("A-FIRST", how=How.LIVE)
 def first_picture(run: Run[Config]) -> Finding:
     """Return the time to the first picture in a component container, relative to standard."""
-    details = {
-        **hosts_of(run),
-        "judged by": "a component container: a process that is there, libraries loaded; on demand it opens "
-        "subscription, codec and publisher, waits for the next key frame, and hands pictures on by DDS",
-        "in a process that is started for it": str(first_mean(run, NEW_PROCESS)),
-        "in such a process, times standard": str(first_ratio(run, NEW_PROCESS)),
-        "subscriptions a path": str(len(firsts(run))),
-    }
     in_paper_ms = paper("A-FIRST", FIRST_ENDS[PAPERS]) - paper("A-FIRST", FIRST_ENDS[STANDARD])
     wait_ms = 500 * gop_s(run.config)
     reason = (
@@ -270,29 +220,18 @@ def first_picture(run: Run[Config]) -> Finding:
         f"second such wait would ({wait_ms:.0f} ms)"
     )
     ends = {key: first_mean(run, path).value for path, key in FIRST_ENDS.items()}
-    return Finding(estimate=first_ratio(run, PAPERS), details=details, reason=reason, ends=ends)
+    estimate = first_ratio(run, PAPERS)
+    return Finding(estimate=estimate, details=hosts_of(run), reason=reason, ends=ends)
 
 
 @exp.claim("A-FIRST-OURS", how=How.LIVE)
 def first_picture_ours(run: Run[Config]) -> Finding:
     """Return the time to the first picture with standby process and GOP replay, relative to standard."""
-    table = looks(run)
-    replayed = table[table["path"] == OURS]["replay_packets"].mean()
-    details = {
-        **hosts_of(run),
-        "standard": str(first_mean(run, STANDARD)),
-        "with replay, through routers": str(first_mean(run, OURS)),
-        "with replay, decoder in the global domain": str(first_mean(run, "decoder")),
-        "packets replayed": f"{replayed:.1f} on average",
-        "subscriptions a path": str(len(firsts(run))),
-    }
+    details = {**hosts_of(run), "with replay, through routers": str(first_mean(run, OURS))}
     return Finding(estimate=first_ratio(run, OURS), details=details)
 
 
 # --- Figure -----------------------------------------------------------------------------------
-
-
-_LEGEND: dict[str, Any] = {"fontsize": 8.5, "loc": "upper right"}
 
 
 @exp.figure("latency", size=(11.6, 4.4))
@@ -300,24 +239,15 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
     """Draw the age of pictures in the steady state (left) and the time to the first picture (right)."""
     steady, first = figure.subplots(1, 2)
     medians, times = look_medians(run), firsts(run)
-    standard_ms = glass_median(run, STANDARD).value
-    expected_ms = {PAPERS: standard_ms + paper("A-G2G")}
-    base_ms, more_ms = paper("A-G2G", FIRST_ENDS[STANDARD]), paper("A-G2G")
-    draw_bars(steady, medians, STEADY_BARS, medians.median(), expected_ms)
-    steady.legend(
-        [steady.collections[-1]], [f"median of standard + the paper's {more_ms:g} ms"], **_LEGEND
-    )
-    steady.set_title(
-        f"From capture to decoded frame, median\n(paper, with lens and display: {base_ms:g} ms + {more_ms:g} ms)",
-        fontsize=9,
-    )
-    steady.set_ylabel("latency (ms)")
+    more_ms = paper("A-G2G")
+    expected_ms = {PAPERS: medians[STANDARD].median() + more_ms}
+    draw_bars(steady, medians[[*STEADY_BARS]], medians.median(), expected_ms)
+    steady.set(title="From capture to decoded frame, median", ylabel="latency (ms)")
+    steady.legend([steady.collections[-1]], [f"standard + the paper's {more_ms:g} ms"])
     expected_ms = {path: paper("A-FIRST", key) for path, key in FIRST_ENDS.items()}
-    draw_bars(first, times, FIRST_BARS, times.mean(), expected_ms)
-    first.legend([first.collections[-1]], ["paper A, 5.4"], **_LEGEND)
-    in_paper = " and ".join(f"{value:g}" for value in expected_ms.values())
-    first.set_title(f"From subscribing to first frame, mean\n(paper: {in_paper} ms)", fontsize=9)
-    first.set_ylabel("time to first frame (ms)")
+    draw_bars(first, times[[*FIRST_BARS]], times.mean(), expected_ms)
+    first.set(title="From subscribing to first frame, mean", ylabel="time to first frame (ms)")
+    first.legend([first.collections[-1]], ["paper A, 5.4"])
     before_ms, after_ms = times[STANDARD].mean(), times[OURS].mean()
     figure.suptitle(
         f"Routers and decoder add {added(run, PAPERS).value:.1f} ms; with a GOP cache the first frame "
@@ -328,23 +258,18 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
 
 
 def draw_bars(
-    axes: Axes,
-    samples: pd.DataFrame,
-    labels: dict[str, str],
-    heights: pd.Series,
-    expected_ms: dict[str, float],
+    axes: Axes, samples: pd.DataFrame, heights: pd.Series, expected_ms: dict[str, float]
 ) -> None:
     """Draw a bar per path with its samples, and the paper's values.
 
     Args:
         axes: Axes to draw into.
-        samples: Times, ms, by repetition and path.
-        labels: Names of the paths that are drawn, in their order.
+        samples: Times, ms, by repetition; one column per path.
         heights: Heights of the bars, ms, by path.
         expected_ms: The paper's values, ms, by path.
     """
     names = []
-    for place, path in enumerate(labels):
+    for place, path in enumerate(samples):
         times, height = samples[path].dropna(), heights[path]
         # The paper draws one standard deviation. Of normal samples this is the same, and it does not follow
         # one subscription during which the machine was busy.
@@ -353,11 +278,10 @@ def draw_bars(
         axes.bar(place, height, 0.5, color=BAR_COLORS[path], yerr=error, capsize=4)
         beside = place + np.linspace(-0.25, 0.25, len(times))
         axes.plot(beside, times, ".", color="black", markersize=3, alpha=0.4)
-        digits = 1 if height < 20 else 0
-        names.append(f"{labels[path]}\n{height:.{digits}f} ms (n = {len(times)})")
-    places = [[*labels].index(path) for path in expected_ms]
-    low, high = np.array(places) - 0.38, np.array(places) + 0.38
-    axes.hlines([*expected_ms.values()], low, high, **PAPER_STYLE, color="black")
+        names.append(f"{fill(NAMES[path], 16)}\n{rounded(height)} ms (n = {len(times)})")
+    places = np.array([samples.columns.get_loc(path) for path in expected_ms])
+    values = [*expected_ms.values()]
+    axes.hlines(values, places - 0.38, places + 0.38, **PAPER_STYLE, color="black")
     axes.set_xticks(range(len(names)), names)
     axes.grid(visible=False, axis="x")
     axes.set_ylim(0, 1.15 * axes.dataLim.ymax)
@@ -407,10 +331,10 @@ def first_frame(*, gop: GOP = 30, rate_hz: Rate = TABLE_2.fps) -> pictures.Pictu
     wait_ms = 1000 / rate_hz
     times, ratios, means = [], [], []
     standard_ms = rest_ms[STANDARD] + wait_ms * lengths / 2
-    for path, label in FIRST_BARS.items():
+    for path in FIRST_BARS:
         frame_ms = packet_ms if path == OURS else wait_ms
         path_ms = rest_ms[path] + frame_ms * lengths / 2
-        name = label.replace("\n", " ")
+        name = NAMES[path]
         times += _line_and_dot(name, path, gop, path_ms)
         ratios += _line_and_dot(name, path, gop, path_ms / standard_ms)
         means.append(f"{name}: {path_ms[-1]:.0f} ms")
