@@ -64,6 +64,12 @@ class Series:
     kind: Literal["line", "path", "dot"] = "line"
 
 
+def curve(name: str, color: str, x: Sequence[float], y: Sequence[float]) -> tuple[Series, Series]:
+    """Return a line through all values except the last, and a dot at the last."""
+    line = Series(name=name, color=color, x=x[:-1], y=y[:-1])
+    return line, Series(name=name, color=color, x=x[-1:], y=y[-1:], kind="dot")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
     """Series on the same axes."""

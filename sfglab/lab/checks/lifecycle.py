@@ -6,7 +6,6 @@ They say of any state and input what must follow, so that a wrong row, and a wro
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING
 
 from sfglab.fleet.discovery.lifecycle import (
     Action,
@@ -19,62 +18,74 @@ from sfglab.fleet.discovery.lifecycle import (
 from sfglab.lab.checks import Checks
 from sfglab.machine import IllegalInputError
 
-if TYPE_CHECKING:
-    Outcome = tuple[State, tuple[Action, ...]] | None
-
 checks = Checks("lifecycle")
-_I, _A = Input, Action
+
+NEWS = {
+    Announced.NOTHING: Action.DISCOVERED,
+    Announced.PRESENT: Action.UPDATED,
+    Announced.LOST: Action.RETURNED,
+}
+"""Discovery event after an answer, by what was announced before."""
 
 
-def ruled(state: State, given: Input) -> Outcome:
+Outcome = tuple[State, tuple[Action, ...]]
+
+
+def ruled(state: State, given: Input) -> Outcome | None:
     """Return the next state and what has to be done, in order; None where the input cannot happen."""
-    (told, query), lost, new = state.value, state is State.LOST, state is State.UNKNOWN
-    asked, waits = query is QueryState.QUERYING, query is QueryState.BACKING_OFF
-    can_happen = {
-        _I.ANSWERED: asked,
-        _I.ANSWERED_ANEW: asked and told is not Announced.NOTHING,
-        _I.FAILED: asked,
-        _I.RETRY: waits,
-        _I.SILENT: not lost,
-        _I.EXPIRED: lost or (waits and told is Announced.NOTHING),
-    }
-    if not can_happen.get(given, True) or (new and given is not _I.HEARD):
+    if state is State.UNKNOWN:
+        return (State.QUERYING, (Action.QUERY,)) if given is Input.HEARD else None
+    if given in {Input.HEARD, Input.CHANGED, Input.RESTARTED}:
+        return _after_heartbeat(state, given)
+    if given in {Input.SILENT, Input.EXPIRED}:
+        return _without_heartbeat(state, given)
+    return _after_query(state, given)
+
+
+def _after_heartbeat(state: State, given: Input) -> Outcome:
+    querying = State((state.announced, QueryState.QUERYING))
+    if given is Input.RESTARTED:
+        return querying, (*_abandon(state), Action.QUERY)
+    if given is Input.CHANGED and state.query is QueryState.NONE:
+        return querying, (Action.QUERY,)
+    if given is Input.HEARD and state is State.LOST:
+        return State.ACTIVE, (Action.RETURNED,)
+    return state, ()
+
+
+def _without_heartbeat(state: State, given: Input) -> Outcome | None:
+    is_useless = state in {State.LOST, State.BACKING_OFF}
+    if given is Input.EXPIRED:
+        return (State.UNKNOWN, (Action.FORGET,)) if is_useless else None
+    if state is State.LOST:
         return None
-    ask = (told, QueryState.QUERYING)
-    after = State(
-        {
-            _I.HEARD: ask if new else (Announced.PRESENT, QueryState.NONE) if lost else state.value,
-            _I.CHANGED: state.value if asked or waits else ask,
-            _I.FAILED: (told, QueryState.BACKING_OFF),
-            _I.SILENT: (told if told is Announced.NOTHING else Announced.LOST, QueryState.NONE),
-            _I.EXPIRED: State.UNKNOWN.value,
-            **dict.fromkeys((_I.RETRY, _I.RESTARTED), ask),
-            **dict.fromkeys((_I.ANSWERED, _I.ANSWERED_ANEW), (Announced.PRESENT, QueryState.NONE)),
-        }[given]
-    )
-    abandoned = asked and given in {_I.SILENT, _I.RESTARTED}
-    due = {
-        _A.ABANDON: abandoned,
-        _A.QUERY: after.query is QueryState.QUERYING and (abandoned or not asked),
-        _A.BACK_OFF: given is _I.FAILED,
-        _A.FORGET: after is State.UNKNOWN,
-        **dict.fromkeys(_announced(told, given, after.announced), True),
-    }
-    return after, tuple(action for action, is_due in due.items() if is_due)
+    abandon = _abandon(state)
+    match state.announced:
+        case Announced.NOTHING:
+            return State.UNKNOWN, (*abandon, Action.FORGET)
+        case Announced.PRESENT:
+            return State.LOST, (*abandon, Action.LOST)
+        case Announced.LOST:
+            return State.LOST, abandon
 
 
-def _announced(told: Announced, given: Input, after: Announced) -> tuple[Action, ...]:
-    """Return the discovery event, if any: what consumers must hear to know what `after` says they do."""
-    if told is after and given not in {_I.ANSWERED, _I.ANSWERED_ANEW}:
-        return ()
-    if after is not Announced.PRESENT:
-        return (_A.LOST,) if after is Announced.LOST else ()
-    news = {
-        Announced.NOTHING: _A.DISCOVERED,
-        Announced.PRESENT: _A.UPDATED,
-        Announced.LOST: _A.RETURNED,
-    }
-    return (_A.RESTARTED if given is _I.ANSWERED_ANEW else news[told],)
+def _after_query(state: State, given: Input) -> Outcome | None:
+    told, query = state.announced, state.query
+    if given is Input.RETRY and query is QueryState.BACKING_OFF:
+        return State((told, QueryState.QUERYING)), (Action.QUERY,)
+    if query is not QueryState.QUERYING:
+        return None
+    if given is Input.FAILED:
+        return State((told, QueryState.BACKING_OFF)), (Action.BACK_OFF,)
+    if given is Input.ANSWERED:
+        return State.ACTIVE, (NEWS[told],)
+    if given is Input.ANSWERED_ANEW and told is not Announced.NOTHING:
+        return State.ACTIVE, (Action.RESTARTED,)
+    return None
+
+
+def _abandon(state: State) -> tuple[Action, ...]:
+    return (Action.ABANDON,) if state.query is QueryState.QUERYING else ()
 
 
 @checks.each(

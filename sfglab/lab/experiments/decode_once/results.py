@@ -538,12 +538,8 @@ def decoding_costs(
 
 def curves(title: str, axis: pictures.Axis, table: pd.DataFrame, text: str) -> pictures.Panel:
     """Return a panel with a curve for each mode, and dots at the last number of subscribers."""
-    drawn = []
-    here = table.index.tolist()[-1:]
+    drawn: list[pictures.Series] = []
     for mode, label in LABELS.items():
-        values = table[mode].tolist()
         color = STYLES[mode]["color"]
-        line = pictures.Series(name=label, color=color, x=COUNTS, y=values[:-1])
-        dot = pictures.Series(name=label, color=color, x=here, y=values[-1:], kind="dot")
-        drawn += [line, dot]
+        drawn += pictures.curve(label, color, table.index.tolist(), table[mode].tolist())
     return pictures.Panel(title=title, x=_COUNT, y=axis, series=tuple(drawn), note=text)

@@ -269,8 +269,8 @@ def draw_bars(
         expected_ms: The paper's values, ms, by path.
     """
     names = []
-    for place, path in enumerate(samples):
-        times, height = samples[path].dropna(), heights[path]
+    for place, path in enumerate(map(str, samples)):
+        times, height = samples[path].dropna(), float(heights[path])
         # The paper draws one standard deviation. Of normal samples this is the same, and it does not follow
         # one subscription during which the machine was busy.
         low, high = np.percentile(times, (16, 84))
@@ -327,16 +327,20 @@ def first_frame(*, gop: GOP = 30, rate_hz: Rate = TABLE_2.fps) -> pictures.Pictu
         rate_hz: Frame rate of the camera [Hz].
     """
     rest_ms, packet_ms = reference_times()
-    lengths = np.array([*LENGTHS, gop])
+    lengths = [*LENGTHS, gop]
+    half = np.array(lengths) / 2
     wait_ms = 1000 / rate_hz
-    times, ratios, means = [], [], []
-    standard_ms = rest_ms[STANDARD] + wait_ms * lengths / 2
+    times: list[pictures.Series] = []
+    ratios: list[pictures.Series] = []
+    means = []
+    standard_ms = rest_ms[STANDARD] + wait_ms * half
     for path in FIRST_BARS:
         frame_ms = packet_ms if path == OURS else wait_ms
-        path_ms = rest_ms[path] + frame_ms * lengths / 2
+        path_ms = rest_ms[path] + frame_ms * half
         name = NAMES[path]
-        times += _line_and_dot(name, path, gop, path_ms)
-        ratios += _line_and_dot(name, path, gop, path_ms / standard_ms)
+        color, ratio = BAR_COLORS[path], path_ms / standard_ms
+        times += pictures.curve(name, color, lengths, path_ms.tolist())
+        ratios += pictures.curve(name, color, lengths, ratio.tolist())
         means.append(f"{name}: {path_ms[-1]:.0f} ms")
     # On all frame rates that can be set a frame takes longer than the replay of one.
     equal = 2 * (rest_ms[OURS] - rest_ms[STANDARD]) / (wait_ms - packet_ms)
@@ -350,13 +354,3 @@ def first_frame(*, gop: GOP = 30, rate_hz: Rate = TABLE_2.fps) -> pictures.Pictu
         pictures.Panel(title="relative to standard", x=_GOP, y=_RATIO, series=tuple(ratios)),
     )
     return pictures.Picture(said=said, panels=panels)
-
-
-def _line_and_dot(name: str, path: str, gop: int, values: Floats) -> list[pictures.Series]:
-    """Return a path's line over `LENGTHS`, and its dot at a length of the GOP, the last of the values."""
-    *line, dot = values.tolist()
-    color = BAR_COLORS[path]
-    return [
-        pictures.Series(name=name, color=color, x=LENGTHS, y=line),
-        pictures.Series(name=name, color=color, x=[gop], y=[dot], kind="dot"),
-    ]

@@ -224,13 +224,14 @@ def evidence(run: Run[Config], panel: Panel, size: int, count: int) -> dict[str,
 
 def live_detail(run: Run[Config], panel: Panel, size: int, count: int) -> str:
     """Return the speed-up of a bar between processes with its interval."""
-    table = live_bars(run).set_index(["panel", "message_bytes", "subscribers"])
-    place = (panel.value, size, count)
-    if place not in table.index:
+    table = live_bars(run)
+    is_bar = (table["panel"] == panel.value) & (table["message_bytes"] == size)
+    found = lines_of(table[is_bar & (table["subscribers"] == count)])
+    if not found:
         return "this bar was not measured"
-    bar = table.loc[place]
-    speed_up = Estimate(value=bar["ratio"], low=bar["low"], high=bar["high"], unit=_FAST)
-    return f"{speed_up}, {count} hardware subscribers, {size} B; {bar['repeats']} repetitions"
+    [bar] = found
+    speed_up = Estimate(value=bar.ratio, low=bar.low, high=bar.high, unit=_FAST)
+    return f"{speed_up}, {count} hardware subscribers, {size} B; {bar.repeats} repetitions"
 
 
 # --- Figures ----------------------------------------------------------------------------------
@@ -413,14 +414,10 @@ def _curves(panel: Panel, computed: list[SpeedUp]) -> pictures.Panel:
     """Return the curves of a panel; its last value has the size of the dots."""
     chosen = [one for one in computed if one.panel is panel]
     here = chosen[-1]
-    series = []
+    series: list[pictures.Series] = []
     for topic, (name, color) in TOPICS.items():
         times_ms = [_MS_PER_S * getattr(one, f"{topic}_s") for one in chosen]
-        curve = pictures.Series(name=name, color=color, x=SIZES_BYTES, y=times_ms[:-1])
-        dot = pictures.Series(
-            name=name, color=color, kind="dot", x=[here.message_bytes], y=times_ms[-1:]
-        )
-        series += [curve, dot]
+        series += pictures.curve(name, color, [one.message_bytes for one in chosen], times_ms)
     return pictures.Panel(
         title=panel.value,
         x=_SIZE,
