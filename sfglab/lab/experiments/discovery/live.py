@@ -302,12 +302,6 @@ class Ingress:
             received = meter.interface_bytes().rx_bytes
             readings.append((time.time_ns(), received))
 
-    @property
-    def longest_pause_s(self) -> float:
-        """Longest time between two readings, s; beyond their period the reader had to wait for a core."""
-        times_ns = np.array(self._readings[0], dtype=np.int64)[:, 0]
-        return float(np.max(np.diff(times_ns))) / NS_PER_S
-
     async def run(self) -> None:
         """Read until cancelled."""
         while True:

@@ -283,7 +283,6 @@ async def measure_discovery(bench: Bench[Config]) -> None:
             "until an agent knows its peers (s)": times_s,
             "received until then (MB)": received_mb,
             "cores busy": [cpu_percent / 100],
-            "longest pause of an observer (s)": [outcome.ingress.longest_pause_s],
         }
         setting = f"{cell.agents} x {cell.talkers + cell.listeners}"
         bench.write_all(TABLE, rows_of(values, setting, cell.mode, cell.repeat))
