@@ -35,10 +35,8 @@ from sfglab.soc.prediction import predictions
 from sfglab.tables import field_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.figure import Figure
 
 SMALL, LARGE = MESSAGE_BYTES[0], MESSAGE_BYTES[-1]
 MANY = SUBSCRIBERS[-1]
@@ -247,23 +245,18 @@ TOPICS = {
     "gateway": ("gateway", COLORS["proxy"]),
 }
 """Labels and colours by kind of topic."""
-_KEY = (14, 1)  # heights of the panels and of the legend
 _RATIO_TICKS = (0.125, 0.25, 0.5, 1, 2, 4, 8, 16, 32)
 
 
-@exp.figure("transfer", size=(10, 6.9), measured=False)
+@exp.figure("transfer", size=(10, 6.2), measured=False)
 def draw_transfer(figure: Figure, run: Run[Config]) -> None:
     """Draw the model's transfer times and speed-ups (Fig. 6, 7), with RTL and the paper's numbers."""
-    (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=_KEY)
-    for times, ratios, panel in draw_panels(upper, bars(run)):
+    for ratios, panel in draw_panels(figure, bars(run)):
         lines(ratios, by_size(bars(run), panel), STYLES, markersize=4)
         rtl = by_size(bars(run, RTL), panel)
         lines(ratios, rtl, STYLES, markersize=9, mfc="none", linestyle="")
         draw_stated(ratios, panel)
         ratios.set_ylim(0.3, 16)
-        times.set_title(panel.value)
-    hollow = {"marker": "o", "markersize": 9, "mfc": "none", "linestyle": "", "color": "0.38"}
-    draw_key(lower, SUBSCRIBERS, {"by the cycles of simulated hardware (RTL)": hollow})
     title = (
         "A gateway pays for large messages and many hardware subscribers,\n"
         f"and costs time towards software (paper's numbers within {worst_fit(run):.1%})"
@@ -272,7 +265,7 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> None:
     note(
         figure,
         f"memory model, {len(FITTED)} constants fitted to the dashed numbers of the paper; "
-        "a gateway takes the same time for 2, 4 and 8",
+        "hollow: with the cycles of simulated hardware (RTL)",
     )
 
 
@@ -288,19 +281,15 @@ def draw_stated(axes: Axes, panel: Panel) -> None:
         paper_line(axes, value, at=0.55 if is_largest else 1, below=not is_largest)
 
 
-@exp.figure("transfer_live", size=(10, 6.9), when=lambda run: not run["crossing"].empty)
+@exp.figure("transfer_live", size=(10, 6.2), when=lambda run: not run["crossing"].empty)
 def draw_live(figure: Figure, run: Run[Config]) -> None:
     """Draw transfer times and speed-ups between processes, with the model's speed-ups as thin lines."""
     table = live_bars(run)
-    (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=_KEY)
-    for times, ratios, panel in draw_panels(upper, table):
+    for ratios, panel in draw_panels(figure, table):
         for place, count in enumerate(sorted(set(table["subscribers"]))):
             draw_intervals(ratios, table, panel, count, shift=1.15 ** (place - 1))
         model = by_size(table, panel, "model")
         lines(ratios, model, STYLES, linestyle="-", marker="", linewidth=0.9, alpha=0.7)
-        times.set_title(panel.value)
-    thin = {"linestyle": "-", "linewidth": 0.9, "alpha": 0.7, "color": "0.38"}
-    draw_key(lower, sorted(set(table["subscribers"])), {"the model's speed-ups": thin})
     decided = table[(table["low"] > 1) | (table["high"] < 1)]
     same = (decided["ratio"] > 1) == (decided["model"] > 1)
     title = (
@@ -308,7 +297,7 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
         f"{same.sum()} of them in the model's direction"
     )
     figure.suptitle(title)
-    note(figure, "measured live, medians; error bars: 95 % CI")
+    note(figure, "measured live, medians; error bars: 95 % CI; thin lines: speed-ups by the model")
 
 
 def draw_intervals(
@@ -326,46 +315,25 @@ def draw_intervals(
     )
 
 
-def draw_panels(figure: SubFigure, table: pd.DataFrame) -> list[tuple[Axes, Axes, Panel]]:
-    """Draw the transfer times of each panel, and prepare axes for its speed-ups.
-
-    Returns:
-        For each panel the axes of the times and of the speed-ups.
-    """
+def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Panel]]:
+    """Draw the transfer times of each panel with one legend; return the axes of the speed-ups."""
     grid = figure.subplots(2, len(Panel), sharex=True, sharey="row")
     for times, ratios, panel in zip(*grid, Panel, strict=True):
         for topic, (_, color) in TOPICS.items():
             lines(times, by_size(table, panel, f"{topic}_ms"), STYLES, color=color, markersize=4)
-        times.set_yscale("log")
+        times.set(title=panel.value, yscale="log")
         bytes_axis(ratios)
         ratios.set_yscale("log", base=2)
         ratios.axhline(1, color="black", linewidth=0.8)
         ratios.set_yticks(_RATIO_TICKS, [f"{tick:g}" for tick in _RATIO_TICKS])
+    for label, color in TOPICS.values():
+        grid[0, -1].plot([], [], color=color, label=label)
+    for count in sorted(set(table["subscribers"])):
+        grid[0, -1].plot([], [], label=f"{count} hardware nodes", **STYLES.get(count, {}))
+    grid[0, -1].legend(loc="upper left", fontsize=8)
     grid[0, 0].set_ylabel("transfer time (ms)")
     grid[1, 0].set_ylabel("speed-up by the gateway (times)")
-    return list(zip(*grid, Panel, strict=True))
-
-
-def draw_key(
-    figure: SubFigure, counts: Iterable[int], others: Mapping[str, Mapping[str, Any]]
-) -> None:
-    """Draw the one legend of all panels.
-
-    Args:
-        figure: Empty part of the figure.
-        counts: Numbers of hardware subscribers; their markers are the same in both rows.
-        others: Properties of further lines by label.
-    """
-    from matplotlib.lines import Line2D
-
-    looks: dict[str, Mapping[str, Any]] = {}
-    for label, color in TOPICS.values():
-        looks[f"time with a {label}"] = {"color": color, "linewidth": 2.5}
-    for count in counts:
-        looks[f"{count} hardware subscribers"] = STYLES.get(count, {})
-    looks.update(others)
-    handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
-    figure.legend(handles=handles, loc="center", ncols=3, fontsize="small")
+    return list(zip(grid[1], Panel, strict=True))
 
 
 # --- Explorer ---------------------------------------------------------------------------------
