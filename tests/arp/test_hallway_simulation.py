@@ -75,18 +75,6 @@ def test_each_robot_has_eight_beams_to_the_station_and_one_command_from_it():
     assert sorted((flow.source, flow.target, flow.size_bytes) for flow in flows) == sorted(expected)
 
 
-def test_robot_3_forwards_the_others_commands_if_asked_and_the_lap_is_completed():
-    changes = {"topics": (8, 5, 5), "beam_bytes": 8, "compute_scale": 4.0}
-    relayed = settings("OPT", medium=PERFECT, relay_via_robot3=True, **changes)
-    beam, *_, first, last, own = simulation.scenario_of(relayed, seed=0).flows
-    ways = [(flow.source, flow.target, flow.then) for flow in (first, last, own)]
-    forwarded = ("station", "robot3", "robot2/command")
-    assert ways == [forwarded, ("robot3", "robot2", None), ("station", "robot3", None)]
-    assert (beam.size_bytes, beam.service_s) == (8, pytest.approx(4 * 120e-6))
-    assert beam.rate_hz > simulation.rate_and_depth(settings("OPT"))[0]
-    assert SimulatedLap(relayed, 0).run().end is End.SUCCESS
-
-
 def test_snapshots_hold_what_the_lidars_measure_and_what_the_station_received():
     lap = SimulatedLap(settings("none", medium=PERFECT), 0, record=True)
     lap.drive(2.0)

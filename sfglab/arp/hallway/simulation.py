@@ -8,7 +8,7 @@ and seed give the same lap to the bit.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -49,8 +49,6 @@ COMMAND_BYTES = 52  #: Size of a geometry_msgs/msg/Twist in CDR: six doubles and
 ROBOT_TOPICS = (len(BEAMS_DEG) + 1,) * len(AREAS)
 """T_a of Eq. 1 in the hallway: eight beams and one command per robot."""
 
-_RELAY = ROBOTS[2]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LapSettings:
@@ -61,12 +59,6 @@ class LapSettings:
     depth: int  #: DEPTH of Table 2; `OPTIMUM` for the depth of Eq. 6, only with OPT.
     vendor: str = "fast_dds"  #: Name of the timing preset in `PRESETS`.
     medium: Medium = field(default_factory=Medium)  #: Wireless channel.
-    #: Whether commands to robots 1 and 2 are forwarded by robot 3, as "Hello" is in Fig. 9.
-    relay_via_robot3: bool = False
-    topics: tuple[int, ...] = ROBOT_TOPICS  #: T_a of Eq. 1, one number per robot.
-    beam_bytes: int = TABLE_BEAM_BYTES  #: Size of a beam's value.
-    #: Factor by which the station's computer is slower than `PLAN_S` and `TAKE_S`.
-    compute_scale: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,16 +87,16 @@ def rate_and_depth(settings: LapSettings) -> tuple[float, int]:
     """Return each topic's rate (Hz) and history depth: those of Table 2, or with OPT of Eq. 6."""
     if not METHODS[settings.method].optimised:
         return float(settings.rate_max_hz), settings.depth
-    best = _optimum(settings.topics, settings.rate_max_hz)
+    best = _optimum(settings.rate_max_hz)
     # The solver's digits beyond the sixth are noise.
     depth = int(round(best.depth, 6)) if settings.depth == OPTIMUM else settings.depth
     return round(best.rate_hz, 6), depth
 
 
 @cache
-def _optimum(topics: tuple[int, ...], rate_max_hz: int) -> Balance:
+def _optimum(rate_max_hz: int) -> Balance:
     """Solve Eq. 6 once per problem: the solver takes longer than a second of a lap."""
-    return balance(BalanceInput(topics=topics, rate_max_hz=float(rate_max_hz)))
+    return balance(BalanceInput(topics=ROBOT_TOPICS, rate_max_hz=float(rate_max_hz)))
 
 
 def beam_flow(robot: str, beam: int) -> str:
@@ -137,29 +129,28 @@ def _beams(settings: LapSettings, phases_s: Iterator[float]) -> Iterator[Flow]:
     """Yield the topics from the robots to the station."""
     method = METHODS[settings.method]
     rate_hz, depth = rate_and_depth(settings)
-    take_s = settings.compute_scale * TAKE_S
     for robot in ROBOTS:
         for beam in range(len(BEAMS_DEG)):
             yield Flow(
                 name=beam_flow(robot, beam),
                 source=robot,
                 target="station",
-                size_bytes=settings.beam_bytes,
+                size_bytes=TABLE_BEAM_BYTES,
                 rate_hz=rate_hz,
                 phase_s=next(phases_s),
                 qos=topic_qos(rate_hz, depth),
                 executor=f"{robot}/localisation",
-                service_s=settings.compute_scale * (TAKE_S + PLAN_S),
-                compare_s=take_s if method.cache_control else None,
+                service_s=TAKE_S + PLAN_S,
+                compare_s=TAKE_S if method.cache_control else None,
                 cached=method.local_cache,
             )
 
 
 def _commands(settings: LapSettings, phases_s: Iterator[float]) -> Iterator[Flow]:
-    """Yield the topics from the station to the robots, directly or through robot 3."""
+    """Yield the topics from the station to the robots."""
     rate_hz, depth = rate_and_depth(settings)
     for robot in ROBOTS:
-        direct = Flow(
+        yield Flow(
             name=command_flow(robot),
             source="station",
             target=robot,
@@ -170,27 +161,6 @@ def _commands(settings: LapSettings, phases_s: Iterator[float]) -> Iterator[Flow
             executor=robot,
             service_s=TAKE_S,
         )
-        if settings.relay_via_robot3 and robot != _RELAY:
-            yield from _relayed(direct)
-        else:
-            yield direct
-
-
-def _relayed(command: Flow) -> Iterator[Flow]:
-    """Yield a command's topic to robot 3, and the topic on which robot 3 forwards it."""
-    yield replace(
-        command,
-        name=_relay_flow(command.target),
-        target=_RELAY,
-        executor=_RELAY,
-        service_s=TAKE_S + PLAN_S,
-        then=command.name,
-    )
-    yield replace(command, source=_RELAY, rate_hz=0.0, phase_s=0.0)
-
-
-def _relay_flow(robot: str) -> str:
-    return f"{robot}/release"
 
 
 class SimulatedLap:
@@ -214,7 +184,7 @@ class SimulatedLap:
             for beam in range(len(BEAMS_DEG))
         }
         self._commands = {command_flow(name): robot for robot, name in enumerate(ROBOTS)}
-        self._published = [_published_flow(settings, robot) for robot in ROBOTS]
+        self._published = [command_flow(robot) for robot in ROBOTS]
         # A node that receives the same value again does nothing.
         watched = (*self._beams, *self._commands)
         scenario = scenario_of(settings, seed=seed)
@@ -319,12 +289,6 @@ class SimulatedLap:
                 believed_m=np.array(believed_m),
             )
         )
-
-
-def _published_flow(settings: LapSettings, robot: str) -> str:
-    """Return the name of the topic on which the station publishes a robot's commands."""
-    relayed = settings.relay_via_robot3 and robot != _RELAY
-    return _relay_flow(robot) if relayed else command_flow(robot)
 
 
 def _ranges_m(node: SensingNode) -> list[float]:

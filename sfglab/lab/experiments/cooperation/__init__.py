@@ -11,10 +11,8 @@ from sfglab.lab.experiments.cooperation.results import (
     causes,
     difference,
     endings,
-    failing_robots,
     laps,
     live_lap,
-    rates,
 )
 
 __all__ = [
@@ -22,9 +20,7 @@ __all__ = [
     "difference",
     "endings",
     "exp",
-    "failing_robots",
     "hallway_lap",
     "laps",
     "live_lap",
-    "rates",
 ]

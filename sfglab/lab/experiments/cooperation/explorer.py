@@ -20,7 +20,7 @@ from sfglab.arp.robots import METHODS
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.experiments.cooperation.experiment import MethodName, exp
-from sfglab.lab.experiments.cooperation.results import ENDINGS, ROBOT_COLORS, method_text
+from sfglab.lab.experiments.cooperation.results import ROBOT_COLORS, ending_text, setting_text
 from sfglab.lab.figures import COLORS
 from sfglab.rtps import Medium
 
@@ -36,7 +36,6 @@ Preset = Literal["fast_dds", "fast_dds_sync", "fast_dds_async", "fast_dds_foxy",
 MaximumRate = Annotated[int, Bounds(100, 1000, log=True)]
 HistoryDepth = Annotated[int, Bounds(1, 1000, log=True)]
 Percent = Annotated[float, Bounds(0, 5)]
-Factor = Annotated[float, Bounds(0.5, 20, log=True)]
 Seconds = Annotated[float, Bounds(0, LIMIT_S)]
 Seed = Annotated[int, Bounds(0, 20)]
 
@@ -67,8 +66,6 @@ def hallway_lap(  # noqa: PLR0913  # one control for each
     depth: HistoryDepth = 10,
     loss_percent: Percent = 1.0,
     preset: Preset = "fast_dds",
-    compute_scale: Factor = 1.0,
-    relay_via_robot3: bool = False,
     seed: Seed = 0,
     shown_s: Seconds = 10.0,
 ) -> Iterator[pictures.Picture | None]:
@@ -80,8 +77,6 @@ def hallway_lap(  # noqa: PLR0913  # one control for each
         depth: Depth of the histories (DEPTH). With OPT, Eq. 6 gives the depth.
         loss_percent: Frames that the wireless channel loses [%].
         preset: Middleware whose timing the protocol has.
-        compute_scale: Factor by which the station's computer is slower than assumed.
-        relay_via_robot3: Whether robot 3 forwards the commands to robots 1 and 2.
         seed: Seed of physics and channel.
         shown_s: Time that is shown [s].
     """
@@ -91,8 +86,6 @@ def hallway_lap(  # noqa: PLR0913  # one control for each
         depth=OPTIMUM if METHODS[method].optimised else depth,
         vendor=preset,
         medium=Medium(loss=loss_percent / 100),
-        relay_via_robot3=relay_via_robot3,
-        compute_scale=compute_scale,
     )
     lap = lap_of(settings, seed)
     began_s = time.monotonic()
@@ -132,12 +125,10 @@ def draw(settings: LapSettings, lap: SimulatedLap, shown_s: float) -> pictures.P
 
 def _words(settings: LapSettings, lap: SimulatedLap) -> str:
     """Return what is simulated and how it ended."""
-    depth = "Eq. 6" if settings.depth == OPTIMUM else settings.depth
-    setting = f"{method_text(settings.method)}, Rmax {settings.rate_max_hz} Hz, DEPTH {depth}"
     if lap.verdict is None:
-        return f"{setting}: simulated up to {lap.time_s:.0f} s."
-    robot = "" if lap.verdict.robot < 0 else f"{ROBOTS[lap.verdict.robot]} "
-    return f"{setting}: {robot}{ENDINGS[lap.verdict.end]} {lap.time_s:.0f} s."
+        return f"{setting_text(settings)}: simulated up to {lap.time_s:.0f} s."
+    robot = "" if lap.verdict.robot < 0 else ROBOTS[lap.verdict.robot]
+    return f"{setting_text(settings)}: {ending_text(lap.verdict.end, robot, lap.time_s)}."
 
 
 def _hallway(

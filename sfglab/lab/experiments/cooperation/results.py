@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,38 +14,27 @@ from sfglab.arp.robots import BEST, METHODS
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.cooperation.experiment import NONE, Config, exp
 from sfglab.lab.experiments.cooperation.live import LIVE, LIVE_SETTINGS, LIVE_VALUES, SIMULATED
-from sfglab.lab.figures import COLORS, default_sidecar, note
-from sfglab.lab.runs import Run, derived, lines_of
-from sfglab.lab.stats import Estimate, difference_of, share_of, wilson
+from sfglab.lab.figures import COLORS, note
+from sfglab.lab.runs import Run, derived
+from sfglab.lab.stats import Estimate, difference_of, share_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-METHOD_WORDS = {"OPT": "balanced QoS", "LC": "local cache", "CC": "cache control"}
-ENDINGS = {
-    End.SUCCESS: "the lap takes",
-    End.CONTACT: "hits a wall or box after",
-    End.STOP: "meets an obstacle after",
-    End.TIMEOUT: "the lap is given up after",
-}
-"""Ends of a lap, as the part of a sentence before its duration."""
-NO_ROBOT = "no single robot"  #: Failure of a lap that was given up.
 ROBOT_COLORS = dict(zip(ROBOTS, (COLORS["proxy"], "#E69F00", "#000000"), strict=True))
-_SHARE_COLORS = {End.SUCCESS.value: COLORS["third"], **ROBOT_COLORS, NO_ROBOT: COLORS["network"]}
-_SHARE_LABELS = {End.SUCCESS.value: "lap completed", NO_ROBOT: "given up after 120 s"}
-_MARK_S = 10.0
-_CM_PER_M = 100
 
 
-def method_text(method: str) -> str:
-    """Return a method's name with its code, as ``balanced QoS and local cache (OPT+LC)``."""
-    if method == NONE:
-        return "no method"
-    words = [METHOD_WORDS[code] for code in method.split("+")]
-    return f"{' and '.join(words)} ({method})"
+def setting_text(settings: Any) -> str:
+    """Return method, Rmax and DEPTH of `LapSettings` or of a row."""
+    depth = depth_text(settings.depth)
+    return f"{settings.method}, Rmax {settings.rate_max_hz} Hz, DEPTH {depth}"
+
+
+def ending_text(end: End, robot: str, ended_s: float) -> str:
+    """Return how a lap ended, as ``contact of robot2 after 11 s``."""
+    whose = f" of {robot}" if robot else ""
+    return f"{end.value}{whose} after {ended_s:.0f} s"
 
 
 # --- Tables -----------------------------------------------------------------------------------
@@ -58,37 +47,15 @@ def laps(run: Run[Config]) -> pd.DataFrame:
     return table.assign(success=table["end"] == End.SUCCESS.value)
 
 
-def rates(table: pd.DataFrame, *keys: str) -> pd.DataFrame:
-    """Return success rates with Wilson's 95 % interval by columns, methods in the paper's order.
-
-    Args:
-        table: Laps with ``success``.
-        keys: Columns of the groups, ``method`` first.
-    """
-    counts = table.groupby(list(keys))["success"].agg(successes="sum", runs="count").reset_index()
-    order = list(METHODS)
-    found = counts.sort_values("method", key=lambda names: names.map(order.index), kind="stable")
-    bounds = [wilson(row.successes, row.runs) for row in lines_of(found)]
-    low, high = zip(*bounds, strict=True)
-    rate = found["successes"] / found["runs"]
-    return found.assign(rate=rate, low=low, high=high).reset_index(drop=True)
-
-
-def failing_robots(table: pd.DataFrame) -> pd.DataFrame:
-    """Return how many laps of each method were completed, and in how many which robot failed."""
-    robot = table["robot"].replace("", NO_ROBOT)
-    ending = robot.where(~table["success"], End.SUCCESS.value)
-    counts = pd.crosstab(table["method"], ending)
-    methods = [method for method in METHODS if method in counts.index]
-    return counts.reindex(index=methods, columns=list(_SHARE_COLORS), fill_value=0)
-
-
 def endings(table: pd.DataFrame) -> pd.DataFrame:
-    """Return how many laps of each method ended in which way: a contact is no stop for an obstacle."""
-    counts = pd.crosstab(table["method"], table["end"])
-    methods = [method for method in METHODS if method in counts.index]
-    ways = [end.value for end in End]
-    return counts.reindex(index=methods, columns=ways, fill_value=0)
+    """Return how many laps of each method ended in which way, and in how many which robot failed.
+
+    A contact is no stop for an obstacle.
+    """
+    ends, robots = (pd.crosstab(table["method"], table[column]) for column in ("end", "robot"))
+    methods = [method for method in METHODS if method in ends.index]
+    columns = [*(end.value for end in End), *ROBOTS]
+    return ends.join(robots).reindex(index=methods, columns=columns, fill_value=0)
 
 
 def causes(table: pd.DataFrame) -> pd.DataFrame:
@@ -142,22 +109,18 @@ def _mean_over_rates(table: pd.DataFrame, method: str) -> Estimate:
 def success_difference(run: Run[Config]) -> Finding:
     """Return how much more often a lap is completed with OPT+LC than without any method."""
     table = laps(run)
+    counts = endings(table)
     details = {}
-    for row in lines_of(rates(table, "method")):
-        interval = f"{row.rate:.2f} [{row.low:.2f}, {row.high:.2f}]"
-        details[f"success, {row.method}"] = f"{interval} of {row.runs} laps"
-    for method, counts in failing_robots(table).to_dict("index").items():
-        details[f"failing robots, {method}"] = _failing_robots_text(counts)
-    for method, counts in endings(table).to_dict("index").items():
-        ways = [f"{end} in {count}" for end, count in counts.items() if count]
-        details[f"ends, {method}"] = ", ".join(ways)
+    for method in counts.index:
+        done = table[table["method"] == method]["success"]
+        rate = share_of(int(done.sum()), len(done), unit="success rate")
+        details[f"{method}, {len(done)} laps"] = f"{rate}: {counts_text(counts.loc[method])}"
     return Finding(estimate=difference(table), details=details, reason=_reason(table))
 
 
-def _failing_robots_text(counts: Mapping[Any, int]) -> str:
-    failed = {name: count for name, count in counts.items() if name != End.SUCCESS.value}
-    parts = [f"{name} in {count}" for name, count in failed.items() if count]
-    return ", ".join(parts) or "none"
+def counts_text(counts: Any) -> str:
+    """Return counts that are not zero, as ``contact in 3, robot1 in 2``."""
+    return ", ".join(f"{name} in {count}" for name, count in counts.items() if count)
 
 
 def _reason(table: pd.DataFrame) -> str:
@@ -167,7 +130,7 @@ def _reason(table: pd.DataFrame) -> str:
     if failed.empty:
         return ""
     depth = int(failed["depth_used"].median())
-    robots = _failing_robots_text(failing_robots(best).to_dict("index")[BEST])
+    robots = counts_text(endings(best).loc[BEST, [*ROBOTS]])
     return (
         f"OPT+LC fails in {len(failed)} of {len(best)} laps ({robots}): at a history depth of {depth} the "
         "history seldom fills, so a lost sample is requested only after the next heartbeat, every 3 s, "
@@ -178,22 +141,34 @@ def _reason(table: pd.DataFrame) -> str:
 # --- Figure 16 --------------------------------------------------------------------------------
 
 
-@exp.figure("cooperation", size=(10.4, 5.8))
-def draw_success(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw completed laps and failing robots by method, and completed laps by DEPTH and Rmax."""
-    table = laps(run)
-    of_methods, of_cells = figure.subplots(1, 2, width_ratios=(1.25, 1))
-    _draw_failing_robots(of_methods, table)
-    _draw_counts(of_cells, rates(table, "method", "depth", "rate_max_hz"))
+@exp.figure("cooperation", size=(7.5, 5.6), measured=False)
+def draw_success(figure: Figure, run: Run[Config]) -> None:
+    """Draw how many laps are completed, one row per method and DEPTH, one column per Rmax."""
+    by_depth = laps(run).sort_values(["depth", "rate_max_hz"])
+    place = [*METHODS].index
+    table = by_depth.sort_values("method", key=lambda names: names.map(place), kind="stable")
+    settings = table["method"] + ", DEPTH " + table["depth"].map(depth_text)
+    by_rate: Any = {"index": "setting", "columns": "rate_max_hz", "sort": False}
+    grid = table.assign(setting=settings)
+    done = grid.pivot_table(values="success", aggfunc="sum", **by_rate)
+    driven = grid.pivot_table(values="success", aggfunc="count", **by_rate).to_numpy()
+    axes = figure.subplots()
+    axes.imshow(done / driven, cmap="Greens", vmin=0, vmax=2, aspect="auto")
+    for (y, x), count in np.ndenumerate(done):
+        axes.text(x, y, f"{count} of {driven[y, x]}", ha="center", va="center", fontsize=8)
+    axes.set_xticks(range(len(done.columns)), done.columns)
+    axes.set_yticks(range(len(done)), done.index, fontsize=8)
+    axes.set_xlabel("maximum rate Rmax (Hz)")
+    axes.grid(visible=False)
     best, none = (completed(table, method) for method in (BEST, NONE))
     figure.suptitle(
-        f"Balanced QoS with the local cache (OPT+LC) completes {best} laps, no method {none}\n"
-        "(paper: OPT+LC completes the task; Fig. 18 has a failed lap and names no method)"
+        f"Laps completed: {best} with OPT+LC, {none} without a method\n"
+        "(paper: OPT+LC completes the task)"
     )
     seeds = table["seed"].nunique()
-    channel = f"{100 * run.config.loss:g} % of frames lost"
-    note(figure, f"simulated, {seeds} seeds per setting, {channel}; in brackets: 95 % CI (Wilson)")
-    return default_sidecar(run)
+    note(
+        figure, f"simulated, {seeds} seeds per setting, {100 * run.config.loss:g} % of frames lost"
+    )
 
 
 def completed(table: pd.DataFrame, method: str) -> str:
@@ -202,88 +177,27 @@ def completed(table: pd.DataFrame, method: str) -> str:
     return f"{success.sum()} of {len(success)}"
 
 
-def _draw_failing_robots(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw the laps of each method as a bar: completed, or the robot that failed."""
-    counts = failing_robots(table)
-    shares = 100 * counts.div(counts.sum(axis=1), axis=0)
-    shares.columns = [_SHARE_LABELS.get(ending, f"{ending} fails") for ending in _SHARE_COLORS]
-    shares.index = [method if "+" in method else method_text(method) for method in counts.index]
-    shares.plot.barh(ax=axes, stacked=True, color=list(_SHARE_COLORS.values()), legend=False)
-    for place, row in enumerate(lines_of(rates(table, "method"))):
-        text = f"{row.successes} of {row.runs} completed [{row.low:.0%}, {row.high:.0%}]"
-        axes.annotate(text, (0, place - 0.3), va="bottom", fontsize=8)
-    axes.set(xlabel="share of laps (%)", ylabel="", xlim=(0, 100), ylim=(len(shares) - 0.5, -0.8))
-    axes.grid(visible=False, axis="y")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.4, -0.11), ncols=3, fontsize=8)
-
-
-def _draw_counts(axes: Axes, cells: pd.DataFrame) -> None:
-    """Draw how many laps are completed, one row per method and DEPTH, one column per Rmax."""
-    names = cells["method"].replace(NONE, method_text(NONE)) + ", " + cells["depth"].map(depth_text)
-    grid = cells.assign(setting=names)
-    shares = grid.pivot_table("rate", "setting", "rate_max_hz", sort=False)
-    axes.imshow(shares, cmap="Greens", vmin=0, vmax=2, aspect="auto")
-    columns, settings = list(shares.columns), list(shares.index)
-    for row in lines_of(grid):
-        x, y = columns.index(row.rate_max_hz), settings.index(row.setting)
-        axes.text(x, y, f"{row.successes} of {row.runs}", ha="center", va="center", fontsize=8)
-    axes.set_xticks(range(len(columns)), columns)
-    axes.set_yticks(range(len(settings)), settings, fontsize=8)
-    axes.set_xlabel("maximum rate Rmax (Hz)")
-    title = "completed laps by method, history depth (DEPTH) and Rmax"
-    axes.set_title(title, fontsize=9, loc="right")
-    axes.grid(visible=False)
-
-
 # --- Figures 17 and 18 ------------------------------------------------------------------------
 
 
-@exp.figure("cooperation_tracks", size=(10, 4.7))
-def draw_tracks(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+@exp.figure("cooperation_tracks", size=(10, 5), measured=False)
+def draw_tracks(figure: Figure, run: Run[Config]) -> None:
     """Draw the robots' tracks in a lap that was completed (Fig. 17) and one that failed (Fig. 18)."""
-    examples: dict[str, Any] = run.metadata("examples")
-    figure.set_layout_engine("constrained", h_pad=0.1)  # inches, between axes and note
+    examples: dict[str, dict[str, Any]] = run.metadata("examples")
     panels = figure.subplots(1, max(1, len(examples)), squeeze=False)[0]
     tracks = run["track"]
-    sentences = []
-    for axes, (name, example) in zip(panels, examples.items(), strict=False):
-        draw_lap(axes, tracks[tracks["run"] == name], failing=example["robot"])
-        count = completed(laps(run), example["method"])
+    for axes, (name, values) in zip(panels, examples.items(), strict=False):
+        lap = SimpleNamespace(**values)
+        draw_lap(axes, tracks[tracks["run"] == name])
         axes.set_title(
-            f"{_setting_text(example)}\n({count} laps with this method completed)", fontsize=9
+            f"{setting_text(lap)}: {ending_text(End(lap.end), lap.robot, lap.ended_s)}", fontsize=9
         )
-        sentences.append(_ending_text(example))
-    title = "; ".join(sentences)
-    figure.suptitle(title[:1].upper() + title[1:])
-    note(figure, "simulated, first lap that ends so; one dot every 10 s; ring: robot that fails")
-    return default_sidecar(run)
+    figure.suptitle("A lap that is completed, and one that fails")
+    note(figure, "simulated, first lap that ends so")
 
 
-def _setting_text(example: Mapping[str, Any]) -> str:
-    method = method_text(example["method"])
-    depth = depth_text(example["depth"])
-    return (
-        f"{method}\nmaximum rate (Rmax) {example['rate_max_hz']} Hz, history depth (DEPTH): {depth}"
-    )
-
-
-def _ending_text(example: Mapping[str, Any]) -> str:
-    """Return how a lap ended, as the part of a sentence."""
-    method = "without a method"
-    if example["method"] != NONE:
-        method = f"with {example['method']}"
-    words = [method, example["robot"], ENDINGS[End(example["end"])], f"{example['ended_s']:.0f} s"]
-    return " ".join(filter(None, words))
-
-
-def draw_lap(axes: Axes, tracks: pd.DataFrame, *, failing: str = "") -> None:
-    """Draw the tracks of a lap into one hallway, each robot's track and boxes in its colour.
-
-    Args:
-        axes: Axes to draw into.
-        tracks: Rows of the table ``track`` of one lap.
-        failing: Name of the robot that gets a ring at its end.
-    """
+def draw_lap(axes: Axes, tracks: pd.DataFrame) -> None:
+    """Draw the tracks of a lap into one hallway, each robot's track and boxes in its colour."""
     from matplotlib.patches import Circle
 
     for x0, y0, x1, y1 in Area(robot="walls").segments:
@@ -295,12 +209,8 @@ def draw_lap(axes: Axes, tracks: pd.DataFrame, *, failing: str = "") -> None:
             axes.fill(*box.corners().T, color=color, alpha=0.6)
         own = tracks[tracks["robot"] == area.robot]
         axes.plot(own["x_m"], own["y_m"], color=color, linewidth=1.2, label=area.robot)
-        marked = own[np.isclose(own["t_s"] % _MARK_S, 0.0, atol=1e-6)]
-        axes.plot(marked["x_m"], marked["y_m"], "o", color=color, markersize=2.5)
         end = own[["x_m", "y_m"]].iloc[-1]
         axes.add_patch(Circle(tuple(end), RADIUS_M, color=color, alpha=0.7))
-        if area.robot == failing:
-            axes.plot(*end, "o", markersize=17, mfc="none", color="black")
     axes.legend(
         fontsize=8,
         title="track and boxes of",
@@ -319,42 +229,14 @@ def _has_live_lap(run: Run[Config]) -> bool:
     return bool((run["track"]["run"] == LIVE).any())
 
 
-@exp.figure("cooperation_live", size=(10.4, 4.6), when=_has_live_lap)
+@exp.figure("cooperation_live", size=(10, 5), when=_has_live_lap)
 def draw_live(figure: Figure, run: Run[Config]) -> None:
-    """Draw the live lap, and how far each robot's track is from the simulated one."""
-    tracks = run["track"]
-    ways, distances = figure.subplots(1, 2, width_ratios=(1.2, 1))
-    draw_lap(ways, tracks[tracks["run"] == LIVE])
-    ways.set_title(_setting_text(asdict(LIVE_SETTINGS)), fontsize=9)
-    farthest_cm = 0.0
-    for robot, color in ROBOT_COLORS.items():
-        apart = distance_to_simulated(tracks, robot)
-        distance_cm = _CM_PER_M * apart["distance_m"]
-        distances.plot(apart["t_s"], distance_cm, color=color, label=robot)
-        farthest_cm = max(farthest_cm, distance_cm.max())
-    distances.set(xlabel="time (s)", ylabel="distance to the simulated track (cm)", ylim=(0, None))
-    values = run.metadata("live")
+    """Draw the robots' tracks in the live lap, and in the simulated one beside it."""
+    tracks, values = run["track"], run.metadata("live")
+    ends = {LIVE: values["end"], SIMULATED: values["simulated_end"]}
+    for axes, (name, end) in zip(figure.subplots(1, 2), ends.items(), strict=True):
+        draw_lap(axes, tracks[tracks["run"] == name])
+        axes.set_title(f"{name}: {end}", fontsize=9)
     schedule = "kept its schedule" if values["kept_up"] else "did not keep its schedule"
-    figure.suptitle(
-        f"The live lap over DDS {schedule} and ended with: {values['end']}\n"
-        f"The robots stay within {farthest_cm:.0f} cm of their simulated tracks"
-    )
-    lasted_s = values["lasted_s"]
-    note(figure, f"one live lap of {lasted_s:.0f} s, over Cyclone DDS; one dot every 10 s")
-
-
-def distance_to_simulated(tracks: pd.DataFrame, robot: str) -> pd.DataFrame:
-    """Return how far a live robot is from the nearest point of its simulated track.
-
-    Returns:
-        One row per pose: ``t_s``, and ``distance_m``.
-    """
-    own = tracks[tracks["robot"] == robot]
-    live, simulated = (own[own["run"] == name] for name in (LIVE, SIMULATED))
-    points = live[["x_m", "y_m"]].to_numpy()
-    others = simulated[["x_m", "y_m"]].to_numpy()
-    apart_m = np.linalg.norm(points[:, None] - others[None], axis=2)
-    # The live robot may have come further than the simulated one; the track's end alone does not count.
-    is_beside = apart_m.argmin(axis=1) < len(others) - 1
-    times_s = live["t_s"].to_numpy()
-    return pd.DataFrame({"t_s": times_s[is_beside], "distance_m": apart_m.min(axis=1)[is_beside]})
+    figure.suptitle(f"{setting_text(LIVE_SETTINGS)}: the live lap over DDS {schedule}")
+    note(figure, f"one live lap of {values['lasted_s']:.0f} s, over Cyclone DDS")
