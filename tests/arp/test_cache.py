@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from sfglab.arp.cache import CacheControl, CacheCounters, LocalCache, exactly_equal
 from sfglab.messages import message_type
+from sfglab.rtps import Flow, Medium, Scenario, Session
 
 
 @given(
@@ -23,6 +24,28 @@ def test_exactly_changes_pass_and_a_value_whose_silence_has_lasted_long_enough(v
         assert cache.offer("/a", value, now_ns=now_ns).passes == passes
         if passes:
             last, passed_ns = repr(value), now_ns
+
+
+@given(st.lists(st.integers(1, 2), min_size=1, max_size=60), st.sampled_from([None, 50_000_000]))
+def test_the_model_s_compiled_cache_passes_the_same_readings(values, silence_ns):
+    silence_s = silence_ns and silence_ns / 1e9
+    flow = Flow(
+        name="a",
+        source="robot",
+        target="station",
+        rate_hz=100,
+        cached=True,
+        max_silence_s=silence_s,
+    )
+    scenario = Scenario(flows=(flow,), medium=Medium(loss=0.0), duration_s=len(values) / 100)
+    session, cache = Session(scenario, seed=0, watched=()), LocalCache(max_silence_ns=silence_ns)
+    passed_ns = []
+    for now_ns, value in zip(range(0, 10**9, 10**7), values, strict=False):
+        session.set_value("a", value)
+        session.advance(now_ns + 10**7)
+        if cache.offer("a", value, now_ns=now_ns).passes:
+            passed_ns.append(now_ns)
+    assert session.outcome().flows["a"].published_ns.tolist() == passed_ns
 
 
 def test_topics_have_values_of_their_own_and_counters_count_messages_and_bytes():

@@ -1,6 +1,5 @@
 """Caches and balanced QoS: what is broken fails its checks, and explorers compute what caches do."""
 
-from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 
@@ -8,19 +7,17 @@ import numpy as np
 import pytest
 from made_logs import DATA, broken, ran, reference
 
-from sfglab.arp.balancing import BalanceInput, InfeasibleBalanceError
+from sfglab.arp.balancing import BalanceInput
 from sfglab.arp.cache import Decision, LocalCache
 from sfglab.arp.link import at_depths, link_of
 from sfglab.arp.robots import ROBOTS, SENSORS
 from sfglab.arp.topics import load_topics
-from sfglab.errors import InvalidValueError
 from sfglab.fields import bounds_of
 from sfglab.lab.experiments.balancing import (
     cache_curves,
     channel_loads,
     exp,
     experiment,
-    optimum_curves,
 )
 from sfglab.lab.experiments.balancing.experiment import balance_checks, balance_row, readings
 from sfglab.lab.explore.interactive import setting_of
@@ -36,10 +33,7 @@ def test_a_cache_that_misses_changes_fails_its_checks(tmp_path, monkeypatch):
 
     monkeypatch.setattr(experiment, "LocalCache", Deaf)
     run = ran(exp, tmp_path / "deaf.mcap", rates_hz=(100,), topics=((10,),))
-    assert broken(run["check"]).keys() >= {
-        "LC: the station always knows the sensor's value",
-        "LC: the model's compiled cache lets the same readings pass",
-    }
+    assert "LC: the station always knows the sensor's value" in broken(run["check"])
     assert exp.measure(run)["B-LC"].estimate.value < 1
 
 
@@ -77,15 +71,10 @@ def test_the_explorer_has_the_messages_and_outdated_values_of_a_cache_on_a_lossy
     assert 100 * outdated / len(values) == pytest.approx(shares.iloc[-1], rel=0.07)
 
 
-@pytest.mark.parametrize(("explorer", "count"), [(cache_curves, 8), (optimum_curves, 8)])
-def test_axes_of_explorers_hold_every_setting_of_their_forms(explorer, count):
-    bounds = bounds_of(type(setting_of(explorer)))
-    pictures = []
+def test_axes_of_the_explorer_hold_every_setting_of_its_form():
+    bounds = bounds_of(type(setting_of(cache_curves)))
     for values in product(*((one.low, one.high) for one in bounds.values())):
-        with suppress(InfeasibleBalanceError, InvalidValueError):  # no optimum
-            pictures.append(explorer(**dict(zip(bounds, values, strict=True))))
-    assert len(pictures) == count
-    for picture in pictures:
+        picture = cache_curves(**dict(zip(bounds, values, strict=True)))
         for row in picture.values():
             axis = picture.panels[row["place"]].y
             assert axis.low <= row["y"] <= axis.high

@@ -8,8 +8,7 @@ from sfglab.lab.experiments.balancing.results import (
     cache_curves,
     channel_loads,
     frames_saved,
-    optimum_curves,
     saved,
 )
 
-__all__ = ["cache_curves", "channel_loads", "exp", "frames_saved", "optimum_curves", "saved"]
+__all__ = ["cache_curves", "channel_loads", "exp", "frames_saved", "saved"]

@@ -7,31 +7,22 @@ finds the rate R of all topics and the depth D of their histories.
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import replace
-from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import pandas as pd
 
-from sfglab.arp.balancing import (
-    DEPTH_MAX,
-    Balance,
-    BalanceInput,
-    InfeasibleBalanceError,
-    balance_closed_form,
-)
+from sfglab.arp.balancing import BalanceInput, balance_closed_form
 from sfglab.arp.link import Link, at_depths, link_of
 from sfglab.arp.robots import SENSORS, Rate, cdr_bytes
 from sfglab.arp.topics import load_topics
-from sfglab.errors import InvalidValueError
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.checks import share_of_checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments import experiment
-from sfglab.lab.experiments.balancing.experiment import ELECTRODE, Config, exp, mean_topics
+from sfglab.lab.experiments.balancing.experiment import ELECTRODE, Config, exp
 from sfglab.lab.figures import COLORS, METHOD_COLORS, grouped_bars, lines, note
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import Run, derived, lines_of
@@ -79,12 +70,9 @@ def frames_saved(run: Run[Config]) -> pd.DataFrame:  # noqa: ARG001 - kept with 
     Depths and seeds are summed up. Readings are those of the sensors; "Hello"s pass no cache.
 
     Returns:
-        One row per pair of methods and kind of frame, one column per Rmax. Empty if there is no
-        reference run.
+        One row per pair of methods and kind of frame, one column per Rmax.
     """
     log = find_project().reference_logs / "transmission.mcap"
-    if not log.is_file():
-        return pd.DataFrame()
     cells = experiment("transmission").load(log)["cell"].rename(columns=FRAMES)
     sums = cells.groupby(["method", "rate_max_hz"])[list(FRAMES.values())].sum()
     shares = {}
@@ -103,50 +91,33 @@ METHODS = {
 
 @derived
 def channel_loads(run: Run[Config]) -> pd.DataFrame:
-    """Return the demand of the topic file's topics on its channel, one row per Rmax, by method."""
-    topics = load_topics(find_project().data / run.config.topic_file).topics_of_agents()
-    rows = {}
-    for rate_max_hz in run.config.rates_hz:
-        found = balance_closed_form(BalanceInput(topics=topics, rate_max_hz=rate_max_hz))
-        rows[rate_max_hz] = loads_of(run.config.topic_file, found, rate_max_hz)
-    return pd.DataFrame.from_dict(rows, orient="index")
+    """Return the share of the channel that the topic file's topics ask for, one row per Rmax, by method.
 
-
-def loads_of(topic_file: str, found: Balance, rate_max_hz: float) -> dict[str, float]:
-    """Return the share of the channel that topics ask for if all hosts contend, by method.
-
-    Above 1 it is more than there is. Where hosts seldom contend, the utilisation that a simulation measures is
-    lower.
-
-    Args:
-        topic_file: File in the data folder with topics and channel.
-        found: Optimum of Eq. 6, one rate and depth for all topics.
-        rate_max_hz: Rmax, the rate without a method.
+    The share is that if all hosts contend; above 1 it is more than there is. Where hosts seldom contend, the
+    utilisation that a simulation measures is lower. The local cache is one for the sensors of Table 1. It passes
+    each "Hello", which is counted, as in `sfglab.arp.hello`.
     """
-    plain, cached = _links(topic_file)
-    cases = ((plain, rate_max_hz), (plain, found.rate_hz), (cached, found.rate_hz))
-    loads = []
-    for link, rate_hz in cases:
-        rates_hz = np.full(len(link.loss), rate_hz)
-        depths = np.full(len(link.loss), int(found.depth))
-        utilisation = at_depths(link, depths, rates_hz).utilisation(rates_hz)
-        loads.append(float(utilisation.max()))
-    return dict(zip(METHODS, loads, strict=True))
-
-
-@cache
-def _links(topic_file: str) -> tuple[Link, Link]:
-    """Return a file's topics on its channel, without and with a local cache for the sensors of Table 1.
-
-    Each "Hello" is counted, so that caches pass them all, as in `sfglab.arp.hello`.
-    """
-    given = load_topics(find_project().data / topic_file)
+    given = load_topics(find_project().data / run.config.topic_file)
     cached = []
     for topic in given.topics:
         is_sensor = topic.name.rpartition("/")[2] in SENSORS
         cached.append(replace(topic, cached=is_sensor))
-    plain_link = link_of(given.topics, given.medium, given.vendor)
-    return plain_link, link_of(cached, given.medium, given.vendor)
+    plain = link_of(given.topics, given.medium, given.vendor)
+    with_cache = link_of(cached, given.medium, given.vendor)
+    topics = given.topics_of_agents()
+    rows = {}
+    for rate_max_hz in run.config.rates_hz:
+        found = balance_closed_form(BalanceInput(topics=topics, rate_max_hz=rate_max_hz))
+        cases = ((plain, rate_max_hz), (plain, found.rate_hz), (with_cache, found.rate_hz))
+        rows[rate_max_hz] = [demand(link, rate_hz, int(found.depth)) for link, rate_hz in cases]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=[*METHODS])
+
+
+def demand(link: Link, rate_hz: float, depth: int) -> float:
+    """Return the share of the channel that topics ask for with one rate and depth for all of them."""
+    rates_hz = np.full(len(link.loss), rate_hz)
+    depths = np.full(len(link.loss), depth)
+    return float(at_depths(link, depths, rates_hz).utilisation(rates_hz).max())
 
 
 # --- Claims -----------------------------------------------------------------------------------
@@ -253,17 +224,16 @@ _SHADES = ("#cfe3f2", "#86b9de", "#3d8fc8", COLORS["proxy"])
 def draw_caches(figure: Figure, run: Run[Config]) -> None:
     """Draw what the local cache (LC) saves: readings of each sensor, and RTPS frames by kind."""
     frames = frames_saved(run)
-    panels = figure.subplots(1 if frames.empty else 2, squeeze=False)[:, 0]
+    panels = figure.subplots(2)
     changes = run["table_one"].set_index("sensor")["change_s"]
     names = [f"{name}\nchanges every\n{changes[name]:g} s" for name in saved(run).index]
     draw_shares(panels[0], saved(run), names)
     panels[0].set_ylabel("readings suppressed (%)")
     place = {"loc": "upper center", "bbox_to_anchor": (0.5, 1.3)}
     panels[0].legend(title="reading rate (above), Rmax (below)", ncols=4, **place)
-    if not frames.empty:
-        names = [f"{frame}\ncompared with\n{method}" for method, frame in frames.index]
-        draw_shares(panels[1], frames, names)
-        panels[1].set_ylabel("frames saved by LC (%)")
+    names = [f"{frame}\ncompared with\n{method}" for method, frame in frames.index]
+    draw_shares(panels[1], frames, names)
+    panels[1].set_ylabel("frames saved by LC (%)")
     highest = saved(run).iloc[:, -1].mean()
     figure.suptitle(
         f"At {saved(run).columns[-1]} Hz the local cache (LC) suppresses {highest:.0%} of the "
@@ -281,50 +251,25 @@ def draw_shares(axes: Axes, shares: pd.DataFrame, names: Sequence[str]) -> None:
     axes.set_ylim(0, 100)
 
 
-_DEMAND = "demand on the channel if all hosts contend"
-
-
-@exp.figure("balancing_qos", size=(10, 4.4))
+@exp.figure("balancing_qos", size=(7, 4.4))
 def draw_qos(figure: Figure, run: Run[Config]) -> None:
-    """Draw the published optimum (Eq. 6), and the share of the channel that methods ask for."""
-    rates, channel = figure.subplots(1, 2)
-    draw_optimum(rates, run["balance"])
-    rates.set_xlim(0, 1.45 * max(run.config.rates_hz))
+    """Draw the share of the channel that paper B's topics ask for, by method."""
     loads = 100 * channel_loads(run)
+    axes = figure.subplots()
     styles = {name: {"color": color, "label": name} for name, color in METHODS.items()}
-    lines(channel, loads, styles, marker="o", markersize=4)
-    channel.axhline(100, color="black", linestyle="--", linewidth=1)
-    channel.text(loads.index[-1], 108, "saturated", ha="right", va="bottom", fontsize=8)
-    channel.set(xlabel="Rmax (Hz)", ylabel=f"{_DEMAND} (%)", yscale="log")
-    channel.set_yticks([10, 100, 1000], ["10", "100", "1000"])
-    channel.set_title("topics of paper B on a channel of 20 Mbit/s", fontsize=9)
-    channel.legend(fontsize=8)
+    lines(axes, loads, styles, marker="o", markersize=4)
+    axes.axhline(100, color="black", linestyle="--", linewidth=1)
+    axes.text(loads.index[-1], 108, "saturated", ha="right", va="bottom", fontsize=8)
+    demand_text = "demand on the channel if all hosts contend (%)"
+    axes.set(xlabel="Rmax (Hz)", ylabel=demand_text, yscale="log")
+    axes.set_yticks([10, 100, 1000], ["10", "100", "1000"])
+    axes.legend(fontsize=8)
     most = loads[OPT]
     figure.suptitle(
-        "Balanced QoS (OPT, Eq. 6) ignores the channel: "
+        "Balanced QoS (OPT, Eq. 6) ignores the channel:\n"
         f"at Rmax = {most.index[-1]} Hz it needs {most.iloc[-1]:.0f} % of it"
     )
-    note(
-        figure,
-        'Eq. 6 with Rmin 1 Hz and Dmin 1; demand as sfglab qos computes it; LC passes each "Hello"',
-    )
-
-
-def draw_optimum(axes: Axes, balance: pd.DataFrame) -> None:
-    """Draw R of Eq. 6 over Rmax, by CVXPY as markers on the lines of the closed form."""
-    chosen = balance.query("weight == 0.5 and rate_min_hz == 1 and depth_min == 1")
-    by_topics: Any = {"index": "rate_max_hz", "columns": "topics", "sort": False}
-    closed = chosen.pivot_table(values="rate_closed_hz", **by_topics)
-    lines(axes, closed, {}, color="black", linewidth=1)
-    solved = chosen.pivot_table(values="rate_hz", **by_topics)
-    lines(axes, solved, {}, color=COLORS["proxy"], marker="o", markersize=4, linestyle="")
-    for row in lines_of(chosen[chosen["rate_max_hz"] == chosen["rate_max_hz"].max()]):
-        text = f"{mean_topics(row.topics):.3g} topics, D = {row.depth:.0f}"
-        place = (row.rate_max_hz, row.rate_hz)
-        axes.annotate(text, place, (6, 0), textcoords="offset points", fontsize=8, va="center")
-    axes.set(xlabel="Rmax (Hz)", ylabel="common rate R (Hz)")
-    axes.set_title("by mean number of topics per robot: CVXPY (dots), closed form (lines)")
-    axes.title.set_fontsize(9)
+    note(figure, 'topics of paper B on a channel of 20 Mbit/s; LC passes each "Hello"')
 
 
 # --- Explorers --------------------------------------------------------------------------------
@@ -397,88 +342,19 @@ def cache_curves(
         f"changes; {loss:.0%} of the messages are lost. Dots: the sensors of Table 1."
     )
     panels = (
-        curves("messages sent", _CHANGE, _MESSAGES, messages, _SENSORS_S),
-        curves("outdated values at the station", _CHANGE, _OUTDATED, outdated, _SENSORS_S),
+        curves("messages sent", _MESSAGES, messages),
+        curves("outdated values at the station", _OUTDATED, outdated),
     )
     return pictures.Picture(said=said, panels=panels)
 
 
-def curves(
-    title: str, x: pictures.Axis, y: pictures.Axis, frame: pd.DataFrame, dots: list[float]
-) -> pictures.Panel:
-    """Return a panel with a curve for each column of a table, and dots at some of its positions."""
+def curves(title: str, axis: pictures.Axis, table: pd.DataFrame) -> pictures.Panel:
+    """Return a panel with a curve for each column of a table, and dots at the sensors of Table 1."""
     series = []
-    for name, values in frame.items():
-        color = {**CACHE_COLORS, **METHODS}[str(name)]
-        line = pictures.Series(
-            name=str(name), color=color, x=frame.index.tolist(), y=values.tolist()
-        )
-        dot = pictures.Series(
-            name=str(name), color=color, kind="dot", x=dots, y=values[dots].tolist()
-        )
-        series += [line, dot]
-    return pictures.Panel(title=title, x=x, y=y, series=tuple(series))
-
-
-Topics = Annotated[int, Bounds(1, 20)]
-RateMin = Annotated[float, Bounds(0.1, 100, log=True)]
-DepthMin = Annotated[int, Bounds(1, 1000, log=True)]
-_RATES_MAX_HZ = np.geomspace(10, 1000, 25).round(3).tolist()
-_RATE_MAX = pictures.Axis("Rmax", "Hz", 10, 1000, log=True, ticks=(10, 100, 1000))
-_RATE = pictures.Axis("rate R", "Hz", 0.1, 1000, log=True, ticks=(0.1, 1, 10, 100, 1000))
-_DEPTH = pictures.Axis("depth D", "samples", 0, DEPTH_MAX, si=True)
-_LOAD = pictures.Axis(_DEMAND, "%", 0.1, 10_000, log=True, ticks=(0.1, 1, 10, 100, 1000, 10_000))
-
-
-@exp.explorer
-def optimum_curves(
-    *,
-    topics_per_agent: Topics = 6,
-    rate_max_hz: Rate = 100,
-    rate_min_hz: RateMin = 1.0,
-    depth_min: DepthMin = 1,
-) -> pictures.Picture:
-    """Return the published optimum (Eq. 6) over Rmax, and the demand on the channel by method.
-
-    Args:
-        topics_per_agent: Mean number of topics per robot, T_avg.
-        rate_max_hz: Rate at which one topic alone could be sent, Rmax, of the dots [Hz].
-        rate_min_hz: Lowest rate, Rmin [Hz].
-        depth_min: Lowest depth, Dmin [samples].
-
-    Raises:
-        InvalidValueError: Rmin is above Rmax.
-        InfeasibleBalanceError: No rate and depth satisfy Eq. 4 and 5 at this Rmax.
-    """
-    problem = BalanceInput(
-        topics=(topics_per_agent,),
-        rate_max_hz=rate_max_hz,
-        rate_min_hz=rate_min_hz,
-        depth_min=depth_min,
-    )
-    rows = {rate_max_hz: optimum_row(problem)}
-    for rate_hz in _RATES_MAX_HZ:
-        # Where there is no optimum, there is no curve.
-        with suppress(InfeasibleBalanceError, InvalidValueError):
-            rows[rate_hz] = optimum_row(replace(problem, rate_max_hz=rate_hz))
-    table = pd.DataFrame.from_dict(rows, orient="index").sort_index()
-    said = (
-        f"The published optimum for {topics_per_agent} topics per robot over Rmax, and the demand "
-        f"of paper B's topics on the channel. Dots: Rmax {rate_max_hz} Hz."
-    )
-    dots = [float(rate_max_hz)]
-    rates = table[["R"]].set_axis([OPT], axis=1)
-    depths = table[["D"]].set_axis([OPT], axis=1)
-    panels = (
-        curves("rate of all topics", _RATE_MAX, _RATE, rates, dots),
-        curves("depth of their histories", _RATE_MAX, _DEPTH, depths, dots),
-        curves("channel", _RATE_MAX, _LOAD, 100 * table[list(METHODS)], dots),
-    )
-    return pictures.Picture(said=said, panels=panels)
-
-
-def optimum_row(problem: BalanceInput) -> dict[str, float]:
-    """Return R, Hz, and D of Eq. 6, and the demand on the channel by method."""
-    found = balance_closed_form(problem)
-    loads = loads_of(exp.config().topic_file, found, problem.rate_max_hz)
-    return {"R": found.rate_hz, "D": found.depth, **loads}
+    for name, color in CACHE_COLORS.items():
+        values = table[name]
+        line = pictures.Series(name=name, color=color, x=table.index.tolist(), y=values.tolist())
+        at_sensors = values[_SENSORS_S].tolist()
+        dots = pictures.Series(name=name, color=color, kind="dot", x=_SENSORS_S, y=at_sensors)
+        series += [line, dots]
+    return pictures.Panel(title=title, x=_CHANGE, y=axis, series=tuple(series))
