@@ -21,9 +21,6 @@ from sfglab.lab.experiments.phases.results import (
     mapped,
 )
 from sfglab.lab.runs import COMPLETION, lines_of
-from sfglab.rtps import Fate, FlowOutcome
-from sfglab.rtps.session import age_ms
-from sfglab.units import NS_PER_S
 
 
 def test_there_are_432_conditions_and_27_of_the_criterion_for_each_mode_and_rate():
@@ -32,20 +29,6 @@ def test_there_are_432_conditions_and_27_of_the_criterion_for_each_mode_and_rate
     assert (found.groupby(["preset", "rate_max_hz"]).size() == 27).all()
     assert found["loss"].unique() == pytest.approx([0.0003, 0.001732, 0.01])
     assert sorted(found["stall_ms"].unique()) == [0, 50, 100]
-
-
-@pytest.mark.parametrize(("fate", "expected_ms"), [(Fate.DELIVERED, 70), (Fate.UNDERWAY, 5000)])
-def test_age_is_half_a_period_and_the_way_and_grows_where_nothing_arrives(fate, expected_ms):
-    published_ns = (np.arange(0, 10, 0.1) * NS_PER_S).astype(np.int64)
-    outcome = FlowOutcome(
-        name="a",
-        published_ns=published_ns,
-        received_ns=published_ns + 20_000_000,
-        value=np.ones(100, np.int32),
-        fate=np.full(100, fate, np.int8),
-        dropped=np.zeros(100, np.int8),
-    )
-    assert age_ms(outcome, duration_s=10) == pytest.approx(expected_ms, abs=0.5)
 
 
 def test_a_small_run_is_drawn_and_not_judged(tmp_path):

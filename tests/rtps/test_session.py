@@ -8,7 +8,7 @@ import pytest
 
 from sfglab.errors import InvalidValueError
 from sfglab.qos import QoSProfile
-from sfglab.rtps import Flow, Medium, Scenario, Session, run, trace
+from sfglab.rtps import Fate, Flow, Medium, Scenario, Session, run, trace
 from sfglab.rtps.session import age_ms
 
 MS = 1_000_000
@@ -75,8 +75,11 @@ def test_an_answer_is_published_now_and_arrives():
 
 def test_the_age_of_information_grows_until_the_next_sample_arrives():
     """At 10 Hz and without delay it grows from 0 to 100 ms, again and again."""
-    flow = run(Scenario(flows=(replace(UP, rate_hz=10),), medium=LOSSLESS, duration_s=2), seed=0)
-    assert age_ms(flow.flows["up"], duration_s=2.0) == pytest.approx(50, abs=1)
+    outcome = run(Scenario(flows=(replace(UP, rate_hz=10),), medium=LOSSLESS, duration_s=2), seed=0)
+    flow = outcome.flows["up"]
+    assert age_ms(flow, duration_s=2.0) == pytest.approx(50, abs=1)
+    flow.fate[:] = Fate.UNDERWAY
+    assert age_ms(flow, duration_s=2.0) == pytest.approx(1000, abs=1)
 
 
 def test_a_frame_is_lost_by_its_name():

@@ -12,7 +12,6 @@ from sfglab.lab.experiments.cooperation.results import (
     difference,
     endings,
     laps,
-    live_lap,
 )
 
 __all__ = [
@@ -22,5 +21,4 @@ __all__ = [
     "exp",
     "hallway_lap",
     "laps",
-    "live_lap",
 ]

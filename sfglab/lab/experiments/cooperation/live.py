@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 LIVE, SIMULATED = "live", "simulated"  #: Names of the two laps in the table ``track``.
 LIVE_SETTINGS = LapSettings(method=BEST, rate_max_hz=100, depth=OPTIMUM, vendor="cyclone_dds")
 """Settings of the live lap, and of the simulated one beside it. The live bus is Cyclone DDS."""
-LIVE_VALUES = ("hosts", "end", "lasted_s", "radio", "kept_up", "simulated_end")
-"""Names in the metadata ``live``."""
 DOMAIN = 47  #: DDS domain of the live lap.
 GIVEN_UP = "the time was over"  #: End of a lap that neither succeeded nor failed in time.
 _POLL_S = 0.1

@@ -13,7 +13,7 @@ from sfglab.arp.hallway.simulation import OPTIMUM
 from sfglab.arp.robots import BEST, METHODS
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.cooperation.experiment import NONE, Config, exp
-from sfglab.lab.experiments.cooperation.live import LIVE, LIVE_SETTINGS, LIVE_VALUES, SIMULATED
+from sfglab.lab.experiments.cooperation.live import LIVE, LIVE_SETTINGS, SIMULATED
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, difference_of, share_of
@@ -78,13 +78,6 @@ def causes(table: pd.DataFrame) -> pd.DataFrame:
 def depth_text(depth: int) -> str:
     """Return a value of DEPTH, as Table 2 has it."""
     return "Eq. 6" if depth == OPTIMUM else str(depth)
-
-
-def live_lap(run: Run[Config]) -> pd.DataFrame:
-    """Return how the live lap and the simulated one beside it ended; empty without a live lap."""
-    values = {} if run.skipped("live") else run.metadata("live")
-    lines = [(name, values[name]) for name in LIVE_VALUES if name in values]
-    return pd.DataFrame(lines, columns=["quantity", "value"])
 
 
 # --- Claim ------------------------------------------------------------------------------------

@@ -135,17 +135,13 @@ async def play_grid(bench: Bench[Config]) -> None:
         )
 
     cells = live_cells(config)
-    halves = {cell: place % _AT_ONCE for place, cell in enumerate(cells)}
-
-    def start(_half: int) -> AbstractAsyncContextManager[LiveHosts]:
-        return live_hosts(*hosts_of(scenario_of(cells[0])))
-
+    hosts = hosts_of(scenario_of(cells[0])) if cells else ()
     await run_cells(
         bench,
         "live",
         dict.fromkeys(cells, 1),
-        stage_of=halves.__getitem__,
-        start=start,
+        stage_of=lambda cell: cells.index(cell) % _AT_ONCE,
+        start=lambda _half: live_hosts(*hosts),
         play=play,
         at_once=_AT_ONCE,
     )
