@@ -38,7 +38,7 @@ TOLERANCE = 1e-12  #: Relative; re-associating one sum changes the last bit.
 REASONS: dict[str, str] = {
     "claims/B-COOP by *": "plain words; contacts and intervals by conditions came, contrasts and live "
     "values went; Newcombe's interval where a bootstrap had no variance",
-    "claims/B-LAT by transmission *": "plain words; the cause is that of the channel utilisation",
+    "claims/B-LAT by transmission *": "plain words; causes are in the table of causes",
     "claims/B-LOSS by *": "plain words; the air without losses is no detail",
     "claims/B-TAB2 by transmission details *": "plain words",
     "claims/C-DRIVE* by driving details *": "only other sources of the same number are kept",
@@ -68,7 +68,8 @@ REASONS: dict[str, str] = {
     "rows/phases.*": "no conditions are added near borders; a column that nothing reads went",
     "claims/B-* by balancing details*": "bytes and frames came; in plain words",
     "figures/balancing_*": "drawn from tidy tables; balancing_stale went; sidecar from the run",
-    "rows/balancing.*": "columns that nothing reads went; an example has fewer fields",
+    "rows/balancing.*": "columns that nothing reads went; an example has fewer fields; that the compiled "
+    "cache passes the same readings is a test",
     "claims/A-DEPLOY by deployment *": "facts that other programs confirm; all other checks are tests",
     "figures/deployment_*": "facts are a table in the notebook; sidecar from the run",
     "claims/A-FIRST by latency *": "numbers of a thousand and more have no exponent",
