@@ -276,8 +276,7 @@ def test_every_routed_agent_finds_all_others_over_endpoints_by_formula(mode, age
     assert [row["host"] for row in rows] == list(range(agents))
     assert not any(row["censored"] for row in rows)
     assert all(0.03 < row["resolved_s"] < 5 for row in rows)
-    formula = 2 * agents**2 + 2 * agents if mode == QUERYING else 5 * agents
-    assert {row["endpoints"] for row in rows} == {formula}
+    assert {row["endpoints"] for row in rows} == {results.endpoints(mode, agents, 20)}
     assert world.simulate_fleet(fleet, 0) == rows
 
 
@@ -286,7 +285,7 @@ def test_a_standard_fleet_has_the_endpoints_of_all_nodes_and_takes_longer_with_m
         world.simulate_fleet(Fleet(mode=STANDARD, agents=agents, talkers=4, listeners=4), 0)
         for agents in (2, 4)
     )
-    assert few[0]["endpoints"] == 2 * 8 * 18
+    assert few[0]["endpoints"] == results.endpoints(STANDARD, 2, 8) == 2 * 8 * 18
     assert mean(row["resolved_s"] for row in few) < mean(row["resolved_s"] for row in more)
 
 

@@ -43,7 +43,7 @@ FIGURES_ANYWHERE = {
 FIGURES_OF_HOSTS = {
     "01_names_and_border": {"naming_schema", "routing_border"},
     "03_decode_once": {"decode_once_h264", "depth_codecs"},
-    "05_discovery": {"discovery_states", "discovery_fleet"},
+    "05_discovery": {"discovery_states", "discovery_fleet", "discovery_scale"},
     "07_latency": {"latency"},
     "14_frames": {"mocap_error", "mocap_trees"},
     "16_visualisation": {"visualisation_latency", "visualisation_points"},

@@ -23,7 +23,7 @@ from sfglab.lab.experiments.discovery.experiment import (
     Config,
     exp,
 )
-from sfglab.lab.experiments.discovery.simulated import MOST_AGENTS
+from sfglab.lab.experiments.discovery.simulated import ENDPOINTS_PER_NODE, MOST_AGENTS
 from sfglab.lab.figures import default_sidecar, note, series
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived
@@ -161,6 +161,21 @@ def simulated_table(run: Run[Config]) -> pd.DataFrame:
     return wide[columns].rename(columns=SIMULATED_NAMES).reset_index()
 
 
+def endpoints(mode: str, agents: Any, nodes: int) -> Any:
+    """Return the number of endpoints in the global domain by formula.
+
+    Args:
+        mode: Mode of a simulated fleet.
+        agents: Number of agents, or an array of numbers.
+        nodes: Number of nodes per agent.
+    """
+    if mode == STANDARD:
+        return agents * nodes * ENDPOINTS_PER_NODE
+    if mode == PUBLISHING:
+        return 5 * agents
+    return 4 * agents + 2 * agents * (agents - 1)  # two per query, from each agent to each other
+
+
 # --- Claims -----------------------------------------------------------------------------------
 
 
@@ -274,7 +289,7 @@ def routed_bytes(run: Run[Config]) -> Finding | None:
     return bytes_of(run, ROUTED)
 
 
-# --- Figure -----------------------------------------------------------------------------------
+# --- Figures ----------------------------------------------------------------------------------
 
 STYLES = {STANDARD: series("standard"), LAUNCHED: series("third"), ROUTED: series("proxy")}
 SHIFTS = {STANDARD: -0.12, LAUNCHED: 0.0, ROUTED: 0.12}
@@ -359,3 +374,34 @@ def fleet_title(run: Run[Config]) -> str:
     if not saved:
         return "Discovery in small live fleets"
     return f"Six agents receive {' and '.join(saved)} fewer bytes than with plain ROS 2"
+
+
+LARGEST = 1000  #: Number of agents up to which the formula is drawn.
+SCALE_STYLES = {STANDARD: STYLES[STANDARD], QUERYING: STYLES[LAUNCHED], PUBLISHING: STYLES[ROUTED]}
+
+
+@exp.figure("discovery_scale", size=(7, 4.4))
+def draw_scale(figure: Figure, run: Run[Config]) -> None:
+    """Draw the endpoints in the global domain over the number of agents, by formula and simulated."""
+    axes = figure.subplots()
+    table = run["simulated"]
+    nodes = int((table["talkers"] + table["listeners"]).max())
+    many = np.geomspace(2, LARGEST, 60)
+    for mode, style in SCALE_STYLES.items():
+        axes.plot(
+            many, endpoints(mode, many, nodes), label=SIMULATED_NAMES[mode], color=style["color"]
+        )
+        if "endpoints" in table:
+            counted = table[table["mode"] == mode].groupby("agents")["endpoints"].max()
+            axes.plot(counted, style["marker"], color=style["color"], markersize=6)
+    axes.set(xscale="log", yscale="log", xlabel="number of agents")
+    axes.set_ylabel("endpoints in the global domain")
+    axes.set_xticks([2, 6, 25, 100, LARGEST], ["2", "6", "25", "100", f"{LARGEST:,}"])
+    axes.legend()
+    querying, publishing = (endpoints(mode, LARGEST, nodes) for mode in (QUERYING, PUBLISHING))
+    figure.suptitle(
+        f"Queries, not routers, cause the quadratic growth: {querying:,} endpoints at\n"
+        f"{LARGEST:,} agents, and {publishing:,} where descriptions are published"
+    )
+    text = f"lines: formula for {nodes} nodes per agent"
+    note(figure, f"{text}; markers: simulated" if "endpoints" in table else text)
