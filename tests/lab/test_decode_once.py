@@ -108,7 +108,7 @@ def test_each_way_of_passing_pictures_on_is_judged_by_itself(tmp_path, changes, 
     entries = {claim: entry_for(CLAIMS[claim], found.get(claim)) for claim in verdicts}
     assert {claim: entry.verdict.value for claim, entry in entries.items()} == verdicts
     figure, _ = exp.draw("decode_once_h264", run)
-    assert len(figure.axes) == 3
+    assert len(figure.axes) == 2
     if "ipc" in changes:
         assert "over DDS not measurable, 38 % more over shared memory" in figure.get_suptitle()
 

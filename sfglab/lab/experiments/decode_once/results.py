@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,7 +14,7 @@ from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.decode_once.experiment import HANDED_ON, Config, exp
-from sfglab.lab.figures import COLORS, PAPER_STYLE, default_sidecar, note, series
+from sfglab.lab.figures import PAPER_STYLE, default_sidecar, note, series
 from sfglab.lab.paper import paper
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import Run, derived, lines_of
@@ -385,21 +385,20 @@ def stream_table(run: Run[Config]) -> pd.DataFrame:
 # --- Figures ----------------------------------------------------------------------------------
 
 
-@exp.figure("decode_once_h264", size=(11.5, 4.1))
+@exp.figure("decode_once_h264", size=(10, 4.3))
 def draw_colour(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw CPU, network and cost model of the colour stream over the number of subscribers."""
-    cpu, net, cost = figure.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
+    """Draw CPU and network load of the colour stream over the number of subscribers."""
+    cpu, net = figure.subplots(1, 2)
     draw_load(cpu, run, "cpu_percent")
     draw_load(net, run, "rx_mbit_s")
     draw_paper(cpu, net, means(run, "cpu_percent"))
     cpu.set(title="CPU of the consumer", ylabel="% of one core", ylim=(0, None))
     net.set(title="network: received by the consumer", ylabel="Mbit/s", ylim=(0, None))
-    cpu.legend(fontsize=8, loc="upper left")
-    draw_terms(cost, run)
+    cpu.legend(loc="upper left")
     saved = [saving(run, mode) for mode in modes_of(run, H264)[1:]]
     figure.suptitle(f"CPU of an added subscriber: {', '.join(saved)} than in standard")
     repeats = int(run["cell"].groupby("codec")["repeat"].nunique()[H264])
-    text = "dashed: slopes of the paper; error bars: 95 % CI; bands: one standard deviation of the readings"
+    text = "dashed: slopes of the paper; bands: one standard deviation of the readings"
     note(figure, f"{repeats} repetitions; {text}", run)
     return default_sidecar(run) | {"repetitions": repeats}
 
@@ -447,25 +446,6 @@ def draw_paper(cpu: Axes, net: Axes, loads: pd.DataFrame) -> None:
         style = {"color": STYLES[mode]["color"], **PAPER_STYLE}
         cpu.plot(load.index, load.iloc[0] + each * further, **style)
         net.plot(load.index, received + mbit_s * further, **style)
-
-
-def draw_terms(axes: Axes, run: Run[Config]) -> None:
-    """Draw the fitted terms of Eq. 2 and 3; each way of passing pictures on has its own c_ipc."""
-    fits = {way: cost_model(run, way) for way in modes_of(run, H264)[1:]}
-    fit = next(iter(fits.values()))
-    terms = {"$c_{net}$": fit.net, "$c_{dec}$": fit.dec}
-    colors = [COLORS["network"], COLORS["standard"]]
-    for way, one in fits.items():
-        terms["$c_{ipc}$\n" + WAYS[way].replace("shared ", "shared\n")] = one.ipc
-        colors.append(STYLES[way]["color"])
-    table = pd.DataFrame(map(asdict, terms.values()))
-    values = table["value"]
-    errors = np.clip([values - table["low"], table["high"] - values], 0, None)
-    bars = axes.bar(list(terms), values, color=colors, width=0.6, yerr=errors, capsize=4)
-    axes.bar_label(bars, fmt="%.1f", padding=3)
-    axes.set(title="terms of Eq. 2 and 3, fitted", ylabel="% of one core per term")
-    axes.margins(y=0.15)
-    axes.grid(visible=False, axis="x")
 
 
 # --- Explorer ---------------------------------------------------------------------------------

@@ -13,7 +13,6 @@ import pandas as pd
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.driving.experiment import (
     IMAGE_TOPIC,
-    PATH_TOPIC,
     STANDING_MPS,
     Config,
     exp,
@@ -24,7 +23,7 @@ from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, Floats, bootstrap, exactly
 from sfglab.lab.workers.driving import GATEWAY, SOFTWARE
-from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Camera, Chain
+from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Chain
 from sfglab.soc.driving.town import LANE_M, Road
 from sfglab.units import NS_PER_S
 
@@ -233,22 +232,15 @@ def draw_lap(figure: Figure, run: Run[Config]) -> None:
 
 
 def _draw_first_stop(axes: Axes, run: Run[Config]) -> None:
-    """Draw the camera image at the first stop, without one the first image, and the lane found in it."""
-    pairs = list(zip(run.messages(IMAGE_TOPIC), run.messages(PATH_TOPIC), strict=True))
+    """Draw the camera image at the first stop, without one the first image."""
+    images = list(run.messages(IMAGE_TOPIC))
     stop_ns = stops(run)["t_s"].min() * NS_PER_S
-    stopped = [pair for pair in pairs if pair[0].log_time_ns >= stop_ns]
-    image, path = (stopped or pairs)[0]
-    bgr = np.asarray(cv2.imdecode(image.message.data, cv2.IMREAD_COLOR), np.uint8)
-    height, width, _ = bgr.shape
-    axes.imshow(bgr[:, :, ::-1])
-    points = [(each.pose.position.x, each.pose.position.y, 0.0) for each in path.message.poses]
-    if points:
-        pixels, _ = Camera(width=width, height=height).project(np.array(points))
-        axes.plot(*pixels.T, color=COLORS["proxy"], linewidth=3)
-    axes.set(xlim=(0, width), ylim=(height, 0))
+    stopped = [image for image in images if image.log_time_ns >= stop_ns]
+    image = (stopped or images)[0]
+    bgr = cv2.imdecode(image.message.data, cv2.IMREAD_COLOR)
+    axes.imshow(np.asarray(bgr)[:, :, ::-1])
     axes.set_axis_off()
-    title = f"camera image at {image.log_time_ns / NS_PER_S:.1f} s; blue: lane found by polyfit"
-    axes.set_title(title, fontsize=8.5)
+    axes.set_title(f"camera image at {image.log_time_ns / NS_PER_S:.1f} s")
 
 
 def _draw_map(axes: Axes, run: Run[Config]) -> None:
