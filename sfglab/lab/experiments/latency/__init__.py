@@ -13,4 +13,4 @@ from sfglab.lab.experiments.latency.results import (
     first_table,
 )
 
-__all__ = ["added_table", "check_table", "checks", "exp", "first_frame", "first_table"]
+__all__ = ["added_table", "checks", "exp", "first_frame", "first_table"]
