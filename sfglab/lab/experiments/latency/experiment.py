@@ -11,7 +11,6 @@ from typing import Literal
 import numpy as np
 
 from sfglab.codecs import TABLE_2
-from sfglab.fields import between
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
@@ -32,17 +31,14 @@ class Config(Profiled):
     skipped: int = 3
     source: str = "photos"  #: Source of the frames, as `open_source` takes it.
     encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
-    gop: int = between(30, 1, 300, log=True)  #: Number of frames from key frame to key frame.
-    bitrate_mbit_s: float = between(4.0, 0.5, 20.0, log=True)  #: Bit rate of the stream [Mbit/s].
     #: Use of multicast by DDS between hosts: ``spdp`` (for discovery only, as Cyclone DDS does on
     #: Wi-Fi, the paper's network) or ``default`` (for data as well, on a wired link).
     multicast: Literal["spdp", "default"] = "spdp"
     seed: int = 0  #: Seed of the frames' path, of the phases and of the order of paths.
 
 
-def gop_s(config: Config) -> float:
-    """Return the time from key frame to key frame, s."""
-    return config.gop / TABLE_2.fps
+GOP_S = TABLE_2.gop / TABLE_2.fps
+"""Time from key frame to key frame, s."""
 
 
 exp = Experiment(
@@ -76,6 +72,8 @@ exp = Experiment(
         "idle_s": {"quick": 3.0},
         "ros2": {"quick": 6},
         "link_mbit_s": {"quick": 50.0},
+        "gop": {"quick": 30},
+        "bitrate_mbit_s": {"quick": 4.0},
     },
 )
 

@@ -27,6 +27,7 @@ from sfglab.fleet.gop_config import GopCacheConfig
 from sfglab.fleet.router.config import RouterConfig
 from sfglab.lab.cells import run_cells
 from sfglab.lab.experiments.latency.experiment import (
+    GOP_S,
     NUMBERS,
     PATHS,
     STEADY_PATHS,
@@ -36,7 +37,6 @@ from sfglab.lab.experiments.latency.experiment import (
     ShotRow,
     SightRow,
     exp,
-    gop_s,
     groups_of,
 )
 from sfglab.lab.streams import FIRST_PICTURE_S, LINGER_S, StreamProcesses
@@ -91,9 +91,6 @@ class Processes(StreamProcesses):
             source=config.source,
             seed=config.seed,
             encoder=config.encoder,
-            fps=TABLE_2.fps,
-            gop=config.gop,
-            bitrate_bps=round(config.bitrate_mbit_s * 1e6),
         )
         module = "sfglab.lab.workers.camera"
         members = [
@@ -159,10 +156,10 @@ class Processes(StreamProcesses):
         The camera has an absolute schedule, so the time of all key frames follows from any frame.
         """
         number, stamp_ns, _ = self.sent[0]
-        gop_ns = gop_s(self._config) * NS_PER_S
-        key_ns = stamp_ns - number * gop_ns / self._config.gop
+        gop_ns = GOP_S * NS_PER_S
+        key_ns = stamp_ns - number * gop_ns / TABLE_2.gop
         now = (time.time_ns() - key_ns) / gop_ns % 1.0
-        await asyncio.sleep((phase - now) % 1.0 * gop_s(self._config))
+        await asyncio.sleep((phase - now) % 1.0 * GOP_S)
 
     async def subscribe(self, path: str) -> Report:
         """Let the viewer subscribe, and return its report of the first picture.
@@ -202,7 +199,7 @@ class Processes(StreamProcesses):
         """
         rows: dict[str, list[Any]] = {"camera": [], "sight": [], "look": []}
         # A replay begins with the key frame before the subscription.
-        del self.sent[: -self._config.gop]
+        del self.sent[: -TABLE_2.gop]
         base = group.repeat * NUMBERS
         newest = 0
         for place, path in enumerate(group.paths):
@@ -261,5 +258,5 @@ async def measure_groups(bench: Bench[Config]) -> None:
         write=write,
         at_once=1,
     )
-    stream = {"encoder": ", ".join(encoders), "gop_s": gop_s(config)}
+    stream = {"encoder": ", ".join(encoders), "gop_s": GOP_S}
     bench.metadata("stream", stream)

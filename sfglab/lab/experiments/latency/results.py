@@ -16,7 +16,7 @@ from sfglab.codecs import TABLE_2
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.latency.experiment import STEADY_PATHS, Config, exp, gop_s
+from sfglab.lab.experiments.latency.experiment import GOP_S, STEADY_PATHS, Config, exp
 from sfglab.lab.figures import COLORS, PAPER_STYLE, note
 from sfglab.lab.paper import paper
 from sfglab.lab.paths import find_project
@@ -213,7 +213,7 @@ def glass_to_glass_ours(run: Run[Config]) -> Finding:
 def first_picture(run: Run[Config]) -> Finding:
     """Return the time to the first picture in a component container, relative to standard."""
     in_paper_ms = paper("A-FIRST", FIRST_ENDS[PAPERS]) - paper("A-FIRST", FIRST_ENDS[STANDARD])
-    wait_ms = 500 * gop_s(run.config)
+    wait_ms = 500 * GOP_S
     reason = (
         f"both wait for a key frame; loading adds {loading(run, PAPERS)} in a container and "
         f"{loading(run, NEW_PROCESS)} in a new process, {in_paper_ms:.0f} ms in the paper, about as a "
