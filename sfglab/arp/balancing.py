@@ -47,7 +47,6 @@ class Balance:
     rate_hz: float  #: R, at which each topic is sent.
     #: D, the history's depth; a real number as the problem has it, to be rounded down.
     depth: float
-    solver: str  #: Solver, or ``closed form``.
 
 
 class InfeasibleBalanceError(SfglabError, ValueError):
@@ -87,7 +86,7 @@ def balance_closed_form(given: BalanceInput) -> Balance:
             given.depth_min - depth,
             advice="raise Dmax, lower Dmin or use fewer topics",
         )
-    return Balance(rate_hz=rate_hz, depth=depth, solver="closed form")
+    return Balance(rate_hz=rate_hz, depth=depth)
 
 
 def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL") -> Balance:
@@ -120,7 +119,7 @@ def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL
         balance_closed_form(given)  # raises with the constraint that fails, and by how much
         raise
     found: Any = rate.value, depth.value
-    return Balance(rate_hz=float(found[0]), depth=float(found[1]), solver=solver)
+    return Balance(rate_hz=float(found[0]), depth=float(found[1]))
 
 
 def solve_problem(problem: Any, about: str, solver: str, **settings: Any) -> None:

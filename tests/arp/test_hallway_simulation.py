@@ -24,7 +24,6 @@ def settings(method, **changes):
 def test_over_a_perfect_channel_every_method_completes_the_lap(method):
     lap = SimulatedLap(settings(method, medium=PERFECT), 0).run()
     assert (lap.end, lap.robot) == (End.SUCCESS, "")
-    assert lap.laps > 0.98
 
 
 def test_over_a_dead_channel_no_robot_moves():

@@ -14,7 +14,6 @@ from sfglab.arp.hallway.course import (
     ROBOTS,
     WAYPOINTS,
     Area,
-    course_length_m,
 )
 from sfglab.arp.hallway.nodes import (
     BEAMS_DEG,
@@ -60,7 +59,6 @@ __all__ = [
     "Station",
     "Verdict",
     "World",
-    "course_length_m",
     "judge",
     "range_from_step",
     "step_from_range",

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numba as nb
@@ -80,11 +79,6 @@ def _offset(outwards_m: float) -> NDArray[np.float64]:
     out = np.column_stack((-ahead[:, 1], ahead[:, 0])) * outwards_m
     moved: NDArray[np.float64] = points + out + np.roll(out, 1, axis=0)
     return moved
-
-
-def course_length_m() -> float:
-    """Return the length of the middle line, corners not rounded."""
-    return sum(math.dist(a, b) for a, b in pairwise((*WAYPOINTS, WAYPOINTS[0])))
 
 
 def winding_rad(x: float, y: float) -> float:

@@ -7,7 +7,6 @@ and seed give the same lap to the bit.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING
@@ -68,7 +67,6 @@ class LapResult:
     end: End  #: End of the lap.
     robot: str  #: Name of the robot that failed; empty if none or no single robot did.
     ended_ns: int  #: Time of the end, ns.
-    laps: float  #: Laps that the slowest robot had completed by then.
     outcome: Outcome  #: Delivery outcome per topic.
 
 
@@ -230,7 +228,6 @@ class SimulatedLap:
             end=self._verdict.end,
             robot="" if robot < 0 else ROBOTS[robot],
             ended_ns=self._steps * STEP_NS,
-            laps=min(self._world.wound_rad()) / math.tau,
             outcome=self._session.outcome(),
         )
 

@@ -390,7 +390,7 @@ def balance_row(given: BalanceInput, weight: float) -> BalanceRow:
         closed = balance_closed_form(given)
     with suppress(InfeasibleBalanceError):
         solved = balance(given, weight=weight)
-    none = Balance(rate_hz=_NAN, depth=_NAN, solver="none")
+    none = Balance(rate_hz=_NAN, depth=_NAN)
     return BalanceRow(
         topics="+".join(map(str, given.topics)),
         rate_max_hz=int(given.rate_max_hz),
