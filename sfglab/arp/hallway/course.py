@@ -61,14 +61,16 @@ class Area:
     boxes: tuple[Box, ...] = ()  #: Boxes in it.
 
     @cached_property
+    def rings(self) -> list[NDArray[np.float64]]:
+        """Corners of both walls and of each box, in their order, shape (n, 2) each."""
+        boxes = [box.corners() for box in self.boxes]
+        return [_offset(HALF_WIDTH_M), _offset(-HALF_WIDTH_M), *boxes]
+
+    @cached_property
     def segments(self) -> NDArray[np.float64]:
         """Everything that a beam can hit: x, y of both ends, shape (n, 4)."""
-        rings = [
-            _offset(HALF_WIDTH_M),
-            _offset(-HALF_WIDTH_M),
-            *(box.corners() for box in self.boxes),
-        ]
-        return np.concatenate([np.hstack((ring, np.roll(ring, -1, axis=0))) for ring in rings])
+        sides = [np.hstack((ring, np.roll(ring, -1, axis=0))) for ring in self.rings]
+        return np.concatenate(sides)
 
 
 def _offset(outwards_m: float) -> NDArray[np.float64]:

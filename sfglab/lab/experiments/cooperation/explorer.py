@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
-from sfglab.arp.hallway import AREAS, BEAMS_DEG, LIMIT_S, ROBOTS, SCAN_HZ, WAYPOINTS, Area
+from sfglab.arp.hallway import AREAS, BEAMS_DEG, LIMIT_S, ROBOTS, SCAN_HZ, Area
 from sfglab.arp.hallway.simulation import OPTIMUM, LapSettings, SimulatedLap
 from sfglab.arp.robots import METHODS
 from sfglab.fields import Bounds
@@ -139,7 +139,7 @@ def _hallway(
     pose = shown.poses[number]
     is_wrong = wrong_beams(measured_m, believed_m)
     wrong_m = np.where(is_wrong, believed_m, np.inf)
-    series = [_path("walls", ring) for ring in _walls(area)]
+    series = [_path("walls", np.vstack((ring, ring[:1]))) for ring in area.rings]
     series.append(_path(_BEAMS, _star(pose, measured_m)))
     series.append(_path(_WRONG, _star(pose, wrong_m)))
     series.append(_path(area.robot, track))
@@ -155,15 +155,6 @@ def _path(name: str, points: NDArray[np.float64]) -> pictures.Series:
 
 def _dot(name: str, x: float, y: float) -> pictures.Series:
     return pictures.Series(name=name, color=_COLORS[name], kind="dot", x=[x], y=[y])
-
-
-def _walls(area: Area) -> list[NDArray[np.float64]]:
-    """Return closed paths around both walls and the boxes."""
-    corners = area.segments[:, :2]
-    sides = len(WAYPOINTS)
-    rings = [corners[:sides], corners[sides : 2 * sides]]
-    rings += [box.corners() for box in area.boxes]
-    return [np.vstack((ring, ring[:1])) for ring in rings]
 
 
 def _star(pose: NDArray[np.float64], ranges_m: NDArray[np.float64]) -> NDArray[np.float64]:

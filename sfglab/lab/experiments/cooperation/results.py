@@ -193,8 +193,8 @@ def draw_lap(axes: Axes, tracks: pd.DataFrame) -> None:
     """Draw the tracks of a lap into one hallway, each robot's track and boxes in its colour."""
     from matplotlib.patches import Circle
 
-    for x0, y0, x1, y1 in Area(robot="walls").segments:
-        axes.plot([x0, x1], [y0, y1], color="black", linewidth=1.3)
+    for ring in Area(robot="walls").rings:
+        axes.fill(*ring.T, fill=False, linewidth=1.3)
     axes.plot(*HOME[:2], "+", color="black", markersize=9)
     for area in AREAS:
         color = ROBOT_COLORS[area.robot]
