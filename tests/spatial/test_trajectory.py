@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from trajectory_strategies import poses, trajectories
 
 from sfglab.messages import deserialize, serialize
-from sfglab.spatial import Pose, PoseError
-from sfglab.spatial.execution.orders import Order, goal_message, order_from_goal
-from sfglab.spatial.trajectory import exchange
+from sfglab.spatial import Pose
+from sfglab.spatial.execution.orders import Order, RefusalError, goal_message, order_from_goal
 from sfglab.spatial.trajectory.motion import motion_of, resampled, sample
 from sfglab.spatial.trajectory.path import (
     LATEST_NS,
@@ -104,11 +103,6 @@ def test_messages_give_back_every_nanosecond_and_bit(trajectory, start_ns):
     def received(message):
         return deserialize(serialize(message), type(message))
 
-    multi = exchange.multi_dof_from_trajectory(trajectory, "go2", frame_id="map", start_ns=5)
-    again = exchange.trajectory_from_multi_dof(
-        received(multi), "go2", interpolation=trajectory.interpolation
-    )
-    assert again == trajectory
     line = replace(trajectory, interpolation=Interpolation.POLYLINE)
     order = Order(agent="go2", trajectory=line, frame_id="hall", start_ns=start_ns)
     assert order_from_goal(received(goal_message(order))) == order
@@ -195,36 +189,42 @@ def test_straight_up_has_no_heading_and_the_waypoint_keeps_its_own():
     assert align_waypoint(level, 0, Align.NONE) is level, "as it does where no alignment is asked"
 
 
-def test_a_multi_dof_trajectory_has_velocities_of_the_segments_that_leave():
+def test_a_goal_has_velocities_of_the_segments_that_leave():
     points = [
         (0, Pose()),
         (S, Pose.at((2.0, 0.0, 0.0))),
         (3 * S, Pose.from_yaw((2.0, 2.0, 0.0), 1.0)),
     ]
-    first = exchange.multi_dof_from_trajectory(Trajectory.of(points), "go2", frame_id="map").points
-    assert [p.velocities[0].linear.x for p in first] == pytest.approx([2.0, 0.0, 0.0])
-    assert [p.velocities[0].angular.z for p in first] == pytest.approx([0.0, 0.5, 0.5])
-    assert not any(p.accelerations for p in first)
+    goal = goal_message(Order(agent="go2", trajectory=Trajectory.of(points)))
+    velocities = [point.velocities[0] for point in goal.trajectory.points]
+    assert [one.linear.x for one in velocities] == pytest.approx([2.0, 0.0, 0.0])
+    assert [one.angular.z for one in velocities] == pytest.approx([0.0, 0.5, 0.5])
 
 
-def test_messages_that_hold_no_trajectory_are_refused_by_place():
-    message = exchange.multi_dof_from_trajectory(Trajectory.standing(Pose()), "go2", frame_id="map")
-    with pytest.raises(TrajectoryError, match="given 'spot', allowed: one of go2"):
-        exchange.trajectory_from_multi_dof(message, "spot")
-    message.points[0].transforms = []
-    with pytest.raises(TrajectoryError, match="point 0: given 0 transforms"):
-        exchange.trajectory_from_multi_dof(message)
-    message = exchange.multi_dof_from_trajectory(at_times(0, S), "go2", frame_id="map")
-    message.points.reverse()
-    with pytest.raises(TrajectoryError, match="waypoint 1, time"):
-        exchange.trajectory_from_multi_dof(message)
-    message.points[0].transforms[0].rotation.w = 0.0
-    with pytest.raises(PoseError, match="point 0"):
-        exchange.trajectory_from_multi_dof(message)
+def _without_transforms(goal):
+    goal.trajectory.points[0].transforms = []
 
 
-def test_a_path_has_stamped_poses():
-    message = exchange.path_from_trajectory(at_times(0, S), frame_id="map", start_ns=5)
-    assert [pose.header.stamp.nanosec for pose in message.poses] == [5, 5]
-    assert [pose.header.stamp.sec for pose in message.poses] == [0, 1]
-    assert {pose.header.frame_id for pose in message.poses} == {"map"}
+def _backwards(goal):
+    goal.trajectory.points.reverse()
+
+
+def _without_orientation(goal):
+    goal.trajectory.points[0].transforms[0].rotation.w = 0.0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (_without_transforms, "point 0: given 0 transforms"),
+        (_backwards, "waypoint 1, time"),
+        (_without_orientation, "point 0"),
+        (lambda goal: goal.trajectory.points.clear(), "no waypoint"),
+        (lambda goal: goal.trajectory.joint_names.clear(), "point 0"),
+    ],
+)
+def test_goals_without_a_trajectory_are_refused_with_the_place(spoil, says):
+    goal = goal_message(Order(agent="go2", trajectory=at_times(0, S)))
+    spoil(goal)
+    with pytest.raises(RefusalError, match=says):
+        order_from_goal(goal)

@@ -37,7 +37,7 @@ class ExecuteOptions(TypedDict, total=False):
 
 
 class Execution:
-    """One trajectory on its way; `send` makes it and sends it off.
+    """One trajectory on its way: `begin` sends it, `result` waits for its end.
 
     Raises:
         FqnError: No action is given, and it is not the name of an agent.
@@ -46,7 +46,6 @@ class Execution:
     """
 
     def __init__(self, node: Node, agent: str, **options: Unpack[ExecuteOptions]) -> None:
-        self.latest: Feedback | None = None  #: Last feedback; None: none yet.
         self._on_feedback = options.get("on_feedback")
         self._timeout_s = options.get("timeout_s", 5.0)
         name = options.get("action") or action_name(agent)
@@ -89,24 +88,8 @@ class Execution:
         self._client.close()
 
     def _received(self, message: Any) -> None:
-        self.latest = feedback_of(message)
         if self._on_feedback is not None:
-            self._on_feedback(self.latest)
-
-
-async def send(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> Execution:
-    """Send an order and return once the server has responded; `Execution.close` ends it.
-
-    Raises:
-        BusTimeoutError: There is no server, or it does not respond.
-    """
-    execution = Execution(node, order.agent, **options)
-    try:
-        await execution.begin(order)
-    except BaseException:
-        execution.close()
-        raise
-    return execution
+            self._on_feedback(feedback_of(message))
 
 
 async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> Ended:

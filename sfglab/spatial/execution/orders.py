@@ -7,16 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 from sfglab.bus import GoalResult, GoalStatus
 from sfglab.errors import SfglabError
 from sfglab.messages import action_type, message_type, ns_from_stamp
 from sfglab.names import Resource, RosFqnBuilder, Scope
 from sfglab.spatial.poses import Pose, PoseError, header_msg
-from sfglab.spatial.trajectory.exchange import multi_dof_from_trajectory, trajectory_from_multi_dof
-from sfglab.spatial.trajectory.motion import pose_at, resampled, sample
-from sfglab.spatial.trajectory.path import Interpolation, Trajectory
+from sfglab.spatial.trajectory.motion import resampled, sample
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory, TrajectoryError
 from sfglab.units import NS_PER_S
 
 FOLLOW_TRAJECTORY = "sfglab_interfaces/action/FollowTrajectory"
@@ -42,52 +41,39 @@ class Outcome(Enum):
     FAILED = "failed"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ending:
+class Ending(NamedTuple):
     """Status, code and meaning of an outcome."""
 
     status: GoalStatus  #: Last status of the goal.
     code: int  #: `error_code` of the action's result.
-    refused: bool  #: Whether the agent never moved for this goal.
     meaning: str  #: Meaning, a clause.
 
 
-def _refused(code: int, meaning: str) -> Ending:
-    return Ending(status=GoalStatus.ABORTED, code=code, refused=True, meaning=meaning)
-
-
-def _moved(status: GoalStatus, code: int, meaning: str) -> Ending:
-    return Ending(status=status, code=code, refused=False, meaning=meaning)
-
-
+_SUCCEEDED, _ABORTED, _CANCELED = GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED
 OUTCOMES: dict[Outcome, Ending] = {
-    Outcome.SUCCEEDED: _moved(GoalStatus.SUCCEEDED, 0, "the agent went along the whole trajectory"),
-    Outcome.INVALID_TRAJECTORY: _refused(
-        1, "empty, times that do not increase, or a pose that is none"
+    Outcome.SUCCEEDED: Ending(_SUCCEEDED, 0, "the agent went along the whole trajectory"),
+    Outcome.INVALID_TRAJECTORY: Ending(
+        _ABORTED, 1, "empty, times that do not increase, or a pose that is none"
     ),
-    Outcome.UNKNOWN_AGENT: _refused(2, "this server moves no such agent"),
-    Outcome.UNKNOWN_FRAME: _refused(3, "the poses are in another frame than the agent's"),
-    Outcome.START_TOO_FAR: _refused(7, "the agent is too far from where the trajectory is now"),
-    Outcome.LIMITS_EXCEEDED: _refused(8, "the trajectory is faster than the agent can go"),
-    Outcome.BUSY: _refused(9, "the agent follows another trajectory"),
-    Outcome.REJECTED: _refused(0, "the server rejected the goal without a reason"),
-    Outcome.PATH_LEFT: _moved(
-        GoalStatus.ABORTED, 4, "the agent was too far from the planned position"
+    Outcome.UNKNOWN_AGENT: Ending(_ABORTED, 2, "this server moves no such agent"),
+    Outcome.UNKNOWN_FRAME: Ending(_ABORTED, 3, "the poses are in another frame than the agent's"),
+    Outcome.START_TOO_FAR: Ending(
+        _ABORTED, 7, "the agent is too far from where the trajectory is now"
     ),
-    Outcome.GOAL_MISSED: _moved(
-        GoalStatus.ABORTED, 5, "the agent was not at the last pose in time"
-    ),
-    Outcome.CANCELED: _moved(GoalStatus.CANCELED, 6, "the goal was canceled, and the agent braked"),
-    Outcome.OVERTAKEN: _moved(GoalStatus.ABORTED, 6, "another goal took its place"),
-    Outcome.FAILED: _moved(GoalStatus.ABORTED, 0, "the server ended or failed"),
+    Outcome.LIMITS_EXCEEDED: Ending(_ABORTED, 8, "the trajectory is faster than the agent can go"),
+    Outcome.BUSY: Ending(_ABORTED, 9, "the agent follows another trajectory"),
+    Outcome.REJECTED: Ending(_ABORTED, 0, "the server rejected the goal without a reason"),
+    Outcome.PATH_LEFT: Ending(_ABORTED, 4, "the agent was too far from the planned position"),
+    Outcome.GOAL_MISSED: Ending(_ABORTED, 5, "the agent was not at the last pose in time"),
+    Outcome.CANCELED: Ending(_CANCELED, 6, "the goal was canceled, and the agent braked"),
+    Outcome.OVERTAKEN: Ending(_ABORTED, 6, "another goal took its place"),
+    Outcome.FAILED: Ending(_ABORTED, 0, "the server ended or failed"),
 }
-"""All outcomes. A server that refuses a goal accepts and aborts it, because only a result has a reason."""
+"""All outcomes. A server that refuses a goal accepts and aborts it, because only a result has a reason.
+`Outcome.REJECTED` has no result; our simulated agents never report `Outcome.PATH_LEFT`."""
 
-_BY_CODE = {
-    (e.status, e.code): outcome
-    for outcome, e in OUTCOMES.items()
-    if outcome is not Outcome.REJECTED
-}
+# By status and code; `FAILED` comes after `REJECTED`, which no server reports.
+_BY_CODE = {(ending.status, ending.code): outcome for outcome, ending in OUTCOMES.items()}
 
 
 def outcome_of(status: GoalStatus, code: int) -> Outcome:
@@ -118,55 +104,6 @@ class Order:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rules:
-    """Conditions on which an agent accepts an order."""
-
-    agent: str  #: Name of the agent.
-    frame_id: str  #: Frame of the agent.
-    speed_m_s: float | None  #: Highest speed of the agent, m/s; None: no limit.
-    start_m: float  #: Largest distance of the agent from the trajectory, m.
-    slack: float = 1e-3  #: Share by which a speed may exceed the limit, because of rounding.
-
-
-def judge(order: Order, rules: Rules, pose: Pose, now_ns: int) -> None:
-    """Return if an agent at a pose accepts an order at a time, on the clock of the order's start.
-
-    Raises:
-        RefusalError: It does not; with the first reason.
-    """
-    if order.agent != rules.agent:
-        text = f"agent: given {order.agent!r}, allowed: {rules.agent!r}"
-        raise RefusalError(Outcome.UNKNOWN_AGENT, text)
-    if order.frame_id.removeprefix("/") != rules.frame_id:
-        text = f"frame: given {order.frame_id!r}, allowed: {rules.frame_id!r}"
-        raise RefusalError(Outcome.UNKNOWN_FRAME, text)
-    trajectory = order.trajectory
-    _check_speed(trajectory, rules)
-    time_s = (now_ns - order.start_ns) / NS_PER_S if order.start_ns else 0.0
-    over_s = time_s - trajectory.end_ns / NS_PER_S
-    if over_s > 0.0:
-        text = f"start: given a trajectory that ended {over_s:.3f} s ago, allowed: a later end"
-        raise RefusalError(Outcome.INVALID_TRAJECTORY, text)
-    distance_m = pose.distance_m(pose_at(trajectory, time_s))
-    if distance_m > rules.start_m:
-        text = f"given a trajectory {distance_m:.3f} m away, allowed: {rules.start_m:g} m"
-        raise RefusalError(Outcome.START_TOO_FAR, text)
-
-
-def _check_speed(trajectory: Trajectory, rules: Rules) -> None:
-    """Check the speed at each waypoint: goals are polylines, whose speed is constant in a segment."""
-    if rules.speed_m_s is None:
-        return
-    times_s = [waypoint.time_ns / NS_PER_S for waypoint in trajectory.waypoints]
-    speeds = sample(trajectory, times_s).speeds_m_s
-    fastest = int(speeds.argmax())
-    if speeds[fastest] > rules.speed_m_s * (1.0 + rules.slack):
-        given = f"given {speeds[fastest]:.4g} m/s at {times_s[fastest]:.3f} s"
-        text = f"speed: {given}, allowed: {rules.speed_m_s:g} m/s"
-        raise RefusalError(Outcome.LIMITS_EXCEEDED, text)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Feedback:
     """Feedback of a server."""
 
@@ -194,22 +131,55 @@ def action_name(agent: str) -> str:
 
 
 def goal_message(order: Order) -> Any:
-    """Return an order as a goal; a spline becomes a polyline with a point every tenth of a second."""
+    """Return an order as a goal; a spline becomes a polyline with a point every tenth of a second.
+
+    Velocities are those of the segment that leaves a waypoint; at the last, of the segment that arrives.
+
+    Raises:
+        MessageError: A time does not fit into a stamp.
+    """
     trajectory = order.trajectory
     if trajectory.interpolation is not Interpolation.POLYLINE:
         trajectory = resampled(trajectory, _POLYLINE_STEP_NS)
-    message = multi_dof_from_trajectory(
-        trajectory, order.agent, frame_id=order.frame_id, start_ns=order.start_ns
+    times_s = [waypoint.time_ns / NS_PER_S for waypoint in trajectory.waypoints]
+    found = sample(trajectory, times_s)
+    vector = message_type("geometry_msgs/msg/Vector3")
+    points = []
+    for index, waypoint in enumerate(trajectory.waypoints):
+        velocity = message_type("geometry_msgs/msg/Twist")(
+            linear=vector(*found.velocities_m_s[index].tolist()),
+            angular=vector(*found.angular_rad_s[index].tolist()),
+        )
+        point = message_type("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint")(
+            transforms=[waypoint.pose.to_transform_msg()],
+            velocities=[velocity],
+            accelerations=[],
+            time_from_start=duration_msg(waypoint.time_ns),
+        )
+        points.append(point)
+    message = message_type("trajectory_msgs/msg/MultiDOFJointTrajectory")(
+        header=header_msg(order.frame_id, order.start_ns), joint_names=[order.agent], points=points
     )
     return action_type(FOLLOW_TRAJECTORY).goal(agent=order.agent, trajectory=message)
 
 
 def order_from_goal(goal: Any) -> Order:
-    """Return the order of a goal, or raise a RefusalError if it has no trajectory."""
+    """Return the order of a goal, or raise a RefusalError if it has no trajectory of the agent.
+
+    The trajectory is that of the joint with the agent's name; if there is none, of the first joint.
+    """
     message, agent = goal.trajectory, str(goal.agent)
-    joint = agent if agent in message.joint_names else ""
+    names = list(message.joint_names)
+    column = names.index(agent) if agent in names else 0
+    timed = []
     try:
-        trajectory = trajectory_from_multi_dof(message, joint)
+        for index, point in enumerate(message.points):
+            if len(point.transforms) != len(names):
+                given = f"{len(point.transforms)} transforms"
+                raise TrajectoryError(f"point {index}", given, f"{len(names)}, one for each joint")
+            pose = Pose.from_msg(point.transforms[column], place=f"point {index}")
+            timed.append((ns_from_stamp(point.time_from_start), pose))
+        trajectory = Trajectory.of(timed)
         start_ns = ns_from_stamp(message.header.stamp)
     except SfglabError as error:
         raise RefusalError(Outcome.INVALID_TRAJECTORY, str(error)) from error
@@ -218,11 +188,10 @@ def order_from_goal(goal: Any) -> Order:
     )
 
 
-def result_message(outcome: Outcome, text: str, pose: Any) -> Any:
-    """Return an outcome as a result, with the agent's stamped pose."""
-    return action_type(FOLLOW_TRAJECTORY).result(
-        error_code=OUTCOMES[outcome].code, text=text, final_pose=pose
-    )
+def duration_msg(time_ns: int) -> Any:
+    """Return a `builtin_interfaces/msg/Duration`."""
+    sec, nanosec = divmod(time_ns, NS_PER_S)
+    return message_type("builtin_interfaces/msg/Duration")(sec=sec, nanosec=nanosec)
 
 
 def stamped_pose(pose: Pose, frame_id: str, stamp_ns: int) -> Any:

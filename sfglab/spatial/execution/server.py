@@ -7,37 +7,24 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from sfglab.bus import CancelResponse, GoalResponse, GoalStatus, Node, ServerGoalHandle
-from sfglab.messages import action_type, message_type
+from sfglab.bus import CancelResponse, GoalStatus, Node, ServerGoalHandle
+from sfglab.messages import action_type, default_message, message_type
 from sfglab.names import TF, Resource, RosFqnBuilder, Scope
-from sfglab.spatial.execution.agent import (
-    AgentState,
-    Dynamics,
-    Follower,
-    Limits,
-    Progress,
-    Tolerances,
-    braked,
-)
+from sfglab.spatial.execution.agent import AgentState, Follower, Limits, Tolerances, braked
 from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
     OUTCOMES,
     Order,
     Outcome,
     RefusalError,
-    Rules,
     action_name,
-    judge,
+    duration_msg,
     order_from_goal,
-    result_message,
     stamped_pose,
 )
 from sfglab.spatial.frames.listener import TF_QOS, TRANSFORMS
-from sfglab.spatial.poses import Pose, StampedTransform, header_msg
-from sfglab.spatial.trajectory.exchange import duration_msg
-from sfglab.spatial.trajectory.motion import motion_of
+from sfglab.spatial.poses import Pose, StampedTransform
+from sfglab.spatial.trajectory.motion import motion_of, pose_at, sample
 from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.units import NS_PER_S
 
@@ -46,6 +33,7 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene.tree import Scene
 
 _FEEDBACK_EVERY = 5  #: Steps from one feedback to the next.
+_ROUNDING = 1e-3  #: Share by which a trajectory may exceed the highest speed.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,12 +42,10 @@ class AgentSetup:
 
     pose: Pose = field(default_factory=Pose)  #: Pose before it moves.
     frame_id: str = "map"  #: Frame of its poses.
-    dynamics: Dynamics = field(default_factory=Dynamics)  #: Reaction to a plan.
+    limits: Limits = field(default_factory=Limits)  #: Limits of its motion.
     tolerances: Tolerances = field(default_factory=Tolerances)  #: Required accuracy.
     #: Whether a second goal replaces the first one; otherwise it is refused as `Outcome.BUSY`.
     preempt: bool = False
-    #: Whether refused goals are accepted and aborted with the reason; otherwise they are rejected.
-    explain: bool = True
     period_s: float = 0.02  #: Time between two steps, and between two poses, s.
 
     @classmethod
@@ -70,19 +56,53 @@ class AgentSetup:
             acceleration_m_s2=agent.acceleration_m_s2,
             yaw_rate_rad_s=agent.yaw_rate_rad_s,
         )
-        return cls(
-            pose=scene.world_pose(agent.id),
-            frame_id=scene.frame_id,
-            dynamics=Dynamics(limits=limits),
-            preempt=preempt,
-        )
+        pose = scene.world_pose(agent.id)
+        return cls(pose=pose, frame_id=scene.frame_id, limits=limits, preempt=preempt)
+
+
+def check_order(order: Order, agent: str, setup: AgentSetup, pose: Pose, now_ns: int) -> None:
+    """Check whether an agent at a pose can carry out an order, by the clock of the order's start.
+
+    Raises:
+        RefusalError: It cannot; with the first reason.
+    """
+    if order.agent != agent:
+        text = f"agent: given {order.agent!r}, allowed: {agent!r}"
+        raise RefusalError(Outcome.UNKNOWN_AGENT, text)
+    if order.frame_id.removeprefix("/") != setup.frame_id:
+        text = f"frame: given {order.frame_id!r}, allowed: {setup.frame_id!r}"
+        raise RefusalError(Outcome.UNKNOWN_FRAME, text)
+    trajectory = order.trajectory
+    _check_speed(trajectory, setup.limits.speed_m_s)
+    time_s = (now_ns - order.start_ns) / NS_PER_S if order.start_ns else 0.0
+    over_s = time_s - trajectory.end_ns / NS_PER_S
+    if over_s > 0.0:
+        text = f"start: given a trajectory that ended {over_s:.3f} s ago, allowed: a later end"
+        raise RefusalError(Outcome.INVALID_TRAJECTORY, text)
+    distance_m = pose.distance_m(pose_at(trajectory, time_s))
+    allowed_m = setup.tolerances.start_m
+    if distance_m > allowed_m:
+        text = f"given a trajectory {distance_m:.3f} m away, allowed: {allowed_m:g} m"
+        raise RefusalError(Outcome.START_TOO_FAR, text)
+
+
+def _check_speed(trajectory: Trajectory, limit_m_s: float | None) -> None:
+    """Check the speed at each waypoint: goals are polylines, whose speed is constant in a segment."""
+    if limit_m_s is None:
+        return
+    times_s = [waypoint.time_ns / NS_PER_S for waypoint in trajectory.waypoints]
+    speeds = sample(trajectory, times_s).speeds_m_s
+    fastest = int(speeds.argmax())
+    if speeds[fastest] > limit_m_s * (1.0 + _ROUNDING):
+        given = f"given {speeds[fastest]:.4g} m/s at {times_s[fastest]:.3f} s"
+        raise RefusalError(Outcome.LIMITS_EXCEEDED, f"speed: {given}, allowed: {limit_m_s:g} m/s")
 
 
 class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
     """Moves one simulated agent along the trajectories that it is sent, one at a time.
 
     It publishes ``/global/<agent>/pose`` and ``odometry``, and the frame ``<agent>/base`` on ``/tf``. A goal
-    that is canceled or leaves its path ends when the agent stands. By default, the action is
+    that is canceled ends when the agent stands. By default, the action is
     ``/global/<agent>/execute_trajectory``.
 
     ```python
@@ -99,24 +119,21 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
     ) -> None:
         self._node, self._agent, self._setup = node, agent, setup or AgentSetup()
         self.state = AgentState(pose=self._setup.pose)  #: State of the agent.
-        self._rules = Rules(
-            agent=agent,
-            frame_id=self._setup.frame_id,
-            speed_m_s=self._setup.dynamics.limits.speed_m_s,
-            start_m=self._setup.tolerances.start_m,
-        )
         self._run: _Run | None = None
         # Imports SciPy now and not after the start of a goal.
         motion_of(Trajectory.standing(self._setup.pose))
         self._stepped_ns = node.get_clock().now_ns()
-        self._publishers = tuple(
-            node.create_publisher(kind, topic, qos) for kind, topic, qos in _topics(agent)
+        own = RosFqnBuilder().scope(Scope.GLOBAL).agent(agent)
+        pose, odometry = (
+            str(own.resource(one).build()) for one in (Resource.POSE, Resource.ODOMETRY)
         )
+        self._pose = node.create_publisher("geometry_msgs/msg/PoseStamped", pose, 10)
+        self._odometry = node.create_publisher("nav_msgs/msg/Odometry", odometry, 10)
+        self._transforms = node.create_publisher(TRANSFORMS, TF, TF_QOS)
         self._action = node.create_action_server(
             FOLLOW_TRAJECTORY,
             name or action_name(agent),
             self._execute,
-            goal_callback=self._respond,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
         self.action_name = self._action.action_name  #: The fully resolved ROS action.
@@ -131,31 +148,15 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         """End the server; a running goal is aborted. Further calls have no effect."""
         self._timer.cancel()
         self._action.close()
-        for publisher in self._publishers:
+        for publisher in (self._pose, self._odometry, self._transforms):
             publisher.close()
 
     async def __aexit__(self, *_: object) -> None:
         self.close()
 
-    def _respond(self, goal: Any) -> GoalResponse:
-        if not self._setup.explain:
-            try:
-                self._judged(goal)
-            except RefusalError:
-                return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
-
-    def _judged(self, goal: Any) -> Order:
-        """Return the order of a goal that can be followed now, or raise a RefusalError."""
-        order = order_from_goal(goal)
-        judge(order, self._rules, self.state.pose, self._node.get_clock().now_ns())
-        if self.busy and not self._setup.preempt:
-            raise RefusalError(Outcome.BUSY, OUTCOMES[Outcome.BUSY].meaning)
-        return order
-
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         try:
-            order = self._judged(handle.request)
+            order = self._accepted(handle.request)
         except RefusalError as refusal:
             return self._finish(handle, refusal.outcome, refusal.text)
         run = self._begin(handle, order)
@@ -167,6 +168,15 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         text = "" if outcome is Outcome.SUCCEEDED else OUTCOMES[outcome].meaning
         return self._finish(handle, outcome, text)
 
+    def _accepted(self, goal: Any) -> Order:
+        """Return the order of a goal that can be followed now, or raise a RefusalError."""
+        order = order_from_goal(goal)
+        now_ns = self._node.get_clock().now_ns()
+        check_order(order, self._agent, self._setup, self.state.pose, now_ns)
+        if self.busy and not self._setup.preempt:
+            raise RefusalError(Outcome.BUSY, OUTCOMES[Outcome.BUSY].meaning)
+        return order
+
     def _begin(self, handle: ServerGoalHandle, order: Order) -> _Run:
         if self._run is not None:
             self._run.end(Outcome.OVERTAKEN)
@@ -176,21 +186,22 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
             state=self.state,
             now_ns=now_ns,
             start_ns=order.start_ns or now_ns,
-            dynamics=self._setup.dynamics,
+            limits=self._setup.limits,
             tolerances=self._setup.tolerances,
         )
         self._run = _Run(handle=handle, follower=follower)
         return self._run
 
     def _finish(self, handle: ServerGoalHandle, outcome: Outcome, text: str) -> Any:
-        status = OUTCOMES[outcome].status
-        if status is GoalStatus.SUCCEEDED:
+        ending = OUTCOMES[outcome]
+        if ending.status is GoalStatus.SUCCEEDED:
             handle.succeed()
-        elif status is GoalStatus.CANCELED:
+        elif ending.status is GoalStatus.CANCELED:
             handle.canceled()
         else:
             handle.abort()
-        return result_message(outcome, text, self._pose_message())
+        result = action_type(FOLLOW_TRAJECTORY).result
+        return result(error_code=ending.code, text=text, final_pose=self._pose_message())
 
     def _tick(self) -> None:
         """Move the agent to the current time, and publish its pose."""
@@ -199,33 +210,43 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         if self._run is not None:
             self._advance(self._run, now_ns)
         elif dt_s > 0.0 and self.state.speed_m_s > 0.0:
-            self.state = braked(self.state, dt_s, self._setup.dynamics)
+            self.state = braked(self.state, dt_s, self._setup.limits)
         self._publish()
 
     def _advance(self, run: _Run, now_ns: int) -> None:
+        follower = run.follower
         if run.handle.is_cancel_requested:
-            run.follower.stop(Outcome.CANCELED)
-        progress = run.follower.step(now_ns)
-        self.state = progress.state
+            follower.stop(Outcome.CANCELED)
+        follower.step(now_ns)
+        self.state = follower.state
         run.steps += 1
-        is_due = progress.outcome is not None or run.steps % _FEEDBACK_EVERY == 1
+        is_due = follower.outcome is not None or run.steps % _FEEDBACK_EVERY == 1
         if is_due and run.handle.is_active and not run.done.done():
-            run.handle.publish_feedback(_feedback(progress, self._pose_message()))
-        if progress.outcome is not None:
-            run.end(progress.outcome)
+            feedback = action_type(FOLLOW_TRAJECTORY).feedback(
+                progress=follower.share,
+                time_from_start=duration_msg(follower.time_ns),
+                pose=self._pose_message(),
+                distance_error=follower.error_m,
+            )
+            run.handle.publish_feedback(feedback)
+        if follower.outcome is not None:
+            run.end(follower.outcome)
 
     def _pose_message(self) -> Any:
         return stamped_pose(self.state.pose, self._setup.frame_id, self._stepped_ns)
 
     def _publish(self) -> None:
-        state, frame_id, child = self.state, self._setup.frame_id, f"{self._agent}/base"
+        pose = self._pose_message()
+        child = f"{self._agent}/base"
         transform = StampedTransform(
-            parent=frame_id, child=child, stamp_ns=self._stepped_ns, pose=state.pose
+            parent=self._setup.frame_id,
+            child=child,
+            stamp_ns=self._stepped_ns,
+            pose=self.state.pose,
         )
-        pose, odometry, transforms = self._publishers
-        pose.publish(self._pose_message())
-        odometry.publish(_odometry(state, transform))
-        transforms.publish(message_type(TRANSFORMS)(transforms=[transform.to_msg()]))
+        self._pose.publish(pose)
+        self._odometry.publish(_odometry(self.state, pose, child))
+        self._transforms.publish(message_type(TRANSFORMS)(transforms=[transform.to_msg()]))
 
 
 @dataclass(slots=True, kw_only=True)
@@ -244,16 +265,7 @@ class _Run:
             self.done.set_result(outcome)
 
 
-def _topics(agent: str) -> tuple[tuple[str, str, Any], ...]:
-    own = RosFqnBuilder().scope(Scope.GLOBAL).agent(agent)
-    return (
-        ("geometry_msgs/msg/PoseStamped", str(own.resource(Resource.POSE).build()), 10),
-        ("nav_msgs/msg/Odometry", str(own.resource(Resource.ODOMETRY).build()), 10),
-        (TRANSFORMS, TF, TF_QOS),
-    )
-
-
-def _odometry(state: AgentState, transform: StampedTransform) -> Any:
+def _odometry(state: AgentState, stamped: Any, child: str) -> Any:
     """Return a `nav_msgs/msg/Odometry`; its twist is in the agent's own frame, as the message has it."""
     vector = message_type("geometry_msgs/msg/Vector3")
     turned = Pose(quat_xyzw=state.pose.quat_xyzw).inverse()
@@ -261,24 +273,9 @@ def _odometry(state: AgentState, transform: StampedTransform) -> Any:
         linear=vector(*turned.apply(state.velocity_m_s)),
         angular=vector(*turned.apply((0.0, 0.0, state.yaw_rate_rad_s))),
     )
-    no_covariance = np.zeros(36)
     return message_type("nav_msgs/msg/Odometry")(
-        header=header_msg(transform.parent, transform.stamp_ns),
-        child_frame_id=transform.child,
-        pose=message_type("geometry_msgs/msg/PoseWithCovariance")(
-            pose=state.pose.to_pose_msg(), covariance=no_covariance
-        ),
-        twist=message_type("geometry_msgs/msg/TwistWithCovariance")(
-            twist=twist, covariance=no_covariance
-        ),
-    )
-
-
-def _feedback(progress: Progress, pose: Any) -> Any:
-    """Return the progress as feedback, with the agent's stamped pose."""
-    return action_type(FOLLOW_TRAJECTORY).feedback(
-        progress=progress.share,
-        time_from_start=duration_msg(progress.time_ns),
-        pose=pose,
-        distance_error=progress.error_m,
+        header=stamped.header,
+        child_frame_id=child,
+        pose=default_message("geometry_msgs/msg/PoseWithCovariance", pose=stamped.pose),
+        twist=default_message("geometry_msgs/msg/TwistWithCovariance", twist=twist),
     )

@@ -23,8 +23,7 @@ from sfglab.spatial.execution.client import Execution, scene_orders
 from sfglab.spatial.execution.server import AgentSetup, TrajectoryServer
 from sfglab.spatial.scene.files import load_scene, scene_text
 from sfglab.spatial.scene.model import AgentObject
-from sfglab.spatial.trajectory.exchange import path_from_trajectory
-from sfglab.spatial.trajectory.motion import pose_at, resampled
+from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -38,7 +37,6 @@ OWN_GOAL = "the scene's trajectory"  #: Reason of the goals; earlier logs have f
 _SIMULATED_LIMIT_S = 3600.0
 _LEAD_S = 1.0
 _LOGGED_EVERY = 5  # of 50 poses per second
-_PATH_STEP_NS = 200_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +121,7 @@ def try_facts(bench: Bench[Config]) -> None:
 
 @exp.part("agents on their way", timed=False)
 async def drive(bench: Bench[Config]) -> None:
-    """Send all agents of the scene along their trajectories; write goals, plans and poses."""
+    """Send all agents of the scene along their trajectories; write goals and poses."""
     config = bench.config
     scene = load_scene(find_project().data / config.scene_file)
     bench.metadata("scene", {"text": scene_text(scene)})
@@ -154,7 +152,6 @@ async def drive_scene(bench: Bench[Config], node: Callable[[str], Any], scene: S
         start_ns = planner.get_clock().now_ns() + round(_LEAD_S * NS_PER_S)
         orders = scene_orders(scene, start_ns=start_ns)
         for order in orders:
-            _write_path(bench, order)
             _record(bench, viewer, order)
         for row in await asyncio.gather(*map(_Goal.carried_out, goals, orders)):
             bench.write(row)
@@ -185,16 +182,6 @@ class _Goal:
             left_m=last.distance_m(ended.pose) if ended.pose else np.nan,
             seconds=(self.clock.now_ns() - begun_ns) / NS_PER_S,
         )
-
-
-def _write_path(bench: Bench[Config], order: Order) -> None:
-    """Write a plan as a `nav_msgs/msg/Path`."""
-    path = path_from_trajectory(
-        resampled(order.trajectory, _PATH_STEP_NS),
-        frame_id=order.frame_id,
-        start_ns=order.start_ns,
-    )
-    bench.log.write(f"/global/{order.agent}/path", path, log_time_ns=0)
 
 
 def _record(bench: Bench[Config], viewer: Node, order: Order) -> None:
