@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
-from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,7 +16,6 @@ from sfglab.spatial.scene.model import (
     AgentObject,
     ObstacleObject,
     TrajectoryObject,
-    WaypointObject,
     ZoneObject,
     ZoneRule,
 )
@@ -35,7 +32,7 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.05  #: Time between samples, s.
 _MOST_SAMPLES = 20_000  # a longer plan has a longer period
-_ROUNDING = 1e-9
+_ROUNDING = 1e-6  # of speeds, which are differences
 
 
 class ConflictKind(Enum):
@@ -45,7 +42,7 @@ class ConflictKind(Enum):
     OBSTACLE = "obstacle"  #: An agent touches an obstacle.
     ZONE = "zone"  #: An agent touches a forbidden zone.
     LIMIT = "limit"  #: A trajectory is faster than its agent can drive.
-    OUTSIDE = "outside"  #: A waypoint is outside of the zones that waypoints must be in.
+    OUTSIDE = "outside"  #: The centre of an agent is outside of the zones that it must be in.
     NO_AGENT = "no agent"  #: No agent follows a trajectory.
     NO_WAYPOINTS = "no waypoints"  #: A trajectory has no waypoint.
 
@@ -64,17 +61,15 @@ class Conflict:
 
 def conflicts(scene: Scene) -> tuple[Conflict, ...]:
     """Return the warnings of a scene, by kind and in the order of the tree."""
-    sampled = _Sampled(scene)
-    return (
-        *_meetings(sampled),
-        *_touches(sampled),
-        *_too_fast(sampled),
-        *_outside(scene),
-        *_loose_ends(scene),
-    )
+    found: list[Conflict] = []
+    if any(scene.all_of(AgentObject)):
+        plan = _Plan(scene)
+        for check in (_meetings, _touches, _too_fast, _outside):
+            found += (plan.conflict(one) for one in check(plan) if one.excess.max() > 0.0)
+    return (*found, *_loose_ends(scene))
 
 
-def sample_times(*trajectories: Trajectory) -> Floats:
+def sample_times(trajectories: list[Trajectory]) -> Floats:
     """Return the sorted times of all waypoints, and times each 50 ms between the first and the last, s."""
     waypoints = np.concatenate([motion_of(one).times_s for one in trajectories])
     first, last = float(waypoints.min()), float(waypoints.max())
@@ -83,109 +78,96 @@ def sample_times(*trajectories: Trajectory) -> Floats:
     return np.unique(np.concatenate([first + period_s * np.arange(count), waypoints]))
 
 
-class _Sampled:
+class _Doubt(NamedTuple):
+    """Something that may be wrong with an agent at some samples."""
+
+    kind: ConflictKind
+    agent: int  # index of the agent
+    other: int  # id of the other object
+    excess: Floats  # excess over what is allowed, at each sample
+    before: str  # words before the largest excess
+    after: str  # words after it
+
+
+class _Plan:
     """The agents of a scene, with their positions at the same times."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.agents = list(scene.all_of(AgentObject))
-        self.motions = {agent.id: scene.motion(agent.id) for agent in self.agents}
+        motions = [scene.motion(agent.id) for agent in self.agents]
+        self.times_s = sample_times(motions)
+        positions = [motion_of(one).positions(self.times_s) for one in motions]
+        self.positions_m = np.array(positions)  # shape (agents, times, 3)
 
-    @cached_property
-    def times_s(self) -> Floats:
-        """Times of the samples, shape (n,), s."""
-        return sample_times(*self.motions.values())
+    def gaps_m(self, body: ObstacleObject | ZoneObject) -> Floats:
+        """Return the distances of the agents' centres to a body, shape (agents, times); negative inside."""
+        pose = self.scene.world_pose(body.id)
+        local = (self.positions_m - pose.position_m) @ pose.matrix()[:3, :3]
+        gaps = body.shape.distances_m(local.reshape(-1, 3))
+        return gaps.reshape(local.shape[:2])
 
-    @cached_property
-    def positions_m(self) -> dict[int, Floats]:
-        """Positions by agent, each of shape (n, 3), m."""
-        return {id_: motion_of(one).positions(self.times_s) for id_, one in self.motions.items()}
-
-    def when(self, index: int) -> str:
-        """Return the time of a sample, in words."""
-        return f"at {self.times_s[index]:.3f} s"
-
-    def conflict(
-        self, kind: ConflictKind, objects: tuple[int, ...], index: int, text: str
-    ) -> Conflict:
-        """Return a warning about the first of some objects at one sample."""
-        x, y, z = self.positions_m[objects[0]][index].tolist()
+    def conflict(self, doubt: _Doubt) -> Conflict:
+        """Return the warning about the worst sample."""
+        at = int(doubt.excess.argmax())
+        time_s = float(self.times_s[at])
+        agent = self.agents[doubt.agent]
+        x, y, z = self.positions_m[doubt.agent, at].tolist()
+        sentence = f"{doubt.before} {doubt.excess[at]:.3f} m{doubt.after}"
         return Conflict(
-            kind=kind,
-            objects=objects,
-            text=text,
-            time_s=float(self.times_s[index]),
+            kind=doubt.kind,
+            objects=(agent.id, doubt.other),
+            text=f"{agent.name} {sentence} at {time_s:.3f} s",
+            time_s=time_s,
             position_m=(x, y, z),
         )
 
 
-def _meetings(sampled: _Sampled) -> Iterator[Conflict]:
-    margin_m = sampled.scene.margin_m
-    for a, b in combinations(sampled.agents, 2):
-        apart_m = np.linalg.norm(sampled.positions_m[a.id] - sampled.positions_m[b.id], axis=1)
-        index = int(apart_m.argmin())
-        clearance_m = float(apart_m[index]) - a.radius_m - b.radius_m
-        if clearance_m >= margin_m:
-            continue
-        gap = f"are {clearance_m:.3f} m apart"
-        if clearance_m < 0.0:
-            gap = f"overlap by {-clearance_m:.3f} m"
-        text = f"{a.name} and {b.name} {gap} {sampled.when(index)}; allowed: {margin_m:g} m"
-        yield sampled.conflict(ConflictKind.AGENTS, (a.id, b.id), index, text)
+def _meetings(plan: _Plan) -> Iterator[_Doubt]:
+    margin_m = plan.scene.margin_m
+    for index, agent in enumerate(plan.agents):
+        for later, other in enumerate(plan.agents[index + 1 :], index + 1):
+            apart = plan.positions_m[later] - plan.positions_m[index]
+            needed_m = agent.radius_m + other.radius_m + margin_m
+            excess = needed_m - np.sqrt(np.einsum("ij,ij->i", apart, apart))
+            before, after = f"and {other.name} are", f" closer than the margin of {margin_m:g} m"
+            yield _Doubt(ConflictKind.AGENTS, index, other.id, excess, before, after)
 
 
-def _touches(sampled: _Sampled) -> Iterator[Conflict]:
-    scene = sampled.scene
+def _touches(plan: _Plan) -> Iterator[_Doubt]:
     bodies: list[tuple[ConflictKind, ObstacleObject | ZoneObject]] = []
-    bodies += [(ConflictKind.OBSTACLE, one) for one in scene.all_of(ObstacleObject)]
-    for zone in scene.all_of(ZoneObject):
-        if zone.rule is ZoneRule.FORBIDDEN:
-            bodies.append((ConflictKind.ZONE, zone))
+    bodies += [(ConflictKind.OBSTACLE, one) for one in plan.scene.all_of(ObstacleObject)]
+    bodies += [(ConflictKind.ZONE, one) for one in _zones(plan.scene, ZoneRule.FORBIDDEN)]
     for kind, body in bodies:
-        pose = scene.world_pose(body.id)
-        axes = pose.matrix()[:3, :3]
-        for agent in sampled.agents:
-            inside = (sampled.positions_m[agent.id] - pose.position_m) @ axes
-            gaps_m = body.shape.distances_m(inside) - agent.radius_m
-            index = int(gaps_m.argmin())
-            if gaps_m[index] < 0.0:
-                inside_m = f"{-gaps_m[index]:.3f} m inside {body.name}"
-                text = f"{agent.name} is {inside_m} {sampled.when(index)}"
-                yield sampled.conflict(kind, (agent.id, body.id), index, text)
+        for index, row in enumerate(plan.gaps_m(body)):
+            excess = plan.agents[index].radius_m - row
+            yield _Doubt(kind, index, body.id, excess, "is", f" inside {body.name}")
 
 
-def _too_fast(sampled: _Sampled) -> Iterator[Conflict]:
-    for agent in sampled.agents:
-        driven = sampled.scene.driven_by(agent.id)
-        if driven is None or agent.speed_m_s is None:
-            continue
-        speeds = sample(sampled.motions[agent.id], sampled.times_s).speeds_m_s
-        index = int(speeds.argmax())
-        if speeds[index] > agent.speed_m_s * (1.0 + _ROUNDING):
-            allowed = f"allowed: {agent.speed_m_s:g} m/s"
-            drives = f"{agent.name} drives at {speeds[index]:.3f} m/s"
-            text = f"{drives} {sampled.when(index)}; {allowed}"
-            yield sampled.conflict(ConflictKind.LIMIT, (agent.id, driven.id), index, text)
+def _outside(plan: _Plan) -> Iterator[_Doubt]:
+    zones = _zones(plan.scene, ZoneRule.INSIDE)
+    if zones:
+        excess = np.min([plan.gaps_m(zone) for zone in zones], axis=0)
+        names = ", ".join(zone.name for zone in zones)
+        for index, row in enumerate(excess):
+            after = f" outside of {names}"
+            yield _Doubt(ConflictKind.OUTSIDE, index, zones[0].id, row, "is", after)
 
 
-def _outside(scene: Scene) -> Iterator[Conflict]:
-    zones = [zone for zone in scene.all_of(ZoneObject) if zone.rule is ZoneRule.INSIDE]
-    places = [(zone.shape, scene.world_pose(zone.id).inverse()) for zone in zones]
-    for waypoint in scene.all_of(WaypointObject) if zones else ():
-        position = scene.world_pose(waypoint.id).position_m
-        gaps = []
-        for shape, inverse in places:
-            gaps.append(float(shape.distances_m(np.array([inverse.apply(position)]))[0]))
-        if min(gaps) > 0.0:
-            nearest = zones[gaps.index(min(gaps))].name
-            name = scene.get(waypoint.parent).name
-            yield Conflict(
-                kind=ConflictKind.OUTSIDE,
-                objects=(waypoint.parent, waypoint.id),
-                text=f"{name}: waypoint {waypoint.id} is {min(gaps):.3f} m outside of {nearest}",
-                time_s=waypoint.time_ns / NS_PER_S,
-                position_m=position,
-            )
+def _zones(scene: Scene, rule: ZoneRule) -> list[ZoneObject]:
+    return [zone for zone in scene.all_of(ZoneObject) if zone.rule is rule]
+
+
+def _too_fast(plan: _Plan) -> Iterator[_Doubt]:
+    ways_m = np.linalg.norm(np.diff(plan.positions_m, axis=1), axis=2)
+    speeds_m_s = ways_m / np.diff(plan.times_s)
+    for index, agent in enumerate(plan.agents):
+        driven = plan.scene.driven_by(agent.id)
+        if driven is not None and agent.speed_m_s is not None:
+            limit_m_s = agent.speed_m_s * (1.0 + _ROUNDING)
+            excess = np.append(speeds_m_s[index] - limit_m_s, -np.inf)
+            after = f"/s faster than its limit of {agent.speed_m_s:g} m/s"
+            yield _Doubt(ConflictKind.LIMIT, index, driven.id, excess, "drives", after)
 
 
 def _loose_ends(scene: Scene) -> Iterator[Conflict]:

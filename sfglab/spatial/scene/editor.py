@@ -5,7 +5,7 @@ A browser, a notebook or a test calls methods, in one thread, and listens; all d
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from collections import deque
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.conflicts import Conflict, Ghost, conflicts, ghosts
 from sfglab.spatial.scene.files import load_scene, save_scene
-from sfglab.spatial.scene.history import History, Step
 from sfglab.spatial.scene.model import (
     KINDS,
     ROOT,
@@ -29,10 +28,13 @@ from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
     from sfglab.spatial.trajectory.path import Align, Trajectory
+
+
+_DEPTH = 1000  # steps that can be undone
 
 
 class ChangeKind(Enum):
@@ -59,6 +61,15 @@ class Change:
     changed: tuple[int, ...] = ()
 
 
+@dataclass(slots=True)
+class _Step:
+    """A step that was done or undone."""
+
+    label: str  # for the undo button
+    before: Scene
+    after: Scene
+
+
 class Editor:
     """A scene that is edited, by default an empty one, and its file.
 
@@ -71,12 +82,14 @@ class Editor:
         self.file = file  #: File of the scene; None: none yet.
         self.selection: tuple[int, ...] = ()  #: Ids of the selected objects, in order of selection.
         self.time_s = 0.0  #: Time of the slider, s.
-        self._history = History(scene or Scene())
-        self._saved = self._history.scene
-        self._written_next_id = self._history.scene.next_id
+        self.scene = scene or Scene()  #: Current scene.
+        self._saved = self.scene
+        self._next_id = self.scene.next_id  # no object ever had it, also none that was undone
+        self._done: deque[_Step] = deque(maxlen=_DEPTH)
+        self._undone: list[_Step] = []
+        self._is_dragging = False
+        self._drag: _Step | None = None  # step that the current drag goes on with
         self._listeners: list[Callable[[Change], None]] = []
-        self._drag: int | None = None
-        self._drags = 0
 
     @classmethod
     def open(cls, file: Path) -> Editor:
@@ -89,11 +102,6 @@ class Editor:
         return cls(scene, file=file)
 
     @property
-    def scene(self) -> Scene:
-        """Current scene."""
-        return self._history.scene
-
-    @property
     def dirty(self) -> bool:
         """Whether the scene differs from the one that was loaded or saved last."""
         return self.scene != self._saved
@@ -101,12 +109,12 @@ class Editor:
     @property
     def undo_label(self) -> str | None:
         """Label of the step that undo takes back; None: there is none."""
-        return self._history.undo_label
+        return self._done[-1].label if self._done else None
 
     @property
     def redo_label(self) -> str | None:
         """Label of the step that redo does again; None: there is none."""
-        return self._history.redo_label
+        return self._undone[-1].label if self._undone else None
 
     def listen(self, on_change: Callable[[Change], None]) -> Callable[[], None]:
         """Call a function, which must not raise, after each change; return a function that ends this."""
@@ -128,7 +136,7 @@ class Editor:
         for key in values:
             if key not in allowed:
                 raise SceneError(f"{kind} ({name}), property", key, " or ".join(allowed))
-        id_ = self._history.next_id
+        id_ = self._next_id
         made = KINDS[kind](id=id_, name=name, parent=parent, **values)
         self._commit(f"Add {kind}", *self.scene.objects.values(), made)
         return id_
@@ -137,7 +145,7 @@ class Editor:
         self, trajectory: Trajectory, name: str, *, agent: int | None = None, parent: int = ROOT
     ) -> int:
         """Add a trajectory with its waypoints, in the parent's frame, as one step; return its id."""
-        id_ = self._history.next_id
+        id_ = self._next_id
         top = TrajectoryObject(
             id=id_, name=name, parent=parent, agent=agent, interpolation=trajectory.interpolation
         )
@@ -200,7 +208,7 @@ class Editor:
             allowed = "a new waypoint at another time"
             raise SceneError(place_of(original), "a copy at the same time", allowed)
         copied = (original, *self.scene.walk(id_))
-        new = {thing.id: self._history.next_id + i for i, thing in enumerate(copied)}
+        new = {thing.id: self._next_id + i for i, thing in enumerate(copied)}
         copies = []
         for thing in copied:
             copy = replace(thing, id=new[thing.id], parent=new.get(thing.parent, thing.parent))
@@ -212,31 +220,14 @@ class Editor:
         self._commit(f"Add {original.kind}", *objects[:after], *copies, *objects[after:])
         return new[id_]
 
-    def move(
-        self, id_: int, parent: int, *, index: int | None = None, keep_place: bool = True
-    ) -> None:
-        """Put an object under another parent, or elsewhere among its siblings.
-
-        Args:
-            id_: Id of the object.
-            parent: Id of the new parent, or `ROOT`.
-            index: Index among the other objects there; None: at the end.
-            keep_place: Whether its place in the scene stays, otherwise its pose in the parent.
-        """
+    def move(self, id_: int, parent: int) -> None:
+        """Put an object under another parent, after those there; its place in the scene stays."""
         thing = self.scene.get(id_)
-        moved = replace(thing, parent=parent)
-        if keep_place and (parent == ROOT or parent in self.scene.objects):
-            pose = self.scene.world_pose(parent).inverse() @ self.scene.world_pose(id_)
-            moved = replace(moved, pose=pose if parent != thing.parent else thing.pose)
-        objects = [one for one in self.scene.objects.values() if one.id != id_]
-        siblings = [one for one in objects if one.parent == parent]
-        if index is not None and not 0 <= index <= len(siblings):
-            allowed = f"0 to {len(siblings)}, or none for the end"
-            raise SceneError(f"{place_of(thing)}, index", index, allowed)
-        place = len(objects)
-        if index is not None and index < len(siblings):
-            place = objects.index(siblings[index])
-        self._commit("Move in the tree", *objects[:place], moved, *objects[place:])
+        if parent == thing.parent:
+            return
+        pose = self.scene.world_pose(parent).inverse() @ self.scene.world_pose(id_)
+        others = [one for one in self.scene.objects.values() if one.id != id_]
+        self._commit("Move in the tree", *others, replace(thing, parent=parent, pose=pose))
 
     def rename(self, id_: int, name: str) -> bool:
         """Give an object another name; return whether it changed."""
@@ -253,8 +244,7 @@ class Editor:
 
     def set_waypoint_time(self, id_: int, time_ns: int) -> bool:
         """Give a waypoint another time; the order of the waypoints may change."""
-        waypoint = self.scene.of_kind(id_, WaypointObject)
-        return self._put("Change time", replace(waypoint, time_ns=time_ns))
+        return self.set_property(id_, "time_ns", time_ns)
 
     def set_property(self, id_: int, key: str, value: Any) -> bool:
         """Change another field of an object, such as a radius; the value is as in a file, or typed."""
@@ -296,47 +286,55 @@ class Editor:
         return self._do(label, scene_of(self.scene, made))
 
     def _do(self, label: str, after: Scene) -> bool:
+        """Go on to another scene, as one step or as a part of the current drag; return whether it differs."""
         before = self.scene
-        done = self._history.do(label, after, drag=self._drag)
-        if done:
-            self._tell_difference(ChangeKind.EDIT, label, before)
-        return done
+        if after == before:
+            return False
+        if self._drag is None:
+            step = _Step(label, before, after)
+            self._done.append(step)
+            self._undone.clear()
+            self._drag = step if self._is_dragging else None
+        else:
+            self._drag.after = after
+            if self._drag.before == after:  # the drag came back to its beginning
+                self._done.pop()
+                self._drag = None
+        self._next_id = max(self._next_id, after.next_id)
+        self._show(after, ChangeKind.EDIT, label)
+        return True
 
     # Undo, redo and drags.
 
     def undo(self) -> bool:
         """Take the last step back and end the current drag; return whether there was a step."""
-        return self._stepped(ChangeKind.UNDO, self._history.undo)
+        self.end_drag()
+        if not self._done:
+            return False
+        step = self._done.pop()
+        self._undone.append(step)
+        self._show(step.before, ChangeKind.UNDO, step.label)
+        return True
 
     def redo(self) -> bool:
-        """Do the last undone step again; return whether there was one."""
-        return self._stepped(ChangeKind.REDO, self._history.redo)
-
-    def _stepped(self, kind: ChangeKind, step_of: Callable[[], Step | None]) -> bool:
+        """Do the last undone step again and end the current drag; return whether there was one."""
         self.end_drag()
-        before = self.scene
-        step = step_of()
-        if step is not None:
-            self._tell_difference(kind, step.label, before)
-        return step is not None
+        if not self._undone:
+            return False
+        step = self._undone.pop()
+        self._done.append(step)
+        self._show(step.after, ChangeKind.REDO, step.label)
+        return True
 
     def begin_drag(self) -> None:
         """Join the following edits into one step, until `end_drag`."""
-        self._drags += 1
-        self._drag = self._drags
+        self.end_drag()
+        self._is_dragging = True
 
     def end_drag(self) -> None:
         """Let each of the following edits be a step."""
+        self._is_dragging = False
         self._drag = None
-
-    @contextmanager
-    def drag(self) -> Iterator[None]:
-        """Join the edits inside into one step."""
-        self.begin_drag()
-        try:
-            yield
-        finally:
-            self.end_drag()
 
     # Selection, time, warnings and file.
 
@@ -373,11 +371,9 @@ class Editor:
         target = file or self.file
         if target is None:
             raise SceneError("file", None, "a file to save into")
-        scene = self.scene
         # Ids of a saved file are not given again, also if their addition was undone since.
-        next_id = max(scene.next_id, self._written_next_id)
-        save_scene(replace(scene, next_id=next_id), target)
-        self.file, self._saved, self._written_next_id = target, scene, next_id
+        save_scene(replace(self.scene, next_id=self._next_id), target)
+        self.file, self._saved = target, self.scene
         self._tell(Change(kind=ChangeKind.SAVE))
 
     def load(self, file: Path | None = None) -> None:
@@ -389,14 +385,16 @@ class Editor:
         source = file or self.file
         if source is None:
             raise SceneError("file", None, "a file to load")
-        before, scene = self.scene, load_scene(source)
-        self.file, self._saved, self._written_next_id = source, scene, scene.next_id
-        self._history = History(scene)
+        scene = load_scene(source)
+        self.file, self._saved, self._next_id = source, scene, scene.next_id
+        self._done.clear()
+        self._undone.clear()
         self.end_drag()
-        self._tell_difference(ChangeKind.LOAD, "", before)
+        self._show(scene, ChangeKind.LOAD, "")
 
-    def _tell_difference(self, kind: ChangeKind, label: str, before: Scene) -> None:
-        after = self.scene
+    def _show(self, after: Scene, kind: ChangeKind, label: str) -> None:
+        """Take a scene as the current one, and tell what differs."""
+        before, self.scene = self.scene, after
         common = before.objects.keys() & after.objects.keys()
         changed = {i for i in common if before.objects[i] != after.objects[i]}
         changed |= {i for i in {ROOT, *common} if before.held_by(i) != after.held_by(i)}

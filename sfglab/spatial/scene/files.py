@@ -7,13 +7,14 @@ read back as the same float.
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from sfglab.documents import Document, DocumentError
-from sfglab.errors import InvalidValueError
+from sfglab.errors import InvalidValueError, KeyPath
 from sfglab.fields import bounds
 from sfglab.files import read_text, write_files
 from sfglab.spatial.scene.model import (
@@ -71,17 +72,9 @@ def _object_lines(scene: Scene, thing: SceneObject) -> Iterator[str]:
 def _waypoint_keys(waypoint: WaypointObject) -> dict[str, Any]:
     """Return the keys of a waypoint in a file; the name is last."""
     found = settings_of(waypoint)
-    keys: dict[str, Any] = {"id": waypoint.id, "time_s": _Seconds(waypoint.time_ns)}
+    keys: dict[str, Any] = {"id": waypoint.id, "time_s": waypoint.time_ns / NS_PER_S}
     keys |= plain(waypoint.pose)
     return keys | {key: found[key] for key in ("align", "name") if key in found}
-
-
-class _Seconds(int):
-    """Nanoseconds that are written as seconds."""
-
-    def __str__(self) -> str:
-        sec, ns = divmod(int(self), NS_PER_S)
-        return f"{sec}.{f'{ns:09d}'.rstrip('0') or '0'}"
 
 
 def _value(value: Any) -> str:
@@ -107,8 +100,7 @@ def _number(value: float) -> str:
 def _text(value: str) -> str:
     if _PLAIN.fullmatch(value) and value.lower() not in _NO_TEXT:
         return value
-    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
+    return json.dumps(value, ensure_ascii=False)
 
 
 def save_scene(scene: Scene, path: Path) -> None:
@@ -131,7 +123,7 @@ class WaypointKeys(PoseKeys):
     """A pose of a trajectory at a time."""
 
     id: int = field(metadata=bounds(1))  #: Number that no other object ever gets.
-    #: Time since the scene's time 0, s; above the previous waypoint's.
+    #: Time since the scene's time 0, s, which no other waypoint of the trajectory has.
     time_s: float = field(metadata=bounds(0, LATEST_NS // NS_PER_S))
     name: Text = ""  #: Name, if it has one.
     #: Direction of its x axis; unless none, the orientation is derived.
@@ -153,12 +145,13 @@ class SceneKeys(SceneSettings):
     """A scene for `sfglab plan`: agents, obstacles, zones and trajectories in one tree."""
 
     sfglab_scene: Literal[1]  #: Version of the format.
-    next_id: int = field(metadata=bounds(1))  #: Number above each id that was ever given.
+    #: Number from which new objects get their ids; raised above those in the file.
+    next_id: int = field(default=1, metadata=bounds(1))
     objects: tuple[AnyObject, ...] = ()  #: Objects; those of one holder in their order.
 
 
 def read_scene(text: str, *, file: str = "scene.yaml") -> Scene:
-    """Return the scene of a YAML text, its waypoints aligned.
+    """Return the scene of a YAML text, its waypoints in order of time and aligned.
 
     Args:
         text: The text.
@@ -166,68 +159,45 @@ def read_scene(text: str, *, file: str = "scene.yaml") -> Scene:
 
     Raises:
         SceneError: It is not YAML, has unknown, doubled or missing keys, or no scene can be like it: a doubled
-            id, a loop of parents, times that collide or run backwards, a bad number or quaternion.
+            id, a loop of parents, equal times, a bad number or quaternion.
     """
     try:
-        return _scene(Document(text, file))
+        document = Document(text, file)
+        keys = document.read(SceneKeys)
     except DocumentError as error:
         raise SceneError(str(error.place), error.given, error.allowed) from error
-
-
-def _scene(document: Document) -> Scene:
-    keys = document.read(SceneKeys)
     objects: list[SceneObject] = []
     places: dict[int, str] = {}
-    for place, thing in _objects(document, keys.objects):
+    for path, thing in _objects(keys.objects):
+        place = str(document.place(path))
         if thing.id in places:
             allowed = f"an id of its own; {places[thing.id]} has this one"
             raise SceneError(place, f"id {thing.id}", allowed)
         places[thing.id] = place
         objects.append(thing)
     settings = {name: getattr(keys, name) for name in SETTINGS}
-    scene = scene_of(Scene(**settings), objects, places)
-    if keys.next_id < scene.next_id:
-        allowed = f"a number above every id, from {scene.next_id}"
-        raise document.refusal(("next_id",), keys.next_id, allowed)
-    return Scene(**settings, next_id=keys.next_id, objects=scene.objects, children=scene.children)
+    return scene_of(Scene(**settings, next_id=keys.next_id), objects, places)
 
 
-def _objects(document: Document, keys: tuple[Any, ...]) -> Iterator[tuple[str, SceneObject]]:
+def _objects(keys: tuple[Any, ...]) -> Iterator[tuple[KeyPath, SceneObject]]:
     """Yield each object with its place; the waypoints of a trajectory come after it."""
     for index, thing in enumerate(keys):
         path = ("objects", index)
-        place = str(document.place(path))
         if not isinstance(thing, _TrajectoryKeys):
-            yield place, thing
+            yield path, thing
             continue
         own = {f.name: getattr(thing, f.name) for f in fields(TrajectoryObject)}
-        yield place, TrajectoryObject(**own)
-        before_ns = -1
+        yield path, TrajectoryObject(**own)
         for number, waypoint in enumerate(thing.waypoints):
-            inner = (*path, "waypoints", number)
-            time_ns = round(waypoint.time_s * NS_PER_S)
-            if time_ns <= before_ns:
-                allowed = f"a time above the previous waypoint's, {before_ns / NS_PER_S}"
-                raise document.refusal((*inner, "time_s"), waypoint.time_s, allowed)
-            before_ns = time_ns
-            yield str(document.place(inner)), _waypoint(document, inner, waypoint, thing.id)
-
-
-def _waypoint(
-    document: Document, path: tuple[str | int, ...], keys: WaypointKeys, parent: int
-) -> WaypointObject:
-    try:
-        pose = keys.pose
-    except InvalidValueError as error:
-        raise document.refusal((*path, *error.place), error.given, error.allowed) from error
-    return WaypointObject(
-        id=keys.id,
-        name=keys.name,
-        parent=parent,
-        pose=pose,
-        time_ns=round(keys.time_s * NS_PER_S),
-        align=keys.align,
-    )
+            made = WaypointObject(
+                id=waypoint.id,
+                name=waypoint.name,
+                parent=thing.id,
+                pose=waypoint.pose,
+                time_ns=round(waypoint.time_s * NS_PER_S),
+                align=waypoint.align,
+            )
+            yield (*path, "waypoints", number), made
 
 
 def load_scene(path: Path | str) -> Scene:

@@ -19,7 +19,7 @@ from sfglab.documents import OR_NULL, ReadAs
 from sfglab.errors import InvalidValueError, KeyPath, key_text
 from sfglab.fields import Bounds, bounds, to_json
 from sfglab.schema import Source
-from sfglab.spatial.poses import Pose, PoseError
+from sfglab.spatial.poses import Pose, PoseError, Quat
 from sfglab.spatial.trajectory.path import LATEST_NS, Align, Interpolation
 from sfglab.validation import read_from
 
@@ -35,24 +35,21 @@ class SceneError(InvalidValueError):
     """A scene, an edit or a file that is not allowed; nothing changed."""
 
 
-class Printable:
-    """Restricts a text to 1 to 100 printable characters."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        from pydantic_core.core_schema import no_info_after_validator_function
-
-        return no_info_after_validator_function(self._checked, handler(source))
-
-    def _checked(self, text: str) -> str:
-        if len(text) > _LONGEST or not text.isprintable():
-            raise InvalidValueError((), text, f"1 to {_LONGEST} printable characters")
-        return text
-
-    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
-        return {**handler(core), "maxLength": _LONGEST}
+def _printable(text: str) -> str:
+    if len(text) > _LONGEST or not text.isprintable():
+        raise InvalidValueError((), text, f"1 to {_LONGEST} printable characters")
+    return text
 
 
-Text = Annotated[str, Printable()]
+def _orientation(quat_xyzw: Quat) -> Quat:
+    try:
+        Pose.at(quat_xyzw=quat_xyzw)
+    except PoseError as error:
+        raise InvalidValueError((), list(quat_xyzw), "a quaternion of length 1") from error
+    return quat_xyzw
+
+
+Text = Annotated[str, ReadAs(str, _printable)]
 Length = Annotated[float, Bounds(0, without=(0,))]
 Coordinate = Annotated[float, Bounds(-_FARTHEST_M, _FARTHEST_M)]
 
@@ -151,23 +148,19 @@ class PoseKeys:
 
     xyz_m: tuple[Coordinate, Coordinate, Coordinate]  #: Position along x, y and z, m.
     #: Orientation, of length 1.
-    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    quat_xyzw: Annotated[Quat, ReadAs(Quat, _orientation)] = (0.0, 0.0, 0.0, 1.0)
 
     @property
     def pose(self) -> Pose:
-        """The pose; an `InvalidValueError` if the quaternion has no direction."""
-        try:
-            return Pose.at(self.xyz_m, self.quat_xyzw)
-        except PoseError as error:  # the numbers are finite
-            allowed = "a quaternion of length 1"
-            raise InvalidValueError(("quat_xyzw",), list(self.quat_xyzw), allowed) from error
+        """The pose."""
+        return Pose.at(self.xyz_m, self.quat_xyzw)
 
 
 class ZoneRule(Enum):
     """Rule of a zone."""
 
     FORBIDDEN = "forbidden"  #: No agent may touch it.
-    INSIDE = "inside"  #: Each waypoint must be in a zone of this rule.
+    INSIDE = "inside"  #: The centre of each agent must be in a zone of this rule.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,7 +209,7 @@ class ZoneObject(SceneObject):
 
     kind: Literal["zone"] = "zone"
     shape: Annotated[Shape, ByKind()] = _SPHERE  #: Part, centred at the pose.
-    rule: ZoneRule = ZoneRule.FORBIDDEN  #: Rule for agents or waypoints.
+    rule: ZoneRule = ZoneRule.FORBIDDEN  #: Rule for agents.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from sfglab.fields import Bounds
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
 T = TypeVar("T", bound=SceneObject)
+Problem = tuple[SceneObject, str, object, str]  # object, its field, given, allowed
 
 #: Angle up to which an aligned waypoint keeps its orientation, so that files read back byte by byte.
 _SAME_RAD = 1e-9
@@ -131,7 +133,7 @@ SETTINGS = tuple(f.name for f in fields(SceneSettings))  #: Names of a scene's o
 
 
 def scene_of(
-    before: Scene, objects: Iterable[SceneObject], places: Mapping[int, str] | None = None
+    before: Scene, objects: Iterable[SceneObject], places: Mapping[int, str] = MappingProxyType({})
 ) -> Scene:
     """Return a scene with other objects, after checking the rules between them.
 
@@ -148,88 +150,66 @@ def scene_of(
         SceneError: A rule does not hold.
     """
     found = {thing.id: thing for thing in objects}
-    rules = _Rules(found, places or {})
+    for thing, key, given, allowed in (*_wrong_parents(found), *_wrong_agents(found)):
+        raise _refusal(thing, key, given, allowed, places)
     held: dict[int, list[int]] = {}
     for thing in found.values():
-        rules.check_parent(thing)
         held.setdefault(thing.parent, []).append(thing.id)
-    rules.check_agents()
-    changed = _changed_holders(before.objects, found)
-    children: dict[int, tuple[int, ...]] = {}
     for id_, ids in held.items():
-        children[id_] = tuple(ids) if id_ in changed else before.children[id_]
-        if id_ in changed and isinstance(found.get(id_), TrajectoryObject):
-            waypoints = rules.in_order_of_time(ids)
-            children[id_] = tuple(waypoint.id for waypoint in waypoints)
-            found |= {waypoint.id: waypoint for waypoint in _aligned(waypoints)}
+        if not isinstance(found.get(id_), TrajectoryObject):
+            continue
+        waypoints = [thing for i in ids if isinstance(thing := found[i], WaypointObject)]
+        waypoints.sort(key=lambda waypoint: waypoint.time_ns)
+        for one, after in pairwise(waypoints):
+            if one.time_ns == after.time_ns:
+                allowed = f"a time of its own; waypoint {one.id} has this one"
+                raise _refusal(after, "time_ns", after.time_ns, allowed, places)
+        found |= {waypoint.id: waypoint for waypoint in _aligned(waypoints)}
+        held[id_] = [waypoint.id for waypoint in waypoints]
     next_id = max([before.next_id, *(id_ + 1 for id_ in found)])
+    children = {id_: tuple(ids) for id_, ids in held.items()}
     return replace(before, next_id=next_id, objects=found, children=children)
 
 
-def _changed_holders(
-    before: Mapping[int, SceneObject], after: Mapping[int, SceneObject]
-) -> set[int]:
-    """Return the ids of those holders whose objects are not all as before."""
-    gone = [thing for id_, thing in before.items() if after.get(id_) is not thing]
-    come = [thing for id_, thing in after.items() if before.get(id_) is not thing]
-    return {thing.parent for thing in (*gone, *come)}
-
-
-class _Rules:
-    """Rules between the objects of a scene."""
-
-    def __init__(self, objects: Mapping[int, SceneObject], places: Mapping[int, str]) -> None:
-        self._objects = objects
-        self._places = places
-
-    def check_parent(self, thing: SceneObject) -> None:
-        """Check the holder of an object."""
-        holder = self._objects.get(thing.parent)
+def _wrong_parents(objects: Mapping[int, SceneObject]) -> Iterator[Problem]:
+    """Find objects with a wrong holder, or in a loop of them."""
+    for thing in objects.values():
+        holder = objects.get(thing.parent)
         if isinstance(thing, WaypointObject):
             if not isinstance(holder, TrajectoryObject):
-                raise self._refusal(thing, "parent", thing.parent, "the id of a trajectory")
-            return
-        if thing.parent != ROOT and not isinstance(holder, Group):
-            allowed = f"the id of a group, or {ROOT} for the top"
-            raise self._refusal(thing, "parent", thing.parent, allowed)
+                yield thing, "parent", thing.parent, "the id of a trajectory"
+        elif thing.parent != ROOT and not isinstance(holder, Group):
+            yield thing, "parent", thing.parent, f"the id of a group, or {ROOT} for the top"
         above = [thing.id]
-        while holder is not None and holder.id not in above[1:]:
+        while holder is not None and holder.id not in above:
             above.append(holder.id)
-            if holder.id == thing.id:
-                loop = " in ".join(map(str, above))
-                raise self._refusal(thing, "parent", f"a loop, {loop}", "a tree")
-            holder = self._objects.get(holder.parent)
+            holder = objects.get(holder.parent)
+        if holder is thing:
+            loop = " in ".join(map(str, [*above, thing.id]))
+            yield thing, "parent", f"a loop, {loop}", "a tree"
 
-    def check_agents(self) -> None:
-        """Check the agents of trajectories."""
-        followed: dict[int, int] = {}
-        for thing in self._objects.values():
-            if not isinstance(thing, TrajectoryObject) or thing.agent is None:
-                continue
-            if not isinstance(self._objects.get(thing.agent), AgentObject):
-                allowed = "the id of an agent in the scene, or none"
-                raise self._refusal(thing, "agent", thing.agent, allowed)
-            other = followed.setdefault(thing.agent, thing.id)
-            if other != thing.id:
-                allowed = f"an agent that follows no other trajectory; this one follows {other}"
-                raise self._refusal(thing, "agent", thing.agent, allowed)
 
-    def in_order_of_time(self, ids: Iterable[int]) -> list[WaypointObject]:
-        """Return the waypoints of a trajectory in order of time."""
-        held = [self._objects[id_] for id_ in ids]
-        waypoints = [thing for thing in held if isinstance(thing, WaypointObject)]
-        waypoints.sort(key=lambda waypoint: waypoint.time_ns)
-        for before, after in pairwise(waypoints):
-            if before.time_ns == after.time_ns:
-                allowed = f"a time of its own; waypoint {before.id} has this one"
-                raise self._refusal(after, "time_ns", after.time_ns, allowed)
-        return waypoints
+def _wrong_agents(objects: Mapping[int, SceneObject]) -> Iterator[Problem]:
+    """Find trajectories whose agent is none, or follows another one."""
+    followed: dict[int, int] = {}
+    for thing in objects.values():
+        if not isinstance(thing, TrajectoryObject) or thing.agent is None:
+            continue
+        if not isinstance(objects.get(thing.agent), AgentObject):
+            yield thing, "agent", thing.agent, "the id of an agent in the scene, or none"
+        other = followed.setdefault(thing.agent, thing.id)
+        if other != thing.id:
+            allowed = f"an agent that follows no other trajectory; this one follows {other}"
+            yield thing, "agent", thing.agent, allowed
 
-    def _refusal(self, thing: SceneObject, key: str, given: object, allowed: str) -> SceneError:
-        place = f"{place_of(thing)}, {key}"
-        if thing.id in self._places:
-            place = f"{self._places[thing.id]}: {place}"
-        return SceneError(place, given, allowed)
+
+def _refusal(
+    thing: SceneObject, key: str, given: object, allowed: str, places: Mapping[int, str]
+) -> SceneError:
+    place = f"{place_of(thing)}, {key}"
+    if thing.id in places:
+        place = f"{places[thing.id]}: {place}"
+    return SceneError(place, given, allowed)
 
 
 def _aligned(waypoints: list[WaypointObject]) -> Iterator[WaypointObject]:

@@ -166,9 +166,7 @@ def _edit(editor: Editor, rng: np.random.Generator) -> None:
         case 2:
             editor.rename(anything, str(rng.choice(_NAMES)))
         case 3:
-            group = _any(editor, rng, Group)
-            kept = bool(rng.random() < 0.5)
-            editor.move(anything, group, keep_place=kept)
+            editor.move(anything, _any(editor, rng, Group))
         case 4:
             waypoint = _any(editor, rng, WaypointObject)
             editor.set_waypoint_time(waypoint, int(rng.integers(20 * NS_PER_S)))
