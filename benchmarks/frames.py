@@ -63,7 +63,7 @@ def captures(count: int) -> Callable[[], object]:
     def run() -> None:
         core = BridgeCore(mapping, buffer)
         for capture in seen:
-            assert len(core.take(capture, capture.receipt_ns)) == len(objects)
+            assert len(core.take(capture)) == len(objects)
 
     return run
 

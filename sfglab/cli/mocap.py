@@ -171,13 +171,12 @@ def _report(core: BridgeCore) -> str:
 def _object_line(status: ObjectStatus) -> str:
     counts = {verdict.value: count for verdict, count in status.verdicts.items()}
     verdicts = [f"{count} {verdict}" for verdict, count in sorted(counts.items())]
-    latencies_s = (status.receipt_latency_s, status.publication_latency_s)
-    times = ["-" if math.isnan(value) else f"{1e3 * value:.2f}" for value in latencies_s]
+    latency = "-" if math.isnan(status.latency_s) else f"{1e3 * status.latency_s:.2f}"
     return (
         f"{status.mapped.id} -> {status.frame or 'nothing yet'}: {status.track.state.value}, "
         f"{status.published} published, {status.unplaced} not placed "
         f"({', '.join(verdicts) or 'never detected'}); "
-        f"capture to receipt to publication {' + '.join(times)} ms  {status.problem}"
+        f"capture to receipt {latency} ms  {status.problem}"
     ).rstrip()
 
 

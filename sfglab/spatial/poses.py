@@ -154,19 +154,13 @@ class Pose:
         x, y, z, w = self.quat_xyzw
         return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
-    @property
-    def rotation(self) -> Rotation:
-        """The orientation as a SciPy rotation."""
-        from scipy.spatial.transform import Rotation
-
-        return Rotation.from_quat(self.quat_xyzw)
-
     def matrix(self) -> NDArray[np.float64]:
         """Return the homogeneous matrix, shape (4, 4)."""
         import numpy as np
+        from scipy.spatial.transform import Rotation
 
         matrix = np.eye(4)
-        matrix[:3, :3] = self.rotation.as_matrix()
+        matrix[:3, :3] = Rotation.from_quat(self.quat_xyzw).as_matrix()
         matrix[:3, 3] = self.position_m
         return matrix
 
@@ -232,27 +226,20 @@ def _pose(position_m: Vec3, quat_xyzw: Quat) -> Pose:
 
 
 def _checked(position: Iterable[float], quat: Iterable[float], place: str) -> tuple[Vec3, Quat]:
-    px, py, pz = _numbers(position, 3, f"{place}, position")
-    x, y, z, w = _numbers(quat, 4, f"{place}, quaternion")
+    try:
+        px, py, pz = map(float, position)
+        x, y, z, w = map(float, quat)
+    except (TypeError, ValueError) as error:
+        raise PoseError(place, [position, quat], "3 and 4 numbers") from error
+    if not math.isfinite(px + py + pz):
+        raise PoseError(f"{place}, position", [px, py, pz], "3 finite numbers")
     norm = math.hypot(x, y, z, w)
-    if norm < _SHORTEST:
-        allowed = f"a length of at least {_SHORTEST:g}, 1 as a rule"
+    if not _SHORTEST <= norm < math.inf:
+        allowed = f"a finite length of at least {_SHORTEST:g}, 1 as a rule"
         raise PoseError(f"{place}, quaternion", [x, y, z, w], allowed)
-    if not math.isfinite(norm):
-        raise PoseError(f"{place}, quaternion", [x, y, z, w], "a finite length, 1 as a rule")
     if abs(norm * norm - 1.0) > _UNIT:
         x, y, z, w = x / norm, y / norm, z / norm, w / norm
     return (px, py, pz), (x, y, z, w)
-
-
-def _numbers(values: Iterable[float], count: int, place: str) -> list[float]:
-    try:
-        numbers = [float(value) for value in values]
-    except (TypeError, ValueError) as error:
-        raise PoseError(place, values, f"{count} numbers") from error
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise PoseError(place, numbers, f"{count} finite numbers")
-    return numbers
 
 
 def _product(a: Quat, b: Quat) -> Quat:

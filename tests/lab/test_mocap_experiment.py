@@ -105,7 +105,7 @@ def test_the_bridge_leads_to_where_the_robot_s_camera_really_is():
     from_markers = buffer.look_up(trees.OBJECT, "agent_x/camera", 10_000_000)
     markers = world_from_camera(7.0) @ from_markers.inverse()
     (capture,) = trees.captures_of([markers])
-    (transform,) = BridgeCore(MAPPING, buffer).take(capture, 0)
+    (transform,) = BridgeCore(MAPPING, buffer).take(capture)
     buffer.insert(transform)
     assert transform.child == "agent_x/odom"
     found = buffer.look_up("map", "agent_x/camera", 10_000_000)

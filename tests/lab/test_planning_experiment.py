@@ -46,8 +46,8 @@ def test_a_fact_without_a_case_and_a_goal_that_is_not_carried_out_fail_the_claim
 @pytest.mark.parametrize(
     ("place", "broken", "name"),
     [
-        ("facts.align_waypoint", lambda path, *_: path, "aligned to the next"),
-        ("facts.align_waypoint", lambda path, *_: path, "aligned to the previous"),
+        ("facts.aligned_quat", lambda *_: (0.0, 0.0, 0.0, 1.0), "aligned to the next"),
+        ("facts.aligned_quat", lambda *_: (0.0, 0.0, 0.0, 1.0), "aligned to the previous"),
         ("facts.pose_at", lambda path, _: path.waypoints[0].pose, "a polyline is linear"),
         ("facts.motion_of", lambda path: motion_of(replace(path, interpolation=LINE)), "a spline"),
         ("facts.Editor.undo", lambda _: None, "any edits, undone"),
@@ -74,9 +74,7 @@ def test_a_smoke_run_has_all_facts_and_draws_its_figures(tmp_path):
         kinds = {name: info.type_name for name, info in reader.topics.items() if "global" in name}
         poses = sum(1 for _ in reader.messages("/global/go2/pose"))
     assert kinds == {
-        "/global/go2/path": "nav_msgs/msg/Path",
         "/global/go2/pose": "geometry_msgs/msg/PoseStamped",
-        "/global/drone/path": "nav_msgs/msg/Path",
         "/global/drone/pose": "geometry_msgs/msg/PoseStamped",
     }
     assert poses == (run["track"]["agent"] == "go2").sum() > 100

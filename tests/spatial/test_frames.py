@@ -293,11 +293,11 @@ def broken(key, value):
 
 
 BROKEN = {
-    "its child_frame_id is empty": ("child_frame_id", ""),
-    "its frame_id is empty": ("header.frame_id", "/"),
-    "a number is not finite": ("transform.translation.x", float("nan")),
-    "its quaternion has length 0,": ("transform.rotation.w", 0.0),
-    "its quaternion has length 3,": ("transform.rotation.w", 3.0),
+    "transform 'odom' -> '': given ''": ("child_frame_id", ""),
+    "transform '' -> 'base': given ''": ("header.frame_id", "/"),
+    "tf odom -> base, position: given [nan, 0.0, 0.0]": ("transform.translation.x", float("nan")),
+    "tf odom -> base, quaternion: given [0.0, 0.0, 0.0, 0.0]": ("transform.rotation.w", 0.0),
+    "the length of its quaternion: given 3.0": ("transform.rotation.w", 3.0),
 }
 
 

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.errors import InvalidValueError
 from sfglab.spatial import Pose
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
 from sfglab.spatial.mocap.tracking import Lapse, Limits, Track, TrackState, Verdict
@@ -63,7 +62,7 @@ def test_what_is_published_is_within_reach_or_was_held(steps):
         if verdict.is_published:
             published.append((now_ns, sight, verdict))
     for (t0, a, _), (t1, b, verdict) in pairwise(published):
-        if LIMITS.excess(a, b, t1 - t0):
+        if LIMITS.verdict(a, b, t1 - t0) is not Verdict.SOUND:
             assert verdict is Verdict.CONFIRMED
             assert t1 - t0 >= LIMITS.believe_after_s * 1e9
 
@@ -109,9 +108,3 @@ def test_no_short_flip_of_a_moving_object_is_published_and_nothing_sound_is_lost
         flips += is_flipped
         assert verdict.is_published == (isinstance(sight, Pose) and not is_flipped)
     assert flips > 100
-
-
-@pytest.mark.parametrize("fault", [{"rate_hz": 0}, {"dropped": 1.0}, {"noise_m": float("nan")}])
-def test_impossible_capture_systems_are_refused(fault):
-    with pytest.raises(InvalidValueError, match="allowed"):
-        SyntheticConfig(**fault)

@@ -28,6 +28,12 @@ def test_after_any_edits_whoever_is_held_knows_by_whom_and_waypoints_go_by_time(
         assert times == sorted(set(times))
 
 
+def refusal(edit, *given, **more):
+    with pytest.raises(SceneError) as caught:
+        edit(*given, **more)
+    return str(caught.value)
+
+
 @pytest.fixture
 def planned():
     """Return an editor with a hall that holds an agent, and the agent's trajectory of three waypoints."""
@@ -147,6 +153,7 @@ def test_a_copy_of_a_group_drives_its_own_agent(planned):
     assert editor.scene.get(new_path).agent == new_agent != agent
     assert len(editor.scene.held_by(new_path)) == 3
     assert editor.scene.held_by() == (hall, copy)
+    assert "a time of its own" in refusal(editor.duplicate, editor.scene.held_by(new_path)[0])
 
 
 def test_a_trajectory_from_elsewhere_is_added_in_one_step(planned):
@@ -168,11 +175,6 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(planned):
     other = editor.add("trajectory", "other")
     before, label = editor.scene, editor.undo_label
 
-    def refusal(edit, *given, **more):
-        with pytest.raises(SceneError) as caught:
-            edit(*given, **more)
-        return str(caught.value)
-
     assert refusal(editor.move, hall, inner) == (
         f"group {inner} (corner), parent: given 'a loop, {inner} in {hall} in {inner}', "
         "allowed: a tree"
@@ -184,7 +186,7 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(planned):
     assert refusal(editor.set_property, agent, "radius_m", -1) == (
         f"agent {agent} (go2), radius_m: given -1, allowed: a number above zero"
     )
-    assert "radius_m or speed_m_s" in refusal(editor.set_property, agent, "colour", "red")
+    assert "radius_m, speed_m_s" in refusal(editor.set_property, agent, "colour", "red")
     assert "an agent in the scene, or none" in refusal(editor.set_property, path, "agent", path)
     assert f"follows {path}" in refusal(editor.set_property, other, "agent", agent)
     assert "the id of a trajectory" in refusal(editor.move, points[0], hall)
@@ -206,7 +208,7 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(planned):
     )
     for shape in ({"kind": "cylinder", "radius_m": 1.0}, 7, Box(size_m=(1.0, 0.0, 1.0))):
         assert "shape" in refusal(editor.add, "obstacle", "pillar", shape=shape)
-    assert "name or frame_id or margin_m" in refusal(editor.set_scene, "size", 1)
+    assert "frame_id, margin_m, name" in refusal(editor.set_scene, "size", 1)
     assert (editor.scene, editor.undo_label) == (before, label)
 
 

@@ -48,7 +48,7 @@ def test_the_lint_fails_where_listeners_would_get_nothing(tmp_path):
         log.write(TF_STATIC, tf("map", ""), log_time_ns=0)
         log.write("/go2/tf", tf("map", "go2/base"), log_time_ns=1)
     printed = called("frames", "lint", str(tmp_path / "run.mcap"), status=1)
-    assert "refused: transform 'map' -> '' (1x): its child_frame_id is empty" in printed
+    assert "refused: transform 'map' -> '' (1x): " in printed
     assert "namespaced: /go2/tf has transforms" in printed
     assert printed.endswith("0 frames, 2 findings\n")
 
@@ -66,7 +66,7 @@ def test_live_the_bridge_ends_after_its_time_and_reports(domain_id):
 
 @pytest.mark.live
 def test_live_made_up_trees_are_placed_as_a_robot_s_would_be(domain_id):
-    options = ("--domain", str(domain_id), "--interface", "lo", "--duration", "1")
+    options = ("--domain", str(domain_id), "--interface", "lo", "--duration", "2")
     printed = called("mocap", "run", EXAMPLE, "--synthetic", "--publish-tf", *options)
     assert "agent_x/markers -> agent_x/base: tracked" in printed
     assert "Go2 Body -> go2/odom: " in printed

@@ -22,7 +22,7 @@ from sfglab.spatial.trajectory.path import (
     Interpolation,
     Trajectory,
     TrajectoryError,
-    align_waypoint,
+    aligned_quat,
     in_frame,
 )
 
@@ -181,12 +181,9 @@ def test_what_no_trajectory_can_be_is_refused(make, says):
         make()
 
 
-def test_straight_up_has_no_heading_and_the_waypoint_keeps_its_own():
-    own = Pose.from_yaw((0.0, 0.0, 0.0), 0.7)
-    trajectory = Trajectory.of([(0, own), (S, Pose.at((0.0, 0.0, 3.0)))])
-    assert align_waypoint(trajectory, 0, Align.NEXT) is trajectory
-    level = line((0, 0), (1, 1))
-    assert align_waypoint(level, 0, Align.NONE) is level, "as it does where no alignment is asked"
+def test_straight_up_and_without_alignment_a_waypoint_keeps_its_own_orientation():
+    assert aligned_quat([(0, 0, 0), (0, 0, 3)], 0, Align.NEXT) is None
+    assert aligned_quat([(0, 0, 0), (1, 1, 0)], 0, Align.NONE) is None
 
 
 def test_a_goal_has_velocities_of_the_segments_that_leave():

@@ -80,7 +80,7 @@ def join_trees(
             renamed = replace(transform, child=right[transform.child])
             trees[DIRECT].insert(transform, authority=CAMERAS)
             trees[RENAMED].insert(renamed, authority=CAMERAS)
-        for transform in core.take(capture, capture.receipt_ns):
+        for transform in core.take(capture):
             trees[PROXY].insert(transform, authority=CAMERAS)
     return trees
 

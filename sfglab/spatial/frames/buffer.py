@@ -234,7 +234,7 @@ class FrameBuffer:
         for name in (child, parent):
             if not name or name != name.strip():
                 where = f"transform {parent!r} -> {child!r}"
-                raise InvalidValueError(where, name, "names without outer blanks")
+                raise InvalidValueError(where, name, "names, without outer blanks")
         key = (child, parent, static, authority)
         edge = self._edges.get(key)
         if edge is None:

@@ -19,9 +19,9 @@ from sfglab.spatial.frames.listener import LOOP
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from sfglab.spatial.frames.buffer import Edge
+    from networkx import DiGraph
 
-    Parents = Mapping[str, Sequence[str]]  # parents of each child frame
+    from sfglab.spatial.frames.buffer import Edge
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,25 +107,25 @@ def lint_frames(
         refused: Refused transforms, as of `TransformIntake.refused`.
         namespaced: Topics with transforms other than /tf and /tf_static.
     """
+    import networkx as nx
+
     edges = tuple(edges)
-    by_child: dict[str, list[Edge]] = defaultdict(list)
-    for edge in edges:
-        by_child[edge.child].append(edge)
-    parents = {}
-    for child, group in by_child.items():
-        parents[child] = list(dict.fromkeys(edge.parent for edge in group))
+    graph = nx.DiGraph([(edge.child, edge.parent) for edge in edges])
     return (
-        *_publishers(by_child),
-        *_loops(parents),
-        *_roots(parents, root),
-        *_names(parents, rule),
+        *_publishers(edges),
+        *_loops(graph),
+        *_roots(graph, root),
+        *_names(sorted(graph), rule),
         *_stamps(edges),
         *_ignored(refused or {}, namespaced),
     )
 
 
-def _publishers(by_child: Mapping[str, Sequence[Edge]]) -> Iterator[FrameFinding]:
+def _publishers(edges: Iterable[Edge]) -> Iterator[FrameFinding]:
     """Find frames that are published twice, in different ways."""
+    by_child: dict[str, list[Edge]] = defaultdict(list)
+    for edge in edges:
+        by_child[edge.child].append(edge)
     for child, group in by_child.items():
         parents = sorted({edge.parent for edge in group})
         rivals = _rivals(group)
@@ -150,70 +150,44 @@ def _rivals(group: Sequence[Edge]) -> list[str]:
     return sorted(rivals)
 
 
-def _loops(parents: Parents) -> Iterator[FrameFinding]:
-    """Find loops, each once, from its first frame in the order of names."""
-    found: set[frozenset[str]] = set()
-    for start in sorted(parents):
-        loop = _loop_from(start, parents)
-        if loop and frozenset(loop) not in found:
-            found.add(frozenset(loop))
-            what = " -> ".join([*loop, start])
+def _loops(graph: DiGraph) -> Iterator[FrameFinding]:
+    """Find a loop in each group of frames that are above each other."""
+    import networkx as nx
+
+    for group in nx.strongly_connected_components(graph):
+        first = min(group)
+        if len(group) > 1 or graph.has_edge(first, first):
+            loop = [step[0] for step in nx.find_cycle(graph.subgraph(group), first)]
+            what = " -> ".join([*loop, loop[0]])
             yield FrameFinding("loop", tuple(loop), f"{what} (child -> parent)")
 
 
-def _loop_from(start: str, parents: Parents) -> list[str]:
-    """Return the shortest way from a frame up to itself; empty if there is none."""
-    ways = [[start]]
-    seen = {start}
-    for way in ways:
-        for parent in parents.get(way[-1], ()):
-            if parent == start:
-                return way
-            if parent not in seen:
-                seen.add(parent)
-                ways.append([*way, parent])
-    return []
+def _roots(graph: DiGraph, root: str | None) -> Iterator[FrameFinding]:
+    import networkx as nx
 
-
-def _roots(parents: Parents, root: str | None) -> Iterator[FrameFinding]:
-    frames = _frames(parents)
-    roots = sorted(frames - parents.keys())
+    roots = sorted(frame for frame in graph if not graph.out_degree(frame))
     if root is None:
         if len(roots) > 1:
             what = f"there are {len(roots)} trees, with the roots {_listed(roots)}"
             yield FrameFinding("second-root", tuple(roots), what)
         return
+    below = {root}
+    if root in graph:
+        below |= nx.ancestors(graph, root)
     others = [frame for frame in roots if frame != root]
-    lost = sorted(frames - _below(root, parents) - set(others))
+    lost = sorted(set(graph) - below - set(others))
     if others or lost:
-        code = "second-root" if root in frames and others else "unreachable"
+        code = "second-root" if root in graph and others else "unreachable"
         what = f"{_listed([*others, *lost])} cannot be reached from {root!r}"
         yield FrameFinding(code, (*others, *lost), what)
 
 
-def _frames(parents: Parents) -> set[str]:
-    """Return all children and parents."""
-    return set(parents).union(*parents.values())
-
-
-def _below(root: str, parents: Parents) -> set[str]:
-    """Return a frame and all frames below it."""
-    below = {root}
-    grown = True
-    while grown:
-        new = {child for child, group in parents.items() if not below.isdisjoint(group)}
-        grown = not new <= below
-        below |= new
-    return below
-
-
-def _names(parents: Parents, rule: FrameRule | None) -> Iterator[FrameFinding]:
-    frames = sorted(_frames(parents))
-    for frame in frames if rule else ():
-        assert rule is not None
-        problem = rule.problem(frame, frames)
-        if problem:
-            yield FrameFinding("name", (frame,), problem)
+def _names(frames: Sequence[str], rule: FrameRule | None) -> Iterator[FrameFinding]:
+    if rule is not None:
+        for frame in frames:
+            problem = rule.problem(frame, frames)
+            if problem:
+                yield FrameFinding("name", (frame,), problem)
 
 
 def _stamps(edges: Iterable[Edge]) -> Iterator[FrameFinding]:

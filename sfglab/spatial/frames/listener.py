@@ -15,16 +15,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.component import end_tasks
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.names import TF, TF_STATIC, prefixed_frame
 from sfglab.qos import Durability, QoSProfile
-from sfglab.spatial.frames.buffer import (
-    ExtrapolationError,
-    FrameBuffer,
-    FrameLoopError,
-    NotConnectedError,
-    UnknownFrameError,
-)
+from sfglab.spatial.frames.buffer import FrameBuffer, FrameError, FrameLoopError
 from sfglab.spatial.poses import Pose, StampedTransform
 
 if TYPE_CHECKING:
@@ -63,19 +57,14 @@ class TransformIntake:
     def take(self, message: Any, *, static: bool, authority: str = "") -> None:
         """Insert all transforms of a `tf2_msgs/msg/TFMessage`."""
         for transform in message.transforms:
-            why = _problem(transform)
             try:
-                if not why:
-                    value = self._renamed(StampedTransform.from_msg(transform, place="tf"))
-                    self._buffer.insert(value, static=static, authority=authority)
-            except FrameLoopError:
-                why = LOOP
-            except SfglabError as error:
-                why = str(error)
-            if why:
-                self._refuse(str(transform.header.frame_id), str(transform.child_frame_id), why)
-            else:
+                value = self._renamed(StampedTransform.from_msg(transform, place="tf"))
+                _check_length(transform)
+                self._buffer.insert(value, static=static, authority=authority)
                 self.taken += 1
+            except SfglabError as error:
+                why = LOOP if isinstance(error, FrameLoopError) else str(error)
+                self._refuse(str(transform.header.frame_id), str(transform.child_frame_id), why)
 
     def _renamed(self, value: StampedTransform) -> StampedTransform:
         if not self._agent:
@@ -89,25 +78,16 @@ class TransformIntake:
             _log.warning("transform %r -> %r refused: %s", parent, child, why)
 
 
-def _problem(transform: Any) -> str:
-    """Return why tf2 ignores a `geometry_msgs/msg/TransformStamped`; empty if it does not.
+def _check_length(transform: Any) -> None:
+    """Raise an error if tf2 ignores a `geometry_msgs/msg/TransformStamped` for its quaternion.
 
     Source:
         tf2, buffer_core.cpp, `BufferCore::setTransformImpl` (Humble to Rolling).
     """
-    for key, name in (
-        ("frame_id", transform.header.frame_id),
-        ("child_frame_id", transform.child_frame_id),
-    ):
-        if not name.removeprefix("/"):
-            return f"its {key} is empty"
-    p, q = transform.transform.translation, transform.transform.rotation
-    if not all(map(math.isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w))):
-        return "a number is not finite"
+    q = transform.transform.rotation
     length = math.hypot(q.x, q.y, q.z, q.w)
     if abs(length * length - 1.0) >= _UNIT_TOLERANCE:
-        return f"its quaternion has length {length:g}, allowed: 1 within 0.5 %"
-    return ""
+        raise InvalidValueError("the length of its quaternion", length, "1 within 0.5 %")
 
 
 class FramesListener(TransformIntake):
@@ -153,7 +133,7 @@ class FramesListener(TransformIntake):
             async with asyncio.timeout(timeout_s):
                 while True:
                     self._changed.clear()
-                    with suppress(UnknownFrameError, NotConnectedError, ExtrapolationError):
+                    with suppress(FrameError):
                         return self._buffer.look_up(target, source, time_ns)
                     await self._changed.wait()
         return self._buffer.look_up(target, source, time_ns)

@@ -42,9 +42,9 @@ STATUS_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
 _OBJECT = "sfglab_interfaces/msg/MocapObject"
 _RECENT = 1000  # transforms whose latency counts
 _STATUS_PERIOD_S = 1.0
-_REACH_NS = (
-    100 * NS_PER_MS
-)  # by which agents' transforms are continued where they are older than a capture
+#: Time by which agents' transforms are continued where they are older than a capture.
+_REACH_NS = 100 * NS_PER_MS
+_SETTLE_NS = 500 * NS_PER_MS
 
 _log = logging.getLogger(__name__)
 
@@ -62,37 +62,32 @@ class ObjectStatus:
         self.verdicts: Counter[Verdict] = Counter()  #: Number of captures by verdict.
         self.capture_ns = 0  #: Stamp of the latest transform, ns; 0 before the first one.
         self.problem = ""  #: Reason why the latest sound pose was not published; empty if it was.
-        self.problem_kind = ""  #: Name of the error behind `problem`.
-        self._receipts_ns: deque[int] = deque(maxlen=_RECENT)
-        self._publications_ns: deque[int] = deque(maxlen=_RECENT)
+        self._logged: set[type[Exception]] = set()
+        self.root = ""  #: Root of the agent's tree, at the latest sound pose.
+        self.root_since_ns = 0  #: Time of the first capture with this root, ns.
+        self._latencies_ns: deque[int] = deque(maxlen=_RECENT)
 
     @property
-    def receipt_latency_s(self) -> float:
+    def latency_s(self) -> float:
         """Median time from capture to receipt over the latest 1000 transforms, s; NaN without any."""
-        return _median_s(self._receipts_ns)
+        latencies = self._latencies_ns
+        return statistics.median(latencies) / NS_PER_S if latencies else math.nan
 
-    @property
-    def publication_latency_s(self) -> float:
-        """Median time from receipt to publication over the latest 1000 transforms, s; NaN without any."""
-        return _median_s(self._publications_ns)
-
-    def note_published(self, frame: str, capture: Capture, now_ns: int) -> None:
+    def note_published(self, frame: str, capture: Capture) -> None:
         """Record a transform of the object that is published now."""
         self.published += 1
         self.frame = frame
-        self.problem = self.problem_kind = ""
+        self.problem = ""
         self.capture_ns = capture.capture_ns
-        self._receipts_ns.append(capture.receipt_ns - capture.capture_ns)
-        self._publications_ns.append(now_ns - capture.receipt_ns)
+        self._latencies_ns.append(capture.receipt_ns - capture.capture_ns)
 
     def note_unplaced(self, error: Exception) -> None:
-        """Record a sound pose that cannot be published."""
+        """Record a sound pose that cannot be published; each kind of error is logged once."""
         self.unplaced += 1
-        self.problem, self.problem_kind = str(error), type(error).__name__
-
-
-def _median_s(latencies_ns: deque[int]) -> float:
-    return statistics.median(latencies_ns) / NS_PER_S if latencies_ns else math.nan
+        self.problem = str(error)
+        if type(error) not in self._logged:
+            self._logged.add(type(error))
+            _log.warning("object %r: %s", self.mapped.id, error)
 
 
 class BridgeCore:
@@ -103,14 +98,16 @@ class BridgeCore:
     Args:
         mapping: Objects and their frames.
         buffer: Transforms of the agents.
+        settle_ns: Time for which a root that the mapping does not name must be the same before it is
+            published, ns: an agent's static transforms may be received before its odometry.
     """
 
-    def __init__(self, mapping: MocapMapping, buffer: FrameBuffer) -> None:
+    def __init__(self, mapping: MocapMapping, buffer: FrameBuffer, *, settle_ns: int = 0) -> None:
         self.world = mapping.world  #: Frame in which the capture system measures.
         self.captures = 0  #: Number of captures.
         self.dropped = 0  #: Number of lost captures: gaps in the frame numbers.
         self.unmapped: Counter[str] = Counter()  #: Detections of objects without a mapping, by id.
-        self._buffer = buffer
+        self._buffer, self._settle_ns = buffer, settle_ns
         self._number: int | None = None
         self._objects: dict[str, ObjectStatus] = {}
         for id_, mapped in mapping.objects.items():
@@ -122,7 +119,7 @@ class BridgeCore:
         """Status of each object of the mapping. They change with the next capture."""
         return tuple(self._objects.values())
 
-    def take(self, capture: Capture, now_ns: int) -> list[StampedTransform]:
+    def take(self, capture: Capture) -> list[StampedTransform]:
         """Take a capture, and return the transforms to publish now, stamped with the capture time."""
         self._count(capture)
         transforms = []
@@ -133,7 +130,7 @@ class BridgeCore:
                 continue
             transform = self._placed(status, sight, capture)
             if transform is not None:
-                status.note_published(transform.child, capture, now_ns)
+                status.note_published(transform.child, capture)
                 transforms.append(transform)
         return transforms
 
@@ -159,14 +156,24 @@ class BridgeCore:
         )
         try:
             transform = place_via_proxy(self._buffer, mapped, seen, reach_ns=_REACH_NS)
+            self._check_root(status, transform)
         except (FrameError, PlacingError) as error:
             status.note_unplaced(error)
             return None
-        mover = self._movers.setdefault(transform.child, mapped.id)
-        if mover == mapped.id:
-            return transform
-        status.note_unplaced(PlacingError(transform.child, f"object {mover!r} moves it already"))
-        return None
+        return transform
+
+    def _check_root(self, status: ObjectStatus, transform: StampedTransform) -> None:
+        root = transform.child
+        if root != status.root:
+            status.root, status.root_since_ns = root, transform.stamp_ns
+        known_ns = transform.stamp_ns - status.root_since_ns
+        if not status.mapped.frame and known_ns < self._settle_ns:
+            raise PlacingError(
+                root, f"it is the root for less than {self._settle_ns / NS_PER_S:g} s"
+            )
+        mover = self._movers.setdefault(root, status.mapped.id)
+        if mover != status.mapped.id:
+            raise PlacingError(root, f"object {mover!r} moves it already")
 
 
 def status_topic(agent: str = "") -> str:
@@ -199,8 +206,8 @@ def _object_message(status: ObjectStatus) -> Any:
         unplaced=status.unplaced,
         absent=status.absent,
         captured=stamp_from_ns(status.capture_ns),
-        receipt_latency_s=status.receipt_latency_s,
-        publication_latency_s=status.publication_latency_s,
+        receipt_latency_s=status.latency_s,
+        publication_latency_s=math.nan,
         problem=status.problem,
         **counts,
     )
@@ -228,8 +235,7 @@ class MocapBridge:
     ) -> None:
         self._node, self._source, self._agent = node, source, agent
         self._buffer = FrameBuffer()
-        self.core = BridgeCore(mapping, self._buffer)  #: It decides.
-        self._logged: set[tuple[str, str]] = set()
+        self.core = BridgeCore(mapping, self._buffer, settle_ns=_SETTLE_NS)  #: It decides.
 
     async def run(self) -> None:
         """Run until the source ends, or until cancelled.
@@ -254,19 +260,10 @@ class MocapBridge:
             publisher.close()
 
     def _publish(self, capture: Capture, publisher: Publisher) -> None:
-        transforms = self.core.take(capture, self._node.get_clock().now_ns())
+        transforms = self.core.take(capture)
         if transforms:
             messages = [transform.to_msg() for transform in transforms]
             publisher.publish(message_type(TRANSFORMS)(transforms=messages))
-        self._log_problems()
-
-    def _log_problems(self) -> None:
-        """Log each kind of problem of each object once."""
-        for status in self.core.statuses:
-            key = (status.mapped.id, status.problem_kind)
-            if status.problem and key not in self._logged:
-                self._logged.add(key)
-                _log.warning("object %r: %s", status.mapped.id, status.problem)
 
     async def _report(self, status: Publisher) -> None:
         clock = self._node.get_clock()

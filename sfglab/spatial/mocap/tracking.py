@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from sfglab.errors import SfglabError
 from sfglab.fields import between
@@ -93,20 +93,18 @@ class Limits:
     #: Time after which a pose out of reach is published.
     believe_after_s: float = between(0.5, without=(0,))
 
-    def excess(self, before: Pose, after: Pose, elapsed_ns: int) -> Verdict | None:
-        """Return how a motion exceeds the limits: by its position or orientation; None: it does not."""
+    def verdict(self, before: Pose, after: Pose, elapsed_ns: int) -> Verdict:
+        """Return whether an object can move so far: SOUND, JUMPED or FLIPPED."""
         elapsed_s = elapsed_ns / NS_PER_S
         if before.distance_m(after) > self.speed_m_s * elapsed_s + self.slack_m:
             return Verdict.JUMPED
         reach_rad = min(self.turn_rad_s * elapsed_s + self.slack_rad, self.turn_rad)
-        return Verdict.FLIPPED if before.angle_rad(after) > reach_rad else None
+        return Verdict.FLIPPED if before.angle_rad(after) > reach_rad else Verdict.SOUND
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Suspicion:
-    """A pose out of reach, at which the object stays."""
+class _Suspicion(NamedTuple):
+    """A pose out of reach, at which the object may stay."""
 
-    verdict: Verdict
     pose: Pose
     seen_ns: int  # time of the pose
     since_ns: int  # time of the first such pose
@@ -116,20 +114,12 @@ class Track:
     """The poses of one object over time."""
 
     def __init__(self, limits: Limits) -> None:
+        self.state = TrackState.ABSENT  #: State of the object.
         self._limits = limits
         self._seen_ns: int | None = None  # newest capture
         self._pose: Pose | None = None  # latest published pose
         self._pose_ns = 0
         self._suspicion: _Suspicion | None = None
-
-    @property
-    def state(self) -> TrackState:
-        """The state of the object."""
-        if self._pose is None:
-            return TrackState.ABSENT
-        if self._suspicion is not None:
-            return TrackState.SUSPECT
-        return TrackState.TRACKED if self._pose_ns == self._seen_ns else TrackState.HIDDEN
 
     def judge(self, sight: Sight, capture_ns: int) -> Verdict:
         """Return the verdict on the object in the next capture."""
@@ -138,31 +128,29 @@ class Track:
         self._seen_ns = capture_ns
         suspicion, self._suspicion = self._suspicion, None
         if isinstance(sight, Lapse):
-            return Verdict.OCCLUDED if sight is Lapse.OCCLUDED else Verdict.INVALID
-        verdict, since_ns = self._verdict(sight, capture_ns, suspicion)
+            if self._pose is not None:
+                self.state = TrackState.HIDDEN
+            return Verdict(sight.value)
+        verdict = self._reach(sight, capture_ns)
+        if verdict is not Verdict.SOUND:
+            since_ns = capture_ns
+            if suspicion is not None and self._stays(suspicion, sight, capture_ns):
+                since_ns = suspicion.since_ns
+            if capture_ns - since_ns >= self._limits.believe_after_s * NS_PER_S:
+                verdict = Verdict.CONFIRMED
+            else:
+                self._suspicion = _Suspicion(sight, capture_ns, since_ns)
+        self.state = TrackState.TRACKED if verdict.is_published else TrackState.SUSPECT
         if verdict.is_published:
             self._pose, self._pose_ns = sight, capture_ns
-        else:
-            self._suspicion = _Suspicion(
-                verdict=verdict, pose=sight, seen_ns=capture_ns, since_ns=since_ns
-            )
         return verdict
 
-    def _verdict(
-        self, pose: Pose, now_ns: int, suspicion: _Suspicion | None
-    ) -> tuple[Verdict, int]:
-        """Return the verdict on a pose, and since when the object has been at such a place."""
+    def _reach(self, pose: Pose, now_ns: int) -> Verdict:
+        """Return whether an object can have reached a pose since its last published one."""
         if self._pose is None:
-            return Verdict.SOUND, now_ns
-        if suspicion is not None and self._stays(pose, now_ns - suspicion.seen_ns, suspicion):
-            held_ns = now_ns - suspicion.since_ns
-            is_held = held_ns >= self._limits.believe_after_s * NS_PER_S
-            return Verdict.CONFIRMED if is_held else suspicion.verdict, suspicion.since_ns
-        excess = self._limits.excess(self._pose, pose, now_ns - self._pose_ns)
-        return excess or Verdict.SOUND, now_ns
+            return Verdict.SOUND
+        return self._limits.verdict(self._pose, pose, now_ns - self._pose_ns)
 
-    def _stays(self, pose: Pose, step_ns: int, suspicion: _Suspicion) -> bool:
-        """Return whether an object stays at a suspect place, even if by now it could have gone there slowly."""
-        assert self._pose is not None
-        is_near = self._limits.excess(suspicion.pose, pose, step_ns) is None
-        return is_near and self._limits.excess(self._pose, pose, step_ns) is not None
+    def _stays(self, suspicion: _Suspicion, pose: Pose, now_ns: int) -> bool:
+        step_ns = now_ns - suspicion.seen_ns
+        return self._limits.verdict(suspicion.pose, pose, step_ns) is Verdict.SOUND

@@ -6,7 +6,7 @@ A browser, a notebook or a test calls methods, in one thread, and listens; all d
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -20,15 +20,16 @@ from sfglab.spatial.scene.model import (
     SceneObject,
     TrajectoryObject,
     WaypointObject,
-    checked,
+    changed,
     place_of,
+    read_object,
 )
 from sfglab.spatial.scene.tree import SETTINGS, Scene, SceneSettings, scene_of
 from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from pathlib import Path
 
     from sfglab.spatial.trajectory.path import Align, Trajectory
@@ -132,13 +133,10 @@ class Editor:
         """Add an object of one of `KINDS`, with values of its fields as in a file, or typed; return its id."""
         if kind not in KINDS:
             raise SceneError("kind", kind, " or ".join(KINDS))
-        allowed = [f.name for f in fields(KINDS[kind]) if f.name not in {"kind", "id", "name"}]
-        for key in values:
-            if key not in allowed:
-                raise SceneError(f"{kind} ({name}), property", key, " or ".join(allowed))
         id_ = self._next_id
-        made = KINDS[kind](id=id_, name=name, parent=parent, **values)
-        self._commit(f"Add {kind}", *self.scene.objects.values(), made)
+        given = {"id": id_, "name": name, "parent": parent, **values}
+        made = read_object(KINDS[kind], given, f"{kind} {id_} ({name})")
+        self._commit(f"Add {kind}", [*self.scene.objects.values(), made])
         return id_
 
     def add_trajectory(
@@ -149,12 +147,12 @@ class Editor:
         top = TrajectoryObject(
             id=id_, name=name, parent=parent, agent=agent, interpolation=trajectory.interpolation
         )
-        held = []
+        made: list[SceneObject] = [top]
         for number, point in enumerate(trajectory.waypoints, id_ + 1):
-            held.append(
-                WaypointObject(id=number, parent=id_, time_ns=point.time_ns, pose=point.pose)
-            )
-        self._commit("Add trajectory", *self.scene.objects.values(), top, *held)
+            waypoint = WaypointObject(id=number, parent=id_, time_ns=point.time_ns, pose=point.pose)
+            made.append(waypoint)
+        checked = [changed(one) for one in made]
+        self._commit("Add trajectory", [*self.scene.objects.values(), *checked])
         return id_
 
     def insert_waypoint(
@@ -189,14 +187,14 @@ class Editor:
             gone |= {thing.id for thing in self.scene.walk(id_)}
         left = []
         for thing in self.scene.objects.values():
-            if isinstance(thing, TrajectoryObject) and thing.agent in gone:
-                thing = replace(thing, agent=None)  # noqa: PLW2901
-            if thing.id not in gone:
-                left.append(thing)
-        self._commit("Remove" if len(chosen) == 1 else f"Remove {len(chosen)} objects", *left)
+            if thing.id in gone:
+                continue
+            is_lonely = isinstance(thing, TrajectoryObject) and thing.agent in gone
+            left.append(changed(thing, agent=None) if is_lonely else thing)
+        self._commit("Remove" if len(chosen) == 1 else f"Remove {len(chosen)} objects", left)
 
     def duplicate(self, id_: int) -> int:
-        """Copy an object with all that it holds, and put the copy after it; return the copy's id.
+        """Copy an object with all that it holds, after all others of its parent; return the copy's id.
 
         A copied trajectory has no agent, unless the agent is copied as well.
 
@@ -204,20 +202,16 @@ class Editor:
             SceneError: There is no object of this id, or it is a waypoint, whose copy would have its time.
         """
         original = self.scene.get(id_)
-        if isinstance(original, WaypointObject):
-            allowed = "a new waypoint at another time"
-            raise SceneError(place_of(original), "a copy at the same time", allowed)
         copied = (original, *self.scene.walk(id_))
         new = {thing.id: self._next_id + i for i, thing in enumerate(copied)}
         copies = []
         for thing in copied:
-            copy = replace(thing, id=new[thing.id], parent=new.get(thing.parent, thing.parent))
-            if isinstance(copy, TrajectoryObject):
-                copy = replace(copy, agent=new.get(copy.agent or ROOT))
-            copies.append(copy)
-        objects = list(self.scene.objects.values())
-        after = objects.index(original) + 1
-        self._commit(f"Add {original.kind}", *objects[:after], *copies, *objects[after:])
+            values: dict[str, Any] = {"id": new[thing.id]}
+            values["parent"] = new.get(thing.parent, thing.parent)
+            if isinstance(thing, TrajectoryObject):
+                values["agent"] = new.get(thing.agent or ROOT)
+            copies.append(replace(thing, **values))
+        self._commit(f"Add {original.kind}", [*self.scene.objects.values(), *copies])
         return new[id_]
 
     def move(self, id_: int, parent: int) -> None:
@@ -227,7 +221,8 @@ class Editor:
             return
         pose = self.scene.world_pose(parent).inverse() @ self.scene.world_pose(id_)
         others = [one for one in self.scene.objects.values() if one.id != id_]
-        self._commit("Move in the tree", *others, replace(thing, parent=parent, pose=pose))
+        moved = changed(thing, parent=parent, pose=pose)
+        self._commit("Move in the tree", [*others, moved])
 
     def rename(self, id_: int, name: str) -> bool:
         """Give an object another name; return whether it changed."""
@@ -235,7 +230,7 @@ class Editor:
 
     def set_pose(self, id_: int, pose: Pose) -> bool:
         """Put an object elsewhere in its parent; an aligned waypoint keeps its orientation."""
-        return self._put("Change pose", replace(self.scene.get(id_), pose=pose))
+        return self.set_property(id_, "pose", pose)
 
     def place(self, id_: int, world_pose: Pose) -> bool:
         """Put an object elsewhere in the scene's frame."""
@@ -247,43 +242,34 @@ class Editor:
         return self.set_property(id_, "time_ns", time_ns)
 
     def set_property(self, id_: int, key: str, value: Any) -> bool:
-        """Change another field of an object, such as a radius; the value is as in a file, or typed."""
+        """Change a field of an object, such as a radius, but its id; the value is as in a file, or typed."""
         thing = self.scene.get(id_)
-        known = [f.name for f in fields(thing) if f.name not in {"kind", "id", "parent"}]
-        if key not in known:
-            raise SceneError(f"{place_of(thing)}, property", key, " or ".join(known))
-        changed = {key: value}
+        if key == "id":
+            raise SceneError(place_of(thing), "id", "another field")
         label = "Rename" if key == "name" else f"Change {key}"
-        return self._put(label, replace(thing, **changed))
+        return self._put(label, changed(thing, **{key: value}))
 
     def align(self, id_: int, align: Align) -> bool:
         """Align all waypoints of a trajectory. Paper A, section 4.5."""
         self.scene.of_kind(id_, TrajectoryObject)
-        turned = [replace(waypoint, align=align) for waypoint in self.scene.waypoints(id_)]
+        turned = [changed(waypoint, align=align) for waypoint in self.scene.waypoints(id_)]
         return self._put("Align waypoints", *turned)
 
     def set_scene(self, key: str, value: Any) -> bool:
         """Change a property of the scene itself."""
-        if key not in SETTINGS:
-            raise SceneError("scene, property", key, " or ".join(SETTINGS))
         own = {name: getattr(self.scene, name) for name in SETTINGS}
-        made = checked(SceneSettings(**(own | {key: value})), "scene")
+        made = read_object(SceneSettings, own | {key: value}, "scene")
         after = replace(self.scene, **{name: getattr(made, name) for name in SETTINGS})
         return self._do(f"Change {key}", after)
 
-    def _put(self, label: str, *changed: SceneObject) -> bool:
+    def _put(self, label: str, *things: SceneObject) -> bool:
         """Do the edit that replaces objects by those of the same ids."""
-        objects = {**self.scene.objects, **{thing.id: thing for thing in changed}}
-        return self._commit(label, *objects.values())
+        objects = {**self.scene.objects, **{thing.id: thing for thing in things}}
+        return self._commit(label, objects.values())
 
-    def _commit(self, label: str, *objects: SceneObject) -> bool:
-        """Do the edit that leads to a scene with these objects, of which the new ones are checked."""
-        known = self.scene.objects
-        made = []
-        for thing in objects:
-            is_new = known.get(thing.id) is not thing
-            made.append(checked(thing, place_of(thing)) if is_new else thing)
-        return self._do(label, scene_of(self.scene, made))
+    def _commit(self, label: str, objects: Iterable[SceneObject]) -> bool:
+        """Do the edit that leads to a scene with these objects."""
+        return self._do(label, scene_of(self.scene, objects))
 
     def _do(self, label: str, after: Scene) -> bool:
         """Go on to another scene, as one step or as a part of the current drag; return whether it differs."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import MISSING, dataclass, field, fields
 from enum import Enum
-from typing import Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,12 @@ from sfglab.spatial.poses import Pose, PoseError, Quat
 from sfglab.spatial.trajectory.path import LATEST_NS, Align, Interpolation
 from sfglab.validation import read_from
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
 Floats = NDArray[np.float64]
 T = TypeVar("T")
+Thing = TypeVar("Thing", bound="SceneObject")
 
 ROOT = 0  #: Parent of the objects at the top; no object has this id.
 _LONGEST = 100
@@ -271,14 +275,23 @@ def settings_of(thing: Any) -> dict[str, Any]:
     return found
 
 
-def checked(thing: T, place: str) -> T:
-    """Return an object with the types of its class, or raise a `SceneError` that begins with the place.
+def read_object(cls: type[T], values: Mapping[str, Any], place: str) -> T:
+    """Return an object, or the settings of a scene, from values of its fields.
 
-    Its fields may be typed, or plain as in a file.
+    The values may be typed, or plain as in a file; an empty text is a missing one.
+
+    Raises:
+        SceneError: A field is unknown, or its value is not allowed; it begins with the place.
     """
 
     def refuse(path: KeyPath, given: object, allowed: str) -> SceneError:
         return SceneError(f"{place}, {key_text(path)}", given, allowed)
 
-    made: T = read_from(Source.FILE, type(thing), settings_of(thing), refuse)
+    found = {key: plain(value) for key, value in values.items() if value != ""}
+    made: T = read_from(Source.FILE, cls, found, refuse)
     return made
+
+
+def changed(thing: Thing, **values: Any) -> Thing:
+    """Return an object with other values of some fields; SceneError as of `read_object`."""
+    return read_object(type(thing), {**settings_of(thing), **values}, place_of(thing))

@@ -145,14 +145,3 @@ def aligned_quat(positions_m: Sequence[Vec3], index: int, align: Align) -> Quat 
     start = index - 1 if align is Align.PREVIOUS else index
     start = min(max(start, 0), len(positions_m) - 2)
     return heading_quat(positions_m[start], positions_m[start + 1])
-
-
-def align_waypoint(trajectory: Trajectory, index: int, align: Align) -> Trajectory:
-    """Return a trajectory with one waypoint aligned, as `aligned_quat` defines it."""
-    points = trajectory.waypoints
-    quat = aligned_quat([w.pose.position_m for w in points], index, align)
-    if quat is None:
-        return trajectory
-    pose = Pose(position_m=points[index].pose.position_m, quat_xyzw=quat)
-    turned = replace(points[index], pose=pose)
-    return replace(trajectory, waypoints=(*points[:index], turned, *points[index + 1 :]))

@@ -20,7 +20,7 @@ from sfglab.spatial.scene.model import (
     WaypointObject,
 )
 from sfglab.spatial.trajectory.motion import motion_of, pose_at
-from sfglab.spatial.trajectory.path import Align, Interpolation, Trajectory, align_waypoint
+from sfglab.spatial.trajectory.path import Align, Interpolation, Trajectory, aligned_quat
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -81,9 +81,10 @@ def _aligned_to_next(rng: np.random.Generator) -> str:
 
 def _misaligned(path: Trajectory, index: int, align: Align, *, first: int) -> str:
     """Return how far an aligned waypoint is from the direction of the segment that begins at `first`."""
-    start, end = (np.array(w.pose.position_m) for w in path.waypoints[first : first + 2])
-    along = (end - start) / np.linalg.norm(end - start)
-    turned = align_waypoint(path, index, align).waypoints[index].pose.matrix()
+    positions = [waypoint.pose.position_m for waypoint in path.waypoints]
+    segment = np.subtract(positions[first + 1], positions[first])
+    along = segment / np.linalg.norm(segment)
+    turned = Pose.at(quat_xyzw=aligned_quat(positions, index, align) or ()).matrix()
     off = float(np.linalg.norm(turned[:3, 0] - along))
     roll = abs(float(turned[2, 1]))
     return f"x axis off by {off:.1g}, roll {roll:.1g}" if max(off, roll) > 1e-9 else ""
