@@ -15,12 +15,9 @@ from sfglab.spatial import Pose
 from sfglab.spatial.execution.agent import Limits, Tolerances
 from sfglab.spatial.execution.client import Execution, execute, scene_orders
 from sfglab.spatial.execution.orders import (
-    FOLLOW_TRAJECTORY,
     Order,
     Outcome,
     action_name,
-    ended_of,
-    goal_message,
 )
 from sfglab.spatial.execution.server import AgentSetup, TrajectoryServer
 from sfglab.spatial.frames.buffer import FrameBuffer
@@ -28,7 +25,6 @@ from sfglab.spatial.frames.listener import FramesListener
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
 from sfglab.spatial.scene.model import AgentObject
-from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
 HALL = Path(__file__).parents[2] / "data" / "scenes" / "hall.yaml"
@@ -147,19 +143,6 @@ async def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(node):
         assert server.state.pose == Pose()
 
 
-@pytest.mark.parametrize("points", [slice(0), slice(None, None, -1)], ids=["none", "backwards"])
-@simulated
-async def test_a_goal_without_a_trajectory_is_aborted_with_the_reason(points, node):
-    async with served(node) as (near, server):
-        goal = goal_message(order())
-        goal.trajectory.points = list(goal.trajectory.points)[points]
-        client = near.create_action_client(FOLLOW_TRAJECTORY, server.action_name)
-        await client.wait_for_server(5.0)
-        ended = ended_of(await (await client.send_goal(goal)).result())
-        client.close()
-    assert ended.outcome is Outcome.INVALID_TRAJECTORY
-
-
 @pytest.mark.parametrize("preempt", [False, True])
 async def test_a_second_goal_is_refused_or_takes_the_place_of_the_first(preempt, node):
     setup = AgentSetup(preempt=preempt, tolerances=Tolerances(start_m=2.0))
@@ -232,15 +215,6 @@ async def test_poses_odometry_and_transforms_say_the_same(node):
             assert odometry.child_frame_id == "go2/base"
             assert buffer.look_up("map", "go2/base", stamp_ns).same_as(Pose.from_msg(pose.pose))
         assert max(odometry.twist.twist.linear.x for *_, odometry in common) > 0.2
-
-
-def test_a_spline_goes_as_a_polyline_that_stays_near_it():
-    spline = path(2.0, 4.0, Interpolation.CATMULL_ROM)
-    sent = goal_message(Order(agent="go2", trajectory=spline)).trajectory.points
-    assert len(sent) == 41
-    for point in sent:
-        time_s = point.time_from_start.sec + point.time_from_start.nanosec / S
-        assert Pose.from_msg(point.transforms[0]).same_as(pose_at(spline, time_s))
 
 
 def test_a_scene_gives_orders_for_the_agents_that_are_named_and_refuses_others():

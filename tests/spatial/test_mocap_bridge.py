@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from sfglab.documents import Document, DocumentError
-from sfglab.errors import InvalidValueError
 from sfglab.lab.checks.trees import figure_6
 from sfglab.messages import deserialize, ns_from_stamp, serialize
 from sfglab.spatial import Pose, StampedTransform
@@ -200,9 +199,3 @@ REFUSED = [  # besides those that `test_documents.py` has for all files
 def test_a_wrong_mapping_is_refused_with_the_place_of_the_mistake(text, says):
     with pytest.raises(DocumentError, match=says):
         mapping(text)
-
-
-def test_a_mapping_in_a_program_is_checked_as_well():
-    objects = {id_: MappedObject(id=id_, via="a/markers") for id_ in ("a", "b")}
-    with pytest.raises(InvalidValueError, match="a frame of its own"):
-        MocapMapping(world="map", objects=objects)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.spatial.poses import Pose
-from sfglab.units import NS_PER_MS, NS_PER_S
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -302,10 +302,7 @@ def _common_interval(frames: Sequence[_Frame]) -> tuple[int, int] | None:
 def _not_known_at(target: str, source: str, frame: _Frame, time_ns: int) -> ExtrapolationError:
     known = "never"
     if frame.stamps:
-        first_ns, last_ns = frame.stamps[0], frame.stamps[-1]
-        off_ms = max(first_ns - time_ns, time_ns - last_ns) / NS_PER_MS
-        side = "before" if time_ns < first_ns else "after"
-        known = f"from {first_ns} to {last_ns} ns ({off_ms:.3f} ms {side} that)"
+        known = f"from {frame.stamps[0]} to {frame.stamps[-1]} ns"
     return ExtrapolationError(
         f"{target!r} from {source!r} at {time_ns} ns: the transform of {frame.name!r} is known "
         f"{known}; wait, ask for a time within, or allow extrapolation"

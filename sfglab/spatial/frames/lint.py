@@ -171,15 +171,11 @@ def _roots(graph: DiGraph, root: str | None) -> Iterator[FrameFinding]:
             what = f"there are {len(roots)} trees, with the roots {_listed(roots)}"
             yield FrameFinding("second-root", tuple(roots), what)
         return
-    below = {root}
-    if root in graph:
-        below |= nx.ancestors(graph, root)
-    others = [frame for frame in roots if frame != root]
-    lost = sorted(set(graph) - below - set(others))
-    if others or lost:
-        code = "second-root" if root in graph and others else "unreachable"
-        what = f"{_listed([*others, *lost])} cannot be reached from {root!r}"
-        yield FrameFinding(code, (*others, *lost), what)
+    below = nx.ancestors(graph, root) if root in graph else set()
+    lost = sorted(set(graph) - below - {root})
+    if lost:
+        code = "second-root" if root in graph and set(lost) & set(roots) else "unreachable"
+        yield FrameFinding(code, tuple(lost), f"{_listed(lost)} cannot be reached from {root!r}")
 
 
 def _names(frames: Sequence[str], rule: FrameRule | None) -> Iterator[FrameFinding]:

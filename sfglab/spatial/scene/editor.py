@@ -151,8 +151,7 @@ class Editor:
         for number, point in enumerate(trajectory.waypoints, id_ + 1):
             waypoint = WaypointObject(id=number, parent=id_, time_ns=point.time_ns, pose=point.pose)
             made.append(waypoint)
-        checked = [changed(one) for one in made]
-        self._commit("Add trajectory", [*self.scene.objects.values(), *checked])
+        self._commit("Add trajectory", [*self.scene.objects.values(), *map(changed, made)])
         return id_
 
     def insert_waypoint(
@@ -348,31 +347,29 @@ class Editor:
         """Return the warnings of the plan."""
         return conflicts(self.scene)
 
-    def save(self, file: Path | None = None) -> None:
-        """Save the scene, whole or not at all, into a file; None: the editor's.
+    def save(self) -> None:
+        """Save the scene, whole or not at all, into the editor's file.
 
         Raises:
             SceneError: There is no file, or it cannot be written; its former content is still there.
         """
-        target = file or self.file
-        if target is None:
+        if self.file is None:
             raise SceneError("file", None, "a file to save into")
         # Ids of a saved file are not given again, also if their addition was undone since.
-        save_scene(replace(self.scene, next_id=self._next_id), target)
-        self.file, self._saved = target, self.scene
+        save_scene(replace(self.scene, next_id=self._next_id), self.file)
+        self._saved = self.scene
         self._tell(Change(kind=ChangeKind.SAVE))
 
-    def load(self, file: Path | None = None) -> None:
-        """Load a scene from a file, by default the editor's; earlier steps cannot be undone.
+    def load(self) -> None:
+        """Load the scene from the editor's file; earlier steps cannot be undone.
 
         Raises:
             SceneError: There is no file, or it is no scene; the editor keeps its scene.
         """
-        source = file or self.file
-        if source is None:
+        if self.file is None:
             raise SceneError("file", None, "a file to load")
-        scene = load_scene(source)
-        self.file, self._saved, self._next_id = source, scene, scene.next_id
+        scene = load_scene(self.file)
+        self._saved, self._next_id = scene, scene.next_id
         self._done.clear()
         self._undone.clear()
         self.end_drag()

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.trajectory.path import Interpolation, Trajectory, Waypoint
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -129,18 +129,16 @@ def pose_at(trajectory: Trajectory, time_s: float) -> Pose:
 
 
 def resampled(trajectory: Trajectory, period_ns: int) -> Trajectory:
-    """Return a polyline with the waypoints of a trajectory, and a waypoint at least every `period_ns`."""
+    """Return a polyline through the waypoints of a trajectory, with one at least every `period_ns`."""
     times_ns = [trajectory.start_ns]
     for before, after in pairwise(trajectory.waypoints):
         times_ns += range(before.time_ns + period_ns, after.time_ns, period_ns)
         times_ns.append(after.time_ns)
-    own = {waypoint.time_ns: waypoint for waypoint in trajectory.waypoints}
     found = sample(trajectory, np.array(times_ns) / NS_PER_S)
     waypoints = []
     for index, time_ns in enumerate(times_ns):
-        sampled = own.get(time_ns) or Waypoint(time_ns=time_ns, pose=found.pose(index))
-        waypoints.append(sampled)
-    return Trajectory(waypoints=tuple(waypoints))
+        waypoints.append((time_ns, found.pose(index)))
+    return Trajectory.of(waypoints)
 
 
 def _linear(times_s: Floats, positions_m: Floats) -> tuple[Floats, Floats]:
