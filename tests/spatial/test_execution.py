@@ -24,7 +24,6 @@ from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.frames.listener import FramesListener
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
-from sfglab.spatial.scene.model import AgentObject
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
 HALL = Path(__file__).parents[2] / "data" / "scenes" / "hall.yaml"
@@ -170,31 +169,6 @@ async def test_a_server_that_goes_away_is_an_error_and_none_at_all_another(node)
         execution.close()
         with pytest.raises(bus.BusTimeoutError, match="/global/spot/execute_trajectory"):
             await execute(near, order(agent="spot"), timeout_s=0.1)
-
-
-@simulated
-async def test_both_agents_of_the_hall_go_at_once_and_stay_as_far_apart_as_planned(node):
-    scene, apart_m = load_scene(HALL), []
-    async with node("agents") as far, node("planner") as near:
-        servers = {}
-        for agent in scene.all_of(AgentObject):
-            setup = AgentSetup.of_scene(scene, agent)
-            servers[agent.name] = TrajectoryServer(far, agent.name, setup=setup)
-        start_ns = near.get_clock().now_ns() + S
-
-        def note(feedback):
-            apart_m.append(servers["go2"].state.pose.distance_m(servers["drone"].state.pose))
-
-        orders = scene_orders(scene, start_ns=start_ns)
-        assert [order.agent for order in orders] == ["go2", "drone"]
-        ended = await asyncio.gather(*(execute(near, order, on_feedback=note) for order in orders))
-        assert [end.outcome for end in ended] == [Outcome.SUCCEEDED] * 2, ended
-        for order, end in zip(orders, ended, strict=True):
-            assert end.pose.same_as(
-                order.trajectory.waypoints[-1].pose, within_m=0.05, within_rad=0.1
-            )
-    assert min(apart_m) > 0.6
-    assert len(apart_m) > 50
 
 
 async def test_poses_odometry_and_transforms_say_the_same(node):

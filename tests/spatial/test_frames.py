@@ -166,14 +166,12 @@ def later(first_ns):
 @pytest.mark.parametrize(
     ("edges", "found"),
     [
-        ([], []),
         (GOOD, []),
         ([*tree(AB, authority="1"), *tree(AB, authority="2")], ["two-publishers"]),
         ([*tree(AB), *tree(AB, static=True)], ["static-and-dynamic"]),
         ([*BEFORE, *later(101)], []),  # another publisher after a restart
         ([*BEFORE, *later(100)], ["two-publishers"]),
         (tree(("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")), ["loop"]),
-        (tree(("a", "a")), ["loop"]),
         ([*GOOD, *tree(("world", "go1/base"))], ["second-root"]),
         (tree(AB, backwards=1, back_ns=3), ["backwards"]),
         (tree(AB, contradicting=1), ["repeated"]),
@@ -203,15 +201,10 @@ def test_names_that_match_no_rule_are_found_and_a_rule_is_for_agents_with_sound_
         FrameRule(agents=frozenset({"Go 2"}))
 
 
-@pytest.mark.parametrize(
-    ("frame", "fits"),
-    [
-        *((frame, True) for frame in ("map", "go2/base", "go2/a/b")),
-        *((frame, False) for frame in ("base", "go1/base", "go2/", "go2//a")),
-    ],
-)
-def test_frames_have_their_agent_s_prefix_or_are_shared(frame, fits):
-    assert FrameRule(agents=frozenset({"go2"})).allows(frame) == fits
+def test_frames_have_their_agents_prefix_or_are_shared():
+    allows = FrameRule(agents=frozenset({"go2"})).allows
+    assert all(map(allows, ("map", "go2/base", "go2/a/b")))
+    assert not any(map(allows, ("base", "go1/base", "go2/", "go2//a")))
 
 
 def test_a_buffer_counts_what_the_lint_reports(buffer):
@@ -263,32 +256,29 @@ async def test_a_listener_gets_latched_static_transforms_and_waits_for_those_to_
     assert lint_frames(buffer.edges, root="map") == ()
 
 
-def broken(key, value):
-    """Return the message of a transform in which one value is another."""
-    made = message(step("odom", "base", S))
-    part = made.transforms[0]
-    *parts, last = key.split(".")
-    for name in parts:
-        part = getattr(part, name)
-    setattr(part, last, value)
+def broken(child="base", x_m=0.0, w=1.0):
+    """Return the message of a transform with values that tf2 ignores."""
+    made = message(step("odom", child, S))
+    made.transforms[0].transform.translation.x = x_m
+    made.transforms[0].transform.rotation.w = w
     return made
 
 
-BROKEN = {
-    "transform 'odom' -> '': given ''": ("child_frame_id", ""),
-    "transform '' -> 'base': given ''": ("header.frame_id", "/"),
-    "tf odom -> base, position: given [nan, 0.0, 0.0]": ("transform.translation.x", float("nan")),
-    "tf odom -> base, quaternion: given [0.0, 0.0, 0.0, 0.0]": ("transform.rotation.w", 0.0),
-    "the length of its quaternion: given 3.0": ("transform.rotation.w", 3.0),
-}
-
-
-@pytest.mark.parametrize("why", BROKEN)
-def test_a_transform_that_tf2_ignores_is_refused_counted_and_found(why, buffer, caplog):
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        ({"child": ""}, "transform 'odom' -> '': given ''"),
+        ({"child": "/"}, "transform 'odom' -> '': given ''"),
+        ({"x_m": float("nan")}, "tf odom -> base, position: given [nan, 0.0, 0.0]"),
+        ({"w": 0.0}, "tf odom -> base, quaternion: given [0.0, 0.0, 0.0, 0.0]"),
+        ({"w": 3.0}, "the length of its quaternion: given 3.0"),
+    ],
+)
+def test_transforms_that_tf2_ignores_are_refused_counted_and_found(values, why, buffer, caplog):
     intake = TransformIntake(buffer)
     with caplog.at_level(logging.WARNING):
         for _ in range(2):
-            intake.take(broken(*BROKEN[why]), static=False)
+            intake.take(broken(**values), static=False)
     assert (intake.taken, list(intake.refused.values())) == (0, [2])
     assert len(caplog.records) == 1
     (finding,) = lint_frames(buffer.edges, refused=intake.refused)
@@ -299,11 +289,10 @@ def test_a_transform_that_tf2_ignores_is_refused_counted_and_found(why, buffer, 
 def test_a_broken_transform_leaves_the_others_and_nearly_normalised_ones_are_taken(buffer):
     intake = TransformIntake(buffer)
     intake.take(message(step("c", "c", S), at_x("map", "b", 1, 4.0)), static=False)
-    intake.take(broken("transform.rotation.w", 1.0049), static=False)
+    intake.take(broken(w=1.0049), static=False)
     assert buffer.look_up("map", "b", S).position_m == (4, 0, 0)
     assert (intake.taken, intake.refused.total()) == (2, 1)
-    found = lint_frames(buffer.edges, root="map", refused=intake.refused)
-    assert [finding.code for finding in found] == ["loop", "second-root"]
+    assert codes(buffer.edges, root="map", refused=intake.refused) == ["loop", "second-root"]
 
 
 def test_a_log_fills_a_buffer_and_one_without_transforms_is_refused(tmp_path):

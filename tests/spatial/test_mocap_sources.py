@@ -3,9 +3,9 @@
 import asyncio
 import enum
 import sys
-import threading
 import types
 from contextlib import aclosing
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -38,77 +38,44 @@ class Clock:
 
 
 Result = enum.Enum("Result", ["Success", "NotConnected", "NoFrame", "ClientConnectionFailed"])
-StreamMode = enum.Enum("StreamMode", ["ClientPull", "ClientPullPreFetch", "ServerPush"])
-Direction = enum.Enum("Direction", ["Up", "Down", "Left", "Right", "Forward", "Backward"])
-
-
-class MimickedClient:
-    """The interface of pyvicon-datastream 0.2: mm, w x y z, None when occluded, seconds."""
-
-    answer = Result.Success
-
-    def __init__(self):
-        self.calls, self.frame, self.threads = [], 0, set()
-        x, y, z, w = TURN.quat_xyzw
-        self.subjects = {
-            "agent_x": ("markers", np.array([1000.0, 2000.0, 3000.0]), np.array([w, x, y, z])),
-            "drone": ("drone", None, None),
-            "broken": ("broken", np.zeros(3), np.zeros(4)),
-        }
-
-    def connect(self, host):
-        self.calls.append(("connect", host))
-        return self.answer
-
-    def disconnect(self):
-        self.calls.append(("disconnect",))
-        return Result.Success
-
-    def enable_segment_data(self):
-        return Result.Success
-
-    def set_stream_mode(self, mode):
-        self.calls.append(mode)
-        return Result.Success
-
-    def set_axis_mapping(self, *axes):
-        self.calls.append(axes)
-        return Result.Success
-
-    def get_frame(self):
-        self.threads.add(threading.current_thread().name)
-        self.frame += 1
-        if self.frame == 2:
-            return Result.NoFrame
-        return Result.Success if self.frame < 4 else Result.NotConnected
-
-    def get_frame_number(self):
-        return 1000 + self.frame
-
-    def get_latency_total(self):
-        return 0.0065
-
-    def get_subject_count(self):
-        return len(self.subjects)
-
-    def get_subject_name(self, index):
-        return list(self.subjects)[index]
-
-    def get_subject_root_segment_name(self, name):
-        return self.subjects[name][0]
-
-    def get_segment_global_translation(self, subject, segment):
-        assert segment == self.subjects[subject][0]
-        return self.subjects[subject][1]
-
-    def get_segment_global_quaternion(self, subject, segment):
-        assert segment == self.subjects[subject][0]
-        return self.subjects[subject][2]
+StreamMode = enum.Enum("StreamMode", ["ClientPull", "ServerPush"])
+Direction = enum.Enum("Direction", ["Up", "Left", "Forward"])
+SETTINGS = ("connect", "enable_segment_data", "set_stream_mode", "set_axis_mapping", "disconnect")
+READINGS = (
+    "get_frame",
+    "get_frame_number",
+    "get_latency_total",
+    "get_subject_count",
+    "get_subject_name",
+    "get_subject_root_segment_name",
+    "get_segment_global_translation",
+    "get_segment_global_quaternion",
+)
 
 
 @pytest.fixture
 def client(monkeypatch):
-    module, client = types.ModuleType("pyvicon_datastream"), MimickedClient()
+    """The interface of pyvicon-datastream 0.2: mm, w x y z, None when occluded, seconds."""
+    x, y, z, w = TURN.quat_xyzw
+    subjects = {
+        "agent_x": ("markers", np.array([1000.0, 2000.0, 3000.0]), np.array([w, x, y, z])),
+        "drone": ("drone", None, None),
+        "broken": ("broken", np.zeros(3), np.zeros(4)),
+    }
+    client = Mock(spec=[*SETTINGS, *READINGS])
+    for name in SETTINGS:
+        getattr(client, name).return_value = Result.Success
+    answers = [Result.Success, Result.NoFrame, Result.Success, Result.NotConnected]
+    client.get_frame.side_effect = answers
+    client.get_frame_number.side_effect = [1001, 1003]
+    client.get_latency_total.return_value = 0.0065
+    client.get_subject_count.return_value = len(subjects)
+    client.get_subject_name.side_effect = list(subjects) * 2
+    client.get_subject_root_segment_name.side_effect = lambda name: subjects[name][0]
+    places = {(name, segment): place for name, (segment, *place) in subjects.items()}
+    client.get_segment_global_translation.side_effect = lambda *names: places[names][0]
+    client.get_segment_global_quaternion.side_effect = lambda *names: places[names][1]
+    module = types.ModuleType("pyvicon_datastream")
     module.Result, module.StreamMode, module.Direction = Result, StreamMode, Direction
     module.PyViconDatastream = lambda: client
     monkeypatch.setitem(sys.modules, "pyvicon_datastream", module)
@@ -129,19 +96,14 @@ async def test_vicon_frames_are_taken_with_capture_time_units_and_order(client):
     assert taken[0].sights["agent_x/markers"].same_as(TURN)
     assert taken[0].sights["drone"] is Lapse.OCCLUDED
     assert taken[0].sights["broken"] is Lapse.INVALID
-    axes = (Direction.Forward, Direction.Left, Direction.Up)
-    assert client.calls == [
-        ("connect", "tracker:801"),
-        StreamMode.ServerPush,
-        axes,
-        ("disconnect",),
-    ]
-    assert all(name.startswith("vicon") for name in client.threads)
-    assert not [t for t in threading.enumerate() if t.name.startswith("vicon")]
+    client.connect.assert_called_once_with("tracker:801")
+    client.set_stream_mode.assert_called_once_with(StreamMode.ServerPush)
+    client.set_axis_mapping.assert_called_once_with(Direction.Forward, Direction.Left, Direction.Up)
+    client.disconnect.assert_called_once_with()
 
 
 async def test_a_tracker_that_does_not_answer_is_one_error(client):
-    client.answer = Result.ClientConnectionFailed
+    client.connect.return_value = Result.ClientConnectionFailed
     with pytest.raises(MocapError, match="asked to connect, it answered ClientConnectionFailed"):
         await anext(ViconSource("nowhere", clock=Clock()).captures())
 
@@ -152,8 +114,8 @@ def test_without_the_library_the_error_says_how_to_install_it(monkeypatch):
         ViconSource("tracker", clock=Clock())
 
 
-def pose_message(stamp_ns, pose):
-    return stamped_pose(pose, "map", stamp_ns)
+def pose_message(stamp_ns):
+    return stamped_pose(TURN, "map", stamp_ns)
 
 
 async def test_topics_become_captures_with_the_stamp_of_the_header(here, there):
@@ -166,9 +128,9 @@ async def test_topics_become_captures_with_the_stamp_of_the_header(here, there):
         coming = asyncio.ensure_future(anext(captures))
         for publisher in publishers.values():
             await publisher.wait_for_subscriptions()
-        publishers["a"].publish(pose_message(5 * S, TURN))
+        publishers["a"].publish(pose_message(5 * S))
         first = await coming
-        broken = pose_message(6 * S, TURN)
+        broken = pose_message(6 * S)
         broken.pose.position.x = float("nan")
         publishers["b"].publish(broken)
         second = await anext(captures)
@@ -182,7 +144,7 @@ async def test_topics_become_captures_with_the_stamp_of_the_header(here, there):
 def log(tmp_path):
     with LogWriter(tmp_path / "run.mcap") as writer:
         for second in range(4):
-            writer.write("/a", pose_message(second * S, TURN), log_time_ns=second * S + 6_000_000)
+            writer.write("/a", pose_message(second * S), log_time_ns=second * S + 6_000_000)
             value = StampedTransform(
                 parent="map", child="b", stamp_ns=second * S + S // 2, pose=Pose()
             )
