@@ -8,7 +8,7 @@ from made_logs import broken, made_run
 from sfglab.lab.checks import trees
 from sfglab.lab.experiments.mocap import checks, exp
 from sfglab.lab.experiments.mocap.experiment import live_rows
-from sfglab.lab.workers.mocap import MAPPING, description, motions, world_from_camera
+from sfglab.lab.workers.mocap import MAPPING, description, odometry, world_from_camera
 from sfglab.spatial import Pose
 from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.mocap.bridge import BridgeCore
@@ -100,8 +100,7 @@ def test_the_bridge_leads_to_where_the_robot_s_camera_really_is():
     buffer = FrameBuffer()
     for transform in description():
         buffer.insert(transform, static=True)
-    for transform in motions(7.0, 10_000_000):
-        buffer.insert(transform)
+    buffer.insert(odometry(7.0, 10_000_000))
     from_markers = buffer.look_up(trees.OBJECT, "agent_x/camera", 10_000_000)
     markers = world_from_camera(7.0) @ from_markers.inverse()
     (capture,) = trees.captures_of([markers])

@@ -58,7 +58,7 @@ TAIL_S = 0.6
 _EARLY_S = 5.0  # time for which the robot publishes before the run, so that all have discovered it
 _FIRST_S = 0.25  # time of the first look-up
 _BASE_FROM_MARKERS = Pose.at((0.1, 0.0, 0.2), (0.0, 0.05, 0.0, 1.0))
-_HEAD_FROM_CAMERA = Pose.at((0.08, 0.0, 0.03), (0.5, -0.5, 0.5, -0.5))
+_BASE_FROM_CAMERA = Pose.at((0.33, 0.0, 0.13), (0.5, -0.5, 0.5, -0.5))
 _WORLD_FROM_ODOM = Pose.from_yaw((1.5, -0.7, 0.1), 0.6)
 _DRIFT_M_S, _DRIFT_RAD_S = 0.02, 0.01  # of the odometry, typical of wheels and legs
 _MOTION_HZ, _LOOK_UP_HZ = 50.0, 50.0
@@ -96,30 +96,21 @@ class Times:
 
 
 def description() -> tuple[StampedTransform, ...]:
-    """Return the robot's static transforms: markers on its base, and a camera in its head."""
+    """Return the robot's static transforms: markers and a camera on its base."""
     markers = _step("base", "markers", 0, _BASE_FROM_MARKERS)
-    return markers, _step("head", "camera", 0, _HEAD_FROM_CAMERA)
+    return markers, _step("base", "camera", 0, _BASE_FROM_CAMERA)
 
 
-def motions(time_s: float, stamp_ns: int) -> tuple[StampedTransform, ...]:
-    """Return the robot's other transforms: the base in the odometry, which drifts from time 0, and the head."""
+def odometry(time_s: float, stamp_ns: int) -> StampedTransform:
+    """Return the pose of the base in the odometry, which drifts from time 0."""
     drift = Pose.from_yaw((_DRIFT_M_S * time_s, 0.0, 0.0), _DRIFT_RAD_S * time_s)
-    odom_from_base = drift @ _WORLD_FROM_ODOM.inverse() @ _world_from_base(time_s)
-    base = _step("odom", "base", stamp_ns, odom_from_base)
-    return base, _step("base", "head", stamp_ns, _base_from_head(time_s))
+    world_from_base = MOTION.pose_at(time_s) @ _BASE_FROM_MARKERS.inverse()
+    return _step("odom", "base", stamp_ns, drift @ _WORLD_FROM_ODOM.inverse() @ world_from_base)
 
 
 def world_from_camera(time_s: float) -> Pose:
     """Return the true pose of the camera."""
-    return _world_from_base(time_s) @ _base_from_head(time_s) @ _HEAD_FROM_CAMERA
-
-
-def _world_from_base(time_s: float) -> Pose:
-    return MOTION.pose_at(time_s) @ _BASE_FROM_MARKERS.inverse()
-
-
-def _base_from_head(time_s: float) -> Pose:
-    return Pose.from_yaw((0.25, 0.0, 0.1), 0.6 * math.sin(2.0 * math.pi * time_s / 3.0))
+    return MOTION.pose_at(time_s) @ _BASE_FROM_MARKERS.inverse() @ _BASE_FROM_CAMERA
 
 
 def _step(parent: str, child: str, stamp_ns: int, pose: Pose) -> StampedTransform:
@@ -152,7 +143,7 @@ async def play_robot(nodes: Nodes, times: Times, _seed: int) -> Report:
         await _until(clock, due_ns)
         now_ns = clock.now_ns()
         for publisher in moving:
-            _publish(publisher, *motions(times.since_start_s(now_ns), now_ns))
+            _publish(publisher, odometry(times.since_start_s(now_ns), now_ns))
         due_ns += round(NS_PER_S / _MOTION_HZ)
     return {}
 

@@ -6,6 +6,7 @@ import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from sfglab.lab.experiments.planning.facts import FACTS
 from sfglab.lab.paths import find_project
 from sfglab.messages import ns_from_stamp
 from sfglab.spatial import Pose
-from sfglab.spatial.execution.client import Execution, scene_orders
+from sfglab.spatial.execution.client import execute, scene_orders
 from sfglab.spatial.execution.server import AgentSetup, TrajectoryServer
 from sfglab.spatial.scene.files import load_scene, scene_text
 from sfglab.spatial.scene.model import AgentObject
@@ -33,9 +34,10 @@ if TYPE_CHECKING:
     from sfglab.spatial.execution.orders import Feedback, Order
     from sfglab.spatial.scene.tree import Scene
 
+POSE = "geometry_msgs/msg/PoseStamped"
 OWN_GOAL = "the scene's trajectory"  #: Reason of the goals; earlier logs have further ones.
 _SIMULATED_LIMIT_S = 3600.0
-_LEAD_S = 1.0
+_LEAD_S = 3.0  # from the start of the nodes, which discover each other meanwhile
 _LOGGED_EVERY = 5  # of 50 poses per second
 
 
@@ -95,17 +97,14 @@ class PlanningGoalRow(TableRow):
 
 @exp.table("track")
 class PlanningTrackRow(TableRow):
-    """A pose of an agent, and the planned one."""
+    """A pose of an agent."""
 
     agent: str  #: Name of the agent.
     t_s: float  #: Time since the scene's time 0, s.
     x_m: float  #: Position along x, m.
     y_m: float  #: Position along y, m.
     z_m: float  #: Position along z, m.
-    planned_x_m: float  #: Planned position along x, m.
-    planned_y_m: float  #: Planned position along y, m.
-    planned_z_m: float  #: Planned position along z, m.
-    error_m: float  #: Distance between both, m.
+    error_m: float  #: Distance from the planned position, m.
 
 
 @exp.part("facts", total=len(FACTS), timed=False)
@@ -147,70 +146,54 @@ async def drive_scene(bench: Bench[Config], node: Callable[[str], Any], scene: S
             await stack.enter_async_context(TrajectoryServer(home, agent.name, setup=setup))
         viewer = await stack.enter_async_context(node("viewer"))
         planner = await stack.enter_async_context(node("planner"))
-        goals = [_Goal(planner, order) for order in scene_orders(scene)]
-        await asyncio.gather(*(goal.execution.ready() for goal in goals))
         start_ns = planner.get_clock().now_ns() + round(_LEAD_S * NS_PER_S)
-        orders = scene_orders(scene, start_ns=start_ns)
-        for order in orders:
-            _record(bench, viewer, order)
-        for row in await asyncio.gather(*map(_Goal.carried_out, goals, orders)):
+        driven = []
+        for order in scene_orders(scene, start_ns=start_ns):
+            record = partial(_record, bench, order, count())
+            viewer.create_subscription(POSE, _topic(order), record)
+            driven.append(_carried_out(planner, order))
+        for row in await asyncio.gather(*driven):
             bench.write(row)
 
 
-class _Goal:
-    """A goal on its way, and the row about it."""
-
-    def __init__(self, planner: Node, order: Order) -> None:
-        self.feedbacks: list[Feedback] = []
-        self.clock = planner.get_clock()
-        self.execution = Execution(planner, order.agent, on_feedback=self.feedbacks.append)
-
-    async def carried_out(self, order: Order) -> PlanningGoalRow:
-        """Send the order, wait for its end, and return the row."""
-        begun_ns = self.clock.now_ns()
-        await self.execution.begin(order)
-        ended = await self.execution.result()
-        self.execution.close()
-        last = order.trajectory.waypoints[-1].pose
-        return PlanningGoalRow(
-            case=OWN_GOAL,
-            agent=order.agent,
-            outcome=ended.outcome.value,
-            said=ended.text,
-            feedbacks=len(self.feedbacks),
-            share=self.feedbacks[-1].share if self.feedbacks else 0.0,
-            left_m=last.distance_m(ended.pose) if ended.pose else np.nan,
-            seconds=(self.clock.now_ns() - begun_ns) / NS_PER_S,
-        )
+async def _carried_out(planner: Node, order: Order) -> PlanningGoalRow:
+    """Send an order, wait for its end, and return the row."""
+    feedbacks: list[Feedback] = []
+    clock = planner.get_clock()
+    begun_ns = clock.now_ns()
+    ended = await execute(planner, order, on_feedback=feedbacks.append)
+    last = order.trajectory.waypoints[-1].pose
+    return PlanningGoalRow(
+        case=OWN_GOAL,
+        agent=order.agent,
+        outcome=ended.outcome.value,
+        said=ended.text,
+        feedbacks=len(feedbacks),
+        share=feedbacks[-1].share if feedbacks else 0.0,
+        left_m=last.distance_m(ended.pose) if ended.pose else np.nan,
+        seconds=(clock.now_ns() - begun_ns) / NS_PER_S,
+    )
 
 
-def _record(bench: Bench[Config], viewer: Node, order: Order) -> None:
+def _topic(order: Order) -> str:
+    return f"/global/{order.agent}/pose"
+
+
+def _record(bench: Bench[Config], order: Order, numbers: count[int], message: Any) -> None:
     """Write every fifth pose of an agent from the scene's time 0 on, as a row and as a message."""
-    topic = f"/global/{order.agent}/pose"
-    received = 0
-
-    def record(message: Any) -> None:
-        nonlocal received
-        received += 1
-        time_ns = ns_from_stamp(message.header.stamp) - order.start_ns
-        if received % _LOGGED_EVERY or time_ns < 0:
-            return
-        pose = Pose.from_msg(message.pose, place=topic)
-        planned = pose_at(order.trajectory, time_ns / NS_PER_S)
-        x_m, y_m, z_m = pose.position_m
-        planned_x_m, planned_y_m, planned_z_m = planned.position_m
-        row = PlanningTrackRow(
-            agent=order.agent,
-            t_s=time_ns / NS_PER_S,
-            x_m=x_m,
-            y_m=y_m,
-            z_m=z_m,
-            planned_x_m=planned_x_m,
-            planned_y_m=planned_y_m,
-            planned_z_m=planned_z_m,
-            error_m=pose.distance_m(planned),
-        )
-        bench.write(row, at_ns=time_ns)
-        bench.log.write(topic, message, log_time_ns=time_ns)
-
-    viewer.create_subscription("geometry_msgs/msg/PoseStamped", topic, record)
+    time_ns = ns_from_stamp(message.header.stamp) - order.start_ns
+    if next(numbers) % _LOGGED_EVERY or time_ns < 0:
+        return
+    pose = Pose.from_msg(message.pose, place="pose")
+    planned = pose_at(order.trajectory, time_ns / NS_PER_S)
+    x_m, y_m, z_m = pose.position_m
+    row = PlanningTrackRow(
+        agent=order.agent,
+        t_s=time_ns / NS_PER_S,
+        x_m=x_m,
+        y_m=y_m,
+        z_m=z_m,
+        error_m=pose.distance_m(planned),
+    )
+    bench.write(row, at_ns=time_ns)
+    bench.log.write(_topic(order), message, log_time_ns=time_ns)
