@@ -9,8 +9,6 @@ from sfglab.lab.experiments import experiment
 from sfglab.qos import QoSProfile
 from sfglab.soc.graph import Graph, Node, Topic, load_graph
 from sfglab.soc.mapping import map_communication
-from sfglab.spatial.poses import Pose
-from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.tables import html_table
 
 
@@ -26,7 +24,6 @@ def shown():
         (graph, "<graph Paper C, Fig. 8: 11 nodes, 8 in hardware; 5 topics>", "1 (hardware)"),
         (map_communication(graph), "from 10 to 8 to 3 edges", "gateway (1)"),
         (load_fleet(DATA / "fleets/lab.yaml"), "<fleet lab: 6 agents around domain 0>", "go2"),
-        (Trajectory.of([(0, Pose()), (10**9, Pose.at((1, 2, 3)))]), "2 waypoints, 1 s>", "3.000"),
         (experiment("naming").config(), "Config(samples=2000", "Random names"),
         (reference(experiment("naming")), "<run of naming: naming.mcap>", "check"),
         (Ledger([entry_for(claim, None)]), "<ledger: 1 not yet>", "share of checks"),

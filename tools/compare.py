@@ -122,6 +122,7 @@ REASONS: dict[str, str] = {
     "folders/*/systemd/*": "the service starts the release that a link names",
     "folders/*/hooks/30-service.sh": "the file .env stays outside of the release",
     "folders/interfaces/sfglab_interfaces/msg/StreamInfo.msg": "a comment named the codec med",
+    "folders/interfaces/sfglab_interfaces/msg/MocapObject.msg": "a comment: one latency is not measured",
 }
 """Reasons for differences, by a pattern of their names."""
 

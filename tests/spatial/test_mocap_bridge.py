@@ -173,8 +173,11 @@ GOOD = "world: map\nobjects:\n  a:\n    via: a/markers\n"
 REFUSED = [  # besides those that `test_documents.py` has for all files
     ("world: map\nobjects: {}\n", r"m\.yaml:2: objects: given \{\}, allowed: .* at least one"),
     ("world: /map\nobjects: {a: {via: b}}", r"m\.yaml:1: world: .* without leading slash"),
-    (GOOD + "  b: {via: a/markers}\n", r"m\.yaml:5: objects\.b\.via: .* objects\.a\.via has"),
-    (GOOD + "  b: {via: c, frame: map}\n", r"objects\.b\.frame: .* world has that one"),
+    (
+        GOOD + "  b: {via: a/markers}\n",
+        r"m\.yaml:5: objects\.b: given 'a/markers', .* another object's",
+    ),
+    (GOOD + "  b: {via: c, frame: map}\n", r"objects\.b: given 'map', .* nor the world"),
     (
         GOOD + "    offset: {position_m: [0, 0, 0], quat_xyzw: [0, 0, 0, 0]}\n",
         r"m\.yaml:5: objects\.a\.offset\.quat_xyzw: .* length",

@@ -115,16 +115,13 @@ def test_rates_are_the_derivatives_of_what_is_sampled(trajectory):
         assert slope == pytest.approx(here.velocities_m_s, rel=1e-4, abs=scale)
 
 
-def test_before_the_start_after_the_end_and_with_one_waypoint_one_stands():
-    trajectory = Trajectory.of([(S, Pose()), (2 * S, Pose.from_yaw((3.0, 0.0, 0.0), 1.0))])
-    found = sample(trajectory, [0.0, 0.999, 5.0])
-    assert found.positions_m[:, 0] == pytest.approx([0.0, 0.0, 3.0])
-    assert not found.velocities_m_s.any()
-    assert not found.angular_rad_s.any()
-    pose = Pose.from_yaw((1.0, 2.0, 3.0), 0.5)
-    found = sample(Trajectory.of([(S, pose)]), [0.0, 1.0, 9.0])
-    assert all(found.pose(i).same_as(pose) for i in range(3))
-    assert not found.velocities_m_s.any()
+def test_before_the_start_after_the_end_and_with_one_waypoint_an_agent_stands():
+    path = Trajectory.of([(S, Pose()), (2 * S, Pose.from_yaw((3.0, 0.0, 0.0), 1.0))])
+    for trajectory, wanted in ((path, [0.0, 0.0, 3.0]), (Trajectory.standing(Pose()), [0.0] * 3)):
+        found = sample(trajectory, [0.0, 0.999, 5.0])
+        assert found.positions_m[:, 0] == pytest.approx(wanted)
+        assert not found.velocities_m_s.any()
+        assert not found.angular_rad_s.any()
 
 
 def test_resampling_a_spline_gives_a_polyline_close_to_it_that_keeps_its_waypoints():

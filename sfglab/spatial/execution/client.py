@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import BusError, ClientGoalHandle, GoalRejectedError, Node
 from sfglab.errors import InvalidValueError
@@ -28,16 +28,15 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene.tree import Scene
 
 
-class ExecuteOptions(TypedDict, total=False):
-    """Options of sending a trajectory."""
-
-    action: str  #: Name of the action; by default ``/global/<agent>/execute_trajectory``.
-    on_feedback: Callable[[Feedback], None]  #: Called with each feedback.
-    timeout_s: float  #: Timeout for finding the server, and for its response, s (5).
-
-
 class Execution:
     """One trajectory on its way: `begin` sends it, `result` waits for its end.
+
+    Args:
+        node: Node of the client.
+        agent: Name of the agent.
+        action: Name of the action; by default ``/global/<agent>/execute_trajectory``.
+        on_feedback: Called with each feedback.
+        timeout_s: Timeout for finding the server, and for its response, s.
 
     Raises:
         FqnError: No action is given, and it is not the name of an agent.
@@ -45,10 +44,17 @@ class Execution:
         ActionServerGoneError: By waiting for the end: the server went away before.
     """
 
-    def __init__(self, node: Node, agent: str, **options: Unpack[ExecuteOptions]) -> None:
-        self._on_feedback = options.get("on_feedback")
-        self._timeout_s = options.get("timeout_s", 5.0)
-        name = options.get("action") or action_name(agent)
+    def __init__(
+        self,
+        node: Node,
+        agent: str,
+        *,
+        action: str = "",
+        on_feedback: Callable[[Feedback], None] | None = None,
+        timeout_s: float = 5.0,
+    ) -> None:
+        self._on_feedback, self._timeout_s = on_feedback, timeout_s
+        name = action or action_name(agent)
         self._client = node.create_action_client(FOLLOW_TRAJECTORY, name)
         self._handle: ClientGoalHandle | None = None
         self._answered = asyncio.Event()
@@ -92,8 +98,8 @@ class Execution:
             self._on_feedback(feedback_of(message))
 
 
-async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> Ended:
-    """Send an agent along a trajectory and return the end, also of a rejected goal.
+async def execute(node: Node, order: Order, **options: Any) -> Ended:
+    """Send an agent along a trajectory and return the end, also of a rejected goal; options as of `Execution`.
 
     A task that awaits this and is cancelled cancels the goal, and ends only when the agent stands.
 

@@ -149,18 +149,12 @@ def fill_from_log(reader: LogReader, buffer: FrameBuffer) -> TransformIntake:
     """Insert all transforms on /tf and /tf_static of a log into a buffer, and return the intake.
 
     A buffer with ``history_s=None`` keeps all of them.
-
-    Raises:
-        LogError: The log has no topic with transforms.
     """
     intake = TransformIntake(buffer)
-    topics = [topic for topic in (TF_STATIC, TF) if topic in reader.topics]
-    types = {topic: (info.type_name,) for topic, info in reader.topics.items()}
-    if not topics and not namespaced_topics(types):
-        topics = [TF]  # reading it fails with the topics that there are
-    for topic in topics:
-        for recorded in reader.decoded(topic):
-            intake.take(recorded.message, static=topic == TF_STATIC)
+    for topic in (TF_STATIC, TF):
+        if topic in reader.topics:
+            for recorded in reader.decoded(topic):
+                intake.take(recorded.message, static=topic == TF_STATIC)
     return intake
 
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
 from sfglab.spatial.poses import Pose, Quat, Vec3
-from sfglab.tables import html_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -79,13 +78,6 @@ class Trajectory:
         duration_s = (self.end_ns - self.start_ns) / 1e9
         count = len(self.waypoints)
         return f"<trajectory, {self.interpolation.value}: {count} waypoints, {duration_s:g} s>"
-
-    def _repr_html_(self) -> str:
-        rows: list[Sequence[str]] = [("s", *"xyz", "qx", "qy", "qz", "qw")]
-        for waypoint in self.waypoints:
-            numbers = (*waypoint.pose.position_m, *waypoint.pose.quat_xyzw)
-            rows.append((f"{waypoint.time_ns / 1e9:g}", *map("{:.3f}".format, numbers)))
-        return html_table(rows, repr(self)[1:-1])
 
     @property
     def start_ns(self) -> int:
