@@ -347,17 +347,18 @@ class Editor:
         """Return the warnings of the plan."""
         return conflicts(self.scene)
 
-    def save(self) -> None:
-        """Save the scene, whole or not at all, into the editor's file.
+    def save(self, file: Path | None = None) -> None:
+        """Save the scene, whole or not at all, into a file; None: the editor's.
 
         Raises:
             SceneError: There is no file, or it cannot be written; its former content is still there.
         """
-        if self.file is None:
+        target = file or self.file
+        if target is None:
             raise SceneError("file", None, "a file to save into")
         # Ids of a saved file are not given again, also if their addition was undone since.
-        save_scene(replace(self.scene, next_id=self._next_id), self.file)
-        self._saved = self.scene
+        save_scene(replace(self.scene, next_id=self._next_id), target)
+        self.file, self._saved = target, self.scene
         self._tell(Change(kind=ChangeKind.SAVE))
 
     def load(self) -> None:
