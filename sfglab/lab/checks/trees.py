@@ -90,7 +90,7 @@ class Joined:
     """A robot whose tree motion capture has joined in each way."""
 
     name: str  #: Name in examples of checks.
-    robot: Sequence[StampedTransform]  #: The robot's own transforms.
+    robot: Sequence[StampedTransform]  #: The robot's own transforms, from the root down.
     via: str  #: Frame of the markers.
     seen: Pose  #: Their latest pose in the world.
     last_ns: int  #: Time of that pose, ns.
@@ -102,8 +102,7 @@ class Joined:
     @property
     def root(self) -> str:
         """Root of the robot's own tree."""
-        children = {step.child for step in self.robot}
-        return next(step.parent for step in self.robot if step.parent not in children)
+        return self.robot[0].parent
 
     @property
     def frames(self) -> set[str]:
@@ -129,13 +128,8 @@ class Joined:
     def places(self) -> dict[str, NDArray[np.float64]]:
         """Return the pose of each frame in the world, as products of matrices from the root down."""
         below = {self.root: np.eye(4)}
-        rest = list(self.robot)
-        while rest:
-            step = rest.pop(0)
-            if step.parent in below:
-                below[step.child] = below[step.parent] @ step.pose.matrix()
-            else:
-                rest.append(step)
+        for step in self.robot:
+            below[step.child] = below[step.parent] @ step.pose.matrix()
         world_from_root = self.seen.matrix() @ np.linalg.inv(below[self.via])
         return {frame: world_from_root @ matrix for frame, matrix in below.items()}
 

@@ -154,7 +154,18 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
             order = self._accepted(handle.request)
         except RefusalError as refusal:
             return self._finish(handle, refusal.outcome, refusal.text)
-        run = self._begin(handle, order)
+        if self._run is not None:
+            self._run.end(Outcome.OVERTAKEN)
+        now_ns = self._node.get_clock().now_ns()
+        follower = Follower(
+            order.trajectory,
+            state=self.state,
+            now_ns=now_ns,
+            start_ns=order.start_ns or now_ns,
+            limits=self._setup.limits,
+            tolerances=self._setup.tolerances,
+        )
+        run = self._run = _Run(handle=handle, follower=follower)
         try:
             outcome = await run.done
         finally:
@@ -171,21 +182,6 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         if self.busy and not self._setup.preempt:
             raise RefusalError(Outcome.BUSY, OUTCOMES[Outcome.BUSY].meaning)
         return order
-
-    def _begin(self, handle: ServerGoalHandle, order: Order) -> _Run:
-        if self._run is not None:
-            self._run.end(Outcome.OVERTAKEN)
-        now_ns = self._node.get_clock().now_ns()
-        follower = Follower(
-            order.trajectory,
-            state=self.state,
-            now_ns=now_ns,
-            start_ns=order.start_ns or now_ns,
-            limits=self._setup.limits,
-            tolerances=self._setup.tolerances,
-        )
-        self._run = _Run(handle=handle, follower=follower)
-        return self._run
 
     def _finish(self, handle: ServerGoalHandle, outcome: Outcome, text: str) -> Any:
         ending = OUTCOMES[outcome]

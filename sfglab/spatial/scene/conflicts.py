@@ -70,12 +70,11 @@ def conflicts(scene: Scene) -> tuple[Conflict, ...]:
 
 
 def sample_times(trajectories: list[Trajectory]) -> Floats:
-    """Return the sorted times of all waypoints, and times each 50 ms between the first and the last, s."""
+    """Return the sorted times of all waypoints, and times about each 50 ms between them, s."""
     waypoints = np.concatenate([motion_of(one).times_s for one in trajectories])
     first, last = float(waypoints.min()), float(waypoints.max())
-    count = min(int((last - first) / PERIOD_S) + 1, _MOST_SAMPLES)
-    period_s = max(PERIOD_S, (last - first) / _MOST_SAMPLES)
-    return np.unique(np.concatenate([first + period_s * np.arange(count), waypoints]))
+    count = min(round((last - first) / PERIOD_S) + 1, _MOST_SAMPLES)
+    return np.union1d(np.linspace(first, last, count), waypoints)
 
 
 class _Doubt(NamedTuple):
