@@ -32,15 +32,16 @@ class SyntheticMotion:
 
     def pose_at(self, time_s: float) -> Pose:
         """Return the pose at a time."""
+        from scipy.spatial.transform import Rotation
+
         angle = 2.0 * math.pi * time_s / self.period_s
         cosine, sine = math.cos(angle), math.sin(angle)
         (cx, cy, cz), (rx, ry, rz) = self.centre_m, self.radii_m
         position = (cx + rx * cosine, cy + ry * sine, cz + rz * math.sin(2.0 * angle))
         heading = math.atan2(ry * cosine, -rx * sine)
         roll, pitch = self.sway_rad * math.sin(3.0 * angle), self.sway_rad * math.cos(2.0 * angle)
-        tilt = Pose.at((0, 0, 0), (math.sin(roll / 2), 0, 0, math.cos(roll / 2)))
-        lift = Pose.at((0, 0, 0), (0, math.sin(pitch / 2), 0, math.cos(pitch / 2)))
-        return Pose.from_yaw(position, heading) @ lift @ tilt
+        turned = Rotation.from_euler("ZYX", (heading, pitch, roll))
+        return Pose.from_rotation(position, turned)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
