@@ -13,7 +13,7 @@ from sfglab.lab.paths import Project
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 BEGIN, END = "<!-- results: tests/test_readme.py -->\n", "<!-- end of results -->\n"
-DEVIATING = "These claims deviate: a value is outside its acceptance range, on the better or the worse side."
+DEVIATING = "These claims deviate. Each has a value outside its acceptance range, on the better or the worse side:"
 RESULTS = (  # what a reader takes home, its figure, and the claims about it by their methods
     (
         "CPU saved per additional subscriber if a stream is decoded once per device",
@@ -46,16 +46,21 @@ RESULTS = (  # what a reader takes home, its figure, and the claims about it by 
 )
 
 
-def _ours(entry):
-    return f"{entry.value} {entry.unit}"
-
-
 def _paper(entry):
     return "no number" if entry.claim.paper is None else f"{entry.claim.paper:g}"
 
 
+def _accepted(entry):
+    low, high = entry.claim.band
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
+def _row(*cells):
+    return f"| {' | '.join(cells)} |"
+
+
 def _head(*columns):
-    return [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
+    return [_row(*columns), "|" + "---|" * len(columns)]
 
 
 def is_favourable(entry, ledger):
@@ -81,23 +86,23 @@ def block():
     counts = Counter(entry.verdict for entry in whole)
     verdicts = [f"{counts[each]} {each.value}" for each in Verdict if counts[each]]
     lines = [f"{len(whole)} claims: {', '.join(verdicts)}.", ""]
-    lines += _head("result", "method", "paper", "sfglab", "verdict")
+    lines += _head("result", "method", "paper", "accepted", "sfglab", "unit", "verdict")
     for says, figure, claims in RESULTS:
         result = f"[{says}](figures/{figure}.png)"
         for method, name in claims.items():
             e = ledger[name]
             verdict = f"{e.verdict.value} ({name})"
-            lines.append(f"| {result} | {method} | {_paper(e)} | {_ours(e)} | {verdict} |")
+            lines.append(_row(result, method, _paper(e), _accepted(e), e.value, e.unit, verdict))
             result = ""
     lines += ["", DEVIATING, ""]
-    lines += _head("claim", "the paper's sentence", "paper", "sfglab", "side and reason")
+    lines += _head("claim", "the paper's sentence", "accepted", "sfglab", "unit", "side and reason")
     for e in whole:
         if e.verdict is Verdict.DEVIATES:
             claim = f"{e.claim.id} ({e.claim.where})"
             side = "better" if is_favourable(e, ledger) else "worse"
-            reason = e.reason.partition("; ")[0].replace("|", "/")
-            cells = (claim, e.claim.says, _paper(e), _ours(e), f"{side}: {reason}")
-            lines.append(f"| {' | '.join(cells)} |")
+            reason = "; ".join(e.reason.split("; ")[:2]).replace("|", "/")
+            cells = (claim, e.claim.says, _accepted(e), e.value, e.unit, f"{side}: {reason}")
+            lines.append(_row(*cells))
     return "\n".join(lines) + "\n"
 
 
