@@ -6,7 +6,6 @@ from collections.abc import Iterator  # noqa: TC003 - an explorer's form reads t
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import fields
-from itertools import product
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -517,17 +516,14 @@ def hello_over_depth(
         vendor: Timing of the middleware.
     """
     for duration_s in (COARSE_S, WHOLE_S):
-        simulated = []
-        for method, depth in product(LABELS, (*map(str, DEPTHS), OPT_DEPTH)):
-            cell = GridCell(
-                rate_max_hz=rate_max_hz,
-                depth=depth,
-                method=method,
-                duration_s=duration_s,
-                loss=loss,
-                vendor=vendor,
-            )
-            simulated.append(cell)
+        config = Config(
+            rates_hz=(rate_max_hz,),
+            methods=(*LABELS,),
+            duration_s=duration_s,
+            loss=loss,
+            vendor=vendor,
+        )
+        simulated = grid(config)
         rows = []
         with ThreadPoolExecutor(_THREADS) as pool:
             jobs = [pool.submit(simulate_cell, cell, 0) for cell in simulated]
@@ -555,8 +551,8 @@ def _picture(simulated: list[GridCell], rows: list[dict[str, Any]]) -> pictures.
             line = pictures.Series(name=label, color=METHOD_COLORS[method], x=x, y=y)
             drawn.append(line)
         panels.append(pictures.Panel(title=axis.quantity, x=_DEPTH, y=axis, series=tuple(drawn)))
-    cell = simulated[0]
-    _, optimum = rate_and_depth(simulated[-1])
+    cell = simulated[-1]
+    _, optimum = rate_and_depth(cell)
     said = (
         f'"Hello" at Rmax {cell.rate_max_hz} Hz with {cell.loss:.1%} of the frames lost, '
         f"{PRESETS[cell.vendor].name}, simulated for {cell.duration_s:g} s. "
