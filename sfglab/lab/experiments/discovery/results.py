@@ -138,15 +138,12 @@ def extrapolation(run: Run[Config]) -> pd.DataFrame:
     The claims use the first extrapolation.
     """
     known = medians_of(by_nodes(run)) if len(agents_of(run)) else []
-    rows = [(nodes, received, "measured") for nodes, received in known]
+    rows = [(nodes, received / 1e6, "measured") for nodes, received in known]
     for less, more in pairwise(known):
         received = at_nodes(main_nodes(run), less, more)
-        rows.append((main_nodes(run), received, f"extrapolated from {less[0]} and {more[0]} nodes"))
-    table = pd.DataFrame(rows, columns=["nodes per agent", "received per agent (MB)", "origin"])
-    table["received per agent (MB)"] /= 1e6
-    return table.assign(
-        **{"per node (kB)": 1e3 * table["received per agent (MB)"] / table["nodes per agent"]}
-    )
+        origin = f"extrapolated from {less[0]} and {more[0]} nodes"
+        rows.append((main_nodes(run), received / 1e6, origin))
+    return pd.DataFrame(rows, columns=["nodes per agent", "received per agent (MB)", "origin"])
 
 
 def simulated_table(run: Run[Config]) -> pd.DataFrame:

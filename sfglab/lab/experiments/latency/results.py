@@ -297,9 +297,6 @@ _GOP = pictures.Axis("frames per GOP", "", 1, 300, log=True, ticks=(1, 10, 30, 1
 _WAIT = pictures.Axis(
     "time to first frame", "ms", 10, 200_000, log=True, ticks=(10, 100, 1000, 10_000, 100_000)
 )
-_RATIO = pictures.Axis(
-    "time / time of standard", "", 0.001, 100, log=True, ticks=(0.001, 0.01, 0.1, 1, 10, 100)
-)
 
 
 @cache
@@ -331,16 +328,12 @@ def first_frame(*, gop: GOP = 30, rate_hz: Rate = TABLE_2.fps) -> pictures.Pictu
     half = np.array(lengths) / 2
     wait_ms = 1000 / rate_hz
     times: list[pictures.Series] = []
-    ratios: list[pictures.Series] = []
     means = []
-    standard_ms = rest_ms[STANDARD] + wait_ms * half
     for path in FIRST_BARS:
         frame_ms = packet_ms if path == OURS else wait_ms
         path_ms = rest_ms[path] + frame_ms * half
         name = NAMES[path]
-        color, ratio = BAR_COLORS[path], path_ms / standard_ms
-        times += pictures.curve(name, color, lengths, path_ms.tolist())
-        ratios += pictures.curve(name, color, lengths, ratio.tolist())
+        times += pictures.curve(name, BAR_COLORS[path], lengths, path_ms.tolist())
         means.append(f"{name}: {path_ms[-1]:.0f} ms")
     # On all frame rates that can be set a frame takes longer than the replay of one.
     equal = 2 * (rest_ms[OURS] - rest_ms[STANDARD]) / (wait_ms - packet_ms)
@@ -349,8 +342,5 @@ def first_frame(*, gop: GOP = 30, rate_hz: Rate = TABLE_2.fps) -> pictures.Pictu
         f"Below {equal:.1f} frames per GOP, standard is faster than sfglab."
     )
     text = f"{rate_hz:g} Hz; dots: {gop} frames per GOP"
-    panels = (
-        pictures.Panel(title="first frame", x=_GOP, y=_WAIT, series=tuple(times), note=text),
-        pictures.Panel(title="relative to standard", x=_GOP, y=_RATIO, series=tuple(ratios)),
-    )
-    return pictures.Picture(said=said, panels=panels)
+    panel = pictures.Panel(title="first frame", x=_GOP, y=_WAIT, series=tuple(times), note=text)
+    return pictures.Picture(said=said, panels=(panel,))
