@@ -19,9 +19,9 @@ from sfglab.spatial.frames.listener import LOOP
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from networkx import DiGraph
-
     from sfglab.spatial.frames.buffer import Edge
+
+    Above = Mapping[str, set[str]]  # all frames above each frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,15 +107,13 @@ def lint_frames(
         refused: Refused transforms, as of `TransformIntake.refused`.
         namespaced: Topics with transforms other than /tf and /tf_static.
     """
-    import networkx as nx
-
     edges = tuple(edges)
-    graph = nx.DiGraph([(edge.child, edge.parent) for edge in edges])
+    above = _frames_above(edges)
     return (
         *_publishers(edges),
-        *_loops(graph),
-        *_roots(graph, root),
-        *_names(sorted(graph), rule),
+        *_loops(above),
+        *_roots(above, root),
+        *_names(sorted(above), rule),
         *_stamps(edges),
         *_ignored(refused or {}, namespaced),
     )
@@ -150,31 +148,39 @@ def _rivals(group: Sequence[Edge]) -> list[str]:
     return sorted(rivals)
 
 
-def _loops(graph: DiGraph) -> Iterator[FrameFinding]:
-    """Find a loop in each group of frames that are above each other."""
-    import networkx as nx
+def _frames_above(edges: Iterable[Edge]) -> Above:
+    """Return all frames above each frame; a frame in a loop is above itself."""
+    above: dict[str, set[str]] = defaultdict(set)
+    for edge in edges:
+        above[edge.child].add(edge.parent)
+        above[edge.parent].update()
+    for middle, further in above.items():  # Warshall's transitive closure
+        for found in above.values():
+            if middle in found:
+                found.update(further)
+    return above
 
-    for group in nx.strongly_connected_components(graph):
-        first = min(group)
-        if len(group) > 1 or graph.has_edge(first, first):
-            loop = [step[0] for step in nx.find_cycle(graph.subgraph(group), first)]
-            what = " -> ".join([*loop, loop[0]])
-            yield FrameFinding("loop", tuple(loop), f"{what} (child -> parent)")
+
+def _loops(above: Above) -> Iterator[FrameFinding]:
+    """Find groups of frames that are above each other."""
+    done: set[str] = set()
+    for frame in sorted(above):
+        if frame in above[frame] and frame not in done:
+            loop = sorted(one for one in above[frame] if frame in above[one])
+            done |= set(loop)
+            yield FrameFinding("loop", tuple(loop), f"{_listed(loop)} are above each other")
 
 
-def _roots(graph: DiGraph, root: str | None) -> Iterator[FrameFinding]:
-    import networkx as nx
-
-    roots = sorted(frame for frame in graph if not graph.out_degree(frame))
+def _roots(above: Above, root: str | None) -> Iterator[FrameFinding]:
+    roots = sorted(frame for frame in above if not above[frame])
     if root is None:
         if len(roots) > 1:
             what = f"there are {len(roots)} trees, with the roots {_listed(roots)}"
             yield FrameFinding("second-root", tuple(roots), what)
         return
-    below = nx.ancestors(graph, root) if root in graph else set()
-    lost = sorted(set(graph) - below - {root})
+    lost = sorted(frame for frame in above if frame != root and root not in above[frame])
     if lost:
-        code = "second-root" if root in graph and set(lost) & set(roots) else "unreachable"
+        code = "second-root" if root in above and set(lost) & set(roots) else "unreachable"
         yield FrameFinding(code, tuple(lost), f"{_listed(lost)} cannot be reached from {root!r}")
 
 
