@@ -245,7 +245,7 @@ class Editor:
         thing = self.scene.get(id_)
         if key == "id":
             raise SceneError(place_of(thing), "id", "another field")
-        label = "Rename" if key == "name" else f"Change {key}"
+        label = "Rename" if key == "name" else f"Change {key.removesuffix('_ns')}"
         return self._put(label, changed(thing, **{key: value}))
 
     def align(self, id_: int, align: Align) -> bool:
