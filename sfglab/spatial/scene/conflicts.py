@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.05  #: Time between samples, s.
 _MOST_SAMPLES = 20_000  # a longer plan has a longer period
-_ROUNDING = 1e-6  # of speeds, which are differences
+_ROUNDING = 1e-4  # share by which a speed may exceed its limit
 
 
 class ConflictKind(Enum):
@@ -74,7 +74,8 @@ def sample_times(trajectories: list[Trajectory]) -> Floats:
     waypoints = np.concatenate([motion_of(one).times_s for one in trajectories])
     first, last = float(waypoints.min()), float(waypoints.max())
     count = min(round((last - first) / PERIOD_S) + 1, _MOST_SAMPLES)
-    return np.union1d(np.linspace(first, last, count), waypoints)
+    # Rounded, because speeds between two times that are nearly the same are not exact.
+    return np.union1d(np.linspace(first, last, count).round(3), waypoints)
 
 
 class _Doubt(NamedTuple):
