@@ -337,12 +337,6 @@ def test_a_trajectory_that_is_faster_than_its_agent_is_reported(editor):
     assert editor.conflicts() == ()
 
 
-def test_a_constant_speed_at_the_limit_is_no_conflict_at_any_times(editor):
-    points = [(0.1 * i, 0) for i in range(40)]
-    driver(editor, "a", *points, step_ns=70_000_001, speed_m_s=0.1 / 0.070000001)
-    assert editor.conflicts() == ()
-
-
 def test_loose_ends_are_warned_of(editor):
     path = editor.add("trajectory", "path")
     assert [c.kind for c in editor.conflicts()] == [
