@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer import Option
@@ -26,13 +26,9 @@ _Root = Annotated[
     Option(help="Folder in place of the host's /, e.g. a mounted disk image. [default: /]"),
 ]
 _Accelerator = Annotated[
-    str | None,
-    Option(
-        help="Override the fleet file's accelerator: jetson, cuda, rocm, vaapi, v4l2 or none; "
-        "auto detects it."
-    ),
+    Literal["auto", "jetson", "cuda", "rocm", "vaapi", "v4l2", "none"] | None,
+    Option(help="Override the fleet file's accelerator; auto detects it."),
 ]
-_Diff = Annotated[bool, Option("--diff", help="Also print the changed lines of text files.")]
 
 
 @app.command()
@@ -61,7 +57,6 @@ def plan(
     agent: Agents = None,
     root: _Root = None,
     accelerator: _Accelerator = None,
-    diff: _Diff = False,
     as_json: Json = False,
 ) -> None:
     """Report the changes that apply would make on each host, without making any.
@@ -70,13 +65,12 @@ def plan(
 
     Examples:
       sfglab deploy plan data/fleets/esslingen.yaml
-      sfglab deploy plan data/fleets/esslingen.yaml --agent go2 --diff
+      sfglab deploy plan data/fleets/esslingen.yaml --agent go2
     """
     from sfglab.deploy.rollout import render_prospects
 
-    made = _release(fleet, agent, accelerator)
-    prospects = [prospect for prospect, _ in _prospects(*made, agent, root)]
-    say(prospects, render_prospects(prospects, diff=diff), as_json=as_json)
+    prospects = [prospect for prospect, _ in _prospects(fleet, agent, root, accelerator)]
+    say(prospects, render_prospects(prospects), as_json=as_json)
     unplanned = [prospect for prospect in prospects if prospect.plan is None]
     raise typer.Exit(bool(unplanned))
 
@@ -97,10 +91,9 @@ def render(
       sfglab deploy render data/fleets/esslingen.yaml -o build/laptop --agent workstation --accelerator none
     """
     from sfglab.deploy.bundle import prepare, write_bundle
-    from sfglab.deploy.transport import detect_over
+    from sfglab.deploy.transport import chooser
 
-    made = _release(fleet, agent, accelerator)
-    for _, bundle in prepare(*made, agents=agent or (), detect=detect_over):
+    for _, bundle in prepare(*_release(fleet), agents=agent or (), choose=chooser(accelerator)):
         folder = output / bundle.agent
         write_bundle(bundle, folder)
         typer.echo(f"{folder}: {len(bundle.members)} files, release {bundle.tag}")
@@ -130,12 +123,12 @@ def check(
 
     from sfglab.deploy.bundle import prepare
     from sfglab.deploy.checks import CHECKS, State, check_bundles, check_fleet, render_verdicts
-    from sfglab.deploy.transport import detect_over
+    from sfglab.deploy.transport import chooser
 
-    source, release, wheel = _release(fleet, agent, accelerator)
+    source, release, wheel = _release(fleet)
     verdicts = [check_fleet(source.fleet)]
     if verdicts[0].state is State.PASSED:
-        made = prepare(source, release, wheel, agents=agent or (), detect=detect_over)
+        made = prepare(source, release, wheel, agents=agent or (), choose=chooser(accelerator))
         running = check_bundles(bundle for _, bundle in made)
         bar = tqdm(running, total=len(CHECKS), unit=" checks", leave=False, disable=None)
         verdicts += bar
@@ -157,7 +150,6 @@ def apply(
     ] = None,
     accelerator: _Accelerator = None,
     dry_run: Annotated[bool, Option("--dry-run", help="Report the changes only.")] = False,
-    diff: _Diff = False,
 ) -> None:
     """Copy the files to each host, prepare it, build its container image there and start it.
 
@@ -171,12 +163,11 @@ def apply(
     from sfglab.deploy.errors import DeployError
     from sfglab.deploy.rollout import render_prospects
 
-    made = _release(fleet, agent, accelerator)
     # All hosts are read before the first one is changed.
-    prospects = list(_prospects(*made, agent, root, tag))
+    prospects = list(_prospects(fleet, agent, root, accelerator, tag))
     failed = False
     for prospect, action in prospects:
-        typer.echo(render_prospects([prospect], diff=diff))
+        typer.echo(render_prospects([prospect]))
         failed = failed or prospect.plan is None
         if not dry_run:
             try:
@@ -219,44 +210,40 @@ def releases(
     raise typer.Exit(failed)
 
 
-def _release(
-    fleet: Path, agents: list[str] | None, accelerator: str | None
-) -> tuple[FleetSource, Release, bytes]:
-    """Return a fleet file with the accelerator of the command line, its release and the wheel."""
-    from sfglab.deploy.bundle import load_source, with_accelerator
+def _release(fleet: Path) -> tuple[FleetSource, Release, bytes]:
+    """Return a fleet file, its release and the wheel."""
+    from sfglab.deploy.bundle import load_source
     from sfglab.deploy.release import SOURCE, make_release
 
     source = load_source(fleet)
-    if accelerator is not None:
-        source = with_accelerator(source, agents or (), accelerator)
     return source, *make_release(SOURCE, source.text)
 
 
 def _prospects(
-    source: FleetSource,
-    release: Release,
-    wheel: bytes,
+    fleet: Path,
     agents: list[str] | None,
     root: Path | None,
+    accelerator: str | None,
     tag: str | None = None,
 ) -> Iterator[tuple[Prospect, Callable[[], None]]]:
     """Yield the changes of each agent and the call that makes them; a failure does not stop the others."""
     from sfglab.deploy.bundle import prepare
     from sfglab.deploy.errors import DeployError
-    from sfglab.deploy.rollout import Prospect, apply_plan, look_and_plan, released, steps
-    from sfglab.deploy.transport import detect_over, transport_to
+    from sfglab.deploy.rollout import Prospect, apply_plan, look, plan_changes, released, steps
+    from sfglab.deploy.transport import chooser, transport_to
 
-    detect = partial(detect_over, root=root)
+    source, release, wheel = _release(fleet)
+    choose = chooser(accelerator, root)
     for name in agents or [agent.name for agent in source.fleet.agents]:
         host = source.fleet.agent(name).host
         machine = "?" if host is None else transport_to(host, root=root).name
         prospect = partial(Prospect, agent=name, machine=machine)
         try:
-            ((deployment, bundle),) = prepare(source, release, wheel, agents=(name,), detect=detect)
+            ((deployment, bundle),) = prepare(source, release, wheel, agents=[name], choose=choose)
             transport = transport_to(deployment.host, root=root)
             if tag is not None:
                 bundle = released(transport, deployment, tag)
-            plan = look_and_plan(transport, deployment.folder, bundle)
+            plan = plan_changes(bundle, look(transport, deployment.folder))
         except DeployError as error:
             yield prospect(plan=None, problem=str(error)), lambda: None
             continue

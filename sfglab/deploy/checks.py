@@ -9,14 +9,14 @@ from __future__ import annotations
 import os
 import subprocess
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.bundle import write_bundle
-from sfglab.deploy.errors import EXTRA, DeployError, MissingProgramError
+from sfglab.deploy.errors import EXTRA, MissingProgramError
 from sfglab.deploy.programs import find_program
 from sfglab.fleet.lint import Severity, lint, render_findings
 from sfglab.tables import columns
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from sfglab.fleet.fleet_file import Fleet
 
 _LIMIT_S = 300.0
-_MOST_LINES = 40
 _DEVCONTAINER = str(Path(__file__).parent / "schemas" / "devcontainer.yaml")
 _ENVIRONMENT = {
     "LC_ALL": "C.UTF-8",
@@ -56,7 +55,7 @@ class Check:
     arguments: tuple[str, ...]  #: Arguments before the files.
     files: tuple[str, ...]  #: Patterns of the files in an agent's folder.
     install: str = EXTRA  #: Way to install the program.
-    #: Whether the program runs once per file, without naming it; ``{}`` in `arguments` is its folder.
+    #: Whether the program runs once per agent, with its folder in place of ``{}``; otherwise once for all files.
     each: bool = False
     #: Whether the exit status says nothing, so that each line about the files is a fault.
     by_output: bool = False
@@ -150,23 +149,26 @@ def check_bundles(bundles: Iterable[Bundle]) -> Iterator[Verdict]:
 
 
 def _verdict(check: Check, folder: Path) -> Verdict:
-    verdict = Verdict(check=check.name, program=check.program, state=State.PASSED)
     try:
         command = _command(check)
-        files = _distinct_files(check, folder)
-        if check.each:
-            runs = [_in_folder_of(file, check.arguments) for file in files]
-        else:
-            runs = [[*check.arguments, *files]]
-        faults: list[str] = []
-        for arguments in runs:
-            faults += _faults(check, [*command, *arguments], folder)
     except MissingProgramError as error:
-        return replace(verdict, state=State.NOT_RUN, detail=str(error))
-    except DeployError as error:
-        return replace(verdict, state=State.FAILED, detail=str(error))
-    state = State.FAILED if faults else State.PASSED
-    return replace(verdict, state=state, files=len(files), detail="\n".join(faults))
+        missing = State.NOT_RUN
+        return Verdict(check=check.name, program=check.program, state=missing, detail=str(error))
+    files = _distinct_files(check, folder)
+    runs = [[*check.arguments, *files]]
+    if check.each:
+        agents = [Path(file).parts[0] for file in files]
+        runs = [[word.replace("{}", agent) for word in check.arguments] for agent in agents]
+    faults: list[str] = []
+    for arguments in runs:
+        faults += _faults(check, [*command, *arguments], folder)
+    return Verdict(
+        check=check.name,
+        program=check.program,
+        state=State.FAILED if faults else State.PASSED,
+        files=len(files),
+        detail="\n".join(faults),
+    )
 
 
 def _command(check: Check) -> list[str]:
@@ -183,23 +185,15 @@ def _command(check: Check) -> list[str]:
 def _distinct_files(check: Check, folder: Path) -> list[str]:
     """Return the files that a check is about; one of those with the same name and content."""
     found: dict[tuple[str, bytes], str] = {}
-    for agent in sorted(folder.iterdir()):
-        for pattern in check.files:
-            for path in sorted(agent.glob(pattern)):
-                key = (path.name, path.read_bytes())
-                found.setdefault(key, str(path.relative_to(folder)))
-    if not found:
-        raise DeployError(f"no agent has a file {' or '.join(check.files)}")
+    for pattern in check.files:
+        for path in sorted(folder.glob(f"*/{pattern}")):
+            key = (path.name, path.read_bytes())
+            found.setdefault(key, str(path.relative_to(folder)))
     return list(found.values())
 
 
-def _in_folder_of(file: str, arguments: Sequence[str]) -> list[str]:
-    agent = file.partition("/")[0]
-    return [argument.replace("{}", agent) for argument in arguments]
-
-
 def _faults(check: Check, command: Sequence[str], folder: Path) -> list[str]:
-    """Return what a program says about files that it does not accept, as lines."""
+    """Return the output of a program about files that it does not accept, as lines."""
     try:
         done = subprocess.run(
             command,
@@ -213,8 +207,8 @@ def _faults(check: Check, command: Sequence[str], folder: Path) -> list[str]:
             timeout=_LIMIT_S,
             check=False,
         )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise DeployError(f"{check.program} did not finish: {error}") from error
+    except subprocess.TimeoutExpired as error:
+        return [f"{check.program} did not finish: {error}"]
     output = done.stdout.replace(f"{folder}/", "")
     lines = [line for line in output.splitlines() if line.strip()]
     if check.by_output:
@@ -233,14 +227,11 @@ def render_verdicts(verdicts: Sequence[Verdict]) -> str:
     """Return a table of results with the output of each program that found faults, and a count."""
     rows = [("result", "check", "program", "files")]
     rows += [(one.state.value, one.check, one.program, str(one.files)) for one in verdicts]
-    head, *lines_of_verdicts = columns(rows)
+    head, *table = columns(rows)
     lines = [head]
-    for verdict, line in zip(verdicts, lines_of_verdicts, strict=True):
+    for verdict, line in zip(verdicts, table, strict=True):
         lines.append(line)
-        said = verdict.detail.splitlines()
-        lines += [f"    {text}" for text in said[:_MOST_LINES]]
-        if len(said) > _MOST_LINES:
-            lines.append(f"    and {len(said) - _MOST_LINES} more lines")
+        lines += [f"    {text}" for text in verdict.detail.splitlines()]
     counts = Counter(verdict.state for verdict in verdicts)
     summary = [f"{counts[state]} {state.value}" for state in reversed(State)]
     lines.append(", ".join(summary))

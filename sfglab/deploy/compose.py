@@ -10,7 +10,7 @@ from typing import Any
 
 from sfglab.deploy.dds_router import ROUTER_FILE
 from sfglab.deploy.deployment import FLEET_FILE, USER_ID, Deployment
-from sfglab.deploy.files import BundleFile, one_line
+from sfglab.deploy.files import BundleFile, one_line, text_file
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
 
 _NEEDS_INITIALIZE = "run hooks/initialize.sh first"
@@ -27,7 +27,7 @@ _ACCELERATOR_DEVICES: dict[Accelerator, tuple[str, ...]] = {
 def compose_files(deployment: Deployment) -> dict[str, BundleFile]:
     """Return ``compose.yaml`` and its overlay for development."""
     projects = {"compose.yaml": _project(deployment), "compose.dev.yaml": _development(deployment)}
-    return {name: BundleFile(text=_yaml(deployment, project)) for name, project in projects.items()}
+    return {name: text_file(_yaml(deployment, project)) for name, project in projects.items()}
 
 
 def _project(deployment: Deployment) -> dict[str, Any]:
@@ -36,8 +36,8 @@ def _project(deployment: Deployment) -> dict[str, Any]:
         "name": deployment.project,
         "services": {"agent": _agent(deployment), "router": _router(deployment)},
     }
-    if deployment.network.bridge:
-        options = {"com.docker.network.bridge.name": deployment.network.bridge}
+    if deployment.bridge:
+        options = {"com.docker.network.bridge.name": deployment.bridge}
         project["networks"] = {
             "agent": {"driver": "bridge", "internal": True, "driver_opts": options}
         }
@@ -55,10 +55,10 @@ def _development(deployment: Deployment) -> dict[str, Any]:
         "volumes": ["${SFGLAB_WORKSPACE:-./workspace}:/workspace", "./.vscode:/workspace/.vscode"],
     }
     overlay: dict[str, Any] = {"services": {"agent": agent}}
-    if deployment.network.bridge:
+    if deployment.bridge:
         # With two networks, only a name decides which one is eth0; needs Docker Engine 28.1.
         agent["networks"] = {
-            "agent": {"interface_name": deployment.network.agent_interface},
+            "agent": {"interface_name": deployment.agent_interface},
             "outside": {"interface_name": "eth1"},
         }
         overlay["networks"] = {"outside": {}}
@@ -74,7 +74,7 @@ def _agent(deployment: Deployment) -> dict[str, Any]:
         **_hardening(),
         **_hardware(deployment),
     }
-    bridged = bool(deployment.network.bridge)
+    bridged = bool(deployment.bridge)
     return service | ({"networks": ["agent"]} if bridged else {"network_mode": "host"})
 
 
@@ -88,7 +88,7 @@ def _router(deployment: Deployment) -> dict[str, Any]:
             "--agent",
             deployment.agent.name,
             "--interface",
-            deployment.network.router_interface,
+            deployment.router_interface,
         ]
         service["command"] = own
     else:
@@ -111,9 +111,9 @@ def _environment(deployment: Deployment) -> dict[str, str]:
     if deployment.common.ros is RosDistribution.NONE:
         return values
     return values | {
-        "ROS_DOMAIN_ID": str(deployment.network.local_domain),
+        "ROS_DOMAIN_ID": str(deployment.agent.domain),
         "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp",
-        "CYCLONEDDS_URI": _cyclone(deployment.network.agent_interface),
+        "CYCLONEDDS_URI": _cyclone(deployment.agent_interface),
     }
 
 

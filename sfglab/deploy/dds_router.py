@@ -31,8 +31,10 @@ HISTORY = 200
 ROUTER_FILE = "router/dds-router.yaml"
 
 
-def render_dds_router(fleet: Fleet, agent: str) -> str:
+def render_dds_router(fleet: Fleet, agent: str, *, local_interface: str | None = None) -> str:
     """Return the YAML file for one agent's DDS Router; the same fleet gives the same text.
+
+    `local_interface` takes the place of the fleet file's interface to the agent's own domain.
 
     Raises:
         InvalidValueError: The fleet has no such agent.
@@ -53,7 +55,7 @@ def render_dds_router(fleet: Fleet, agent: str) -> str:
     lines += _topics(fleet)
     lines += ["", *_routes(policy)]
     lines += ["participants:"]
-    lines += _participant(LOCAL, spec.domain, spec.local_interface)
+    lines += _participant(LOCAL, spec.domain, local_interface or spec.local_interface)
     lines += _participant(GLOBAL, fleet.global_domain, spec.global_interface)
     return "\n".join(lines) + "\n"
 

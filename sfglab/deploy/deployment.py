@@ -27,23 +27,6 @@ _LONGEST_INTERFACE = 15  # IFNAMSIZ of Linux, less its closing zero
 _CONTAINER_INTERFACE = "eth0"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NetworkPlan:
-    """Domains and interfaces of an agent's two containers."""
-
-    local_domain: int  #: The agent's own domain.
-    global_domain: int  #: The domain that all routers join.
-    #: Name of the agent's bridge; empty where its container stands on the host's network.
-    bridge: str
-    agent_interface: str  #: Interface of the agent's container to its own domain.
-    router_interface: str  #: Interface of the router to that domain.
-    #: Interface of the router to the other agents; None leaves the choice to DDS.
-    global_interface: str | None
-    #: First and last UDP port of its own domain, which no other host may reach.
-    local_ports: tuple[int, int]
-    global_ports: tuple[int, int]  #: First and last UDP port of the global domain.
-
-
 def domain_ports(domain: int) -> tuple[int, int]:
     """Return the first and last UDP port that a domain's participants have: RTPS 2.5, clause 9.6.2.3.
 
@@ -51,23 +34,6 @@ def domain_ports(domain: int) -> tuple[int, int]:
     """
     first = 7400 + 250 * domain
     return first, min(first + 249, max(first, LAST_EPHEMERAL_FREE_PORT))
-
-
-def plan_network(fleet: Fleet, agent: AgentSpec, host: HostSpec) -> NetworkPlan:
-    """Return where an agent's containers stand on a machine."""
-    bridged = host.network is ContainerNetwork.BRIDGE
-    bridge = bridge_name(agent.name) if bridged else ""
-    inside = agent.local_interface or "lo"
-    return NetworkPlan(
-        local_domain=agent.domain,
-        global_domain=fleet.global_domain,
-        bridge=bridge,
-        agent_interface=_CONTAINER_INTERFACE if bridged else inside,
-        router_interface=bridge if bridged else inside,
-        global_interface=agent.global_interface,
-        local_ports=domain_ports(agent.domain),
-        global_ports=domain_ports(fleet.global_domain),
-    )
 
 
 def bridge_name(agent: str) -> str:
@@ -110,13 +76,32 @@ class Deployment:
     agent: AgentSpec  #: The agent.
     host: HostSpec  #: Its machine.
     accelerator: Accelerator  #: Accelerator that its images are made for.
-    network: NetworkPlan  #: Networks of its containers.
     release: Release  #: Release that runs in them.
 
     @property
     def common(self) -> DeploymentSpec:
         """Settings of all machines of the fleet."""
         return self.fleet.deployment
+
+    @property
+    def bridge(self) -> str:
+        """Name of the agent's bridge; empty if its container uses the machine's network."""
+        is_bridged = self.host.network is ContainerNetwork.BRIDGE
+        return bridge_name(self.agent.name) if is_bridged else ""
+
+    @property
+    def agent_interface(self) -> str:
+        """Interface of the agent's container to its own domain."""
+        return _CONTAINER_INTERFACE if self.bridge else self._local_interface
+
+    @property
+    def router_interface(self) -> str:
+        """Interface of the router to that domain."""
+        return self.bridge or self._local_interface
+
+    @property
+    def _local_interface(self) -> str:
+        return self.agent.local_interface or "lo"
 
     @property
     def folder(self) -> str:
@@ -142,7 +127,7 @@ class Deployment:
     def agent_command(self) -> tuple[str, ...]:
         """Arguments with which sfglab runs the agent beside a router in a container of its own."""
         agent = ("agent", "up", "--fleet", FLEET_FILE, "--agent", self.agent.name)
-        return (*agent, "--interface", self.network.agent_interface, "--without", "router")
+        return (*agent, "--interface", self.agent_interface, "--without", "router")
 
     @property
     def repository(self) -> str:
@@ -151,12 +136,12 @@ class Deployment:
 
 
 def deployment_of(
-    fleet: Fleet, agent: str, release: Release, *, detected: Accelerator | None = None
+    fleet: Fleet, agent: str, release: Release, accelerator: Accelerator | None = None
 ) -> Deployment:
-    """Return one agent's deployment; `detected` is for a fleet file that leaves the accelerator to detection.
+    """Return one agent's deployment; `accelerator` takes the place of the fleet file's.
 
     Raises:
-        DeployError: The file names no machine for it, or nobody says which accelerator it has.
+        DeployError: The file names no machine for it, or its accelerator is not known.
         InvalidValueError: The fleet has no such agent.
     """
     spec = fleet.agent(agent)
@@ -164,7 +149,7 @@ def deployment_of(
         raise DeployError(
             f"{spec.place}: host: nothing is given, allowed: the machine that {agent} runs on"
         )
-    accelerator = spec.host.accelerator or detected
+    accelerator = accelerator or spec.host.accelerator
     if accelerator is None:
         known = ", ".join(member.value for member in Accelerator)
         raise DeployError(
@@ -176,6 +161,5 @@ def deployment_of(
         agent=spec,
         host=spec.host,
         accelerator=accelerator,
-        network=plan_network(fleet, spec, spec.host),
         release=release,
     )

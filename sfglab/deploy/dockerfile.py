@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
 
 from sfglab.deploy.bases import BaseImage, base_of
 from sfglab.deploy.deployment import FLEET_FILE, USER, USER_ID, Deployment
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.files import PROGRAM, BundleFile, one_line, render
+from sfglab.deploy.files import PROGRAM, BundleFile, one_line, render, text_file
 from sfglab.deploy.release import agent_lock, split_lock
 from sfglab.fleet.fleet_file import Architecture, RosDistribution
 
@@ -27,35 +26,23 @@ argument OFFLINE=1, nothing is downloaded at all.
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Cyclone:
-    """Eclipse Cyclone DDS as source."""
+_CYCLONE = {
+    "version": "11.0.1",  # tag of the source, and version of the Python binding on PyPI
+    "commit": "e54e991f75a3e67f8e628da3171122e36ea5b872",  # of the tag
+    "repository": "https://github.com/eclipse-cyclonedds/cyclonedds.git",
+    "prefix": "/opt/cyclonedds",
+}
+"""Eclipse Cyclone DDS as source."""
 
-    version: str = "11.0.1"  #: Its tag, and that of the Python binding on PyPI.
-    commit: str = "e54e991f75a3e67f8e628da3171122e36ea5b872"  #: Commit of the tag.
-    #: Repository that it is fetched from.
-    repository: str = "https://github.com/eclipse-cyclonedds/cyclonedds.git"
-    prefix: str = "/opt/cyclonedds"  #: Folder that it is installed in.
-    packages: tuple[str, ...] = ()  #: Debian packages that build it.
+_ROS = {
+    "archive": "http://packages.ros.org/ros2/ubuntu",
+    "key": "https://raw.githubusercontent.com/ros/rosdistro/master/ros.key",
+    "fingerprint": "C1CF6E31E6BADE8868B172B4F42ED6FBAB17C654",
+}
+"""Debian packages of ROS 2, and the key that signs them, with its fingerprint as Open Robotics publishes it."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Ros:
-    """Where ROS 2 comes from."""
-
-    distribution: str  #: Its name.
-    archive: str = "http://packages.ros.org/ros2/ubuntu"  #: Its Debian packages.
-    #: The archive's signing key.
-    key: str = "https://raw.githubusercontent.com/ros/rosdistro/master/ros.key"
-    #: The key's, as Open Robotics publishes it.
-    fingerprint: str = "C1CF6E31E6BADE8868B172B4F42ED6FBAB17C654"
-
-    @property
-    def packages(self) -> tuple[str, ...]:
-        """Debian packages of the common functional baseline."""
-        names = ("ros-base", "rmw-cyclonedds-cpp", "ffmpeg-image-transport")
-        return tuple(f"ros-{self.distribution}-{name}" for name in names)
-
+_ROS_PACKAGES = ("ros-base", "rmw-cyclonedds-cpp", "ffmpeg-image-transport")
+_COLCON = "python3-colcon-common-extensions"
 
 _CYCLONE_BUILD_LOCK = """wheel==0.45.1 \\
     --hash=sha256:708e7481cc80179af0e556bbf0cc00b8444c7321e2700b8d8580231d13017248
@@ -74,8 +61,8 @@ def image_files(deployment: Deployment) -> dict[str, BundleFile]:
         "image/fleet.yaml": deployment.release.fleet_text,
         "image/wheels/README": _WHEELS_NOTE,
     }
-    files = {path: BundleFile(text=text) for path, text in texts.items()}
-    files["image/entrypoint.sh"] = BundleFile(text=_entrypoint(deployment), mode=PROGRAM)
+    files = {path: text_file(text) for path, text in texts.items()}
+    files["image/entrypoint.sh"] = text_file(_entrypoint(deployment), PROGRAM)
     return files
 
 
@@ -86,10 +73,10 @@ def _locks(deployment: Deployment, base: BaseImage) -> dict[str, str]:
     locks = {"image/requirements.lock": lock, "image/development.lock": development}
     if _from_source(deployment):
         rest, source = split_lock(lock, ("cyclonedds",))
-        if f"=={_Cyclone().version} " not in source:
+        if f"=={_CYCLONE['version']} " not in source:
             raise DeployError(
                 f"requirements.lock: cyclonedds: given {source.split()[0]!r}, allowed on arm64, where it is "
-                f"built from source: {_Cyclone().version}"
+                f"built from source: {_CYCLONE['version']}"
             )
         _, setuptools = split_lock(release.lock, ("setuptools",))
         locks["image/requirements.lock"] = rest
@@ -104,14 +91,18 @@ def _from_source(deployment: Deployment) -> bool:
 
 
 def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> str:
-    release, host = deployment.release, deployment.host
-    ros, headers, colcon = (
-        _ros(deployment),
-        f"{base.python_packages[0]}-dev",
-        "python3-colcon-common-extensions",
-    )
-    tools = ("build-essential", "ca-certificates", "cmake", "git")
-    debug = ("build-essential", "clang-format", "clangd", "cmake", "gdb", "git")
+    host = deployment.host
+    ros = _ros(deployment)
+    headers = f"{base.python_packages[0]}-dev"
+    build = ["build-essential", "cmake", "git"]
+    debug = ["build-essential", "clang-format", "clangd", "cmake", "gdb", "git", headers]
+    common = ["ca-certificates", "ffmpeg", *base.python_packages]
+    if ros:
+        debug.append(_COLCON)
+        common += [f"ros-{ros['distribution']}-{name}" for name in _ROS_PACKAGES]
+    command = ["agent", "up", "--fleet", FLEET_FILE, "--agent", deployment.agent.name]
+    cyclone = ["build-essential", "ca-certificates", "cmake", "git", *base.python_packages, headers]
+    labels = _labels(deployment, base, locks)
     return render(
         "Dockerfile.j2",
         agent=deployment.agent.name,
@@ -121,44 +112,36 @@ def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) 
         base=base,
         environment=[(name, _quoted(value)) for name, value in base.environment],
         from_source=_from_source(deployment),
-        cyclone=_Cyclone(packages=(*tools, *base.python_packages, headers)),
+        cyclone={**_CYCLONE, "packages": cyclone},
         ros=ros,
-        common_packages=[
-            "ca-certificates",
-            "ffmpeg",
-            *base.python_packages,
-            *(ros.packages if ros else ()),
-        ],
+        common_packages=common,
         workspace=host.workspace,
         overlay=OVERLAY,
         host_packages=list(host.packages),
-        build_packages=["build-essential", "cmake", "git", colcon],
-        development_packages=[*debug, headers, *([colcon] if ros else [])],
+        build_packages=[*build, _COLCON],
+        development_packages=debug,
         digests={path.removeprefix("image/"): _sha256(text) for path, text in locks.items()},
-        release=release,
+        release=deployment.release,
         user={"name": USER, "id": USER_ID},
         venv=VENV,
         fleet_file=FLEET_FILE,
-        labels=[(name, _quoted(value)) for name, value in _labels(deployment, base, locks).items()],
-        command=json.dumps(
-            ["agent", "up", "--fleet", FLEET_FILE, "--agent", deployment.agent.name]
-        ),
+        labels=[(name, _quoted(value)) for name, value in labels.items()],
+        command=json.dumps(command),
     )
 
 
-def _ros(deployment: Deployment) -> _Ros | None:
+def _ros(deployment: Deployment) -> dict[str, str]:
+    """Return the source of ROS 2 with the distribution's name; nothing without ROS 2."""
     distribution = deployment.common.ros
     if distribution is not RosDistribution.NONE:
-        return _Ros(distribution=distribution.value)
+        return {**_ROS, "distribution": distribution.value}
     if deployment.host.workspace:
-        allowed = ", ".join(
-            member.value for member in RosDistribution if member is not distribution
-        )
+        known = [member.value for member in RosDistribution if member is not distribution]
         raise DeployError(
             f"{deployment.host.place}.workspace: given {deployment.host.workspace!r} in a fleet whose "
-            f"deployment.ros is 'none', allowed with a colcon workspace: {allowed}"
+            f"deployment.ros is 'none', allowed with a colcon workspace: {', '.join(known)}"
         )
-    return None
+    return {}
 
 
 def _labels(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> dict[str, str]:
@@ -188,26 +171,19 @@ def _labels(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> d
 
 def _entrypoint(deployment: Deployment) -> str:
     ros = _ros(deployment)
-    scripts = [f"/opt/ros/{ros.distribution}/setup.sh", f"{OVERLAY}/setup.sh"] if ros else []
+    scripts = [f"/opt/ros/{ros['distribution']}/setup.sh", f"{OVERLAY}/setup.sh"] if ros else []
     return render(
         "entrypoint.sh.j2", launch=deployment.host.launch, setup_scripts=scripts, venv=VENV
     )
 
 
 def _dockerignore(deployment: Deployment, paths: tuple[str, ...]) -> str:
-    wanted = [
-        *paths,
-        "image/entrypoint.sh",
-        "image/fleet.yaml",
-        f"image/{deployment.release.wheel}",
-    ]
+    wheel = f"image/{deployment.release.wheel}"
+    wanted = [*paths, "image/entrypoint.sh", "image/fleet.yaml", wheel]
     if deployment.host.workspace:
         wanted.append("workspace/src")
-    lines = [
-        "# Only what the Dockerfile names reaches the builder.",
-        "*",
-        *(f"!{path}" for path in sorted(wanted)),
-    ]
+    lines = ["# Only what the Dockerfile names reaches the builder.", "*"]
+    lines += [f"!{path}" for path in sorted(wanted)]
     return "\n".join(lines) + "\n"
 
 

@@ -7,7 +7,7 @@ import shlex
 from typing import Any
 
 from sfglab.deploy.deployment import FLEET_FILE, USER, Deployment
-from sfglab.deploy.files import BundleFile
+from sfglab.deploy.files import BundleFile, text_file
 from sfglab.fleet.fleet_file import RosDistribution
 
 #: Python of the images with sfglab; nodes of a distribution run on that of the system.
@@ -109,19 +109,15 @@ def _tasks(ros: RosDistribution) -> dict[str, Any]:
         "args": ["deploy", "check", FLEET_FILE],
         "problemMatcher": [],
     }
-    return {
-        "version": "2.0.0",
-        "tasks": [*(() if ros is RosDistribution.NONE else _colcon_tasks(ros)), check],
-    }
+    colcon = [] if ros is RosDistribution.NONE else _colcon_tasks(ros)
+    return {"version": "2.0.0", "tasks": [*colcon, check]}
 
 
-def _colcon_tasks(ros: RosDistribution) -> tuple[dict[str, Any], ...]:
+def _colcon_tasks(ros: RosDistribution) -> list[dict[str, Any]]:
     test = _sourced(ros, "colcon test && colcon test-result --verbose")
-    return (
-        _bash(
-            BUILD, build_command(ros), group={"kind": "build", "isDefault": True}, matcher=["$gcc"]
-        ),
-        _bash("colcon test", test, group={"kind": "test", "isDefault": True}, matcher=["$gcc"]),
+    return [
+        _bash(BUILD, build_command(ros), "build"),
+        _bash("colcon test", test, "test"),
         _bash(ENVIRONMENT, environment_command(ros)),
         {
             "label": BUILD_ALL,
@@ -129,25 +125,22 @@ def _colcon_tasks(ros: RosDistribution) -> tuple[dict[str, Any], ...]:
             "dependsOrder": "sequence",
             "problemMatcher": [],
         },
-    )
+    ]
 
 
-def _bash(
-    label: str,
-    command: str,
-    *,
-    group: dict[str, Any] | None = None,
-    matcher: list[str] | None = None,
-) -> dict[str, Any]:
+def _bash(label: str, command: str, kind: str = "") -> dict[str, Any]:
+    """Return a task that runs a command; one of a kind is the default of its kind and runs a compiler."""
     task: dict[str, Any] = {
         "label": label,
         "type": "process",
         "command": "bash",
         "args": ["-c", command],
         "options": {"cwd": "${workspaceFolder}"},
-        "problemMatcher": matcher or [],
+        "problemMatcher": ["$gcc"] if kind else [],
     }
-    return task | ({"group": group} if group else {})
+    if kind:
+        task["group"] = {"kind": kind, "isDefault": True}
+    return task
 
 
 #: Port of ``python -m debugpy --listen 5678 ...``, as in the documentation of debugpy.
@@ -167,11 +160,10 @@ def _profiles(deployment: Deployment) -> dict[str, Any]:
     """Return ``launch.json``: to start and to attach, for C++ and for Python, and the agent itself."""
     ros = deployment.common.ros is not RosDistribution.NONE
     profiles = [*_python(deployment, ros=ros), *_cpp(ros=ros)]
-    asked = {name for name in _INPUTS if f"${{input:{name}}}" in str(profiles)}
-    inputs = [
-        {"id": name, "type": "promptString", "description": _INPUTS[name], "default": ""}
-        for name in sorted(asked)
-    ]
+    inputs = []
+    for name, text in _INPUTS.items():
+        if f"${{input:{name}}}" in str(profiles):
+            inputs.append({"id": name, "type": "promptString", "description": text, "default": ""})
     return {"version": "0.2.0", "configurations": profiles, "inputs": inputs}
 
 
@@ -265,6 +257,4 @@ def editor_files(deployment: Deployment) -> dict[str, BundleFile]:
         ".vscode/settings.json": _workspace_settings(ros),
         ".vscode/tasks.json": _tasks(ros),
     }
-    return {
-        name: BundleFile(text=json.dumps(value, indent=2) + "\n") for name, value in values.items()
-    }
+    return {name: text_file(json.dumps(value, indent=2) + "\n") for name, value in values.items()}

@@ -1,4 +1,4 @@
-"""Files of an agent's folder, and the texts with holes that some are made from: the one door to Jinja."""
+"""Files of an agent's folder, and the only module that uses Jinja: some files are made from templates."""
 
 from __future__ import annotations
 
@@ -13,17 +13,27 @@ PROGRAM = 0o755
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BundleFile:
-    """A text file of an agent's folder."""
+    """A file of an agent's folder."""
 
-    text: str  #: Text of the file.
-    mode: int = PLAIN  #: Its permissions, ``PLAIN`` or ``PROGRAM``.
+    data: bytes  #: Its content.
+    mode: int = PLAIN  #: Its permissions.
+
+    @property
+    def text(self) -> str:
+        """Content of a text file."""
+        return self.data.decode()
+
+
+def text_file(text: str, mode: int = PLAIN) -> BundleFile:
+    """Return a text file with permissions ``PLAIN`` or ``PROGRAM``."""
+    return BundleFile(data=text.encode(), mode=mode)
 
 
 def render(name: str, **values: Any) -> str:
-    """Return a file of the folder ``templates`` with its holes filled; ``value | sh`` quotes for a shell.
+    """Return a template of the folder ``templates`` with its values; ``value | sh`` quotes for a shell.
 
     Raises:
-        jinja2.UndefinedError: A hole has no value.
+        jinja2.UndefinedError: A value is missing.
     """
     return str(_templates().get_template(name).render(**values))
 
@@ -46,5 +56,5 @@ def _templates() -> Any:
 
 
 def one_line(text: str) -> str:
-    """Return a text fit for a comment's line, which it cannot leave."""
+    """Return a text without line breaks, as in a comment of one line."""
     return " ".join(text.split())

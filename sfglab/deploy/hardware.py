@@ -6,7 +6,6 @@ machine. `codecs_found` tries here and now which codecs really open.
 
 from __future__ import annotations
 
-import platform
 import re
 import struct
 from dataclasses import dataclass
@@ -16,9 +15,10 @@ from typing import TYPE_CHECKING
 
 from sfglab.deploy.machine_files import MachineFiles, plain
 from sfglab.fleet.fleet_file import Accelerator, Architecture
+from sfglab.tables import columns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
 
 class CodecRole(Enum):
@@ -28,7 +28,7 @@ class CodecRole(Enum):
     DECODER = "decoder"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Codec:
     """An H.264 codec that the hardware has, if FFmpeg was built for it."""
 
@@ -47,32 +47,13 @@ class CodecFound(Codec):
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """An accelerator that is there and can be used."""
-
-    reason: str  #: Reason why it counts as found.
-    devices: tuple[str, ...] = ()  #: Device nodes that a container needs to use it.
-    codecs: tuple[Codec, ...] = ()  #: H.264 codecs that it has.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
     """Result of looking for one accelerator."""
 
-    accelerator: Accelerator
     reason: str  #: Reason why it counts as found or not.
-    found: bool  #: Whether it is there and can be used.
-    devices: tuple[str, ...]  #: Device nodes that a container needs to use it.
-    codecs: tuple[Codec, ...]  #: H.264 codecs that it has.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeviceGroup:
-    """A group that a container's user needs to open the devices."""
-
-    name: str  #: Name, as udev's rules give it.
-    #: Number on the machine; None if the machine's ``/etc/group`` does not have it.
-    gid: int | None
+    found: bool = False  #: Whether it is there and can be used.
+    devices: tuple[str, ...] = ()  #: Device nodes that a container needs to use it.
+    codecs: tuple[Codec, ...] = ()  #: H.264 codecs that it has.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,13 +69,8 @@ class Machine:
     jetpack: int | None  #: Major version of JetPack; None if there is none or it is not known.
     accelerator: Accelerator  #: Accelerator that its images are made for.
     #: Evidence for each accelerator, in the order of choice.
-    evidence: tuple[Evidence, ...]
+    evidence: dict[Accelerator, Evidence]
     devices: tuple[str, ...]  #: Device nodes that a container needs for the accelerator.
-    groups: tuple[DeviceGroup, ...]  #: Groups that may open them.
-
-    def evidence_of(self, accelerator: Accelerator) -> Evidence:
-        """Return the evidence for one accelerator."""
-        return next(item for item in self.evidence if item.accelerator is accelerator)
 
 
 def detect(root: Path = Path("/")) -> Machine:
@@ -103,8 +79,9 @@ def detect(root: Path = Path("/")) -> Machine:
     `root` is the folder that stands for the machine's ``/``; a `DeployError` says that there is none.
     """
     files = MachineFiles(root)
-    evidence = tuple(_evidence(accelerator, files) for accelerator in TABLE)
-    chosen = next(item for item in evidence if item.found)
+    evidence = {accelerator: look_for(files) for accelerator, look_for in TABLE.items()}
+    accelerator = next(name for name, item in evidence.items() if item.found)
+    devices = evidence[accelerator].devices
     architecture, reason = find_architecture(files)
     release = _l4t_release(files)
     return Machine(
@@ -114,27 +91,13 @@ def detect(root: Path = Path("/")) -> Machine:
         model=_model(files),
         operating_system=_operating_system(files),
         jetpack=JETPACKS.get(release[0]) if release else None,
-        accelerator=chosen.accelerator,
-        evidence=evidence,
-        devices=chosen.devices,
-        groups=_groups(files, chosen.devices),
-    )
-
-
-def _evidence(accelerator: Accelerator, files: MachineFiles) -> Evidence:
-    result = TABLE[accelerator](files)
-    is_found = isinstance(result, Found)
-    found = result if isinstance(result, Found) else Found(result)
-    return Evidence(
         accelerator=accelerator,
-        reason=found.reason,
-        found=is_found,
-        devices=found.devices,
-        codecs=found.codecs,
+        evidence=evidence,
+        devices=devices,
     )
 
 
-# Each function returns what it found, or why there is nothing. First: NVIDIA Jetson.
+# NVIDIA Jetson.
 
 JETPACKS = {28: 3, 31: 4, 32: 4, 34: 5, 35: 5, 36: 6, 38: 7, 39: 7}
 """Major version of JetPack by that of Jetson Linux (L4T): docs.nvidia.com/jetson/archives."""
@@ -143,7 +106,7 @@ _RELEASE_FILE = "/etc/nv_tegra_release"
 _RELEASE = re.compile(r"#\s*R([0-9]{1,3})\s*\(release\),\s*REVISION:\s*([0-9][0-9.]{0,15})")
 
 
-def look_for_jetson(files: MachineFiles) -> Found | str:
+def look_for_jetson(files: MachineFiles) -> Evidence:
     """Look for a Jetson whose engines can be reached.
 
     The device tree (``nvidia,tegra*``) or the release file of L4T names the board. Its engines are reached
@@ -152,9 +115,12 @@ def look_for_jetson(files: MachineFiles) -> Found | str:
     is_jetson = _is_tegra(files) or files.text(_RELEASE_FILE) is not None
     engines = files.paths("/dev", r"nvhost-[A-Za-z0-9_-]+|nvmap")
     if not is_jetson:
-        return "no Tegra board and no L4T release"
+        return Evidence("no Tegra board and no L4T release")
     if not engines:
-        return "a Jetson, but no /dev/nvmap or /dev/nvhost-*: a container without NVIDIA's runtime?"
+        reason = (
+            "a Jetson, but no /dev/nvmap or /dev/nvhost-*: a container without NVIDIA's runtime?"
+        )
+        return Evidence(reason)
     nodes = [*engines]
     for folder in files.paths("/dev/nvgpu", r"[\w-]+"):
         nodes += files.paths(folder, r"[\w-]+")
@@ -164,7 +130,12 @@ def look_for_jetson(files: MachineFiles) -> Found | str:
     version = "an unknown release of L4T"
     if release:
         version = f"L4T {release[1]}, JetPack {JETPACKS.get(release[0], 'unknown')}"
-    return Found(f"a Jetson with {version}", tuple(nodes), _jetson_codecs(files))
+    return Evidence(
+        f"a Jetson with {version}",
+        found=True,
+        devices=tuple(nodes),
+        codecs=_jetson_codecs(files),
+    )
 
 
 def _is_tegra(files: MachineFiles) -> bool:
@@ -183,27 +154,23 @@ def _l4t_release(files: MachineFiles) -> tuple[int, str] | None:
 def _jetson_codecs(files: MachineFiles) -> tuple[Codec, ...]:
     """Return NVENC and NVDEC; Orin Nano has no NVENC (NVIDIA, Jetson Orin Nano Series Data Sheet)."""
     why = "engine on the chip; in FFmpeg of jetson-ffmpeg, not in the wheels of PyAV"
-    decoder = Codec(name="h264_nvmpi", role=CodecRole.DECODER, why=why)
-    if "Orin Nano" in _model(files):
-        return (decoder,)
-    return (Codec(name="h264_nvmpi", role=CodecRole.ENCODER, why=why), decoder)
+    has_encoder = "Orin Nano" not in _model(files)
+    roles = CodecRole if has_encoder else [CodecRole.DECODER]
+    return tuple(Codec("h264_nvmpi", role, why) for role in roles)
 
 
 # NVIDIA cards.
 
 _DRIVER_FILE = "/proc/driver/nvidia/version"
 _DRIVER = re.compile(r"Kernel Module(?: for \w+)?\s+([0-9]+(?:\.[0-9]+)+)")
+_NVENC = "NVENC on the card; needs the driver's library from the host; an A100 has no encoder"
 _CUDA_CODECS = (
-    Codec(
-        name="h264_nvenc",
-        role=CodecRole.ENCODER,
-        why="NVENC on the card; needs the driver's library from the host; an A100 has no encoder",
-    ),
-    Codec(name="h264_cuvid", role=CodecRole.DECODER, why="NVDEC on the card"),
+    Codec("h264_nvenc", CodecRole.ENCODER, _NVENC),
+    Codec("h264_cuvid", CodecRole.DECODER, "NVDEC on the card"),
 )
 
 
-def look_for_cuda(files: MachineFiles) -> Found | str:
+def look_for_cuda(files: MachineFiles) -> Evidence:
     """Look for a card with NVIDIA's driver.
 
     The driver is there with ``/proc/driver/nvidia/version``, a card with ``/dev/nvidia0``; both are used through
@@ -212,26 +179,26 @@ def look_for_cuda(files: MachineFiles) -> Found | str:
     nodes for its display.
     """
     if files.has("/dev/dxg"):
-        if files.paths("/usr/lib/wsl/lib", r"libcuda\.so[0-9.]*"):
-            return Found("NVIDIA's driver for Windows, in WSL 2", ("/dev/dxg",), _CUDA_CODECS)
-        return "WSL 2 with a graphics card that is not NVIDIA's"
+        if not files.paths("/usr/lib/wsl/lib", r"libcuda\.so[0-9.]*"):
+            return Evidence("WSL 2 with a graphics card that is not NVIDIA's")
+        reason = "NVIDIA's driver for Windows, in WSL 2"
+        return Evidence(reason, found=True, devices=("/dev/dxg",), codecs=_CUDA_CODECS)
     if _is_tegra(files):
-        return "a Tegra: its /dev/nvidia* belong to the display"
+        return Evidence("a Tegra: its /dev/nvidia* belong to the display")
     driver = files.text(_DRIVER_FILE)
     cards = files.paths("/dev", r"nvidia[0-9]+")
     control = files.paths("/dev", "nvidiactl")
-    missing = [] if driver is not None else [_DRIVER_FILE]
-    missing += [] if control else ["/dev/nvidiactl"]
-    missing += [] if cards else ["/dev/nvidia0"]
-    if len(missing) > 2:
-        return "no driver of NVIDIA"
+    needed = {_DRIVER_FILE: driver, "/dev/nvidiactl": control, "/dev/nvidia0": cards}
+    missing = [name for name, there in needed.items() if not there]
+    if len(missing) == len(needed):
+        return Evidence("no driver of NVIDIA")
     if missing:
-        return f"NVIDIA's driver is not complete: without {', '.join(missing)}"
+        return Evidence(f"NVIDIA's driver is not complete: without {', '.join(missing)}")
     version = _DRIVER.search(driver or "")
     name = version[1] if version else "of unknown version"
     extra = files.paths("/dev", r"nvidia-(uvm|uvm-tools|modeset)")
     reason = f"NVIDIA's driver {name} with {len(cards)} card(s)"
-    return Found(reason, (*cards, *control, *extra), _CUDA_CODECS)
+    return Evidence(reason, found=True, devices=(*cards, *control, *extra), codecs=_CUDA_CODECS)
 
 
 # AMD and Intel.
@@ -251,43 +218,48 @@ _AMD, _INTEL = "0x1002", "0x8086"  # PCI vendors
 _VENDORS = {_AMD: "AMD", _INTEL: "Intel"}
 _QUICK_SYNC = "Intel's Quick Sync; needs the runtime of oneVPL or Media SDK in the image"
 _VAAPI_CODEC = Codec(
-    name="h264_vaapi",
-    role=CodecRole.ENCODER,
-    why="video engine of the graphics; needs the VA driver of Mesa or Intel in the image",
+    "h264_vaapi",
+    CodecRole.ENCODER,
+    "video engine of the graphics; needs the VA driver of Mesa or Intel in the image",
 )
 """VAAPI decodes inside FFmpeg's ``h264``, without a name of its own."""
 
 
-def look_for_rocm(files: MachineFiles) -> Found | str:
+def look_for_rocm(files: MachineFiles) -> Evidence:
     """Look for an AMD chip that ROCm supports.
 
     The kernel also offers ``/dev/kfd`` for chips that AMD's libraries have no code for, such as the gfx1033 of
     the Steam Deck. A container needs it and the chip's render node (AMD, 'Running ROCm Docker containers').
     """
-    chips = dict(_chips(files))
+    chips = _chips(files)
     good = [name for name in chips if name in ROCM_TARGETS]
     nodes = [node for name in good for node in chips[name]]
     if good and nodes and files.has("/dev/kfd"):
-        reason = f"{', '.join(good)} is on AMD's list of supported chips"
-        return Found(reason, ("/dev/kfd", *nodes), (_VAAPI_CODEC,))
+        return Evidence(
+            f"{', '.join(good)} is on AMD's list of supported chips",
+            found=True,
+            devices=("/dev/kfd", *nodes),
+            codecs=(_VAAPI_CODEC,),
+        )
     if good:
-        return f"{', '.join(good)}, but /dev/kfd or its render node is missing: a container?"
+        missing = "/dev/kfd or its render node is missing: a container?"
+        return Evidence(f"{', '.join(good)}, but {missing}")
     if chips:
-        return f"{', '.join(chips)} is not on AMD's list of supported chips"
-    return "no chip of AMD that computes"
+        return Evidence(f"{', '.join(chips)} is not on AMD's list of supported chips")
+    return Evidence("no chip of AMD that computes")
 
 
-def _chips(files: MachineFiles) -> Iterator[tuple[str, list[str]]]:
-    """Yield each chip with its render node, if that is there; processors have version 0."""
-    found: dict[str, list[str]] = {}
+def _chips(files: MachineFiles) -> dict[str, list[str]]:
+    """Return the render nodes that are there, by chip; processors have version 0."""
+    chips: dict[str, list[str]] = {}
     for name in files.names(_TOPOLOGY, r"[0-9]+"):
         text = files.text(f"{_TOPOLOGY}/{name}/properties") or ""
-        version, minor = _property(text, "gfx_target_version"), _property(text, "drm_render_minor")
-        node = f"/dev/dri/renderD{minor}"
+        version = _property(text, "gfx_target_version")
         if version:
-            nodes = found.setdefault(gfx_name(version), [])
-            nodes += [node] if minor and files.has(node) else []
-    yield from found.items()
+            nodes = chips.setdefault(gfx_name(version), [])
+            minor = _property(text, "drm_render_minor")
+            nodes += files.paths("/dev/dri", f"renderD{minor}")
+    return chips
 
 
 def _property(text: str, name: str) -> int:
@@ -307,7 +279,7 @@ def gfx_name(gfx_target_version: int) -> str:
     return f"gfx{major}{minor:x}{stepping:x}"
 
 
-def look_for_vaapi(files: MachineFiles) -> Found | str:
+def look_for_vaapi(files: MachineFiles) -> Evidence:
     """Look for graphics of Intel or AMD with a render node, whose video engine VAAPI drives.
 
     The vendor is ``/sys/class/drm/renderD*/device/vendor``. Nodes of others, such as virtio or nouveau, do not
@@ -319,24 +291,25 @@ def look_for_vaapi(files: MachineFiles) -> Found | str:
         nodes[path] = plain(vendor or "").lower()
     good = {path: vendor for path, vendor in nodes.items() if vendor in _VENDORS}
     if not good:
-        return "render nodes, but none of Intel or AMD" if nodes else "no /dev/dri/renderD*"
+        none = "render nodes, but none of Intel or AMD" if nodes else "no /dev/dri/renderD*"
+        return Evidence(none)
     codecs = [_VAAPI_CODEC]
     if _INTEL in good.values():
-        codecs += [Codec(name="h264_qsv", role=role, why=_QUICK_SYNC) for role in CodecRole]
+        codecs += [Codec("h264_qsv", role, _QUICK_SYNC) for role in CodecRole]
     makers = sorted({_VENDORS[vendor] for vendor in good.values()})
     reason = f"graphics of {' and '.join(makers)} with a video engine"
-    return Found(reason, tuple(good), tuple(codecs))
+    return Evidence(reason, found=True, devices=tuple(good), codecs=tuple(codecs))
 
 
 # Codecs of boards.
 
-_H264 = {"bcm2835-codec-decode": CodecRole.DECODER, "bcm2835-codec-encode": CodecRole.ENCODER}
+_H264 = {"bcm2835-codec-encode": CodecRole.ENCODER, "bcm2835-codec-decode": CodecRole.DECODER}
 """H.264 codecs of Raspberry Pi 4 and before (Raspberry Pi's kernel, bcm2835-v4l2-codec.c)."""
 _HEVC = frozenset({"rpivid", "rpi-hevc-dec"})  # of Raspberry Pi 4 and 5
 _CODEC = re.compile(r"(?:.*[-_ ])?(?:enc|encode|encoder|dec|decode|decoder)", re.IGNORECASE)
 
 
-def look_for_v4l2(files: MachineFiles) -> Found | str:
+def look_for_v4l2(files: MachineFiles) -> Evidence:
     """Look for a V4L2 device node that is a codec, by its driver's name in /sys/class/video4linux.
 
     A codec of any format counts, because base images differ by driver. It may do nothing for H.264: a Raspberry
@@ -348,29 +321,28 @@ def look_for_v4l2(files: MachineFiles) -> Found | str:
         names[path] = plain(text or "")
     codecs = {n: name for n, name in names.items() if _CODEC.fullmatch(name) or name in _HEVC}
     if not codecs:
-        return "no video device that is a codec"
-    known = {_H264.get(name) for name in codecs.values()}
-    roles = [role for role in CodecRole if role in known]
+        return Evidence("no video device that is a codec")
+    drivers = set(codecs.values())
+    roles = [role for driver, role in _H264.items() if driver in drivers]
     if roles:
         reason = f"H.264 {' and '.join(role.value for role in roles)} in hardware"
-    elif set(codecs.values()) <= _HEVC:
+    elif drivers <= _HEVC:
         reason = "an HEVC decoder only: the processor encodes and decodes H.264"
     else:
-        reason = f"codecs of unknown formats ({', '.join(sorted(set(codecs.values())))})"
-    why = "stateful V4L2 codec of the board"
-    h264 = [Codec(name="h264_v4l2m2m", role=role, why=why) for role in roles]
-    return Found(reason, tuple(codecs), tuple(h264))
+        reason = f"codecs of unknown formats ({', '.join(sorted(drivers))})"
+    h264 = [Codec("h264_v4l2m2m", role, "stateful V4L2 codec of the board") for role in roles]
+    return Evidence(reason, found=True, devices=tuple(codecs), codecs=tuple(h264))
 
 
-def look_for_none(files: MachineFiles) -> Found:
+def look_for_none(files: MachineFiles) -> Evidence:
     """Return the processor, which is always there."""
     reason = "the processor is always there"
     if files.has("/.dockerenv") or files.has("/run/.containerenv"):
         reason += "; this is the root of a container, which has only the devices that it was given"
-    return Found(reason)
+    return Evidence(reason, found=True)
 
 
-TABLE: dict[Accelerator, Callable[[MachineFiles], Found | str]] = {
+TABLE: dict[Accelerator, Callable[[MachineFiles], Evidence]] = {
     Accelerator.JETSON: look_for_jetson,  # its libraries fit one L4T release and no other base
     Accelerator.CUDA: look_for_cuda,  # computes, encodes and decodes, beside other graphics
     Accelerator.ROCM: look_for_rocm,  # computes, and its base also has VAAPI
@@ -381,67 +353,36 @@ TABLE: dict[Accelerator, Callable[[MachineFiles], Found | str]] = {
 """The order of choice: the first accelerator that is found is taken."""
 
 
-# Architecture, model and groups.
+# Architecture, model and operating system.
 
-_ELF = {3: "386", 8: "mips", 20: "ppc", 21: "ppc64", 22: "s390x", 40: "arm", 62: "amd64"}
-_ELF |= {183: "arm64", 243: "riscv64", 258: "loong64"}
+_ELF = {62: "amd64", 183: "arm64", 243: "riscv64"}
 """Names in container images by ``e_machine`` of the System V ABI's ELF header (elf.h, EM_*)."""
-_PROGRAMS = ("/bin/sh", "/usr/bin/sh", "/bin/busybox", "/usr/bin/env", "/sbin/init")
-_LOADERS = ("/lib64", "/lib", "/usr/lib64", "/usr/lib")
-_KERNEL_NAMES = {"x86_64": "amd64", "aarch64": "arm64"}
 _TREES = ("/proc/device-tree", "/sys/firmware/devicetree/base")  # the first is a link to the second
-_DMI = "/sys/class/dmi/id"
-_GROUPS = (
-    (re.compile(r"/dev/dri/renderD[0-9]+|/dev/kfd"), "render"),
-    (re.compile(r"/dev/video[0-9]+|/dev/dri/card[0-9]+"), "video"),
-    (re.compile(r"/dev/(nvhost-|nvmap|nvgpu|v4l2-nv).*"), "video"),
-)
-"""Groups of device nodes: systemd's 50-udev-default.rules, and for Jetson L4T's 99-tegra-devices.rules."""
 
 
 def find_architecture(files: MachineFiles) -> tuple[Architecture | None, str]:
     """Return the architecture, and its source or the reason why there is none."""
-    loaders: list[str] = []
-    for place in _LOADERS:
-        loaders += files.paths(place, r"ld-(linux|musl)-?[\w.-]*so[\w.-]*")
-    for path in (*_PROGRAMS, *loaders):
-        name = _elf_name(files.head(path, 20))
-        if name:
-            return _supported(name, f"the ELF header of {path}")
-    if files.root == Path("/"):
-        kernel = platform.machine()
-        return _supported(_KERNEL_NAMES.get(kernel, kernel), "the kernel's own name for it")
-    return None, "not known: no program with an ELF header"
-
-
-def _elf_name(header: bytes | None) -> str:
-    """Return the architecture's name in container images; empty if this is no program."""
-    if header is None or len(header) < 20 or header[:4] != b"\x7fELF":
-        return ""
-    is_64_bit, is_little_endian = header[4] == 2, header[5] == 1
-    (machine,) = struct.unpack_from("<H" if is_little_endian else ">H", header, 18)
+    header = (files.head("/bin/sh") or b"")[:20]
+    if len(header) < 20 or not header.startswith(b"\x7fELF"):
+        return None, "not known: /bin/sh has no ELF header"
+    source = "from the ELF header of /bin/sh"
+    (machine,) = struct.unpack_from("<H", header, 18)
     name = _ELF.get(machine, f"ELF machine {machine}")
-    if name in {"amd64", "arm64"} and not (is_64_bit and is_little_endian):
-        return f"{name} with 32-bit or big-endian programs"
-    return "riscv32" if name == "riscv64" and not is_64_bit else name
-
-
-def _supported(name: str, source: str) -> tuple[Architecture | None, str]:
+    if header[4:6] != b"\x02\x01":
+        name = "a 32-bit or big-endian processor"
     allowed = [member.value for member in Architecture]
     if name in allowed:
-        return Architecture(name), f"from {source}"
-    wanted = ", ".join(allowed)
-    return None, f"{name}, from {source}: there are no images for it, allowed: {wanted}"
+        return Architecture(name), source
+    return None, f"{name}, {source}: there are no images for it, allowed: {', '.join(allowed)}"
 
 
 def _model(files: MachineFiles) -> str:
-    """Return the device tree's model, otherwise manufacturer and product of DMI, otherwise 'unknown'."""
+    """Return the device tree's model, otherwise 'unknown'."""
     for tree in _TREES:
         model = plain(files.text(f"{tree}/model") or "")
         if model:
             return model
-    names = [plain(files.text(f"{_DMI}/{name}") or "") for name in ("sys_vendor", "product_name")]
-    return " ".join(filter(None, names)) or "unknown"
+    return "unknown"
 
 
 def _operating_system(files: MachineFiles) -> str:
@@ -454,28 +395,17 @@ def _operating_system(files: MachineFiles) -> str:
     return "unknown"
 
 
-def _groups(files: MachineFiles, devices: Sequence[str]) -> tuple[DeviceGroup, ...]:
-    """Return the groups that udev gives device nodes, with their numbers on this machine."""
-    wanted = {name for path in devices for pattern, name in _GROUPS if pattern.fullmatch(path)}
-    known: dict[str, int] = {}
-    for line in (files.text("/etc/group") or "").splitlines():
-        name, *fields = line.split(":")
-        if len(fields) > 1 and re.fullmatch(r"[0-9]{1,10}", fields[1]):
-            known.setdefault(name, int(fields[1]))
-    return tuple(DeviceGroup(name=name, gid=known.get(name)) for name in sorted(wanted))
-
-
 # Codecs that open, and the report.
 
 _SOFTWARE = (
-    Codec(name="libx264", role=CodecRole.ENCODER, why="the processor; in the wheels of PyAV"),
-    Codec(name="h264", role=CodecRole.DECODER, why="the processor; part of FFmpeg"),
+    Codec("libx264", CodecRole.ENCODER, "the processor; in the wheels of PyAV"),
+    Codec("h264", CodecRole.DECODER, "the processor; part of FFmpeg"),
 )
 
 
 def expected_codecs(machine: Machine) -> tuple[Codec, ...]:
     """Return the H.264 codecs of a machine's accelerator, then those of the processor."""
-    return (*machine.evidence_of(machine.accelerator).codecs, *_SOFTWARE)
+    return (*machine.evidence[machine.accelerator].codecs, *_SOFTWARE)
 
 
 def codecs_found(machine: Machine) -> tuple[CodecFound, ...]:
@@ -503,10 +433,6 @@ def codecs_found(machine: Machine) -> tuple[CodecFound, ...]:
 def render_machine(machine: Machine, codecs: Sequence[CodecFound] | None = None) -> str:
     """Return a report of a machine, with the result of `codecs_found` unless it is None."""
     architecture = f"{machine.architecture.value}, " if machine.architecture else ""
-    groups = [
-        f"{group.name} ({'not in /etc/group' if group.gid is None else group.gid})"
-        for group in machine.groups
-    ]
     rows = {
         "Model": machine.model,
         "Operating system": machine.operating_system,
@@ -514,23 +440,21 @@ def render_machine(machine: Machine, codecs: Sequence[CodecFound] | None = None)
         "JetPack": str(machine.jetpack or ""),
         "Accelerator": machine.accelerator.value,
         "Devices": ", ".join(machine.devices) or "none needed",
-        "Groups": ", ".join(groups) or "none needed",
     }
     lines = [f"{title + ':':18}{text}" for title, text in rows.items() if text]
     lines += ["", "Accelerators, in order of preference:"]
-    for item in machine.evidence:
-        mark = "*" if item.accelerator is machine.accelerator else " "
+    for accelerator, item in machine.evidence.items():
+        mark = "*" if accelerator is machine.accelerator else " "
         found = "found" if item.found else "not found"
-        lines.append(f"{mark} {item.accelerator.value:7} {found}: {item.reason}")
+        lines.append(f"{mark} {accelerator.value:7} {found}: {item.reason}")
     if codecs is not None:
         lines += ["", "H.264 codecs, as PyAV opens them in this process:"]
-        lines.append(f"  {'name':14} {'role':8} {'expected':8} {'opens':6} tried; why")
-        lines += map(_codec_line, codecs)
+        table = [("name", "role", "expected", "opens", "tried; why"), *map(_codec_row, codecs)]
+        lines += [f"  {line}" for line in columns(table)]
     return "\n".join(lines) + "\n"
 
 
-def _codec_line(codec: CodecFound) -> str:
+def _codec_row(codec: CodecFound) -> tuple[str, ...]:
     expected = "yes" if codec.expected else "no"
     works = "yes" if codec.works else "no"
-    start = f"  {codec.name:14} {codec.role.value:8} {expected:8} {works:6}"
-    return f"{start} {codec.tried}; {codec.why}"
+    return codec.name, codec.role.value, expected, works, f"{codec.tried}; {codec.why}"

@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from importlib import resources
+from typing import TYPE_CHECKING
 
-from sfglab.deploy.deployment import USER_ID, Deployment
+from sfglab.deploy.deployment import USER_ID, Deployment, domain_ports
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile, render
+from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile, render, text_file
+
+if TYPE_CHECKING:
+    from sfglab.fleet.fleet_file import HostSpec
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TimePlan:
-    """Time synchronisation of a machine."""
+def plan_time(deployment: Deployment) -> tuple[list[str], bool]:
+    """Return the time servers of a machine in the order of the fleet file, and whether it is one itself.
 
-    #: Names or addresses of machines that it asks, in the order of the fleet file.
-    servers: tuple[str, ...]
-    serves: bool  #: Whether it is a time server itself.
-
-
-def plan_time(deployment: Deployment) -> TimePlan:
-    """Return whom a machine asks for the time, and whether it serves; `DeployError` if it has no address."""
+    Raises:
+        DeployError: A time server is an agent without an address.
+    """
     agents = {agent.name: agent for agent in deployment.fleet.agents}
-    own = deployment.host.address.rpartition("@")[2]
+    own = _host_of(deployment.host)
     servers: list[str] = []
     serves = False
     for index, name in enumerate(deployment.common.time_servers):
-        server = name
-        if name in agents:
-            host = agents[name].host
-            server = host.address.rpartition("@")[2] if host else ""
+        server = _host_of(agents[name].host) if name in agents else name
         if not server:
             raise DeployError(
                 f"{deployment.common.place}.time_servers[{index}]: given {name!r}, an agent whose host "
@@ -40,7 +35,12 @@ def plan_time(deployment: Deployment) -> TimePlan:
             serves = True
         elif server not in servers:
             servers.append(server)
-    return TimePlan(servers=tuple(servers), serves=serves)
+    return servers, serves
+
+
+def _host_of(host: HostSpec | None) -> str:
+    """Return a machine's name or address without the user."""
+    return host.address.rpartition("@")[2] if host else ""
 
 
 # Linux, dev_valid_name(): at most 15 bytes, no '/', ':' or space. nft knows no escapes, and '*' is a wildcard.
@@ -49,38 +49,42 @@ _ADDRESS = re.compile(r"\d+\.\d+\.\d+\.\d+")
 
 
 def firewall_left_out(deployment: Deployment) -> str:
-    """Return why the own domain's ports are not closed; empty where they are."""
-    network = deployment.network
-    if network.global_interface is None:
+    """Return the reason why the ports of the own domain are not closed; empty if they are."""
+    interface = deployment.agent.global_interface
+    if interface is None:
         return "the fleet file names no global interface"
-    if network.router_interface == network.global_interface:
-        return f"the agent's own domain is on {network.global_interface} as well"
-    if network.local_domain == network.global_domain:
+    if deployment.router_interface == interface:
+        return f"the agent's own domain is on {interface} as well"
+    if deployment.agent.domain == deployment.fleet.global_domain:
         return "the agent's own domain is the global one"
     return ""
 
 
 def firewall_rules(deployment: Deployment) -> str:
-    """Return what ``nft -f`` loads, empty if nothing is to close; `DeployError` if an interface is none."""
-    network = deployment.network
+    """Return what ``nft -f`` loads; empty if nothing is to be closed.
+
+    Raises:
+        DeployError: The name of the global interface is none.
+    """
     left_out = firewall_left_out(deployment)
-    if left_out and not network.bridge:
+    if left_out and not deployment.bridge:
         return ""
+    own, shared = deployment.agent.domain, deployment.fleet.global_domain
     return render(
         "firewall.nft",
         agent=deployment.agent.name,
         table=_table(deployment),
         interface="" if left_out else _interface(deployment),
-        bridge=network.bridge,
-        local_domain=network.local_domain,
-        global_domain=network.global_domain,
-        local_ports=_range(network.local_ports),
-        global_ports=_range(network.global_ports),
+        bridge=deployment.bridge,
+        local_domain=own,
+        global_domain=shared,
+        local_ports=_ports(own),
+        global_ports=_ports(shared),
     )
 
 
 def _interface(deployment: Deployment) -> str:
-    name = deployment.network.global_interface or ""
+    name = deployment.agent.global_interface or ""
     if not _INTERFACE.fullmatch(name) or _ADDRESS.fullmatch(name):
         raise DeployError(
             f"{deployment.agent.place}: global_interface: given {name!r}, "
@@ -94,8 +98,8 @@ def _table(deployment: Deployment) -> str:
     return f"sfglab_{deployment.agent.name}"
 
 
-def _range(ports: tuple[int, int]) -> str:
-    first, last = ports
+def _ports(domain: int) -> str:
+    first, last = domain_ports(domain)
     return f"{first}-{last}" if last > first else str(first)
 
 
@@ -138,22 +142,19 @@ def host_files(deployment: Deployment) -> dict[str, BundleFile]:
         DeployError: A time server has no address, or an interface a name that Linux does not take.
     """
     scripts = resources.files(__package__) / "scripts"
-    files = {
-        f"hooks/{name}": BundleFile(
-            text=scripts.joinpath(name).read_text(encoding="utf-8"), mode=mode
-        )
-        for name, mode in SCRIPTS.items()
-    }
+    files = {}
+    for name, mode in SCRIPTS.items():
+        files[f"hooks/{name}"] = text_file(scripts.joinpath(name).read_text("utf-8"), mode)
     rules = firewall_rules(deployment)
-    files["hooks/settings.sh"] = BundleFile(text=_settings(deployment, firewall=bool(rules)))
+    files["hooks/settings.sh"] = text_file(_settings(deployment, firewall=bool(rules)))
     if rules:
-        files["hooks/firewall.nft"] = BundleFile(text=rules)
-    files[f"systemd/{deployment.service}"] = BundleFile(text=service_unit(deployment))
+        files["hooks/firewall.nft"] = text_file(rules)
+    files[f"systemd/{deployment.service}"] = text_file(service_unit(deployment))
     return files
 
 
 def _settings(deployment: Deployment, *, firewall: bool) -> str:
-    time = plan_time(deployment)
+    servers, serves = plan_time(deployment)
     return render(
         "settings.sh",
         agent=deployment.agent.name,
@@ -161,9 +162,9 @@ def _settings(deployment: Deployment, *, firewall: bool) -> str:
         service=deployment.service,
         state=f"{STATE}/{deployment.agent.name}",
         gid=USER_ID,
-        interface=deployment.network.global_interface or "",
-        servers=time.servers,
-        serves=time.serves,
+        interface=deployment.agent.global_interface or "",
+        servers=servers,
+        serves=serves,
         firewall=firewall,
         left_out=firewall_left_out(deployment),
         table=_table(deployment),

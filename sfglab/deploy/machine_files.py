@@ -77,13 +77,16 @@ class MachineFiles:
         return None if head is None else head.decode(errors="replace")
 
     def names(self, folder: str, pattern: str) -> list[str]:
-        """Return the names in a folder that match a regular expression as a whole, by their numbers."""
+        """Return the names in a folder that match a regular expression as a whole, short ones first."""
         place = self.resolve(folder)
         try:
             found = [child.name for child in place.iterdir()] if place is not None else []
         except OSError:
             return []
-        return sorted((name for name in found if re.fullmatch(pattern, name)), key=_by_number)
+        return sorted(
+            (name for name in found if re.fullmatch(pattern, name)),
+            key=lambda name: (len(name), name),
+        )
 
     def paths(self, folder: str, pattern: str) -> list[str]:
         """Return absolute paths of what matches in a folder and leads somewhere."""
@@ -109,8 +112,3 @@ def plain(text: str) -> str:
 
 def _parts(path: str) -> list[str]:
     return [part for part in PurePosixPath(path).parts if part.strip("/")]
-
-
-def _by_number(name: str) -> tuple[str, int, str]:
-    stem = name.rstrip("0123456789")
-    return stem, int(name[len(stem) :] or -1), name

@@ -18,11 +18,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 _GRACE_S = 10.0
-_LAST_WORDS = 20
+_LAST_LINES = 20
 
 
-def run_heard(command: Sequence[str], hear: Callable[[str], None], what: str = "") -> None:
-    """Run a program to its end, and hand on each line; `DeployError` if it fails. Its children end with it."""
+def run_streamed(command: Sequence[str], on_line: Callable[[str], None], name: str = "") -> None:
+    """Run a program to its end, and pass on each line of its output. Its children end with it.
+
+    Raises:
+        DeployError: The program does not start, or fails; with its last lines.
+    """
     try:
         process = subprocess.Popen(
             command,
@@ -34,13 +38,13 @@ def run_heard(command: Sequence[str], hear: Callable[[str], None], what: str = "
             start_new_session=True,
         )
     except OSError as error:
-        raise DeployError(f"{command[0]}: given a program that does not start: {error}") from error
+        raise DeployError(f"{command[0]} does not start: {error}") from error
     assert process.stdout is not None
-    last: deque[str] = deque(maxlen=_LAST_WORDS)
+    last: deque[str] = deque(maxlen=_LAST_LINES)
     try:
         for line in process.stdout:
             last.append(line.rstrip("\n"))
-            hear(last[-1])
+            on_line(last[-1])
         status = process.wait()
     except BaseException:
         _end(process)
@@ -48,23 +52,21 @@ def run_heard(command: Sequence[str], hear: Callable[[str], None], what: str = "
     finally:
         process.stdout.close()
     if status != 0:
-        words = "\n".join(last)
+        lines = "\n".join(last)
         raise DeployError(
-            f"{what or command[0]}: ended with status {status}; its last words:\n{words}"
+            f"{name or command[0]}: ended with status {status}; its last lines:\n{lines}"
         )
 
 
 def _end(process: subprocess.Popen[str]) -> None:
-    """End a program and all of its session: first asked, then made to."""
-    for how, limit_s in ((signal.SIGTERM, _GRACE_S), (signal.SIGKILL, None)):
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, how)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(limit_s)
-            break
-    # The leader has ended; what it started may have not.
+    """End a program and the processes of its session: with SIGTERM, then with SIGKILL."""
     with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGTERM)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(_GRACE_S)
+    with contextlib.suppress(ProcessLookupError):  # raised if no process of the session is left
         os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
 
 
 def find_program(name: str, install: str = EXTRA) -> str:

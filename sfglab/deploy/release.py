@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -60,7 +61,13 @@ def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> st
         DeployError: Something that an agent needs is not pinned for that Python and processor.
     """
     environment = _environment(python, architecture)
-    pinned = _pinned(lock_text, environment)
+    pinned = {}
+    for requirement, entry in _entries(lock_text):
+        if _applies(requirement, environment):
+            _, *digests = entry.splitlines(keepends=True)
+            end = " \\\n" if digests else "\n"
+            head = f"{requirement.name}{requirement.specifier}{end}"
+            pinned[_name(requirement)] = "".join((head, *digests))
     needed = _closure(environment)
     missing = sorted(needed - pinned.keys())
     if missing:
@@ -74,9 +81,13 @@ def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> st
 def split_lock(lock_text: str, names: Iterable[str]) -> tuple[str, str]:
     """Return a lock file's entries without and of some packages, by their normal names (PEP 503)."""
     taken = frozenset(names)
-    entries = [(_name(requirement), entry) for requirement, entry in _entries(lock_text)]
-    without = "".join(entry for name, entry in entries if name not in taken)
-    return without, "".join(entry for name, entry in entries if name in taken)
+    without, of = "", ""
+    for requirement, entry in _entries(lock_text):
+        if _name(requirement) in taken:
+            of += entry
+        else:
+            without += entry
+    return without, of
 
 
 @lru_cache(maxsize=16)
@@ -105,48 +116,24 @@ def _applies(requirement: Requirement, environment: dict[str, str]) -> bool:
     return requirement.marker is None or requirement.marker.evaluate(environment)
 
 
-def _pinned(lock_text: str, environment: dict[str, str]) -> dict[str, str]:
-    """Return the entries that apply, by name, without their markers."""
-    pinned = {}
-    for requirement, entry in _entries(lock_text):
-        if _applies(requirement, environment):
-            _, *digests = entry.splitlines(keepends=True)
-            plain = f"{requirement.name}{requirement.specifier}"
-            pinned[_name(requirement)] = "".join(
-                (f"{plain} \\\n" if digests else f"{plain}\n", *digests)
-            )
-    return pinned
-
-
 def _closure(environment: dict[str, str]) -> set[str]:
     """Return the roots and all that they need on the target."""
-    needed: set[str] = set()
-    waiting = list(AGENT_ROOTS)
-    while waiting:
-        name = waiting.pop()
-        if name not in needed:
-            needed.add(name)
-            waiting += _requirements(name, environment)
-    return needed
-
-
-def _requirements(name: str, environment: dict[str, str]) -> list[str]:
     from importlib.metadata import PackageNotFoundError, requires
 
     from packaging.requirements import Requirement
 
-    try:
-        requirements = [Requirement(text) for text in requires(name) or ()]
-    except PackageNotFoundError as error:
-        # A package that only other targets need is not installed here, and its own requirements are unknown.
-        if name in AGENT_ROOTS:
-            raise DeployError(
-                f"{name}: given nothing installed, allowed: sfglab with its libraries"
-            ) from error
-        return []
-    return [
-        _name(requirement) for requirement in requirements if _applies(requirement, environment)
-    ]
+    needed: set[str] = set()
+    waiting = list(AGENT_ROOTS)
+    while waiting:
+        name = waiting.pop()
+        if name in needed:
+            continue
+        needed.add(name)
+        # Packages that only other targets need are not installed here; their requirements are unknown.
+        with suppress(PackageNotFoundError):
+            requirements = map(Requirement, requires(name) or ())
+            waiting += [_name(one) for one in requirements if _applies(one, environment)]
+    return needed
 
 
 def _environment(python: str, architecture: Architecture) -> dict[str, str]:
@@ -174,29 +161,25 @@ LOCK_FILE = "requirements.lock"
 
 # any moment after 1980, where ZIP's clock starts: the same one in every wheel
 _EPOCH_S = 1580601600
-_BUILD_LIMIT_S = 120.0
 _BACKEND = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
 
 
 def build_wheel(project: Path, folder: Path) -> Path:
     """Build a project's wheel by its own backend (PEP 517), without network; `DeployError` if it cannot."""
     folder.mkdir(parents=True, exist_ok=True)
-    try:
-        built = subprocess.run(
-            [sys.executable, "-c", _BACKEND, str(folder.resolve())],
-            cwd=project,
-            env=os.environ | {"SOURCE_DATE_EPOCH": str(_EPOCH_S)},
-            capture_output=True,
-            text=True,
-            timeout=_BUILD_LIMIT_S,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise DeployError(f"{project}: wheel: {error}") from error
+    built = subprocess.run(
+        [sys.executable, "-c", _BACKEND, str(folder.resolve())],
+        cwd=project,
+        env=os.environ | {"SOURCE_DATE_EPOCH": str(_EPOCH_S)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if built.returncode != 0:
-        said = (built.stderr.strip().splitlines() or ["nothing"])[-1]
+        last = built.stderr.strip().splitlines()[-1:]
         raise DeployError(
-            f"{project}: wheel: hatchling said {said!r}; allowed: sfglab's folder, with hatchling installed"
+            f"{project}: wheel: hatchling failed: {' '.join(last)}; allowed: sfglab's folder, with "
+            "hatchling installed"
         )
     return folder / built.stdout.strip().splitlines()[-1]
 
@@ -214,15 +197,15 @@ def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
         wheel = build_wheel(source, Path(folder))
         name, data, locked = wheel.name, wheel.read_bytes(), lock.read_text(encoding="utf-8")
     revision = git(project, "rev-parse", "HEAD") or ""
+    if revision and git(project, "status", "--porcelain"):
+        revision += "-dirty"
     release = Release(
         version=sfglab.__version__,
         wheel=name,
         wheel_sha256=hashlib.sha256(data).hexdigest(),
         lock=locked,
         fleet_text=fleet_text,
-        revision=f"{revision}-dirty"
-        if revision and git(project, "status", "--porcelain")
-        else revision,
+        revision=revision,
         created=git(project, "log", "-1", "--format=%cI") or "",
     )
     return release, data

@@ -1,20 +1,20 @@
 """Rollout of a bundle to a machine: planned changes, installation, and rollback by a release's name.
 
 A machine keeps its latest releases, each in a folder of its own, and a symbolic link names the one that runs.
-Functions that talk to a machine raise a `DeployError` if it cannot be reached or a command fails there.
+Functions that run commands on a machine raise a `DeployError` if it cannot be reached or a command fails there.
 """
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import shlex
+from collections import Counter
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.bundle import ENVIRONMENT, MANIFEST, Bundle, Member, pack, unpack
+from sfglab.deploy.bundle import ENVIRONMENT, MANIFEST, Bundle, pack, unpack
 from sfglab.deploy.deployment import CURRENT
 from sfglab.deploy.errors import DeployError
 from sfglab.tables import text_table
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from sfglab.deploy.deployment import Deployment
+    from sfglab.deploy.files import BundleFile
     from sfglab.deploy.transport import Transport
 
 
@@ -41,12 +42,11 @@ class Change(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileChange:
-    """One file."""
+    """Change of one file."""
 
-    path: str  #: Within the agent's folder.
-    change: Change  #: Its change.
-    remark: str = ""  #: Remark, as that the file was changed on the machine.
-    diff: str = ""  #: Unified diff of its text; empty where there is none to show.
+    path: str  #: Path within the agent's folder.
+    change: Change  #: The change.
+    touched: bool  #: Whether the file was changed on the machine since it was installed.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,30 +60,34 @@ class Plan:
     restart: bool  #: Whether the containers restart.
 
     @property
-    def nothing(self) -> bool:
-        """Whether nothing would change."""
-        return all(file.change is Change.SAME for file in self.files)
+    def changed(self) -> list[FileChange]:
+        """Files that would change."""
+        return [file for file in self.files if file.change is not Change.SAME]
 
 
-def plan_changes(bundle: Bundle, present: Mapping[str, Member]) -> Plan:
-    """Return what applying a bundle changes where a machine has `present`; others' files are not looked at."""
+def plan_changes(bundle: Bundle, present: Mapping[str, BundleFile]) -> Plan:
+    """Return what applying a bundle changes on a machine with the files `present`."""
     before, written = _read_manifest(present.get(MANIFEST))
-    paths = sorted({*bundle.members, *(path for path in written if path in present)})
-    files = tuple(
-        _change(path, bundle.members.get(path), present.get(path), written) for path in paths
-    )
-    changed = [file.path for file in files if file.change is not Change.SAME]
+    files = []
+    # Files that no release has written are the user's own.
+    for path in sorted({*bundle.members, *(written.keys() & present.keys())}):
+        new, old = bundle.members.get(path), present.get(path)
+        touched = old is not None and path in written and not _is_entry(old, written[path])
+        change = Change.SAME
+        if new != old:
+            change = Change.NEW if old is None else Change.CHANGED if new else Change.GONE
+        files.append(FileChange(path=path, change=change, touched=touched))
+    restart = before != bundle.tag
+    for file in files:
+        if file.change is not Change.SAME and file.path.startswith(_RESTARTING):
+            restart = True
     return Plan(
-        agent=bundle.agent,
-        before=before,
-        after=bundle.tag,
-        files=files,
-        restart=before != bundle.tag or any(path.startswith(_RESTARTING) for path in changed),
+        agent=bundle.agent, before=before, after=bundle.tag, files=tuple(files), restart=restart
     )
 
 
-def _read_manifest(manifest: Member | None) -> tuple[str, dict[str, dict[str, str]]]:
-    """Return the release on a machine and the files that it wrote; nothing where there is no whole manifest."""
+def _read_manifest(manifest: BundleFile | None) -> tuple[str, dict[str, dict[str, str]]]:
+    """Return the release on a machine and the files that it wrote; nothing if there is no valid manifest."""
     if manifest is None:
         return "", {}
     try:
@@ -93,40 +97,17 @@ def _read_manifest(manifest: Member | None) -> tuple[str, dict[str, dict[str, st
         return "", {}
 
 
-def _change(
-    path: str, new: Member | None, old: Member | None, written: Mapping[str, Mapping[str, str]]
-) -> FileChange:
-    touched = old is not None and path in written and _is_changed(old, written[path])
-    remark = "changed on the machine since" if touched else ""
-    if new is None:
-        return FileChange(path=path, change=Change.GONE, remark=remark)
-    if old is None:
-        return FileChange(path=path, change=Change.NEW)
-    if new == old:
-        return FileChange(path=path, change=Change.SAME)
-    return FileChange(path=path, change=Change.CHANGED, remark=remark, diff=_diff(path, old, new))
-
-
-def _is_changed(member: Member, entry: Mapping[str, str]) -> bool:
-    """Tell whether a file is another one than its entry in a manifest says."""
-    return entry.get("sha256") != hashlib.sha256(member.data).hexdigest()
-
-
-def _diff(path: str, old: Member, new: Member) -> str:
-    try:
-        before, after = (member.data.decode().splitlines(keepends=True) for member in (old, new))
-    except UnicodeDecodeError:
-        return ""
-    lines = difflib.unified_diff(before, after, f"{path} (there)", f"{path} (new)")
-    return "".join(line if line.endswith("\n") else f"{line}\n" for line in lines)
+def _is_entry(file: BundleFile, entry: Mapping[str, str]) -> bool:
+    """Return whether a file has the content that its entry in a manifest names."""
+    return entry.get("sha256") == hashlib.sha256(file.data).hexdigest()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """A command that follows when the files are there."""
+    """A command that follows the installation of the files."""
 
     what: str  #: Description for people.
-    script: str  #: For a shell on the machine.
+    script: str  #: Script for a shell on the machine.
     #: Whether it needs the running system; it is skipped on a folder in place of a machine.
     on_system: bool = True
 
@@ -139,52 +120,40 @@ class Prospect:
     machine: str  #: Name of its machine.
     plan: Plan | None  #: The changes; None if the machine could not be reached.
     steps: tuple[Step, ...] = ()  #: Commands that follow.
-    problem: str = ""  #: Why it could not be looked at; empty when it was.
+    problem: str = ""  #: Reason why there is no plan; empty if there is one.
 
 
-def render_prospects(prospects: Sequence[Prospect], *, diff: bool = False) -> str:
-    """Return what would change on each machine as text, with `diff` also the changes of texts line by line."""
-    blocks = [text_table(_summary(prospects))]
-    blocks += [block for prospect in prospects for block in _details(prospect, diff=diff)]
-    return "\n\n".join(blocks) + "\n"
-
-
-def _summary(prospects: Sequence[Prospect]) -> Iterator[tuple[str, ...]]:
-    yield (
-        "agent",
-        "machine",
-        "release there",
-        "release new",
-        *(change.value for change in Change),
-        "then",
-    )
+def render_prospects(prospects: Sequence[Prospect]) -> str:
+    """Return what would change on each machine as text."""
+    changes = [change.value for change in Change]
+    rows = [("agent", "machine", "release there", "release new", *changes, "then")]
+    blocks = []
     for prospect in prospects:
         plan = prospect.plan
         if plan is None:
-            yield prospect.agent, prospect.machine, "?", "", "", "", "", "", prospect.problem
+            rows.append((prospect.agent, prospect.machine, "?", *[""] * 5, prospect.problem))
             continue
-        counts = (str(sum(file.change is change for file in plan.files)) for change in Change)
+        counts = Counter(file.change for file in plan.files)
+        numbers = [str(counts[change]) for change in Change]
         then = f"{len(prospect.steps)} commands" if prospect.steps else "nothing to do"
-        yield plan.agent, prospect.machine, plan.before or "none", plan.after, *counts, then
+        before = plan.before or "none"
+        rows.append((plan.agent, prospect.machine, before, plan.after, *numbers, then))
+        if plan.changed:
+            blocks.append("\n".join(_details(prospect, plan)))
+    return "\n\n".join([text_table(rows), *blocks]) + "\n"
 
 
-def _details(prospect: Prospect, *, diff: bool) -> Iterator[str]:
-    if prospect.plan is None or prospect.plan.nothing:
-        return
-    lines = [f"{prospect.agent} on {prospect.machine}"]
-    changed = [file for file in prospect.plan.files if file.change is not Change.SAME]
-    if all(file.change is Change.NEW for file in changed) and not prospect.plan.before:
-        lines.append(
-            f"  new     all {len(changed)} files (`sfglab deploy render` writes them to be read)"
-        )
-        changed = []
-    for file in changed:
-        lines.append(
-            f"  {file.change.value:8}{file.path}{f'  ({file.remark})' if file.remark else ''}"
-        )
-        lines += [f"      {line}" for line in file.diff.splitlines()] if diff else []
-    lines += [f"  then    {step.what}" for step in prospect.steps]
-    yield "\n".join(lines)
+def _details(prospect: Prospect, plan: Plan) -> Iterator[str]:
+    yield f"{prospect.agent} on {prospect.machine}"
+    if plan.before:
+        for file in plan.changed:
+            remark = "  (changed on the machine since)" if file.touched else ""
+            yield f"  {file.change.value:8}{file.path}{remark}"
+    else:
+        count = len(plan.changed)
+        yield f"  new     all {count} files (`sfglab deploy render` writes them to be read)"
+    for step in prospect.steps:
+        yield f"  then    {step.what}"
 
 
 KEPT = 5  #: Number of releases that a machine keeps.
@@ -194,12 +163,12 @@ _CUSTOM = "hooks/custom.d"  # all releases share it, and it has the user's own h
 _BUILT = " ".join(f"--exclude=./workspace/{name}" for name in ("build", "install", "log"))
 
 
-def look(transport: Transport, folder: str) -> dict[str, Member]:
+def look(transport: Transport, folder: str) -> dict[str, BundleFile]:
     """Return the files of the release that a machine runs, by path; nothing if there is none."""
     return _files(transport, f"{folder}/{CURRENT}")
 
 
-def _files(transport: Transport, folder: str) -> dict[str, Member]:
+def _files(transport: Transport, folder: str) -> dict[str, BundleFile]:
     """Return the files of a release's folder, and the README in the folder of the user's hooks."""
     script = (
         f"cd {_quoted(transport, folder)} 2>/dev/null || exit 0\n"
@@ -210,14 +179,9 @@ def _files(transport: Transport, folder: str) -> dict[str, Member]:
     return unpack(archive) if archive else {}
 
 
-def look_and_plan(transport: Transport, folder: str, bundle: Bundle) -> Plan:
-    """Return what applying a bundle to a machine would change."""
-    return plan_changes(bundle, look(transport, folder))
-
-
 def steps(deployment: Deployment, bundle: Bundle, plan: Plan) -> tuple[Step, ...]:
     """Return the commands that follow the files; none if nothing changes."""
-    if plan.nothing:
+    if not plan.changed:
         return ()
     release, service = shlex.quote(deployment.release_folder), shlex.quote(deployment.service)
     is_there = f"docker image inspect {shlex.quote(bundle.image)} >/dev/null 2>&1"
@@ -243,8 +207,8 @@ def apply_plan(
     transport: Transport,
     say: Callable[[str], None],
 ) -> None:
-    """Copy a bundle to its machine and start it, as `look_and_plan` found; `say` gets each step as text."""
-    if plan.nothing:
+    """Copy a bundle to its machine and start it, as planned; `say` gets each step as text."""
+    if not plan.changed:
         return
     install(bundle, deployment.folder, transport)
     say(f"{plan.agent}: files written to {transport.name}")
@@ -263,39 +227,37 @@ def releases(transport: Transport, folder: str) -> tuple[str, ...]:
     place = _quoted(transport, f"{folder}/{_RELEASES}")
     script = f"cd {place} 2>/dev/null || exit 0; ls -1dt */ 2>/dev/null || true"
     names = transport.run(script).decode(errors="replace").splitlines()
-    return tuple(name.rstrip("/") for name in names if not name.endswith((_NEW, _OLD)))
+    return tuple(name.rstrip("/") for name in names if not name.endswith((".new/", ".old/")))
 
 
 def released(transport: Transport, deployment: Deployment, tag: str) -> Bundle:
-    """Return an earlier release from a machine; `DeployError` if it is not there or was changed."""
+    """Return an earlier release from a machine.
+
+    Raises:
+        DeployError: It is not there, or was changed.
+    """
     known = releases(transport, deployment.folder)
     if tag not in known:
         allowed = ", ".join(known) or "none, nothing has been applied there"
         raise DeployError(
             f"{transport.name}: release of {deployment.agent.name}: given {tag!r}, allowed: {allowed}"
         )
-    found = _files(transport, f"{deployment.folder}/{_RELEASES}/{tag}")
-    _, written = _read_manifest(found.get(MANIFEST))
-    members = {}
+    files = _files(transport, f"{deployment.folder}/{_RELEASES}/{tag}")
+    _, written = _read_manifest(files.get(MANIFEST))
+    if not written:
+        raise DeployError(
+            f"{transport.name}: release {tag} has no manifest; apply the fleet file instead"
+        )
     for path, entry in written.items():
-        member = found.get(path)
         is_shared = path.startswith(f"{_CUSTOM}/")
-        if member is None or (_is_changed(member, entry) and not is_shared):
+        if path not in files or not (is_shared or _is_entry(files[path], entry)):
             raise DeployError(
                 f"{transport.name}: release {tag} of {deployment.agent.name}: {path} is missing or was "
                 "changed there; apply the fleet file instead"
             )
-        members[path] = member
-    if not members:
-        raise DeployError(
-            f"{transport.name}: release {tag}: it has no manifest; apply the fleet file"
-        )
-    members[MANIFEST] = found[MANIFEST]
+    members = {path: files[path] for path in (*written, MANIFEST)}
     image = f"{deployment.repository}:{tag}"
     return Bundle(agent=deployment.agent.name, tag=tag, image=image, members=members)
-
-
-_NEW, _OLD = ".new/", ".old/"
 
 
 def install(bundle: Bundle, folder: str, transport: Transport) -> None:

@@ -5,12 +5,11 @@ from fnmatch import fnmatchcase
 import pytest
 import yaml
 from esslingen import LAB, fleet_of, rule
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.deploy.dds_router import render_dds_router
 from sfglab.deploy.errors import DeployError
-from sfglab.errors import InvalidValueError
 from sfglab.fleet.policy import TABLE_1, Direction
 
 
@@ -46,6 +45,7 @@ parts = st.sampled_from(PARTS.split())
 topics = st.lists(parts, min_size=1, max_size=5).map("/".join) | st.text(max_size=12)
 
 
+@settings(max_examples=50)
 @given(patterns, topics)
 def test_the_allowlist_names_exactly_what_the_policy_lets_cross(chosen, name):
     fleet = fleet_of(*map(rule, chosen))
@@ -62,14 +62,9 @@ def test_an_empty_policy_is_refused_because_an_empty_allowlist_opens_the_router(
 
 
 def test_rules_of_one_direction_become_routes_and_mixed_ones_are_refused():
-    config = yaml.safe_load(render_dds_router(fleet_of(rule("rt/a", Direction.OUTWARD)), "go2"))
-    assert config["routes"] == [{"src": "local", "dst": ["global"]}, {"src": "global"}]
-    inward = yaml.safe_load(render_dds_router(fleet_of(rule("rt/a", Direction.INWARD)), "go2"))
-    assert inward["routes"] == [{"src": "global", "dst": ["local"]}, {"src": "local"}]
+    ways = {Direction.OUTWARD: ("local", "global"), Direction.INWARD: ("global", "local")}
+    for way, (source, target) in ways.items():
+        config = yaml.safe_load(render_dds_router(fleet_of(rule("rt/a", way)), "go2"))
+        assert config["routes"] == [{"src": source, "dst": [target]}, {"src": target}]
     with pytest.raises(DeployError, match="rt/b outward"):
         render_dds_router(fleet_of(rule("rt/a"), rule("rt/b", Direction.OUTWARD)), "go2")
-
-
-def test_an_agent_that_is_not_in_the_fleet_is_refused():
-    with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
-        render_dds_router(LAB, "go3")

@@ -10,40 +10,30 @@ from esslingen import deployed
 
 from sfglab.deploy.bundle import render_bundle
 from sfglab.deploy.dockerfile import VENV
-from sfglab.deploy.editor import (
-    DEBUGGERS,
-    FORMATTERS,
-    build_command,
-    editor_files,
-    environment_command,
-)
+from sfglab.deploy.editor import DEBUGGERS, FORMATTERS, build_command, environment_command
 from sfglab.deploy.files import PROGRAM
 from sfglab.fleet.fleet_file import RosDistribution
 
-CONTAINER = ".devcontainer/devcontainer.json"
-EXTENSIONS, LAUNCH, SETTINGS, TASKS = (
-    f".vscode/{name}.json" for name in ("extensions", "launch", "settings", "tasks")
-)
 
+class Written:
+    """The files of the workstation in a fleet with a ROS 2 distribution."""
 
-def written(**options):
-    return editor_files(deployed(**{"ros": RosDistribution.HUMBLE} | options))
+    def __init__(self, ros):
+        self.bundle = render_bundle(deployed("workstation", ros=ros))
+        self.container = self.value(".devcontainer/devcontainer.json")
+        names = ("extensions", "launch", "settings", "tasks")
+        values = [self.value(f".vscode/{name}.json") for name in names]
+        self.extensions, self.launch, self.settings, self.tasks = values
 
-
-def values(name, **options):
-    return json.loads(written(**options)[name].text)
-
-
-def profiles(kind, request="launch", **options):
-    found = values(LAUNCH, **options)["configurations"]
-    return [p for p in found if (p["type"], p["request"]) == (kind, request)]
+    def value(self, path):
+        return json.loads(self.bundle[path].text)
 
 
 @pytest.mark.parametrize("ros", RosDistribution)
 def test_what_the_files_name_exists(ros):
     """Services, folders, tasks, inputs and extensions: no schema says that a name is one of another file."""
-    container = values(CONTAINER, ros=ros)
-    bundle = render_bundle(deployed("workstation", ros=ros))
+    written = Written(ros)
+    container, bundle = written.container, written.bundle
     projects = [bundle[path.removeprefix("../")].text for path in container["dockerComposeFile"]]
     base, development = map(yaml.safe_load, projects)
     assert {container["service"], *container["runServices"]} <= set(base["services"])
@@ -52,38 +42,36 @@ def test_what_the_files_name_exists(ros):
     assert mounted == [folder, f"{folder}/.vscode"]
     hook = container["initializeCommand"][0].removeprefix("${localWorkspaceFolder}/")
     assert bundle[hook].mode == PROGRAM
-    launch = values(LAUNCH, ros=ros)
-    tasks = {task["label"] for task in values(TASKS, ros=ros)["tasks"]}
-    starts = launch["configurations"]
+    tasks = {task["label"] for task in written.tasks["tasks"]}
+    starts = written.launch["configurations"]
     assert {one["preLaunchTask"] for one in starts if "preLaunchTask" in one} <= tasks
     assert len({one["name"] for one in starts}) == len(starts)
     asked = set(re.findall(r"\$\{input:(\w+)\}", json.dumps(starts)))
-    assert {one["id"] for one in launch["inputs"]} == asked
-    extensions = values(EXTENSIONS, ros=ros)["recommendations"]
+    assert {one["id"] for one in written.launch["inputs"]} == asked
+    extensions = written.extensions["recommendations"]
     assert extensions == container["customizations"]["vscode"]["extensions"]
     assert {*DEBUGGERS.values(), *FORMATTERS.values()} <= set(extensions)
+    for kind in DEBUGGERS:
+        profiles = [one for one in starts if one["type"] == kind]
+        requests = [one["request"] for one in profiles]
+        assert requests.count("attach") == 1
+        assert requests.count("launch") >= 1
+        for one in profiles:
+            assert one.get("args", "${input:arguments}").endswith("${input:arguments}")
 
 
-@pytest.mark.parametrize("kind", ["debugpy", "lldb"])
-@pytest.mark.parametrize("ros", RosDistribution)
-def test_cpp_and_python_nodes_are_started_with_whole_command_lines_and_attached_to(kind, ros):
-    started = profiles(kind, ros=ros)
-    assert all(
-        isinstance(p["args"], str) and p["args"].endswith("${input:arguments}") for p in started
-    )
-    assert len(profiles(kind, "attach", ros=ros)) == 1
+def test_without_ros_nothing_of_colcon_is_written():
+    written = Written(RosDistribution.NONE)
+    for path, file in written.bundle.items():
+        if path.startswith((".vscode", ".devcontainer")):
+            assert not re.search("colcon|/opt/ros", file.text)
+    assert "postCreateCommand" not in written.container
+    assert written.settings["python.defaultInterpreterPath"] == f"{VENV}/bin/python"
 
 
-def test_without_ros_nothing_of_colcon_is_written_and_its_commands_are_bash(tmp_path):
-    files = written(ros=RosDistribution.NONE)
-    assert not any("colcon" in file.text or "/opt/ros" in file.text for file in files.values())
-    assert "postCreateCommand" not in json.loads(files[CONTAINER].text)
-    assert json.loads(files[SETTINGS].text)["python.defaultInterpreterPath"] == f"{VENV}/bin/python"
-    for command in (
-        build_command(RosDistribution.JAZZY),
-        environment_command(RosDistribution.JAZZY),
-    ):
-        subprocess.run(["bash", "-n", "-c", command], check=True, timeout=10)
+def test_the_commands_are_bash_and_debuggers_get_the_environment_of_ros_alone(tmp_path):
+    build = build_command(RosDistribution.JAZZY)
+    subprocess.run(["bash", "-n", "-c", build], check=True, timeout=10)
     (tmp_path / "setup.bash").write_text("export ROS_DISTRO=jazzy PYTHONPATH=/p SECRET=x\n")
     command = environment_command(RosDistribution.JAZZY).replace("/opt/ros/jazzy", str(tmp_path))
     subprocess.run(["bash", "-c", command], cwd=tmp_path, check=True, timeout=10)
@@ -95,11 +83,11 @@ def test_without_ros_nothing_of_colcon_is_written_and_its_commands_are_bash(tmp_
 
 @pytest.mark.parametrize("ros", [RosDistribution.HUMBLE, RosDistribution.JAZZY])
 def test_completion_reads_what_the_build_writes(ros):
-    settings_of = values(SETTINGS, ros=ros)
-    assert settings_of["python.defaultInterpreterPath"] == "/usr/bin/python3"
-    assert "--compile-commands-dir=${workspaceFolder}/build" in settings_of["clangd.arguments"]
-    assert "CMAKE_EXPORT_COMPILE_COMMANDS=ON" in values(CONTAINER, ros=ros)["postCreateCommand"][-1]
-    assert all(
-        f"/opt/ros/{ros.value}/" in path for path in settings_of["python.analysis.extraPaths"]
-    )
-    assert {"[cpp]", "[python]", "[cmake]"} <= set(settings_of)
+    written = Written(ros)
+    settings = written.settings
+    assert settings["python.defaultInterpreterPath"] == "/usr/bin/python3"
+    assert "--compile-commands-dir=${workspaceFolder}/build" in settings["clangd.arguments"]
+    assert "CMAKE_EXPORT_COMPILE_COMMANDS=ON" in written.container["postCreateCommand"][-1]
+    for path in settings["python.analysis.extraPaths"]:
+        assert f"/opt/ros/{ros.value}/" in path
+    assert {"[cpp]", "[python]", "[cmake]"} <= set(settings)

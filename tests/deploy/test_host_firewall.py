@@ -3,10 +3,9 @@
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 
 import pytest
-from esslingen import FLEET, GO2
+from esslingen import GO2
 
 from sfglab.deploy.host import firewall_rules
 from sfglab.lab.hosts import Network
@@ -40,7 +39,6 @@ for port in sys.argv[2:]:
     except PermissionError:
         pass
 """
-MINE = "table inet mine { chain input { type filter hook input priority 5; policy accept; udp dport 1 drop; }; }"
 
 
 def run(host, *commands, text=None):
@@ -54,11 +52,11 @@ def run(host, *commands, text=None):
 class Lab:
     """A host that another one meets at its global interface, and a container at its agent's bridge."""
 
-    def __init__(self, network, plan):
+    def __init__(self, network, deployment):
         self.host, self.other, self.container = map(
             network.add_host, ("host", "other", "container")
         )
-        to_global, bridge = plan.global_interface, plan.bridge
+        to_global, bridge = deployment.agent.global_interface, deployment.bridge
         run(
             self.host,
             *(
@@ -94,7 +92,7 @@ class Lab:
 @pytest.fixture
 def lab():
     with Network(grace_s=0.2) as network:
-        yield Lab(network, GO2.network)
+        yield Lab(network, GO2)
 
 
 def heard(sender, receiver, address, *ports, last):
@@ -132,16 +130,3 @@ def test_the_container_has_no_way_out_and_nobody_a_way_in(lab):
         assert f'packets 0 bytes 0 drop comment "{comment}"' in lab.rules()
         send(sender, address, FREE_PORT)
         assert f'packets 1 bytes 29 drop comment "{comment}"' in lab.rules()
-
-
-def test_loading_again_changes_nothing_and_no_other_table_is_touched(lab):
-    lab.load(MINE)
-    before = lab.rules()
-    for agent in ("go2", "go2", "pi1", "go2"):
-        lab.load(firewall_rules(replace(GO2, agent=FLEET.agent(agent))))
-    assert before in lab.rules()
-    once = lab.rules().count("table inet sfglab_go2")
-    assert (once, lab.rules().count("table inet sfglab_pi1")) == (1, 1)
-    for agent in ("go2", "pi1"):
-        run(lab.host, f"nft delete table inet sfglab_{agent}")
-    assert lab.rules() == before

@@ -15,12 +15,9 @@ from pathlib import Path
 import psutil
 import pytest
 from esslingen import RELEASE, deployed, program
-from hypothesis import given
-from hypothesis import strategies as st
 from waiting import wait_until
 
 from sfglab.deploy.bases import base_of
-from sfglab.deploy.bundle import bundle_of
 from sfglab.deploy.deployment import Deployment
 from sfglab.deploy.dockerfile import _quoted, image_files
 from sfglab.deploy.errors import DeployError
@@ -37,32 +34,17 @@ def with_ros(made: Deployment, ros: RosDistribution) -> Deployment:
     return replace(made, fleet=deployed(ros=ros).fleet)
 
 
-def combinations() -> list[Deployment]:
-    """Return a deployment for every machine and every ROS that there is, possible or not."""
-    return [
-        with_ros(replace(deployment(architecture=architecture), accelerator=accelerator), ros)
-        for accelerator, architecture, ros in product(Accelerator, Architecture, RosDistribution)
-    ]
+def made_for(accelerator: Accelerator, architecture: Architecture, ros: RosDistribution):
+    return with_ros(replace(deployment(architecture=architecture), accelerator=accelerator), ros)
 
 
 def possible() -> Iterator[Deployment]:
-    for made in combinations():
+    """Yield a deployment for every machine and every ROS that there is a base image for."""
+    for one in product(Accelerator, Architecture, RosDistribution):
+        made = made_for(*one)
         with contextlib.suppress(DeployError):
-            base_of(made)
+            assert re.fullmatch(r".*:\S*\d.*", base_of(made).image)
             yield made
-
-
-def test_every_combination_has_a_pinned_base_or_an_error_with_place_given_and_allowed():
-    for made in combinations():
-        try:
-            words = base_of(made).image.rsplit(":", 1)[1]
-            pattern = r".*\d.*"
-        except DeployError as error:
-            words = str(error)
-            pattern = (
-                rf".*{re.escape(made.host.place.key)}.*given.*'{made.accelerator.value}'.*allowed.*"
-            )
-        assert re.fullmatch(pattern, words)
 
 
 @pytest.mark.parametrize(
@@ -71,13 +53,13 @@ def test_every_combination_has_a_pinned_base_or_an_error_with_place_given_and_al
         ("jetson", "arm64", "jazzy", "allowed at deployment.ros with it: none, humble"),
         ("cuda", "arm64", "none", "allowed with it: amd64"),
         ("rocm", "arm64", "none", "allowed with it: amd64"),
-        ("jetson", "amd64", "none", "allowed with it: arm64"),
+        ("jetson", "amd64", "none", "architecture: given 'amd64'.*allowed with it: arm64"),
     ],
 )
 def test_what_no_maker_offers_is_refused(accelerator, architecture, ros, words):
-    made = with_ros(deployment(architecture=Architecture(architecture)), RosDistribution(ros))
+    parts = (Accelerator(accelerator), Architecture(architecture), RosDistribution(ros))
     with pytest.raises(DeployError, match=words):
-        base_of(replace(made, accelerator=Accelerator(accelerator)))
+        base_of(made_for(*parts))
 
 
 def test_a_workspace_without_ros_is_refused():
@@ -93,12 +75,11 @@ def stages(text: str) -> dict[str, tuple[str, list[str]]]:
     return {name: (image, lines.splitlines()) for image, name, lines in groups}
 
 
-def test_three_layers_follow_each_other_and_no_image_runs_as_root():
-    workspace = deployment(
-        "go2", workspace="ws", packages=("libusb-1.0-0",), launch=("ros2", "run")
-    )
+def test_three_layers_follow_each_other_no_image_runs_as_root_and_only_arm64_compiles_cyclone():
+    workspace = deployment("go2", workspace="ws", packages=("usb",), launch=("ros2", "run"))
     for made in (*possible(), workspace):
-        text = image_files(made)["Dockerfile"].text
+        files = image_files(made)
+        text = files["Dockerfile"].text
         found = stages(text)
         below = [found[name][0] for name in ("base", "adapter", "application", "development")]
         assert below == ["${BASE_IMAGE}", "base", "adapter", "application"]
@@ -106,17 +87,8 @@ def test_three_layers_follow_each_other_and_no_image_runs_as_root():
             users = [line for line in found[name][1] if line.startswith("USER ")]
             assert users[-1] in {"USER 10001:10001", "USER sfglab"}
         assert not re.search(r"^(ADD|COPY \.)|\| *(sudo )?(ba)?sh\b", text, re.MULTILINE)
-
-
-def test_only_arm64_compiles_cyclone_and_ros_decides_the_distribution():
-    for made in possible():
-        release = {RosDistribution.HUMBLE: "jammy", RosDistribution.JAZZY: "noble"}.get(
-            made.common.ros
-        )
-        assert release in {None, base_of(made).distribution.value}
-        files = image_files(made)
         arm = made.host.architecture is Architecture.ARM64
-        assert ("AS cyclonedds" in files["Dockerfile"].text) is arm
+        assert ("cyclonedds" in found) is arm
         assert ("cyclonedds==" in files["image/requirements.lock"].text) is not arm
         assert ("image/cyclonedds.lock" in files) is arm
 
@@ -151,17 +123,12 @@ def test_the_builder_sees_only_what_the_dockerfile_names():
     assert allowed >= {"workspace/src", "image/wheels", f"image/{RELEASE.wheel}"}
 
 
-@given(st.text(st.characters(exclude_categories=["Cs"]), max_size=20))
-def test_any_text_can_be_a_label(text):
+def test_any_text_can_be_a_label():
+    text = "quotes \" and ', $HOME, back\\slash\nline\u2028"
     quoted = _quoted(text)
     assert "\n" not in quoted
     assert json.loads(quoted.replace("\\$", "$")) == text
-    assert quoted.count("$") == quoted.count("\\$")
-
-
-def test_a_tag_has_no_character_that_tags_may_not_have():
-    made = replace(deployment(), release=replace(RELEASE, version="1.2+x"))
-    assert bundle_of(made, b"").tag.startswith("1.2-x-")
+    assert quoted.count("$") == quoted.count("\\$") == 1
 
 
 class Container:

@@ -13,9 +13,8 @@ from esslingen import LOCK, PROJECT
 from packaging.requirements import Requirement
 from waiting import lives, wait_until
 
-from sfglab import __version__
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.programs import run_heard
+from sfglab.deploy.programs import run_streamed
 from sfglab.deploy.release import AGENT_ROOTS, agent_lock, build_wheel, make_release, split_lock
 from sfglab.fleet.fleet_file import Architecture
 
@@ -39,28 +38,18 @@ def git(folder: Path, *arguments: str) -> str:
 
 def test_two_builds_of_the_same_project_are_equal_byte_by_byte(tmp_path):
     project = small_project(tmp_path)
-    one, two = (build_wheel(project, tmp_path / name) for name in ("one", "two"))
+    one = build_wheel(project, tmp_path / "one")
     os.utime(project / "sfglab" / "__init__.py")
+    two = build_wheel(project, tmp_path / "two")
     assert one.name == two.name
-    assert (
-        one.read_bytes()
-        == two.read_bytes()
-        == build_wheel(project, tmp_path / "three").read_bytes()
-    )
+    assert one.read_bytes() == two.read_bytes()
 
 
 def test_what_is_no_project_is_refused(tmp_path):
-    with pytest.raises(DeployError, match="wheel: hatchling said"):
+    with pytest.raises(DeployError, match="wheel: hatchling failed"):
         build_wheel(tmp_path, tmp_path / "wheel")
     with pytest.raises(DeployError, match=r"requirements\.lock: given no such file"):
         make_release(tmp_path, "")
-
-
-def test_without_history_a_release_says_none(tmp_path, monkeypatch):
-    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
-    release, _ = make_release(small_project(tmp_path), "fleet: f\n")
-    assert (release.version, release.revision, release.created) == (__version__, "", "")
-    assert release.fleet_text == "fleet: f\n"
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="git not installed (apt install git)")
@@ -69,7 +58,8 @@ def test_a_release_names_its_commit_and_whether_anything_was_changed_since(tmp_p
     git(project, "init", "--quiet")
     git(project, "add", ".")
     git(project, "commit", "--quiet", "--message", "All", "--date", "2026-01-02T03:04:05+00:00")
-    clean, wheel = make_release(project, "")
+    clean, wheel = make_release(project, "fleet: f\n")
+    assert clean.fleet_text == "fleet: f\n"
     (project / "README.md").write_text("changed")
     dirty, other = make_release(project, "")
     assert clean.revision == git(project, "rev-parse", "HEAD")
@@ -80,13 +70,9 @@ def test_a_release_names_its_commit_and_whether_anything_was_changed_since(tmp_p
     assert digests[0] != digests[1]
 
 
-def test_a_program_hands_on_its_lines_and_last_words():
+def test_a_program_that_does_not_start_is_an_error():
     with pytest.raises(DeployError, match="does not start"):
-        run_heard(["/nowhere/at/all"], print)
-    heard: list[str] = []
-    with pytest.raises(DeployError, match=r"status 3; its last words:\none\ntwo"):
-        run_heard(["sh", "-c", "echo one; echo two >&2; exit 3"], heard.append)
-    assert heard == ["one", "two"]
+        run_streamed(["/nowhere/at/all"], print)
 
 
 @pytest.mark.parametrize("reason", [KeyboardInterrupt, ValueError])
@@ -97,7 +83,7 @@ def test_an_interrupted_build_ends_with_its_children(tmp_path, reason):
         raise reason
 
     with pytest.raises(reason):
-        run_heard(["sh", "-c", f"sleep 60 & echo $! > {file}; echo started; wait"], interrupt)
+        run_streamed(["sh", "-c", f"sleep 60 & echo $! > {file}; echo started; wait"], interrupt)
     wait_until(lambda: not lives(int(file.read_text())))
 
 
@@ -143,19 +129,7 @@ def robot(script: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize(
-    "arguments", [("agent", "up", "--help"), ("router", "--help"), ("fleet", "--help")]
-)
-def test_the_command_line_needs_nothing_else(arguments):
-    done = robot(f"""
-        sys.argv = ["sfglab", *{arguments!r}]
-        runpy.run_module("sfglab", run_name="__main__")
-    """)
-    assert done.returncode == 0, done.stderr
-    assert "Usage" in done.stdout
-
-
-def test_the_components_of_an_agent_need_nothing_else():
+def test_the_components_of_an_agent_and_its_command_need_nothing_else():
     done = robot("""
         import importlib, pkgutil
         import sfglab.bus, sfglab.codecs, sfglab.deploy, sfglab.fleet, sfglab.messages, sfglab.record
@@ -168,16 +142,18 @@ def test_the_components_of_an_agent_need_nothing_else():
         for name in ("av", "cv2", "cyclonedds", "jinja2", "mcap", "numba", "numpy", "packaging", "psutil",
                      "yaml", "rosbags", "scipy", "tqdm", "typer", "uvloop", "zstandard"):
             importlib.import_module(name)
+        sys.argv = ["sfglab", "agent", "up", "--help"]
+        runpy.run_module("sfglab", run_name="__main__")
     """)
     assert done.returncode == 0, done.stderr
+    assert "Usage" in done.stdout
 
 
-def test_what_is_not_in_the_lock_is_refused_by_the_two_tests_above():
+def test_what_is_not_in_the_lock_is_refused_by_the_test_above():
     assert "not in a robot's lock: pandas" in robot("import pandas").stderr
 
 
-@pytest.mark.parametrize("python", PYTHONS)
-@pytest.mark.parametrize("architecture", list(Architecture))
+@pytest.mark.parametrize(("python", "architecture"), [*zip(PYTHONS, Architecture, strict=True)])
 def test_everything_is_pinned_once_with_digests_and_without_markers(python, architecture):
     lock = agent_lock(LOCK, python=python, architecture=architecture)
     assert names(lock) == sorted(set(names(lock)))
@@ -193,15 +169,11 @@ def test_everything_is_pinned_once_with_digests_and_without_markers(python, arch
 
 
 def test_the_target_chooses_among_versions_and_what_is_not_pinned_is_named():
-    old, new = (
-        agent_lock(LOCK, python=python, architecture=Architecture.AMD64) for python in PYTHONS
-    )
-    pinned = [
-        next(line for line in lock.splitlines() if line.startswith("numpy=="))
-        for lock in (old, new)
-    ]
+    pinned = []
+    for python in PYTHONS:
+        lock = agent_lock(LOCK, python=python, architecture=Architecture.AMD64)
+        pinned += [line for line in lock.splitlines() if line.startswith("numpy==")]
     assert pinned[0] != pinned[1]
-    assert all(line.removesuffix(" \\") in LOCK for line in pinned)
     without, taken = split_lock(LOCK, ("uvloop", "av"))
     assert sorted((without + taken).splitlines()) == sorted(LOCK.splitlines())
     assert set(names(taken)) == {"av", "uvloop"}

@@ -7,7 +7,7 @@ from doors import Door
 from sfglab.deploy.bundle import Bundle, Member, pack, unpack
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.rollout import plan_changes
-from sfglab.deploy.transport import Ssh, accelerator_of
+from sfglab.deploy.transport import Transport, accelerator_of
 
 MEMBERS = {"manifest.json": b'{"tag": "a", "files": {"b": {"sha256": "0"}}}', "b": b"x"}
 MEMBERS = {name: Member(data=data, mode=0o644) for name, data in MEMBERS.items()}
@@ -18,17 +18,17 @@ SPARSE.size = 2**33
 BENT = tarfile.TarInfo("../b")
 
 
-class Answering(Ssh):
+class Answering(Transport):
     """A machine with a given answer."""
 
     def run(self, _script, **_):
-        return self.program
+        return self.client
 
 
 DOORS = {
     "archive": Door(lambda data: plan_changes(BUNDLE, unpack(data)), DeployError, (pack(BUNDLE),)),
     "machine": Door(
-        lambda d: accelerator_of(Answering(address="m", program=d)), DeployError, (FACTS,)
+        lambda d: accelerator_of(Answering(address="m", client=d)), DeployError, (FACTS,)
     ),
 }
 ATTACKS = [

@@ -60,8 +60,8 @@ async def ask_containers(
                 waiting.append(_undiscovered(agent, names - {name}))
             missing = await asyncio.gather(*waiting)
             seen = await _look(outside, pairs)
-    local = [seen[deployment.network.local_domain] for deployment, _ in pairs]
-    shown = seen[pairs[0][0].network.global_domain]
+    local = [seen[deployment.agent.domain] for deployment, _ in pairs]
+    shown = seen[pairs[0][0].fleet.global_domain]
     foreign = [topic for topic in shown if not _GLOBAL.fullmatch(topic)]
     if _HEARTBEAT not in shown:
         foreign.append("no heartbeat")
@@ -85,7 +85,7 @@ async def _start(
     for name, service in project["services"].items():
         words = [str(fleet) if word == FLEET_FILE else word for word in service["command"]]
         commands[name] = [*_SFGLAB, *words]
-    enter = (sys.executable, "-m", "sfglab.lab.workers.container", deployment.network.bridge)
+    enter = (sys.executable, "-m", "sfglab.lab.workers.container", deployment.bridge)
     inside = host.argv([*enter, *commands["agent"], "--json"])
     agent = await stack.enter_async_context(_running(inside))
     await stack.enter_async_context(_running(host.argv(commands["router"])))
@@ -141,8 +141,8 @@ async def _undiscovered(process: Process, wanted: set[str]) -> set[str]:
 
 async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> dict[int, list[str]]:
     """Return the DDS topics of all endpoints that are seen from outside, by domain."""
-    domains = {pairs[0][0].network.global_domain}
-    domains |= {deployment.network.local_domain for deployment, _ in pairs}
+    domains = {pairs[0][0].fleet.global_domain}
+    domains |= {deployment.agent.domain for deployment, _ in pairs}
     members = []
     for domain in sorted(domains):
         address = BusAddress(domain_id=domain, interface=outside.interface)

@@ -18,7 +18,7 @@ from sfglab.deploy.bases import base_of
 from sfglab.deploy.bundle import bundle_of, write_bundle
 from sfglab.deploy.deployment import USER_ID
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.programs import run_heard
+from sfglab.deploy.programs import run_streamed
 from sfglab.deploy.release import MACHINES
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution
 from sfglab.lab.experiments.deployment.facts import Answer, Outcome, answer
@@ -72,8 +72,8 @@ class _Store:
         """Make an image of a minimal Debian."""
         folder.mkdir()
         root = f"{folder}/root"
-        run_heard(["debootstrap", "--variant=minbase", distribution, root], _ignore)
-        run_heard(["tar", "-C", root, "-cf", f"{folder}/root.tar", "."], _ignore)
+        run_streamed(["debootstrap", "--variant=minbase", distribution, root], _ignore)
+        run_streamed(["tar", "-C", root, "-cf", f"{folder}/root.tar", "."], _ignore)
         shutil.rmtree(root)
         (folder / "Dockerfile").write_text("FROM scratch\nADD root.tar /\n")
         self.build(_BASE, folder)
@@ -81,7 +81,7 @@ class _Store:
     def build(self, image: str, context: Path, *options: str) -> None:
         """Build an image from a folder with a Dockerfile."""
         build = ("build", "--isolation=chroot", f"--tag={image}", *options, str(context))
-        run_heard([*self._command, *build], _ignore)
+        run_streamed([*self._command, *build], _ignore)
 
     def run(self, *program: str) -> str:
         """Return what a program prints in a new container."""
