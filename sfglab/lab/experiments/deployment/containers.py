@@ -10,14 +10,14 @@ import asyncio
 import json
 import re
 import sys
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import TYPE_CHECKING
 
 import yaml
 
 from sfglab.bus.address import BusAddress
 from sfglab.deploy.deployment import FLEET_FILE, Deployment
-from sfglab.lab.experiments.deployment.facts import DISCOVERY, INSIDE, OUTSIDE, Answer, answer
+from sfglab.lab.experiments.deployment.facts import DISCOVERY, INSIDE, OUTSIDE
 from sfglab.lab.hosts import Host, Network
 from sfglab.lab.workers.peer import PeerConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from sfglab.deploy.bundle import Bundle
 
     Process = asyncio.subprocess.Process
+    Pairs = Sequence[tuple[Deployment, Bundle]]
 
 OUTSIDER = "outsider"
 MEETING_S = 120.0  #: Time limit of discovery.
@@ -39,10 +40,8 @@ _HEARTBEAT = "rt/global/agent_heartbeat"
 _GLOBAL = re.compile(r"r[tqr]/(global/.*|tf|tf_static)")
 
 
-async def ask_containers(
-    pairs: Sequence[tuple[Deployment, Bundle]], folder: Path
-) -> dict[str, Answer]:
-    """Run agents as their Compose projects say, and look at all domains from outside.
+async def ask_containers(pairs: Pairs, folder: Path) -> dict[str, str]:
+    """Run agents as their Compose projects say, and look at all domains from outside; return the faults.
 
     Raises:
         ProcessFailedError: A container ended.
@@ -60,36 +59,27 @@ async def ask_containers(
                 waiting.append(_undiscovered(agent, names - {name}))
             missing = await asyncio.gather(*waiting)
             seen = await _look(outside, pairs)
-    local = [seen[deployment.agent.domain] for deployment, _ in pairs]
-    shown = seen[pairs[0][0].fleet.global_domain]
-    foreign = [topic for topic in shown if not _GLOBAL.fullmatch(topic)]
-    if _HEARTBEAT not in shown:
-        foreign.append("no heartbeat")
+    shown = seen.pop(pairs[0][0].fleet.global_domain)
+    foreign = {topic for topic in shown if not _GLOBAL.fullmatch(topic)}
     return {
-        DISCOVERY: answer(_sentence("not discovered", set().union(*missing))),
-        INSIDE: answer(_sentence("seen from outside", set().union(*local))),
-        OUTSIDE: answer(_sentence("in the global domain", foreign)),
+        DISCOVERY: ", ".join(sorted(set().union(*missing))),
+        INSIDE: ", ".join(sorted(set().union(*seen.values()))),
+        OUTSIDE: ", ".join(sorted(foreign | ({_HEARTBEAT} - shown))),
     }
-
-
-def _sentence(what: str, found: set[str] | list[str]) -> str:
-    return f"{what}: {', '.join(sorted(found))}" if found else ""
 
 
 async def _start(
     stack: AsyncExitStack, deployment: Deployment, bundle: Bundle, host: Host, fleet: Path
 ) -> Process:
     """Start both containers of an agent, and return the process of the agent's."""
-    project = yaml.safe_load(bundle.members["compose.yaml"].data)
-    commands = {}
-    for name, service in project["services"].items():
-        words = [str(fleet) if word == FLEET_FILE else word for word in service["command"]]
-        commands[name] = [*_SFGLAB, *words]
+    services = yaml.safe_load(bundle.members["compose.yaml"].text)["services"]
     enter = (sys.executable, "-m", "sfglab.lab.workers.container", deployment.bridge)
-    inside = host.argv([*enter, *commands["agent"], "--json"])
-    agent = await stack.enter_async_context(_running(inside))
-    await stack.enter_async_context(_running(host.argv(commands["router"])))
-    return agent
+    started = {}
+    for name, before, after in (("agent", enter, ("--json",)), ("router", (), ())):
+        words = [str(fleet) if word == FLEET_FILE else word for word in services[name]["command"]]
+        argv = host.argv([*before, *_SFGLAB, *words, *after])
+        started[name] = await stack.enter_async_context(_running(argv))
+    return started["agent"]
 
 
 def _fleet_file(deployment: Deployment, folder: Path, *, interface: str) -> Path:
@@ -124,7 +114,7 @@ async def _undiscovered(process: Process, wanted: set[str]) -> set[str]:
     """Wait until an agent's discoverer has reported other agents; return those that it did not report."""
     missing = set(wanted)
     assert process.stdout is not None
-    try:
+    with suppress(TimeoutError):
         async with asyncio.timeout(MEETING_S):
             while missing:
                 line = await process.stdout.readline()
@@ -134,15 +124,13 @@ async def _undiscovered(process: Process, wanted: set[str]) -> set[str]:
                 match json.loads(line):
                     case {"report": {"event": "DISCOVERED", "agent": str(agent)}}:
                         missing.discard(agent)
-    except TimeoutError:
-        return missing
     return missing
 
 
-async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> dict[int, list[str]]:
+async def _look(outside: Host, pairs: Pairs) -> dict[int, set[str]]:
     """Return the DDS topics of all endpoints that are seen from outside, by domain."""
-    domains = {pairs[0][0].fleet.global_domain}
-    domains |= {deployment.agent.domain for deployment, _ in pairs}
+    domains = {deployment.agent.domain for deployment, _ in pairs}
+    domains.add(pairs[0][0].fleet.global_domain)
     members = []
     for domain in sorted(domains):
         address = BusAddress(domain_id=domain, interface=outside.interface)
@@ -153,7 +141,4 @@ async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> di
     ) as group:
         await asyncio.sleep(LOOKING_S)
         reports = await group.ask("told", timeout_s=MEETING_S, do="tell")
-    seen = {}
-    for name, report in reports.items():
-        seen[int(name)] = [topic for topic, *_ in report["endpoints"]]
-    return seen
+    return {int(name): {topic for topic, *_ in r["endpoints"]} for name, r in reports.items()}

@@ -6,10 +6,9 @@ there.
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING
 
@@ -17,28 +16,20 @@ from sfglab.codecs.probe import SOFTWARE
 from sfglab.deploy.bases import base_of
 from sfglab.deploy.bundle import load_source, prepare, write_bundle
 from sfglab.deploy.checks import State, check_bundles
+from sfglab.deploy.errors import DeployError
 from sfglab.deploy.hardware import codecs_found, detect
+from sfglab.deploy.programs import run_streamed
 from sfglab.deploy.release import SOURCE, make_release
 from sfglab.fleet.fleet_file import Accelerator
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.deployment.containers import OUTSIDER, ask_containers
-from sfglab.lab.experiments.deployment.facts import (
-    CODEC,
-    FACTS,
-    LOCAL_IMAGE,
-    TRIAL,
-    Answer,
-    Outcome,
-    accepted,
-    answer,
-)
-from sfglab.lab.experiments.deployment.image import ask_image
+from sfglab.lab.experiments.deployment.facts import CODEC, FACTS, TRIAL, Outcome, accepted
 from sfglab.lab.hosts import Network
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from sfglab.deploy.bundle import Bundle
@@ -50,7 +41,7 @@ if TYPE_CHECKING:
 LAYERS = ("base", "adapter", "application")
 """Layers of an image from the hardware upwards: paper A, Fig. 5."""
 _STAGE = re.compile(r"^FROM\s+\S+\s+AS\s+(\S+)", re.MULTILINE)
-_HOOKS_S = 60.0
+_EACH = "one per machine"
 _OF_ALL = ("Dockerfile", "compose.yaml")
 _NOT_SHOWN = ("image/requirements.lock", "image/sfglab-")
 
@@ -63,7 +54,6 @@ class Config(Profiled):
     fleet_file: str = "fleets/esslingen.yaml"  #: Fleet file, in the data folder.
     #: Agents whose containers' commands run over DDS between namespaces; empty: none.
     containers: tuple[str, ...] = ("go2", "pi1", "workstation")
-    build: bool = True  #: Whether an image is built, if the programs for it are installed.
     seed: int = 0  #: Seed without an effect, which every experiment has.
 
 
@@ -71,16 +61,12 @@ exp = Experiment(
     "deployment",
     Config,
     where="A 4.4",
-    smoke={"agents": ("go2", "steamdeck"), "containers": (), "build": False},
+    smoke={"agents": ("go2", "steamdeck"), "containers": ()},
     paper={"containers": ("go2", *(f"pi{i}" for i in range(1, 7)), "steamdeck", "workstation")},
+    removed={"build": {"smoke": False, "quick": True, "paper": True}},
     actors=(
-        Actor(
-            "agent",
-            "container on the machine's bridge",
-            "discovers the others",
-            count="one per machine",
-        ),
-        Actor("router", "machine", "forwards global names", count="one per machine"),
+        Actor("agent", "container on the machine's bridge", "discovers the others", count=_EACH),
+        Actor("router", "machine", "forwards global names", count=_EACH),
         Actor("onlooker", OUTSIDER, "joins all domains from outside"),
     ),
     links=(
@@ -112,7 +98,7 @@ class LayerRow(TableRow):
     digest: str  #: Digest of its instructions and of all layers below; equal digests are one layer.
 
 
-@exp.part("fleet", total=4)
+@exp.part("fleet", total=3)
 async def deploy(bench: Bench[Config]) -> None:
     """Render the files of a fleet, and ask a program about each fact."""
     config = bench.config
@@ -121,28 +107,32 @@ async def deploy(bench: Bench[Config]) -> None:
     pairs = prepare(source, release, wheel, agents=config.agents)
     bench.write_all("layer", layer_rows(pairs))
     _attach(bench, pairs)
-    answers = ask_checkers(pairs)
+    faults = ask_checkers(pairs)
     bench.advance("files")
-    answers[CODEC] = ask_codecs()
-    answers[TRIAL] = ask_hooks(pairs, bench.folder("hooks"))
+    if (codec_fault := ask_codecs()) is not None:
+        faults[CODEC] = codec_fault
+    faults[TRIAL] = ask_hooks(pairs, bench.folder("hooks"))
     bench.advance("hooks")
     chosen = [pair for pair in pairs if pair[0].agent.name in config.containers]
     if chosen and Network.available().ok:
-        answers |= await ask_containers(chosen, bench.folder("containers"))
+        faults |= await ask_containers(chosen, bench.folder("containers"))
     bench.advance("containers")
-    if config.build:
-        answers[LOCAL_IMAGE] = ask_image(pairs[0][0], wheel, bench.folder("image"))
-    bench.advance("image")
+    bench.write_all("fact", fact_rows(faults))
+
+
+def fact_rows(faults: Mapping[str, str]) -> Iterator[FactRow]:
+    """Yield a row for each fact, given the fault that its program named; empty: none, missing: not asked."""
     for fact in FACTS:
-        found = answers.get(fact.name, Answer(outcome=Outcome.MISSING))
-        row = FactRow(
+        outcome = Outcome.MISSING
+        if fact.name in faults:
+            outcome = Outcome.REFUSED if faults[fact.name] else Outcome.CONFIRMED
+        yield FactRow(
             end=fact.end,
             fact=fact.name,
             program=fact.program,
-            outcome=found.outcome.value,
-            detail=found.detail,
+            outcome=outcome.value,
+            detail=faults.get(fact.name, ""),
         )
-        bench.write(row)
 
 
 def _attach(bench: Bench[Config], pairs: Pairs) -> None:
@@ -174,29 +164,27 @@ def layer_rows(pairs: Pairs) -> Iterator[LayerRow]:
             )
 
 
-def ask_checkers(pairs: Pairs) -> dict[str, Answer]:
+def ask_checkers(pairs: Pairs) -> dict[str, str]:
     """Ask the programs of `sfglab deploy check` that are installed about all files."""
-    answers = {}
-    for verdict in check_bundles(bundle for _, bundle in pairs):
-        if verdict.state is not State.NOT_RUN:
-            answers[accepted(verdict.check)] = answer(verdict.detail)
-    return answers
+    verdicts = check_bundles(bundle for _, bundle in pairs)
+    asked = [verdict for verdict in verdicts if verdict.state is not State.NOT_RUN]
+    return {accepted(verdict.check): verdict.detail for verdict in asked}
 
 
-def ask_codecs() -> Answer:
-    """Ask FFmpeg to open the codecs of the accelerator that detection finds on this machine."""
+def ask_codecs() -> str | None:
+    """Ask FFmpeg to open the codecs of the accelerator that detection finds; None if there is none."""
     machine = detect()
     if machine.accelerator is Accelerator.NONE:
-        return Answer(outcome=Outcome.MISSING)
+        return None
     expected = [one for one in codecs_found(machine) if one.expected and one.name not in SOFTWARE]
     if any(codec.works for codec in expected):
-        return answer("")
-    tried = [f"{codec.name}: {codec.tried}" for codec in expected]
-    return answer("; ".join(tried) or f"{machine.accelerator.value} has no H.264 codec")
+        return ""
+    tried = "; ".join(f"{codec.name}: {codec.tried}" for codec in expected)
+    return tried or f"{machine.accelerator.value} has no H.264 codec"
 
 
-def ask_hooks(pairs: Pairs, folder: Path) -> Answer:
-    """Let Bash run the hooks of each agent on a folder in place of its machine."""
+def ask_hooks(pairs: Pairs, folder: Path) -> str:
+    """Let Bash run the hooks of each agent on a folder in place of its machine; return the faults."""
     faults = []
     for deployment, bundle in pairs:
         root = folder / bundle.agent
@@ -205,33 +193,29 @@ def ask_hooks(pairs: Pairs, folder: Path) -> Answer:
         fault = _hook_fault(home / "hooks", root)
         if fault:
             faults.append(f"{bundle.agent}: {fault}")
-    return answer("; ".join(faults))
+    return "; ".join(faults)
 
 
 def _hook_fault(hooks: Path, root: Path) -> str:
-    """Run the hooks without effect, twice, and with an extension; return the first fault."""
-
-    def run(*options: str) -> None:
-        command = [str(hooks / "initialize.sh"), *options]
-        environment = os.environ | {"SFGLAB_ROOT": str(root)}
-        subprocess.run(command, env=environment, capture_output=True, timeout=_HOOKS_S, check=True)
-
-    before = _snapshot(root)
+    """Run the hooks without effect, twice, and with a hook of the user; return the first fault."""
+    run = partial(run_streamed, on_line=lambda _: None)
+    command = ["env", f"SFGLAB_ROOT={root}", str(hooks / "initialize.sh")]
+    states = [_snapshot(root)]
     try:
-        run("--dry-run")
-        if _snapshot(root) != before:
-            return "a dry run changes files"
-        run()
-        prepared = _snapshot(root)
-        if prepared == before:
-            return "they change nothing"
-        run()
-        if _snapshot(root) != prepared:
-            return "a second run changes files"
+        for options in (["--dry-run"], [], []):
+            run([*command, *options])
+            states.append(_snapshot(root))
         (hooks / "custom.d" / "50-mine.sh").write_text('touch "$SFGLAB_ROOT/mine"\n')
-        run()
-    except subprocess.CalledProcessError as error:
-        return error.stderr.decode(errors="replace").strip() or str(error)
+        run(command)
+    except DeployError as error:
+        return str(error)
+    before, dry, prepared, again = states
+    if dry != before:
+        return "a dry run changes files"
+    if prepared == before:
+        return "they change nothing"
+    if again != prepared:
+        return "a second run changes files"
     return "" if (root / "mine").exists() else "a script of the user does not run"
 
 

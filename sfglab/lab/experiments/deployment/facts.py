@@ -1,4 +1,4 @@
-"""Facts about a deployment, written down before a run, and the program that confirms or refuses each."""
+"""Facts about a deployment, written before a run, and the program that confirms or refuses each."""
 
 from __future__ import annotations
 
@@ -12,20 +12,6 @@ class Outcome(Enum):
     CONFIRMED = "confirmed"
     REFUSED = "refused"
     MISSING = "missing"  #: The program was not there.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
-    """Result for a fact."""
-
-    outcome: Outcome
-    detail: str = ""  #: Fault that the program named.
-
-
-def answer(fault: str) -> Answer:
-    """Return the answer of a program that was asked; an empty fault confirms the fact."""
-    outcome = Outcome.REFUSED if fault else Outcome.CONFIRMED
-    return Answer(outcome=outcome, detail=fault)
 
 
 def accepted(check: str) -> str:
@@ -48,7 +34,6 @@ LAYERS, DETECTION, CONTAINERS = "three image layers", "accelerator detection", "
 SYSTEMD, DEV_CONTAINER, HOOKS = "systemd", "dev container", "hooks"
 _ROBOT = "on a machine of the fleet"
 
-LOCAL_IMAGE = "an image is built from a local base and runs as its user"
 CODEC = "FFmpeg opens an H.264 codec of the accelerator that was found"
 DISCOVERY = "agents discover each other through their routers"
 INSIDE = "an agent's own domain shows nothing outside its machine"
@@ -66,7 +51,6 @@ _MEETING = "agents in containers discover each other through their routers"
 _SHOWN = "the global domain shows global names only, and the heartbeats among them"
 FACTS = (
     Fact(LAYERS, accepted("Dockerfiles"), "hadolint", ("hadolint",)),
-    Fact(LAYERS, LOCAL_IMAGE, "buildah and debootstrap"),
     Fact(LAYERS, "images with ROS 2 and an accelerator are built", f"Docker {_ROBOT}"),
     Fact(DETECTION, CODEC, "FFmpeg on a machine with an accelerator"),
     Fact(CONTAINERS, accepted("Compose files"), "check-jsonschema", ("Compose Specification",)),

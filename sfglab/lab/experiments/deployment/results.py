@@ -16,7 +16,6 @@ from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import exactly
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _CONFIRMED, _REFUSED, _MISSING = (outcome.value for outcome in Outcome)
@@ -25,21 +24,18 @@ _CONFIRMED, _REFUSED, _MISSING = (outcome.value for outcome in Outcome)
 @derived
 def facts_of(run: Run[Config]) -> pd.DataFrame:
     """Return the facts of a run, with the columns of `FactRow`."""
-    return run["fact"] if len(run["fact"]) else _facts_of_checks(run)
-
-
-def _facts_of_checks(run: Run[Config]) -> pd.DataFrame:
-    """Return the facts of a log with the table ``check``."""
-    table = run["check"]
+    if len(run["fact"]):
+        return run["fact"]
+    # A log with the table ``check`` is older than the facts.
+    checks = run["check"]
     rows = []
     for fact in FACTS:
-        outcome, detail = _MISSING, ""
-        for check in lines_of(table[table["check"].isin(fact.was)]):
-            if check.held < check.checked:
-                outcome, detail = _REFUSED, check.example
-            elif outcome == _MISSING:
-                outcome = _CONFIRMED
-        rows.append((fact.end, fact.name, fact.program, outcome, detail))
+        asked = checks[checks["check"].isin(fact.was)]
+        faulty = asked[asked["held"] < asked["checked"]]
+        outcome = _CONFIRMED if len(asked) else _MISSING
+        if len(faulty):
+            outcome = _REFUSED
+        rows.append((fact.end, fact.name, fact.program, outcome, "; ".join(faulty["example"])))
     return pd.DataFrame(rows, columns=["end", "fact", "program", "outcome", "detail"])
 
 
@@ -59,9 +55,9 @@ def share_confirmed(run: Run[Config]) -> Finding:
     shares, ends, reasons = [], {}, []
     details = {"facts": _counts(facts)}
     for end, rows in facts.groupby("end", sort=False):
-        missing = rows[rows["outcome"] == _MISSING]
-        asked = rows[rows["outcome"] != _MISSING]
         details[str(end)] = _counts(rows)
+        missing = rows[rows["outcome"] == _MISSING]
+        asked = rows.drop(missing.index)
         refused = lines_of(asked[asked["outcome"] == _REFUSED])
         reasons += [f"{row.fact}: {row.program}: {row.detail}" for row in refused]
         if len(asked):
@@ -71,10 +67,13 @@ def share_confirmed(run: Run[Config]) -> Finding:
             reasons.append(f"{end} cannot be confirmed without {programs}")
         else:
             ends[str(end)] = shares[-1]
-    estimate = exactly(min(shares), "share of checks that hold")
-    reason = "; ".join(reasons)
-    count = f"{len(facts)} facts"
-    return Finding(estimate=estimate, details=details, reason=reason, ends=ends, count=count)
+    return Finding(
+        estimate=exactly(min(shares), "share of checks that hold"),
+        details=details,
+        reason="; ".join(reasons),
+        ends=ends,
+        count=f"{len(facts)} facts",
+    )
 
 
 def _counts(facts: pd.DataFrame) -> str:
@@ -85,7 +84,8 @@ def _counts(facts: pd.DataFrame) -> str:
     return f"{confirmed} confirmed, {refused} refused, {missing} without a program to ask"
 
 
-_COLORS = dict(zip(LAYERS, (COLORS["standard"], COLORS["proxy"], COLORS["third"]), strict=True))
+_NAMES = {"base": "hardware base", "adapter": "adapter", "application": "application"}
+_COLORS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
 
 
 @exp.figure("deployment_layers", size=(6.4, 2.7))
@@ -95,40 +95,28 @@ def draw_layers(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     agents = list(layers["agent"].unique())
     figure.set_size_inches(1.3 + 0.96 * len(agents), 2.7)
     axes = figure.subplots()
-    for height, (layer, color) in enumerate(_COLORS.items()):
-        table = layers[layers["layer"] == layer].set_index("agent").loc[agents]
-        digests = list(table["digest"])
-        for _, same in groupby(range(len(agents)), key=digests.__getitem__):
-            places = list(same)
-            text = table["says"].iloc[places[0]]
-            _draw_box(axes, (places[0], places[-1]), height, text, color)
+    for height, (layer, color) in enumerate(zip(LAYERS, _COLORS, strict=True)):
+        table = layers[layers["layer"] == layer]
+        first = 0
+        for _, same in groupby(zip(table["digest"], table["says"], strict=True)):
+            boxes = list(same)
+            width = len(boxes)
+            text = boxes[0][1]
+            if width == 1:
+                text = "\n".join(re.findall(r".{1,13}(?:[-:, ]|$)|.{13}", text))
+            left = first - 0.44
+            bars = axes.barh(height, width - 0.12, 0.72, left, color=color, alpha=0.28)
+            axes.bar_label(bars, [text], label_type="center", fontsize=7)
+            first += width
     axes.set_xticks(range(len(agents)), agents)
-    axes.set_yticks(range(len(LAYERS)), ["hardware base", "adapter", "application"])
+    axes.set_yticks(range(len(LAYERS)), [_NAMES[layer] for layer in LAYERS])
     axes.set(xlim=(-0.55, len(agents) - 0.45), ylim=(-0.5, len(LAYERS) - 0.5))
     counts = layers.groupby("layer")["digest"].nunique()
-    said = f"{counts['base']} hardware bases and {counts['adapter']} adapters carry {len(agents)} agents"
+    bases, adapters = counts["base"], counts["adapter"]
+    said = f"{bases} hardware bases and {adapters} adapters carry {len(agents)} agents"
     axes.set_title(f"{said}; a box across agents is the same layer")
     note(figure, "exact: as rendered from the fleet file (paper A, Fig. 5)")
     axes.tick_params(length=0)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
     return {"agents": len(agents), **{f"distinct {name}": int(n) for name, n in counts.items()}}
-
-
-def _draw_box(axes: Axes, ends: tuple[int, int], height: int, text: str, color: str) -> None:
-    from matplotlib.patches import FancyBboxPatch
-
-    first, last = ends
-    box = FancyBboxPatch(
-        (first - 0.44, height - 0.36),
-        last - first + 0.88,
-        0.72,
-        boxstyle="round,pad=0.02,rounding_size=0.05",
-        facecolor=color,
-        alpha=0.28,
-        linewidth=0,
-    )
-    axes.add_patch(box)
-    if first == last:
-        text = "\n".join(re.findall(r".{1,13}(?:[-:, ]|$)|.{13}", text))
-    axes.text((first + last) / 2, height, text, ha="center", va="center", fontsize=7)
