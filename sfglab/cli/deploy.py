@@ -229,7 +229,7 @@ def _prospects(
     """Yield the changes of each agent and the call that makes them; a failure does not stop the others."""
     from sfglab.deploy.bundle import prepare
     from sfglab.deploy.errors import DeployError
-    from sfglab.deploy.rollout import Prospect, apply_plan, look, plan_changes, released, steps
+    from sfglab.deploy.rollout import Prospect, apply_bundle, look, plan_changes, released, steps
     from sfglab.deploy.transport import chooser, transport_to
 
     source, release, wheel = _release(fleet)
@@ -248,5 +248,6 @@ def _prospects(
             yield prospect(plan=None, problem=str(error)), lambda: None
             continue
         following = steps(deployment, bundle, plan)
-        action = partial(apply_plan, plan, bundle, deployment, transport, typer.echo)
+        folder = deployment.folder
+        action = partial(apply_bundle, bundle, folder, following, transport, typer.echo)
         yield prospect(plan=plan, steps=following), action

@@ -227,12 +227,10 @@ def render_verdicts(verdicts: Sequence[Verdict]) -> str:
     """Return a table of results with the output of each program that found faults, and a count."""
     rows = [("result", "check", "program", "files")]
     rows += [(one.state.value, one.check, one.program, str(one.files)) for one in verdicts]
-    head, *table = columns(rows)
-    lines = [head]
-    for verdict, line in zip(verdicts, table, strict=True):
-        lines.append(line)
-        lines += [f"    {text}" for text in verdict.detail.splitlines()]
+    lines = columns(rows)
+    for row in range(len(verdicts), 0, -1):
+        detail = verdicts[row - 1].detail.splitlines()
+        lines[row + 1 : row + 1] = [f"    {text}" for text in detail]
     counts = Counter(verdict.state for verdict in verdicts)
-    summary = [f"{counts[state]} {state.value}" for state in reversed(State)]
-    lines.append(", ".join(summary))
+    lines.append(", ".join(f"{counts[state]} {state.value}" for state in reversed(State)))
     return "\n".join(lines)

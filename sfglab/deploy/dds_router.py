@@ -131,19 +131,22 @@ def _routes(policy: Policy) -> list[str]:
     ways = {rule.directions for rule in policy.rules}
     if ways == {frozenset(Direction)}:
         return []
-    if len(ways) > 1:
-        mixed = ", ".join(
+    routes = {
+        frozenset({Direction.OUTWARD}): (LOCAL, GLOBAL),
+        frozenset({Direction.INWARD}): (GLOBAL, LOCAL),
+    }
+    way = ways.pop()
+    if ways or way not in routes:
+        given = ", ".join(
             f"{rule.pattern} {'/'.join(sorted(way.value for way in rule.directions)) or 'closed'}"
             for rule in policy.rules
         )
         raise DeployError(
-            f"rules of different directions ({mixed}): allowed are rules of the same direction, because a DDS "
-            "Router's allowlist is open both ways and its routes are for all topics or for one of a known type"
+            f"rules of different directions or none ({given}): allowed are rules of the same direction, "
+            "because a DDS Router's allowlist is open both ways and its routes are for all topics or for one "
+            "of a known type"
         )
-    outward = ways == {frozenset({Direction.OUTWARD})}
-    if not outward and ways != {frozenset({Direction.INWARD})}:
-        raise DeployError("rules without direction: allowed are outward, inward or both")
-    source, target = (LOCAL, GLOBAL) if outward else (GLOBAL, LOCAL)
+    source, target = routes[way]
     lines = ["# A source without destination forwards nothing.", "routes:"]
     return [*lines, f"  - src: {source}", f"    dst: [{target}]", f"  - src: {target}", ""]
 

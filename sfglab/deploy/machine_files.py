@@ -6,6 +6,7 @@ looped or no plain file reads as absent, so that detection does not fail on it.
 
 from __future__ import annotations
 
+import os
 import re
 import stat
 from collections import deque
@@ -26,11 +27,7 @@ class MachineFiles:
     root: Path  #: Folder that stands for ``/``.
 
     def __post_init__(self) -> None:
-        try:
-            is_folder = self.root.is_dir()
-        except OSError:  # as for a name that is too long
-            is_folder = False
-        if not is_folder:
+        if not os.access(f"{self.root}/.", os.F_OK):
             raise DeployError(
                 f"{self.root}: given as a machine's root, allowed: a folder that exists"
             )
@@ -58,16 +55,17 @@ class MachineFiles:
 
     def has(self, path: str) -> bool:
         """Return whether there is anything at a path, and if it is a link, where it leads."""
-        return self._mode(path) is not None
+        place = self.resolve(path)
+        return place is not None and os.access(place, os.F_OK)
 
-    def head(self, path: str, size_bytes: int = _MOST_BYTES) -> bytes | None:
+    def head(self, path: str) -> bytes | None:
         """Return the first bytes of a plain file; None for all else, devices above all."""
-        mode, place = self._mode(path), self.resolve(path)
-        if mode is None or place is None or not stat.S_ISREG(mode):
-            return None
+        place = self.resolve(path)
         try:
+            if place is None or not stat.S_ISREG(place.stat().st_mode):
+                return None
             with place.open("rb") as file:
-                return file.read(size_bytes)
+                return file.read(_MOST_BYTES)
         except OSError:
             return None
 
@@ -92,15 +90,6 @@ class MachineFiles:
         """Return absolute paths of what matches in a folder and leads somewhere."""
         paths = [f"{folder}/{name}" for name in self.names(folder, pattern)]
         return [path for path in paths if self.has(path)]
-
-    def _mode(self, path: str) -> int | None:
-        place = self.resolve(path)
-        if place is None:
-            return None
-        try:
-            return place.stat().st_mode
-        except OSError:
-            return None
 
 
 def plain(text: str) -> str:

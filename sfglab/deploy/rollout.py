@@ -200,26 +200,34 @@ def steps(deployment: Deployment, bundle: Bundle, plan: Plan) -> tuple[Step, ...
     )
 
 
-def apply_plan(
-    plan: Plan,
+def apply_bundle(
     bundle: Bundle,
-    deployment: Deployment,
+    folder: str,
+    following: Sequence[Step],
     transport: Transport,
-    say: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> None:
-    """Copy a bundle to its machine and start it, as planned; `say` gets each step as text."""
-    if not plan.changed:
+    """Copy a bundle to its machine and run the steps that follow; without a step, nothing has changed.
+
+    Args:
+        bundle: The agent's files.
+        folder: The agent's folder on the machine.
+        following: Steps of `steps`.
+        transport: The machine.
+        report: Receiver of each step and of its output, as text.
+    """
+    if not following:
         return
-    install(bundle, deployment.folder, transport)
-    say(f"{plan.agent}: files written to {transport.name}")
-    for step in steps(deployment, bundle, plan):
+    install(bundle, folder, transport)
+    report(f"{bundle.agent}: files written to {transport.name}")
+    root = shlex.quote(transport.root)
+    prefix = f"export SFGLAB_ROOT={root}\n{root}" if transport.root else ""
+    for step in following:
         if transport.root and step.on_system:
-            say(f"{plan.agent}: skipped on a folder in place of a machine: {step.what}")
+            report(f"{bundle.agent}: skipped on a folder in place of a machine: {step.what}")
             continue
-        say(f"{plan.agent}: {step.what}")
-        root = shlex.quote(transport.root)
-        prefix = f"export SFGLAB_ROOT={root}\n{root}" if transport.root else ""
-        transport.stream(prefix + step.script, lambda line: say(f"    {line}"))
+        report(f"{bundle.agent}: {step.what}")
+        transport.stream(prefix + step.script, lambda line: report(f"    {line}"))
 
 
 def releases(transport: Transport, folder: str) -> tuple[str, ...]:

@@ -27,7 +27,6 @@ def elf_header(machine: str, *, bits: int = 64) -> bytes:
 class ExampleMachine:
     """A machine made up from documentation."""
 
-    description: str  #: Name of the machine, and source of its facts.
     files: Mapping[str, str]  #: Contents by path below its root; empty for device nodes.
     links: Mapping[str, str]  #: Targets of symbolic links by path below its root.
     #: Architecture of its programs as containers call it; there are not images for every one.
@@ -52,7 +51,6 @@ def write_example(example: ExampleMachine, folder: Path) -> Path:
 
 def _made(
     expected: Accelerator,
-    description: str,
     system: str,
     *parts: Mapping[str, str],
     links: Mapping[str, str] | None = None,
@@ -65,7 +63,6 @@ def _made(
         files |= part
     is_board = f"{_TREE}/model" in files
     return ExampleMachine(
-        description=description,
         files=files,
         links=links or (_TREE_LINK if is_board else {}),
         elf=elf or (Architecture.ARM64 if is_board else Architecture.AMD64).value,
@@ -120,8 +117,8 @@ _NVIDIA_DRIVER = {
 
 EXAMPLES: dict[str, ExampleMachine] = {
     "jetson_orin_nx": _made(
+        # Jetson Orin NX, JetPack 6.2: Linux' device tree bindings (tegra.yaml), L4T R36's files
         Accelerator.JETSON,
-        "Jetson Orin NX, JetPack 6.2: Linux' device tree bindings (tegra.yaml), L4T R36's files",
         "Ubuntu 22.04.5 LTS",
         _board(
             "NVIDIA Jetson Orin NX Engineering Reference Developer Kit",
@@ -137,8 +134,8 @@ EXAMPLES: dict[str, ExampleMachine] = {
         _videos({0: "vi-output, imx219 9-0010"}),
     ),
     "jetson_xavier_nx": _made(
+        # Jetson Xavier NX, JetPack 4.6: L4T R32's files
         Accelerator.JETSON,
-        "Jetson Xavier NX, JetPack 4.6: L4T R32's files",
         "Ubuntu 18.04.6 LTS",
         _board(
             "NVIDIA Jetson Xavier NX Developer Kit",
@@ -152,8 +149,8 @@ EXAMPLES: dict[str, ExampleMachine] = {
         _nodes("nvmap", "nvhost-ctrl", "nvhost-gpu", "nvhost-msenc", "nvhost-nvdec", "nvidiactl"),
     ),
     "workstation_rtx": _made(
+        # Workstation with an RTX card beside an AMD processor's graphics: NVIDIA's README, amdgpu
         Accelerator.CUDA,
-        "Workstation with an RTX card beside an AMD processor's graphics: NVIDIA's README, amdgpu",
         "Ubuntu 24.04.1 LTS",
         _NVIDIA_NODES,
         _NVIDIA_DRIVER,
@@ -162,43 +159,43 @@ EXAMPLES: dict[str, ExampleMachine] = {
         _kfd(1, 100306, 129),
     ),
     "nvidia_without_driver": _made(
+        # PC with an NVIDIA card that nouveau drives: Linux, sysfs-bus-pci
         Accelerator.NONE,
-        "PC with an NVIDIA card that nouveau drives: Linux, sysfs-bus-pci",
         "Debian GNU/Linux 12 (bookworm)",
         _graphics(128, "0x10de"),
     ),
     "desktop_rocm": _made(
+        # Desktop with a Radeon RX 7900 XTX, gfx1100: AMD's list of supported GPUs, amdkfd's sysfs
         Accelerator.ROCM,
-        "Desktop with a Radeon RX 7900 XTX, gfx1100: AMD's list of supported GPUs, amdkfd's sysfs",
         "Ubuntu 24.04.1 LTS",
         _graphics(128, "0x1002"),
         _kfd(1, 110000, 128),
     ),
     "steam_deck": _made(
+        # Steam Deck OLED, whose gfx1033 has /dev/kfd but is not on AMD's list: amdkfd
         Accelerator.VAAPI,
-        "Steam Deck OLED, whose gfx1033 has /dev/kfd but is not on AMD's list: amdkfd",
         "SteamOS",
         _graphics(128, "0x1002"),
         _kfd(1, 100303, 128),
     ),
     "laptop_intel": _made(
+        # Laptop with Intel's graphics and a camera: i915, uvcvideo
         Accelerator.VAAPI,
-        "Laptop with Intel's graphics and a camera: i915, uvcvideo",
         "Fedora Linux 41 (Workstation Edition)",
         _graphics(128, "0x8086"),
         _videos({0: "Integrated Camera: Integrated C"}),
     ),
     "raspberry_pi_5": _made(
+        # Raspberry Pi 5: its kernel's drivers rpi-hevc-dec and pispbe; v3d is no PCI device
         Accelerator.V4L2,
-        "Raspberry Pi 5: its kernel's drivers rpi-hevc-dec and pispbe; v3d is no PCI device",
         "Debian GNU/Linux 12 (bookworm)",
         _board("Raspberry Pi 5 Model B Rev 1.0", "raspberrypi,5-model-b", "brcm,bcm2712"),
         _nodes("dri/card0", "dri/card1", "dri/renderD128"),
         _videos({19: "rpi-hevc-dec", 20: "pispbe-input", 21: "pispbe-tdn_input"}),
     ),
     "raspberry_pi_4": _made(
+        # Raspberry Pi 4: its kernel's driver bcm2835-codec, one node for each role
         Accelerator.V4L2,
-        "Raspberry Pi 4: its kernel's driver bcm2835-codec, one node for each role",
         "Debian GNU/Linux 12 (bookworm)",
         _board("Raspberry Pi 4 Model B Rev 1.4", "raspberrypi,4-model-b", "brcm,bcm2711"),
         _nodes("dri/card0", "dri/renderD128"),
@@ -214,24 +211,24 @@ EXAMPLES: dict[str, ExampleMachine] = {
         ),
     ),
     "wsl2": _made(
+        # WSL 2 on Windows with NVIDIA's driver: NVIDIA, CUDA on WSL User Guide
         Accelerator.CUDA,
-        "WSL 2 on Windows with NVIDIA's driver: NVIDIA, CUDA on WSL User Guide",
         "Ubuntu 22.04.5 LTS",
         _nodes("dxg"),
         {"usr/lib/wsl/lib/libcuda.so.1.1": ""},
         links={"usr/lib/wsl/lib/libcuda.so.1": "libcuda.so.1.1"},
     ),
     "container": _made(
+        # Container without devices on an RTX workstation: Docker's mark, the host's /proc and /sys
         Accelerator.NONE,
-        "Container without devices on an RTX workstation: Docker's mark, the host's /proc and /sys",
         "Ubuntu 24.04.1 LTS",
         {".dockerenv": ""},
         _NVIDIA_DRIVER,
         {"sys/class/drm/renderD128/device/vendor": "0x10de\n"},
     ),
     "riscv_board": _made(
+        # VisionFive 2, a RISC-V board that there are no images for: Linux, jh7110 device tree
         Accelerator.NONE,
-        "VisionFive 2, a RISC-V board that there are no images for: Linux, jh7110 device tree",
         "Debian GNU/Linux trixie/sid",
         _board("StarFive VisionFive 2 v1.3B", "starfive,visionfive-2-v1.3b", "starfive,jh7110"),
         elf="riscv64",

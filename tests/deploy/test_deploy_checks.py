@@ -10,7 +10,6 @@ from esslingen import program as shell_program
 from sfglab.deploy.bundle import bundle_of
 from sfglab.deploy.checks import CHECKS, State, check_bundles, check_fleet, render_verdicts
 from sfglab.deploy.files import text_file
-from sfglab.deploy.programs import find_program
 from sfglab.fleet.fleet_file import RosDistribution
 
 BUNDLE = bundle_of(GO2, b"wheel")
@@ -140,13 +139,3 @@ def test_a_table_has_each_check_its_different_files_the_output_of_its_program_an
         "    3",
         "2 passed, 0 not run, 1 failed",
     ]
-
-
-def test_a_program_is_found_beside_python_first_then_on_the_path(monkeypatch, tmp_path):
-    for folder in ("beside", "path"):
-        shell_program(tmp_path / folder / "tool")
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "beside" / "python"))
-    monkeypatch.setenv("PATH", str(tmp_path / "path"))
-    assert find_program("tool") == str(tmp_path / "beside" / "tool")
-    (tmp_path / "beside" / "tool").unlink()
-    assert find_program("tool") == str(tmp_path / "path" / "tool")

@@ -1,14 +1,11 @@
 """Detection on made-up roots: accelerators and codecs, with reasons, and no file that misleads it."""
 
 import os
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from example_machines import EXAMPLES, elf_header, write_example
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from sfglab.codecs.probe import DECODERS, ENCODERS, probe_encoder
 from sfglab.deploy.errors import DeployError
@@ -18,7 +15,6 @@ from sfglab.deploy.hardware import (
     detect,
     expected_codecs,
     find_architecture,
-    gfx_name,
     render_machine,
 )
 from sfglab.deploy.machine_files import MachineFiles
@@ -59,6 +55,7 @@ def test_each_machine_gets_its_accelerator_also_if_any_one_file_is_a_pipe_folder
     found = machine(name)
     assert found.accelerator is EXAMPLES[name].expected
     check_honest(found)
+    assert (found.model + found.operating_system).isprintable()
     makers = (os.mkfifo, os.mkdir, lambda path: path.symlink_to(path.name))
     for number, path in enumerate(sorted(EXAMPLES[name].files)):
         place = tmp_path / "root" / path
@@ -66,23 +63,6 @@ def test_each_machine_gets_its_accelerator_also_if_any_one_file_is_a_pipe_folder
         check_honest(detect(tmp_path / "root"))
         makers[number % 3](place)  # opening a pipe would block
         check_honest(detect(tmp_path / "root"))
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.sampled_from(sorted(EXAMPLES)), st.binary(max_size=64), st.data())
-def test_any_mixture_of_two_machines_files_and_junk_is_judged_by_what_is_there(name, junk, data):
-    other = data.draw(st.sampled_from(sorted(EXAMPLES)))
-    pool = {**EXAMPLES[other].files, **EXAMPLES[name].files}
-    kept = data.draw(st.sets(st.sampled_from(sorted(pool)), min_size=1))
-    links = {path: target for path, target in EXAMPLES[name].links.items() if path not in kept}
-    example = replace(EXAMPLES[name], files={path: pool[path] for path in kept}, links=links)
-    with tempfile.TemporaryDirectory() as folder:
-        root = write_example(example, Path(folder))
-        for path in data.draw(st.sets(st.sampled_from(sorted(kept)))):
-            (root / path).write_bytes(junk)
-        found = detect(root)
-        check_honest(found)
-        assert (found.model + found.operating_system).isprintable()
 
 
 @pytest.mark.parametrize(
@@ -129,24 +109,10 @@ def test_the_reason_says_what_is_there_and_what_is_missing(
     assert found.accelerator.value == chosen
 
 
-def test_kernel_s_gfx_target_versions_become_llvm_s_names():
-    versions = (90010, 90402, 100303, 110000, 120001)
-    assert [gfx_name(one) for one in versions] == [
-        "gfx90a",
-        "gfx942",
-        "gfx1033",
-        "gfx1100",
-        "gfx1201",
-    ]
-
-
-@pytest.mark.parametrize("place", ["missing", "file", "x" * 300])
-def test_a_root_that_is_no_folder_is_refused_by_name(tmp_path, place):
-    (tmp_path / "file").touch()
-    with pytest.raises(
-        DeployError, match=r"given as a machine's root, allowed: a folder that exists"
-    ):
-        detect(tmp_path / place)
+def test_a_root_that_is_no_folder_is_refused():
+    for place in ("/nowhere", __file__, "x" * 300):
+        with pytest.raises(DeployError, match="given as a machine's root, allowed: a folder"):
+            detect(Path(place))
 
 
 @pytest.mark.parametrize("target", ["{outside}", "../../outside", "/../outside", "/outside"])
@@ -175,10 +141,6 @@ def test_the_header_of_the_shell_tells_the_architecture(tmp_path, header, archit
     found, reason = find_architecture(MachineFiles(tmp_path))
     assert found is architecture
     assert reason.startswith(says)
-
-
-def test_this_machine_is_detected():
-    check_honest(detect())
 
 
 ENCODER, DECODER = CodecRole.ENCODER, CodecRole.DECODER

@@ -81,8 +81,8 @@ def _check_tree(agent: AgentSpec, tree: Sequence[Edge]) -> Iterator[Finding]:
     for child, edges in repeated.items():
         parents = sorted({edge.parent for edge in edges})
         yield an_error(
-            code="frame-two-parents" if len(parents) > 1 else "frame-twice",
-            place=edges[-1].frame.place,
+            "frame-two-parents" if len(parents) > 1 else "frame-twice",
+            edges[-1].frame.place,
             what=f"{agent.name} broadcasts {child} more than once, below {', '.join(parents)}",
             why="a frame has one parent: listeners take the one that they received last",
             remedy="keep one of the transforms",
@@ -91,8 +91,8 @@ def _check_tree(agent: AgentSpec, tree: Sequence[Edge]) -> Iterator[Finding]:
     circle = sorted({edge.child for edge in tree} - set(roots))
     if circle:
         yield an_error(
-            code="frame-circle",
-            place=tree[0].frame.place,
+            "frame-circle",
+            tree[0].frame.place,
             what=f"frames of {agent.name} form a circle: {', '.join(circle)}",
             why="a tree has a root from which every frame is reached",
             remedy="turn one of the transforms around or remove it",
@@ -100,8 +100,8 @@ def _check_tree(agent: AgentSpec, tree: Sequence[Edge]) -> Iterator[Finding]:
     tops = sorted(set(roots.values()))
     if len(tops) > 1 and not repeated:
         yield an_error(
-            code="frame-own-roots",
-            place=agent.tf.place,
+            "frame-own-roots",
+            agent.tf.place,
             what=f"the frames of {agent.name} have {len(tops)} roots: {', '.join(tops)}",
             why="no transform leads from one part to the other (paper A, section 4.5: a single root)",
             remedy="join the parts with a transform, or correct the frame's name",
@@ -121,8 +121,8 @@ def _clashes(edges: Sequence[Edge]) -> Iterator[Finding]:
         if unprefixed == agents:
             remedy = "set prefix_frames: true, and take the frame out of shared_frames"
         yield an_error(
-            code="frame-clash",
-            place=group[-1].frame.place,
+            "frame-clash",
+            group[-1].frame.place,
             what=f"{' and '.join(agents)} both broadcast frame {child}, {below}",
             why="every agent receives both: the frame jumps between them (paper A, 4.1)",
             remedy=remedy,
@@ -152,8 +152,8 @@ def _roots(view: View, edges: Sequence[Edge]) -> Iterator[Finding]:
     half_shared = shared & {root.rpartition("/")[2] for root in roots}
     hint = f"; {min(half_shared)} is shared by some agents only" if half_shared else ""
     yield a_warning(
-        code="frame-no-common-root",
-        place=view.fleet.agents[0].tf.place,
+        "frame-no-common-root",
+        view.fleet.agents[0].tf.place,
         what=f"the fleet's frames have {len(roots)} roots: {', '.join(sorted(roots))}{hint}",
         why="the transform between agents is unknown (paper A, section 4.5: a single root)",
         remedy="name the common frame, such as map, in shared_frames of every agent, or join the trees",

@@ -45,8 +45,8 @@ def check_rule_pairs(view: View) -> Iterator[Finding]:
         if mirrored == rule.directions == set(Direction):
             continue
         yield an_error(
-            code="half-open-rule",
-            place=place,
+            "half-open-rule",
+            place,
             what=f"rule {rule.pattern} opens one half of services; {mirror} is not open in the same "
             "directions",
             why="a call needs its request and its reply, each out at one router and in at the other; "
@@ -67,8 +67,8 @@ def check_servers(view: View) -> Iterator[Finding]:
         yield from _without_server(kind, name, meeting, crossing)
         if len(_servers(meeting)) > 1 and crossing is Crossing.WHOLE:
             yield an_error(
-                code="two-servers",
-                place=meeting.speakers[-1].place,
+                "two-servers",
+                meeting.speakers[-1].place,
                 what=f"{', '.join(_servers(meeting))} all serve {kind.value} {name}, which crosses",
                 why="each call reaches all of them; the client takes the first reply",
                 remedy="put the agent into the name, /global/<agent>/...",
@@ -81,8 +81,8 @@ def _half_open(view: View, kind: ResourceKind, name: str, meeting: Meeting) -> F
     crossing = [t for t in topics if all(policy.crosses(t, way) for way in Direction)]
     blocked = [topic for topic in topics if topic not in crossing]
     return an_error(
-        code="half-open",
-        place=meeting.first.place,
+        "half-open",
+        meeting.first.place,
         what=f"{kind.value} {name} is half open: {len(crossing)} of its {len(topics)} DDS topics cross",
         why=f"clients of other agents wait indefinitely: {blocked[0]} does not cross both ways",
         remedy="allow requests and replies (rq/ and rr/) with the same pattern; an action needs rt/ too",
@@ -98,8 +98,8 @@ def _without_server(
             continue
         if servers:
             yield an_error(
-                code="does-not-cross",
-                place=use.place,
+                "does-not-cross",
+                use.place,
                 what=f"{use.agent} calls {kind.value} {name} of {', '.join(servers)}, and reaches nothing",
                 why="no forwarding rule lets it cross (paper A, Table 1)",
                 remedy="serve it below /global/<agent>/",
@@ -107,8 +107,8 @@ def _without_server(
             continue
         finding = a_warning if use.implied else an_error
         yield finding(
-            code="no-server",
-            place=use.place,
+            "no-server",
+            use.place,
             what=f"{use.agent} calls {kind.value} {name}, which no agent in this file serves",
             why="its clients wait indefinitely",
             remedy="add the server to the file, or correct the name",
@@ -122,8 +122,8 @@ def check_hazards(view: View) -> Iterator[Finding]:
         if hazards and view.crossing(name, kind) is not Crossing.NONE:
             broken = ", ".join(map(repr, hazards))
             yield an_error(
-                code="router-hazard",
-                place=meeting.first.place,
+                "router-hazard",
+                meeting.first.place,
                 what=f"{kind.value} {name}: a DDS Router breaks {broken}",
                 why="it finds the reply by replacing every 'rq/' by 'rr/' and every 'Request' by 'Reply'",
                 remedy="rename so that no part ends in rq or rr before a slash or contains Request or Reply",

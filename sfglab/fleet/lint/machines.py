@@ -26,8 +26,8 @@ def check_hosts(view: View) -> Iterator[Finding]:
         if (known.architecture, known.accelerator) != (host.architecture, host.accelerator):
             where = f"{agent.name} and {other.name} run on {address or 'this machine'}"
             yield an_error(
-                code="machine-twice",
-                place=host.place,
+                "machine-twice",
+                host.place,
                 what=f"{where}, with different hardware",
                 why="one machine has one architecture, and images for one accelerator do not run on "
                 "another",
@@ -42,8 +42,8 @@ def check_interfaces(view: View) -> Iterator[Finding]:
             continue
         if agent.global_interface is None:
             yield an_error(
-                code="interface-unnamed",
-                place=agent.place,
+                "interface-unnamed",
+                agent.place,
                 what=f"no key names the interface over which {agent.name} reaches the other agents",
                 why="the host gets bridges for containers, which DDS may choose, and the firewall "
                 "needs the interface",
@@ -53,8 +53,8 @@ def check_interfaces(view: View) -> Iterator[Finding]:
         on_host = agent.host.network is ContainerNetwork.HOST
         if on_host and agent.local_interface is None:
             yield an_error(
-                code="domain-everywhere",
-                place=agent.place,
+                "domain-everywhere",
+                agent.place,
                 what=f"{agent.name} uses the network of its host, and its own domain every interface",
                 why="on the host's network, only the interface keeps the domain inside (paper A, 4.1)",
                 remedy="name local_interface: (lo, or that of a cable to the robot's controllers), or "
@@ -69,24 +69,24 @@ def check_router_image(view: View) -> Iterator[Finding]:
     if common.router is RouterSoftware.SFGLAB:
         if image:
             yield an_error(
-                code="router-image-unused",
-                place=common.place,
+                "router-image-unused",
+                common.place,
                 what=f"router_image {image} is given, but the router is that of sfglab",
                 why="it runs in the image of the agent, and no container would use this one",
                 remedy="leave router_image out, or give router: dds-router",
             )
     elif not image:
         yield an_error(
-            code="router-image-missing",
-            place=common.place,
+            "router-image-missing",
+            common.place,
             what=f"the router is {common.router.value}, but router_image is missing",
             why="its project publishes several images, and the release must say which one runs",
             remedy="give router_image: with a tag, as in ubuntu-ddsrouter:v3.5.0",
         )
     elif not _is_pinned(image):
         yield an_error(
-            code="router-image-moves",
-            place=common.place,
+            "router-image-moves",
+            common.place,
             what=f"router_image {image} has no fixed tag",
             why="the image changes without a change in this file, so a rollback could start another one",
             remedy="give a version as its tag, or a digest",

@@ -28,8 +28,8 @@ def check_qos(view: View) -> Iterator[Finding]:
         if reasons:
             name = f"{subscriber.name} of {publisher.agent}"
             yield an_error(
-                code="qos-mismatch",
-                place=subscriber.place,
+                "qos-mismatch",
+                subscriber.place,
                 what=f"{subscriber.agent} never receives {name}: QoS does not match",
                 why="; ".join(reasons),
                 remedy="request what the publisher offers, or offer more",
@@ -43,8 +43,8 @@ def check_types(view: View) -> Iterator[Finding]:
             if one.type and other.type and one.type != other.type:
                 types = f"{one.agent} has type {one.type}, {other.agent} has {other.type}"
                 yield an_error(
-                    code="type-mismatch",
-                    place=other.place,
+                    "type-mismatch",
+                    other.place,
                     what=f"{other.name}: {types}",
                     why="endpoints of different types never match",
                     remedy="use one type",
@@ -63,8 +63,8 @@ def check_static_transforms(view: View) -> Iterator[Finding]:
         if use.speaks:
             doing, late = "publishes", "a late joiner"
         yield an_error(
-            code="static-not-latched",
-            place=use.place,
+            "static-not-latched",
+            use.place,
             what=f"{use.agent} {doing} {TF_STATIC} as VOLATILE",
             why=f"static transforms are sent once: {late} misses them, across a router always",
             remedy="use qos: latched (TRANSIENT_LOCAL)",
@@ -95,24 +95,24 @@ def check_domains(view: View) -> Iterator[Finding]:
         first = first_of.setdefault(agent.domain, agent.name)
         if agent.domain == view.fleet.global_domain:
             yield an_error(
-                code="domain-global",
-                place=agent.place,
+                "domain-global",
+                agent.place,
                 what=f"{agent.name} uses domain {agent.domain}, the global one",
                 why="all agents receive its local topics (paper A, 4.1: D_i != 0)",
                 remedy=f"give it a domain of its own, 1 to {LAST_SAFE_DOMAIN}",
             )
         elif first != agent.name:
             yield an_error(
-                code="domain-shared",
-                place=agent.place,
+                "domain-shared",
+                agent.place,
                 what=f"{agent.name} and {first} both use domain {agent.domain}",
                 why="on one network their local topics mix, and both routers serve both agents",
                 remedy="give every agent a domain of its own",
             )
         if agent.domain > LAST_SAFE_DOMAIN:
             yield a_warning(
-                code="domain-high",
-                place=agent.place,
+                "domain-high",
+                agent.place,
                 what=f"{agent.name} uses domain {agent.domain}, above {LAST_SAFE_DOMAIN}",
                 why="its ports are in the range of outgoing connections: some starts will fail",
                 remedy=f"use 1 to {LAST_SAFE_DOMAIN}",
@@ -128,8 +128,8 @@ def check_topics_cross(view: View) -> Iterator[Finding]:
         yield from _without_publisher(name, meeting, crosses=crosses)
         if crosses and not meeting.hearers and not meeting.implied:
             yield a_remark(
-                code="unheard",
-                place=meeting.first.place,
+                "unheard",
+                meeting.first.place,
                 what=f"{name} may cross, but no agent in this file subscribes to it",
                 why="it costs nothing meanwhile: routers forward a topic only on demand",
             )
@@ -142,16 +142,16 @@ def _without_publisher(name: str, meeting: Meeting, *, crosses: bool) -> Iterato
             continue
         if publishers:
             yield an_error(
-                code="does-not-cross",
-                place=use.place,
+                "does-not-cross",
+                use.place,
                 what=f"{use.agent} subscribes to {name} of {', '.join(publishers)}, and receives nothing",
                 why="no forwarding rule lets it cross (paper A, Table 1)",
                 remedy=f"publish it below /global/, as {_global_form(name, publishers[0])}",
             )
         elif crosses and not use.implied and name not in ROS_OWN:
             yield a_warning(
-                code="nobody-speaks",
-                place=use.place,
+                "nobody-speaks",
+                use.place,
                 what=f"{use.agent} subscribes to {name}, which no agent in this file publishes",
                 why="the publisher may spell the name differently",
                 remedy="add the publisher to the file, or correct the name",
@@ -168,16 +168,16 @@ def check_schema(view: View) -> Iterator[Finding]:
         except FqnError as error:
             if view.crossing(name, kind) is not Crossing.NONE:
                 yield a_warning(
-                    code="not-in-schema",
-                    place=meeting.first.place,
+                    "not-in-schema",
+                    meeting.first.place,
                     what=f"{name} crosses, but is not a name of the schema",
                     why=str(error),
                     remedy="build names with RosFqnBuilder; Custom(...) is for other segments",
                 )
             elif _is_nearly_global(name.split("/")[1]):
                 yield a_warning(
-                    code="nearly-global",
-                    place=meeting.first.place,
+                    "nearly-global",
+                    meeting.first.place,
                     what=f"{name} stays local, although it begins almost like /global/",
                     why="a rule such as rt/global/* needs the slash (paper A, Table 1)",
                     remedy=f"if it shall cross, name it {_global_form(name, meeting.first.agent)}",
@@ -197,8 +197,8 @@ def check_descriptions(view: View) -> Iterator[Finding]:
         except DescriptionError as error:
             place = agent.sensors[0].place if agent.sensors else agent.place
             yield an_error(
-                code="description",
-                place=place,
+                "description",
+                place,
                 what=f"{agent.name} cannot announce its sensors: {error}",
                 why="its status provider does not start: no agent discovers it (paper A, section 4.2)",
                 remedy=f"name streams /global/{agent.name}/<component>/<stream>/<resource>",

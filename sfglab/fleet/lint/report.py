@@ -25,7 +25,7 @@ class Severity(Enum):
     INFO = "info"  #: Information.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Finding:
     """One error, warning or information about a fleet."""
 
@@ -38,9 +38,9 @@ class Finding:
 
 
 # Function with which a check makes a finding.
-an_error = partial(Finding, severity=Severity.ERROR)
-a_warning = partial(Finding, severity=Severity.WARNING)
-a_remark = partial(Finding, severity=Severity.INFO)
+an_error = partial(Finding, Severity.ERROR)
+a_warning = partial(Finding, Severity.WARNING)
+a_remark = partial(Finding, Severity.INFO)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,19 +101,20 @@ class Report:
 
 def render(report: Report) -> str:
     """Return a report as text: findings, receivers by name, and traffic of discovery."""
-    counts = []
-    for severity in Severity:
-        count = report.count(severity)
-        plural = "s" if count != 1 and severity is not Severity.INFO else ""
-        counts.append(f"{count} {severity.value}{plural}")
+    errors, warnings, infos = map(report.count, Severity)
+    counts = f"{errors} error{_plural(errors)}, {warnings} warning{_plural(warnings)}, {infos} info"
     blocks = [
         f"fleet {report.fleet}",
         render_findings(report.findings),
         "who hears what\n" + text_table(_hearings(report)),
         "discovery between hosts, estimated\n" + text_table(_discovery(report.discovery)),
-        f"{report.fleet}: {', '.join(counts)}",
+        f"{report.fleet}: {counts}",
     ]
     return "\n\n".join(blocks) + "\n"
+
+
+def _plural(count: int) -> str:
+    return "" if count == 1 else "s"
 
 
 def render_findings(findings: Iterable[Finding]) -> str:
@@ -123,15 +124,11 @@ def render_findings(findings: Iterable[Finding]) -> str:
 
 def _finding(finding: Finding) -> str:
     head = f"{finding.severity.value}: {finding.place}: {finding.what} [{finding.code}]"
-    lines = [head, *_wrapped("why: ", finding.why)]
-    if finding.remedy:
-        lines += _wrapped("remedy: ", finding.remedy)
+    lines = [head]
+    for label, text in (("why: ", finding.why), ("remedy: ", finding.remedy)):
+        first, indent = f"    {label}", " " * (4 + len(label))
+        lines += textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=indent)
     return "\n".join(lines)
-
-
-def _wrapped(label: str, text: str) -> list[str]:
-    first, indent = f"    {label}", " " * (4 + len(label))
-    return textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=indent)
 
 
 def _hearings(report: Report) -> Iterator[tuple[str, ...]]:
@@ -150,15 +147,8 @@ def _listed(names: Sequence[str], agents: set[str]) -> str:
 
 
 def _discovery(found: Discovery) -> Iterator[tuple[str, ...]]:
-    yield (
-        "",
-        "participants",
-        "endpoints",
-        "pairs of participants",
-        "announcements",
-        "bytes",
-        "grows with",
-    )
+    counts = ("participants", "endpoints", "pairs of participants", "announcements", "bytes")
+    yield "", *counts, "grows with"
     yield _announcements("one domain for all", found.standard, "(processes in the fleet)^2")
     yield _announcements("through routers", found.routed, "agents^2, whatever runs inside")
     for agent, (participants, endpoints) in found.local.items():

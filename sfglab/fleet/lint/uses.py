@@ -124,7 +124,10 @@ class View:
 
 def _uses_of(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
     yield from _written(agent)
-    yield from _streams(agent)
+    for s in agent.streams:
+        yield _use(agent, s.topic, s.type, speaks=True, place=s.place, qos=COMPRESSED_STREAM)
+        if s.camera_info_topic:
+            yield _use(agent, s.camera_info_topic, CAMERA_INFO, speaks=True, implied=True)
     yield from _transforms(agent)
     if agent.lifecycle:
         yield from _lifecycle(agent, fleet)
@@ -140,8 +143,8 @@ def _use(
 def _written(agent: AgentSpec) -> Iterator[Use]:
     for speaks, topics in ((True, agent.publishes), (False, agent.subscribes)):
         for t in topics:
-            more = {"place": t.place, "qos": t.qos, "count": t.count}
-            yield _use(agent, t.name, t.type, ResourceKind.TOPIC, speaks=speaks, **more)
+            more: dict[str, Any] = {"place": t.place, "qos": t.qos, "count": t.count}
+            yield _use(agent, t.name, t.type, speaks=speaks, **more)
     names = (
         (ResourceKind.SERVICE, True, agent.serves),
         (ResourceKind.SERVICE, False, agent.calls),
@@ -153,32 +156,23 @@ def _written(agent: AgentSpec) -> Iterator[Use]:
             yield _use(agent, use.name, use.type, kind, speaks=speaks, place=use.place)
 
 
-def _streams(agent: AgentSpec) -> Iterator[Use]:
-    for s in agent.streams:
-        yield _use(agent, s.topic, s.type, speaks=True, place=s.place, qos=COMPRESSED_STREAM)
-        if s.camera_info_topic:
-            yield _use(agent, s.camera_info_topic, CAMERA_INFO, speaks=True, implied=True)
-
-
 def _transforms(agent: AgentSpec) -> Iterator[Use]:
-    common: dict[str, Any] = {"speaks": True, "implied": True, "place": agent.tf.place}
-    if not all(frame.static for frame in agent.tf.frames):
-        yield _use(agent, TF, TF_TYPE, **common)
-    if any(frame.static for frame in agent.tf.frames):
-        yield _use(
-            agent, TF_STATIC, TF_TYPE, qos=LATCHED, count=agent.tf.static_broadcasters, **common
-        )
+    more: dict[str, Any] = {"speaks": True, "implied": True, "place": agent.tf.place}
+    static = [frame for frame in agent.tf.frames if frame.static]
+    if len(static) < len(agent.tf.frames):
+        yield _use(agent, TF, TF_TYPE, **more)
+    if static:
+        count = agent.tf.static_broadcasters
+        yield _use(agent, TF_STATIC, TF_TYPE, qos=LATCHED, count=count, **more)
 
 
 def _lifecycle(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
+    topics = {heartbeat_topic(): AGENT_HEARTBEAT}
+    if fleet.descriptions == "published":
+        topics[metadata_topic()] = AGENT_METADATA
     for speaks in (True, False):
-        yield _use(
-            agent, heartbeat_topic(), AGENT_HEARTBEAT, speaks=speaks, qos=LATCHED, implied=True
-        )
-        if fleet.descriptions == "published":
-            yield _use(
-                agent, metadata_topic(), AGENT_METADATA, speaks=speaks, qos=LATCHED, implied=True
-            )
+        for name, type_ in topics.items():
+            yield _use(agent, name, type_, speaks=speaks, qos=LATCHED, implied=True)
     yield _use(agent, discovery_topic(agent.name), DISCOVERY_EVENT, speaks=True, implied=True)
     for other in fleet.agents:
         if other.lifecycle:
