@@ -40,11 +40,12 @@ def test_only_the_router_uses_the_network_of_the_host():
     project, overlay = projects(GO2)
     agent, router = project["services"]["agent"], project["services"]["router"]
     assert ("network_mode" in agent, router["network_mode"]) == (False, "host")
-    assert agent["networks"] == ["agent"]
-    assert project["networks"]["agent"]["internal"] is True
+    assert project["networks"][agent["networks"][0]]["internal"] is True
     assert set(overlay["networks"]) == {"outside"}
     spec = replace(GO2.agent, host=replace(GO2.host, network=ContainerNetwork.HOST))
-    project, _ = projects(deployment_of(replace(FLEET, agents=(spec,)), "go2", RELEASE))
+    on_host = deployment_of(replace(FLEET, agents=(spec,)), "go2", RELEASE)
+    assert (on_host.agent_interface, on_host.router_interface) == ("lo", "lo")
+    project, _ = projects(on_host)
     assert project["services"]["agent"]["network_mode"] == "host"
     assert "networks" not in project
 

@@ -1,13 +1,23 @@
 """`sfglab deploy` as a user meets it: the paper's fleet, broken ones, a folder in place of a machine."""
 
+import functools
 import json
 from dataclasses import replace
 
+import pytest
 from commands import called
 from esslingen import FILE as FLEET
 from example_machines import EXAMPLES, write_example
 
 from sfglab.deploy.checks import CHECKS
+from sfglab.deploy.release import make_release
+
+made_once = functools.cache(make_release)
+
+
+@pytest.fixture(autouse=True)
+def release_is_made_once(monkeypatch):
+    monkeypatch.setattr("sfglab.deploy.release.make_release", made_once)
 
 
 def call(*arguments: object, status: int = 0) -> str:

@@ -79,15 +79,3 @@ def test_the_commands_are_bash_and_debuggers_get_the_environment_of_ros_alone(tm
     assert "ROS_DISTRO=jazzy\n" in kept
     assert "PYTHONPATH=/p\n" in kept
     assert "SECRET" not in kept
-
-
-@pytest.mark.parametrize("ros", [RosDistribution.HUMBLE, RosDistribution.JAZZY])
-def test_completion_reads_what_the_build_writes(ros):
-    written = Written(ros)
-    settings = written.settings
-    assert settings["python.defaultInterpreterPath"] == "/usr/bin/python3"
-    assert "--compile-commands-dir=${workspaceFolder}/build" in settings["clangd.arguments"]
-    assert "CMAKE_EXPORT_COMPILE_COMMANDS=ON" in written.container["postCreateCommand"][-1]
-    for path in settings["python.analysis.extraPaths"]:
-        assert f"/opt/ros/{ros.value}/" in path
-    assert {"[cpp]", "[python]", "[cmake]"} <= set(settings)

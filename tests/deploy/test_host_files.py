@@ -67,13 +67,6 @@ def test_every_agent_has_a_bridge_of_its_own_that_linux_takes(agents):
         assert name.startswith("sfg-")
 
 
-def test_agent_and_router_meet_at_a_bridge_or_at_the_files_interface_on_the_hosts_network():
-    bridged = deployment(local_interface="eth1")
-    assert (bridged.agent_interface, bridged.router_interface) == ("eth0", "sfg-go2")
-    on_host = deployment(host=ON_HOST, local_interface="eth1")
-    assert (on_host.agent_interface, on_host.router_interface) == ("eth1", "eth1")
-
-
 def test_time_servers_are_asked_in_order_and_once_and_agents_of_one_machine_do_not_ask_themselves():
     fleet = served_by("ntp.example.org", "workstation", "pi1", "ntp.example.org")
     plan = plan_time(deployment(fleet, host={"address": "other@pi1.local"}))
