@@ -1,4 +1,4 @@
-"""Files of the paper's fleet as they were reviewed; ``python tests/deploy/test_golden.py`` writes them anew."""
+"""Files of the paper's fleet as they were reviewed; ``python tests/deploy/test_golden.py`` writes them again."""
 
 import difflib
 import re

@@ -53,33 +53,29 @@ class Lab:
     """A host that another one meets at its global interface, and a container at its agent's bridge."""
 
     def __init__(self, network, deployment):
-        self.host, self.other, self.container = map(
-            network.add_host, ("host", "other", "container")
-        )
+        hosts = [network.add_host(name) for name in ("host", "other", "container")]
+        self.host, self.other, self.container = hosts
         to_global, bridge = deployment.agent.global_interface, deployment.bridge
-        run(
-            self.host,
-            *(
-                "ip link set eth0 down",
-                f"ip link set eth0 name {to_global}",
-                f"ip link set {to_global} up",
-            ),
-            *(f"ip link add {bridge} type bridge", f"ip link set {bridge} up"),
+        commands = (
+            "ip link set eth0 down",
+            f"ip link set eth0 name {to_global}",
+            f"ip link set {to_global} up",
+            f"ip link add {bridge} type bridge",
+            f"ip link set {bridge} up",
             f"ip addr add {HOST_IN_BRIDGE}/24 dev {bridge}",
             f"ip link add port0 type veth peer name inside netns {self.container._holder}",
-            *(f"ip link set port0 master {bridge}", "ip link set port0 up"),
+            f"ip link set port0 master {bridge}",
+            "ip link set port0 up",
             "tee /proc/sys/net/ipv4/ip_forward",
-            text="1",
         )
-        run(
-            self.container,
-            *(
-                "ip link set eth0 down",
-                "ip link set inside up",
-                f"ip addr add {CONTAINER}/24 dev inside",
-            ),
+        run(self.host, *commands, text="1")
+        commands = (
+            "ip link set eth0 down",
+            "ip link set inside up",
+            f"ip addr add {CONTAINER}/24 dev inside",
             f"ip route add default via {HOST_IN_BRIDGE}",
         )
+        run(self.container, *commands)
         run(self.other, f"ip route add default via {self.host.address}")
 
     def load(self, rules):
