@@ -53,9 +53,7 @@ def share_confirmed(run: Run[Config]) -> Finding:
     """
     facts = facts_of(run)
     shares, ends, reasons = [], {}, []
-    details = {"facts": _counts(facts)}
     for end, rows in facts.groupby("end", sort=False):
-        details[str(end)] = _counts(rows)
         missing = rows[rows["outcome"] == _MISSING]
         asked = rows.drop(missing.index)
         refused = lines_of(asked[asked["outcome"] == _REFUSED])
@@ -69,19 +67,10 @@ def share_confirmed(run: Run[Config]) -> Finding:
             ends[str(end)] = shares[-1]
     return Finding(
         estimate=exactly(min(shares), "share of checks that hold"),
-        details=details,
         reason="; ".join(reasons),
         ends=ends,
         count=f"{len(facts)} facts",
     )
-
-
-def _counts(facts: pd.DataFrame) -> str:
-    """Return the number of facts by outcome, as text."""
-    counts = facts["outcome"].value_counts()
-    confirmed, refused = counts.get(_CONFIRMED, 0), counts.get(_REFUSED, 0)
-    missing = counts.get(_MISSING, 0)
-    return f"{confirmed} confirmed, {refused} refused, {missing} without a program to ask"
 
 
 _NAMES = {"base": "hardware base", "adapter": "adapter", "application": "application"}
