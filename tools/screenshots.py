@@ -31,7 +31,7 @@ from sfglab.codecs import COMPRESSED_IMAGE, compressed_depth_fields, compressed_
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.browser import Browser, free_port
-from sfglab.lab.experiments.visualisation.scene import (
+from sfglab.lab.experiments.visualisation.points import (
     CAMERA,
     PERIOD_NS,
     SIZE,
@@ -209,7 +209,7 @@ def _messages(moment: Moment) -> Iterator[tuple[str, Any]]:
     yield "/global/go2/localization/odometry", odometry
     yield from _heartbeats(moment)
     yield _PICTURE, image_message(moment.rgb, "rgb8", header)
-    jpeg = compressed_image_fields(moment.bgr, "jpeg")
+    jpeg = compressed_image_fields(np.ascontiguousarray(moment.rgb[..., ::-1]), "jpeg")
     yield f"{_FRONT}/color/compressed", _compressed(jpeg, header)
     for stream in ("color", "aligned_depth"):
         yield f"{_FRONT}/{stream}/camera_info", camera_info(header, SIZE)

@@ -21,7 +21,7 @@ from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
     from sfglab.bus import Node
-    from sfglab.view.app import Report, ViewOptions
+    from sfglab.view.app import ViewOptions
     from sfglab.view.session import Session
 
 _ELSEWHERE = "write a file with --to FILE.rrd, and open it with rerun on the other host"
@@ -112,37 +112,36 @@ def _show_log(log: Path, options: ViewOptions) -> None:
 
     from sfglab.record import LogReader
     from sfglab.view.app import view_log
-    from sfglab.view.space import largest_tree_root
+    from sfglab.view.space import largest_tree
 
     with LogReader(log) as reader:
         topics = list(reader.topics.values())
         truncated = reader.truncated
+        root = "" if options.frame or options.fleet else largest_tree(reader).root
     counts = [info.count for info in topics]
     count = sum(counts)
     line = f"{log}: {count} messages of {len(topics)} topics go to {', '.join(options.to)}"
     if truncated:
         line += "; the log was cut off, and its rest is shown"
-    if not options.frame and options.fleet is None:
-        root = largest_tree_root(log)
+    if root:
         options = replace(options, frame=root)
-        if root:
-            line += f"; space is drawn in {root}, the root of the largest TF tree"
+        line += f"; space is drawn in {root}, the root of the largest TF tree"
     typer.echo(line)
 
     bar = partial(tqdm, total=count, unit=" messages", leave=False, disable=None)
     try:
-        reports = view_log(log, options, progress=bar)
+        session = view_log(log, options, progress=bar)
     except KeyboardInterrupt:
         typer.echo("ended")
         return
-    _report(reports)
-    if not reports:
+    _report(session)
+    if not session.displays:
         types = {info.type_name for info in topics}
         typer.echo(f"no visualizer shows its types: {', '.join(sorted(types)) or 'none'}")
 
 
 def _show_domain(place: Place, options: ViewOptions) -> None:
-    from sfglab.view.app import report_of, view_live
+    from sfglab.view.app import view_live
 
     sessions: list[Session] = []
 
@@ -157,19 +156,20 @@ def _show_domain(place: Place, options: ViewOptions) -> None:
         until_interrupted(place, show, "view", err=False)
     finally:
         for session in sessions:
-            _report(report_of(session))
+            _report(session)
 
 
-def _report(reports: tuple[Report, ...]) -> None:
-    """Print the number of updates, and one line per display that dropped messages or failed."""
-    updates = [report.shown for report in reports]
-    typer.echo(f"{len(reports)} displays, {sum(updates)} updates shown")
-    for report in reports:
-        if report.errors or report.dropped:
-            line = (
-                f"{report.display} ({', '.join(report.topics)}): "
-                f"{report.dropped} of {report.received} messages dropped"
-            )
-            if report.errors:
-                line += f", {report.errors} not shown: {report.last_error}"
+def _report(session: Session) -> None:
+    """Print the number of updates, and what cannot be used or shown, or was dropped."""
+    updates = [display.slot.shown for display in session.displays]
+    typer.echo(f"{len(updates)} displays, {sum(updates)} updates shown")
+    for problem in session.problems:
+        typer.echo(problem)
+    for display in session.displays:
+        slot = display.slot
+        if display.errors or slot.dropped:
+            topics = ", ".join(display.topics.values())
+            line = f"{display.id} ({topics}): {slot.dropped} of {slot.received} messages dropped"
+            if display.errors:
+                line += f", {display.errors} not shown: {display.last_error}"
             typer.echo(line)

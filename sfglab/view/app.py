@@ -9,15 +9,16 @@ import asyncio
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
+from sfglab.record import LogReader
 from sfglab.validation import suggestion
 from sfglab.view import rerunning
-from sfglab.view.arrivals import Arrival, open_log
+from sfglab.view.arrivals import Arrival, arrivals_of
 from sfglab.view.bridge import Bridge
-from sfglab.view.session import Display, Session
-from sfglab.view.space import largest_tree_root
+from sfglab.view.session import Session
+from sfglab.view.space import largest_tree
 from sfglab.view.stage import replay, wanted_topics
 
 if TYPE_CHECKING:
@@ -41,19 +42,6 @@ class ViewOptions:
     thin: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
-    """Counts of one display."""
-
-    display: str  #: Its id.
-    topics: tuple[str, ...]  #: Its topics.
-    received: int  #: Messages that reached it.
-    shown: int  #: Updates drawn.
-    dropped: int  #: Messages and sets passed over.
-    errors: int  #: Updates that could not be drawn.
-    last_error: str  #: Why the latest could not.
-
-
 def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
     """Return a session with every display that installed visualizers offer for topics, given type by topic."""
     session = Session()
@@ -70,19 +58,22 @@ def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
     return session
 
 
+def types_of(log: LogReader) -> dict[str, str]:
+    """Return the type of each topic of a log."""
+    return {topic: info.type_name for topic, info in log.topics.items()}
+
+
 def view_log(
     path: str | Path,
     options: ViewOptions,
     *,
-    session: Session | None = None,
     progress: Callable[[Iterator[Arrival]], Iterable[Arrival]] = iter,
-) -> tuple[Report, ...]:
-    """Show a log, and return what became of the messages, one report per display.
+) -> Session:
+    """Show what visualizers can show of a log, and return the displays, which say what became of the messages.
 
     Args:
         path: MCAP file or rosbag2 folder.
         options: Where and how to show it.
-        session: Displays; by default all that can show a topic of the log.
         progress: Passes the messages on, and may count them.
 
     Raises:
@@ -90,75 +81,47 @@ def view_log(
         SinkError: An output does not take what is shown.
         MissingExtraError: Rerun is not installed.
     """
-    with open_log(path) as log:
-        topics = log.topics
-        if session is None:
-            session = session_for(topics, options)
-            for display in session.displays if not options.thin else ():
+    with LogReader(path) as log:
+        topics = types_of(log)
+        session = session_for(topics, options)
+        if not options.thin:
+            for display in session.displays:
                 session.limit(display.id, None)
         if not options.frame and options.fleet is None:
-            options = replace(options, frame=largest_tree_root(path))
+            options = replace(options, frame=largest_tree(log).root)
         with closing(_canvas(options, topics, Path(path).stem)) as canvas:
-            replay(progress(log.arrivals(wanted_topics(session))), session, canvas)
-            canvas.flush()
-    return report_of(session)
+            replay(progress(arrivals_of(log, wanted_topics(session))), session, canvas)
+    return session
 
 
 async def view_live(
-    node: Node,
-    options: ViewOptions,
-    *,
-    session: Session | None = None,
-    on_start: Callable[[Session], None] = lambda _: None,
+    node: Node, options: ViewOptions, *, on_start: Callable[[Session], None] = lambda _: None
 ) -> None:
-    """Show a domain until cancelled.
+    """Show every topic of a domain that visualizers can show, until cancelled.
 
     Args:
         node: Node on the domain.
         options: Where and how to show it.
-        session: Displays, which may change meanwhile; by default every topic is followed that can be shown.
-        on_start: Called with the session when the bridge runs.
+        on_start: Called with the session, which may be changed, when the bridge runs.
 
     Raises:
         SinkError: An output does not take what is shown.
         MissingExtraError: Rerun is not installed.
     """
-    follow = session is None
-    session = session or session_for({}, options)
+    session = Session()
     canvas = await asyncio.to_thread(_canvas, options, {}, node.name)
-    follows = (options.topics or ("/",)) if follow else ()
-    with closing(canvas):
-        async with Bridge(node, session, canvas, follow=follows) as bridge:
-            on_start(session)
-            await bridge.failed()
-
-
-def report_of(session: Session) -> tuple[Report, ...]:
-    """Return the counts of a session, one report per display."""
-    return tuple(_report(display) for display in session.displays)
-
-
-def _report(display: Display) -> Report:
-    counts = display.slot.counts
-    return Report(
-        display=display.id,
-        topics=tuple(display.visualizer.topics.values()),
-        received=counts.received,
-        shown=counts.shown,
-        dropped=counts.dropped,
-        errors=display.errors,
-        last_error=display.last_error,
-    )
+    async with Bridge(node, session, canvas, follow=options.topics or ("/",)) as bridge:
+        on_start(session)
+        await bridge.failed()
 
 
 def _canvas(options: ViewOptions, topics: Mapping[str, str], title: str) -> rerunning.RerunCanvas:
-    layout: Any = rerunning.layout_of_topics(topics, frame=options.frame)
-    if options.fleet is not None:
+    if options.fleet is None:
+        layout = rerunning.layout_of_topics(topics, frame=options.frame)
+    else:
         from sfglab.fleet.fleet_file import load_fleet
 
         layout = rerunning.layout_of_fleet(load_fleet(options.fleet), frame=options.frame or "map")
     canvas = rerunning.open_canvas(options.to, title=title, memory=options.memory)
     canvas.show_blueprint(rerunning.blueprint(layout))
-    if rerunning.NOTEBOOK in options.to:
-        canvas.show_in_notebook()
     return canvas

@@ -9,18 +9,17 @@ from __future__ import annotations
 import functools
 import heapq
 import struct
-from contextlib import contextmanager
-from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfglab.messages import decoder, message_type, ns_from_stamp
 from sfglab.messages.store import type_store
-from sfglab.record import LogReader
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
-    from pathlib import Path
+
+    from sfglab.record import LogReader
 
 _STAMP = {b"\0\0": struct.Struct(">iI"), b"\0\1": struct.Struct("<iI")}
 """By the encapsulation that CDR begins with (OMG RTPS 2.5, clause 10.2): plain CDR, big and little endian."""
@@ -83,34 +82,24 @@ def _from_message(message: Any) -> int:
     return 0
 
 
-@dataclass(frozen=True, slots=True)
-class Log:
-    """A log to read once or several times; made by `open_log`."""
+def arrivals_of(log: LogReader, topics: Collection[str]) -> Iterator[Arrival]:
+    """Return the messages of some topics of a log, in the order of reception.
 
-    topics: dict[str, str]  #: Type by topic.
-    #: Returns the messages of some topics, in the order of reception.
-    arrivals: Callable[[Collection[str]], Iterator[Arrival]]
+    The log's own definitions decode types that this process does not know as they are there.
+    """
+    foreign = [topic for topic in topics if not log.knows(topic)]
+    own = set(topics).difference(foreign)
+    sources = [_own_arrivals(log, own)]
+    sources += [_decoded_arrivals(log, topic) for topic in foreign]
+    return heapq.merge(*sources, key=attrgetter("received_ns"))
 
 
-@contextmanager
-def open_log(path: str | Path) -> Iterator[Log]:
-    """Open a log or bag, whose own definitions decode unknown types; LogError where there is none."""
-    with LogReader(path) as reader:
+def _own_arrivals(log: LogReader, topics: Collection[str]) -> Iterator[Arrival]:
+    for entry in log.messages():
+        if entry.topic in topics:
+            yield Arrival(entry.topic, entry.type_name, entry.log_time_ns, entry.cdr)
 
-        def ours(topics: Collection[str]) -> Iterator[Arrival]:
-            for entry in reader.messages():
-                if entry.topic in topics:
-                    yield Arrival(entry.topic, entry.type_name, entry.log_time_ns, entry.cdr)
 
-        def decoded_by_file(topic: str) -> Iterator[Arrival]:
-            for entry in reader.decoded(topic):
-                yield Arrival(topic, entry.type_name, entry.log_time_ns, b"", entry.message)
-
-        def arrivals(topics: Collection[str]) -> Iterator[Arrival]:
-            foreign = [topic for topic in topics if not reader.knows(topic)]
-            sources = map(decoded_by_file, foreign)
-            return heapq.merge(
-                ours(set(topics) - set(foreign)), *sources, key=lambda a: a.received_ns
-            )
-
-        yield Log({topic: info.type_name for topic, info in reader.topics.items()}, arrivals)
+def _decoded_arrivals(log: LogReader, topic: str) -> Iterator[Arrival]:
+    for entry in log.decoded(topic):
+        yield Arrival(topic, entry.type_name, entry.log_time_ns, b"", entry.message)

@@ -8,10 +8,10 @@ way. Messages that do not fit are counted and dropped; other displays do not wai
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack, closing, suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from sfglab.bus import (
     ClosedError,
@@ -26,12 +26,12 @@ from sfglab.component import end_tasks
 from sfglab.errors import SfglabError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.view.arrivals import Arrival
-from sfglab.view.stage import Job, Stage, Surface
+from sfglab.view.stage import Stage, Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
-    from sfglab.view.session import Change, Session
+    from sfglab.view.session import Session
 
 _TICK_S = 0.05
 _MOST_DISPLAYS = 500
@@ -78,54 +78,46 @@ class Bridge:
         self._session = session
         self._surface = surface
         self._follow = follow
+        self._stage = Stage(session)
         self._readers: dict[_Key, asyncio.Task[None]] = {}
         self._types: dict[str, str] = {}
         self._offered: set[tuple[str, str]] = set()
-        self._wake = asyncio.Event()
-        self._stage: Stage | None = None
-        self._arranging: asyncio.Handle | None = None
-        self._ends: list[Any] = []
-        self._drawing: asyncio.Task[None] | None = None
+        self._changed = asyncio.Event()
+        self._received = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="sfglab-view")
+        self._ends = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
-        self._stage = Stage(self._session)
-        self._ends = [self._session.listen(self._changed), self._node.graph.listen(self._heard)]
+        self._ends.callback(self._thread.shutdown, wait=False)
+        self._ends.push_async_callback(self._in_thread, self._surface.close)
+        self._ends.callback(self._stage.close)
         self._drawing = asyncio.create_task(self._draw())
+        self._arranging = asyncio.create_task(self._arrange_on_change())
+        self._ends.push_async_callback(self._end_tasks)
+        self._ends.callback(self._node.graph.listen(self._heard))
+        self._ends.callback(self._session.listen(self._changed.set))
         return self
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
 
-    @property
-    def stage(self) -> Stage:
-        """Queues of the displays."""
-        assert self._stage is not None
-        return self._stage
-
     async def failed(self) -> None:
-        """Return never, but raise what ended the drawing: SinkError where the place takes no more."""
-        assert self._drawing is not None
-        await asyncio.shield(self._drawing)
+        """Return never, but raise what ended the bridge: SinkError where the place takes no more."""
+        tasks = self._drawing, self._arranging
+        ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in ended:
+            task.result()
 
     async def close(self) -> None:
         """End subscriptions and drawing, send what is left and close the surface; again is harmless."""
-        ends, self._ends = self._ends, []
-        for end in ends:
-            end()
-        readers, self._readers = self._readers, {}
-        await end_tasks(*readers.values(), *([self._drawing] if self._drawing else []))
-        if self._stage is not None:
-            self._stage.close()
-        if ends:
-            # In its own thread, which comes to this when the last drawing is done.
-            try:
-                await asyncio.get_running_loop().run_in_executor(self._thread, self._surface.close)
-            finally:
-                self._thread.shutdown(wait=False)
+        await self._ends.aclose()
 
-    def _changed(self, _: Change) -> None:
-        self._arrange_soon()
+    async def _in_thread(self, job: Callable[..., None], *arguments: Surface) -> None:
+        """Do something in the drawing thread, when what it does now is done."""
+        await asyncio.get_running_loop().run_in_executor(self._thread, job, *arguments)
+
+    async def _end_tasks(self) -> None:
+        await end_tasks(self._arranging, self._drawing, *self._readers.values())
 
     def _heard(self, event: EndpointEvent) -> None:
         endpoint = event.endpoint
@@ -135,12 +127,7 @@ class Bridge:
         offered = OFFER_KEY in entries(endpoint.user_data)
         if endpoint.type and endpoint.topic.startswith(self._follow) and not offered:
             self._types[endpoint.topic] = endpoint.type
-        self._arrange_soon()
-
-    def _arrange_soon(self) -> None:
-        """Arrange once for all that is heard at a time: in a large fleet that is thousands of endpoints."""
-        if self._arranging is None:
-            self._arranging = asyncio.get_running_loop().call_soon(self._arrange)
+        self._changed.set()
 
     def _add_offers(self) -> None:
         """Add each offer once: a display that was removed is not added again."""
@@ -150,17 +137,20 @@ class Bridge:
                 self._offered.add(key)
                 self._session.add(offer.kind, offer.topics)
 
-    def _arrange(self) -> None:
-        """Have one subscription for every topic, type and QoS that is wanted, and no other."""
-        self._arranging = None
-        if not self._ends:
-            return
-        self._add_offers()
-        wanted = set(self._wanted())
-        for key in self._readers.keys() - wanted:
-            self._readers.pop(key).cancel()
-        for key in wanted - self._readers.keys():
-            self._readers[key] = asyncio.create_task(self._read(*key))
+    async def _arrange_on_change(self) -> None:
+        """Have one subscription for every topic, type and QoS that is wanted, and no other.
+
+        All changes that come at a time are one: in a large fleet thousands of endpoints are discovered.
+        """
+        while True:
+            await self._changed.wait()
+            self._add_offers()
+            self._changed.clear()
+            wanted = set(self._wanted())
+            for key in self._readers.keys() - wanted:
+                self._readers.pop(key).cancel()
+            for key in wanted - self._readers.keys():
+                self._readers[key] = asyncio.create_task(self._read(*key))
 
     def _wanted(self) -> Iterable[_Key]:
         """Yield one subscription for each topic and type, however many displays look at it."""
@@ -179,28 +169,22 @@ class Bridge:
         except SfglabError as error:
             self._complain(topic, type_name, str(error))
             return
-        with contextlib.closing(subscription), contextlib.suppress(ClosedError):
+        with closing(subscription), suppress(ClosedError):
             while True:
                 cdr, info = await subscription.take_with_info()
-                self.stage.deliver(Arrival(topic, type_name, info.received_timestamp_ns, cdr))
-                self._wake.set()
+                self._stage.deliver(Arrival(topic, type_name, info.received_timestamp_ns, cdr))
+                self._received.set()
 
     def _complain(self, topic: str, type_name: str, why: str) -> None:
         for display in self._session.displays:
             if any((bound, given.type) == (topic, type_name) for given, bound, _ in display.inputs):
-                display.errors += 1
-                display.last_error = why
+                display.fail(why)
 
     async def _draw(self) -> None:
         while True:
-            with contextlib.suppress(TimeoutError):
+            with suppress(TimeoutError):
                 async with asyncio.timeout(_TICK_S):
-                    await self._wake.wait()
-            self._wake.clear()
-            await self._do(self.stage.tick(self._node.get_clock().now_ns()))
-            while (job := self.stage.ready()) is not None:
-                await self._do(job)
-
-    async def _do(self, job: Job | None) -> None:
-        if job is not None:
-            await asyncio.get_running_loop().run_in_executor(self._thread, job, self._surface)
+                    await self._received.wait()
+            self._received.clear()
+            for job in self._stage.jobs(self._node.get_clock().now_ns()):
+                await self._in_thread(job, self._surface)

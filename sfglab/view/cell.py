@@ -61,12 +61,6 @@ class CellViewer:
         self._waiting: list[bytes] = []
         self._asked: tuple[str, int] | None = None
 
-    @property
-    def mode(self) -> str:
-        """How the page has the viewer: ``served``, ``inline`` or ``still``; empty: there is no page yet."""
-        mode: str = self.widget.mode
-        return mode
-
     def send(self, recording: bytes) -> None:
         """Show a part of a recording, as ``.rrd`` has it; it waits until there is a page."""
         if self._ready:
@@ -83,8 +77,10 @@ class CellViewer:
                 "timeline": timeline,
                 "timestamp_nanos": str(at_ns),
                 "play": False,
+                "sequence": None,
+                "duration_nanos": None,
             }
-            self.widget.send(order | {"sequence": None, "duration_nanos": None})
+            self.widget.send(order)
 
     def _heard(self, _: Any, content: Any, __: Any) -> None:
         if content == "ready":

@@ -6,7 +6,6 @@ in the frame of the message's header, in metres, float32, shape (N, 3).
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,22 +15,19 @@ from sfglab.errors import InvalidValueError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_CHANNELS = {
-    "mono8": (np.uint8, 1),
-    "8UC1": (np.uint8, 1),
-    "mono16": (np.uint16, 1),
-    "16UC1": (np.uint16, 1),
-    "32FC1": (np.float32, 1),
-    "rgb8": (np.uint8, 3),
-    "bgr8": (np.uint8, 3),
-    "8UC3": (np.uint8, 3),
-    "rgba8": (np.uint8, 4),
-    "bgra8": (np.uint8, 4),
+_PIXELS = {
+    "mono8": "u1",
+    "8UC1": "u1",
+    "mono16": "u2",
+    "16UC1": "u2",
+    "32FC1": "f4",
+    "rgb8": "3u1",
+    "bgr8": "3u1",
+    "8UC3": "3u1",
+    "rgba8": "4u1",
+    "bgra8": "4u1",
 }
-"""Element type and channels by the names of sensor_msgs/image_encodings.hpp."""
-
-DEPTH_ENCODINGS = {"16UC1": 1000.0, "mono16": 1000.0, "32FC1": 1.0}
-"""Units to a metre of the encodings that REP 118 gives depth images; ``mono16`` is what older drivers say."""
+"""NumPy's type of a pixel by the names of sensor_msgs/image_encodings.hpp."""
 
 _POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's names of the numbers in sensor_msgs/msg/PointField."""
@@ -43,20 +39,19 @@ def pixels(image: Any) -> NDArray[Any]:
     Their shape is (height, width) or (height, width, channels); a view on the message where that is possible.
     An unknown encoding, and sizes that do not fit the data, are InvalidValueErrors.
     """
-    if image.encoding not in _CHANNELS:
-        raise InvalidValueError("image encoding", image.encoding, f"{', '.join(_CHANNELS)}")
-    dtype, channels = np.dtype(_CHANNELS[image.encoding][0]), _CHANNELS[image.encoding][1]
-    row_bytes = image.width * channels * dtype.itemsize
+    if image.encoding not in _PIXELS:
+        raise InvalidValueError("image encoding", image.encoding, ", ".join(_PIXELS))
+    pixel = np.dtype(_PIXELS[image.encoding])
+    row_bytes = image.width * pixel.itemsize
     step = image.step or row_bytes
     if step < row_bytes or len(image.data) < step * image.height:
         given = f"{len(image.data)} bytes with step {image.step}"
         needed = f"at least {image.height} rows of {row_bytes} bytes"
         raise InvalidValueError("image data", given, needed)
-    rows = np.asarray(image.data[: step * image.height]).reshape(image.height, step)[:, :row_bytes]
-    array = np.ascontiguousarray(rows).view(dtype)
-    if dtype.itemsize > 1 and bool(image.is_bigendian) != (sys.byteorder == "big"):
-        array = array.byteswap()
-    return array if channels == 1 else array.reshape(image.height, image.width, channels)
+    rows = np.asarray(image.data[: step * image.height]).reshape(image.height, step)
+    sent = pixel.base.newbyteorder(">" if image.is_bigendian else "<")
+    array = np.ascontiguousarray(rows[:, :row_bytes]).view(sent)
+    return array.astype(pixel.base, copy=False).reshape(image.height, image.width, *pixel.shape)
 
 
 def depth_in_m(depth: NDArray[Any]) -> NDArray[np.float32]:
@@ -74,10 +69,9 @@ def pinhole_matrix(info: Any) -> NDArray[np.float64]:
     That is the left part of P where it is given, else K; distortion is not applied. Raises InvalidValueError
     where neither has positive focal lengths.
     """
-    projection = np.asarray(info.p, dtype=np.float64).reshape(3, 4)[:, :3]
-    matrix = (
-        projection if projection[0, 0] > 0 else np.asarray(info.k, dtype=np.float64).reshape(3, 3)
-    )
+    matrix = np.asarray(info.p, dtype=np.float64).reshape(3, 4)[:, :3]
+    if not matrix[0, 0] > 0:
+        matrix = np.asarray(info.k, dtype=np.float64).reshape(3, 3)
     if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
         raise InvalidValueError("camera info, K", matrix.tolist(), "positive focal lengths")
     return matrix
@@ -106,10 +100,8 @@ def depth_points(
     rows, columns = np.nonzero((z > 0) & (z <= max_m))
     distance = z[rows, columns]
     u, v = (columns * decimation).astype(np.float32), (rows * decimation).astype(np.float32)
-    points = np.empty((len(distance), 3), np.float32)
-    points[:, 0] = (u - np.float32(matrix[0, 2])) * distance / np.float32(matrix[0, 0])
-    points[:, 1] = (v - np.float32(matrix[1, 2])) * distance / np.float32(matrix[1, 1])
-    points[:, 2] = distance
+    fx, fy, cx, cy = matrix[[0, 1, 0, 1], [0, 1, 2, 2]].astype(np.float32)
+    points = np.column_stack([(u - cx) * distance / fx, (v - cy) * distance / fy, distance])
     if color is None:
         return points, None
     scale_v, scale_u = color.shape[0] / depth.shape[0], color.shape[1] / depth.shape[1]
@@ -121,18 +113,18 @@ def scan_points(scan: Any) -> NDArray[np.float32]:
     ranges = np.asarray(scan.ranges, dtype=np.float32)
     angles = scan.angle_min + np.arange(len(ranges)) * scan.angle_increment
     hit = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
-    points = np.zeros((int(hit.sum()), 3), np.float32)
-    points[:, 0] = ranges[hit] * np.cos(angles[hit])
-    points[:, 1] = ranges[hit] * np.sin(angles[hit])
-    return points
+    distance, angle = ranges[hit], angles[hit]
+    points = [distance * np.cos(angle), distance * np.sin(angle), np.zeros(len(distance))]
+    return np.column_stack(points).astype(np.float32)
 
 
 def cloud_points(cloud: Any) -> tuple[NDArray[np.float32], NDArray[Any]]:
     """Return a PointCloud2's finite points with all their fields, structured; InvalidValueError without xyz."""
     records = _records(cloud)
-    if not {"x", "y", "z"} <= set(records.dtype.names or ()):
-        names = ", ".join(records.dtype.names or ()) or "none"
-        raise InvalidValueError("point cloud, fields", names, "x, y, z among others")
+    names = records.dtype.names or ()
+    if not {"x", "y", "z"}.issubset(names):
+        given = ", ".join(names) or "none"
+        raise InvalidValueError("point cloud, fields", given, "x, y, z among others")
     points = np.column_stack([records[axis].astype(np.float32) for axis in "xyz"])
     finite = np.isfinite(points).all(axis=1)
     return points[finite], records[finite]
@@ -140,15 +132,12 @@ def cloud_points(cloud: Any) -> tuple[NDArray[np.float32], NDArray[Any]]:
 
 def cloud_colors(records: NDArray[Any]) -> NDArray[np.uint8] | None:
     """Return a cloud's colours, (N, 3), from PCL's bits 0xAARRGGBB in ``rgb`` or ``rgba``; None without."""
-    name = next((n for n in ("rgb", "rgba") if n in (records.dtype.names or ())), None)
-    if name is None or records.dtype[name].itemsize != 4:
-        return None
-    packed = (
-        np.ascontiguousarray(records[name])
-        .view(records.dtype[name].str[0] + "u4")
-        .astype(np.uint32)
-    )
-    return np.column_stack([(packed >> shift) & 255 for shift in (16, 8, 0)]).astype(np.uint8)
+    for name in ("rgb", "rgba"):
+        if name in (records.dtype.names or ()) and records.dtype[name].itemsize == 4:
+            packed = np.ascontiguousarray(records[name])
+            bits = packed.view(packed.dtype.str[0] + "u4").astype("<u4")
+            return bits.view(np.uint8).reshape(-1, 4)[:, 2::-1]
+    return None
 
 
 def colors_by_value(values: NDArray[Any]) -> NDArray[np.uint8]:
@@ -170,14 +159,14 @@ def _records(cloud: Any) -> NDArray[Any]:
     fields = [f for f in cloud.fields if f.datatype in _POINT_TYPES and f.count <= 1]
     row_bytes = cloud.width * cloud.point_step
     row_step = cloud.row_step or row_bytes
-    layout = {
+    layout: Any = {
         "names": [field.name for field in fields],
         "formats": [order + _POINT_TYPES[field.datatype] for field in fields],
         "offsets": [field.offset for field in fields],
         "itemsize": cloud.point_step,
     }
     try:
-        dtype = np.dtype(layout)  # type: ignore[call-overload]  # NumPy checks the layout itself
+        dtype = np.dtype(layout)
         rows = np.asarray(cloud.data)[: row_step * cloud.height].reshape(cloud.height, row_step)
         return np.ascontiguousarray(rows[:, :row_bytes]).reshape(-1).view(dtype)
     except ValueError as error:

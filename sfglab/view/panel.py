@@ -11,12 +11,11 @@ from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import InvalidValueError
 from sfglab.qos import Durability, QoSProfile, Reliability
-from sfglab.view.session import Change, Changed, Display, Session, available
-from sfglab.view.widgets import attempt, button, widgets
+from sfglab.view.widgets import attempt, button, refusal_html, widgets
 
 if TYPE_CHECKING:
+    from sfglab.view.session import Display, Session
     from sfglab.view.visualizer import Parameter
 
 Topics = Callable[[], Mapping[str, str]]
@@ -30,97 +29,83 @@ class Panel:
     """
 
     def __init__(self, session: Session, topics: Topics = dict) -> None:
-        self._kit = widgets()
+        kit = self._kit = widgets()
         self._session = session
         self._topics = topics
         self._rows: dict[str, Any] = {}
-        self._states: dict[str, Any] = {}
-        self._tuned: dict[str, Any] = {}
-        self._said = self._kit.HTML()
-        self._list = self._kit.VBox()
-        kinds = self._kit.Dropdown(options=sorted(available().kinds), description="visualizer")
-        topic = self._kit.Combobox(description="topic", options=sorted(self._topics()))
-        add = button(
-            "Add", lambda: attempt(lambda: self._add(kinds.value, topic.value), self._said)
-        )
-        self.widget = self._kit.VBox([self._kit.HBox([kinds, topic, add]), self._said, self._list])
-        self._close = session.listen(self._changed)
-
-    def parameter(self, id_: str, name: str) -> Any:
-        """Return the widget of a display's parameter, which tunes it; InvalidValueError where there is none."""
-        self._session.display(id_)
-        tuned = self._tuned[id_]
-        if name not in tuned:
-            raise InvalidValueError("parameter", name, ", ".join(sorted(tuned)) or "none")
-        return tuned[name]
-
-    def close(self) -> None:
-        """Stop following the session; again is harmless."""
-        close, self._close = self._close, lambda: None
-        close()
+        self._kind = kit.Dropdown(options=sorted(session.kinds), description="visualizer")
+        self._topic = kit.Combobox(description="topic", options=sorted(topics()))
+        add = button("Add", lambda: attempt(self._add, self._said))
+        self._said = kit.HTML(refusal_html("; ".join(session.problems)))
+        self._list = kit.VBox()
+        head = kit.HBox([self._kind, self._topic, add])
+        self.widget = kit.VBox([head, self._said, self._list])
+        self.close = session.listen(
+            self._arrange
+        )  #: Stops following the session; again is harmless.
 
     def refresh(self) -> None:
-        """Show the current counts of each display."""
+        """Show the current counts of each display, and offer the topics that there are now."""
+        self._topic.options = sorted(self._topics())
         for display in self._session.displays:
-            counts = display.slot.counts
-            text = f"{counts.received} received, {counts.shown} shown, {counts.dropped} dropped"
-            failed = f"; {display.errors} failed: {display.last_error}" if display.errors else ""
-            self._states[display.id].value = text + failed
+            self._rows[display.id].children[-1].value = display.counts
 
-    def _add(self, kind: str, topic: str) -> None:
+    def _add(self) -> None:
         """Add what the session offers for a topic, partners included; else the topic alone."""
-        offers = self._session.offers({**self._topics()})
-        bound = [o.topics for o in offers if o.kind == kind and topic in o.topics.values()]
-        self._session.add(kind, bound[0] if bound else topic)
+        kind, topic = self._kind.value, self._topic.value
+        for offer in self._session.offers(self._topics()):
+            if offer.kind == kind and topic in offer.topics.values():
+                self._session.add(kind, offer.topics)
+                return
+        self._session.add(kind, topic)
 
-    def _changed(self, change: Change) -> None:
-        if change.what is Changed.ADDED:
-            self._rows[change.display.id] = self._row(change.display)
-        elif change.what is Changed.REMOVED:
-            for made in (self._rows, self._states, self._tuned):
-                made.pop(change.display.id, None)
-        self._list.children = tuple(self._rows.values())
+    def _arrange(self) -> None:
+        """Have one row for each display."""
+        rows = {}
+        for display in self._session.displays:
+            rows[display.id] = self._rows.get(display.id) or self._row(display)
+        self._rows = rows
+        self._list.children = tuple(rows.values())
 
     def _row(self, display: Display) -> Any:
-        id_ = display.id
-        on = self._kit.Checkbox(value=display.enabled, description=id_)
-        self._follow(on, lambda value: self._session.enable(id_, enabled=value))
-        rate = self._kit.FloatText(
-            value=display.slot.budget.max_hz or 0.0, description="Hz (0: all)"
-        )
-        self._follow(rate, lambda value: self._session.limit(id_, value or None))
-        remove = button("Remove", lambda: attempt(lambda: self._session.remove(id_), self._said))
-        self._states[id_] = self._kit.Label()
-        tuned = {p.name: self._parameter(display, p) for p in display.visualizer.parameters}
-        self._tuned[id_] = tuned
-        requests = [self._request(id_, given.role, qos) for given, _, qos in display.inputs]
-        names = self._kit.Label(", ".join(display.visualizer.topics.values()))
-        head = self._kit.HBox([on, names, rate, remove])
-        return self._kit.VBox([head, *tuned.values(), *requests, self._states[id_]])
+        kit, session, id_ = self._kit, self._session, display.id
+        on = kit.Checkbox(value=display.enabled, description=id_)
+        self._follow(on, lambda value: session.enable(id_, enabled=value))
+        rate = kit.FloatText(value=display.slot.max_hz or 0.0, description="Hz (0: all)")
+        self._follow(rate, lambda value: session.limit(id_, value or None))
+        remove = button("Remove", lambda: attempt(lambda: session.remove(id_), self._said))
+        names = kit.Label(", ".join(display.topics.values()))
+        rows = [kit.HBox([on, names, rate, remove])]
+        rows += [self._parameter(display, each) for each in display.visualizer.parameters]
+        rows += [self._request(id_, given.role, qos) for given, _, qos in display.inputs]
+        return kit.VBox([*rows, kit.Label(display.counts)])
 
     def _parameter(self, display: Display, parameter: Parameter) -> Any:
-        value = display.visualizer.settings[parameter.name]
-        named = {"description": parameter.name, "value": value, "tooltip": parameter.help}
-        if parameter.kind is bool:
-            made = self._kit.Checkbox(**named)
-        elif parameter.choices:
-            made = self._kit.Dropdown(options=parameter.choices, **named)
+        kit, name = self._kit, parameter.name
+        kinds = {bool: kit.Checkbox, int: kit.IntText, float: kit.FloatText, str: kit.Text}
+        more: dict[str, Any] = {}
+        if parameter.choices:
+            kinds[str], more["options"] = kit.Dropdown, parameter.choices
         elif parameter.kind is str:
-            made = self._kit.Text(continuous_update=False, **named)
-        else:
-            made = (self._kit.IntText if parameter.kind is int else self._kit.FloatText)(**named)
-        self._follow(made, lambda new: self._session.tune(display.id, parameter.name, new))
+            more["continuous_update"] = False
+        made = kinds[parameter.kind](
+            description=name,
+            value=display.visualizer.settings[name],
+            tooltip=parameter.help,
+            **more,
+        )
+        self._follow(made, lambda new: self._session.tune(display.id, name, new))
         return made
 
     def _request(self, id_: str, role: str, qos: QoSProfile) -> Any:
         """Return the QoS of one input: whether lost messages are repaired, and whether the past is wanted."""
-        pairs = product(Reliability, Durability)
-        profiles = {
-            f"{r.value}, {d.value}": replace(qos, reliability=r, durability=d) for r, d in pairs
-        }
-        label = f"{qos.reliability.value}, {qos.durability.value}"
-        made = self._kit.Dropdown(options=tuple(profiles), value=label, description=f"QoS {role}")
-        self._follow(made, lambda new: self._session.rewire(id_, qos={role: profiles[new]}))
+        profiles = {}
+        for reliability, durability in product(Reliability, Durability):
+            profile = replace(qos, reliability=reliability, durability=durability)
+            profiles[f"{reliability.value}, {durability.value}"] = profile
+        chosen = f"{qos.reliability.value}, {qos.durability.value}"
+        made = self._kit.Dropdown(options=list(profiles), value=chosen, description=f"QoS {role}")
+        self._follow(made, lambda new: self._session.request(id_, role, profiles[new]))
         return made
 
     def _follow(self, widget: Any, apply: Callable[[Any], None]) -> None:

@@ -43,13 +43,11 @@ class _Rerun:
 rr: Any = _Rerun()
 
 
-NOTEBOOK = "notebook"  #: The place that is the running cell.
-
 CAPTURE, RECEIVED = "capture", "received"  #: The timelines.
 
 WINDOW_BYTES = 32 * 2**20  #: Bytes that may be drawn before the outputs have taken them.
 
-_PLACES = "FILE.rrd, viewer, notebook"
+_PLACES = "FILE.rrd, viewer"
 _TAKE_LIMIT_S = 10.0
 #: A batch of this size leaves at once: a picture does not wait for company.
 _IMAGE_BYTES = 128 * 1024
@@ -60,9 +58,8 @@ class RerunCanvas:
 
     def __init__(self, recording: Any, to: Sequence[str]) -> None:
         self.recording = recording  #: For what only Rerun can do.
-        self._to, self._where = to, " and ".join(to)
-        #: Bytes of the messages that were drawn since the last flush.
-        self.pending_bytes = 0
+        self._to = to
+        self._pending_bytes = 0  # of the messages that were drawn since the last flush
         self._now_ns = self._flushed_ns = 0
         self._frames: dict[str, str] = {}
         self._closed = False
@@ -91,32 +88,10 @@ class RerunCanvas:
         """Lay the viewer out."""
         self.recording.send_blueprint(blueprint)
 
-    def in_cell(self) -> CellViewer:
-        """Return a viewer of the recording for a cell, which has what is drawn while the kernel lives.
-
-        Raises:
-            MissingExtraError: The notebook's part of Rerun is not installed.
-        """
-        from sfglab.view.cell import CellViewer
-
-        viewer = CellViewer()
-        rr.bindings.set_callback_sink(recording=self.recording.to_native(), callback=viewer.send)
-        return viewer
-
-    def show_in_notebook(self) -> None:
-        """Show the recording below the running cell, and keep it up to date while the notebook's kernel lives.
-
-        Raises:
-            MissingExtraError: The notebook's part of Rerun is not installed.
-        """
-        from IPython.display import display
-
-        display(self.in_cell().widget)
-
     def settle(self, size_bytes: int) -> None:
         """Wait for the sinks when much is on its way, or once a second, so that one gone is seen: SinkError."""
-        self.pending_bytes += size_bytes
-        if self.pending_bytes >= WINDOW_BYTES or abs(self._now_ns - self._flushed_ns) >= NS_PER_S:
+        self._pending_bytes += size_bytes
+        if self._pending_bytes >= WINDOW_BYTES or abs(self._now_ns - self._flushed_ns) >= NS_PER_S:
             self.flush()
 
     def flush(self) -> None:
@@ -124,8 +99,10 @@ class RerunCanvas:
         try:
             self.recording.flush(timeout_sec=_TAKE_LIMIT_S)
         except (RuntimeError, ValueError, OSError) as error:
-            raise SinkError(f"{self._where} does not take what is shown: {error}") from error
-        self.pending_bytes, self._flushed_ns = 0, self._now_ns
+            raise SinkError(
+                f"{' and '.join(self._to)} does not take what is shown: {error}"
+            ) from error
+        self._pending_bytes, self._flushed_ns = 0, self._now_ns
 
     def close(self) -> None:
         """Send what is left and disconnect; again is harmless."""
@@ -156,8 +133,7 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
     """Open a recording that goes to one or several places at once.
 
     Args:
-        to: ``FILE.rrd`` for a file; ``viewer`` for a viewer that is started on this host; ``notebook`` for the
-            cell that calls `RerunCanvas.show_in_notebook`.
+        to: ``FILE.rrd`` for a file; ``viewer`` for a viewer that is started on this host.
         title: Title in the viewer.
         memory: Memory limit of a viewer that is started here, as a share of the host's memory or as ``4GB``;
             the viewer removes the oldest data first.
@@ -173,13 +149,9 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
         raise InvalidValueError(
             "memory", memory, "a share of the host's memory as 25%, or an amount as 4GB"
         )
-    if NOTEBOOK in to and len(to) > 1:
-        raise InvalidValueError("to", to, "the notebook alone, or other places")
     recording = new_recording(title)
     try:
-        sinks = [sink for place in to if (sink := _sink(place, recording, memory)) is not None]
-        if sinks:
-            recording.set_sinks(*sinks)
+        recording.set_sinks(*(_sink(place, recording, memory) for place in to))
     except SfglabError:
         raise
     except (RuntimeError, ValueError, OSError) as error:
@@ -188,8 +160,20 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
     return RerunCanvas(recording, to)
 
 
+def cell_canvas(title: str) -> tuple[RerunCanvas, CellViewer]:
+    """Return a canvas and the viewer that shows it in a cell while the kernel lives.
+
+    Raises:
+        MissingExtraError: Rerun, or its part for notebooks, is not installed.
+    """
+    from sfglab.view.cell import CellViewer
+
+    recording, viewer = new_recording(title), CellViewer()
+    rr.bindings.set_callback_sink(recording=recording.to_native(), callback=viewer.send)
+    return RerunCanvas(recording, ["the cell"]), viewer
+
+
 def _sink(place: str, recording: Any, memory: str) -> Any:
-    """Return a sink; None for the notebook, which takes the recording as it is."""
     if place.endswith(".rrd"):
         path = Path(place)
         if not path.parent.is_dir():
@@ -198,8 +182,6 @@ def _sink(place: str, recording: Any, memory: str) -> Any:
     if place == "viewer":
         recording.spawn(connect=False, memory_limit=memory)
         return rr.GrpcSink()
-    if place == NOTEBOOK:
-        return None
     raise InvalidValueError("to", place, _PLACES)
 
 

@@ -8,9 +8,8 @@ messages to them.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError
 from sfglab.view.slot import Slot
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from sfglab.qos import QoSProfile
-    from sfglab.view.sync import SyncPolicy
 
 GROUP = "sfglab.visualizers"  #: The entry points' group.
 
@@ -38,7 +36,7 @@ BUILT_IN: tuple[type[Visualizer], ...] = (
     clouds.LaserScan,
     poses.Transforms,
     poses.StaticTransforms,
-    poses.Pose,
+    poses.PoseStamped,
     poses.Path,
     poses.Odometry,
     markers.Marker,
@@ -49,56 +47,27 @@ BUILT_IN: tuple[type[Visualizer], ...] = (
 """All of them, in the order in which they offer themselves for a topic."""
 
 
-class Registry(NamedTuple):
-    """Visualizers that were found."""
-
-    kinds: dict[str, type[Visualizer]]  #: Visualizers by name, ours first.
-    broken: tuple[str, ...]  #: One sentence for each that could not be loaded.
-
-
-def available() -> Registry:
-    """Return all visualizers that are installed now; one of ours is never replaced."""
+def installed_visualizers() -> tuple[dict[str, type[Visualizer]], list[str]]:
+    """Return all visualizers by name, and a sentence for each one that is left out; ours are never replaced."""
     kinds = {kind.name: kind for kind in BUILT_IN}
-    broken = []
+    problems = []
     for entry in sorted(entry_points(group=GROUP), key=lambda e: (e.name, e.value)):
-        kind = _load(entry)
-        if isinstance(kind, str):
-            broken.append(kind)
-        elif (first := kinds.setdefault(kind.name, kind)) is not kind:
-            broken.append(
-                f"visualizer {entry.value!r}: the name {kind.name!r} is taken by {first!r}"
-            )
-    return Registry(kinds, tuple(broken))
+        try:
+            _add_kind(entry, kinds)
+        except Exception as error:  # noqa: BLE001 - foreign code may raise anything while it is imported
+            problems.append(f"visualizer {entry.value!r}: {type(error).__name__}: {error}")
+    return kinds, problems
 
 
-def find(name: str) -> type[Visualizer]:
-    """Return a visualizer by its name; InvalidValueError where none of that name is installed."""
-    kinds = available().kinds
-    if name not in kinds:
-        raise InvalidValueError("visualizer", name, _listed(kinds))
-    return kinds[name]
-
-
-def _load(entry: EntryPoint) -> type[Visualizer] | str:
-    """Return the class, or one sentence that says why there is none."""
-    try:
-        kind = entry.load()
-    except Exception as error:  # noqa: BLE001 - foreign code may raise anything while it is imported
-        return f"visualizer {entry.value!r}: cannot be loaded: {type(error).__name__}: {error}"
+def _add_kind(entry: EntryPoint, kinds: dict[str, type[Visualizer]]) -> None:
+    kind = entry.load()
     if not (isinstance(kind, type) and issubclass(kind, Visualizer)):
-        return f"visualizer {entry.value!r}: given {kind!r}, allowed is a class derived from Visualizer"
-    if not isinstance(getattr(kind, "name", None), str) or not getattr(kind, "inputs", ()):
-        return f"visualizer {entry.value!r}: it lacks a name or inputs"
-    return kind
-
-
-class Changed(Enum):
-    """Kind of change of a display."""
-
-    ADDED = "added"
-    REMOVED = "removed"
-    TUNED = "tuned"  #: A parameter, the rate, or whether it is on.
-    REWIRED = "rewired"  #: Its QoS or synchronisation: what waited is gone.
+        raise TypeError(f"{kind!r} is no class derived from Visualizer")
+    if not kind.inputs:
+        raise ValueError("it has no inputs")
+    if kind.name in kinds:
+        raise ValueError(f"the name {kind.name!r} is taken by {kinds[kind.name]!r}")
+    kinds[kind.name] = kind
 
 
 @dataclass(slots=True, kw_only=True)
@@ -108,7 +77,6 @@ class Display:
     id: str  #: Unique in its session, stable.
     visualizer: Visualizer  #: Visualizer that draws.
     slot: Slot[Any]  #: Its queues.
-    sync: SyncPolicy  #: Policy by which messages are matched.
     #: Requested instead of the inputs' own, by role.
     qos: dict[str, QoSProfile] = field(default_factory=dict)
     enabled: bool = True  #: Whether messages reach it.
@@ -116,21 +84,29 @@ class Display:
     last_error: str = ""  #: Why the latest of these could not be.
 
     @property
-    def inputs(self) -> tuple[tuple[Input, str, QoSProfile], ...]:
+    def topics(self) -> dict[str, str]:
+        """Topic by role."""
+        return self.visualizer.topics
+
+    @property
+    def inputs(self) -> list[tuple[Input, str, QoSProfile]]:
         """Each bound input with its topic and what is requested."""
-        topics = self.visualizer.topics
-        bound = [given for given in self.visualizer.inputs if given.role in topics]
-        return tuple(
-            (given, topics[given.role], self.qos.get(given.role, given.qos)) for given in bound
-        )
+        bound = [given for given in self.visualizer.inputs if given.role in self.topics]
+        return [
+            (given, self.topics[given.role], self.qos.get(given.role, given.qos)) for given in bound
+        ]
 
+    @property
+    def counts(self) -> str:
+        """What became of its messages, in words."""
+        slot = self.slot
+        text = f"{slot.received} received, {slot.shown} shown, {slot.dropped} dropped"
+        return f"{text}; {self.errors} failed: {self.last_error}" if self.errors else text
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Change:
-    """Something that happened to a display."""
-
-    what: Changed  #: Kind of change.
-    display: Display  #: Display that changed, or was removed.
+    def fail(self, why: str) -> None:
+        """Note an update that could not be shown."""
+        self.errors += 1
+        self.last_error = why
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,8 +121,10 @@ class Session:
     """The displays; methods refuse, as an InvalidValueError, an id, role or value not there or not allowed."""
 
     def __init__(self) -> None:
+        #: Visualizers by name, ours first; and a sentence for each one that cannot be used.
+        self.kinds, self.problems = installed_visualizers()
         self._displays: dict[str, Display] = {}
-        self._listeners: list[Callable[[Change], None]] = []
+        self._listeners: dict[object, Callable[[], None]] = {}
         self._count = 0
 
     @property
@@ -165,42 +143,39 @@ class Session:
         kind: str | type[Visualizer],
         topics: Mapping[str, str] | str,
         settings: Mapping[str, object] | None = None,
-        *,
-        qos: Mapping[str, QoSProfile] | None = None,
     ) -> Display:
-        """Add a display of a visualizer or its name; a topic alone is the first role's, QoS goes by role."""
-        kind = find(kind) if isinstance(kind, str) else kind
+        """Add a display of a visualizer or its name; a topic alone is the first role's."""
+        if isinstance(kind, str):
+            if kind not in self.kinds:
+                raise InvalidValueError("visualizer", kind, _listed(self.kinds))
+            kind = self.kinds[kind]
         topics = {kind.inputs[0].role: topics} if isinstance(topics, str) else topics
         visualizer = kind(topics, settings)
         self._count += 1
         display = Display(
             id=f"{kind.name}-{self._count}",
             visualizer=visualizer,
-            slot=_slot(visualizer, kind.sync, kind.max_hz),
-            sync=kind.sync,
-            qos=dict(qos or {}),
+            slot=_slot(visualizer, kind.max_hz),
         )
         self._displays[display.id] = display
-        self._tell(Changed.ADDED, display)
+        self._tell()
         return display
 
     def remove(self, id_: str) -> None:
         """Remove a display; what it has drawn stays in the viewer's history."""
-        display = self.display(id_)
+        self.display(id_)
         del self._displays[id_]
-        self._tell(Changed.REMOVED, display)
+        self._tell()
 
     def tune(self, id_: str, name: str, value: object) -> None:
         """Set one parameter of a display."""
-        display = self.display(id_)
-        display.visualizer.tune(name, value)
-        self._tell(Changed.TUNED, display)
+        self.display(id_).visualizer.tune(name, value)
 
     def limit(self, id_: str, max_hz: float | None) -> None:
         """Set the rate budget of a display; None lifts it."""
-        display = self.display(id_)
-        display.slot.budget.max_hz = max_hz
-        self._tell(Changed.TUNED, display)
+        if max_hz is not None and not 0 < max_hz < float("inf"):
+            raise InvalidValueError("max_hz", max_hz, "positive numbers, or None for no limit")
+        self.display(id_).slot.max_hz = max_hz
 
     def enable(self, id_: str, *, enabled: bool) -> None:
         """Switch a display on or off; what is off costs nothing and keeps its settings, not what waited."""
@@ -208,56 +183,47 @@ class Session:
         if display.enabled and not enabled:
             display.slot.interrupt()
         display.enabled = enabled
-        self._tell(Changed.TUNED, display)
+        self._tell()
 
-    def rewire(
-        self,
-        id_: str,
-        *,
-        qos: Mapping[str, QoSProfile] | None = None,
-        sync: SyncPolicy | None = None,
-    ) -> None:
-        """Change a display's QoS, by role, or its policy, where given; what waited is gone."""
+    def request(self, id_: str, role: str, profile: QoSProfile) -> None:
+        """Change the QoS that a display requests for a role; what waited is gone."""
         display = self.display(id_)
-        for role, profile in (qos or {}).items():
-            if role not in display.visualizer.topics:
-                raise InvalidValueError("role", role, _listed(display.visualizer.topics))
-            display.qos[role] = profile
-        display.sync = sync or display.sync
-        display.slot = _slot(display.visualizer, display.sync, display.slot.budget.max_hz)
-        self._tell(Changed.REWIRED, display)
+        if role not in display.topics:
+            raise InvalidValueError("role", role, _listed(display.topics))
+        display.qos[role] = profile
+        display.slot = _slot(display.visualizer, display.slot.max_hz)
+        self._tell()
 
     def offers(self, topics: Mapping[str, str]) -> tuple[Offer, ...]:
         """Return what could be added for topics, given type by topic, without what is shown already."""
-        shown = {
-            (d.visualizer.name, next(iter(d.visualizer.topics.values()))) for d in self.displays
-        }
+        shown = {(d.visualizer.name, next(iter(d.topics.values()))) for d in self.displays}
         found = []
-        for kind in available().kinds.values():
+        for kind in self.kinds.values():
             for topic in sorted(topics):
                 bound = _bound(kind, topic, topics)
                 if bound is not None and (kind.name, topic) not in shown:
                     found.append(Offer(kind=kind.name, topics=bound))
         return tuple(found)
 
-    def listen(self, listener: Callable[[Change], None]) -> Callable[[], None]:
-        """Call `listener` with every display that there is and every change; return what ends that."""
-        self._listeners.append(listener)
-        for display in self.displays:
-            listener(Change(what=Changed.ADDED, display=display))
-        return lambda: self._listeners.remove(listener)
+    def listen(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Call `listener` now and after each change of the list, of QoS, and on and off; return what ends that."""
+        key = object()
+        self._listeners[key] = listener
+        listener()
+        return lambda: self._listeners.pop(key, None) and None
 
-    def _tell(self, what: Changed, display: Display) -> None:
-        for listener in tuple(self._listeners):
-            listener(Change(what=what, display=display))
+    def _tell(self) -> None:
+        for listener in tuple(self._listeners.values()):
+            listener()
 
 
-def _slot(visualizer: Visualizer, sync: SyncPolicy, max_hz: float | None) -> Slot[Any]:
-    topics = visualizer.topics
+def _slot(visualizer: Visualizer, max_hz: float | None) -> Slot[Any]:
+    roles = tuple(visualizer.topics)
     steady = tuple(
-        given.role for given in visualizer.inputs if given.steady and given.role in topics
+        given.role for given in visualizer.inputs if given.steady and given.role in roles
     )
-    return Slot(tuple(topics), policy=sync, max_hz=max_hz, queue=visualizer.queue, steady=steady)
+    policy, queue = visualizer.sync, visualizer.queue
+    return Slot(roles, policy=policy, max_hz=max_hz, queue=queue, steady=steady)
 
 
 def _bound(kind: type[Visualizer], topic: str, topics: Mapping[str, str]) -> dict[str, str] | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 from sfglab.errors import InvalidValueError
 
@@ -23,15 +23,19 @@ PATIENCE = 5
 class Independent:
     """Every message is a set of its own."""
 
+    depth: ClassVar[int] = 1
+    slop_ns: ClassVar[int] = 0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exact:
     """The stamps of a set are equal."""
 
     depth: int = 10  #: Items of each topic that wait for their partners.
+    slop_ns: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
-        _check_depth(self.depth)
+        _check(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,24 +51,20 @@ class Approximate:
     depth: int = 10  #: Items of each topic that wait for their partners.
 
     def __post_init__(self) -> None:
-        _check_depth(self.depth)
-        if self.slop_ns < 0:
-            raise InvalidValueError("slop_ns", self.slop_ns, "nanoseconds from 0")
+        _check(self)
+
+
+def _check(policy: Exact | Approximate) -> None:
+    if policy.depth < 1:
+        raise InvalidValueError("depth", policy.depth, "whole numbers from 1")
+    if policy.slop_ns < 0:
+        raise InvalidValueError("slop_ns", policy.slop_ns, "nanoseconds from 0")
 
 
 SyncPolicy = Independent | Exact | Approximate
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Matched(Generic[T]):
-    """Items that belong together."""
-
-    items: dict[str, tuple[int, T]]  #: Stamp (ns) and item by topic.
-
-    @property
-    def stamp_ns(self) -> int:
-        """The stamp of the first topic's item, or of the only one."""
-        return next(iter(self.items.values()))[0]
+Matched = dict[str, tuple[int, T]]
+"""Items that belong together: stamp (ns) and item by topic, the first topic's first."""
 
 
 class Synchronizer(Generic[T]):
@@ -80,17 +80,14 @@ class Synchronizer(Generic[T]):
     def __init__(
         self, policy: SyncPolicy, topics: tuple[str, ...], *, steady: tuple[str, ...] = ()
     ) -> None:
-        self.unmatched = 0  #: Items dropped because their partners did not come.
-        self.disordered = 0  #: Items dropped because they were not newer than the one before.
+        self.unmatched = 0  #: Items dropped: without partners, or not newer than the one before.
+        self._policy = Independent() if len(topics) == 1 else policy
         self._leading = topics[0]
-        self._independent = len(topics) == 1 or isinstance(policy, Independent)
-        self._slop_ns = policy.slop_ns if isinstance(policy, Approximate) else 0
-        self._depth = 1 if isinstance(policy, Independent) else policy.depth
         self._all: dict[str, deque[tuple[int, T]]] = {topic: deque() for topic in topics}
         self._queues = self._all  # those that a set needs an item of
         self._last_ns: dict[str, int] = {}
         self._steady: dict[str, list[tuple[int, T]]] = {topic: [] for topic in steady}
-        self._held: dict[str, tuple[int, T]] = {}
+        self._held: Matched[T] = {}
         self._alone = 0  # items of the first topic since the last set
 
     @property
@@ -100,17 +97,17 @@ class Synchronizer(Generic[T]):
 
     def offer(self, topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
         """Take one item, and return the sets that it completes, the oldest first."""
-        if self._independent:
-            return [Matched(items={topic: (stamp_ns, item)})]
+        if isinstance(self._policy, Independent):
+            return [{topic: (stamp_ns, item)}]
         if self._steady:
             self._follow_steady(topic, (stamp_ns, item))
         if stamp_ns <= self._last_ns.get(topic, stamp_ns - 1):
-            self.disordered += 1
+            self.unmatched += 1
             return []
         self._last_ns[topic] = stamp_ns
         self._queues[topic].append((stamp_ns, item))
         found = self._matched()
-        while len(self._queues[topic]) > self._depth:
+        while len(self._queues[topic]) > self._policy.depth:
             self._drop_oldest(topic)
             found += self._matched()
         if found:
@@ -145,11 +142,7 @@ class Synchronizer(Generic[T]):
         found = []
         while all(self._queues.values()):
             pivot_ns = max(queue[0][0] for queue in self._queues.values())
-            self._drop_before(pivot_ns - self._slop_ns)
-            heads = [queue[0][0] for queue in self._queues.values() if queue]
-            if len(heads) < len(self._queues):
-                break
-            if max(heads) != pivot_ns:
+            if self._drop_before(pivot_ns - self._policy.slop_ns):
                 continue  # what was dropped made room for a later pivot
             if not self._is_decided(pivot_ns):
                 break
@@ -159,14 +152,14 @@ class Synchronizer(Generic[T]):
     def _is_decided(self, pivot_ns: int) -> bool:
         """Return whether every topic has reached the pivot, or one cannot wait any longer."""
         queues = self._queues.values()
-        is_full = any(len(queue) > self._depth for queue in queues)
+        is_full = any(len(queue) > self._policy.depth for queue in queues)
         return is_full or all(queue[-1][0] >= pivot_ns for queue in queues)
 
     def _best(self, pivot_ns: int) -> dict[str, int]:
         """Return the nearest items to the pivot; where those lie too far apart, the last ones not after it."""
         nearest = {topic: _nearest(queue, pivot_ns) for topic, queue in self._queues.items()}
         stamps = [self._queues[topic][index][0] for topic, index in nearest.items()]
-        if max(stamps) - min(stamps) <= self._slop_ns:
+        if max(stamps) - min(stamps) <= self._policy.slop_ns:
             return nearest
         return {topic: _last_until(queue, pivot_ns) for topic, queue in self._queues.items()}
 
@@ -177,16 +170,19 @@ class Synchronizer(Generic[T]):
             for _ in range(index):
                 self._drop_oldest(topic)
             items[topic] = self._queues[topic].popleft()
-        return Matched(items={topic: items[topic] for topic in self._all})
+        return {topic: items[topic] for topic in self._all}
 
     def _drop_oldest(self, topic: str) -> None:
         self._queues[topic].popleft()
         self.unmatched += 1
 
-    def _drop_before(self, stamp_ns: int) -> None:
+    def _drop_before(self, stamp_ns: int) -> bool:
+        """Drop the items before a stamp; return whether there were any."""
+        unmatched = self.unmatched
         for topic, queue in self._queues.items():
             while queue and queue[0][0] < stamp_ns:
                 self._drop_oldest(topic)
+        return self.unmatched > unmatched
 
 
 def _nearest(queue: deque[tuple[int, T]], pivot_ns: int) -> int:
@@ -195,8 +191,3 @@ def _nearest(queue: deque[tuple[int, T]], pivot_ns: int) -> int:
 
 def _last_until(queue: deque[tuple[int, T]], pivot_ns: int) -> int:
     return max(index for index, (stamp_ns, _) in enumerate(queue) if stamp_ns <= pivot_ns)
-
-
-def _check_depth(depth: int) -> None:
-    if depth < 1:
-        raise InvalidValueError("depth", depth, "whole numbers from 1")

@@ -21,15 +21,17 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol
 
 from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fields import Bounds
 from sfglab.names import FqnError, parse
 from sfglab.qos import SENSOR_DATA, QoSProfile
+from sfglab.validation import read
 from sfglab.view.sync import Independent, SyncPolicy
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,22 +116,26 @@ class Visualizer(ABC):
         self, topics: Mapping[str, str], settings: Mapping[str, object] | None = None
     ) -> None:
         self.topics = _checked_topics(type(self), topics)  #: Topic by role.
-        first = next(iter(self.topics.values()))
-        self.entity = entity_of_topic(first)  #: Entity that it draws at, made from the first topic.
-        self.agent = agent_of_topic(first)  #: Agent of the first topic, or None.
-        self._settings = check_all(self.parameters, settings or {})
-
-    @property
-    def settings(self) -> dict[str, Setting]:
-        """The value of every parameter."""
-        return dict(self._settings)
+        #: Entity that it draws at, made from the first topic.
+        self.entity = entity_of_topic(next(iter(self.topics.values())))
+        #: Value of every parameter; changed by `tune`.
+        self.settings: dict[str, Setting] = {
+            parameter.name: parameter.default for parameter in self.parameters
+        }
+        for name, value in (settings or {}).items():
+            self.tune(name, value)
 
     def tune(self, name: str, value: object) -> None:
-        """Change one parameter from the next update on; InvalidValueError as of `check_all`."""
-        self._settings = check_all(self.parameters, {**self._settings, name: value})
+        """Change one parameter from the next update on; InvalidValueError for an unknown name or a wrong value."""
+        for parameter in self.parameters:
+            if parameter.name == name:
+                self.settings[name] = parameter.check(value)
+                return
+        known = ", ".join(self.settings) or "none"
+        raise InvalidValueError(name, value, f"a parameter: {known}")
 
     def __getitem__(self, name: str) -> Any:
-        return self._settings[name]
+        return self.settings[name]
 
     @abstractmethod
     def show(self, update: Update, canvas: Canvas) -> None:
@@ -163,14 +169,6 @@ def agent_root(agent: str) -> str:
     return f"{AGENTS}/{agent}"
 
 
-def agent_of_topic(topic: str) -> str | None:
-    """Return the agent in a topic of the naming schema, or None."""
-    try:
-        return parse(topic).agent
-    except FqnError:
-        return None
-
-
 def camera_name(topic: str) -> str:
     """Return the name that the topics of one camera have in common.
 
@@ -184,7 +182,10 @@ def camera_name(topic: str) -> str:
 
 def entity_of_topic(topic: str) -> str:
     """Return the entity of a topic."""
-    agent = agent_of_topic(topic)
+    try:
+        agent = parse(topic).agent
+    except FqnError:
+        agent = None
     if agent is None:
         return topic
     scope, _, *rest = topic.strip("/").split("/")
@@ -202,8 +203,8 @@ class Parameter:
     default: Setting  #: Its first value, which also says its type.
     help: str  #: Sentence on its effect, with its unit.
     _: KW_ONLY
-    minimum: float | None = None  #: Smallest number; None for no bound.
-    maximum: float | None = None  #: Largest number; None for no bound.
+    minimum: float = -math.inf  #: Smallest number.
+    maximum: float = math.inf  #: Largest number.
     choices: tuple[str, ...] = ()  #: The allowed texts; empty allows all.
 
     @property
@@ -211,48 +212,12 @@ class Parameter:
         """`bool`, `int`, `float` or `str`."""
         return type(self.default)
 
-    @property
-    def allowed(self) -> str:
-        """Sentence on the allowed values."""
-        if self.kind is bool:
-            return "true or false"
-        if self.kind is str:
-            return ", ".join(self.choices) or "any text"
-        number = "whole numbers" if self.kind is int else "numbers"
-        low = "" if self.minimum is None else f" from {self.minimum:g}"
-        high = "" if self.maximum is None else f" to {self.maximum:g}"
-        return number + low + high
-
     def check(self, value: object) -> Setting:
         """Return a value in the parameter's type; InvalidValueError where it is of another or out of range."""
-        checked = self._converted(value)
-        if isinstance(checked, str):
-            fits = not self.choices or checked in self.choices
-        else:
-            low = -math.inf if self.minimum is None else self.minimum
-            high = math.inf if self.maximum is None else self.maximum
-            fits = math.isfinite(checked) and low <= checked <= high
-        if not fits:
-            raise InvalidValueError(self.name, value, self.allowed)
+        hint: Any = self.kind
+        if self.choices:
+            hint = Literal[self.choices]
+        elif self.kind in (int, float):
+            hint = Annotated[self.kind, Bounds(self.minimum, self.maximum)]
+        checked: Setting = read(hint, value, self.name)
         return checked
-
-    def _converted(self, value: object) -> Setting:
-        if self.kind is float and isinstance(value, int) and not isinstance(value, bool):
-            return float(value)
-        if type(value) is not self.kind:
-            raise InvalidValueError(self.name, value, self.allowed)
-        return value
-
-
-def check_all(parameters: Iterable[Parameter], values: Mapping[str, object]) -> dict[str, Setting]:
-    """Return each parameter's given value, checked, or its default; InvalidValueError for what is wrong."""
-    known = {parameter.name: parameter for parameter in parameters}
-    for name in values:
-        if name not in known:
-            raise InvalidValueError(
-                name, values[name], f"a parameter: {', '.join(known) or 'none'}"
-            )
-    return {
-        name: parameter.check(values.get(name, parameter.default))
-        for name, parameter in known.items()
-    }

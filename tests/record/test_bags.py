@@ -16,7 +16,7 @@ from sfglab.qos import LATCHED
 from sfglab.record import LogError, LogReader, LogWriter
 from sfglab.record.metadata import offered_qos_profiles
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.view.arrivals import decoded, open_log
+from sfglab.view.arrivals import arrivals_of, decoded
 
 STRING = "std_msgs/msg/String"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
@@ -132,8 +132,9 @@ def test_commands_take_bags(bag, tmp_path):
         assert drawn["/range"]["rate_hz"] == 1
         seen = called("view", str(target), "--to", str(tmp_path / "seen.rrd"))
         assert "2 displays, 6 updates shown" in seen.split("\n")
-        with open_log(target) as log:
-            shown = [(entry.topic, decoded(entry)) for entry in log.arrivals(["/tf", "/range"])]
+        with LogReader(target) as log:
+            arrivals = arrivals_of(log, ["/tf", "/range"])
+            shown = [(arrival.topic, decoded(arrival)) for arrival in arrivals]
         assert [topic for topic, _ in shown].count("/tf") == 3
         assert {message.range for topic, message in shown if topic == "/range"} == {2.5}
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sfglab.lab.experiments.visualisation.scene import image_message
+from sfglab.lab.experiments.visualisation.points import image_message
 from sfglab.spatial.poses import header_msg
 from sfglab.view import Update
 
@@ -35,11 +35,19 @@ class Paper:
     def close(self):
         self.closed += 1
 
-    def at_entity(self, entity):
-        return [d for d in self.drawn if d.entity == entity]
-
     def kinds(self, entity):
-        return [type(w).__name__ for d in self.at_entity(entity) for w in d.what]
+        return [type(w).__name__ for d in self.drawn if d.entity == entity for w in d.what]
+
+    def values(self, entity, component):
+        """The values of a component that changes, as plain lists, one for each time it was drawn at an entity."""
+        found = []
+        for drawn in self.drawn:
+            for what in drawn.what if drawn.entity == entity and not drawn.static else ():
+                for batch in what.as_component_batches():
+                    name = str(batch.component_descriptor()).split(":")[-1].split("#")[0]
+                    if name == component:
+                        found.append(batch.as_arrow_array().to_pylist())
+        return found
 
 
 @pytest.fixture
@@ -62,10 +70,8 @@ def make_image():
     def make(array, encoding, *, frame="camera", stamp_ns=5_000_000_000, padding=0):
         message = image_message(array, encoding, header_msg(frame, stamp_ns))
         rows = message.data.reshape(message.height, -1)
-        message.step, message.data = (
-            message.step + padding,
-            np.pad(rows, ((0, 0), (0, padding))).reshape(-1),
-        )
+        message.step += padding
+        message.data = np.pad(rows, ((0, 0), (0, padding))).reshape(-1)
         return message
 
     return make

@@ -8,10 +8,9 @@ import sys
 import pytest
 from commands import called
 from mcap.reader import make_reader
-from seen import BEAT, at_work, heartbeat, interrupted
+from seen import BEAT, at_work, heartbeat, interrupted, read_recording
 
 from sfglab.bus import Node
-from sfglab.lab.experiments.visualisation.recordings import read_recording
 
 pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 COMMAND = (sys.executable, "-m", "sfglab", "view")
@@ -84,7 +83,7 @@ session = Session()
 panel = Panel(session)
 image = session.add("image", "/a")
 display(panel.widget)
-opacity = panel.parameter(image.id, "opacity")
+opacity = panel.widget.children[-1].children[0].children[1]
 print(opacity.model_id)
 """
 

@@ -10,12 +10,12 @@ from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.claims import load_claims
 from sfglab.lab.explore.viewer import LogViewer
 from sfglab.messages import default_message
-from sfglab.record import LogWriter
+from sfglab.record import LogReader, LogWriter
 from sfglab.soc.graph import load_graph
 from sfglab.spatial.mocap.mapping import load_mapping
 from sfglab.spatial.scene.files import load_scene
 from sfglab.view.rerunning import blueprint, layout_of_topics
-from sfglab.view.space import largest_tree, largest_tree_root
+from sfglab.view.space import largest_tree
 
 TREES = [
     ([("map", "odom"), ("odom", "base"), ("world", "camera")], "map"),
@@ -31,51 +31,56 @@ TREES = [
 def transforms(edges):
     message = default_message("tf2_msgs/msg/TFMessage")
     for parent, child in edges:
-        one = default_message("geometry_msgs/msg/TransformStamped")
-        one.header.frame_id, one.child_frame_id = parent, child
+        one = default_message("geometry_msgs/msg/TransformStamped", child_frame_id=child)
+        one.header.frame_id = parent
         message.transforms.append(one)
     return message
+
+
+def written(file, *messages):
+    """Write transforms, each of topic, edges and time in ms, into a log."""
+    with LogWriter(file) as log:
+        for topic, edges, at_ms in messages:
+            log.write(topic, transforms(edges), log_time_ns=at_ms * 10**6)
+    return file
+
+
+def tree_of(file):
+    with LogReader(file) as log:
+        return largest_tree(log)
 
 
 @pytest.mark.parametrize(("edges", "root"), TREES)
 @pytest.mark.parametrize("static", [0, 1, 2])
 def test_space_is_drawn_in_the_root_of_the_largest_tree(edges, root, static, tmp_path):
-    with LogWriter(tmp_path / "a.mcap") as log:
-        for topic, part in (("/tf_static", edges[:static]), ("/tf", edges[static:])):
-            if part:
-                log.write(topic, transforms(part), log_time_ns=1)
-    assert largest_tree_root(tmp_path / "a.mcap") == root
-
-
-def test_a_log_begins_where_the_tree_is_complete_unless_that_is_late(tmp_path):
-    for last_ms, first in ((3, 3), (90, 0)):
-        file = tmp_path / f"{last_ms}.mcap"
-        with LogWriter(file) as log:
-            for step in range(100):
-                edges = [("odom", "base")]
-                if step >= last_ms:
-                    edges.append(("base", "laser"))
-                log.write("/tf", transforms(edges), log_time_ns=step * 10**6)
-        assert largest_tree(file).complete_ns == last_ms * 10**6
-        assert LogViewer(file).slider.value == first
-        assert LogViewer(file, frame="base").slider.value == 0
+    parts = [("/tf_static", edges[:static], 1), ("/tf", edges[static:], 1)]
+    assert tree_of(written(tmp_path / "a.mcap", *parts)).root == root
 
 
 def test_transforms_of_every_topic_that_the_viewer_takes_count(tmp_path):
-    with LogWriter(tmp_path / "a.mcap") as log:
-        log.write("/tf", transforms([("map", "a"), ("map", "b")]), log_time_ns=1)
-        log.write("/robot/tf", transforms([("odom", "base"), ("base", "laser")]), log_time_ns=1)
-        log.write("/robot/tf_static", transforms([("laser", "mirror")]), log_time_ns=1)
-        log.write("/planned", transforms([("a", "c"), ("c", "d")]), log_time_ns=1)
-    assert largest_tree_root(tmp_path / "a.mcap") == "odom"
+    messages = [
+        ("/tf", [("map", "a"), ("map", "b")], 1),
+        ("/robot/tf", [("odom", "base"), ("base", "laser")], 1),
+        ("/robot/tf_static", [("laser", "mirror")], 1),
+        ("/planned", [("a", "c"), ("c", "d")], 1),
+    ]
+    assert tree_of(written(tmp_path / "a.mcap", *messages)).root == "odom"
+
+
+@pytest.mark.parametrize(("last_ms", "first"), [(3, 3), (90, 0)])
+def test_a_log_begins_where_the_tree_is_complete_unless_that_is_late(tmp_path, last_ms, first):
+    messages = [("/tf", [("odom", "base")], step) for step in range(100)]
+    messages.append(("/tf", [("base", "laser")], last_ms))
+    file = written(tmp_path / "a.mcap", *messages)
+    assert tree_of(file).complete_ns == last_ms * 10**6
+    assert LogViewer(file).slider.value == first
+    assert LogViewer(file, frame="base").slider.value == 0
 
 
 def test_a_page_that_has_the_viewer_says_what_is_loaded_until_it_is_shown(tmp_path):
     pytest.importorskip("rerun_notebook", reason="the extra 'view' is not installed")
-    with LogWriter(tmp_path / "a.mcap") as log:
-        for step in range(1200):
-            log.write("/tf", transforms([("odom", "base")]), log_time_ns=step * 10**6)
-    cell = LogViewer(tmp_path / "a.mcap")
+    messages = [("/tf", [("odom", "base")], step) for step in range(1200)]
+    cell = LogViewer(written(tmp_path / "a.mcap", *messages))
     assert cell.said.value == "", "a page that only shows the still loads nothing"
     page = cell.viewer.widget
     page._handle_custom_msg("ready", [])

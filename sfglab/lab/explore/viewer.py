@@ -17,14 +17,15 @@ from sfglab.errors import InvalidValueError
 from sfglab.lab.explore.press import still_bundle
 from sfglab.lab.figures import COLORS, drawn, png_of
 from sfglab.lab.testbed import held_domains
+from sfglab.record import LogReader
 from sfglab.units import NS_PER_S
-from sfglab.view.app import Report, ViewOptions, report_of, session_for, view_log
-from sfglab.view.arrivals import open_log
+from sfglab.view.app import ViewOptions, session_for, types_of, view_log
+from sfglab.view.arrivals import arrivals_of
 from sfglab.view.bridge import Bridge
 from sfglab.view.cell import ROUNDED_NS, CellViewer
 from sfglab.view.panel import Panel
-from sfglab.view.rerunning import NOTEBOOK, RECEIVED, open_canvas
-from sfglab.view.session import Session
+from sfglab.view.rerunning import RECEIVED, cell_canvas
+from sfglab.view.session import Display, Session
 from sfglab.view.space import Tree, largest_tree
 from sfglab.view.stage import wanted_topics
 from sfglab.view.widgets import button, widgets
@@ -54,8 +55,9 @@ class LogViewer:
 
     def __init__(self, recording: Run[Any] | Path | str, *, frame: str = "") -> None:
         self._log = Path(recording if isinstance(recording, Path | str) else recording.log)
-        self._spoken = _spoken(self._log)
-        tree = largest_tree(self._log)
+        with LogReader(self._log) as log:
+            self._spoken = _spoken(log)
+            tree = largest_tree(log)
         self._frame = frame or tree.root
         #: The time of each step on the log's clock: those at which the log has messages.
         self.times_ns = sorted({t for times in self._spoken.values() for t in times})
@@ -113,15 +115,14 @@ class LogViewer:
         self.said.value = f"shown: step {step} of {len(self.times_ns) - 1}, {at_s:.3f} s"
 
 
-def _spoken(log: Path) -> dict[str, list[int]]:
+def _spoken(log: LogReader) -> dict[str, list[int]]:
     """Return when each topic that can be shown has messages."""
-    with open_log(log) as opened:
-        wanted = wanted_topics(session_for(opened.topics, ViewOptions()))
-        spoken: dict[str, list[int]] = {}
-        for arrival in opened.arrivals(wanted):
-            spoken.setdefault(arrival.topic, []).append(arrival.received_ns)
+    wanted = wanted_topics(session_for(types_of(log), ViewOptions()))
+    spoken: dict[str, list[int]] = {}
+    for arrival in arrivals_of(log, wanted):
+        spoken.setdefault(arrival.topic, []).append(arrival.received_ns)
     if not spoken:
-        raise InvalidValueError("log", log, "one with messages that a visualizer shows")
+        raise InvalidValueError("log", log.path, "one with messages that a visualizer shows")
     return dict(sorted(spoken.items(), reverse=True))
 
 
@@ -148,8 +149,7 @@ class LiveView:
 
     def __init__(self, node: Node) -> None:
         self.session, kit = Session(), widgets()
-        canvas = open_canvas([NOTEBOOK], title=node.name)
-        self.viewer = canvas.in_cell()
+        canvas, self.viewer = cell_canvas(node.name)
         self.bridge = Bridge(node, self.session, canvas, follow=("/",))
         self.panel = Panel(
             self.session, lambda: {t: k[0] for t, k in node.graph.topics().items() if k}
@@ -191,22 +191,24 @@ class LiveView:
     async def _count(self) -> None:
         while True:
             self.panel.refresh()
-            if any(report.shown for report in report_of(self.session)):
+            if any(display.slot.shown for display in self.session.displays):
                 self._shows.set()
             await asyncio.sleep(_PERIOD_S)
 
     def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
-        reports = report_of(self.session)
-        figure = drawn((9.6, 1.4 + 0.4 * len(reports)), _draw_counts, reports)
+        displays = self.session.displays
+        figure = drawn((9.6, 1.4 + 0.4 * len(displays)), _draw_counts, displays)
         return still_bundle(self.widget, png_of(figure), _draw_counts)
 
 
-def _draw_counts(figure: Figure, reports: Sequence[Report]) -> None:
+def _draw_counts(figure: Figure, displays: Sequence[Display]) -> None:
     """Draw how many messages each display of a live domain has received and shown."""
     axes = figure.subplots()
-    names = [f"{report.display}\n{', '.join(report.topics)}" for report in reports]
-    axes.barh(names, [r.received for r in reports], 0.6, color=COLORS["network"], label="received")
-    axes.barh(names, [r.shown for r in reports], 0.3, color=COLORS["proxy"], label="shown")
+    names = [f"{display.id}\n{', '.join(display.topics.values())}" for display in displays]
+    received = [display.slot.received for display in displays]
+    shown = [display.slot.shown for display in displays]
+    axes.barh(names, received, 0.6, color=COLORS["network"], label="received")
+    axes.barh(names, shown, 0.3, color=COLORS["proxy"], label="shown")
     axes.set(
         xlabel="messages",
         title="Live: what the displays had when this cell was shown; run it to look",

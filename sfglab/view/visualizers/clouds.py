@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
 
 from sfglab.codecs import COMPRESSED_IMAGE, decode_depth, parse_depth_format
 from sfglab.errors import InvalidValueError
 from sfglab.qos import LATCHED, SENSOR_DATA
 from sfglab.view import geometry
 from sfglab.view.rerunning import rr
-from sfglab.view.sync import Approximate
+from sfglab.view.sync import Approximate, SyncPolicy
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
 
@@ -34,7 +35,7 @@ _COLOR = Input("color", "sensor_msgs/msg/Image", optional=True)
 class _DepthPoints(Visualizer):
     """Coloured points of a depth picture, its camera info and, where bound, a picture registered to it."""
 
-    sync = Approximate(slop_ns=20_000_000)
+    sync: ClassVar[SyncPolicy] = Approximate(slop_ns=20_000_000)
     max_hz = 15.0
     parameters = (
         _RADIUS,
@@ -45,8 +46,9 @@ class _DepthPoints(Visualizer):
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw the points."""
         color, info = update.messages.get("color"), update["info"]
+        frame = update["depth"].header.frame_id
         depth = self._depth(update["depth"])
-        _check_camera(update["depth"].header.frame_id, depth.shape, info)
+        _check_camera(frame, depth.shape, info)
         points, colors = geometry.depth_points(
             depth,
             geometry.pinhole_matrix(info),
@@ -54,15 +56,10 @@ class _DepthPoints(Visualizer):
             color=None if color is None else _rgb(color),
             max_m=self["depth_max_m"],
         )
-        entity = f"{self.entity}/cloud"
-        canvas.place(entity, update["depth"].header.frame_id)
-        _log_points(
-            canvas,
-            entity,
-            points,
-            geometry.colors_by_value(points[:, 2]) if colors is None else colors,
-            self,
-        )
+        if colors is None:
+            colors = geometry.colors_by_value(points[:, 2])
+        canvas.place(f"{self.entity}/cloud", frame)
+        canvas.log(f"{self.entity}/cloud", _points(points, colors, self))
 
     def _depth(self, message: Any) -> NDArray[Any]:
         raise NotImplementedError
@@ -119,15 +116,18 @@ class PointCloud(Visualizer):
         step = self["decimation"]
         points, records = points[::step], records[::step]
         canvas.place(self.entity, update.only.header.frame_id)
-        _log_points(canvas, self.entity, points, self._colors(records), self)
+        canvas.log(self.entity, _points(points, self._colors(records), self))
 
     def _colors(self, records: NDArray[Any]) -> NDArray[np.uint8]:
-        names = records.dtype.names or ()
-        if self["color_by"] and self["color_by"] not in names:
-            raise InvalidValueError("color_by", self["color_by"], f"the fields {', '.join(names)}")
-        own = geometry.cloud_colors(records) if self["color_by"] in ("", "rgb", "rgba") else None
-        field = self["color_by"] or ("intensity" if "intensity" in names else "z")
-        return geometry.colors_by_value(records[field]) if own is None else own
+        names, field = records.dtype.names or (), self["color_by"]
+        if field and field not in names:
+            raise InvalidValueError("color_by", field, f"the fields {', '.join(names)}")
+        if field in ("", "rgb", "rgba"):
+            colors = geometry.cloud_colors(records)
+            if colors is not None:
+                return colors
+            field = field or ("intensity" if "intensity" in names else "z")
+        return geometry.colors_by_value(records[field])
 
 
 class LaserScan(Visualizer):
@@ -139,18 +139,15 @@ class LaserScan(Visualizer):
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw the hits, coloured by their distance."""
-        import numpy as np
-
-        points = geometry.scan_points(update.only)
-        canvas.place(self.entity, update.only.header.frame_id)
+        scan = update.only
+        points = geometry.scan_points(scan)
         colors = geometry.colors_by_value(np.hypot(points[:, 0], points[:, 1]))
-        _log_points(canvas, self.entity, points, colors, self)
+        canvas.place(self.entity, scan.header.frame_id)
+        canvas.log(self.entity, _points(points, colors, self))
 
 
-def _log_points(
-    canvas: Canvas, entity: str, points: NDArray[Any], colors: NDArray[np.uint8], of: Visualizer
-) -> None:
-    canvas.log(entity, rr.Points3D(points, colors=colors, radii=of["radius_m"] or _SCREEN_RADIUS))
+def _points(points: NDArray[Any], colors: NDArray[np.uint8], of: Visualizer) -> Any:
+    return rr.Points3D(points, colors=colors, radii=of["radius_m"] or _SCREEN_RADIUS)
 
 
 def _rgb(image: Any) -> NDArray[np.uint8]:

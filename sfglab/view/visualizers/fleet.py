@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import Enum
 from typing import Any
 
 from sfglab.errors import InvalidValueError
@@ -20,41 +18,13 @@ LOST_PERIODS = 3.0  #: An agent is taken for lost when its last heartbeat is thi
 _MOST_AGENTS = 256  #: Agents that are remembered, so that invented ones do not fill the memory.
 _LONGEST_PERIOD_S = 86_400.0
 
-
-class Life(Enum):
-    """State of an agent, as far as its heartbeats tell."""
-
-    STARTING = "starting"  #: It has just started: others may not have discovered it.
-    ALIVE = "alive"
-    LATE = "late"
-    LOST = "lost"
-
-
 LIFE_COLORS = {
-    Life.STARTING: (86, 180, 233),
-    Life.ALIVE: (0, 158, 115),
-    Life.LATE: (230, 159, 0),
-    Life.LOST: (213, 94, 0),
+    "starting": (86, 180, 233),
+    "alive": (0, 158, 115),
+    "late": (230, 159, 0),
+    "lost": (213, 94, 0),
 }
-"""Colours of the palette of Okabe and Ito, distinct for people with colour blindness."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Heartbeat:
-    """The last heartbeat of an agent."""
-
-    received_ns: int
-    period_ns: int
-    is_starting: bool
-
-    def life(self, now_ns: int) -> Life:
-        """Return the state of its agent at a time."""
-        periods = (now_ns - self.received_ns) / self.period_ns
-        if periods > LOST_PERIODS:
-            return Life.LOST
-        if periods > LATE_PERIODS:
-            return Life.LATE
-        return Life.STARTING if self.is_starting else Life.ALIVE
+"""States of an agent as its heartbeats tell, in colours that people with colour blindness tell apart."""
 
 
 class AgentHeartbeats(Visualizer):
@@ -68,39 +38,45 @@ class AgentHeartbeats(Visualizer):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._heartbeats: dict[str, _Heartbeat] = {}
-        self._drawn: dict[str, Life] = {}
+        self._last: dict[str, tuple[int, Any]] = {}  # time of reception and heartbeat by agent
+        self._drawn: dict[str, str] = {}  # state by agent
 
     def show(self, update: Update, canvas: Canvas) -> None:  # noqa: ARG002 - drawn with the next tick
         """Remember a heartbeat; it is drawn with the next tick."""
-        message = update.only
-        period_s = float(message.period_s)
-        if not 0 < period_s < _LONGEST_PERIOD_S:
-            raise InvalidValueError("period_s", period_s, "seconds above 0, below a day")
-        if message.agent not in self._heartbeats:
-            validate_agent(message.agent)
-            if len(self._heartbeats) >= _MOST_AGENTS:
-                raise InvalidValueError("agent", message.agent, f"{_MOST_AGENTS} agents at most")
-        self._heartbeats[message.agent] = _Heartbeat(
-            received_ns=update.received_ns,
-            period_ns=round(period_s * NS_PER_S),
-            is_starting=message.phase == Phase.STARTUP,
-        )
+        heartbeat = update.only
+        if not 0 < heartbeat.period_s < _LONGEST_PERIOD_S:
+            raise InvalidValueError("period_s", heartbeat.period_s, "seconds above 0, below a day")
+        if heartbeat.agent not in self._last:
+            validate_agent(heartbeat.agent)
+            if len(self._last) >= _MOST_AGENTS:
+                raise InvalidValueError("agent", heartbeat.agent, f"{_MOST_AGENTS} agents at most")
+        self._last[heartbeat.agent] = update.received_ns, heartbeat
 
     def tick(self, now_ns: int, canvas: Canvas) -> None:
         """Draw the age of each heartbeat, and each state that has changed."""
-        for agent, heartbeat in self._heartbeats.items():
+        for agent, (received_ns, heartbeat) in self._last.items():
             root = f"{agent_root(agent)}/heartbeat"
-            age_s = (now_ns - heartbeat.received_ns) / NS_PER_S
-            canvas.log(f"{root}/age_s", rr.Scalars([max(0.0, age_s)]))
-            life = heartbeat.life(now_ns)
+            age_s = max(0.0, (now_ns - received_ns) / NS_PER_S)
+            canvas.log(f"{root}/age_s", rr.Scalars([age_s]))
             if agent not in self._drawn:
-                names = [state.value for state in LIFE_COLORS]
-                bands = rr.StateConfiguration(values=names, colors=list(LIFE_COLORS.values()))
+                bands = rr.StateConfiguration(
+                    values=list(LIFE_COLORS), colors=list(LIFE_COLORS.values())
+                )
                 canvas.log(f"{root}/life", bands, static=True)
-            if self._drawn.get(agent) is not life:
+            life = _life(heartbeat, age_s)
+            if self._drawn.get(agent) != life:
                 self._drawn[agent] = life
-                canvas.log(f"{root}/life", rr.StateChange(state=[life.value]))
+                canvas.log(f"{root}/life", rr.StateChange(state=[life]))
+
+
+def _life(heartbeat: Any, age_s: float) -> str:
+    """Return the state of an agent by its last heartbeat; others may not have discovered a starting one."""
+    periods = age_s / heartbeat.period_s
+    if periods > LOST_PERIODS:
+        return "lost"
+    if periods > LATE_PERIODS:
+        return "late"
+    return "starting" if heartbeat.phase == Phase.STARTUP else "alive"
 
 
 class AgentStatus(Visualizer):

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sfglab.codecs import (
     COMPRESSED_IMAGE,
     COMPRESSED_VIDEO,
@@ -23,7 +25,7 @@ from sfglab.errors import InvalidValueError
 from sfglab.fleet.gop_config import FLAG_KEY
 from sfglab.messages.packets import PacketOrder
 from sfglab.qos import COMPRESSED_STREAM, LATCHED
-from sfglab.view.geometry import DEPTH_ENCODINGS, pinhole_matrix, pixels
+from sfglab.view.geometry import pinhole_matrix, pixels
 from sfglab.view.rerunning import rr
 from sfglab.view.visualizer import (
     Canvas,
@@ -55,54 +57,59 @@ def image_plane(frame: str, topic: str) -> str:
     return f"{frame}/image_plane{camera_name(topic)}" if frame else ""
 
 
-class Image(Visualizer):
+class _Picture(Visualizer):
+    """A picture in the image plane of its camera."""
+
+    parameters = (_OPACITY, _DEPTH_RANGE)
+
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw one picture."""
+        picture = self._picture(update.only)
+        frame = update.only.header.frame_id
+        canvas.place(self.entity, image_plane(frame, self.topics["image"]))
+        canvas.log(self.entity, picture)
+
+    def _picture(self, message: Any) -> Any:
+        raise NotImplementedError
+
+    def _depth(self, array: NDArray[Any]) -> Any:
+        """Return a depth image, in millimetres as uint16 or in metres as float32 (REP 118)."""
+        per_metre = 1000.0 if array.dtype == np.uint16 else 1.0
+        span = (0.0, self["depth_max_m"] * per_metre)
+        return rr.DepthImage(array, meter=per_metre, depth_range=span, colormap="turbo")
+
+
+class Image(_Picture):
     """Raw pictures, and depth by its encoding."""
 
     name = "image"
     inputs = (Input("image", "sensor_msgs/msg/Image"),)
-    parameters = (_OPACITY, _DEPTH_RANGE)
 
-    def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw one picture."""
-        message = update.only
-        canvas.place(self.entity, image_plane(message.header.frame_id, self.topics["image"]))
+    def _picture(self, message: Any) -> Any:
         array = pixels(message)
         if message.encoding in ("16UC1", "32FC1"):
-            canvas.log(self.entity, _depth(array, message.encoding, self["depth_max_m"]))
-            return
-        canvas.log(
-            self.entity,
-            rr.Image(array, _MODELS.get(message.encoding, "L"), opacity=self["opacity"]),
-        )
+            return self._depth(array)
+        model = _MODELS.get(message.encoding, "L")
+        return rr.Image(array, model, opacity=self["opacity"])
 
 
-class CompressedImage(Visualizer):
+class CompressedImage(_Picture):
     """Pictures as JPEG or PNG, and depth as RVL or PNG, decoded here; H.264 is `CompressedImageVideo`'s."""
 
     name = "compressed_image"
     inputs = (Input("image", COMPRESSED_IMAGE),)
-    parameters = (_OPACITY, _DEPTH_RANGE)
 
-    def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw one picture."""
-        message = update.only
-        text = message.format.lower()
+    def _picture(self, message: Any) -> Any:
+        text, data = message.format.lower(), bytes(message.data)
         if any(name in text for name in _FORMATS):
             raise NotShownError(f"video in {message.format!r}: shown by compressed_image_video")
-        canvas.place(self.entity, image_plane(message.header.frame_id, self.topics["image"]))
-        data = bytes(message.data)
         if "compresseddepth" in text:
-            array, encoding = decode_depth(data, parse_depth_format(message.format))
-            canvas.log(self.entity, _depth(array, encoding, self["depth_max_m"]))
-            return
-        kind = next((kind for name, kind in _MEDIA.items() if name in text), None)
-        if kind is None:
-            raise InvalidValueError(
-                "compressed image format", message.format, "jpeg, png, h264 or compressedDepth"
-            )
-        canvas.log(
-            self.entity, rr.EncodedImage(contents=data, media_type=kind, opacity=self["opacity"])
-        )
+            return self._depth(decode_depth(data, parse_depth_format(message.format))[0])
+        for name, media in _MEDIA.items():
+            if name in text:
+                return rr.EncodedImage(contents=data, media_type=media, opacity=self["opacity"])
+        allowed = "jpeg, png, h264 or compressedDepth"
+        raise InvalidValueError("compressed image format", message.format, allowed)
 
 
 _MEDIA = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
@@ -124,26 +131,15 @@ class CameraModel(Visualizer):
         """Draw the camera."""
         info = update.only
         frame = info.header.frame_id
-        frames = (
-            {"parent_frame": frame, "child_frame": image_plane(frame, self.topics["info"])}
-            if frame
-            else {}
-        )
         pinhole = rr.Pinhole(
             image_from_camera=pinhole_matrix(info),
             resolution=[info.width, info.height],
             camera_xyz=rr.ViewCoordinates.RDF,  # x right, y down, z forward: an optical frame, REP 103
             image_plane_distance=self["distance_m"],
-            **frames,
+            parent_frame=frame or None,
+            child_frame=image_plane(frame, self.topics["info"]) or None,
         )
         canvas.log(self.entity, pinhole)
-
-
-def _depth(array: NDArray[Any], encoding: str, max_m: float) -> Any:
-    per_metre = DEPTH_ENCODINGS.get(encoding, 1.0)
-    return rr.DepthImage(
-        array, meter=per_metre, depth_range=(0.0, max_m * per_metre), colormap="turbo"
-    )
 
 
 _CODECS = {"h264": "H264", "hevc": "H265", "av1": "AV1"}
@@ -155,10 +151,7 @@ class _Video(Visualizer):
 
     max_hz = None
     queue = 60  # two groups of pictures, as the stream's own QoS: a shorter queue would break every group
-    parameters = (
-        Parameter("opacity", 1.0, "1 hides what is behind", minimum=0.0, maximum=1.0),
-        Parameter("wait_for_key", True, "after a loss, show nothing until the next key frame"),
-    )
+    parameters = (_OPACITY,)
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -170,17 +163,16 @@ class _Video(Visualizer):
     ) -> None:
         """Pass one access unit on; CodecError if it, or one that it refers to, cannot be shown."""
         if codec not in _CODECS:
-            raise InvalidValueError("video codec", codec, f"{', '.join(_CODECS)}")
+            raise InvalidValueError("video codec", codec, ", ".join(_CODECS))
         data = bytes(update.only.data)
         if codec in _ANNEX_B and not has_start_code(data):
             raise CodecError(f"{codec} packet: {NO_START_CODE}")
         if codec != self._codec:
             self._codec, self._complete = codec, False
-            canvas.log(
-                self.entity, rr.VideoStream(_CODECS[codec], opacity=self["opacity"]), static=True
-            )
+            stream = rr.VideoStream(_CODECS[codec], opacity=self["opacity"])
+            canvas.log(self.entity, stream, static=True)
         self._complete = is_key or (self._complete and not update.lost)
-        if not self._complete and self["wait_for_key"]:
+        if not self._complete:
             raise CodecError(f"{codec} packet: no key frame since the start or a lost packet")
         canvas.place(self.entity, image_plane(frame, self.topics["video"]))
         canvas.log(self.entity, rr.VideoStream.from_fields(sample=data, is_keyframe=is_key))

@@ -15,7 +15,7 @@ from sfglab.messages import ns_from_stamp
 from sfglab.qos import DEFAULT
 from sfglab.view.rerunning import rr
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
-from sfglab.view.visualizers.poses import pose_arrays
+from sfglab.view.visualizers.poses import pose_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,17 +39,26 @@ class _Markers(Visualizer):
         super().__init__(*args, **kwargs)
         self._shown: dict[str, tuple[int, float]] = {}  # type, and until when (ns)
 
+    def show(self, update: Update, canvas: Canvas) -> None:
+        """Draw or take away each marker; one that cannot be drawn does not keep the others back."""
+        failed = None
+        for marker in getattr(update.only, "markers", [update.only]):
+            try:
+                self._apply(marker, update, canvas)
+            except InvalidValueError as error:
+                failed = error
+        if failed is not None:
+            raise failed
+
     def tick(self, now_ns: int, canvas: Canvas) -> None:
         """Take markers away whose lifetime is over."""
-        for entity in [
-            entity for entity, (_, until_ns) in self._shown.items() if until_ns <= now_ns
-        ]:
+        over = [entity for entity, (_, until_ns) in self._shown.items() if until_ns <= now_ns]
+        for entity in over:
             self._clear(entity, canvas)
 
     def _apply(self, marker: Any, update: Update, canvas: Canvas) -> None:
-        entity = "/".join(
-            part for part in (self.entity, marker.ns.strip("/"), str(marker.id)) if part
-        )
+        parts = self.entity, marker.ns.strip("/"), str(marker.id)
+        entity = "/".join(filter(None, parts))
         if marker.action == _DELETE_ALL:
             for known in tuple(self._shown):
                 self._clear(known, canvas)
@@ -89,10 +98,6 @@ class Marker(_Markers):
     name = "marker"
     inputs = (Input("marker", "visualization_msgs/msg/Marker", qos=DEFAULT),)
 
-    def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw or take away one marker."""
-        self._apply(update.only, update, canvas)
-
 
 class MarkerArray(_Markers):
     """Several markers a message."""
@@ -100,45 +105,20 @@ class MarkerArray(_Markers):
     name = "marker_array"
     inputs = (Input("markers", "visualization_msgs/msg/MarkerArray", qos=DEFAULT),)
 
-    def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw or take away each marker; one that cannot be drawn does not keep the others back."""
-        failed = None
-        for marker in update.only.markers:
-            try:
-                self._apply(marker, update, canvas)
-            except InvalidValueError as error:
-                failed = error
-        if failed is not None:
-            raise failed
 
-
-def _color(color: Any) -> NDArray[np.uint8]:
-    return _bytes(np.array([color.r, color.g, color.b, color.a]))
-
-
-def _bytes(rgba: NDArray[Any]) -> NDArray[np.uint8]:
+def _colors(marker: Any) -> NDArray[np.uint8]:
+    """Return a colour for each point where there are as many, else the marker's own."""
+    given = marker.colors if len(marker.colors) == len(marker.points) else ()
+    rgba = np.array([(c.r, c.g, c.b, c.a) for c in given or (marker.color,)])
     levels: NDArray[np.uint8] = (np.clip(np.nan_to_num(rgba), 0, 1) * 255).round().astype(np.uint8)
     return levels
 
 
-def _colors(marker: Any) -> NDArray[np.uint8]:
-    """Return a colour for each point where there are as many, else the marker's own."""
-    if len(marker.colors) == len(marker.points) and len(marker.points):
-        return _bytes(np.array([[c.r, c.g, c.b, c.a] for c in marker.colors]))
-    return _color(marker.color)[None]
-
-
 def _points(marker: Any, scale: NDArray[np.float64] | float = 1.0) -> NDArray[np.float64]:
     """Return the marker's points in its frame, scaled and then moved by its pose, shape (N, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    position, quaternion = pose_arrays(marker.pose)
-    points = np.array([[p.x, p.y, p.z] for p in marker.points]).reshape(-1, 3) * scale
-    return (
-        np.asarray(Rotation.from_quat(quaternion).apply(points) + position)
-        if len(points)
-        else points
-    )
+    pose = pose_of(marker.pose)
+    points = np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3) * scale
+    return np.asarray(pose.rotation.apply(points) + pose.position_m)
 
 
 def _scale(marker: Any) -> NDArray[np.float64]:
@@ -147,60 +127,45 @@ def _scale(marker: Any) -> NDArray[np.float64]:
 
 def _arrow(marker: Any) -> Any:
     """Along x of the pose with length ``scale.x``; or from the first point to the second."""
-    from scipy.spatial.transform import Rotation
-
     if len(marker.points) >= 2:
         start, end = _points(marker)[:2]
         radius = marker.scale.x / 2
     else:
-        start, quaternion = pose_arrays(marker.pose)
-        end, radius = (
-            start + Rotation.from_quat(quaternion).apply([marker.scale.x, 0, 0]),
-            marker.scale.y / 2,
-        )
-    return rr.Arrows3D(
-        vectors=[end - start], origins=[start], radii=radius, colors=_color(marker.color)
-    )
+        pose = pose_of(marker.pose)
+        start, end = np.array([pose.position_m, pose.apply((marker.scale.x, 0.0, 0.0))])
+        radius = marker.scale.y / 2
+    colors = _colors(marker)[:1]
+    return rr.Arrows3D(vectors=[end - start], origins=[start], radii=radius, colors=colors)
 
 
 def _boxes(marker: Any) -> Any:
-    placed, sizes = _instances(marker)
+    sizes, placed = _instances(marker)
     return rr.Boxes3D(sizes=sizes, **placed)
 
 
 def _spheres(marker: Any) -> Any:
-    placed, sizes = _instances(marker)
+    sizes, placed = _instances(marker)
     return rr.Ellipsoids3D(half_sizes=sizes / 2, **placed)
-
-
-def _instances(marker: Any) -> tuple[dict[str, Any], NDArray[Any]]:
-    """Return centres, orientations and look, and sizes: one at the pose, or of a list one at each point."""
-    position, quaternion = pose_arrays(marker.pose)
-    centers = position[None] if marker.type in (_CUBE, _SPHERE) else _points(marker)
-    turned, sizes = (
-        np.tile(quaternion, (len(centers), 1)),
-        np.tile(_scale(marker), (len(centers), 1)),
-    )
-    placed = {
-        "centers": centers,
-        "quaternions": turned,
-        "colors": _colors(marker),
-        "fill_mode": "solid",
-    }
-    return placed, sizes
 
 
 def _cylinder(marker: Any) -> Any:
     """Along z; a viewer's cylinder is round, so the mean of both diameters is its own."""
-    position, quaternion = pose_arrays(marker.pose)
-    return rr.Cylinders3D(
-        lengths=[marker.scale.z],
-        radii=[(marker.scale.x + marker.scale.y) / 4],
-        centers=[position],
-        quaternions=[quaternion],
-        colors=_color(marker.color),
-        fill_mode="solid",
-    )
+    ((x, y, z),), placed = _instances(marker)
+    return rr.Cylinders3D(lengths=[z], radii=[(x + y) / 4], **placed)
+
+
+def _instances(marker: Any) -> tuple[NDArray[Any], dict[str, Any]]:
+    """Return sizes, and where and how they are drawn: one at the pose, or of a list one at each point."""
+    pose = pose_of(marker.pose)
+    is_list = marker.type in (_CUBE_LIST, _SPHERE_LIST)
+    centers = _points(marker) if is_list else np.array([pose.position_m])
+    placed = {
+        "centers": centers,
+        "quaternions": [pose.quat_xyzw] * len(centers),
+        "colors": _colors(marker),
+        "fill_mode": "solid",
+    }
+    return np.tile(_scale(marker), (len(centers), 1)), placed
 
 
 def _line_strip(marker: Any) -> Any:
@@ -210,19 +175,20 @@ def _line_strip(marker: Any) -> Any:
 
 
 def _line_list(marker: Any) -> Any:
-    points, colors = _points(marker), _colors(marker)
+    points = _points(marker)
     pairs = points[: len(points) // 2 * 2].reshape(-1, 2, 3)
-    colors = (
-        colors[: len(pairs) * 2 : 2] if len(colors) == len(points) and len(pairs) else colors[:1]
-    )
+    colors = _colors(marker)[: 2 * len(pairs) : 2]
     return rr.LineStrips3D(pairs, radii=marker.scale.x / 2, colors=colors)
 
 
+def _dots(marker: Any) -> Any:
+    return rr.Points3D(_points(marker), radii=marker.scale.x / 2, colors=_colors(marker))
+
+
 def _text(marker: Any) -> Any:
-    position, _ = pose_arrays(marker.pose)
-    return rr.Points3D(
-        [position], labels=[marker.text], show_labels=True, colors=_color(marker.color), radii=0.001
-    )
+    position = pose_of(marker.pose).position_m
+    shown = {"labels": [marker.text], "show_labels": True, "radii": 0.001}
+    return rr.Points3D([position], colors=_colors(marker)[:1], **shown)
 
 
 def _triangles(marker: Any) -> Any:
@@ -230,7 +196,7 @@ def _triangles(marker: Any) -> Any:
     points = _points(marker, _scale(marker))
     if len(points) % 3:
         raise InvalidValueError("triangle list, points", len(points), "a multiple of 3")
-    colors = np.broadcast_to(_colors(marker), (len(points), 4)) if len(points) else None
+    colors = np.broadcast_to(_colors(marker), (len(points), 4))
     return rr.Mesh3D(vertex_positions=points, vertex_colors=colors)
 
 
@@ -243,7 +209,7 @@ _SHAPES: dict[int, Callable[[Any], Any]] = {
     _LINE_LIST: _line_list,
     _CUBE_LIST: _boxes,
     _SPHERE_LIST: _spheres,
-    _POINTS: lambda m: rr.Points3D(_points(m), radii=m.scale.x / 2, colors=_colors(m)),
+    _POINTS: _dots,
     _TEXT: _text,
     _TRIANGLES: _triangles,
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,15 +13,15 @@ from sfglab.lab.bench import TableRow
 from sfglab.lab.browser import free_port
 from sfglab.lab.checks import CheckRow, facts_row
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.lab.experiments.visualisation.live import (
-    member,
-    sink_canvas,
-    time_pictures,
-    try_changes,
-)
+from sfglab.lab.experiments.visualisation.live import member, time_pictures, try_changes
 from sfglab.lab.experiments.visualisation.plugin import try_package
-from sfglab.lab.experiments.visualisation.points import show_clouds
-from sfglab.lab.experiments.visualisation.scene import scene_moments
+from sfglab.lab.experiments.visualisation.points import (
+    NO_POINTS,
+    VisualisationCloudRow,
+    compared,
+    scene_moments,
+    shown_points,
+)
 from sfglab.lab.testbed import held_domains
 from sfglab.processes import ProcessGroup
 from sfglab.view.rerunning import rerun
@@ -32,7 +31,8 @@ if TYPE_CHECKING:
 
 PICTURE = "picture.jpg"  #: Attachment: the first picture.
 CLOUD = "cloud.npz"  #: Attachment: its points.
-TOLERANCE_M = 1e-5  #: Largest distance of a point from its closed form, m.
+
+TOLERANCE_M = 1e-5  #: Distance of a point from its closed form at most, m.
 
 PLUGIN = "a plug-in of another package"
 DISPLAY = "a visualizer added and removed while the bridge runs"
@@ -78,15 +78,7 @@ exp = Experiment(
 exp.table("check")(CheckRow)
 
 
-@exp.table("cloud")
-class VisualisationCloudRow(TableRow):
-    """The points of one depth image, beside their closed form."""
-
-    stamp_ns: int  #: Stamp of the depth image.
-    points: int  #: Number of points in the recording.
-    expected: int  #: Number of points of the closed form.
-    largest_error_m: float  #: Largest distance between a point and its closed form, m.
-    wrong_colors: int  #: Points whose colour differs from the picture's.
+exp.table("cloud")(VisualisationCloudRow)
 
 
 @exp.table("time")
@@ -102,30 +94,22 @@ class VisualisationTimeRow(TableRow):
 
 @exp.part("points")
 def show_points(bench: Bench[Config]) -> None:
-    """Show depth as points, and keep the first cloud for the figure."""
+    """Show depth as points, and keep the first picture and its points for the figure."""
     rerun()
-    moments = scene_moments(bench.config.clouds, bench.config.seed)
-    clouds = show_clouds(moments, bench.folder("points") / "clouds.rrd")
-    held, largest_m = 0, 0.0
-    for cloud in clouds:
-        errors_m = cloud.errors_m
-        row = VisualisationCloudRow(
-            stamp_ns=cloud.moment.stamp_ns,
-            points=len(cloud.shown),
-            expected=len(cloud.expected),
-            largest_error_m=float(errors_m.max()) if len(errors_m) else float("inf"),
-            wrong_colors=cloud.wrong_colors,
-        )
-        bench.write(row)
-        is_whole = row.points == row.expected > 0 and row.wrong_colors == 0
-        held += is_whole and row.largest_error_m <= TOLERANCE_M
-        largest_m = max(largest_m, row.largest_error_m)
-    seen = f"{sum(len(cloud.shown) for cloud in clouds)} points, largest error {1e6 * largest_m:.2f} um"
-    bench.write(CheckRow(check=POINTS, checked=len(clouds), held=held, example=seen))
-    bench.attach(PICTURE, compressed_image_fields(moments[0].bgr, "jpeg").data, "image/jpeg")
-    packed, first = io.BytesIO(), clouds[0]
-    points, errors = first.shown.astype(np.float32), first.errors_m.astype(np.float32)
-    np.savez_compressed(packed, points=points, colors=first.colors, errors_m=errors)
+    moments = list(scene_moments(bench.config.clouds, bench.config.seed))
+    shown = shown_points(moments)
+    rows = [compared(moment, shown.get(moment.stamp_ns, NO_POINTS)) for moment in moments]
+    bench.write_all("cloud", rows)
+    exact = [row for row in rows if row.largest_error_m < TOLERANCE_M and not row.wrong_colors]
+    largest_m = max(row.largest_error_m for row in rows)
+    count = sum(row.points for row in rows)
+    seen = f"{count} points, largest error {1e6 * largest_m:.2f} um"
+    bench.write(CheckRow(check=POINTS, checked=len(rows), held=len(exact), example=seen))
+    bgr = np.ascontiguousarray(moments[0].rgb[..., ::-1])
+    bench.attach(PICTURE, compressed_image_fields(bgr, "jpeg").data, "image/jpeg")
+    points, colors = shown.get(moments[0].stamp_ns, NO_POINTS)
+    packed = io.BytesIO()
+    np.savez_compressed(packed, points=points.astype(np.float32), colors=colors)
     bench.attach(CLOUD, packed.getvalue())
 
 
@@ -148,6 +132,5 @@ async def watch_bridge(bench: Bench[Config]) -> None:
         bench.write(facts_row(QOS, changes["qos"]))
         bench.advance("changes")
         count = {"rounds": bench.config.rounds, "pictures": bench.config.pictures}
-        with closing(sink_canvas(port)) as canvas:
-            bench.write_all("time", await time_pictures(canvas, domain_id, **count))
+        bench.write_all("time", await time_pictures(port, domain_id, **count))
         bench.advance("delay")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import importlib
 import sys
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from sfglab.lab.experiments.visualisation.recordings import read_recording
+from sfglab.lab.experiments.visualisation.live import Paper
 from sfglab.messages import default_message, serialize
+from sfglab.units import NS_PER_S
 from sfglab.view.arrivals import Arrival
-from sfglab.view.rerunning import open_canvas
-from sfglab.view.session import Session, available
+from sfglab.view.session import Session
 from sfglab.view.stage import replay
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 _BATTERY = "sensor_msgs/msg/BatteryState"
 _TOPIC = "/global/go2/battery_state"
-_ENTITY = "/agents/go2/global/battery_state"
 _NAME = "visualisation_plugin"
 _MODULE = '''
 import rerun as rr
@@ -80,30 +79,29 @@ def installed(folder: Path) -> Iterator[None]:
 def try_package(folder: Path) -> dict[str, bool]:
     """Return what holds of the package's visualizers: found, offered, shown and tuned; mistakes are contained."""
     with installed(folder):
-        kinds, broken = available()
-        offers = [offer.kind for offer in Session().offers({_TOPIC: _BATTERY})]
-        shown, errors = _shown_charges(folder / "battery.rrd")
+        session = Session()
+        offers = [offer.kind for offer in session.offers({_TOPIC: _BATTERY})]
+        charges, errors = _shown_charges(session)
+    told = "\n".join(session.problems)
     return {
-        "found": "battery" in kinds,
+        "found": "battery" in session.kinds,
         "offered for its type": "battery" in offers,
-        "one that cannot be loaded is told": any("Gone" in told for told in broken),
-        "ours is not replaced": kinds["image"].__module__.startswith("sfglab."),
-        "and that is told": any("'image' is taken" in told for told in broken),
-        "shown, and tuned": shown == [50.0, 0.5],
+        "one that cannot be loaded is told": "Gone" in told,
+        "ours is not replaced": session.kinds["image"].__module__.startswith("sfglab."),
+        "and that is told": "'image' is taken" in told,
+        "shown, and tuned": charges == [50.0, 0.5],
         "one that fails is noted, and the others go on": errors == 2,
-        "gone with its package": "battery" not in available().kinds,
+        "gone with its package": "battery" not in Session().kinds,
     }
 
 
-def _shown_charges(path: Path) -> tuple[list[float], int]:
+def _shown_charges(session: Session) -> tuple[list[float], int]:
     """Show a half full battery with two scales; return the curve, and how often the broken one failed."""
-    message = serialize(default_message(_BATTERY, percentage=0.5))
-    session = Session()
+    message, paper = serialize(default_message(_BATTERY, percentage=0.5)), Paper()
     display = session.add("battery", _TOPIC)
     broken = session.add("broken", _TOPIC)
-    with closing(open_canvas([str(path)])) as canvas:
-        for second, scale in enumerate((100.0, 1.0)):
-            session.tune(display.id, "scale", scale)
-            replay([Arrival(_TOPIC, _BATTERY, 10**9 * second, message)], session, canvas)
-    rows = read_recording(path).get((_ENTITY, "Scalars:scalars"), [])
-    return [float(value) for row in rows for value in row.content], broken.errors
+    for second, scale in enumerate((100.0, 1.0)):
+        session.tune(display.id, "scale", scale)
+        replay([Arrival(_TOPIC, _BATTERY, second * NS_PER_S, message)], session, paper)
+    charges = [float(shown.scalars.as_arrow_array()[0]) for _, shown in paper.drawn]
+    return charges, broken.errors

@@ -1,100 +1,130 @@
-"""Points of synchronised depth, camera info and picture in a recording, beside their closed form."""
+"""Depth, camera info and picture of one time as points: those that the view draws, and in closed form."""
 
 from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.experiments.visualisation.recordings import read_recording
-from sfglab.lab.experiments.visualisation.scene import (
-    CAMERA,
-    SIZE,
-    Moment,
-    back_projected,
-    camera_info,
-    image_message,
-)
-from sfglab.messages import serialize
+from sfglab.lab.bench import TableRow
+from sfglab.lab.experiments.visualisation.live import Paper
+from sfglab.lab.sources import open_source
+from sfglab.messages import default_message, message_type, serialize
+from sfglab.spatial.poses import header_msg
 from sfglab.view import Exact
 from sfglab.view.arrivals import Arrival
-from sfglab.view.rerunning import open_canvas
 from sfglab.view.session import Session
 from sfglab.view.stage import replay
+from sfglab.view.visualizers.clouds import DepthCloud
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
+START_NS = 1_700_000_000_000_000_000  #: Time of the first picture.
+PERIOD_NS = 100_000_000
+SIZE = (640, 360)  #: Width and height of a picture.
+CAMERA = "go2/camera_front_color"  #: Optical frame of the camera.
+
 _DEPTH = "/local/go2/camera_front/aligned_depth"
 _PICTURE = "/local/go2/camera_front/color/image_raw"
-_ENTITY = "/agents/go2/local/camera_front/aligned_depth/image_raw/cloud"
 _STEP = 4
 _MAX_M = 10.0
 
 
+Points = tuple["NDArray[np.float64]", "NDArray[np.uint8]"]
+"""Points in the camera's optical frame, m, and their colours, both of shape (N, 3)."""
+
+NO_POINTS: Points = (np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cloud:
-    """A depth image as points: those of the recording and those of the closed form."""
+class Moment:
+    """A picture and its depth at one time."""
 
-    moment: Moment  #: The picture and its depth.
-    shown: NDArray[np.float64]  #: Points of the recording, m, shape (N, 3).
-    colors: NDArray[np.uint8]  #: Their colours, shape (N, 3).
-    expected: NDArray[np.float64]  #: Points of the closed form, m, shape (N, 3).
-    expected_colors: NDArray[np.uint8]  #: Their colours, shape (N, 3).
+    number: int  #: Counter from 0.
+    rgb: NDArray[np.uint8]  #: Picture, shape (H, W, 3).
+    depth_mm: NDArray[np.uint16]  #: Depth registered to it, shape (H, W); 0 where unknown.
 
     @property
-    def errors_m(self) -> NDArray[np.float64]:
-        """Distance of each point from that of the closed form; empty if there are not as many."""
-        if self.shown.shape != self.expected.shape:
-            return np.zeros(0)
-        return np.asarray(np.linalg.norm(self.shown - self.expected, axis=1))
+    def stamp_ns(self) -> int:
+        """Time of the capture."""
+        return START_NS + self.number * PERIOD_NS
 
-    @property
-    def wrong_colors(self) -> int:
-        """Number of points whose colour differs from that of the picture; all if there are not as many."""
-        if self.colors.shape != self.expected_colors.shape:
-            return len(self.expected)
-        return int((self.colors != self.expected_colors).any(axis=1).sum())
+    def header(self, frame: str) -> Any:
+        """Return a header of this moment."""
+        return header_msg(frame, self.stamp_ns)
 
 
-def show_clouds(moments: Sequence[Moment], path: Path) -> list[Cloud]:
-    """Show depth, camera info and picture of one stamp as points in a recording, and read them back."""
-    session = Session()
-    topics = {"depth": f"{_DEPTH}/image_raw", "info": f"{_DEPTH}/camera_info", "color": _PICTURE}
-    display = session.add("depth_cloud", topics, {"decimation": _STEP, "depth_max_m": _MAX_M})
-    session.rewire(display.id, sync=Exact())
-    session.limit(display.id, None)
-    with closing(open_canvas([str(path)])) as canvas:
-        replay((arrival for moment in moments for arrival in _arrivals(moment)), session, canvas)
-    recording = read_recording(path)
-    points = {s.capture_ns: s.content for s in recording.get((_ENTITY, "Points3D:positions"), [])}
-    colors = {s.capture_ns: s.content for s in recording.get((_ENTITY, "Points3D:colors"), [])}
-    nothing: NDArray[Any] = np.zeros(0)
-    clouds = []
-    for moment in moments:
-        shown = points.get(moment.stamp_ns, nothing)
-        clouds.append(_cloud(moment, shown, colors.get(moment.stamp_ns, nothing)))
-    return clouds
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VisualisationCloudRow(TableRow):
+    """The points of one depth image, beside their closed form."""
+
+    stamp_ns: int  #: Stamp of the depth image.
+    points: int  #: Number of points that are drawn.
+    expected: int  #: Number of points of the closed form.
+    largest_error_m: float  #: Largest distance between a point and its closed form, m.
+    wrong_colors: int  #: Points whose colour differs from the picture's.
 
 
-def _cloud(moment: Moment, points: Any, colors: Any) -> Cloud:
-    packed = np.asarray(colors, dtype=np.uint32)
-    channels = np.stack([(packed >> shift) & 255 for shift in (24, 16, 8)], axis=1)
-    depth_m = moment.depth_mm[::_STEP, ::_STEP] / 1000.0
-    rgb = moment.rgb[::_STEP, ::_STEP]
-    info = camera_info(moment.header(CAMERA), SIZE)
-    return Cloud(
-        moment=moment,
-        shown=np.asarray(points, dtype=np.float64).reshape(-1, 3),
-        colors=channels.astype(np.uint8),
-        expected=back_projected(moment.depth_mm, info, step=_STEP, max_m=_MAX_M),
-        expected_colors=rgb[(depth_m > 0) & (depth_m <= _MAX_M)],
+class _ExactDepthCloud(DepthCloud):
+    """Points of a depth image with the picture and the camera info of the same stamp."""
+
+    sync = Exact()
+
+
+def scene_moments(count: int, seed: int) -> Iterator[Moment]:
+    """Yield pictures with measured depth of a camera that wanders over a scene (scikit-image's stereo pair)."""
+    with closing(open_source("stereo", width=SIZE[0], height=SIZE[1], seed=seed)) as source:
+        for number in range(count):
+            frame = source.frame()
+            assert frame.depth_mm is not None
+            rgb = np.ascontiguousarray(frame.bgr[..., ::-1])
+            yield Moment(number=number, rgb=rgb, depth_mm=frame.depth_mm)
+
+
+def image_message(array: NDArray[Any], encoding: str, header: Any) -> Any:
+    """Return an ``Image`` of pixels, shape (H, W) or (H, W, channels)."""
+    return message_type("sensor_msgs/msg/Image")(
+        header=header,
+        height=array.shape[0],
+        width=array.shape[1],
+        encoding=encoding,
+        is_bigendian=0,
+        step=array[0].nbytes,
+        data=np.ascontiguousarray(array).reshape(-1).view(np.uint8),
     )
+
+
+def camera_info(header: Any, size: tuple[int, int]) -> Any:
+    """Return a ``CameraInfo`` of a rectified camera, width and height given, with a focal length of 0.72 widths."""
+    width, height = size
+    focal = 0.72 * width
+    k = np.array([focal, 0, width / 2 - 0.5, 0, focal, height / 2 - 0.5, 0, 0, 1])
+    type_name = "sensor_msgs/msg/CameraInfo"
+    return default_message(type_name, header=header, width=width, height=height, k=k)
+
+
+def shown_points(moments: Sequence[Moment]) -> dict[int, Points]:
+    """Show depth, camera info and picture of one stamp as points; return them by their stamp."""
+    session, paper = Session(), Paper()
+    topics = {"depth": f"{_DEPTH}/image_raw", "info": f"{_DEPTH}/camera_info", "color": _PICTURE}
+    settings = {"decimation": _STEP, "depth_max_m": _MAX_M}
+    display = session.add(_ExactDepthCloud, topics, settings)
+    session.limit(display.id, None)
+    replay(chain.from_iterable(map(_arrivals, moments)), session, paper)
+    return {stamp_ns: _arrays(cloud) for stamp_ns, cloud in paper.drawn}
+
+
+def _arrays(cloud: Any) -> Points:
+    """Return the positions and colours of Rerun's points."""
+    positions = np.array(cloud.positions.as_arrow_array().to_pylist())
+    rgba = np.array(cloud.colors.as_arrow_array().to_pylist(), ">u4")
+    return positions, rgba.view(np.uint8).reshape(-1, 4)[:, :3]
 
 
 def _arrivals(moment: Moment) -> Iterator[Arrival]:
@@ -110,3 +140,40 @@ def _arrivals(moment: Moment) -> Iterator[Arrival]:
     ]
     for place, (topic, message) in enumerate(messages):
         yield Arrival(topic, message.__msgtype__, moment.stamp_ns + place, serialize(message))
+
+
+def back_projected(moment: Moment, info: Any, *, step: int, max_m: float) -> Points:
+    """Return the points of a depth image: depth times the inverse intrinsics times the pixel.
+
+    Args:
+        moment: Depth and picture.
+        info: Its ``CameraInfo``.
+        step: Every how many-th row and column is taken.
+        max_m: Largest depth, m.
+    """
+    inverse = np.linalg.inv(np.asarray(info.k, dtype=np.float64).reshape(3, 3))
+    height, width = moment.depth_mm.shape
+    v, u = np.meshgrid(np.arange(0, height, step), np.arange(0, width, step), indexing="ij")
+    z = moment.depth_mm[v, u] / 1000.0
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ inverse.T
+    seen = (z > 0) & (z <= max_m)
+    return (rays * z[..., None])[seen], moment.rgb[v, u][seen]
+
+
+def compared(moment: Moment, shown: Points) -> VisualisationCloudRow:
+    """Compare the points of a depth image with their closed form."""
+    info = camera_info(moment.header(CAMERA), SIZE)
+    expected, expected_colors = back_projected(moment, info, step=_STEP, max_m=_MAX_M)
+    points, colors = shown
+    largest_m, wrong_colors = float("inf"), len(expected)
+    if points.shape == expected.shape:
+        errors_m = np.linalg.norm(points - expected, axis=1)
+        largest_m = float(errors_m.max(initial=0.0))
+        wrong_colors = int((colors != expected_colors).any(axis=1).sum())
+    return VisualisationCloudRow(
+        stamp_ns=moment.stamp_ns,
+        points=len(points),
+        expected=len(expected),
+        largest_error_m=largest_m,
+        wrong_colors=wrong_colors,
+    )

@@ -49,27 +49,10 @@ FACTS = {
 """The facts, each with the checks that stand for it in logs before 0.1.0; the delay is computed from its times."""
 
 
-@derived
-def facts(run: Run[Config]) -> pd.DataFrame:
-    """Return the facts: those noted while it ran, and the delay of the bridge."""
-    delay = pd.DataFrame([asdict(_delay_row(run))])
-    return pd.concat([fact_rows(run["check"], FACTS), delay], ignore_index=True)
-
-
-def _delay_row(run: Run[Config]) -> Any:
-    added = added_by_percentile(run)
-    within = {f"{name}: {ms:.1f} of {ADDED_MS:g} ms": ms < ADDED_MS for name, ms in added.items()}
-    return facts_row(DELAY, within)
-
-
-def added_by_percentile(run: Run[Config]) -> dict[str, float]:
-    """Return the delay that the bridge adds at the median and at 99 %, ms."""
-    bridge, bare = _taken_ms(run, "bridge"), _taken_ms(run, "bare")
-    shares = {"median": 0.5, "99 %": 0.99}
-    return {
-        name: float(np.quantile(bridge, share) - np.quantile(bare, share))
-        for name, share in shares.items()
-    }
+def taken_ms(run: Run[Config], arm: str) -> NDArray[np.float64]:
+    """Return how long the pictures of an arm took, ms."""
+    times = run["time"]
+    return times.loc[times["arm"] == arm, "taken_ms"].to_numpy(float)
 
 
 def latency_table(run: Run[Config]) -> pd.DataFrame:
@@ -79,18 +62,29 @@ def latency_table(run: Run[Config]) -> pd.DataFrame:
     return table[[*names]].rename(columns=names).astype({"pictures": int})
 
 
-def _taken_ms(run: Run[Config], arm: str) -> NDArray[np.float64]:
-    times = run["time"]
-    return times.loc[times["arm"] == arm, "taken_ms"].to_numpy(float)
-
-
 @derived
 def added_ms(run: Run[Config]) -> Estimate:
     """Estimate what the bridge adds: its median beyond that of Rerun's own call, in the same run."""
-    arms = [_taken_ms(run, "bridge"), _taken_ms(run, "bare")]
+    arms = [taken_ms(run, "bridge"), taken_ms(run, "bare")]
     return bootstrap(
         arms, lambda groups: float(np.median(groups[0]) - np.median(groups[1])), unit="ms"
     )
+
+
+def added_by_percentile(run: Run[Config]) -> dict[str, float]:
+    """Return the delay that the bridge adds at the median and at 99 %, ms."""
+    taken = latency_table(run).to_dict("index")
+    return {name: taken["bridge"][name] - taken["bare"][name] for name in ("median", "99 %")}
+
+
+@derived
+def facts(run: Run[Config]) -> pd.DataFrame:
+    """Return the facts: those noted while it ran, and the delay of the bridge."""
+    within = {}
+    for name, ms in added_by_percentile(run).items():
+        within[f"{name}: {ms:.1f} of {ADDED_MS:g} ms"] = ms < ADDED_MS
+    delay = pd.DataFrame([asdict(facts_row(DELAY, within))])
+    return pd.concat([fact_rows(run["check"], FACTS), delay], ignore_index=True)
 
 
 @exp.claim("A-VIZ", how=How.LIVE)
@@ -111,60 +105,52 @@ def share_that_holds(run: Run[Config]) -> Finding:
 def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the time until a sink has a picture, through the bridge and by Rerun's own call."""
     axes = figure.subplots()
-    table = latency_table(run)
+    taken, added = latency_table(run).to_dict("index"), added_by_percentile(run)
     arms = {"bare": ("standard", "Rerun alone"), "bridge": ("proxy", "through the bridge")}
     for arm, (color, label) in arms.items():
-        taken_ms = np.sort(_taken_ms(run, arm))
-        share = np.arange(1, len(taken_ms) + 1) / len(taken_ms)
-        tail_ms = float(np.quantile(taken_ms, 0.99))
-        text = f"{label}: {np.median(taken_ms):.1f} ms\n(99 %: {tail_ms:.1f} ms)"
-        axes.step(taken_ms, share, where="post", color=COLORS[color], label=text)
+        tail_ms = taken[arm]["99 %"]
+        text = f"{label}: {taken[arm]['median']:.1f} ms\n(99 %: {tail_ms:.1f} ms)"
+        axes.ecdf(taken_ms(run, arm), color=COLORS[color], label=text)
         axes.plot(tail_ms, 0.99, "o", color=COLORS[color], clip_on=False)
-    bound_ms = float(np.median(_taken_ms(run, "bare"))) + ADDED_MS
+    bound_ms = taken["bare"]["median"] + ADDED_MS
     asked = f"asked: {ADDED_MS:g} ms\nbeyond Rerun alone"
     axes.axvline(bound_ms, color=COLORS["network"], label=asked, **PAPER_STYLE)
+    longest_ms = max(bound_ms, run["time"]["taken_ms"].max())
     axes.set(xlabel="time until the sink has the picture (ms)", ylabel="share of pictures")
-    axes.set(xlim=(0, 1.05 * max(bound_ms, run["time"]["taken_ms"].max())), ylim=(0, 1.02))
-    rare_ms = added_by_percentile(run)["99 %"]
-    median_ms = added_ms(run).value
-    axes.set_title(f"The bridge adds {median_ms:.1f} ms at the median, {rare_ms:.1f} ms at 99 %")
+    axes.set(xlim=(0, 1.05 * longest_ms), ylim=(0, 1.02))
+    axes.set_title(
+        f"The bridge adds {added['median']:.1f} ms at the median, {added['99 %']:.1f} ms at 99 %"
+    )
     axes.legend(loc="lower right", fontsize="small", frameon=True, framealpha=1, edgecolor="none")
-    count = table["pictures"].max()
+    count = taken["bare"]["pictures"]
     note(figure, f"live, on this host; {count} raw pictures of 640 x 360 a curve, dots at 99 %")
-    latency_ms = {str(arm): dict(row) for arm, row in table.iterrows()}
-    return {"added_ms": median_ms, "latency_ms": latency_ms}
+    return {"added_ms": added["median"], "latency_ms": taken}
 
 
 @exp.figure("visualisation_points", size=(10, 3.7))
 def draw_points(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw a picture and the points that its depth became in the recording, with how far they are off."""
+    """Draw a picture and the points that its depth became, with how far they are off."""
     import cv2
 
     jpeg = np.frombuffer(run.attachment(PICTURE), np.uint8)
-    cloud = dict(np.load(io.BytesIO(run.attachment(CLOUD))))
+    bgr: Any = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
+    cloud = np.load(io.BytesIO(run.attachment(CLOUD)))
     grid = figure.add_gridspec(1, 2, width_ratios=[1, 1.3])
-    image: Any = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
-    picture = figure.add_subplot(grid[0])
-    picture.imshow(cv2.resize(image, (400, 225), interpolation=cv2.INTER_AREA)[..., ::-1])
+    picture = figure.add_subplot(grid[0], title="image, registered to the depth")
+    picture.imshow(cv2.resize(bgr, (400, 225), interpolation=cv2.INTER_AREA)[..., ::-1])
     picture.set_axis_off()
-    picture.set_title("image, registered to the depth", fontsize=10)
-    _draw_cloud(figure.add_subplot(grid[1], projection="3d"), cloud["points"], cloud["colors"])
-    largest_m = float(run["cloud"]["largest_error_m"].max())
-    figure.suptitle(
-        f"Points are where depth and camera put them, to {1e6 * largest_m:.1f} µm (its step: 1 mm)"
-    )
-    count = len(run["cloud"])
-    note(figure, f"exact, beside a closed form in double precision; largest of {count} images")
-    return {"images": count, "largest_error_m": largest_m, "points": len(cloud["points"])}
-
-
-def _draw_cloud(axes: Any, points: NDArray[Any], colors: NDArray[np.uint8]) -> None:
-    """Draw points as the camera sees them from a step to the side: x right, z forward, y down (REP 103)."""
-    x, y, z = points.T
-    axes.scatter(x, z, -y, c=colors / 255.0, s=1.2, linewidths=0, rasterized=True)
+    # As the camera sees them from a step to the side: x right, z forward, y down (REP 103).
+    x, y, z = cloud["points"].T
+    axes: Any = figure.add_subplot(grid[1], projection="3d", title=f"its {len(x)} points")
+    axes.scatter(x, z, -y, c=cloud["colors"] / 255.0, s=1.2, linewidths=0, rasterized=True)
     axes.set_box_aspect([np.ptp(x), np.ptp(z), np.ptp(y)], zoom=1.25)
     axes.view_init(elev=18, azim=-68)
     axes.set_zticklabels([])
     axes.locator_params(nbins=4)
     axes.set(xlabel="x (m)", ylabel="depth (m)")
-    axes.set_title(f"its {len(points)} points in the recording", fontsize=10)
+    largest_m, count = float(run["cloud"]["largest_error_m"].max()), len(run["cloud"])
+    figure.suptitle(
+        f"Points are where depth and camera put them, to {1e6 * largest_m:.1f} µm (its step: 1 mm)"
+    )
+    note(figure, f"exact, beside a closed form in double precision; largest of {count} images")
+    return {"images": count, "largest_error_m": largest_m, "points": len(x)}
