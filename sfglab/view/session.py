@@ -155,7 +155,7 @@ class Session:
         display = Display(
             id=f"{kind.name}-{self._count}",
             visualizer=visualizer,
-            slot=_slot(visualizer, kind.max_hz),
+            slot=Slot(visualizer, kind.max_hz),
         )
         self._displays[display.id] = display
         self._tell()
@@ -191,7 +191,7 @@ class Session:
         if role not in display.topics:
             raise InvalidValueError("role", role, _listed(display.topics))
         display.qos[role] = profile
-        display.slot = _slot(display.visualizer, display.slot.max_hz)
+        display.slot = Slot(display.visualizer, display.slot.max_hz)
         self._tell()
 
     def offers(self, topics: Mapping[str, str]) -> tuple[Offer, ...]:
@@ -215,15 +215,6 @@ class Session:
     def _tell(self) -> None:
         for listener in tuple(self._listeners.values()):
             listener()
-
-
-def _slot(visualizer: Visualizer, max_hz: float | None) -> Slot[Any]:
-    roles = tuple(visualizer.topics)
-    steady = tuple(
-        given.role for given in visualizer.inputs if given.steady and given.role in roles
-    )
-    policy, queue = visualizer.sync, visualizer.queue
-    return Slot(roles, policy=policy, max_hz=max_hz, queue=queue, steady=steady)
 
 
 def _bound(kind: type[Visualizer], topic: str, topics: Mapping[str, str]) -> dict[str, str] | None:

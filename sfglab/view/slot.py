@@ -8,10 +8,13 @@ so the rate is limited here. Pure: stamps and opaque items in, sets out, the clo
 from __future__ import annotations
 
 from collections import deque
-from typing import Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from sfglab.units import NS_PER_S
-from sfglab.view.sync import Matched, Synchronizer, SyncPolicy
+from sfglab.view.sync import Matched, Synchronizer
+
+if TYPE_CHECKING:
+    from sfglab.view.visualizer import Visualizer
 
 T = TypeVar("T")
 
@@ -25,25 +28,19 @@ class Taken(NamedTuple, Generic[T]):
 
 
 class Slot(Generic[T]):
-    """The queue of a visualizer's sets; the first role leads, a message of steady ones may hold for good."""
+    """The queue of a visualizer's sets."""
 
-    def __init__(
-        self,
-        roles: tuple[str, ...],
-        *,
-        policy: SyncPolicy,
-        max_hz: float | None,
-        queue: int,
-        steady: tuple[str, ...] = (),
-    ) -> None:
+    def __init__(self, visualizer: Visualizer, max_hz: float | None) -> None:
         self.max_hz = (
             max_hz  #: Rate budget, sets per second; None for no limit. May be changed at any time.
         )
         self.received = 0  #: Messages offered.
         self.shown = 0  #: Sets drawn, as the caller counts them.
         self._budget = RateBudget()
-        self._synchronizer = Synchronizer[T](policy, roles, steady=steady)
-        self._ready: deque[Matched[T]] = deque(maxlen=queue)
+        roles = tuple(visualizer.topics)
+        steady = [given.role for given in visualizer.inputs if given.steady and given.role in roles]
+        self._synchronizer = Synchronizer[T](visualizer.sync, roles, steady=steady)
+        self._ready: deque[Matched[T]] = deque(maxlen=visualizer.queue)
         self._dropped = 0
         self._lost = 0  # sets passed over since the last one taken
 

@@ -9,9 +9,12 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 
 from sfglab.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 T = TypeVar("T")
 
@@ -78,7 +81,7 @@ class Synchronizer(Generic[T]):
     """
 
     def __init__(
-        self, policy: SyncPolicy, topics: tuple[str, ...], *, steady: tuple[str, ...] = ()
+        self, policy: SyncPolicy, topics: tuple[str, ...], *, steady: Sequence[str] = ()
     ) -> None:
         self.unmatched = 0  #: Items dropped: without partners, or not newer than the one before.
         self._policy = Independent() if len(topics) == 1 else policy

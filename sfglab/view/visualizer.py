@@ -151,14 +151,13 @@ class Visualizer(ABC):
 
 
 def _checked_topics(kind: type[Visualizer], topics: Mapping[str, str]) -> dict[str, str]:
-    roles = [given.role for given in kind.inputs]
-    for role in topics:
-        if role not in roles:
-            raise InvalidValueError("role", role, f"in {kind.name}: {', '.join(roles)}")
-    missing = [i.role for i in kind.inputs if not i.optional and i.role not in topics]
-    if missing:
-        raise InvalidValueError("topics", dict(topics), f"with all of: {', '.join(missing)}")
-    return {role: topics[role] for role in roles if role in topics}
+    """Return topics in the order of a visualizer's inputs."""
+    found = {given.role: topics[given.role] for given in kind.inputs if given.role in topics}
+    needed = {given.role for given in kind.inputs if not given.optional}
+    if len(found) < len(topics) or not needed.issubset(found):
+        roles = ", ".join(f"{i.role} (optional)" if i.optional else i.role for i in kind.inputs)
+        raise InvalidValueError(f"{kind.name}, topics", dict(topics), f"one for each of {roles}")
+    return found
 
 
 AGENTS = "/agents"  #: The root of all agents.

@@ -7,7 +7,6 @@ import pytest
 
 from sfglab.lab.experiments.visualisation.points import image_message
 from sfglab.spatial.poses import header_msg
-from sfglab.view import Update
 
 
 class Paper:
@@ -53,16 +52,6 @@ class Paper:
 @pytest.fixture
 def paper():
     return Paper()
-
-
-@pytest.fixture
-def update():
-    """Return an update of one or several messages."""
-
-    def make(*, stamp_ns=1_000, received_ns=2_000, lost=0, **messages):
-        return Update(messages=messages, stamp_ns=stamp_ns, received_ns=received_ns, lost=lost)
-
-    return make
 
 
 @pytest.fixture

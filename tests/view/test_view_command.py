@@ -1,4 +1,4 @@
-"""``sfglab view`` as a process, and the panel in a kernel as a front end drives it."""
+"""``sfglab view`` as a process."""
 
 import asyncio
 import os
@@ -72,56 +72,3 @@ def test_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(
     assert said[0] == "ended"
     assert said[1].startswith("1 displays, ")
     assert ("/agents/go2/heartbeat/age_s", "Scalars:scalars") in read_recording(out)
-
-
-PANEL = """
-from IPython.display import display
-from sfglab.view.panel import Panel
-from sfglab.view.session import Session
-
-session = Session()
-panel = Panel(session)
-image = session.add("image", "/a")
-display(panel.widget)
-opacity = panel.widget.children[-1].children[0].children[1]
-print(opacity.model_id)
-"""
-
-
-@pytest.mark.live
-def test_what_a_notebooks_front_end_sets_tunes_the_session(tmp_path, monkeypatch):
-    """The front end's own message, over the kernel's own socket."""
-    pytest.importorskip("ipywidgets", reason="the notebook's widgets are not installed")
-    from jupyter_client.manager import start_new_kernel
-
-    monkeypatch.setenv("JUPYTER_RUNTIME_DIR", str(tmp_path))
-    manager, client = start_new_kernel(kernel_name="python3")
-    try:
-        (model_id,) = said(client, PANEL, "stream")
-        for value in (0.25, 7.0):  # the second is refused
-            tuned(client, model_id.strip(), value)
-            both = "print(image.visualizer.settings['opacity'], opacity.value)"
-            assert said(client, both, "stream") == ["0.25 0.25\n"]
-        views = said(client, "display(panel.widget)", "display_data")
-        assert "application/vnd.jupyter.widget-view+json" in views[0]
-    finally:
-        client.stop_channels()
-        manager.shutdown_kernel(now=True)
-
-
-def said(client, code, kind):
-    """What a cell says, of one kind of message."""
-    found = []
-
-    def hear(message):
-        assert message["msg_type"] != "error", message["content"]
-        if message["msg_type"] == kind:
-            found.append(message["content"].get("text") or message["content"].get("data"))
-
-    client.execute_interactive(code, output_hook=hear, timeout=60)
-    return found
-
-
-def tuned(client, model_id, value):
-    data = {"method": "update", "state": {"value": value}, "buffer_paths": []}
-    client.shell_channel.send(client.session.msg("comm_msg", {"comm_id": model_id, "data": data}))

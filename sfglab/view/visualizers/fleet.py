@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from sfglab.errors import InvalidValueError
+from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Phase
+from sfglab.messages.text import to_yaml, values_of
 from sfglab.names import validate_agent
 from sfglab.qos import DEFAULT
 from sfglab.units import NS_PER_S
@@ -90,13 +92,7 @@ class AgentStatus(Visualizer):
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw one event."""
         event = update.only
-        words = {
-            event.DISCOVERED: "discovered",
-            event.UPDATED: "updated",
-            event.LOST: "lost",
-            event.RETURNED: "returned",
-            event.RESTARTED: "restarted",
-        }
+        words = {getattr(event, action.name): action.name.lower() for action in ANNOUNCEMENTS}
         if event.event not in words:
             raise InvalidValueError("discovery event", event.event, ", ".join(map(str, words)))
         is_lost = event.event == event.LOST
@@ -106,18 +102,5 @@ class AgentStatus(Visualizer):
         canvas.log(f"{entity}/log", rr.TextLog(line, level=level))
         canvas.log(entity, rr.StateChange(state=["lost" if is_lost else "there"]))
         if event.metadata.agent:
-            text = rr.TextDocument(_description(event.metadata), media_type=rr.MediaType.MARKDOWN)
-            canvas.log(f"{entity}/description", text)
-
-
-def _description(metadata: Any) -> str:
-    """Return an agent's description as Markdown."""
-    lines = [f"# {metadata.agent}", ""]
-    for sensor in metadata.sensors:
-        lines.append(f"- **{sensor.name}** {sensor.model}")
-        for stream in sensor.streams:
-            size = f"{stream.width} x {stream.height}, {stream.rate_hz:g} Hz"
-            lines.append(f"  - `{stream.topic}` {stream.codec} {size}")
-    lines.append("")
-    lines += [f"- {part}" for part in (*metadata.software, *metadata.accelerators)]
-    return "\n".join(lines)
+            description = rr.TextDocument(to_yaml(values_of(event.metadata)))
+            canvas.log(f"{entity}/description", description)
