@@ -98,7 +98,7 @@ class Display:
 
     @property
     def counts(self) -> str:
-        """What became of its messages, in words."""
+        """Text with the numbers of received, shown and dropped messages, and of failures."""
         slot = self.slot
         text = f"{slot.received} received, {slot.shown} shown, {slot.dropped} dropped"
         return f"{text}; {self.errors} failed: {self.last_error}" if self.errors else text

@@ -1,4 +1,4 @@
-"""The frame in which a log's space is drawn when nobody chooses one."""
+"""The largest TF tree of a log: without another choice, its root is the frame of the 3D view."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from sfglab.record import LogReader
 
 _MOST_MESSAGES = 10_000  #: Messages that are read of a topic: a tree shows its frames early.
-_INPUTS = Transforms.inputs + StaticTransforms.inputs  #: What the viewer takes for transforms.
+_INPUTS = Transforms.inputs + StaticTransforms.inputs  #: Inputs whose topics have transforms.
 _USUAL = ("map", "odom")  #: Roots that are preferred among trees of one size (REP 105).
 
 

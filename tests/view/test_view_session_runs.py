@@ -6,16 +6,14 @@ import re
 import subprocess
 import sys
 import threading
-from contextlib import closing
 from dataclasses import make_dataclass
 from functools import partial
-from types import SimpleNamespace
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
 import numpy as np
 import pytest
-from seen import BEAT, heartbeat, read_recording
+from seen import BEAT, heartbeat
 from waiting import until
 
 from sfglab.errors import InvalidValueError, MissingExtraError
@@ -59,8 +57,6 @@ class Word(Visualizer):
     def show(self, update, canvas):
         if update.only.data == "crash":
             raise RuntimeError("a mistake in a plugin")
-        if update.only.data == "interrupt":
-            raise KeyboardInterrupt
         canvas.log(self.entity, self["prefix"] + update.only.data)
 
 
@@ -215,28 +211,6 @@ def test_silence_in_a_log_is_seen_when_it_begins_and_not_when_the_next_message_c
     life = "/agents/go2/heartbeat/life"
     changes = [d.time[1] / S for d in paper.drawn if d.entity == life and not d.static]
     assert changes == pytest.approx([0.0, 2.5, 4.0], abs=0.3)  # alive, late, lost
-
-
-@needs_rerun
-def test_an_interrupted_replay_leaves_a_whole_file(tmp_path, session):
-    """Ctrl-C in the middle: what was drawn up to then is in the file."""
-    import rerun as rr
-
-    class Text(Word):
-        def show(self, update, canvas):
-            super().show(
-                update, SimpleNamespace(log=lambda at, text: canvas.log(at, rr.TextLog(text)))
-            )
-
-    session.add(Text, "/words")
-    spoken = [said(text) for text in ("one", "two", "interrupt", "three")]
-    with (
-        pytest.raises(KeyboardInterrupt),
-        closing(open_canvas([str(tmp_path / "a.rrd")])) as canvas,
-    ):
-        replay(spoken, session, canvas)
-    shown = read_recording(tmp_path / "a.rrd")["/words", "TextLog:text"]
-    assert [row.content for row in shown] == [["one"], ["two"]]
 
 
 class Recording:

@@ -179,7 +179,7 @@ class _Video(Visualizer):
 
 
 class FfmpegVideo(_Video):
-    """Video of ffmpeg_image_transport. Its packets are numbered, so a loss on the way is noticed, too."""
+    """Video of ffmpeg_image_transport. Its packets are numbered, so a loss on the network is detected as well."""
 
     name = "ffmpeg_video"
     inputs = (Input("video", FFMPEG_PACKET, qos=COMPRESSED_STREAM),)
@@ -212,7 +212,7 @@ class FoxgloveVideo(_Video):
         """Pass one access unit on."""
         message = update.only
         text = message.format.lower()
-        codec = "hevc" if text == "h265" else text
+        codec = _FORMATS.get(text, text)
         data = bytes(message.data)
         is_key = has_key_frame(data, codec) if codec in _ANNEX_B else not update.lost
         self._sample(update, canvas, codec, is_key=is_key, frame=message.frame_id)

@@ -83,7 +83,7 @@ async def _until(holds: Callable[[], bool]) -> bool:
 
 
 async def try_changes(domain_id: int) -> dict[str, dict[str, bool]]:
-    """Add, tune, request anew and remove a display while the camera sends; return what holds, by change."""
+    """Return what holds of a display that changes while the camera sends, by kind of change."""
     session, paper = Session(), Paper()
     async with (
         Node("view", domain_id=domain_id, interface="lo") as node,
