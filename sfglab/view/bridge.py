@@ -44,14 +44,12 @@ def strongest(profiles: Iterable[QoSProfile]) -> QoSProfile:
     """Return the QoS of one subscription for several requests: the strictest of each policy, the largest depth."""
     first, *others = profiles
     for other in others:
-        reliable = Reliability.RELIABLE in (first.reliability, other.reliability)
-        past = Durability.TRANSIENT_LOCAL in (first.durability, other.durability)
-        first = replace(
-            first,
-            reliability=Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT,
-            durability=Durability.TRANSIENT_LOCAL if past else Durability.VOLATILE,
-            depth=max(first.depth, other.depth),
-        )
+        depth = max(first.depth, other.depth)
+        if other.reliability is Reliability.RELIABLE:
+            first = replace(first, reliability=other.reliability)
+        if other.durability is Durability.TRANSIENT_LOCAL:
+            first = replace(first, durability=other.durability)
+        first = replace(first, depth=depth)
     return first
 
 
@@ -135,7 +133,10 @@ class Bridge:
             key = offer.kind, next(iter(offer.topics.values()))
             if key not in self._offered and len(self._session.displays) < _MOST_DISPLAYS:
                 self._offered.add(key)
-                self._session.add(offer.kind, offer.topics)
+                try:
+                    self._session.add(offer.kind, offer.topics)
+                except Exception as error:  # noqa: BLE001 - a visualizer may be anybody's
+                    self._session.problems.append(f"visualizer {offer.kind!r}: {error}")
 
     async def _arrange_on_change(self) -> None:
         """Have one subscription for every topic, type and QoS that is wanted, and no other.

@@ -37,7 +37,7 @@ _KINDS, _TOKEN = {PROGRAM: "text/javascript", WASM: "application/wasm"}, token_u
 class CellViewer:
     """A viewer; `widget` is what a cell shows; MissingExtraError without the notebook's part of Rerun.
 
-    Its height is in pixels; the still picture, PNG, is for pages that cannot have the viewer. `on_page` is
+    The still picture, PNG, is for pages that cannot have the viewer. `on_page` is
     called when a page has the viewer: what is sent then is not too early; `on_time` with the time that it
     shows, ns, whenever that changes.
     """
@@ -45,14 +45,13 @@ class CellViewer:
     def __init__(
         self,
         *,
-        height: int = 600,
         still: bytes = b"",
         on_page: Callable[[], None] = lambda: None,
         on_time: Callable[[int], None] = lambda _: None,
     ) -> None:
         _files()
         self.widget = _widget_class()(
-            _width="auto", _height=height, still=base64.b64encode(still).decode()
+            _width="auto", _height=600, still=base64.b64encode(still).decode()
         )
         self.widget.on_msg(self._heard)
         self.widget.observe(lambda change: self._give(change["new"]), "wanted")

@@ -308,10 +308,15 @@ async def test_the_bridge_shows_what_is_published_and_follows_new_topics(
     here, there, paper, make_image, session
 ):
     topic = "/global/go2/camera_front/color/image_raw"
+    session.kinds["fails"] = type(
+        "Fails", (Word,), {"name": "fails", "inputs": (Input("i", IMAGE),)}
+    )
+    session.kinds["fails"].__init__ = None  # a mistake in a plug-in
     async with Bridge(there, session, paper, follow=("/",)):
         publisher = here.create_publisher(IMAGE, topic, SENSOR_DATA)
         await publisher.wait_for_subscriptions(1)
         (display,) = session.displays
+        assert "visualizer 'fails'" in session.problems[-1]
         picture = make_image(np.zeros((2, 3), np.uint8), "mono8")
         await until(lambda: paper.drawn, lambda: publisher.publish(picture))
         session.remove(display.id)
