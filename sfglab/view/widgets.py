@@ -81,10 +81,11 @@ LOOPBACK = "127.0.0.1"
 
 def address_of_port(port: int) -> str:
     """Return the address of a page at a port of loopback, below the kernel's notebook server if any."""
-    if find_spec("jupyter_server_proxy") is not None:
-        from jupyter_server.serverapp import list_running_servers
+    parent = os.environ.get("JPY_PARENT_PID")
+    if parent is not None and find_spec("jupyter_server_proxy") is not None:
+        from jupyter_server.serverapp import list_running_servers  # takes seconds to import
 
         for server in list_running_servers():
-            if str(server["pid"]) == os.environ.get("JPY_PARENT_PID"):
+            if str(server["pid"]) == parent:
                 return f"{server['base_url']}proxy/{port}/"
     return f"http://{LOOPBACK}:{port}"
