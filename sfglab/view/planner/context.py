@@ -1,20 +1,20 @@
 """The context of every part of the editor's window: viser, its server, the editor, and the queue of jobs.
 
 One thread does all jobs in order, so that an editor of one thread serves many browsers. Callbacks of viser's
-event loop, a timer and the bus leave jobs. Only this module imports viser, so that the others can be imported
-without it.
+event loop leave jobs. Only this module imports viser, so that the others can be imported without it.
 """
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import threading
-import time
 from abc import ABC, abstractmethod
 from collections import deque
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -30,41 +30,35 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _Job = tuple["Hashable", "Callable[[], object]"]
-#: Time when a job is due, the job, and whether the next user's action does it first.
-_Held = tuple[float, "Callable[[], object]", bool]
+#: A timer, its job, and whether the next user's action does the job first.
+_Held = tuple[asyncio.TimerHandle, "Callable[[], object]", bool]
 
 
 class JobQueue:
-    """A queue of jobs and the thread that does them; `refused` gets each error, on this thread."""
+    """A queue of jobs and the thread that does them, in an event loop that jobs may use for tasks.
 
-    def __init__(self, refused: Callable[[Exception], None]) -> None:
-        self._refused = refused
-        self._wake = threading.Condition()
+    Args:
+        on_error: Called with the error of each job, on this thread.
+    """
+
+    def __init__(self, on_error: Callable[[Exception], None]) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._on_error = on_error
         self._jobs: deque[_Job] = deque()
-        self._later: dict[Hashable, _Held] = {}
+        self._held: dict[Hashable, _Held] = {}
         self._closed = False
-        self._thread = threading.Thread(target=self._work, name="planner-jobs", daemon=True)
+        self._lock = threading.Lock()  # what is posted before the end is done
+        self._thread = threading.Thread(
+            target=self._loop.run_forever, name="planner-jobs", daemon=True
+        )
         self._thread.start()
 
-    def submit(
-        self, job: Callable[[], object], *, key: Hashable = None, settle: bool = True
-    ) -> None:
-        """Leave a job; it replaces the last waiting one if both have the same key, as positions of a slider.
+    def submit(self, job: Callable[[], object], *, key: Hashable = None) -> None:
+        """Leave a job, which is done after all of `later` that settle.
 
-        Args:
-            job: The job.
-            key: Key of the job; None: it replaces none.
-            settle: Whether jobs of `later` are done before, as before an undo.
+        It replaces the last waiting job if both have the same key, as positions of a slider do.
         """
-        with self._wake:
-            if self._closed:
-                return
-            if settle:
-                self._settle()
-            if key is not None and self._jobs and self._jobs[-1][0] == key:
-                self._jobs.pop()
-            self._jobs.append((key, job))
-            self._wake.notify()
+        self._post(partial(self._add, key, job))
 
     def later(
         self, key: Hashable, job: Callable[[], object], *, delay_s: float, settles: bool = True
@@ -75,17 +69,13 @@ class JobQueue:
             key: Key of the job, which replaces a waiting one of its key.
             job: The job.
             delay_s: Time without a job of this key, s.
-            settles: Whether `submit` with `settle`, `call` and `close` do it first.
+            settles: Whether `submit`, `call` and `close` do it first.
         """
-        with self._wake:
-            if not self._closed:
-                self._later[key] = (time.monotonic() + delay_s, job, settles)
-                self._wake.notify()
+        self._post(partial(self._hold, key, job, delay_s, settles=settles))
 
     def waits(self, key: Hashable) -> bool:
         """Return whether a job of `later` waits."""
-        with self._wake:
-            return key in self._later
+        return key in self._held
 
     def call(self, job: Callable[[], _T]) -> _T:
         """Do a job from another thread and return its result; SfglabError if the queue is closed."""
@@ -97,58 +87,78 @@ class JobQueue:
             except BaseException as error:  # noqa: BLE001  # raised by `result`
                 future.set_exception(error)
 
-        with self._wake:
-            if self._closed:
-                raise SfglabError("the scene editor is closed: no edit is taken any more")
-            self._settle()
-            self._jobs.append((None, run))
-            self._wake.notify()
+        if not self._post(partial(self._add, None, run)):
+            raise SfglabError("the scene editor is closed: no edit is taken any more")
         return future.result()
 
-    def close(self) -> None:
-        """Do the remaining jobs and end; further calls have no effect."""
-        with self._wake:
-            self._settle()
-            self._closed = True
-            self._wake.notify()
-        self._thread.join()
+    def close(self, last: Callable[[], Awaitable[None]]) -> None:
+        """Do the remaining jobs and the last one, and end; further calls have no effect."""
+        if self._post(partial(self._end, last), closes=True):
+            self._thread.join()
+            self._loop.close()
+
+    def _post(self, step: Callable[[], object], *, closes: bool = False) -> bool:
+        """Take a step on the thread; return whether the queue is open."""
+        with self._lock:
+            if self._closed:
+                return False
+            self._closed = closes
+            self._loop.call_soon_threadsafe(step)
+        return True
+
+    def _add(self, key: Hashable, job: Callable[[], object]) -> None:
+        self._settle()
+        if key is not None and self._jobs and self._jobs[-1][0] == key:
+            self._jobs.pop()
+        self._jobs.append((key, job))
+        self._loop.call_soon(self._do_next)
+
+    def _hold(
+        self, key: Hashable, job: Callable[[], object], delay_s: float, *, settles: bool
+    ) -> None:
+        if key in self._held:
+            self._held[key][0].cancel()
+        timer = self._loop.call_later(delay_s, self._release, key)
+        self._held[key] = (timer, job, settles)
+
+    def _release(self, key: Hashable) -> None:
+        timer, job, _ = self._held.pop(key)
+        timer.cancel()
+        self._jobs.append((None, job))
+        self._loop.call_soon(self._do_next)
 
     def _settle(self) -> None:
-        for key, (_, job, settles) in list(self._later.items()):
+        for key, (_, _, settles) in list(self._held.items()):
             if settles:
-                self._jobs.append((None, job))
-                del self._later[key]
+                self._release(key)
 
-    def _work(self) -> None:
-        while (job := self._next()) is not None:
-            try:
-                job()
-            except SfglabError as error:
-                self._refused(error)
-            except Exception as error:  # noqa: BLE001 - one job must not end the others
-                _log.exception("the scene editor failed to do something")
-                self._refused(error)
+    def _end(self, last: Callable[[], Awaitable[None]]) -> None:
+        self._settle()
+        while self._jobs:
+            self._do_next()
+        ending = asyncio.ensure_future(last())
+        ending.add_done_callback(lambda _: self._loop.stop())
 
-    def _next(self) -> Callable[[], object] | None:
-        with self._wake:
-            while not self._jobs:
-                if self._closed:
-                    return None
-                now_s = time.monotonic()
-                for key in [key for key, held in self._later.items() if held[0] <= now_s]:
-                    self._jobs.append((None, self._later.pop(key)[1]))
-                if not self._jobs:
-                    due_s = min((held[0] for held in self._later.values()), default=None)
-                    self._wake.wait(None if due_s is None else due_s - now_s)
-            return self._jobs.popleft()[1]
+    def _do_next(self) -> None:
+        if not self._jobs:  # a job of the same key replaced one
+            return
+        _, job = self._jobs.popleft()
+        try:
+            job()
+        except SfglabError as error:
+            self._on_error(error)
+        except Exception as error:  # noqa: BLE001 - one job must not end the others
+            _log.exception("the scene editor failed to do something")
+            self._on_error(error)
 
 
 class Part(ABC):
     """A part of the window: it shows the editor's state, and leaves the users' actions in the queue of jobs."""
 
-    def __init__(self, context: Context, container: Any) -> None:
+    def __init__(self, context: Context) -> None:
         self._context = context
-        self._container = container
+        self._editor = context.editor
+        self._gui = context.server.gui
 
     @abstractmethod
     def show(self, change: Change) -> None:

@@ -1,222 +1,192 @@
-"""Objects, ghosts and conflicts as nodes of viser's scene; `viewport` decides which are drawn again."""
+"""The nodes of the 3D view as values, and the functions that add them to viser's scene."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.spatial.scene import model
-from sfglab.spatial.scene.model import Box, Cylinder, Shape
+from sfglab.spatial.poses import Pose
+from sfglab.spatial.scene.model import (
+    AgentObject,
+    Box,
+    Cylinder,
+    ObstacleObject,
+    Shape,
+    Sphere,
+    TrajectoryObject,
+    ZoneObject,
+    ZoneRule,
+)
 from sfglab.units import NS_PER_S
 from sfglab.view.planner import looks
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Iterable
 
-    from sfglab.spatial.poses import Pose
     from sfglab.spatial.scene.conflicts import Conflict, Ghost
     from sfglab.spatial.scene.tree import Scene
+    from sfglab.spatial.trajectory.path import Trajectory
+    from sfglab.view.planner.looks import Colour
 
-
-_OBSTACLE: looks.Colour = (125, 130, 140)
-_FORBIDDEN: looks.Colour = (214, 60, 60)
-_INSIDE: looks.Colour = (70, 150, 90)
-_CONFLICT: looks.Colour = (255, 20, 20)
+_Style = dict[str, Any]  # options of viser
+_OBSTACLE: _Style = {"color": (125, 130, 140)}
+_STYLES: dict[ZoneRule, _Style] = {
+    ZoneRule.FORBIDDEN: {"color": (214, 60, 60), "opacity": 0.3, "cast_shadow": False},
+    # The far walls only, so that they hide nothing inside.
+    ZoneRule.INSIDE: {"color": (70, 150, 90), "opacity": 0.2, "side": "back", "cast_shadow": False},
+}
+_CONFLICT: _Style = {"color": (255, 20, 20), "cast_shadow": False}
 _MOST_CONFLICTS = 20
 _MOST_TIMES = 100
 _LINE_PX = 3.0
 _AXES_M = 0.22
 _LIFT_M = 0.12
 _MARK_M = 0.22
+_FLOOR_M = 40.0
 
 
-class Drawing:
-    """Draws into the scene of a server; a node replaces the one of its name.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """A node of the 3D view. If only its pose or text differ, the node is kept and changed."""
 
-    Args:
-        scene_api: The scene of viser's server.
-        clicked: Returns the callback of a node, given a function from an event's instance index to the id of
-            the object.
-    """
+    add: Callable[
+        ..., Any
+    ]  #: Function that adds the node, given viser's scene, the name and `values`.
+    values: tuple[Any, ...]  #: Arguments of `add`, which can be compared.
+    ids: tuple[int, ...] = ()  #: Objects that a click selects, one for each instance of the node.
+    pose: Pose = field(default=Pose(), compare=False)  #: Pose in the scene's frame.
+    text: str = field(default="", compare=False)  #: Text of a label.
 
-    def __init__(self, scene_api: Any, clicked: Callable[[Callable[[Any], int]], Any]) -> None:
-        self._api = scene_api
-        self._clicked = clicked
-        self._conflicts: list[Any] = []
-        self._ghosts: dict[int, tuple[Any, Any]] = {}
 
-    def floor(self, size_m: float) -> None:
-        """Draw a grid at height zero."""
-        self._api.add_grid(
-            "/floor",
-            size_m,
-            size_m,
-            cell_size=1.0,
-            section_size=5.0,
-            cell_color=(222, 225, 230),
-            section_color=(190, 195, 205),
-            fade_distance=4.0 * size_m,
-        )
+Looks = dict[str, Look]  #: Nodes by name.
 
-    def object(
-        self, scene: Scene, id_: int, before: Mapping[str, Any], *, selected: bool
-    ) -> list[Any]:
-        """Draw an obstacle, zone or trajectory, a selected one broader and with times; return its nodes."""
-        thing = scene.get(id_)
-        if isinstance(thing, model.ObstacleObject):
-            return [self._body(scene, id_, thing.shape, _OBSTACLE, 1.0)]
-        if isinstance(thing, model.ZoneObject):
-            forbidden = thing.rule is model.ZoneRule.FORBIDDEN
-            nodes = [self._edges(scene, id_, thing.shape, _FORBIDDEN if forbidden else _INSIDE)]
-            return nodes + (
-                [self._body(scene, id_, thing.shape, _FORBIDDEN, 0.25)] if forbidden else []
-            )
-        if isinstance(thing, model.TrajectoryObject):
-            nodes = self._trajectory(scene, thing, selected=selected)
-            return nodes + (self._times(scene, thing, before) if selected else [])
-        return []
 
-    def ghosts(self, scene: Scene, ghosts: tuple[Ghost, ...], again: Collection[int] = ()) -> None:
-        """Show each agent at the time of the slider; `again` has the ids of agents to draw again."""
-        for id_ in self._ghosts.keys() - {ghost.agent for ghost in ghosts}:
-            self._ghosts.pop(id_)[0].remove()
-        self._make_ghosts(
-            scene, [g for g in ghosts if g.agent in again or g.agent not in self._ghosts]
-        )
-        for ghost in ghosts:
-            frame, label = self._ghosts[ghost.agent]
-            frame.position, frame.wxyz = ghost.pose.position_m, looks.wxyz(ghost.pose)
-            text = f"{ghost.name} {ghost.speed_m_s:.2f} m/s" if ghost.driving else ghost.name
-            if label.text != text:
-                label.text = text
-
-    def conflicts(self, conflicts: tuple[Conflict, ...]) -> None:
-        """Mark the places of conflicts."""
-        for node in self._conflicts:
-            node.remove()
-        placed = [c for c in conflicts if c.position_m is not None][:_MOST_CONFLICTS]
-        self._conflicts = [self._conflict(i, conflict) for i, conflict in enumerate(placed)]
-
-    def _make_ghosts(self, scene: Scene, ghosts: list[Ghost]) -> None:
-        colours = looks.agent_colours(scene)
-        for ghost in ghosts:
-            agent: model.AgentObject = scene.get(ghost.agent)  # type: ignore[assignment]
-            name = f"/ghosts/{ghost.agent}"
-            frame = self._api.add_frame(
-                name,
-                axes_length=1.5 * agent.radius_m,
-                axes_radius=0.05 * agent.radius_m,
-                position=ghost.pose.position_m,
-                wxyz=looks.wxyz(ghost.pose),
-            )
-            body = self._api.add_icosphere(
-                f"{name}/body", agent.radius_m, color=colours[ghost.agent], opacity=0.8
-            )
-            body.on_click(self._clicked(lambda _, id_=ghost.agent: id_))  # type: ignore[misc]
-            label = self._api.add_label(
-                f"{name}/label",
-                ghost.name,
-                position=(0.0, 0.0, -agent.radius_m - _LIFT_M),
-                anchor="top-center",
-            )
-            self._ghosts[ghost.agent] = (frame, label)
-
-    def _conflict(self, index: int, conflict: Conflict) -> Any:
-        frame = self._api.add_frame(
-            f"/conflicts/{index}", show_axes=False, position=conflict.position_m
-        )
-        self._api.add_icosphere(
-            f"/conflicts/{index}/mark", _MARK_M, color=_CONFLICT, cast_shadow=False
-        )
-        self._api.add_label(
-            f"/conflicts/{index}/label",
-            f"⚠ {conflict.kind.value}"
-            + ("" if conflict.time_s is None else f" {conflict.time_s:.1f} s"),
-            position=(2.0 * _MARK_M, 0.0, 0.0),
-            anchor="center-left",
-        )
-        return frame
-
-    def _body(
-        self, scene: Scene, id_: int, shape: Shape, colour: looks.Colour, opacity: float
-    ) -> Any:
-        pose = scene.world_pose(id_)
-        name = f"/objects/{id_}/body"
-        look = {
-            "color": colour,
-            "opacity": None if opacity == 1.0 else opacity,
-            "position": pose.position_m,
-            "wxyz": looks.wxyz(pose),
-            "cast_shadow": opacity == 1.0,
-        }
-        if isinstance(shape, Box):
-            node = self._api.add_box(name, dimensions=shape.size_m, **look)
-        elif isinstance(shape, Cylinder):
-            node = self._api.add_cylinder(name, shape.radius_m, shape.height_m, **look)
-        else:
-            node = self._api.add_icosphere(name, shape.radius_m, **look)
-        node.on_click(self._clicked(lambda _: id_))
-        return node
-
-    def _edges(self, scene: Scene, id_: int, shape: Shape, colour: looks.Colour) -> Any:
-        pose = scene.world_pose(id_)
-        return self._lines(
-            f"/objects/{id_}/edges", looks.outline_of(shape), np.array(colour), 1.5, pose
-        )
-
-    def _trajectory(
-        self, scene: Scene, thing: model.TrajectoryObject, *, selected: bool
-    ) -> list[Any]:
-        path = scene.world_trajectory(thing.id)
-        if path is None:
-            return []
+def looks_of_objects(scene: Scene, opened: int | None) -> Looks:
+    """Return the nodes of obstacles, zones and trajectories; the opened one is broader and has times."""
+    colours = looks.agent_colours(scene)
+    found: Looks = {}
+    for thing in scene.walk():
         name = f"/objects/{thing.id}"
-        colour = looks.NOBODY if thing.agent is None else looks.agent_colours(scene)[thing.agent]
-        points = looks.line_of(path)
-        width = 2.0 * _LINE_PX if selected else _LINE_PX
-        nodes = (
-            [self._lines(f"{name}/line", points, looks.linear(colour), width)]
-            if len(points)
-            else []
-        )
-        held = scene.held_by(thing.id)
-        axes = self._api.add_batched_axes(
-            f"{name}/waypoints",
-            np.array([looks.wxyz(w.pose) for w in path.waypoints]),
-            np.array([w.pose.position_m for w in path.waypoints]),
-            axes_length=_AXES_M,
-            axes_radius=_AXES_M / 10.0,
-        )
-        axes.on_click(self._clicked(lambda index: held[index or 0]))
-        return [*nodes, axes]
-
-    def _times(
-        self, scene: Scene, thing: model.TrajectoryObject, before: Mapping[str, Any]
-    ) -> list[Any]:
-        held = scene.held_by(thing.id)[:_MOST_TIMES]
-        return [self._time(scene, scene.of_kind(id_, model.WaypointObject), before) for id_ in held]
-
-    def _time(self, scene: Scene, waypoint: model.WaypointObject, before: Mapping[str, Any]) -> Any:
-        """Label a waypoint; an existing label is moved, because there may be many and only one is dragged."""
-        name = f"/objects/{waypoint.parent}/time {waypoint.id}"
-        text = f"{waypoint.time_ns / NS_PER_S:g} s"
-        position = scene.world_pose(waypoint.id).position_m
-        label = before.get(name)
-        if label is None:
-            return self._api.add_label(
-                name, text, position=position, anchor="center-right", font_screen_scale=0.8
+        if isinstance(thing, ObstacleObject | ZoneObject):
+            style = _STYLES[thing.rule] if isinstance(thing, ZoneObject) else _OBSTACLE
+            found[name] = Look(
+                add=add_body,
+                values=(thing.shape, style),
+                ids=() if "side" in style else (thing.id,),  # a click reaches what is inside
+                pose=scene.world_pose(thing.id),
             )
-        if label.text != text:
-            label.text = text
-        if tuple(label.position) != position:
-            label.position = position
-        return label
+        elif isinstance(thing, TrajectoryObject) and scene.held_by(thing.id):
+            colour = colours.get(thing.agent or 0, looks.NOBODY)
+            found |= _trajectory(scene, thing, name, colour, is_open=thing.id == opened)
+    return found
 
-    def _lines(
-        self, name: str, points: Any, colours: Any, width_px: float, pose: Pose | None = None
-    ) -> Any:
-        where = {} if pose is None else {"position": pose.position_m, "wxyz": looks.wxyz(pose)}
-        return self._api.add_line_segments(
-            name, points, colours, thickness=width_px, thickness_units="screen", **where
-        )
+
+def _trajectory(
+    scene: Scene, thing: TrajectoryObject, name: str, colour: Colour, *, is_open: bool
+) -> Looks:
+    path = scene.world_trajectory(thing.id)
+    assert path is not None  # it holds a waypoint
+    held = scene.held_by(thing.id)
+    found = {f"{name}/waypoints": Look(add=add_waypoints, values=(path,), ids=held)}
+    if len(held) > 1:
+        width_px = 2.0 * _LINE_PX if is_open else _LINE_PX
+        found[f"{name}/line"] = Look(add=add_line, values=(path, colour, width_px))
+    if is_open:
+        for id_, waypoint in list(zip(held, path.waypoints, strict=True))[:_MOST_TIMES]:
+            text = f"{waypoint.time_ns / NS_PER_S:g} s"
+            found[f"{name}/time {id_}"] = _label(text, waypoint.pose.position_m, "center-right")
+    return found
+
+
+def looks_of_ghosts(scene: Scene, ghosts: Iterable[Ghost]) -> Looks:
+    """Return the nodes of the agents at a time."""
+    colours = looks.agent_colours(scene)
+    found: Looks = {}
+    for ghost in ghosts:
+        name = f"/ghosts/{ghost.agent}"
+        radius_m = scene.of_kind(ghost.agent, AgentObject).radius_m
+        style = {"color": colours[ghost.agent], "opacity": 0.8}
+        values = (Sphere(radius_m=radius_m), style)
+        body = Look(add=add_body, values=values, ids=(ghost.agent,), pose=ghost.pose)
+        text = f"{ghost.name} {ghost.speed_m_s:.2f} m/s" if ghost.driving else ghost.name
+        below_m = np.subtract(ghost.pose.position_m, (0.0, 0.0, radius_m + _LIFT_M))
+        found[f"{name}/body"] = body
+        found[f"{name}/axes"] = Look(add=add_axes, values=(1.5 * radius_m,), pose=ghost.pose)
+        found[f"{name}/label"] = _label(text, below_m, "top-center")
+    return found
+
+
+def looks_of_conflicts(conflicts: Iterable[Conflict]) -> Looks:
+    """Return the marks of conflicts that have a place."""
+    found: Looks = {}
+    for index, conflict in enumerate(conflicts):
+        if conflict.position_m is None or len(found) >= 2 * _MOST_CONFLICTS:
+            continue
+        name, position = f"/conflicts/{index}", conflict.position_m
+        mark = (Sphere(radius_m=_MARK_M), _CONFLICT)
+        text = f"⚠ {conflict.kind.value}"
+        if conflict.time_s is not None:
+            text += f" {conflict.time_s:.1f} s"
+        beside_m = np.add(position, (2.0 * _MARK_M, 0.0, 0.0))
+        found[f"{name}/mark"] = Look(add=add_body, values=mark, pose=Pose.at(position))
+        found[f"{name}/label"] = _label(text, beside_m, "center-left")
+    return found
+
+
+def _label(text: str, position_m: Iterable[float], anchor: str) -> Look:
+    return Look(add=add_label, values=(anchor,), pose=Pose.at(position_m), text=text)
+
+
+# --- viser ------------------------------------------------------------------------------------
+
+
+def add_floor(api: Any) -> None:
+    """Add a grid at height zero."""
+    api.add_grid(
+        "/floor",
+        _FLOOR_M,
+        _FLOOR_M,
+        cell_size=1.0,
+        section_size=5.0,
+        cell_color=(222, 225, 230),
+        section_color=(190, 195, 205),
+        fade_distance=4.0 * _FLOOR_M,
+    )
+
+
+def add_body(api: Any, name: str, shape: Shape, style: _Style) -> Any:
+    """Add a body."""
+    if isinstance(shape, Box):
+        return api.add_box(name, dimensions=shape.size_m, **style)
+    if isinstance(shape, Cylinder):
+        return api.add_cylinder(name, shape.radius_m, shape.height_m, **style)
+    return api.add_icosphere(name, shape.radius_m, **style)
+
+
+def add_line(api: Any, name: str, path: Trajectory, colour: Colour, width_px: float) -> Any:
+    """Add the line of a trajectory."""
+    points, linear = looks.line_of(path), looks.linear(colour)
+    return api.add_line_segments(name, points, linear, thickness=width_px, thickness_units="screen")
+
+
+def add_waypoints(api: Any, name: str, path: Trajectory) -> Any:
+    """Add the axes of all waypoints as one node with instances."""
+    return api.add_batched_axes(
+        name,
+        np.array([looks.wxyz(waypoint.pose) for waypoint in path.waypoints]),
+        np.array([waypoint.pose.position_m for waypoint in path.waypoints]),
+        axes_length=_AXES_M,
+        axes_radius=_AXES_M / 10.0,
+    )
+
+
+def add_axes(api: Any, name: str, length_m: float) -> Any:
+    """Add the axes of an agent."""
+    return api.add_frame(name, axes_length=length_m, axes_radius=length_m / 30.0)
+
+
+def add_label(api: Any, name: str, anchor: str) -> Any:
+    """Add an empty label."""
+    return api.add_label(name, "", anchor=anchor)

@@ -6,9 +6,8 @@ checks each value. This module knows no widgets.
 
 from __future__ import annotations
 
-import math
+import warnings
 from dataclasses import dataclass
-from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -34,36 +33,26 @@ from sfglab.units import NS_PER_S
 from sfglab.view.planner.looks import title_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator
 
     from sfglab.spatial.scene.editor import Editor
 
 _NONE = "none"
 _UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_m_s": "m/s", "_m": "m", "_s": "s"}
-_DECIMALS = 6
+_DECIMALS_M = 6
 _DECIMALS_DEG = 2
-
-
-class FieldKind(Enum):
-    """Widget of a field."""
-
-    TEXT = "text"  #: A line of text.
-    NUMBER = "number"  #: A number from zero on.
-    VECTOR = "vector"  #: Three numbers.
-    CHOICE = "choice"  #: One of a few words.
-    SWITCH = "switch"  #: Yes or no.
+_Id = int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Field:
-    """A field of the inspector."""
+    """A field of the inspector: a text, a number from zero on, three numbers, or one of a few words."""
 
     key: str  #: Name of the field, unique for an object.
     label: str  #: Label, with unit.
-    kind: FieldKind  #: Widget of the field.
-    value: Any  #: Current value: str, float, three floats, or bool.
+    value: Any  #: Current value: str, float or three floats.
     edit: Callable[[Editor, Any], object]  #: Edits the scene so that the field has a new value.
-    choices: tuple[str, ...] = ()  #: Words of a CHOICE.
+    choices: tuple[str, ...] = ()  #: Words to choose from; empty: any value.
     hint: str = ""  #: Explanation.
     enabled: bool = True  #: Whether it can be changed now.
 
@@ -78,12 +67,10 @@ def fields_of(scene: Scene, id_: int) -> tuple[Field, ...]:
 def _of_scene(scene: Scene) -> Iterator[Field]:
     docs = field_docs(SceneSettings)
     for name in SETTINGS:
-        value = getattr(scene, name)
         yield Field(
             key=name,
             label=label_of(name),
-            kind=FieldKind.TEXT if isinstance(value, str) else FieldKind.NUMBER,
-            value=value,
+            value=getattr(scene, name),
             edit=lambda editor, new, name=name: editor.set_scene(name, new),  # type: ignore[misc]
             hint=docs.get(name, ""),
         )
@@ -91,13 +78,12 @@ def _of_scene(scene: Scene) -> Iterator[Field]:
 
 def _of_object(scene: Scene, thing: SceneObject) -> Iterator[Field]:
     docs = field_docs(type(thing))
-    yield _field(thing, "name", FieldKind.TEXT, thing.name, hint=docs.get("name", ""))
+    yield _field(thing, "name", thing.name, hint=docs.get("name", ""))
     if isinstance(thing, WaypointObject):
         yield Field(
             key="time_s",
             label="time (s)",
-            kind=FieldKind.NUMBER,
-            value=_rounded(thing.time_ns / NS_PER_S),
+            value=thing.time_ns / NS_PER_S,
             edit=lambda editor, s: editor.set_waypoint_time(thing.id, round(s * NS_PER_S)),
             hint=docs.get("time_ns", ""),
         )
@@ -105,9 +91,9 @@ def _of_object(scene: Scene, thing: SceneObject) -> Iterator[Field]:
         yield _parent(scene, thing)
     yield from _place(thing)
     own: Any = type(thing)
-    for name, hint in types_of(own).items():
+    for name, type_ in types_of(own).items():
         if name not in (*COMMON, "time_ns"):
-            yield from _own(scene, thing, name, hint, docs.get(name, ""))
+            yield from _own(scene, thing, name, type_, docs.get(name, ""))
 
 
 def _own(scene: Scene, thing: SceneObject, name: str, type_: Any, hint: str) -> Iterator[Field]:
@@ -117,30 +103,21 @@ def _own(scene: Scene, thing: SceneObject, name: str, type_: Any, hint: str) -> 
         yield from _shape(thing, name, value)
     elif choices_of(type_):
         words = tuple(choices_of(type_))
-        yield _field(thing, name, FieldKind.CHOICE, plain(value), choices=words, hint=hint)
+        yield _field(thing, name, plain(value), choices=words, hint=hint)
     elif type_ == int | None:
-        yield _agent(scene, thing, name, hint)
+        ids = _ids(scene.all_of(AgentObject), {_NONE: None})
+        more = {"choices": tuple(ids), "hint": hint}
+        yield _field(thing, name, _word(ids, value), given=lambda word: ids[word], **more)
     elif type_ == float | None:
-        yield _field(
-            thing,
-            name,
-            FieldKind.SWITCH,
-            value is not None,
-            key=f"{name}?",
-            label=f"{name.partition('_')[0]} limit",
-            hint=hint,
-            given=lambda on: (value or 1.0) if on else None,
-        )
-        enabled = value is not None
-        yield _field(thing, name, FieldKind.NUMBER, value or 0.0, hint=hint, enabled=enabled)
+        hint = hint.replace("None", "0")
+        yield _field(thing, name, value or 0.0, hint=hint, given=lambda new: new or None)
     else:
-        yield _field(thing, name, FieldKind.NUMBER, value, hint=hint)
+        yield _field(thing, name, value, hint=hint)
 
 
 def _field(
     thing: SceneObject,
     name: str,
-    kind: FieldKind,
     value: Any,
     *,
     given: Callable[[Any], Any] = lambda value: value,
@@ -151,48 +128,36 @@ def _field(
     def edit(editor: Editor, new: Any) -> object:
         return editor.set_property(thing.id, name, given(new))
 
-    return Field(
-        kind=kind, value=value, edit=edit, **({"key": name, "label": label_of(name)} | more)
-    )
-
-
-def _agent(scene: Scene, thing: SceneObject, name: str, hint: str) -> Field:
-    ids: dict[str, int | None] = {_NONE: None}
-    ids |= {title_of(agent): agent.id for agent in scene.all_of(AgentObject)}
-    value = _word(ids, getattr(thing, name))
-    more = {"choices": tuple(ids), "hint": hint}
-    return _field(thing, name, FieldKind.CHOICE, value, given=lambda word: ids[word], **more)
+    return Field(value=value, edit=edit, **({"key": name, "label": label_of(name)} | more))
 
 
 def _parent(scene: Scene, thing: SceneObject) -> Field:
-    inside = {held.id for held in scene.walk(thing.id)} | {thing.id}
-    ids = {"the scene": ROOT}
-    ids |= {title_of(group): group.id for group in scene.all_of(Group) if group.id not in inside}
+    inside = {thing.id} | {held.id for held in scene.walk(thing.id)}
+    groups = (group for group in scene.all_of(Group) if group.id not in inside)
+    ids = _ids(groups, {"the scene": ROOT})
     return Field(
         key="parent",
         label="inside",
-        kind=FieldKind.CHOICE,
         value=_word(ids, thing.parent),
-        edit=lambda editor, word: editor.move(thing.id, ids[word]),
+        edit=lambda editor, word: editor.move(thing.id, ids[word] or ROOT),
         choices=tuple(ids),
         hint="The place in the scene stays.",
     )
 
 
-def _word(ids: Mapping[str, int | None], wanted: int | None) -> str:
+def _ids(things: Iterable[SceneObject], first: dict[str, _Id]) -> dict[str, _Id]:
+    """Return the ids of objects by title, after those of other words."""
+    return first | {title_of(thing): thing.id for thing in things}
+
+
+def _word(ids: dict[str, _Id], wanted: _Id) -> str:
     return next(word for word, id_ in ids.items() if id_ == wanted)
 
 
 def _shape(thing: SceneObject, name: str, shape: Shape) -> Iterator[Field]:
+    as_shape = partial(_as_shape, shape=shape)
+    yield _field(thing, name, shape.kind, choices=SHAPES, given=as_shape)
     docs = field_docs(type(shape))
-    yield _field(
-        thing,
-        name,
-        FieldKind.CHOICE,
-        shape.kind,
-        choices=SHAPES,
-        given=partial(_as_shape, shape=shape),
-    )
     own = plain(shape)
     for key, size in own.items():
         if key == "kind":
@@ -200,7 +165,6 @@ def _shape(thing: SceneObject, name: str, shape: Shape) -> Iterator[Field]:
         yield _field(
             thing,
             name,
-            FieldKind.VECTOR if isinstance(size, list) else FieldKind.NUMBER,
             tuple(size) if isinstance(size, list) else size,
             key=f"{name}.{key}",
             label=label_of(key),
@@ -233,32 +197,20 @@ def label_of(name: str) -> str:
 
 
 def _place(thing: SceneObject) -> Iterator[Field]:
-    position: Vec3 = _rounded3(thing.pose.position_m)
-    exact_deg = yaw_pitch_roll_deg(thing.pose)
-    angles: Vec3 = _rounded3(exact_deg, _DECIMALS_DEG)
     aligned = isinstance(thing, WaypointObject) and thing.align is not Align.NONE
-
-    def put(editor: Editor, value: Vec3) -> object:
-        kept = _kept(value, position, thing.pose.position_m)
-        return editor.set_pose(thing.id, Pose.at(kept, thing.pose.quat_xyzw))
-
-    def turn(editor: Editor, value: Vec3) -> object:
-        return editor.set_pose(thing.id, _turned(thing.pose, _kept(value, angles, exact_deg)))
-
+    pose = thing.pose
     yield Field(
         key="position",
         label="position (m)",
-        kind=FieldKind.VECTOR,
-        value=position,
-        edit=put,
+        value=_rounded(pose.position_m, _DECIMALS_M),
+        edit=lambda editor, xyz: editor.set_pose(thing.id, Pose.at(xyz, pose.quat_xyzw)),
         hint="x, y and z in the parent's frame",
     )
     yield Field(
         key="angles",
         label="turn (°)",
-        kind=FieldKind.VECTOR,
-        value=angles,
-        edit=turn,
+        value=yaw_pitch_roll_deg(pose),
+        edit=lambda editor, deg: editor.set_pose(thing.id, _turned(pose, deg)),
         hint="aligned to the path: see align" if aligned else "about z, then y, then x",
         enabled=not aligned,
     )
@@ -266,14 +218,10 @@ def _place(thing: SceneObject) -> Iterator[Field]:
 
 def yaw_pitch_roll_deg(pose: Pose) -> Vec3:
     """Return an orientation as turns about z, then y, then x; at a pitch of 90 degrees the roll is zero."""
-    x, y, z, w = pose.quat_xyzw
-    sine = max(-1.0, min(1.0, 2.0 * (w * y - z * x)))
-    if abs(sine) > 1.0 - 1e-9:
-        up = math.copysign(1.0, sine)
-        return (math.degrees(-2.0 * up * math.atan2(x, w)), 90.0 * up, 0.0)
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return (math.degrees(yaw), math.degrees(math.asin(sine)), math.degrees(roll))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Gimbal lock")
+        angles = pose.rotation.as_euler("ZYX", degrees=True)
+    return _rounded(angles, _DECIMALS_DEG)
 
 
 def _turned(pose: Pose, angles_deg: Vec3) -> Pose:
@@ -282,17 +230,6 @@ def _turned(pose: Pose, angles_deg: Vec3) -> Pose:
     return Pose.from_rotation(pose.position_m, Rotation.from_euler("ZYX", angles_deg, degrees=True))
 
 
-def _rounded(value: float, decimals: int = _DECIMALS) -> float:
-    return round(value, decimals) + 0.0  # no -0.0
-
-
-def _rounded3(values: Vec3, decimals: int = _DECIMALS) -> Vec3:
-    x, y, z = (_rounded(value, decimals) for value in values)
-    return (x, y, z)
-
-
-def _kept(typed: Vec3, shown: Vec3, exact: Vec3) -> Vec3:
-    """Return the typed numbers, and the exact ones that were not typed: the field shows them rounded."""
-    values = zip(typed, shown, exact, strict=True)
-    x, y, z = (old if new == seen else new for new, seen, old in values)
+def _rounded(values: Iterable[float], decimals: int) -> Vec3:
+    x, y, z = (round(float(value), decimals) + 0.0 for value in values)  # no -0.0
     return (x, y, z)

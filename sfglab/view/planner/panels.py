@@ -6,9 +6,7 @@ Each shows a part of the editor's state in viser's widgets. Decisions are in `sf
 
 from __future__ import annotations
 
-import threading
 import time
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.execution.client import trajectory_order
@@ -16,19 +14,18 @@ from sfglab.spatial.scene.editor import Change, ChangeKind
 from sfglab.spatial.scene.model import (
     ROOT,
     SceneError,
+    SceneObject,
     TrajectoryObject,
     WaypointObject,
     place_of,
 )
 from sfglab.units import NS_PER_S
 from sfglab.view.planner.context import Context, Part
-from sfglab.view.planner.fields import Field, FieldKind, fields_of
-from sfglab.view.planner.looks import TreeRow, rows_of, title_of
+from sfglab.view.planner.fields import Field, fields_of
+from sfglab.view.planner.looks import rows_of, title_of
 from sfglab.view.planner.sending import Sending, usual_action
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.spatial.scene.conflicts import Conflict
 
 _ICONS = {
@@ -54,11 +51,11 @@ class Hierarchy(Part):
     """The tree of objects, as rows."""
 
     def __init__(self, context: Context, container: Any) -> None:
-        super().__init__(context, container)
-        self._rows: dict[int, tuple[int, TreeRow]] = {}
+        super().__init__(context)
+        self._container = container
         self._buttons: dict[int, Any] = {}
         with container:
-            context.server.gui.add_html(_ROWS_STYLE, order=-1)
+            self._gui.add_html(_ROWS_STYLE, order=-1)
         self._draw()
 
     def show(self, change: Change) -> None:
@@ -67,36 +64,34 @@ class Hierarchy(Part):
             self._draw()
 
     def _draw(self) -> None:
-        editor = self._context.editor
-        rows = {row.id: (i, row) for i, row in enumerate(rows_of(editor.scene, editor.selection))}
-        for id_ in self._rows.keys() - rows.keys():
+        rows = rows_of(self._editor.scene, self._editor.selection)
+        for id_ in self._buttons.keys() - {thing.id for thing, _ in rows}:
             self._buttons.pop(id_).remove()
-        for id_, (position, row) in rows.items():
-            if self._rows.get(id_) != (position, row):
-                self._put(position, row)
-        self._rows = rows
+        for position, (thing, depth) in enumerate(rows):
+            button = self._buttons.get(thing.id) or self._add(thing)
+            assign(button, "label", _INDENT * depth + title_of(thing))
+            assign(button, "color", "blue" if thing.id in self._editor.selection else None)
+            assign(button, "order", position)
 
-    def _put(self, position: int, row: TreeRow) -> None:
-        label = _INDENT * row.depth + row.text
-        colour = "blue" if row.selected else None
-        button = self._buttons.get(row.id)
-        if button is None:
-            icon = getattr(self._context.viser.Icon, _ICONS[row.kind])
-            with self._container:
-                button = self._context.server.gui.add_button(
-                    label, icon=icon, color=colour, order=position
-                )
-            button.on_click(self._context.on(lambda _: self._clicked(row.id)))
-            self._buttons[row.id] = button
-            return
-        for name, value in (("label", label), ("color", colour), ("order", position)):
-            if getattr(button, name) != value:
-                setattr(button, name, value)
+    def _add(self, thing: SceneObject) -> Any:
+        icon = getattr(self._context.viser.Icon, _ICONS[thing.kind])
+        with self._container:
+            button = self._gui.add_button("", icon=icon)
+        button.on_click(self._context.on(lambda _: self._clicked(thing.id)))
+        self._buttons[thing.id] = button
+        return button
 
     def _clicked(self, id_: int) -> None:
-        editor = self._context.editor
-        if id_ in editor.scene.objects:
-            editor.select(*(() if editor.selection == (id_,) else (id_,)))
+        if self._editor.selection == (id_,):
+            self._editor.select()
+        elif id_ in self._editor.scene.objects:
+            self._editor.select(id_)
+
+
+def assign(widget: Any, name: str, value: object) -> None:
+    """Assign a property of a widget if it differs, because each assignment is a message to all browsers."""
+    if getattr(widget, name) != value:
+        setattr(widget, name, value)
 
 
 _TYPING_S = 0.5
@@ -143,97 +138,81 @@ class SendForm:
 class Inspector(Part):
     """The fields of the object that was selected last, or of the scene."""
 
-    def __init__(self, context: Context, container: Any) -> None:
-        super().__init__(context, container)
-        gui = context.server.gui
-        self._makers: dict[FieldKind, Callable[[Field], Any]] = {
-            FieldKind.TEXT: lambda f: gui.add_text(f.label, f.value, hint=f.hint),
-            FieldKind.NUMBER: lambda f: gui.add_number(
-                f.label, float(f.value), min=0.0, step=_STEP, hint=f.hint
-            ),
-            FieldKind.VECTOR: lambda f: gui.add_vector3(f.label, f.value, step=_STEP, hint=f.hint),
-            FieldKind.CHOICE: lambda f: gui.add_dropdown(
-                f.label, f.choices, initial_value=f.value, hint=f.hint
-            ),
-            FieldKind.SWITCH: lambda f: gui.add_checkbox(f.label, f.value, hint=f.hint),
-        }
-        self._form: tuple[object, ...] = ()
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._id = ROOT
+        self._form: object = None
         self._folder: Any = None
         self._widgets: dict[str, Any] = {}
-        self._fields: dict[str, Field] = {}
         self._send_form: SendForm | None = None
         self.refresh()
 
     def show(self, change: Change) -> None:
         """Show the fields after an edit or another selection."""
-        if change.kind is ChangeKind.SELECTION or change.changed or change.added or change.removed:
+        if change.kind not in {ChangeKind.TIME, ChangeKind.SAVE}:
             self.refresh()
 
     def refresh(self) -> None:
         """Show the values of the scene, also after a refused one."""
-        editor = self._context.editor
-        id_ = editor.selection[-1] if editor.selection else ROOT
-        fields = fields_of(editor.scene, id_)
-        title = title_of(editor.scene.get(id_)) if id_ else "scene"
-        form = (id_, title, *((f.key, f.kind, f.choices) for f in fields))
-        if isinstance(editor.scene.objects.get(id_), TrajectoryObject):
-            form += (usual_action(editor.scene, id_),)
-        self._fields = {field.key: field for field in fields}
+        scene, selection = self._editor.scene, self._editor.selection
+        self._id = selection[-1] if selection else ROOT
+        thing = scene.objects.get(self._id)
+        title = f"{thing.kind}: {title_of(thing)}" if thing else "scene"
+        action = usual_action(scene, self._id) if isinstance(thing, TrajectoryObject) else None
+        fields = fields_of(scene, self._id)
+        form = (title, action, *((f.key, f.choices) for f in fields))
         if form != self._form:
-            self._build(id_, title, fields)
             self._form = form
-            return
+            self._build(title, fields, sends=action is not None)
         for field in fields:
             widget = self._widgets[field.key]
-            if widget.disabled is field.enabled:
-                widget.disabled = not field.enabled
-            if widget.value != field.value and not self._context.jobs.waits(
-                (self._form[0], field.key)
-            ):
-                widget.value = field.value
+            assign(widget, "disabled", not field.enabled)
+            if not self._context.jobs.waits((self._id, field.key)):
+                assign(widget, "value", field.value)
 
     def sent(self, id_: int) -> None:
         """Show the state of a trajectory that was sent."""
-        if self._send_form is not None and self._form[0] == id_:
+        if self._send_form is not None and self._id == id_:
             self._send_form.show()
 
-    def _build(self, id_: int, title: str, fields: tuple[Field, ...]) -> None:
+    def _build(self, title: str, fields: tuple[Field, ...], *, sends: bool) -> None:
         if self._folder is not None:
             self._folder.remove()
-        thing = self._context.editor.scene.objects.get(id_)
-        gui = self._context.server.gui
-        with self._container:
-            self._folder = gui.add_folder((f"{thing.kind}: " if thing else "") + title)
+        self._folder = self._gui.add_folder(title)
         with self._folder:
-            self._widgets = {field.key: self._add(id_, field) for field in fields}
-            self._send_form = None
-            if isinstance(thing, TrajectoryObject):
-                self._send_form = SendForm(self._context, id_)
+            self._widgets = {field.key: self._add(self._id, field) for field in fields}
+            self._send_form = SendForm(self._context, self._id) if sends else None
 
     def _add(self, id_: int, field: Field) -> Any:
-        widget = self._makers[field.kind](field)
-        widget.disabled = not field.enabled
+        label, value, hint, gui = field.label, field.value, field.hint, self._gui
+        delay_s = _TYPING_S
+        if field.choices:
+            widget = gui.add_dropdown(label, field.choices, initial_value=value, hint=hint)
+            delay_s = 0.0
+        elif isinstance(value, str):
+            widget = gui.add_text(label, value, hint=hint)
+        elif isinstance(value, tuple):
+            widget = gui.add_vector3(label, value, step=_STEP, hint=hint)
+        else:
+            widget = gui.add_number(label, value, min=0.0, step=_STEP, hint=hint)
         jobs = self._context.jobs
-        delay_s = 0.0 if field.kind in {FieldKind.CHOICE, FieldKind.SWITCH} else _TYPING_S
 
         async def typed(event: Any) -> None:
             if event.client_id is not None:
-                value = event.target.value
-                jobs.later(
-                    (id_, field.key), lambda: self._set(id_, field.key, value), delay_s=delay_s
-                )
+                new = event.target.value
+                job = lambda: self._set(id_, field.key, new)  # noqa: E731
+                jobs.later((id_, field.key), job, delay_s=delay_s)
 
         widget.on_update(typed)
         return widget
 
     def _set(self, id_: int, key: str, value: Any) -> None:
         """Do the edit of a field; its object may be gone, or may no longer have this field."""
-        editor = self._context.editor
-        if id_ != ROOT and id_ not in editor.scene.objects:
+        if id_ != ROOT and id_ not in self._editor.scene.objects:
             return
-        field = next((f for f in fields_of(editor.scene, id_) if f.key == key), None)
-        if field is not None and value != field.value:
-            field.edit(editor, value)
+        for field in fields_of(self._editor.scene, id_):
+            if field.key == key and field.value != value:
+                field.edit(self._editor, value)
 
 
 _TICK_S = 0.05
@@ -244,67 +223,49 @@ _SHORTEST_S = 1.0
 class Timeline(Part):
     """The slider and the play button."""
 
-    def __init__(self, context: Context, container: Any) -> None:
-        super().__init__(context, container)
-        self._stop: threading.Event | None = None
-        self._ticker: threading.Thread | None = None
-        gui = context.server.gui
-        first, last = self._span()
-        with container:
-            shown = min(max(context.editor.time_s, first), last)
-            self._slider = gui.add_slider("time (s)", first, last, _STEP_S, shown)
-            self._button = gui.add_button("Play", icon=context.viser.Icon.PLAYER_PLAY)
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._playing = False
+        self._last_tick_s = 0.0
+        self._slider = self._gui.add_slider("time (s)", 0.0, self._end_s(), _STEP_S, 0.0)
+        self._button = self._gui.add_button("Play", icon=context.viser.Icon.PLAYER_PLAY)
         self._slider.on_update(
-            context.on(context.editor.set_time, read=lambda e: e.target.value, key="time")
+            context.on(self._editor.set_time, read=lambda e: e.target.value, key="time")
         )
         self._button.on_click(context.on(lambda _: self._toggle()))
+        self._show_time()
 
     def show(self, change: Change) -> None:
         """Show another time, or another span of times."""
-        if change.kind is not ChangeKind.TIME and change.kind is not ChangeKind.SELECTION:
-            first, last = self._span()
-            if (self._slider.min, self._slider.max) != (first, last):
-                self._slider.min, self._slider.max = first, last
-        shown = min(max(self._context.editor.time_s, self._slider.min), self._slider.max)
+        if change.kind not in {ChangeKind.TIME, ChangeKind.SELECTION}:
+            assign(self._slider, "max", self._end_s())
+        self._show_time()
+
+    def _show_time(self) -> None:
+        shown = min(max(self._editor.time_s, 0.0), self._slider.max)
         if abs(self._slider.value - shown) > _STEP_S / 2.0:
             self._slider.value = shown
 
-    def close(self) -> None:
-        """Stop playing."""
-        if self._stop is not None and self._ticker is not None:
-            self._stop.set()
-            self._ticker.join()
-        self._stop = self._ticker = None
-
     def _toggle(self) -> None:
-        playing = self._stop is not None
-        self.close()
         icon = self._context.viser.Icon
-        self._button.label = "Play" if playing else "Pause"
-        self._button.icon = icon.PLAYER_PLAY if playing else icon.PLAYER_PAUSE
-        if not playing:
-            self._stop = threading.Event()
-            self._ticker = threading.Thread(
-                target=self._play, args=(self._stop,), name="planner-play", daemon=True
-            )
-            self._ticker.start()
+        self._playing = not self._playing
+        self._button.label = "Pause" if self._playing else "Play"
+        self._button.icon = icon.PLAYER_PAUSE if self._playing else icon.PLAYER_PLAY
+        self._last_tick_s = time.monotonic()
+        self._tick()
 
-    def _play(self, stop: threading.Event) -> None:
-        last = time.monotonic()
-        while not stop.wait(_TICK_S):
-            now = time.monotonic()
-            passed_s, last = now - last, now
-            self._context.jobs.submit(partial(self._advance, passed_s), settle=False)
+    def _tick(self) -> None:
+        if not self._playing:
+            return
+        now_s = time.monotonic()
+        time_s = self._editor.time_s + now_s - self._last_tick_s
+        self._last_tick_s = now_s
+        self._editor.set_time(time_s if time_s <= self._end_s() else 0.0)
+        self._context.jobs.later("play", self._tick, delay_s=_TICK_S, settles=False)
 
-    def _advance(self, passed_s: float) -> None:
-        first, end = self._span()
-        time_s = self._context.editor.time_s + passed_s
-        self._context.editor.set_time(time_s if time_s <= end else first)
-
-    def _span(self) -> tuple[float, float]:
-        scene = self._context.editor.scene
-        last_ns = max((waypoint.time_ns for waypoint in scene.all_of(WaypointObject)), default=0)
-        return (0.0, max(last_ns / NS_PER_S, _SHORTEST_S))
+    def _end_s(self) -> float:
+        times_ns = [waypoint.time_ns for waypoint in self._editor.scene.all_of(WaypointObject)]
+        return max([ns / NS_PER_S for ns in times_ns] + [_SHORTEST_S])
 
 
 _MOST = 50
@@ -320,21 +281,18 @@ class Warnings(Part):
     """The conflicts, as buttons."""
 
     def __init__(self, context: Context, container: Any) -> None:
-        super().__init__(context, container)
+        super().__init__(context)
+        self._container = container
         self._buttons: list[Any] = []
         self._shown: tuple[Conflict, ...] = ()
         with container:
-            context.server.gui.add_html(_WARNINGS_STYLE)
-            self._head = context.server.gui.add_markdown("checking …")
+            self._gui.add_html(_WARNINGS_STYLE)
+            self._head = self._gui.add_markdown("checking …")
 
     def show(self, change: Change) -> None:
         """Show that the list is that of an older scene."""
         if change.changed or change.added or change.removed:
             self._head.content = "checking …"
-
-    def failed(self) -> None:
-        """Show that the scene was not checked."""
-        self._head.content = "**not checked**: see the message"
 
     def found(self, conflicts: tuple[Conflict, ...]) -> None:
         """Show the conflicts of the scene."""
@@ -352,14 +310,11 @@ class Warnings(Part):
 
     def _add(self, conflict: Conflict) -> Any:
         timed = conflict.time_s is not None
-        button = self._context.server.gui.add_button(
-            conflict.text, color="red" if timed else "orange"
-        )
+        button = self._gui.add_button(conflict.text, color="red" if timed else "orange")
         button.on_click(self._context.on(lambda _: self._go(conflict)))
         return button
 
     def _go(self, conflict: Conflict) -> None:
-        editor = self._context.editor
         if conflict.time_s is not None:
-            editor.set_time(conflict.time_s)
-        editor.select(*(id_ for id_ in conflict.objects if id_ in editor.scene.objects))
+            self._editor.set_time(conflict.time_s)
+        self._editor.select(*(id_ for id_ in conflict.objects if id_ in self._editor.scene.objects))

@@ -1,23 +1,21 @@
 """Sending of a trajectory from the inspector to an action server. Paper A, section 4.5.
 
-The bus needs an asyncio event loop, which has a thread of its own. Node and thread begin with the first goal,
-so that an editor that sends nothing joins no DDS domain.
+The node begins with the first goal, so that an editor that sends nothing joins no DDS domain.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import threading
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
 from sfglab.spatial.execution.client import Execution, trajectory_order
 from sfglab.spatial.execution.orders import action_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable
 
     from sfglab.bus import Node
     from sfglab.spatial.execution.orders import Feedback, Order
@@ -36,11 +34,11 @@ class Sending:
 
 
 class Sender:
-    """Sends trajectories and keeps the state of each, by the id of the trajectory.
+    """Sends trajectories and keeps the state of each, by the id of the trajectory; used in one event loop.
 
     Args:
         node: Function that makes the node of the client.
-        on_state: Called with the id of a trajectory when its state changed, from another thread.
+        on_state: Called with the id of a trajectory when its state changed.
     """
 
     def __init__(self, node: Callable[[], Node], on_state: Callable[[int], None]) -> None:
@@ -49,51 +47,44 @@ class Sender:
         self._on_state = on_state
         self._node: Node | None = None
         self._joining = asyncio.Lock()  # two goals at once join the domain once
-        self._executions: dict[int, Execution] = {}
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._thread: threading.Thread | None = None
+        self._goals: dict[int, asyncio.Task[None]] = {}
+        self._executions: dict[int, Execution] = {}  # of the goals that are sent
+        self._cancellations: set[asyncio.Task[None]] = set()
 
     def send(self, id_: int, order: Order, action: str) -> None:
         """Send an order to an action server; nothing happens while the trajectory is on its way."""
-        if self.states.get(id_, Sending()).running:
-            return
-        self._tell(id_, Sending(running=True, text=f"waiting for {action}"))
-        self._run(self._carry_out(id_, order, action))
+        if id_ not in self._goals:
+            self._show(id_, Sending(running=True, text=f"waiting for {action}"))
+            self._goals[id_] = asyncio.ensure_future(self._carry_out(id_, order, action))
+            self._goals[id_].add_done_callback(lambda _: self._goals.pop(id_))
 
     def cancel(self, id_: int) -> None:
-        """Cancel the goal of a trajectory; its agent brakes."""
+        """Cancel the goal of a trajectory, if any; its agent brakes."""
         if id_ in self._executions:
-            self._run(self._cancel(id_))
+            task = asyncio.ensure_future(self._cancel(self._executions[id_]))
+            self._cancellations.add(task)
+            task.add_done_callback(self._cancellations.discard)
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Cancel all goals, wait some seconds until their agents stand, and leave the bus."""
-        if self._loop is None or self._thread is None:
-            return
-        asyncio.run_coroutine_threadsafe(self._close(), self._loop).result()
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
-        self._loop = self._thread = None
-
-    def _run(self, work: Coroutine[Any, Any, None]) -> None:
-        if self._loop is None:
-            self._loop = asyncio.new_event_loop()
-            self._thread = threading.Thread(
-                target=self._loop.run_forever, name="planner-bus", daemon=True
-            )
-            self._thread.start()
-        self._loop.call_soon_threadsafe(self._start, work)
-
-    def _start(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.ensure_future(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        goals = dict(self._goals)
+        for id_, goal in goals.items():
+            if id_ in self._executions:
+                self.cancel(id_)
+            else:
+                goal.cancel()
+        if goals:
+            await asyncio.wait(goals.values(), timeout=_CLOSE_S)
+        for goal in goals.values():
+            goal.cancel()
+        await asyncio.gather(*goals.values(), return_exceptions=True)
+        if self._node is not None:
+            await self._node.close()
 
     async def _carry_out(self, id_: int, order: Order, action: str) -> None:
         def on_feedback(feedback: Feedback) -> None:
             text = f"{feedback.share:.0%}, {feedback.error_m:.2f} m from the plan"
-            self._tell(id_, Sending(running=True, share=feedback.share, text=text))
+            self._show(id_, Sending(running=True, share=feedback.share, text=text))
 
         try:
             async with self._joining:
@@ -109,26 +100,13 @@ class Sender:
                 del self._executions[id_]
         except SfglabError as error:
             text = str(error)
-        self._tell(id_, replace(self.states[id_], running=False, text=text))
+        self._show(id_, replace(self.states[id_], running=False, text=text))
 
-    async def _cancel(self, id_: int) -> None:
-        if id_ in self._executions:
-            with contextlib.suppress(SfglabError):  # the goal ends with the same error
-                await self._executions[id_].cancel()
+    async def _cancel(self, execution: Execution) -> None:
+        with contextlib.suppress(SfglabError):  # the goal ends with the same error
+            await execution.cancel()
 
-    async def _close(self) -> None:
-        running = list(self._tasks)
-        for id_ in list(self._executions):
-            self._start(self._cancel(id_))
-        if running:
-            await asyncio.wait(running, timeout=_CLOSE_S)
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        if self._node is not None:
-            await self._node.close()
-
-    def _tell(self, id_: int, state: Sending) -> None:
+    def _show(self, id_: int, state: Sending) -> None:
         self.states[id_] = state
         self._on_state(id_)
 

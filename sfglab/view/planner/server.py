@@ -9,12 +9,10 @@ browser may open a WebSocket to loopback.
 
 from __future__ import annotations
 
-import errno
-import logging
 import secrets
 import socket
 import threading
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from html import escape
 from importlib import import_module
 from pathlib import Path
@@ -38,10 +36,10 @@ if TYPE_CHECKING:
 
 DEFAULT_PORT = 8092
 _LOCAL_NAMES = frozenset({LOOPBACK, "localhost"})
-_log = logging.getLogger(__name__)
 _T = TypeVar("_T")
+_CELL_STYLE = "width:100%;height:700px;border:1px solid #ccc"
 _LEFT_PX, _RIGHT_PX, _TIME_PX = 270, 330, 560
-_SAID_S = 10.0
+_NOTE_S = 10.0
 _QUIET_S = 0.25
 #: Period at which `Planner.wait` looks for Ctrl-C, s.
 _NOTICE_S = 1.0
@@ -54,11 +52,8 @@ class Planner(AbstractContextManager["Planner"]):
 
     Args:
         editor: The editor.
-        host: Address to serve; only browsers of this machine reach the default.
-        port: Port to serve; 0: any free one.
-        height_px: Height in a notebook's cell.
-        node: Function that makes the node for sending trajectories, in the event loop of a thread of its own;
-            None: a node in the usual domain.
+        port: Port of loopback to serve; 0: any free one.
+        node: Function that makes the node for sending trajectories; None: a node in the usual domain.
 
     Raises:
         MissingExtraError: viser is not installed.
@@ -69,25 +64,15 @@ class Planner(AbstractContextManager["Planner"]):
         self,
         editor: Editor,
         *,
-        host: str = LOOPBACK,
         port: int = DEFAULT_PORT,
-        height_px: int = 700,
         node: Callable[[], Node] | None = None,
     ) -> None:
         library = viser()
-        _check_free(host, port)
-        self._guard = Guard(
-            _LOCAL_NAMES if host == LOOPBACK and address_of_port(0).startswith("http:") else ()
-        )
+        _check_free(port)
+        is_proxied = not address_of_port(0).startswith("http:")
+        self._guard = Guard(() if is_proxied else _LOCAL_NAMES)
         with quiet(), self._guard.serving():
-            self._server = library.ViserServer(host=host, port=port, verbose=False)
-        if port not in {
-            0,
-            self._server.get_port(),
-        }:  # the port was taken meanwhile, and viser took another one
-            self._stop()
-            raise _taken(host, port)
-        self._host, self._height_px = host, height_px
+            self._server = library.ViserServer(host=LOOPBACK, port=port, verbose=False)
         self._closed = threading.Event()
         self._parts: list[Part] = []
         self._jobs = JobQueue(self._refused)
@@ -99,22 +84,12 @@ class Planner(AbstractContextManager["Planner"]):
             jobs=self._jobs,
             sender=self._sender,
         )
-        try:
-            self._jobs.call(self._furnish)
-        except BaseException:
-            self._jobs.close()
-            self._stop()
-            raise
+        self._jobs.call(self._furnish)
 
     @property
     def url(self) -> str:
         """Address for a browser. The token in it gives access, so it must be kept private."""
-        return f"http://{self._host}:{self._server.get_port()}/{self._guard.token}/"
-
-    @property
-    def closed(self) -> bool:
-        """Whether it is closed."""
-        return self._closed.is_set()
+        return f"http://{LOOPBACK}:{self._server.get_port()}/{self._guard.token}/"
 
     def call(self, job: Callable[[Editor], _T]) -> _T:
         """Do something with the editor, in order with the browsers' actions; see `JobQueue.call`."""
@@ -132,35 +107,33 @@ class Planner(AbstractContextManager["Planner"]):
         if self._closed.is_set():
             return
         self._closed.set()
-        self._sender.close()
-        self._timeline.close()
-        self._jobs.close()
+        self._jobs.close(self._sender.close)
         self._end_listening()
-        self._stop()
+        with quiet():
+            self._server.stop()
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def _repr_html_(self) -> str:
-        if self.closed:
+        if self._closed.is_set():
             return "<p>This scene editor is closed.</p>"
-        style = f"width:100%;height:{self._height_px}px;border:1px solid #ccc"
-        address = self.url
-        if self._host == LOOPBACK:
-            address = f"{address_of_port(self._server.get_port()).rstrip('/')}/{self._guard.token}/"
-        return f'<iframe src="{escape(address)}" style="{style}" title="scene editor"></iframe>'
+        address = address_of_port(self._server.get_port()).rstrip("/")
+        source = escape(f"{address}/{self._guard.token}/")
+        return f'<iframe src="{source}" style="{_CELL_STYLE}" title="scene editor"></iframe>'
 
     def _furnish(self) -> None:
         """Put the panels around the viewport: hierarchy left, inspector right, time below."""
         gui, icon, context = self._server.gui, self._context.viser.Icon, self._context
         gui.configure_theme(show_logo=False, show_share_button=False)
         left, below, bottom = gui.add_panel(), gui.add_panel(), gui.add_panel()
-        self._toolbar = Toolbar(context, nullcontext())
-        self._viewport = Viewport(context, nullcontext())
-        self._inspector = Inspector(context, nullcontext())
+        self._viewport = Viewport(context)
+        self._toolbar = Toolbar(context)
+        self._inspector = Inspector(context)
         self._hierarchy = Hierarchy(context, left.add_tab("Scene", icon.HIERARCHY))
         self._warnings = Warnings(context, below.add_tab("Conflicts", icon.ALERT_TRIANGLE))
-        self._timeline = Timeline(context, bottom.add_tab("Time", icon.CLOCK))
+        with bottom.add_tab("Time", icon.CLOCK):
+            self._timeline = Timeline(context)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_RIGHT_PX)
         left.dock_left()
@@ -174,10 +147,7 @@ class Planner(AbstractContextManager["Planner"]):
 
     def _changed(self, change: Change) -> None:
         for part in self._parts:
-            try:
-                part.show(change)
-            except Exception:  # noqa: BLE001 - a part that fails must not stop the others, nor the editor
-                _log.exception("the scene editor failed to show a change")
+            part.show(change)
         if change.added or change.removed or change.changed:
             self._check_later()
 
@@ -186,31 +156,21 @@ class Planner(AbstractContextManager["Planner"]):
         self._jobs.later("conflicts", self._check, delay_s=_QUIET_S, settles=False)
 
     def _check(self) -> None:
-        try:
-            found = self._context.editor.conflicts()
-        except Exception:
-            self._warnings.failed()
-            raise
+        found = self._context.editor.conflicts()
         self._warnings.found(found)
         self._viewport.found(found)
 
     def _refused(self, error: Exception) -> None:
         """Show why a job was refused, and the values of the scene again."""
-        said = (
-            str(error)
-            if isinstance(error, SfglabError)
-            else f"an error of the editor itself: {error!r}"
-        )
+        text = str(error)
+        if not isinstance(error, SfglabError):
+            text = f"an error of the editor itself: {error!r}"
         for client in self._server.get_clients().values():
-            client.add_notification("Not done", said, color="red", auto_close_seconds=_SAID_S)
+            client.add_notification("Not done", text, color="red", auto_close_seconds=_NOTE_S)
         self._inspector.refresh()
 
     def _sent(self, id_: int) -> None:
-        self._jobs.submit(lambda: self._inspector.sent(id_), key=("sent", id_), settle=False)
-
-    def _stop(self) -> None:
-        with quiet():
-            self._server.stop()
+        self._inspector.sent(id_)
 
 
 def _usual_node() -> Node:
@@ -220,7 +180,7 @@ def _usual_node() -> Node:
     return Node("planner")
 
 
-def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 700) -> Planner:
+def show_planner(scene: Path | str | Editor, *, port: int = 0) -> Planner:
     """Return an editor for a notebook's cell, which is also at its `url`.
 
     Below JupyterLab, the editor's page has JupyterLab's address; otherwise the browser must reach this machine
@@ -229,7 +189,6 @@ def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 
     Args:
         scene: A file, which need not exist yet, or an editor.
         port: Port to serve; 0: any free one.
-        height_px: Height in the cell.
 
     Raises:
         SceneError: The file is no scene.
@@ -237,27 +196,18 @@ def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 
         SfglabError: The port is taken.
     """
     editor = scene if isinstance(scene, Editor) else Editor.open(Path(scene))
-    return Planner(editor, port=port, height_px=height_px)
+    return Planner(editor, port=port)
 
 
-def _check_free(host: str, port: int) -> None:
+def _check_free(port: int) -> None:
+    """Raise SfglabError if a port cannot be served; viser would search for another one."""
     try:
-        with socket.create_server((host, port)):
+        with socket.create_server((LOOPBACK, port)):
             pass
     except OSError as error:
-        if error.errno == errno.EADDRINUSE:
-            raise _taken(host, port) from error
         raise SfglabError(
-            f"--port: given {host}:{port}, which cannot be served ({error.strerror})"
+            f"--port: given {port}, allowed: a free port, or 0 ({error.strerror})"
         ) from error
-    except OverflowError as error:
-        raise SfglabError(f"--port: given {port}, allowed: 0 to 65535") from error
-
-
-def _taken(host: str, port: int) -> SfglabError:
-    return SfglabError(
-        f"--port: given {port}, which something else uses on {host}; allowed: a free port, or 0"
-    )
 
 
 class Guard:
