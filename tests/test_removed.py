@@ -64,6 +64,7 @@ def test_a_former_name_has_no_other_use():
         (f"qos {QOS} --method printed", f"qos {QOS} --method paper", "printed"),
         (f"qos {QOS} --method=printed", f"qos {QOS} --method paper", "printed"),
         (f"qos {QOS} --latency-price 5", f"qos {QOS} --latency-weight 5", "--latency-price"),
+        (f"qos {QOS} --vendor cyclone", f"qos {QOS} --rmw cyclone", "--vendor"),
         (f"qos {QOS} --front", f"qos {QOS} --pareto", "--front"),
         (f"map {GRAPH} --rule=size", f"map {GRAPH} --gateway-rule size", "--rule"),
         (f"map {GRAPH} --place", f"map {GRAPH} --optimise-placement", "--place"),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Place, print_json, unused, write_text
+from sfglab.cli.buses import Place, print_json, write_text
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import Domain, Fleet, FleetFile, Interface, Json, OutputFile, domain_option
 from sfglab.cli.removed import refuse
@@ -41,13 +41,6 @@ _GlobalDomain = Annotated[
 _GlobalInterface = Annotated[str | None, Option(help="Network interface to the other agents.")]
 _Agent = Annotated[
     str | None, Option(help="Name of the agent. [default: SFG_AGENT_NAME, otherwise the host name]")
-]
-_Offers = Annotated[
-    bool | None,
-    Option(
-        help="Advertise topics that are not forwarded or decoded yet, so that ROS 2's tools list "
-        "them. [default: the fleet file's, otherwise yes]"
-    ),
 ]
 
 
@@ -108,7 +101,6 @@ def agent_up(
             "keeper (the GOP cache)."
         ),
     ] = None,
-    offers: _Offers = None,
     parameters: Annotated[
         Literal["dds", "ros"] | None,
         Option(
@@ -137,9 +129,8 @@ def agent_up(
     from sfglab.fleet.agent.plan import without as reduced
 
     place = (domain, interface)
-    config = _agent_config(agent, fleet, place, (global_domain, global_interface), offers)
-    config = reduced(config, without or ())
-    config = replace(config, parameters=parameters)
+    config = _agent_config(agent, fleet, place, (global_domain, global_interface))
+    config = replace(reduced(config, without or ()), parameters=parameters)
     run(serve_agent(config, typer.echo, as_json=as_json))
 
 
@@ -150,14 +141,6 @@ def router(
     global_interface: _GlobalInterface = None,
     fleet: Fleet = None,
     agent: _Agent = None,
-    prefix_frames: Annotated[
-        bool | None,
-        Option(
-            help="Prefix TF frames that leave the agent with its name. "
-            "[default: the fleet file's, otherwise yes]"
-        ),
-    ] = None,
-    offers: _Offers = None,
     _interfaces: Interfaces = None,
 ) -> None:
     """Run only the router of an agent, which connects its DDS domain with the domain of all agents.
@@ -173,15 +156,12 @@ def router(
     from sfglab.fleet.router.node import serve_terminal
 
     place = (domain, interface)
-    described = _agent_config(agent, fleet, place, (global_domain, global_interface), offers)
-    config = router_config(described)
-    if prefix_frames is not None:
-        config = replace(config, prefix_frames=prefix_frames)
-    run(serve_terminal(config, typer.echo))
+    config = _agent_config(agent, fleet, place, (global_domain, global_interface))
+    run(serve_terminal(router_config(config), typer.echo))
 
 
 def _agent_config(
-    agent: str | None, fleet: Path | None, local: Place, remote: Place, offers: bool | None
+    agent: str | None, fleet: Path | None, local: Place, remote: Place
 ) -> AgentConfig:
     """Return an agent as the command line and the fleet file describe it."""
     from sfglab.fleet.agent.plan import config_from_options
@@ -193,8 +173,7 @@ def _agent_config(
         domain = usual_domain_id()
     described = None if fleet is None else load_fleet(fleet)
     own = (domain, interface)
-    config = config_from_options(agent or default_agent(), described, local=own, remote=remote)
-    return config if offers is None else replace(config, advertise_unused_topics=offers)
+    return config_from_options(agent or default_agent(), described, local=own, remote=remote)
 
 
 def decoder(
@@ -212,12 +191,6 @@ def decoder(
     linger: Annotated[
         float, Option(min=0.0, help="Time to go on decoding after the last subscriber left, s.")
     ] = 1.0,
-    offers: Annotated[
-        bool,
-        Option(
-            help="Advertise decoded topics before they have a subscriber, so that ROS 2's tools list them."
-        ),
-    ] = True,
 ) -> None:
     """Decode remote video streams once for all subscribers on this device.
 
@@ -246,7 +219,6 @@ def decoder(
         streams=tuple(streams or ()),
         discovery_topic=discovery_topic(default_agent()),
         idle_timeout_s=linger,
-        advertise_unused_topics=offers,
     )
     run(serve_terminal(config, typer.echo))
 
@@ -266,7 +238,6 @@ def camera(
     ] = "h264",
     domain: Domain = None,
     interface: Interface = None,
-    encoder: Annotated[str, Option(help="FFmpeg's name of the H.264 encoder.")] = "auto",
 ) -> None:
     """Publish a compressed camera stream of a video, camera or bag (paper A, Table 2).
 
@@ -276,9 +247,7 @@ def camera(
     from sfglab.bus.address import BusAddress
     from sfglab.lab.workers.camera import CameraConfig, run_camera
 
-    if codec != "h264":
-        unused(f"with --codec {codec}, which has one encoder", "encoder")
     own = usual_domain_id() if domain is None else domain
     address = BusAddress(domain_id=own, interface=interface)
-    config = CameraConfig(places=((address, topic),), codec=codec, source=source, encoder=encoder)
+    config = CameraConfig(places=((address, topic),), codec=codec, source=source)
     run(run_until_interrupted(run_camera(config, typer.echo)))

@@ -54,10 +54,6 @@ def map_graph(
     figure: Annotated[
         Path | None, Option(help="Draw the mapping into this file: .png, .svg or .pdf.")
     ] = None,
-    stage: Annotated[
-        str,
-        Option(help="Stage of the mapping to draw: software, hardware or gateways. [default: all]"),
-    ] = "",
     out: Annotated[Path | None, Option(help="Write the mapped graph into this YAML file.")] = None,
     build_cfg: Annotated[
         Path | None,
@@ -87,9 +83,7 @@ def map_graph(
     from sfglab.soc import build_cfg as build_text
     from sfglab.soc import graph_text
 
-    if figure is None:
-        unused("without --figure, because only the drawing has stages", "stage")
-    elif figure.suffix not in {".png", ".svg", ".pdf"}:
+    if figure is not None and figure.suffix not in {".png", ".svg", ".pdf"}:
         raise InvalidValueError("--figure", figure, "a .png, .svg or .pdf file")
     with opened(file, (domain, interface), seconds) as source:
         graph = _graph_of(source)
@@ -103,7 +97,7 @@ def map_graph(
     found = mapping.gateways
     files: dict[Path, str | bytes] = {}
     if figure is not None:
-        files[figure] = _drawing(mapping, figure, stage)
+        files[figure] = _drawing(mapping, figure)
     if out is not None:
         files[out] = graph_text(found)
     if build_cfg is not None:
@@ -228,13 +222,13 @@ def _verilog(graph: Graph) -> dict[Path, str]:
     return modules
 
 
-def _drawing(mapping: CommunicationMapping, path: Path, stage: str) -> bytes:
+def _drawing(mapping: CommunicationMapping, path: Path) -> bytes:
     from matplotlib.figure import Figure
 
     from sfglab.soc import draw_mapping
 
     figure = Figure(layout="constrained")
-    draw_mapping(mapping, figure, stage)
+    draw_mapping(mapping, figure)
     drawing = io.BytesIO()
     figure.savefig(drawing, format=path.suffix[1:])
     return drawing.getvalue()

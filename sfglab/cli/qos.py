@@ -27,8 +27,6 @@ _PRESET_OF = {
     "fastrtps-sync": "fast_dds_sync",
     "cyclone": "cyclone_dds",
 }
-
-
 _LOSS_MOST = 0.1  #: Share of a topic's samples up to which delays are near the simulated ones.
 
 
@@ -58,18 +56,11 @@ def qos(
         float | None,
         Option(min=0.001, help="Highest rate of any topic, Hz. [default: the file's]"),
     ] = None,
-    vendor: Annotated[
-        Literal["fast_dds", "cyclone_dds"] | None,
-        Option(
-            help="DDS implementation, with its default timing unless the file names the same one. "
-            "[default: the file's]"
-        ),
-    ] = None,
     rmw: Annotated[
         Literal["fastrtps-async", "fastrtps-sync", "cyclone"] | None,
         Option(
-            help="ROS 2 middleware and its publication mode, instead of --vendor; "
-            "its default timing unless the file names the same one."
+            help="ROS 2 middleware and its publication mode, with its default timing unless the "
+            "file names the same one. [default: the file's]"
         ),
     ] = None,
     latency_weight: Annotated[
@@ -107,6 +98,7 @@ def qos(
     from sfglab.arp import plan_as_printed, plan_file
     from sfglab.arp.exports import EXPORTS
     from sfglab.arp.recorded import topics_text
+    from sfglab.rtps import PRESETS
 
     source = file or Path("the domain")
     with opened(file, (domain, interface), seconds) as found:
@@ -115,7 +107,10 @@ def qos(
         raise SfglabError(f"{source}: no topic goes from one host to another")
     lowered = [topic.name for topic in given.topics if topic.rate_min_hz > (rate_max or math.inf)]
     _warn("--rate-max is below the file's rate_min_hz", lowered)
-    given = _with_vendor(given.limited_to(rate_max), vendor, rmw)
+    given = given.limited_to(rate_max)
+    vendor = PRESETS[_PRESET_OF[rmw]] if rmw else given.vendor
+    if vendor.name != given.vendor.name:
+        given = replace(given, vendor=vendor)
     if format_ == "topics":
         why = "with --format topics, which plans nothing"
         unused(why, "method", "pareto", "latency_weight", "as_json")
@@ -132,9 +127,7 @@ def qos(
     export = EXPORTS.get(format_)
     planned = given.vendor.name
     if export and export.vendor and not planned.startswith(export.vendor.name):
-        needed = export.vendor.name.lower().replace(" ", "_")
-        instead = f" instead of --rmw {rmw}" if rmw else ""
-        allowed = f"a format for {planned}; this one needs --vendor {needed}{instead}"
+        allowed = f"a format for {planned}; --rmw chooses another middleware"
         raise InvalidValueError("--format", format_, allowed)
     if method == "paper":
         unused("with --method paper, which has no latency weight", "latency_weight")
@@ -186,18 +179,6 @@ def _warn_of_validity(given: TopicFile) -> None:
     _warn("samples above one frame are planned as IP fragments (Cyclone DDS has its own)", large)
     lossy = [topic.name for topic in given.topics if loss_of(topic, given.medium) > _LOSS_MOST]
     _warn(f"the model of latencies is for losses up to {_LOSS_MOST:.0%}", lossy)
-
-
-def _with_vendor(given: TopicFile, vendor: str | None, rmw: str | None) -> TopicFile:
-    """Return topics on another DDS implementation, if one is given that is not the file's own."""
-    from sfglab.rtps import PRESETS
-
-    if rmw and vendor:
-        raise SfglabError("--rmw and --vendor exclude each other: give one of them")
-    name = _PRESET_OF[rmw] if rmw else vendor
-    if name is None or PRESETS[name].name == given.vendor.name:
-        return given
-    return replace(given, vendor=PRESETS[name])
 
 
 def _plan_text(plan: Plan) -> str:

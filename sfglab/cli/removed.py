@@ -28,7 +28,7 @@ REPLACEMENTS = {
     "mocap offset": "measure the object's offset and write it into the mapping, "
     "as in data/mocap/two_agents.yaml",
 }
-#: The former names of options, and of a value, and today's; no command has another use for them.
+#: The former names of options and of values, and today's; no command has another use for them.
 RENAMED = {
     "--front": "--pareto",
     "--latency-price": "--latency-weight",
@@ -36,6 +36,9 @@ RENAMED = {
     "--rule": "--gateway-rule",
     "--place": "--optimise-placement",
     "--trees": "--publish-tf",
+    "--vendor": "--rmw",
+    "fast_dds": "fastrtps-sync",
+    "cyclone_dds": "cyclone",
 }
 # The sentence is all that a removed command prints, also for --help.
 _ANYTHING = {

@@ -38,6 +38,7 @@ _Depth = Annotated[
 ]
 _TOPIC_S = 3.0  #: Time to discover a topic's first publisher, s.
 _OTHERS_S = 0.3  #: Time to discover further publishers of the topic, s.
+_LINGER_S = 0.1  #: Time to run after the last published message, s.
 _REPORT_S = 1.0  #: Period of reports, s.
 
 
@@ -230,9 +231,6 @@ def pub(
         ),
     ] = "",
     rate: Annotated[float, Option("--rate", "-r", min=0.001, help="Rate, Hz.")] = 1.0,
-    print_: Annotated[
-        int, Option("--print", "-p", min=0, help="Print every n-th message; 0 prints none.")
-    ] = 1,
     once: Annotated[bool, Option("--once", "-1", help="Publish one message and end.")] = False,
     times: Annotated[
         int, Option("--times", "-t", min=0, help="Number of messages to publish; 0: no limit.")
@@ -247,9 +245,6 @@ def pub(
             "[default: 1 with --once or --times, otherwise 0]",
         ),
     ] = None,
-    keep_alive: Annotated[
-        float, Option(min=0.0, help="Time to run after the last message, s.")
-    ] = 0.1,
     reliability: _Reliability = None,
     durability: _Durability = None,
     depth: _Depth = None,
@@ -291,10 +286,9 @@ def pub(
             await asyncio.sleep(max(0.0, due_s - time.monotonic()))
             message = message_from_yaml(name, values, "VALUES")
             number += 1
-            if print_ and number % print_ == 0:
-                typer.echo(f"publishing #{number}:\n{to_yaml(values_of(message))}")
+            typer.echo(f"publishing #{number}:\n{to_yaml(values_of(message))}")
             publisher.publish(message)
-        await asyncio.sleep(keep_alive)
+        await asyncio.sleep(_LINGER_S)
 
     until_interrupted((domain, interface), publish)
 

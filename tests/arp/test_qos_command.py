@@ -49,8 +49,8 @@ def test_a_plan_is_for_the_files_link_and_vendor_or_for_another_vendor():
     text = call(WAREHOUSE)
     assert "Cyclone DDS, 12 Mbit/s, 5 % loss" in text
     assert re.search(r"^/picker/goal +\S+ +\d+ +none ", text, re.MULTILINE), "it is cached"
-    assert "<CycloneDDS" in call(PAPER_B, "--vendor", "cyclone_dds", "--format", "cyclone")
-    assert "<NackDelay>10 ms<" in call(WAREHOUSE, "--vendor", "cyclone_dds", "--format", "cyclone")
+    assert "<CycloneDDS" in call(PAPER_B, "--rmw", "cyclone", "--format", "cyclone")
+    assert "<NackDelay>10 ms<" in call(WAREHOUSE, "--rmw", "cyclone", "--format", "cyclone")
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Commands on logs and bags, the reading of bags judged by rosbags; and what cannot be read or written."""
 
 import itertools
-import json
+import re
 
 import pytest
 from bags import write_bag
@@ -38,10 +38,9 @@ def test_a_bag_of_each_storage_and_compression_holds_what_the_log_holds(
             assert log.offered_qos(topic) == before.offered_qos(topic)
         assert log.table("meter").equals(before.table("meter"))
         assert log.warnings == []
-    said = json.loads(called("log", "info", str(bag), "--json"))
-    assert SUFFIXES[storage] in said["files"][0]
-    assert said["messages"] == 6
-    assert (said["start_ns"], said["end_ns"]) == (0, 3 * 10**9)
+    said = called("log", "info", str(bag))
+    assert re.search(rf"^files +\S+{SUFFIXES[storage]}", said)
+    assert "\nduration  3.000 s\nmessages  6\n" in said
 
 
 MISTAKES = {
@@ -68,5 +67,5 @@ def test_a_mistake_is_one_sentence_and_leaves_nothing(tmp_path, given, arguments
 def test_without_a_command_it_lists_what_a_log_holds_and_runs_without_a_log(given):
     assert "/table/meter" in called("log", str(given))
     assert called("log", str(given)) == called("log", "info", str(given))
-    assert json.loads(called("log", str(given), "--json"))["metadata"] == {"config": {"seed": 1}}
+    assert '\nmetadata  config: {"seed": 1}\n' in called("log", str(given))
     assert "counts for the claims" in called("log")

@@ -1,6 +1,5 @@
 """Logs and bags of public bug reports, with what rclpy, sqlite3 or the format's specification say of them."""
 
-import json
 import re
 import shutil
 import struct
@@ -67,8 +66,7 @@ def test_messages_in_the_write_ahead_log_of_a_killed_recorder_are_read(folder, i
 
 def test_a_summary_without_channels_or_schemas_loses_no_message(tmp_path):
     path = write_mcap(tmp_path / "a.mcap", THREE, **without_repetition())
-    [topic] = json.loads(called("log", "info", str(path), "--json"))["topics"]
-    assert topic.items() > {"name": "/a", "type": STRING, "count": 3, "encoding": "cdr"}.items()
+    assert re.search(rf"\n +/a +{STRING} +3 .* cdr\n", called("log", "info", str(path)))
     assert texts(path) == ["1", "2", "3"]
 
 
