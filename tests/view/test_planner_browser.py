@@ -8,6 +8,7 @@ from machine import open_browser
 from pixels import CAMERA, pixel
 from seen import edited
 from served import agent_at_work
+from waiting import wait_until
 
 from sfglab.bus import Node
 from sfglab.spatial.poses import Pose
@@ -80,15 +81,23 @@ def test_a_trajectory_is_made_dragged_undone_redone_and_saved_with_mouse_and_key
         browser.find("trajectory 1 #1")
 
 
-def test_a_trajectory_is_sent_to_an_action_server_and_cancelled_with_the_mouse(browser, domain_id):
+def test_a_trajectory_is_sent_cancelled_with_the_mouse_and_stopped_by_closing(browser, domain_id):
     editor = Editor()
     dog = editor.add("agent", "dog")
     path = Trajectory.of([(0, Pose()), (60 * 10**9, Pose.at((3.0, 0.0, 0.0)))])
-    editor.select(editor.add_trajectory(path, "walk", agent=dog))
+    walk = editor.add_trajectory(path, "walk", agent=dog)
+    editor.select(walk)
     node = partial(Node, "planner", domain_id=domain_id, interface="lo")
-    with agent_at_work("dog", domain_id), Planner(editor, port=0, node=node) as planner:
+    with agent_at_work("dog", domain_id, "/walk"), Planner(editor, port=0, node=node) as planner:
+        action = planner._inspector._send_form._action
+        assert action.value == "/global/dog/execute_trajectory"
+        action.value = "/walk"
+        states = planner._sender.states
         browser.open(planner.url)
         browser.press("Send")
         browser.wait_for("document.body.innerText.includes('m from the plan')", 60.0)
         browser.press("Cancel")
         browser.wait_for("document.body.innerText.includes('canceled: ')", 60.0)
+        browser.press("Send")
+        wait_until(lambda: states[walk].running and states[walk].share > 0.0)
+    assert states[walk].text.startswith("canceled: ")

@@ -13,7 +13,6 @@ from sfglab.spatial.scene.model import COMMON, KINDS, ROOT, Box, Cylinder, Scene
 from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.view.planner import looks
 from sfglab.view.planner.context import JobQueue
-from sfglab.view.planner.drawing import looks_of_objects
 from sfglab.view.planner.fields import fields_of
 from sfglab.view.planner.toolbar import (
     ADDABLE,
@@ -108,33 +107,12 @@ def test_turns_read_back_as_they_were_typed(editor, typed):
     assert field(editor, 2, "angles").value == pytest.approx(typed, abs=0.01)
 
 
-def test_agents_keep_their_colours_when_they_are_renamed_and_differ(editor):
-    other = editor.add("agent", "cat")
-    before = looks.agent_colours(editor.scene)
-    editor.rename(other, "a cat")
-    assert looks.agent_colours(editor.scene) == before
-    assert before[2] != before[other]
-
-
 def test_a_line_passes_every_waypoint_and_is_in_linear_colours(editor):
     points = looks.line_of(editor.scene.world_trajectory(3))
     assert points[0, 0].tolist() == [0, 0, 0]
     assert points[-1, 1].tolist() == [2, 0, 0]
     assert (points[1:, 0] == points[:-1, 1]).all()
     assert looks.linear((0, 255, 128)).tolist() == [0, 255, 55]
-
-
-def test_the_opened_trajectory_has_times_and_a_single_waypoint_has_no_line(editor):
-    assert set(looks_of_objects(editor.scene, None)) == {
-        "/objects/3/waypoints",
-        "/objects/3/line",
-        "/objects/6",
-        "/objects/7",
-    }
-    editor.remove(5)
-    opened = looks_of_objects(editor.scene, 3)
-    assert "/objects/3/line" not in opened
-    assert opened["/objects/3/time 4"].text == "0 s"
 
 
 @pytest.mark.parametrize("kind", ADDABLE)

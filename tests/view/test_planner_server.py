@@ -8,16 +8,13 @@ import socket
 import subprocess
 import sys
 import threading
-from functools import partial
 from types import SimpleNamespace
 
 import pytest
 from seen import at_work, edited
-from served import agent_at_work
 from typer.testing import CliRunner
 from waiting import wait_until
 
-from sfglab.bus import Node
 from sfglab.cli import app
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.spatial.poses import Pose
@@ -137,16 +134,6 @@ def test_numbers_typed_key_by_key_are_one_edit_and_a_refused_one_is_taken_out_of
     assert radius.value == 0.3
 
 
-def test_a_row_selects_and_a_second_click_selects_nothing(planner):
-    row = planner._hierarchy._buttons[2]
-    clicked(row)
-    assert planner.call(lambda e: e.selection) == (2,)
-    assert row.color == "blue"
-    clicked(row)
-    assert planner.call(lambda e: e.selection) == ()
-    assert row.color is None
-
-
 def test_a_click_into_the_viewport_selects_an_object(planner):
     node = planner._viewport._objects.nodes["/objects/2"]
     happens(node._impl.click_cb[0].callback, node)
@@ -189,40 +176,8 @@ def test_a_loaded_scene_takes_the_place_of_what_was_drawn(planner):
     assert "/ghosts/3/body" not in planner._viewport._ghosts.nodes
 
 
-@pytest.fixture
-def sending(domain_id):
-    """A planner in a domain with an agent, the id of the agent's trajectory, and the form to send it."""
-    editor = Editor()
-    made = editor.add("agent", "dog")
-    path = Trajectory.of([(0, Pose()), (60 * 10**9, Pose.at((3.0, 0.0, 0.0)))])
-    id_ = editor.add_trajectory(path, "walk", agent=made)
-    editor.select(id_)
-    node = partial(Node, "planner", domain_id=domain_id, interface="lo")
-    served = agent_at_work("dog", domain_id, "/walk")
-    with served, Planner(editor, port=0, node=node) as planner:
-        form = planner._inspector._send_form
-        assert form._action.value == "/global/dog/execute_trajectory"
-        form._action.value = "/walk"
-        yield planner, id_, form
-
-
 def state_of(planner, id_):
     return planner._sender.states.get(id_, Sending())
-
-
-def test_a_trajectory_is_sent_shows_feedback_is_cancelled_and_again_by_closing(sending):
-    planner, id_, form = sending
-    assert (form._send.disabled, form._cancel.disabled) == (False, True)
-    clicked(form._send)
-    wait_until(lambda: "m from the plan" in form._text.content and form._bar.value > 0.0)
-    assert (form._send.disabled, form._cancel.disabled) == (True, False)
-    clicked(form._cancel)
-    wait_until(lambda: form._text.content.startswith("canceled"))
-    assert (form._send.disabled, form._cancel.disabled) == (False, True)
-    clicked(form._send)
-    wait_until(lambda: state_of(planner, id_).running and form._bar.value > 0.0)
-    planner.close()
-    assert state_of(planner, id_).text.startswith("canceled")
 
 
 def test_a_trajectory_without_agent_and_a_wrong_action_are_reported(planner):
