@@ -218,9 +218,11 @@ def _place(thing: SceneObject) -> Iterator[Field]:
 
 def yaw_pitch_roll_deg(pose: Pose) -> Vec3:
     """Return an orientation as turns about z, then y, then x; at a pitch of 90 degrees the roll is zero."""
+    from scipy.spatial.transform import Rotation
+
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Gimbal lock")
-        angles = pose.rotation.as_euler("ZYX", degrees=True)
+        angles = Rotation.from_quat(pose.quat_xyzw).as_euler("ZYX", degrees=True)
     return _rounded(angles, _DECIMALS_DEG)
 
 
