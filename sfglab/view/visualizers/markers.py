@@ -118,7 +118,8 @@ def _points(marker: Any, scale: NDArray[np.float64] | float = 1.0) -> NDArray[np
     """Return the marker's points in its frame, scaled and then moved by its pose, shape (N, 3)."""
     pose = pose_of(marker.pose)
     points = np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3) * scale
-    return np.asarray(pose.rotation.apply(points) + pose.position_m)
+    matrix = pose.matrix()
+    return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
 
 def _scale(marker: Any) -> NDArray[np.float64]:

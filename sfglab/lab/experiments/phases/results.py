@@ -38,7 +38,7 @@ from sfglab.lab.stats import Estimate, bootstrap, difference_of, share_of
 from sfglab.rtps import PRESETS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -209,7 +209,7 @@ def agreement_finding(run: Run[Config], of: str) -> Finding | None:
         }
     mode = lowest_mode(values)
     where = by_axis(found[found["preset"] == mode], "agrees")
-    reason = f"as {mode}, {counts[mode]}; agree {where} (map: figure phases, notebook 09)"
+    reason = f"with the timing of {PRESETS[mode].name}, {counts[mode]}; agree {where} (map: figure phases, notebook 09)"
     return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
 
 
@@ -257,7 +257,7 @@ def laps_completed(run: Run[Config]) -> Finding | None:
     mode = lowest_mode(values)
     best = laps[(laps["preset"] == mode) & (laps["method"] == BEST)]
     where = by_axis(best, "done")
-    reason = f"as {mode}, {BEST} completes {where} (map: figure phases, notebook 09)"
+    reason = f"with the timing of {PRESETS[mode].name}, {BEST} completes {where} (map: figure phases, notebook 09)"
     return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
 
 
@@ -288,13 +288,23 @@ def obstacles(laps: pd.DataFrame) -> str:
     return f"{', '.join(texts)} of {len(laps)} laps"
 
 
+_AXES: dict[str, tuple[str, Callable[[float], str]]] = {
+    "loss": ("frame loss", "{:.2%}".format),
+    "frame_us": ("airtime of a frame", "{:.0f} us".format),
+    "stall_ms": ("longest stall", "{:.0f} ms".format),
+}
+"""Words and number format of the axes of the region."""
+
+
 def by_axis(table: pd.DataFrame, column: str) -> str:
     """Return the mean of a column for each value of each axis of the region, as a text."""
     texts = []
     for axis in criterion().region:
         means = table.groupby(axis)[column].mean()
-        shares_of = ", ".join(f"{value:g}: {share:.0%}" for value, share in means.items())
-        texts.append(f"by {axis} {shares_of}")
+        words, show = _AXES[axis]
+        shares = zip(means.index.to_numpy(float), means, strict=True)
+        shares_of = ", ".join(f"{show(value)}: {share:.0%}" for value, share in shares)
+        texts.append(f"by {words} {shares_of}")
     return "; ".join(texts)
 
 
