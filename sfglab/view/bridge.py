@@ -135,7 +135,7 @@ class Bridge:
                 self._offered.add(key)
                 try:
                     self._session.add(offer.kind, offer.topics)
-                except Exception as error:  # noqa: BLE001 - a visualizer may be anybody's
+                except Exception as error:  # noqa: BLE001 - a plug-in may raise any error
                     self._session.problems.append(f"visualizer {offer.kind!r}: {error}")
 
     async def _arrange_on_change(self) -> None:

@@ -76,7 +76,7 @@ def _succeeds(display: Display, draw: Callable[[], None]) -> bool:
     except SfglabError as error:
         display.fail(str(error))
         return False
-    except Exception as error:  # noqa: BLE001 - a visualizer may be anybody's
+    except Exception as error:  # noqa: BLE001 - a plug-in may raise any error
         display.fail(f"{type(error).__name__}: {error}")
         return False
     return True

@@ -73,7 +73,7 @@ class Shown(NamedTuple):
 
 
 def read_recording(path):
-    """What a recording shows, read by Rerun's own library: components by entity and name, in order of reception."""
+    """Return the components of a recording by entity and name, in order of reception, read by Rerun's own library."""
     from rerun.chunk import RrdReader
 
     found = {}
