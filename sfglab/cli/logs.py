@@ -15,15 +15,16 @@ import typer
 from typer import Argument, Option
 from typer.core import TyperGroup
 
-from sfglab.cli.buses import until_interrupted, unused
+from sfglab.cli.buses import print_json, until_interrupted, unused
 from sfglab.cli.interfaces import Interfaces
-from sfglab.cli.options import Domain, Duration, Interface
+from sfglab.cli.options import Domain, Duration, Interface, Json
 from sfglab.errors import InvalidValueError
 from sfglab.tables import text_table
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.bus import Node
+    from sfglab.record import LogReader
 
 
 class _Log(TyperGroup):
@@ -83,7 +84,7 @@ def log(context: typer.Context) -> None:
 
 
 @app.command()
-def info(path: _Path) -> None:
+def info(path: _Path, as_json: Json = False) -> None:
     """Print the files, times, topics and metadata of a log or bag; the word info may be left out.
 
     Example:
@@ -92,23 +93,57 @@ def info(path: _Path) -> None:
     from sfglab.record import LogReader
 
     with LogReader(path) as reader:
-        sizes = [file.stat().st_size for file in reader.files]
-        counts = [topic.count for topic in reader.topics.values()]
-        start_ns, end_ns = reader.span_ns
-        start = datetime.fromtimestamp(start_ns // NS_PER_S, UTC).astimezone()
-        lines = [
-            f"files     {', '.join(file.name for file in reader.files)}",
-            f"size      {sum(sizes) / 2**20:.3f} MiB",
-            f"start     {start:%Y-%m-%d %H:%M:%S %z}",
-            f"duration  {(end_ns - start_ns) / NS_PER_S:.3f} s",
-            f"messages  {sum(counts)}",
-            text_table(reader.overview()),
-        ]
-        names = reader.metadata_names
-        lines += [f"metadata  {name}: {json.dumps(reader.metadata(name))}" for name in names]
-        if reader.truncated:
-            lines.append("the log was cut off; this is all that it contains")
+        values = _content(reader)
+        if as_json:
+            print_json(values)
+            return
+        table = text_table(reader.overview())
+    start_ns, end_ns = values["start_ns"], values["end_ns"]
+    start = datetime.fromtimestamp(start_ns // NS_PER_S, UTC).astimezone()
+    lines = [
+        f"files     {', '.join(values['files'])}",
+        f"size      {values['size_bytes'] / 2**20:.3f} MiB",
+        f"start     {start:%Y-%m-%d %H:%M:%S %z}",
+        f"duration  {(end_ns - start_ns) / NS_PER_S:.3f} s",
+        f"messages  {values['messages']}",
+        table,
+    ]
+    for name, value in values["metadata"].items():
+        lines.append(f"metadata  {name}: {json.dumps(value)}")
+    if values["truncated"]:
+        lines.append("the log was cut off; this is all that it contains")
     typer.echo("\n".join(lines))
+
+
+def _content(reader: LogReader) -> dict[str, Any]:
+    """Return the content of a log; rates [Hz] and mean sizes of topics are of their first messages."""
+    from sfglab.record.reader import rate_and_size
+
+    topics = []
+    for name, topic in reader.topics.items():
+        rate_hz, size_bytes = rate_and_size(reader.first(name))
+        described = {
+            "name": name,
+            "type": topic.type_name,
+            "count": topic.count,
+            "encoding": topic.encoding,
+            "rate_hz": rate_hz or None,
+            "size_bytes": size_bytes or None,
+        }
+        topics.append(described)
+    counts = [topic.count for topic in reader.topics.values()]
+    sizes = [file.stat().st_size for file in reader.files]
+    start_ns, end_ns = reader.span_ns
+    return {
+        "files": [file.name for file in reader.files],
+        "size_bytes": sum(sizes),
+        "start_ns": start_ns,
+        "end_ns": end_ns,
+        "messages": sum(counts),
+        "topics": topics,
+        "metadata": {name: reader.metadata(name) for name in reader.metadata_names},
+        "truncated": reader.truncated,
+    }
 
 
 def _wanted(
