@@ -78,7 +78,7 @@ figures: setup ## Draw figures/ again from committed logs alone
 
 screenshots: $(VENV)/.tests ## Make the pictures of editor, viewer and explorer in figures/ (the viewer's needs a Vulkan driver)
 	$(BIN)/python tools/screenshots.py figures
-	$(BIN)/python tests/lab/film_explorer.py figures/explore.gif
+	PYTHONPATH=tools $(BIN)/python tests/lab/film_explorer.py figures/explore.gif
 
 claims: setup ## Print the ledger: paper said, we measured
 	$(BIN)/sfglab claims

@@ -113,8 +113,9 @@ def skip(need: str, reason: str) -> NoReturn:
 
 def open_browser(width: int, height: int):
     """Return a page in a browser; skip the test where its engine does not start."""
+    from browser import Browser, BrowserError
+
     from sfglab.errors import MissingExtraError
-    from sfglab.lab.browser import Browser, BrowserError
 
     try:
         return Browser(width, height)

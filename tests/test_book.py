@@ -14,9 +14,9 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from browser import Browser
 from commands import commands
 
-from sfglab.lab.browser import Browser
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.formats import FORMATS
 

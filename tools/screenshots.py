@@ -26,11 +26,11 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+from browser import Browser
 
 from sfglab.codecs import COMPRESSED_IMAGE, compressed_depth_fields, compressed_image_fields
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.fleet_file import load_fleet
-from sfglab.lab.browser import Browser, free_port
 from sfglab.lab.experiments.visualisation.points import (
     CAMERA,
     PERIOD_NS,
@@ -42,6 +42,7 @@ from sfglab.lab.experiments.visualisation.points import (
     scene_moments,
 )
 from sfglab.lab.paths import find_project
+from sfglab.lab.testbed import free_port
 from sfglab.messages import default_message, message_type, serialize
 from sfglab.spatial.poses import Pose, StampedTransform
 from sfglab.spatial.scene.editor import Editor

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 # The ports of domains from 102 on are in Linux' range of ephemeral ports.
 FIRST_DOMAIN, DOMAINS = 20, 80
+LOOPBACK = "127.0.0.1"
 _turns = itertools.count(os.getpid() * 13)
 
 
@@ -69,6 +70,13 @@ def _alone() -> Iterator[None]:
                 break
             time.sleep(0.2)
         yield
+
+
+def free_port() -> int:
+    """Return a TCP port of the loopback that is free."""
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) as probe:
+        probe.bind((LOOPBACK, 0))
+        return int(probe.getsockname()[1])
 
 
 class CountsBytes(Protocol):

@@ -1,6 +1,6 @@
 """A film of an explorer for the README, from a real JupyterLab: sliders are dragged, the figure follows.
 
-python tests/lab/film_explorer.py figures/explore.gif
+PYTHONPATH=tools python tests/lab/film_explorer.py figures/explore.gif
 """
 
 import base64
@@ -11,11 +11,12 @@ import time
 from contextlib import closing
 from pathlib import Path
 
+from browser import Browser
 from lab_page import ANSWER_S, HANDLE, OPTIONS, run_all, write_notebook
 from PIL import Image, ImageDraw
 
-from sfglab.lab.browser import Browser, free_port
 from sfglab.lab.paths import find_project
+from sfglab.lab.testbed import free_port
 
 CELL = """from sfglab.lab.experiments import transmission
 from sfglab.lab.explore import explore

@@ -18,10 +18,10 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 from waiting import wait_until
 
-from sfglab.lab.browser import free_port
 from sfglab.lab.experiments.transfer import transfer_curves
 from sfglab.lab.explore.viewer import LogViewer
 from sfglab.lab.paths import find_project
+from sfglab.lab.testbed import free_port
 from sfglab.spatial.scene.files import load_scene
 
 pytestmark = [pytest.mark.live, pytest.mark.browser, pytest.mark.timeout(1800)]

@@ -10,7 +10,6 @@ import numpy as np
 
 from sfglab.codecs import compressed_image_fields
 from sfglab.lab.bench import TableRow
-from sfglab.lab.browser import free_port
 from sfglab.lab.checks import CheckRow, facts_row
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.visualisation.live import member, time_pictures, try_changes
@@ -22,7 +21,7 @@ from sfglab.lab.experiments.visualisation.points import (
     scene_moments,
     shown_points,
 )
-from sfglab.lab.testbed import held_domains
+from sfglab.lab.testbed import free_port, held_domains
 from sfglab.processes import ProcessGroup
 from sfglab.view.rerunning import rerun
 

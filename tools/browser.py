@@ -11,7 +11,6 @@ import itertools
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -21,6 +20,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import MissingExtraError, SfglabError
+from sfglab.lab.testbed import LOOPBACK, free_port
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,7 +29,6 @@ _START_S = 90.0
 _ANSWER_S = 60.0
 _END_S = 1.0
 _STILL_S = 0.25
-_HOST = "127.0.0.1"
 _FLAGS = (
     "--use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --ignore-gpu-blocklist --lang=en-US "
     "--disable-background-timer-throttling --disable-renderer-backgrounding"
@@ -170,22 +169,15 @@ def _library(name: str) -> Any:
         raise BrowserError(f"browser: the engine needs a system library: {error}") from error
 
 
-def free_port() -> int:
-    """Return a TCP port of this host that nobody listens at."""
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.bind((_HOST, 0))
-        return int(probe.getsockname()[1])
-
-
 def _start(port: int, width: int, height: int) -> subprocess.Popen[bytes]:
     environment = os.environ | {
         "QT_QPA_PLATFORM": "offscreen",
-        "QTWEBENGINE_REMOTE_DEBUGGING": f"{_HOST}:{port}",
+        "QTWEBENGINE_REMOTE_DEBUGGING": f"{LOOPBACK}:{port}",
         "QTWEBENGINE_DISABLE_SANDBOX": "1",
         "QTWEBENGINE_CHROMIUM_FLAGS": _FLAGS,
     }
     return subprocess.Popen(
-        [sys.executable, "-m", __name__, str(width), str(height)],
+        [sys.executable, __file__, str(width), str(height)],
         env=environment,
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -203,7 +195,7 @@ def _address(engine: subprocess.Popen[bytes], port: int) -> str:
                 f"browser: the engine ended with status {engine.returncode} when it started"
             )
         with suppress(OSError, ValueError, LookupError):
-            with urllib.request.urlopen(f"http://{_HOST}:{port}/json", timeout=1) as answer:
+            with urllib.request.urlopen(f"http://{LOOPBACK}:{port}/json", timeout=1) as answer:
                 pages = json.load(answer)
             return str(pages[0]["webSocketDebuggerUrl"])
         time.sleep(0.05)
@@ -223,7 +215,7 @@ def _stop(engine: subprocess.Popen[bytes]) -> None:
 
 
 def _main(width: int, height: int) -> None:
-    """Be the engine, until standard input ends: nobody outlives the one who started it."""
+    """Run the engine until standard input ends, as it does when the parent ends."""
     core, widgets, web = (
         _library(f"PySide6.{part}") for part in ("QtCore", "QtWidgets", "QtWebEngineWidgets")
     )
