@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import json
 import math
 import shutil
 import subprocess
@@ -20,8 +21,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
+from sfglab.fields import to_json
 from sfglab.lab.experiments import EXPERIMENTS, experiment
-from sfglab.lab.ledger import keep_figures, redraw_figures
+from sfglab.lab.findings import findings_of
+from sfglab.lab.ledger import redraw_figures
 from sfglab.lab.notebooks import notebook_of
 from sfglab.lab.paths import Project, find_project
 from sfglab.lab.runs import standing
@@ -97,7 +100,7 @@ def make_reference(project: Project, name: str, given: argparse.Namespace) -> No
     check_size(project, name, log)
     print(f"{name}: checked, {log.stat().st_size / 1000:.0f} kB")
     if given.keep_previous and reference.is_file():
-        kept = keep_figures(project, name, reference)
+        kept = keep_findings(project, name, reference)
         print(f"{name}: claims of the log before are in {project.relative(kept)}")
     reference.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(log, reference)
@@ -106,6 +109,17 @@ def make_reference(project: Project, name: str, given: argparse.Namespace) -> No
         files += save_summary(project)
     print(f"{name}: copied to {project.relative(reference)}, {len(files)} files of figures drawn")
     print(f"{name}: execute {notebook_of(project, name)} and 00_index again with this log")
+
+
+def keep_findings(project: Project, name: str, log: Path) -> Path:
+    """Keep the findings of a run at another time beside the committed log; return their file."""
+    folder = project.reference_logs / "again"
+    folder.mkdir(parents=True, exist_ok=True)
+    number = len(list(folder.glob(f"{name}_[0-9].json"))) + 1
+    file = folder / f"{name}_{number}.json"
+    text = json.dumps(to_json(findings_of(name, log)), indent=1)
+    file.write_text(f"{text}\n", encoding="utf-8")
+    return file
 
 
 def check_log(name: str, log: Path, reference: Path, *, dirty: bool) -> None:

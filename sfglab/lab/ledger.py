@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
-from sfglab.fields import from_json, to_json
+from sfglab.fields import from_json
 from sfglab.lab.claims import (
     COMMITTED_LOGS,
     Claim,
@@ -24,7 +24,7 @@ from sfglab.lab.claims import (
 )
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
-from sfglab.lab.findings import Findings, FindingsCache, findings_of
+from sfglab.lab.findings import Findings, FindingsCache
 from sfglab.lab.notebooks import notebook_of
 from sfglab.lab.runs import Run, standing
 
@@ -71,17 +71,6 @@ def find_log(
             return log
         newest = newest or log
     return newest
-
-
-def keep_figures(project: Project, name: str, log: Path) -> Path:
-    """Keep the findings of a run at another time beside the committed log; return their file."""
-    folder = project.reference_logs / "again"
-    folder.mkdir(parents=True, exist_ok=True)
-    number = len(list(folder.glob(f"{name}_[0-9].json"))) + 1
-    file = folder / f"{name}_{number}.json"
-    text = json.dumps(to_json(findings_of(name, log)), indent=1)
-    file.write_text(f"{text}\n", encoding="utf-8")
-    return file
 
 
 def _kept_again(project: Project, name: str) -> Iterator[_Source]:

@@ -16,7 +16,6 @@ import os
 import re
 import sys
 import time
-from contextlib import suppress
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -61,8 +60,6 @@ _PARAMETER = re.compile(r"^(\w+) *[:=]", re.MULTILINE)
 _COMPUTING_NICE = 19
 #: Time for a process to end its kernel, s.
 _END_S = 20.0
-#: Assumed duration of a notebook that was not run before, s.
-_UNKNOWN_S = 60.0
 
 
 class NotebookError(SfglabError, ValueError):
@@ -247,8 +244,7 @@ def run_notebooks(
     for path in sorted(dict.fromkeys(paths), key=lambda path: path.stem == INDEX):
         fitted = fit_parameters(path, parameters) | _reference_logs(path, project, only)
         copy = _executed_copy(path, project, parameters)
-        before_s = seconds_before(path, project, fitted)
-        tasks.append(_Task(path, copy, fitted, before_s))
+        tasks.append(_Task(path, copy, fitted))
     return asyncio.run(_Runner(project, tasks, write=write).run())
 
 
@@ -295,13 +291,10 @@ def _reference_logs(path: Path, project: Project, only: Collection[str]) -> dict
 class _Task:
     """A notebook and the conditions of its run."""
 
-    def __init__(
-        self, path: Path, copy: Path, parameters: Mapping[str, Any], before_s: float = 0.0
-    ) -> None:
+    def __init__(self, path: Path, copy: Path, parameters: Mapping[str, Any]) -> None:
         self.path = path
         self.copy = copy  #: Path of the executed copy.
         self.parameters = parameters  #: Values for the parameters cell.
-        self.before_s = before_s  #: Duration of the last run, s.
         self.experiments = experiments_of(path)
         #: Whether other work at the same time may change the results.
         self.measures = any(experiment(name).measures for name in self.experiments)
@@ -321,7 +314,6 @@ class _Runner:
         self._tasks = tasks
         self._write = write
         self._outcomes: dict[Path, Outcome] = {}
-        self._begun_s = time.monotonic()
 
     async def run(self) -> list[Outcome]:
         """Run all notebooks; return their outcomes in order."""
@@ -373,7 +365,7 @@ class _Runner:
         )
         result = f"failed: {error}" if error else "done"
         took_s = time.monotonic() - begun_s
-        _say(f"{place} {result} after {took_s:.0f} s{self._time_left()}")
+        _say(f"{place} {result} after {took_s:.0f} s")
 
     def _replace(self, task: _Task) -> None:
         """Replace a notebook by its executed copy."""
@@ -388,31 +380,11 @@ class _Runner:
         """Return the logs in the folder of an experiment."""
         return set((self._project.runs / "logs" / name).glob("*.mcap"))
 
-    def _time_left(self) -> str:
-        """Return the time left at the current pace, as words for the end of a line; empty if all are done."""
-        total_s = sum(task.before_s for task in self._tasks)
-        done_s = sum(task.before_s for task in self._tasks if task.path in self._outcomes)
-        if done_s == total_s:
-            return ""
-        left_s = (time.monotonic() - self._begun_s) * (total_s / done_s - 1)
-        return f", about {left_s / 60:.0f} min left"
-
 
 async def _start_process(nice: int) -> LineProcess:
     # In a session of its own it receives no Ctrl-C, not even while it starts.
     argv = ["setsid", sys.executable, "-m", "sfglab.lab.notebook_process", str(nice)]
     return await LineProcess.start("papermill", argv)
-
-
-def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) -> float:
-    """Return the duration of the last run of a notebook with these parameters, s."""
-    copies = sorted((project.runs / "notebooks").glob(f"{path.stem}[-.]*"))
-    for copy in copies[-2:]:
-        with suppress(NotebookError):
-            run = read_notebook(copy).metadata.get("papermill", {})
-            if run.get("parameters") == parameters and not run.get("exception"):
-                return run.get("duration") or _UNKNOWN_S
-    return _UNKNOWN_S
 
 
 def is_variation(parameters: Mapping[str, Any]) -> bool:

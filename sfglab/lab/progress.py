@@ -1,4 +1,4 @@
-"""Progress: a bar in a terminal, a widget in JupyterLab, plain lines elsewhere, or a listener."""
+"""Progress: a bar in a terminal, a widget in JupyterLab, and plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import re
 import sys
 import time
 from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -35,26 +34,12 @@ _BAR_S = 0.1
 #: Shortest time between two lines, s.
 _LINES_S = 5.0
 _LINE = re.compile(r"\d+/\d+ steps, \d+ s left$")
-_LISTENER: ContextVar[Callable[[Step], None] | None] = ContextVar("listener", default=None)
-
-
-@contextmanager
-def progress_to(listener: Callable[[Step], None]) -> Iterator[None]:
-    """Report steps in this context to a listener instead of standard error."""
-    token = _LISTENER.set(listener)
-    try:
-        yield
-    finally:
-        _LISTENER.reset(token)
 
 
 @contextmanager
 def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
-    """Show progress, or report it to a listener; yield the function to call after each step."""
-    listener = _LISTENER.get()
-    if listener is not None:
-        yield _reporter(total, what, listener)
-    elif _in_jupyterlab():
+    """Show progress; yield the function to call after each step."""
+    if _in_jupyterlab():
         with _widget(total, what) as show:
             yield _reporter(total, what, show, _BAR_S)
     elif sys.stderr.isatty():
@@ -72,7 +57,7 @@ def _move(bar: Any, step: str) -> None:
 
 
 def _reporter(
-    total: int, what: str, listener: Callable[[Step], None], period_s: float = 0
+    total: int, what: str, listener: Callable[[Step], None], period_s: float
 ) -> Callable[[str], None]:
     """Return a function that reports at most one step per period, and the last one."""
     start_s = reported_s = time.monotonic()

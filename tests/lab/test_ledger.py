@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from reference import keep_findings
 
 from sfglab.lab.claims import Verdict, render_in_full
 from sfglab.lab.experiments.naming import exp
@@ -18,7 +19,6 @@ from sfglab.lab.ledger import (
     compute_ledger,
     find_log,
     history,
-    keep_figures,
     redraw_figures,
 )
 from sfglab.lab.paths import Project
@@ -97,10 +97,8 @@ def test_figures_and_verdicts_come_from_logs_alone_and_an_unreadable_one_costs_i
     ]
     shutil.copy(log, project.reference_logs / "naming.mcap")
     log.unlink()
-    assert (
-        keep_figures(project, "naming", project.reference_logs / "naming.mcap").name
-        == "naming_1.json"
-    )
+    kept = keep_findings(project, "naming", project.reference_logs / "naming.mcap")
+    assert kept.name == "naming_1.json"
     [joined] = [each for each in compute_ledger(project) if each.runs]
     assert (joined.claim.id, len(joined.runs), joined.verdict) == ("A-FQN", 2, Verdict.REPRODUCED)
     logs = [each.log for each in history(project) if each.measured]

@@ -38,7 +38,7 @@ from sweep_tasks import (
 )
 
 from sfglab.errors import MissingExtraError
-from sfglab.lab.progress import progress_to
+from sfglab.lab import progress
 from sfglab.lab.sweep import JournalError, SweepError, Workers, sweep
 from sfglab.lab.sweep.journal import code_digest, identity_of, open_journal, text_from_result
 from sfglab.lab.sweep.run import Job, connected, run_batch
@@ -47,6 +47,13 @@ POINTS = [SpotPoint(number=number) for number in range(5)]
 SEEDS = range(6)
 THREADS = Workers(count=2, threads=True)
 PROCESSES = Workers(count=2)
+
+
+@pytest.fixture
+def on_step(monkeypatch):
+    """A function that has another one called after each step of a sweep."""
+    monkeypatch.setattr(progress, "_LINES_S", 0.0)
+    return lambda listener: monkeypatch.setattr(progress, "_print_line", listener)
 
 
 def bits(results):
@@ -386,7 +393,7 @@ def test_ctrl_c_in_a_terminal_ends_a_sweep_quietly_with_all_its_processes(tmp_pa
     resumed(tmp_path)
 
 
-def test_ctrl_c_is_heard_between_batches_so_that_no_lock_of_the_pool_stays_closed(swept):
+def test_ctrl_c_is_heard_between_batches_so_that_no_lock_of_the_pool_stays_closed(swept, on_step):
     steps = []
 
     def interrupted(step):
@@ -394,21 +401,23 @@ def test_ctrl_c_is_heard_between_batches_so_that_no_lock_of_the_pool_stays_close
         steps.append(step.done)
 
     points = [SpotPoint(number=number) for number in range(200)]
-    with progress_to(interrupted), pytest.raises(KeyboardInterrupt):
+    on_step(interrupted)
+    with pytest.raises(KeyboardInterrupt):
         swept(uneven, points, SEEDS)
     assert 0 < len(steps) < 1200
 
 
-def test_ctrl_c_while_processes_write_large_results_leaves_no_process(swept):
+def test_ctrl_c_while_processes_write_large_results_leaves_no_process(swept, on_step):
     def interrupted(_step):
         signal.raise_signal(signal.SIGINT)
 
-    with progress_to(interrupted), pytest.raises(KeyboardInterrupt):
+    on_step(interrupted)
+    with pytest.raises(KeyboardInterrupt):
         swept(large, POINTS, SEEDS, workers=PROCESSES)
     nothing_is_left()
 
 
-def test_one_ctrl_c_ends_a_sweep_within_an_event_loop(swept):
+def test_one_ctrl_c_ends_a_sweep_within_an_event_loop(swept, on_step):
     async def within():
         swept(uneven, [SpotPoint(number=number) for number in range(200)], SEEDS)
 
@@ -419,7 +428,8 @@ def test_one_ctrl_c_ends_a_sweep_within_an_event_loop(swept):
             signal.raise_signal(signal.SIGINT)
         steps.append(step.done)
 
-    with progress_to(interrupted), pytest.raises(KeyboardInterrupt):
+    on_step(interrupted)
+    with pytest.raises(KeyboardInterrupt):
         asyncio.run(within())
     assert len(steps) < 1200
 
