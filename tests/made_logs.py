@@ -1,6 +1,7 @@
 """Logs as runs write them: made by tests, with only what matters given; smoke runs; and the committed ones."""
 
 import asyncio
+import shutil
 from dataclasses import fields
 from pathlib import Path
 from typing import get_type_hints
@@ -27,6 +28,15 @@ def share_findings(folder):
     kept.mkdir(parents=True, exist_ok=True)
     (folder / "runs").mkdir(exist_ok=True)
     (folder / "runs" / "cache").symlink_to(kept)
+
+
+def make_checkout(folder):
+    """Make a checkout with notebooks, inputs, and the committed logs with what they say."""
+    hidden, logs = shutil.ignore_patterns(".*"), shutil.ignore_patterns("reference")
+    shutil.copytree(DATA.parent / "notebooks", folder / "notebooks", ignore=hidden)
+    shutil.copytree(DATA, folder / "data", ignore=logs)
+    (folder / "data" / "reference").symlink_to(DATA / "reference")
+    share_findings(folder)
 
 
 def ran(exp, path, **changes):

@@ -3,10 +3,10 @@
 import asyncio
 import os
 import signal
-import subprocess
-import sys
+import threading
 import time
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -17,6 +17,7 @@ from made_logs import CLAIMS, made_run, reference
 from sfglab.bus import Node
 from sfglab.codecs import image_decoder
 from sfglab.fleet.decoder.streams import routes_of_topic
+from sfglab.lab.bench import Options
 from sfglab.lab.claims import Verdict, entry_for
 from sfglab.lab.experiments.decode_once import cost_model, decoding_costs, exp, results
 from sfglab.lab.experiments.decode_once.experiment import groups_of
@@ -233,25 +234,25 @@ async def test_the_stamp_of_a_received_picture_is_that_of_the_frame_in_its_pixel
 @pytest.mark.slow
 def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_path):
     log, journal = tmp_path / "run.mcap", tmp_path / "decode_once-smoke-cells.journal"
-    code = (
-        "import asyncio; from pathlib import Path; from dataclasses import replace\n"
-        "from sfglab.lab.bench import Options\n"
-        "from sfglab.lab.experiments.decode_once import exp\n"
-        "s = (replace(exp.config('smoke').stages[0], repeats=50),)\n"
-        f"asyncio.run(exp.run('smoke', path=Path({str(log)!r}), options=Options(separate=False), stages=s,"
-        " encoder='libx264', raw_s=0.5))\n"
+    stage = replace(
+        exp.config("smoke").stages[0], counts=(1,), dds_counts=(), network_counts=(), repeats=50
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True
-    )
-    while not journal.exists() or journal.read_bytes().count(b"\n") < 2:
-        assert process.poll() is None, "until a group of cells is measured"
-        time.sleep(0.1)
-    children = psutil.Process(process.pid).children(recursive=True)
-    assert len(children) >= 5
-    os.kill(process.pid, signal.SIGINT)
-    _, error = process.communicate(timeout=60)
-    assert b"KeyboardInterrupt" in error
+    before = set(psutil.Process().children(recursive=True))
+    children = []
+
+    def interrupt():
+        # Until a group of cells is measured.
+        while not journal.exists() or journal.read_bytes().count(b"\n") < 2:
+            time.sleep(0.1)
+        children.extend(set(psutil.Process().children(recursive=True)) - before)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
+    options = Options(separate=False)
+    changes = {"stages": (stage,), "encoder": "libx264", "raw_s": 0.5}
+    with pytest.raises(KeyboardInterrupt):
+        asyncio.run(exp.run("smoke", path=log, options=options, **changes))
+    assert len(children) >= 3
     _, alive = psutil.wait_procs(children, timeout=60)
     assert not alive
     assert not log.exists(), "it is not finished"

@@ -256,7 +256,7 @@ OWN_CLAIM = """
 def test_the_index_runs_with_an_experiment_of_ones_own(example, tmp_path):
     """The guide "Extend it": an experiment, its claim and its notebook, then the index."""
     root = Path(__file__).parents[2]
-    for name in ("sfglab", "data", "figures", "notebooks"):
+    for name in ("sfglab", "data", "notebooks"):
         # Without committed logs, which say nothing of an experiment of one's own.
         shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("*.mcap"))
     experiments = tmp_path / "sfglab" / "lab" / "experiments"

@@ -1,21 +1,22 @@
 """A variation is reported as what it is: it counts for no claim, asserts nothing, and replaces no file."""
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from commands import called
-from made_logs import DATA, ran, reference
+from made_logs import make_checkout, ran, reference
 
 from sfglab.errors import SfglabError
 from sfglab.lab import notebook
 from sfglab.lab.claims import Claim, How, Measured, entry_for
 from sfglab.lab.experiment import SMOKE_TITLE
 from sfglab.lab.experiments import experiment
+from sfglab.lab.ledger import figures_folder, save_figures
 from sfglab.lab.notebooks import Outcome
+from sfglab.lab.paths import find_project
 from sfglab.lab.stats import Estimate
 
 ROOT = Path(__file__).parents[2]
@@ -23,13 +24,8 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture
 def checkout(tmp_path, monkeypatch):
-    """A checkout with notebooks, claims and the committed logs of one notebook."""
-    shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
-    (tmp_path / "data" / "reference").mkdir(parents=True)
-    shutil.copy(DATA / "claims.yaml", tmp_path / "data")
-    shutil.copytree(DATA / "fleets", tmp_path / "data" / "fleets")
-    for name in ("naming", "routing"):
-        shutil.copy(DATA / "reference" / f"{name}.mcap", tmp_path / "data" / "reference")
+    """A checkout with notebooks, inputs and the committed logs."""
+    make_checkout(tmp_path)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     return tmp_path
 
@@ -39,51 +35,82 @@ def sfglab(*words):
     return subprocess.run(argv, env=os.environ, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.slow
-def test_a_variation_prints_its_claims_and_files_and_replaces_nothing(checkout):
+class Process:
+    """A process that runs the experiment itself and saves its figures, instead of a notebook."""
+
+    status = None
+
+    def order(self, *, copy, parameters, **_):
+        self.copy, self.settings = Path(copy), parameters["settings_naming"]
+
+    async def expect(self, *_, **__):
+        self.copy.write_text("the executed copy")
+        project = find_project()
+        run = await experiment("naming").run("smoke", **self.settings)
+        save_figures(project, run, figures_folder(project, run.log, self.copy))
+        return {"error": ""}
+
+    async def close(self, **_):
+        pass
+
+
+def test_a_variation_prints_its_claims_and_files_and_replaces_nothing(checkout, monkeypatch):
+    async def start(_nice):
+        return Process()
+
+    monkeypatch.setattr("sfglab.lab.notebooks._start_process", start)
     others = [
         checkout / "runs" / name
-        for name in ("notebooks/01_names_and_border.ipynb", "figures/x.svg")
+        for name in ("notebooks/01_names_and_border.ipynb", "figures/naming_schema.svg")
     ]
     for file in others:
         file.parent.mkdir(parents=True)
         file.write_text("of another run")
     words = ["reproduce", "naming", "--profile", "smoke", "-p", "settings_naming={samples: 10}"]
-    done = sfglab(*words)
-    assert done.returncode == 0, done.stderr
-    assert "warning: reproduce -p is now called sfglab try\n" in done.stderr
-    assert "This run counts for no claim: " in done.stdout
-    assert "A-FQN" in done.stdout
-    assert "A-CPU-SFG" not in done.stdout, "claims of other experiments"
+    printed = called(*words)
+    assert "warning: reproduce -p is now called sfglab try\n" in printed
+    assert "This run counts for no claim: " in printed
+    assert "A-FQN" in printed
+    assert "A-CPU-SFG" not in printed, "claims of other experiments"
     assert [file.read_text() for file in others] == ["of another run"] * 2
-    for kind in ("notebook: ", "log: ", "figures: "):
-        paths = [line.partition(kind)[2] for line in done.stdout.splitlines() if kind in line]
-        assert paths
-        assert all((checkout / path).exists() for path in paths)
+    for kind in ("  notebook: ", "  log: ", "  figures: "):
+        ran, *_read = [line for line in printed.splitlines() if line.startswith(kind)]
+        assert (checkout / ran.removeprefix(kind)).exists()
 
 
 @pytest.mark.slow
 def test_a_try_has_notebook_log_figures_and_summary_in_a_folder_of_its_own(checkout):
-    words = ["try", "naming", "samples=10", "--profile", "smoke"]
-    first, named = sfglab(*words), sfglab(*words, "--name", "few")
-    for done, name in ((first, "naming-1"), (named, "few")):
-        assert done.returncode == 0, done.stderr
-        folder = checkout / "runs" / "try" / name
-        files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*.*"))
-        names = ("naming_schema", "routing_border")
-        drawn = [f"figures/{one}.{suffix}" for one in names for suffix in ("json", "png", "svg")]
-        assert files == ["01_names_and_border.ipynb", *drawn, "naming.mcap", "summary.txt"]
-        assert done.stdout.startswith("naming: profile smoke, samples=10\n")
-        assert "A-FQN" in done.stdout
-        assert "This run counts for no claim: " in done.stdout
-        for file in ("01_names_and_border.ipynb", "figures\n", "naming.mcap", "summary.txt\n"):
-            assert f": runs/try/{name}/{file}" in done.stdout
-        assert (folder / "summary.txt").read_text() in done.stdout
+    words = ["try", "naming", "samples=10", "--profile", "smoke", "--name", "few"]
+    done = sfglab(*words)
+    assert done.returncode == 0, done.stderr
+    folder = checkout / "runs" / "try" / "few"
+    files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*.*"))
+    names = ("naming_schema", "routing_border")
+    drawn = [f"figures/{one}.{suffix}" for one in names for suffix in ("json", "png", "svg")]
+    assert files == ["01_names_and_border.ipynb", *drawn, "naming.mcap", "summary.txt"]
+    assert done.stdout.startswith("naming: profile smoke, samples=10\n")
+    assert "A-FQN" in done.stdout
+    assert "This run counts for no claim: " in done.stdout
+    for file in ("01_names_and_border.ipynb", "figures\n", "naming.mcap", "summary.txt\n"):
+        assert f": runs/try/few/{file}" in done.stdout
+    assert (folder / "summary.txt").read_text() in done.stdout
     assert sorted(path.name for path in (checkout / "runs").iterdir()) == ["cache", "try"]
-    again = sfglab(*words, "--name", "few")
-    assert again.returncode == 1
-    said = "sfglab: --name: given 'few', allowed: a name that no finished try has\n"
-    assert again.stderr == said
+    with pytest.raises(SfglabError, match="--name: given 'few', allowed: a name that no finished"):
+        called(*words)
+
+
+def test_a_try_without_a_name_has_the_next_number(checkout, monkeypatch):
+    folders = []
+
+    def run(name, folder, **_):
+        folders.append(folder.name)
+        folder.mkdir(parents=True)
+        return Outcome(name=name, error="", notebook=folder / "a.ipynb", logs={})
+
+    monkeypatch.setattr("sfglab.lab.notebooks.try_experiment", run)
+    for _ in range(2):
+        called("try", "naming", "--profile", "smoke")
+    assert folders == ["naming-1", "naming-2"]
 
 
 @pytest.mark.parametrize(
@@ -117,7 +144,7 @@ def test_the_claims_of_the_notebooks_that_ran_are_printed_and_no_others(
 def test_a_try_refuses_what_it_cannot_use_in_one_sentence(checkout, words, sentence):
     with pytest.raises(SfglabError, match=sentence):
         called("try", *words.split())
-    assert not (checkout / "runs").exists()
+    assert not (checkout / "runs" / "try").exists()
 
 
 def test_of_a_changed_run_nothing_is_asserted_and_of_another_everything(checkout, tmp_path):

@@ -1,20 +1,27 @@
-"""Every notebook runs through headless, on the smoke profile, in a checkout of its own."""
+"""Every notebook in the smoke profile, in a checkout of its own.
+
+The cells run in this process, because a process and a kernel for each notebook would load everything anew.
+The tests of `sfglab try` and of the runner have kernels.
+"""
 
 import contextlib
 import os
-import shutil
+import warnings
 from pathlib import Path
 
+import nbformat
 import psutil
 import pytest
-from made_logs import share_findings
+from IPython.core.interactiveshell import InteractiveShell
+from IPython.utils.capture import capture_output
+from made_logs import make_checkout
 
 from sfglab.lab.checks import trees
 from sfglab.lab.experiments import EXPERIMENTS, decode_once, experiment, mocap, visualisation
 from sfglab.lab.experiments.latency import results as latency
 from sfglab.lab.experiments.latency.experiment import PATHS
 from sfglab.lab.experiments.visualisation.results import DELAY
-from sfglab.lab.notebooks import experiments_of, find_notebooks, run_notebooks
+from sfglab.lab.notebooks import experiments_of, find_notebooks
 from sfglab.lab.paths import Project
 from sfglab.record import LogReader
 from sfglab.spatial.frames.buffer import FrameBuffer
@@ -23,12 +30,8 @@ from sfglab.spatial.frames.listener import fill_from_log
 
 ROOT = Path(__file__).parents[2]
 INDEX = "00_index"
-SHOWN = "data/reference/cooperation.mcap"
-CONSTANTS = "data/reference/decode_once.mcap"  # of the explorer of notebook 03
-TIMES = "data/reference/latency.mcap"  # of the explorer of notebook 07
-RCLPY = "data/reference/decode_once_ros2.mcap"  # compared in notebook 03
 LOSS = ("latency", "live", "loss", "validation")
-# What the notebooks draw in a smoke test.
+# Figures of each notebook in a smoke test.
 FIGURES_ANYWHERE = {
     "08_caches_and_qos": {"balancing_caches", "balancing_qos"},
     "09_loss": {"phases", *(f"transmission_{what}" for what in LOSS)},
@@ -55,20 +58,26 @@ NAMES = [*FIGURES_ANYWHERE, *(pytest.param(name, marks=LIVE) for name in FIGURES
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """A checkout of its own, with four logs, for readers to look at; what runs for it is gone at the end."""
-    shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
-    shutil.copytree(ROOT / "data", tmp_path / "data", ignore=shutil.ignore_patterns("reference"))
-    (tmp_path / "data" / "reference").mkdir()
-    for log in (SHOWN, CONSTANTS, TIMES, RCLPY):
-        shutil.copy(ROOT / log, tmp_path / log)
+    """A checkout of its own with the committed logs; what runs for it is gone at the end."""
+    make_checkout(tmp_path)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
+    monkeypatch.chdir(tmp_path / "notebooks")
     yield Project(root=tmp_path)
     _, alive = psutil.wait_procs(processes_of(tmp_path), timeout=60)
     assert [process.cmdline() for process in alive] == []
 
 
+@pytest.fixture
+def shell():
+    """A shell that runs cells as a kernel does."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # as in a kernel, no warning is an error
+        yield InteractiveShell.instance()
+    InteractiveShell.clear_instance()
+
+
 def processes_of(folder):
-    """Processes that were started for a checkout, whoever their parent is by now."""
+    """Return the processes of a checkout, by their environment."""
     found = []
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error):
@@ -77,11 +86,17 @@ def processes_of(folder):
     return found
 
 
-def run_through(project, name):
-    """Run one notebook, which must end well."""
-    found = find_notebooks(project, [name])
-    outcomes = run_notebooks(found, project=project, parameters={"profile": "smoke"})
-    assert [(o.name, o.error) for o in outcomes] == [(name, "")]
+def run_through(shell, name):
+    """Run the cells of a notebook, which must end well."""
+    notebook = nbformat.read(f"{name}.ipynb", as_version=4)
+    for cell in notebook.cells:
+        if cell.cell_type != "code":
+            continue
+        with capture_output() as captured:
+            done = shell.run_cell(cell.source)
+        assert done.success, f"{cell.source}\n{captured.stdout}"
+        if "parameters" in cell.metadata.get("tags", ()):
+            shell.user_ns["profile"] = "smoke"
 
 
 def test_every_notebook_is_known_and_the_index_reports_on_all():
@@ -141,13 +156,15 @@ LIVE_RUNS = {
     "mocap": the_bridge_keeps_the_tree_whole,
     "visualisation": everything_is_shown,
 }
-"""What the logs of live runs say beside their claims, by experiment."""
+"""Checks of the logs of live runs, by experiment."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
-def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(project, name):
-    run_through(project, name)
+def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(
+    project, shell, name
+):
+    run_through(shell, name)
     logs = sorted(project.runs.glob("logs/*/*.mcap"))
     experiments = experiments_of(ROOT / "notebooks" / f"{name}.ipynb")
     assert [log.parent.name for log in logs] == sorted(experiments)
@@ -159,8 +176,6 @@ def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(p
 
 
 @pytest.mark.slow
-def test_the_index_runs_through_on_the_reference_logs(project):
-    share_findings(project.root)
-    shutil.copytree(ROOT / "data" / "reference", project.reference_logs, dirs_exist_ok=True)
-    run_through(project, INDEX)
+def test_the_index_runs_through_on_the_reference_logs(project, shell):
+    run_through(shell, INDEX)
     assert not project.runs.joinpath("logs").exists()
