@@ -15,9 +15,8 @@ import asyncio
 
 import pandas as pd
 
-from sfglab.lab.browser import free_port
 from sfglab.lab.experiments.visualisation.live import member, time_pictures
-from sfglab.lab.testbed import held_domains
+from sfglab.lab.testbed import free_port, held_domains
 from sfglab.processes import ProcessGroup
 
 SHARES = [0.5, 0.95, 0.99]
