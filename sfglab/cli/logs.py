@@ -271,7 +271,8 @@ def play(
 ) -> None:
     """Publish the messages of a log or bag with their recorded timing.
 
-    Playing begins when all existing subscriptions match.
+    Playing begins when all existing subscriptions match. It waits for slow reliable subscriptions, but for a
+    stalled one at most 15 s.
 
     Examples:
       sfglab log play bag/ --domain 7
