@@ -4,7 +4,6 @@ import asyncio
 import os
 import signal
 import threading
-import time
 from contextlib import closing
 from dataclasses import replace
 
@@ -238,20 +237,27 @@ def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_p
         exp.config("smoke").stages[0], counts=(1,), dds_counts=(), network_counts=(), repeats=50
     )
     before = set(psutil.Process().children(recursive=True))
-    children = []
+    children, ended = [], threading.Event()
 
     def interrupt():
         # Until a group of cells is measured.
         while not journal.exists() or journal.read_bytes().count(b"\n") < 2:
-            time.sleep(0.1)
+            if ended.wait(0.1):
+                return
         children.extend(set(psutil.Process().children(recursive=True)) - before)
         os.kill(os.getpid(), signal.SIGINT)
 
-    threading.Thread(target=interrupt, daemon=True).start()
+    thread = threading.Thread(target=interrupt, daemon=True)
+    thread.start()
     options = Options(separate=False)
     changes = {"stages": (stage,), "encoder": "libx264", "raw_s": 0.5}
-    with pytest.raises(KeyboardInterrupt):
-        asyncio.run(exp.run("smoke", path=log, options=options, **changes))
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            asyncio.run(exp.run("smoke", path=log, options=options, **changes))
+    finally:
+        # If the run ended by itself, no signal must end the tests.
+        ended.set()
+        thread.join()
     assert len(children) >= 3
     _, alive = psutil.wait_procs(children, timeout=60)
     assert not alive
