@@ -47,6 +47,9 @@ def test_points_are_those_of_the_closed_form_and_others_are_seen():
     assert wrong == replace(row, wrong_colors=row.points)
     fewer = points.compared(moments[0], (shown[1:], colors[1:]))
     assert (fewer.largest_error_m, fewer.wrong_colors) == (float("inf"), row.expected)
+    empty = replace(moments[0], depth_mm=np.zeros_like(moments[0].depth_mm))
+    nothing = points.compared(empty, (shown[:0], colors[:0]))
+    assert (nothing.expected, nothing.largest_error_m) == (0, float("inf"))
 
 
 def quiet_run(*, tail_ms=0.0):

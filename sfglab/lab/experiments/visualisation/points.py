@@ -161,14 +161,14 @@ def back_projected(moment: Moment, info: Any, *, step: int, max_m: float) -> Poi
 
 
 def compared(moment: Moment, shown: Points) -> VisualisationCloudRow:
-    """Compare the points of a depth image with their closed form."""
+    """Compare the points of a depth image with their closed form; without any of these the error is infinite."""
     info = camera_info(moment.header(CAMERA), SIZE)
     expected, expected_colors = back_projected(moment, info, step=_STEP, max_m=_MAX_M)
     points, colors = shown
     largest_m, wrong_colors = float("inf"), len(expected)
-    if points.shape == expected.shape:
+    if len(expected) and points.shape == expected.shape:
         errors_m = np.linalg.norm(points - expected, axis=1)
-        largest_m = float(errors_m.max(initial=0.0))
+        largest_m = float(errors_m.max())
         wrong_colors = int((colors != expected_colors).any(axis=1).sum())
     return VisualisationCloudRow(
         stamp_ns=moment.stamp_ns,
