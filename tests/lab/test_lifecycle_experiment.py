@@ -126,7 +126,7 @@ def test_the_discoverers_own_table_vouches_for_nothing(told, monkeypatch, wrong,
         ((1.1, 2.9, 3.1), 1),  # between the two
     ],
 )
-def test_a_query_beyond_the_outstanding_one_is_found(told, arrivals, doubled):
+def test_a_query_beyond_those_sent_is_found(told, arrivals, doubled):
     given_up = move("QUERYING", "FAILED", "BACKING_OFF", "BACK_OFF", 2.0)
     run = told(given_up, move("BACKING_OFF", "RETRY", "QUERYING", "QUERY", 3.0), queries=arrivals)
     assert lifecycle.transitions(run).doubled == doubled

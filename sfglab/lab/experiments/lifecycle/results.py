@@ -210,7 +210,9 @@ class Transitions:
     strange: int
     sent: int  #: Queries that discoverers sent.
     queries: int  #: Queries that arrived at made-up agents.
-    doubled: int  #: Those that arrived while an earlier one to the same agent was outstanding.
+    doubled: (
+        int  #: Those that arrived beyond the queries that had been sent to their agent by then.
+    )
     announced: dict[str, int]  #: Number of discovery events by the moves' actions, by name.
 
     @property
@@ -279,13 +281,13 @@ def events(run: Run[Config]) -> dict[str, int]:
 def paper_transitions(run: Run[Config]) -> Finding:
     """Return the share of the paper's transitions that were taken.
 
-    It is 0 if a move broke the rules, a second query was outstanding, or an event was not received.
+    It is 0 if a move broke the rules, more queries arrived than were sent, or an event was not received.
     """
     found, received = transitions(run), events(run)
     silent = [name for name, count in found.announced.items() if received.get(name) != count]
     wrong = {
         "moves against the rules": found.strange,
-        "queries while one was outstanding": found.doubled,
+        "queries beyond those sent": found.doubled,
         "kinds of events that were not received as often as announced": len(silent),
     }
     reasons = [f"{count} {what}" for what, count in wrong.items() if count]
@@ -298,7 +300,7 @@ def paper_transitions(run: Run[Config]) -> Finding:
     details = {
         "hosts": str(run.metadata("hosts")["description"]),
         "transitions reached": f"{found.reached:.0%} of {len(found.taken)}",
-        "queries at made-up agents": f"{found.queries}, while one was outstanding: {found.doubled}",
+        "queries at made-up agents": f"{found.queries}, beyond those sent: {found.doubled}",
         "discovery events received": str(received),
         "waits": "shortened: a second or less where the default is up to ten minutes",
     }
@@ -317,7 +319,7 @@ def draw_states(figure: Figure, run: Run[Config]) -> None:
     figure.suptitle(
         f"Life cycle of a remote agent (after paper A, Fig. 3): the run took {stated} of "
         f"{len(STATED)} transitions of the paper\nand {ours} of {len(TRANSITIONS) - len(STATED)} that sfglab "
-        f"adds, {found.strange} against the rules; {found.doubled} queries while one was outstanding",
+        f"adds, {found.strange} against the rules; {found.doubled} queries beyond those sent",
         fontsize="medium",
     )
 
