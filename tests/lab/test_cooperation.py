@@ -43,11 +43,13 @@ def test_the_channel_is_full_without_a_method_and_free_with_the_best_one():
     assert utilisation["OPT+LC"].max() < 0.3
 
 
-def test_the_reason_names_failing_robots_and_is_empty_without_failures():
+def test_the_reason_names_failing_robots_if_any_and_is_empty_without_failures():
     [measured] = exp.measure(REFERENCE).values()
     assert "fails in 23 of 24 laps (robot1 in 11, robot2 in 5, robot3 in 6" in measured.reason
     laps = cooperation.laps(REFERENCE)
     assert not results._reason(laps[laps["success"]])
+    late = laps[laps["success"]].assign(success=False, end="timeout")
+    assert "fails in 1 of 1 laps: at a history" in results._reason(late)
 
 
 def test_the_difference_is_the_mean_over_rates():
@@ -66,7 +68,7 @@ def test_contacts_and_stops_are_counted_apart_and_by_robot():
     assert ends.loc["none"].tolist() == [0, 72, 0, 0, 42, 15, 15]
     assert ends.loc["OPT+LC"].tolist() == [1, 3, 19, 1, 11, 5, 6]
     details = exp.measure(REFERENCE)["B-COOP"].details
-    assert "contact in 72, robot1 in 42" in details["none, 72 laps"]
+    assert "contact in 72; by robot: robot1 in 42" in details["none, 72 laps"]
 
 
 def test_the_difference_has_an_interval_where_no_lap_succeeds():
@@ -182,7 +184,7 @@ def test_the_explorer_shows_the_lap_s_beginning_first_and_simulates_nothing_twic
     assert len(shown) == 2
     coarse, whole = shown
     assert "simulated up to" in coarse.said
-    assert "stop for an obstacle of robot" in whole.said
+    assert ": stop for an obstacle after " in whole.said
     monkeypatch.setattr(hallway.simulation.SimulatedLap, "_step", None)
     [later] = cooperation.hallway_lap(seed=20, shown_s=5.0)
     assert "At 5.0 s" in later.said

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+ENDS = [end.value for end in End]
 ROBOT_COLORS = dict(zip(ROBOTS, (COLORS["proxy"], "#E69F00", "#000000"), strict=True))
 
 
@@ -32,9 +33,9 @@ def setting_text(settings: Any) -> str:
 
 
 def ending_text(end: End, robot: str, ended_s: float) -> str:
-    """Return how a lap ended, as ``contact of robot2 after 11 s``."""
-    whose = f" of {robot}" if robot else ""
-    return f"{end.value}{whose} after {ended_s:.0f} s"
+    """Return how a lap ended, as ``robot2: contact after 11 s``."""
+    whose = f"{robot}: " if robot else ""
+    return f"{whose}{end.value} after {ended_s:.0f} s"
 
 
 # --- Tables -----------------------------------------------------------------------------------
@@ -54,8 +55,7 @@ def endings(table: pd.DataFrame) -> pd.DataFrame:
     """
     ends, robots = (pd.crosstab(table["method"], table[column]) for column in ("end", "robot"))
     methods = [method for method in METHODS if method in ends.index]
-    columns = [*(end.value for end in End), *ROBOTS]
-    return ends.join(robots).reindex(index=methods, columns=columns, fill_value=0)
+    return ends.join(robots).reindex(index=methods, columns=[*ENDS, *ROBOTS], fill_value=0)
 
 
 def causes(table: pd.DataFrame) -> pd.DataFrame:
@@ -107,12 +107,14 @@ def success_difference(run: Run[Config]) -> Finding:
     for method in counts.index:
         done = table[table["method"] == method]["success"]
         rate = share_of(int(done.sum()), len(done), unit="success rate")
-        details[f"{method}, {len(done)} laps"] = f"{rate}: {counts_text(counts.loc[method])}"
+        texts = [counts_text(counts.loc[method, names]) for names in (ENDS, [*ROBOTS])]
+        counted = "; by robot: ".join(filter(None, texts))
+        details[f"{method}, {len(done)} laps"] = f"{rate}: {counted}"
     return Finding(estimate=difference(table), details=details, reason=_reason(table))
 
 
 def counts_text(counts: Any) -> str:
-    """Return counts that are not zero, as ``contact in 3, robot1 in 2``."""
+    """Return counts that are not zero, as ``contact in 3, timeout in 2``."""
     return ", ".join(f"{name} in {count}" for name, count in counts.items() if count)
 
 
@@ -124,8 +126,9 @@ def _reason(table: pd.DataFrame) -> str:
         return ""
     depth = int(failed["depth_used"].median())
     robots = counts_text(endings(best).loc[BEST, [*ROBOTS]])
+    whose = f" ({robots})" if robots else ""
     return (
-        f"OPT+LC fails in {len(failed)} of {len(best)} laps ({robots}): at a history depth of {depth} the "
+        f"OPT+LC fails in {len(failed)} of {len(best)} laps{whose}: at a history depth of {depth} the "
         "history seldom fills, so a lost sample is requested only after the next heartbeat, every 3 s, "
         "and RELIABLE holds back all samples behind it"
     )
