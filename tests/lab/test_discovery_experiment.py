@@ -132,8 +132,12 @@ def test_what_another_pace_changes_is_undecided(made):
 
 
 def test_agents_that_were_given_up_are_counted(made):
-    run = made(fleet(0, STANDARD, 6, censored=True), fleet(1, LAUNCHED, 6))
-    assert results.fleet_table(run)["agents given up"].tolist() == [6, 0]
+    fleets = [fleet(0, STANDARD, 6), fleet(1, LAUNCHED, 6, censored=True), fleet(2, ROUTED, 6)]
+    run = made(*fleets)
+    assert results.fleet_table(run)["agents given up"].tolist() == [0, 6, 0]
+    claims = exp.measure(run)
+    assert "6 of 6 agents were given up" in claims["A-DISC-TIME"].reason
+    assert "given up" not in claims["A-DISC-TIME-OURS"].reason
 
 
 def test_fleets_of_two_or_started_at_once_do_not_answer_claims_about_six(made):

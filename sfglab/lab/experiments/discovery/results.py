@@ -226,13 +226,21 @@ def time_of(run: Run[Config], mode: str) -> Finding | None:
         few_s = float(np.median(few[0]))
         ends["s at 2 agents"] = few_s
         ends["times as long at 6 agents as at 2"] = estimates[0].value / few_s
-    started = main_fleets(run).drop_duplicates("cell").query("agents == 6 and pace_s > 0")
-    cpu_s = started.loc[started["mode"] == mode, "cpu_s"].median() / PAPERS_LARGEST
+    agents = main_fleets(run).query("agents == 6 and pace_s > 0")
+    agents = agents[agents["mode"] == mode]
+    cpu_s = agents.drop_duplicates("cell")["cpu_s"].median() / PAPERS_LARGEST
+    reason = (
+        f"starting one agent takes {cpu_s:.1f} s of CPU on this machine, which all agents share"
+    )
+    if given_up := agents["censored"].sum():
+        reason += (
+            f"; {given_up} of {len(agents)} agents were given up and count with the time waited"
+        )
     return Finding(
         estimate=estimates[0],
         under=dict(zip([SLOWER], estimates[1:], strict=False)),
         ends=ends,
-        reason=f"starting one agent takes {cpu_s:.1f} s of CPU on this machine, which all agents share",
+        reason=reason,
     )
 
 
