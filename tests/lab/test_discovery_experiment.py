@@ -11,6 +11,7 @@ import pytest
 from made_logs import CLAIMS, made_run, reference
 
 from sfglab.bus.address import BusAddress
+from sfglab.errors import InvalidValueError
 from sfglab.lab.bench import Options
 from sfglab.lab.claims import How, Verdict, judge
 from sfglab.lab.experiments.discovery import Fleet, exp, results
@@ -129,6 +130,13 @@ def test_what_another_pace_changes_is_undecided(made):
     for cells, verdict in ((fleets[:2], Verdict.REPRODUCED), (fleets, Verdict.UNDECIDED)):
         measured = exp.measure(made(*cells, name=verdict.name))["A-DISC-TIME"]
         assert judge(CLAIMS["A-DISC-TIME"], measured) is verdict
+
+
+@pytest.mark.parametrize("change", [{"agents": [1]}, {"talkers": 0}, {"listeners": 0}])
+def test_a_fleet_of_one_agent_or_without_nodes_is_refused(change):
+    stage = {"mode": STANDARD, "agents": [2], **change}
+    with pytest.raises(InvalidValueError, match=next(iter(change))):
+        exp.config(stages=[stage])
 
 
 def test_agents_that_were_given_up_are_counted(made):

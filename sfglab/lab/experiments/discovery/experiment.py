@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 
+from sfglab.fields import Bounds, between
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
@@ -26,9 +27,9 @@ class Stage:
     """Live fleets of one kind."""
 
     mode: Literal["standard", "launched", "routed"]  #: Method of discovery.
-    agents: tuple[int, ...]  #: Sizes of the fleet.
-    talkers: int = 10  #: Publishing nodes per agent.
-    listeners: int = 10  #: Subscribing nodes per agent.
+    agents: tuple[Annotated[int, Bounds(2)], ...]  #: Sizes of the fleet.
+    talkers: int = between(10, 1)  #: Publishing nodes per agent.
+    listeners: int = between(10, 1)  #: Subscribing nodes per agent.
     repeats: int = 1  #: Number of starts of each fleet.
     pace_s: float = 0.0  #: Time from one agent's start to the next one's, s; 0: all at once.
 
