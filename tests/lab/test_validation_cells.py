@@ -83,13 +83,22 @@ def test_shares_are_of_cells_that_kept_their_schedule_by_medians_and_by_the_firs
         (grid, 0.3, 0.3, 10.0, 10.0, True),
         (differs, 0.5, 0.3, 9.0, 9.0, True),
         (never_kept, 0.3, 0.3, 10.0, 10.0, False),
+        (replace(never_kept, preset="cyclone_dds"), 0.3, 0.3, 10.0, 10.0, False),
     ]
     rows = [asdict(cell) | dict(zip(MEASURED, values, strict=True)) for cell, *values in plays]
-    run = made_run(transmission.exp, tmp_path / "made.mcap", {"validation": rows})
-    table = results.validated(run).set_index("of")
+    failed = {"failed": {"a cell": "no reason"}}
+    run = made_run(
+        transmission.exp, tmp_path / "made.mcap", {"validation": rows}, validation=failed
+    )
+    table = results.validated(run).set_index(["of", "preset"])
     columns = ["plays", "late", "cells", "kept", "both_within", "first_within"]
-    assert table.loc["grid", columns].tolist() == [4, 1, 1, 1, 1, 0]
-    assert table.loc["topics", columns].tolist() == [2, 1, 2, 1, 0, 0]
+    assert table.loc[("grid", "fast_dds_sync"), columns].tolist() == [4, 1, 1, 1, 1, 0]
+    assert table.loc[("topics", differs.preset), columns].tolist() == [2, 1, 2, 1, 0, 0]
+    late = table.loc[("topics", "cyclone_dds"), columns[:4]]
+    assert late.tolist() == [1, 1, 1, 0]
+    assert table[columns[:4]].dtypes.unique().tolist() == [int]
+    figure, _ = transmission.exp.draw("transmission_validation", run)
+    assert any("; 1 more plays failed" in text.get_text() for text in figure.texts)
 
 
 def test_the_committed_log_shows_topics_and_the_grids_cells_on_fast_dds():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator  # noqa: TC003 - an explorer's form reads the annotations
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -388,11 +387,11 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
     figure.suptitle(
         "Live cells on Cyclone DDS beside the model" if len(kept) else run.skipped("live")
     )
-    played, late = len(live_cells(run.config)), len(run["live"]) - len(kept)
+    planned, late = len(live_cells(run.config)), len(run["live"]) - len(kept)
     failed = len(failed_plays(run, "live"))
     note(
         figure,
-        f"{played} cells, {late // len(GROUP_STYLES)} late and left out, {failed} failed; "
+        f"{planned} cells, {late // len(GROUP_STYLES)} late and left out, {failed} failed; "
         "grey: acceptance range",
     )
 
@@ -408,11 +407,18 @@ def played(run: Run[Config]) -> pd.DataFrame:
     rows = run["validation"]
     if rows.empty:
         log = exp.load(find_project().reference_logs / "transmission_ros2.mcap")
-        rows = log["validation"]
-        with suppress(KeyError):  # earlier logs have the grid's cells in a table of their own
-            grid_rows = log["ros2"].query(f"group == '{HELLO}'").assign(kind=GRID)
-            rows = pd.concat([rows, grid_rows.rename(columns={"rate_max_hz": "rate_hz"})])
+        rows = pd.concat([log["validation"], *_earlier_cells(log)])
     return rows.assign(of=np.where(rows["kind"] == GRID, GRID, "topics"))
+
+
+def _earlier_cells(log: Run[Config]) -> list[pd.DataFrame]:
+    """Return the grid's cells of an earlier log, which has them in a table of their own."""
+    try:
+        rows = log["ros2"]
+    except KeyError:
+        return []
+    hello = rows[rows["group"] == HELLO].assign(kind=GRID)
+    return [hello.rename(columns={"rate_max_hz": "rate_hz"})]
 
 
 @derived
@@ -431,9 +437,10 @@ def validated(run: Run[Config]) -> pd.DataFrame:
     firsts = agreeing(kept.drop_duplicates(KEYS))
     whose = ["preset", "of"]
     table = rows.groupby(whose, sort=False).size().to_frame("plays")
-    table["late"] = table["plays"] - kept.groupby(whose).size()
+    on_schedule = kept.groupby(whose).size().reindex(table.index, fill_value=0)
+    table["late"] = table["plays"] - on_schedule
     table["cells"] = rows.drop_duplicates(KEYS).groupby(whose).size()
-    table["kept"] = firsts.groupby(whose).size()
+    table["kept"] = firsts.groupby(whose).size().reindex(table.index, fill_value=0)
     table["both_within"] = medians.groupby(whose)["agrees"].mean()
     table["first_within"] = firsts.groupby(whose)["agrees"].mean()
     return table.reset_index()
@@ -472,10 +479,10 @@ def draw_validation(figure: Figure, run: Run[Config]) -> None:
     shares = validated(run).groupby("of")["first_within"].agg(["min", "max"])
     texts = [f"{share.Index} {share.min:.0%} to {share.max:.0%}" for share in lines_of(shares)]
     figure.suptitle(f"First plays that agree with the model: {', '.join(texts)} (by preset)")
-    note(
-        figure,
-        f"{len(kept)} of {len(rows)} plays, which kept their schedule; grey: acceptance range",
-    )
+    said = f"{len(kept)} of {len(rows)} plays, which kept their schedule; grey: acceptance range"
+    if failed := failed_plays(run, "validation"):
+        said += f"; {len(failed)} more plays failed"
+    note(figure, said)
 
 
 def draw_band(axes: Axes, equal: Floats, low: Floats, high: Floats) -> None:
