@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_logs import reference
+from matplotlib.figure import Figure
 
 from sfglab.arp import hello
 from sfglab.lab.experiments.transmission import exp, results
@@ -89,6 +90,18 @@ def test_a_run_repeats_to_the_byte_and_fills_its_claims(tmp_path):
     figures = {f"transmission_{name}" for name in ("latency", "loss", "live", "validation")}
     assert set(exp.figures(one)) == figures
     assert (results.causes(one)["channel utilisation (%)"] > 0).all()
+
+
+def test_a_method_that_lacks_a_depth_is_drawn_at_its_own_depths():
+    columns = ["rate_max_hz", "depth", "method", "median"]
+    rows = [(100, "1", "none", 1.0), (100, "10", "none", 2.0), (100, "10", "LC", 3.0)]
+    table = pd.DataFrame(rows, columns=columns)
+    figure = Figure()
+    table = table.assign(min=table["median"], max=table["median"])
+    results.draw_grid(figure, table, "loss", scale="linear")
+    axes = figure.axes[0]
+    (place,) = [line.get_xdata()[0] for line in axes.lines if list(line.get_ydata()) == [3.0]]
+    assert round(place) == 1, "the second depth"
 
 
 # --- Live cells beside the model --------------------------------------------------------------

@@ -272,7 +272,8 @@ def draw_grid(figure: Figure, table: pd.DataFrame, quantity: str, *, scale: str)
         for method, style in STYLES.items():
             rows = part[part["method"] == method]
             base = method.removesuffix("CC").removesuffix("+") or "none"
-            at = np.arange(len(rows)) + 0.15 * ([*LABELS].index(base) - 1.5)
+            places = [depths.index(depth) for depth in rows["depth"]]
+            at = np.array(places) + 0.15 * ([*LABELS].index(base) - 1.5)
             middle = rows["median"].to_numpy()
             spread = [middle - rows["min"], rows["max"] - middle]
             usual: dict[str, Any] = {"label": LABELS.get(method), "color": METHOD_COLORS[base]}
