@@ -157,8 +157,8 @@ class Experiment(Generic[C]):
         hosts: Names of the test hosts of a run, or a function of the configuration that returns them.
         actors: Processes and nodes of the set-up.
         links: Links for messages between the actors.
-        removed: Fields of older logs with their value in each profile. A log with another value counts for
-            no claim.
+        removed: Fields of older logs with their values by profile. A log with another value, or of a profile
+            that is not named, counts for no claim.
     """
 
     def __init__(  # noqa: PLR0913  # what an experiment declares in one place
