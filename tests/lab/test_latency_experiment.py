@@ -28,8 +28,7 @@ def looked(look, repeat, path, ordered_ns):
     return {**row, "first_ns": first_ns, "replay_packets": replayed}
 
 
-@pytest.fixture
-def made(tmp_path):
+def make(path, *, paths=PATHS, skipped=3):
     """A log as a run writes it, with known delays, and a slow beginning of every look."""
     stray = REPEATS * len(PATHS)
     tables = {
@@ -38,7 +37,7 @@ def made(tmp_path):
         "camera": [],
     }
     for repeat in range(REPEATS):
-        for place, name in enumerate(PATHS):
+        for place, name in enumerate(paths):
             look, started_ns = repeat * len(PATHS) + place, (repeat * 10 + place) * 1000 * MS
             tables["look"].append(looked(look, repeat, name, started_ns))
             for position in range(6):
@@ -47,7 +46,30 @@ def made(tmp_path):
                 seen_ns = stamp_ns + (GLASS_MS[name] + repeat + late) * MS
                 tables["camera"].append({"number": number, "stamp_ns": stamp_ns})
                 tables["sight"].append({"look": look, "number": number, "seen_ns": seen_ns})
-    return made_run(exp, tmp_path / "made.mcap", tables, stream={"encoder": "none"})
+    config = exp.config(skipped=skipped)
+    return made_run(exp, path, tables, config=config, stream={"encoder": "none"})
+
+
+@pytest.fixture
+def made(tmp_path):
+    return make(tmp_path / "made.mcap")
+
+
+@pytest.mark.parametrize(
+    ("change", "missing"),
+    [
+        ({"paths": PATHS[:3]}, ["container (paper)", "new process"]),
+        # Each look ended before its steady state.
+        ({"skipped": 6}, [name for path, name in results.NAMES.items() if path != "on_demand"]),
+    ],
+)
+def test_paths_without_samples_are_named_and_fill_no_claim(tmp_path, change, missing):
+    run = make(tmp_path / "made.mcap", **change)
+    assert exp.measure(run) == {}
+    for table in (results.added_table(run), results.first_table(run)):
+        assert table["not measured"].tolist() == missing
+    figure, _ = exp.draw("latency", run)
+    assert figure.get_suptitle() == f"Not measured: {', '.join(missing)}"
 
 
 def test_what_a_path_adds_is_found_within_a_repetition(made):

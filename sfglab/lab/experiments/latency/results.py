@@ -88,6 +88,12 @@ def firsts(run: Run[Config]) -> pd.DataFrame:
     return looks(run).pivot_table("first_ms", "repeat", "path")
 
 
+def unmeasured(run: Run[Config]) -> list[str]:
+    """Return the names of the paths without samples, with which claims, tables and figure cannot be complete."""
+    missing = {*STEADY_PATHS}.difference(look_medians(run)) | {*NAMES}.difference(firsts(run))
+    return [name for path, name in NAMES.items() if path in missing]
+
+
 def glass_median(run: Run[Config], path: str) -> Estimate:
     """Estimate the age of pictures on a path by the median over subscriptions."""
     return median_of(look_medians(run)[path].dropna().to_numpy(), unit="ms")
@@ -143,7 +149,9 @@ def checks(run: Run[Config]) -> pd.DataFrame:
 
 
 def added_table(run: Run[Config]) -> pd.DataFrame:
-    """Return the latencies that paths add to each other, in the steady state."""
+    """Return the latencies that paths add to each other, in the steady state, or the paths without samples."""
+    if missing := unmeasured(run):
+        return pd.DataFrame({"not measured": missing})
     pairs = [(path, STANDARD, "") for path in (PAPERS, OURS, "decoder")]
     pairs += [
         (OURS, "decoder", "the two routers"),
@@ -164,7 +172,12 @@ def added_table(run: Run[Config]) -> pd.DataFrame:
 
 
 def first_table(run: Run[Config]) -> pd.DataFrame:
-    """Return the times to the first frame by path, and their ratios to *standard* within repetitions."""
+    """Return the times to the first frame by path, and their ratios to *standard* within repetitions.
+
+    If paths have no samples, it is a table of these paths.
+    """
+    if missing := unmeasured(run):
+        return pd.DataFrame({"not measured": missing})
     times = firsts(run)
     rows = []
     for path, name in NAMES.items():
@@ -194,8 +207,10 @@ def hosts_of(run: Run[Config]) -> dict[str, str]:
 
 
 @exp.claim("A-G2G", how=How.LIVE)
-def glass_to_glass(run: Run[Config]) -> Finding:
+def glass_to_glass(run: Run[Config]) -> Finding | None:
     """Return what routers, decoder and DDS add to the age of a picture, as in the paper."""
+    if unmeasured(run):
+        return None
     by_dds = added(run, PAPERS, to=OURS)
     details = {**hosts_of(run), "standard": str(glass_median(run, STANDARD))}
     reason = f"of it DDS in place of shared memory: {by_dds}"
@@ -203,15 +218,19 @@ def glass_to_glass(run: Run[Config]) -> Finding:
 
 
 @exp.claim("A-G2G-OURS", how=How.LIVE)
-def glass_to_glass_ours(run: Run[Config]) -> Finding:
+def glass_to_glass_ours(run: Run[Config]) -> Finding | None:
     """Return what routers, decoder and shared memory add to the age of a picture."""
+    if unmeasured(run):
+        return None
     details = {**hosts_of(run), "without routers": str(added(run, "decoder"))}
     return Finding(estimate=added(run, OURS), details=details)
 
 
 @exp.claim("A-FIRST", how=How.LIVE)
-def first_picture(run: Run[Config]) -> Finding:
+def first_picture(run: Run[Config]) -> Finding | None:
     """Return the time to the first picture in a component container, relative to standard."""
+    if unmeasured(run):
+        return None
     in_paper_ms = paper("A-FIRST", FIRST_ENDS[PAPERS]) - paper("A-FIRST", FIRST_ENDS[STANDARD])
     wait_ms = 500 * GOP_S
     reason = (
@@ -225,8 +244,10 @@ def first_picture(run: Run[Config]) -> Finding:
 
 
 @exp.claim("A-FIRST-OURS", how=How.LIVE)
-def first_picture_ours(run: Run[Config]) -> Finding:
+def first_picture_ours(run: Run[Config]) -> Finding | None:
     """Return the time to the first picture with standby process and GOP replay, relative to standard."""
+    if unmeasured(run):
+        return None
     details = {**hosts_of(run), "with replay, through routers": str(first_mean(run, OURS))}
     return Finding(estimate=first_ratio(run, OURS), details=details)
 
@@ -237,6 +258,9 @@ def first_picture_ours(run: Run[Config]) -> Finding:
 @exp.figure("latency", size=(11.6, 4.4))
 def draw_latency(figure: Figure, run: Run[Config]) -> None:
     """Draw the age of pictures in the steady state (left) and the time to the first picture (right)."""
+    if missing := unmeasured(run):
+        figure.suptitle(f"Not measured: {', '.join(missing)}")
+        return
     steady, first = figure.subplots(1, 2)
     medians, times = look_medians(run), firsts(run)
     more_ms = paper("A-G2G")
