@@ -215,7 +215,9 @@ def test_ctrl_c_ends_both_processes_and_their_kernels(project, two_cores, tmp_pa
     ("cores", "orders"),
     [(1, {0: ["01_a", "02_b", "03_c"]}), (2, {0: ["01_a", "03_c"], 19: ["02_b"]})],
 )
-def test_on_one_core_notebooks_run_one_after_the_other(project, monkeypatch, cores, orders):
+def test_notebooks_run_one_after_the_other_on_one_core_and_together_on_two(
+    project, monkeypatch, cores, orders
+):
     given = {}
 
     class Process:
