@@ -149,19 +149,19 @@ def unpack(archive: bytes) -> dict[str, BundleFile]:
     """
     try:
         with tarfile.open(fileobj=io.BytesIO(archive), mode="r:") as tar:
-            infos = [info for info in tar if info.isfile()]
+            infos = {info.name.removeprefix("./"): info for info in tar if info.isfile()}
             _check(infos, len(archive))
-            return {info.name.removeprefix("./"): _read(tar, info) for info in infos}
+            return {path: _read(tar, info) for path, info in infos.items()}
     except (*_DAMAGED, tarfile.TarError, struct.error) as error:
         raise DeployError(f"archive: {error}") from error
 
 
-def _check(infos: Sequence[tarfile.TarInfo], size_bytes: int) -> None:
-    for info in infos:
+def _check(infos: Mapping[str, tarfile.TarInfo], size_bytes: int) -> None:
+    for path, info in infos.items():
         size_bytes -= max(info.size, 0)
-        if size_bytes < 0 or info.name.startswith("/") or ".." in info.name.split("/"):
+        if size_bytes < 0 or path.startswith("/") or ".." in path.split("/"):
             raise DeployError(
-                f"given {info.name!r} of {info.size} bytes, allowed: no more than the archive holds, "
+                f"given {path!r} of {info.size} bytes, allowed: no more than the archive holds, "
                 "below its folder"
             )
 

@@ -72,7 +72,7 @@ def test_a_bundle_survives_its_archive_equal_ones_are_equal_bytes_and_change_not
     assert pack(there) == pack(bundle_of(tree))
 
 
-@pytest.mark.parametrize("path", ["../b", "/b", "a/../../b"])
+@pytest.mark.parametrize("path", ["../b", "/b", ".//b", "a/../../b"])
 def test_an_archive_that_leads_out_of_its_folder_is_refused(path):
     archive = pack(Bundle(agent="a", tag="t", image="i", members={path: BundleFile(data=b"x")}))
     with pytest.raises(DeployError, match="allowed: no more than the archive holds"):
