@@ -57,8 +57,7 @@ def _made(
     elf: str = "",
 ) -> ExampleMachine:
     """Return a machine; one with a device tree has an ARM processor, any other AMD64, unless it is given."""
-    groups = "root:x:0:\nvideo:x:44:\nrender:x:992:\n"
-    files = {"etc/os-release": f'NAME="Linux"\nPRETTY_NAME="{system}"\n', "etc/group": groups}
+    files = {"etc/os-release": f'NAME="Linux"\nPRETTY_NAME="{system}"\n'}
     for part in parts:
         files |= part
     is_board = f"{_TREE}/model" in files

@@ -15,7 +15,7 @@ from sfglab.deploy.transport import Transport, accelerator_of
 MEMBERS = {"manifest.json": b'{"tag": "a", "files": {"b": {"sha256": "0"}}}', "b": b"x"}
 MEMBERS = {name: BundleFile(data=data) for name, data in MEMBERS.items()}
 BUNDLE = Bundle(agent="a", tag="t", image="i", members=MEMBERS)
-FACTS = b"/dev/dri/card0\n/etc/group dmlkZW86eDo0NDo=\n/proc/device-tree/model YQ==\n"
+FACTS = b"/dev/dri/card0\n/etc/os-release SUQ9YQ==\n/proc/device-tree/model YQ==\n"
 SPARSE = tarfile.TarInfo("b")
 SPARSE.size = 2**33
 BENT = tuple(tarfile.TarInfo(path).tobuf() for path in ("../b", "/b", ".//b"))
@@ -49,6 +49,11 @@ ATTACKS = [
     ),
     *(
         ("machine", d)
-        for d in (b"/etc/group a\n", b"/a\0b YQ==\n", b"/etc\n/etc/group\n", b"/" + b"a" * 300)
+        for d in (
+            b"/etc/os-release a\n",
+            b"/a\0b YQ==\n",
+            b"/etc\n/etc/os-release\n",
+            b"/" + b"a" * 300,
+        )
     ),
 ]
