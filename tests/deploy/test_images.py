@@ -43,8 +43,25 @@ def possible() -> Iterator[Deployment]:
     for one in product(Accelerator, Architecture, RosDistribution):
         made = made_for(*one)
         with contextlib.suppress(DeployError):
-            assert re.fullmatch(r".*:\S*\d.*", base_of(made).image)
+            base_of(made)
             yield made
+
+
+def test_every_machine_has_an_image_with_a_fixed_tag_and_the_ubuntu_of_its_ros():
+    bases = {}
+    for made in possible():
+        base = base_of(made)
+        machine = (made.accelerator.value, made.host.architecture.value)
+        bases.setdefault(machine, {})[made.common.ros.value] = base.distribution.value
+        assert re.fullmatch(r".*:\S*\d.*", base.image)
+    of_ros = {"humble": "jammy", "jazzy": "noble"}
+    plain, ubuntu = {"none": "bookworm"} | of_ros, {"none": "noble"} | of_ros
+    assert bases == {
+        ("jetson", "arm64"): {"none": "jammy", "humble": "jammy"},
+        ("cuda", "amd64"): ubuntu,
+        ("rocm", "amd64"): ubuntu,
+        **dict.fromkeys(product(("vaapi", "v4l2", "none"), ("amd64", "arm64")), plain),
+    }
 
 
 @pytest.mark.parametrize(
