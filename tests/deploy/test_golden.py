@@ -23,6 +23,7 @@ REVIEWED = {
         "hooks/firewall.nft",
         ".devcontainer/devcontainer.json",
         ".vscode/launch.json",
+        ".vscode/settings.json",
     ),
     "pi1": ("Dockerfile", "compose.yaml"),
     "steamdeck": ("Dockerfile", "compose.yaml"),
