@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from esslingen import GO2
+from esslingen import GO2, deployed
 
 from sfglab.deploy.host import firewall_rules
 from sfglab.lab.hosts import Network
@@ -17,6 +17,7 @@ pytestmark = [
 ]
 
 GLOBAL_PORT, OWN_PORT, FREE_PORT = 7410, 7660, 9000
+MINE = "table inet mine { chain input { type filter hook input priority 5; policy accept; udp dport 1 drop; }; }"
 CONTAINER, HOST_IN_BRIDGE = "10.2.0.2", "10.2.0.1"
 LISTEN = """
 import select, socket, sys
@@ -126,3 +127,15 @@ def test_the_container_has_no_way_out_and_nobody_a_way_in(lab):
         assert f'packets 0 bytes 0 drop comment "{comment}"' in lab.rules()
         send(sender, address, FREE_PORT)
         assert f'packets 1 bytes 29 drop comment "{comment}"' in lab.rules()
+
+
+def test_loading_again_changes_nothing_and_no_other_table_is_touched(lab):
+    lab.load(MINE)
+    before = lab.rules()
+    for agent in ("go2", "go2", "pi1", "go2"):
+        lab.load(firewall_rules(deployed(agent)))
+    assert before in lab.rules()
+    for agent in ("go2", "pi1"):
+        assert lab.rules().count(f"table inet sfglab_{agent}") == 1
+        run(lab.host, f"nft delete table inet sfglab_{agent}")
+    assert lab.rules() == before

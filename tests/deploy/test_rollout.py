@@ -55,6 +55,13 @@ def test_a_users_own_file_is_left_out_and_a_touched_one_has_a_remark():
     assert set(changes(plan)) == {"a"}
 
 
+@pytest.mark.parametrize("junk", [b"", b"{", b"[]", b'{"tag": 1}', b"\xff"])
+def test_a_manifest_that_was_cut_off_counts_as_none(junk):
+    plan = plan_changes(bundle_of({"a": b"1"}), {MANIFEST: BundleFile(data=junk)})
+    assert plan.before == ""
+    assert changes(plan) == {"a": Change.NEW}
+
+
 @pytest.mark.parametrize(
     ("path", "restarts"),
     [("compose.yaml", True), ("release.env", True), ("router/x.yaml", True), ("hooks/x.sh", False)],
