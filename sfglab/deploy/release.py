@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -58,7 +57,8 @@ def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> st
     The lock file is as ``uv pip compile`` writes it; Python's version is as in ``3.11``.
 
     Raises:
-        DeployError: Something that an agent needs is not pinned for that Python and processor.
+        DeployError: A package of an agent has no pinned version for that Python and processor, or it is
+            missing here.
     """
     environment = _environment(python, architecture)
     pinned = {}
@@ -129,10 +129,16 @@ def _closure(environment: dict[str, str]) -> set[str]:
         if name in needed:
             continue
         needed.add(name)
-        # Packages that only other targets need are not installed here; their requirements are unknown.
-        with suppress(PackageNotFoundError):
+        try:
             requirements = map(Requirement, requires(name) or ())
-            waiting += [_name(one) for one in requirements if _applies(one, environment)]
+        except PackageNotFoundError as error:
+            if name in AGENT_ROOTS:
+                raise DeployError(
+                    f"{name}: given no such package here, allowed: sfglab with all its libraries"
+                ) from error
+            # Packages that only other targets need are not installed; their requirements are unknown.
+            continue
+        waiting += [_name(one) for one in requirements if _applies(one, environment)]
     return needed
 
 

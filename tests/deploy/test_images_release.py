@@ -179,3 +179,9 @@ def test_a_lock_is_split_by_names_and_what_is_not_pinned_is_named():
         DeployError, match=r"given nothing for Python 3\.11 on arm64 of: uvloop; allowed"
     ):
         agent_lock(without, python="3.11", architecture=Architecture.ARM64)
+
+
+def test_what_an_agent_imports_is_installed_where_its_lock_is_made(monkeypatch):
+    monkeypatch.setattr("sfglab.deploy.release.AGENT_ROOTS", ("no-such-package",))
+    with pytest.raises(DeployError, match="no-such-package: given no such package here"):
+        agent_lock(f"{LOCK}\n", python="3.11", architecture=Architecture.ARM64)
