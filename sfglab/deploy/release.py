@@ -167,20 +167,25 @@ LOCK_FILE = "requirements.lock"
 
 # any moment after 1980, where ZIP's clock starts: the same one in every wheel
 _EPOCH_S = 1580601600
+_BUILD_LIMIT_S = 120.0
 _BACKEND = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
 
 
 def build_wheel(project: Path, folder: Path) -> Path:
     """Build a project's wheel by its own backend (PEP 517), without network; `DeployError` if it cannot."""
     folder.mkdir(parents=True, exist_ok=True)
-    built = subprocess.run(
-        [sys.executable, "-c", _BACKEND, str(folder.resolve())],
-        cwd=project,
-        env=os.environ | {"SOURCE_DATE_EPOCH": str(_EPOCH_S)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    try:
+        built = subprocess.run(
+            [sys.executable, "-c", _BACKEND, str(folder.resolve())],
+            cwd=project,
+            env=os.environ | {"SOURCE_DATE_EPOCH": str(_EPOCH_S)},
+            capture_output=True,
+            text=True,
+            timeout=_BUILD_LIMIT_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise DeployError(f"{project}: wheel: {error}") from error
     if built.returncode != 0:
         last = built.stderr.strip().splitlines()[-1:]
         raise DeployError(

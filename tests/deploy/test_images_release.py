@@ -45,8 +45,13 @@ def test_two_builds_of_the_same_project_are_equal_byte_by_byte(tmp_path):
     assert one.read_bytes() == two.read_bytes()
 
 
-def test_what_is_no_project_is_refused(tmp_path):
+def test_what_is_no_project_is_refused(monkeypatch, tmp_path):
     with pytest.raises(DeployError, match="wheel: hatchling failed"):
+        build_wheel(tmp_path, tmp_path / "wheel")
+    with pytest.raises(DeployError, match=r"wheel: .*No such file or directory"):
+        build_wheel(tmp_path / "nowhere", tmp_path / "wheel")
+    monkeypatch.setattr("sfglab.deploy.release._BUILD_LIMIT_S", 0.01)
+    with pytest.raises(DeployError, match=r"wheel: .*timed out"):
         build_wheel(tmp_path, tmp_path / "wheel")
     with pytest.raises(DeployError, match=r"requirements\.lock: given no such file"):
         make_release(tmp_path, "")
