@@ -1,7 +1,7 @@
 """Checks of rendered files by programs of other projects; a program that is not installed is named.
 
 Each program reads the files of all agents, in a folder with one folder per agent. Files of the same name
-and content are read once.
+and content are read once, except by a program that reads an agent's files together.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ class Check:
     arguments: tuple[str, ...]  #: Arguments before the files.
     files: tuple[str, ...]  #: Patterns of the files in an agent's folder.
     install: str = EXTRA  #: Way to install the program.
-    #: Whether the program runs once per agent, with its folder in place of ``{}``; otherwise once for all files.
+    #: Whether the program runs once per agent, with its folder in place of ``{}``; otherwise once for all
+    #: different files.
     each: bool = False
     #: Whether the exit status says nothing, so that each line about the files is a fault.
     by_output: bool = False
@@ -122,7 +123,7 @@ class Verdict:
     check: str  #: Name of the check.
     program: str  #: Name of the program.
     state: State  #: Result.
-    files: int = 0  #: Number of different files that the program read.
+    files: int = 0  #: Number of files that the program read.
     detail: str = ""  #: Output of the program, or how to install it; empty if the check passed.
 
 
@@ -154,7 +155,11 @@ def _verdict(check: Check, folder: Path) -> Verdict:
     except MissingProgramError as error:
         missing = State.NOT_RUN
         return Verdict(check=check.name, program=check.program, state=missing, detail=str(error))
-    files = _distinct_files(check, folder)
+    files = _files_of(check, folder)
+    if not files:
+        detail = f"no agent has a file {' or '.join(check.files)}"
+        failed = State.FAILED
+        return Verdict(check=check.name, program=check.program, state=failed, detail=detail)
     runs = [[*check.arguments, *files]]
     if check.each:
         agents = [Path(file).parts[0] for file in files]
@@ -182,12 +187,12 @@ def _command(check: Check) -> list[str]:
     return command
 
 
-def _distinct_files(check: Check, folder: Path) -> list[str]:
-    """Return the files that a check is about; one of those with the same name and content."""
-    found: dict[tuple[str, bytes], str] = {}
+def _files_of(check: Check, folder: Path) -> list[str]:
+    """Return the files that a check is about, once per agent or else per name and content."""
+    found: dict[object, str] = {}
     for pattern in check.files:
         for path in sorted(folder.glob(f"*/{pattern}")):
-            key = (path.name, path.read_bytes())
+            key = path if check.each else (path.name, path.read_bytes())
             found.setdefault(key, str(path.relative_to(folder)))
     return list(found.values())
 
@@ -207,7 +212,7 @@ def _faults(check: Check, command: Sequence[str], folder: Path) -> list[str]:
             timeout=_LIMIT_S,
             check=False,
         )
-    except subprocess.TimeoutExpired as error:
+    except (OSError, subprocess.TimeoutExpired) as error:
         return [f"{check.program} did not finish: {error}"]
     output = done.stdout.replace(f"{folder}/", "")
     lines = [line for line in output.splitlines() if line.strip()]

@@ -96,27 +96,33 @@ def test_a_program_or_plug_in_that_is_missing_is_named_with_the_way_to_install_i
 def test_compose_reads_each_project_with_the_variables_of_the_hooks(monkeypatch, programs):
     reads = 'test "$2" = version || { echo "$*, $SFGLAB_TAG" >&2; test -f "$3" && test "$3" != go2/compose.yaml; }'
     shell_program(programs / "docker", reads)
-    other = replace(changed("compose.yaml", ("go2", "other")), agent="other")
-    verdict = result(monkeypatch, "Compose projects", BUNDLE, other)
-    assert verdict.state is State.FAILED
+    verdict = result(monkeypatch, "Compose projects", BUNDLE, replace(BUNDLE, agent="other"))
+    assert (verdict.state, verdict.files) == (State.FAILED, 2)
     assert verdict.detail == "compose --file go2/compose.yaml config --quiet, checked"
 
 
 @pytest.mark.parametrize(
     ("program", "detail"),
     [
-        ("exit 4", "hadolint ended with status 4 and no message"),
-        ("exec sleep 60", "hadolint did not finish"),
+        ("#!/bin/sh\nexit 4", "hadolint ended with status 4 and no message"),
+        ("#!/bin/sh\nexec sleep 60", "hadolint did not finish"),
+        ("#!/nowhere", "hadolint did not finish"),
     ],
 )
-def test_a_program_without_a_message_or_without_an_end_fails_its_check(
+def test_a_program_without_a_message_an_end_or_a_start_fails_its_check(
     monkeypatch, programs, program, detail
 ):
     monkeypatch.setattr("sfglab.deploy.checks._LIMIT_S", 0.3)
-    shell_program(programs / "hadolint", program)
+    shell_program(programs / "hadolint").write_text(program)
     verdict = result(monkeypatch, "Dockerfiles", BUNDLE)
     assert verdict.state is State.FAILED
     assert detail in verdict.detail
+
+
+def test_a_check_without_files_fails(monkeypatch, programs):
+    shell_program(programs / "hadolint")
+    verdict = result(monkeypatch, "Dockerfiles", replace(BUNDLE, members={}))
+    assert (verdict.state, verdict.detail) == (State.FAILED, "no agent has a file Dockerfile")
 
 
 def test_a_table_has_each_check_its_different_files_the_output_of_its_program_and_counts(
