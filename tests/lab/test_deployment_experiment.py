@@ -56,12 +56,22 @@ def test_a_fact_that_is_refused_shows_and_a_part_counts_if_all_its_facts_were_as
     assert measured.ends == {CONTAINERS: 1.0, HOOKS: 1.0}
 
 
-def test_hooks_that_do_not_do_what_they_say_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("line", "limit_s", "fault"),
+    [
+        (b'date +%N > "$SFGLAB_ROOT/now"\n', 60.0, "steamdeck: a dry run changes files"),
+        (b"sleep 100\n", 1.0, "steamdeck: env: ended with status 124"),
+    ],
+)
+def test_hooks_that_do_not_do_what_they_say_or_do_not_end_are_refused(
+    monkeypatch, tmp_path, line, limit_s, fault
+):
+    monkeypatch.setattr("sfglab.lab.experiments.deployment.experiment._HOOKS_S", limit_s)
     ((deployment, bundle),) = pairs_of("steamdeck")
     path = "hooks/30-service.sh"
-    text = bundle.members[path].data + b'date +%N > "$SFGLAB_ROOT/now"\n'
+    text = bundle.members[path].data + line
     changed = replace(bundle, members=bundle.members | {path: BundleFile(data=text, mode=0o755)})
-    assert ask_hooks([(deployment, changed)], tmp_path) == "steamdeck: a dry run changes files"
+    assert ask_hooks([(deployment, changed)], tmp_path).startswith(fault)
 
 
 @pytest.mark.slow

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 LAYERS = ("base", "adapter", "application")
 """Layers of an image from the hardware upwards: paper A, Fig. 5."""
 _STAGE = re.compile(r"^FROM\s+\S+\s+AS\s+(\S+)", re.MULTILINE)
+_HOOKS_S = 60.0
 _EACH = "one per machine"
 _OF_ALL = ("Dockerfile", "compose.yaml")
 _NOT_SHOWN = ("image/requirements.lock", "image/sfglab-")
@@ -199,7 +200,8 @@ def ask_hooks(pairs: Pairs, folder: Path) -> str:
 def _hook_fault(hooks: Path, root: Path) -> str:
     """Run the hooks without effect, twice, and with a hook of the user; return the first fault."""
     run = partial(run_streamed, on_line=lambda _: None)
-    command = ["env", f"SFGLAB_ROOT={root}", str(hooks / "initialize.sh")]
+    script = str(hooks / "initialize.sh")
+    command = ["env", f"SFGLAB_ROOT={root}", "timeout", f"{_HOOKS_S}", script]
     states = [_snapshot(root)]
     try:
         for options in (["--dry-run"], [], []):
