@@ -73,10 +73,7 @@ def plan_changes(bundle: Bundle, present: Mapping[str, BundleFile]) -> Plan:
     for path in sorted({*bundle.members, *(written.keys() & present.keys())}):
         new, old = bundle.members.get(path), present.get(path)
         touched = old is not None and path in written and not _is_entry(old, written[path])
-        change = Change.SAME
-        if new != old:
-            change = Change.NEW if old is None else Change.CHANGED if new else Change.GONE
-        files.append(FileChange(path=path, change=change, touched=touched))
+        files.append(FileChange(path=path, change=_change(old, new), touched=touched))
     restart = before != bundle.tag
     for file in files:
         if file.change is not Change.SAME and file.path.startswith(_RESTARTING):
@@ -84,6 +81,14 @@ def plan_changes(bundle: Bundle, present: Mapping[str, BundleFile]) -> Plan:
     return Plan(
         agent=bundle.agent, before=before, after=bundle.tag, files=tuple(files), restart=restart
     )
+
+
+def _change(old: BundleFile | None, new: BundleFile | None) -> Change:
+    if old == new:
+        return Change.SAME
+    if old is None:
+        return Change.NEW
+    return Change.GONE if new is None else Change.CHANGED
 
 
 def _read_manifest(manifest: BundleFile | None) -> tuple[str, dict[str, dict[str, str]]]:
@@ -127,11 +132,12 @@ def render_prospects(prospects: Sequence[Prospect]) -> str:
     """Return what would change on each machine as text."""
     changes = [change.value for change in Change]
     rows = [("agent", "machine", "release there", "release new", *changes, "then")]
+    unknown = [""] * (1 + len(changes))
     blocks = []
     for prospect in prospects:
         plan = prospect.plan
         if plan is None:
-            rows.append((prospect.agent, prospect.machine, "?", *[""] * 5, prospect.problem))
+            rows.append((prospect.agent, prospect.machine, "?", *unknown, prospect.problem))
             continue
         counts = Counter(file.change for file in plan.files)
         numbers = [str(counts[change]) for change in Change]
@@ -145,13 +151,13 @@ def render_prospects(prospects: Sequence[Prospect]) -> str:
 
 def _details(prospect: Prospect, plan: Plan) -> Iterator[str]:
     yield f"{prospect.agent} on {prospect.machine}"
-    if plan.before:
+    if all(file.change is Change.NEW for file in plan.files):
+        count = len(plan.files)
+        yield f"  new     all {count} files (`sfglab deploy render` writes them to be read)"
+    else:
         for file in plan.changed:
             remark = "  (changed on the machine since)" if file.touched else ""
             yield f"  {file.change.value:8}{file.path}{remark}"
-    else:
-        count = len(plan.changed)
-        yield f"  new     all {count} files (`sfglab deploy render` writes them to be read)"
     for step in prospect.steps:
         yield f"  then    {step.what}"
 

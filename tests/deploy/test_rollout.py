@@ -15,7 +15,17 @@ from hypothesis import strategies as st
 from sfglab.deploy.bundle import MANIFEST, Bundle, pack, unpack
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import BundleFile
-from sfglab.deploy.rollout import KEPT, Change, install, look, plan_changes, released, releases
+from sfglab.deploy.rollout import (
+    KEPT,
+    Change,
+    Prospect,
+    install,
+    look,
+    plan_changes,
+    released,
+    releases,
+    render_prospects,
+)
 from sfglab.deploy.transport import Transport, accelerator_of, is_here, transport_to
 from sfglab.fleet.fleet_file import Accelerator, HostSpec
 
@@ -60,6 +70,8 @@ def test_a_manifest_that_was_cut_off_counts_as_none(junk):
     plan = plan_changes(bundle_of({"a": b"1"}), {MANIFEST: BundleFile(data=junk)})
     assert plan.before == ""
     assert changes(plan) == {"a": Change.NEW}
+    said = render_prospects([Prospect(agent="go2", machine="m", plan=plan)])
+    assert ["changed", MANIFEST] in [line.split() for line in said.splitlines()]
 
 
 @pytest.mark.parametrize(
