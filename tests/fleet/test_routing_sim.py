@@ -81,11 +81,12 @@ async def test_motion_capture_and_a_robot_behind_two_routers_have_one_tree_with_
     inside, outside = FrameBuffer(), FrameBuffer()
     async with (
         beside(robot_router.run(), station_router.run(), bridge.run()),
-        FramesListener(go2, inside, agent="go2") as at_robot,
+        FramesListener(go2, inside) as at_robot,
         FramesListener(sim.node("viewer"), outside) as at_viewer,
     ):
         publisher = go2.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS)
-        fixed = StampedTransform(parent="base", child="markers", stamp_ns=0, pose=Pose())
+        # Inside as well, only a tree with prefixes has the root that motion capture places.
+        fixed = StampedTransform(parent="go2/base", child="go2/markers", stamp_ns=0, pose=Pose())
         publisher.publish(message_type(TRANSFORMS)(transforms=[fixed.to_msg()]))
         for listener in (at_robot, at_viewer):
             await listener.wait_for("map", "go2/markers", timeout_s=60)

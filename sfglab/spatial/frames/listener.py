@@ -11,12 +11,11 @@ import logging
 import math
 from collections import Counter
 from contextlib import suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.component import end_tasks
-from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.names import TF, TF_STATIC, prefixed_frame
+from sfglab.errors import SfglabError
+from sfglab.names import TF, TF_STATIC
 from sfglab.qos import Durability, QoSProfile
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError, FrameLoopError
 from sfglab.spatial.poses import Pose, StampedTransform
@@ -40,16 +39,10 @@ _log = logging.getLogger(__name__)
 
 
 class TransformIntake:
-    """Inserts the transforms of messages into a buffer.
+    """Inserts the transforms of messages into a buffer."""
 
-    Args:
-        buffer: The buffer.
-        agent: Agent whose prefix frames without prefix get; empty: none.
-    """
-
-    def __init__(self, buffer: FrameBuffer, *, agent: str = "") -> None:
+    def __init__(self, buffer: FrameBuffer) -> None:
         self._buffer = buffer
-        self._agent = agent
         self.taken = 0  #: Number of transforms that were inserted.
         #: Number of transforms that were refused, by parent, child and reason.
         self.refused: Counter[tuple[str, str, str]] = Counter()
@@ -58,19 +51,13 @@ class TransformIntake:
         """Insert all transforms of a `tf2_msgs/msg/TFMessage`."""
         for transform in message.transforms:
             try:
-                value = self._renamed(StampedTransform.from_msg(transform, place="tf"))
-                _check_length(transform)
+                _check_numbers(transform)
+                value = StampedTransform.from_msg(transform)
                 self._buffer.insert(value, static=static, authority=authority)
                 self.taken += 1
             except SfglabError as error:
                 why = LOOP if isinstance(error, FrameLoopError) else str(error)
                 self._refuse(str(transform.header.frame_id), str(transform.child_frame_id), why)
-
-    def _renamed(self, value: StampedTransform) -> StampedTransform:
-        if not self._agent:
-            return value
-        parent, child = (prefixed_frame(f, self._agent) for f in (value.parent, value.child))
-        return replace(value, parent=parent, child=child)
 
     def _refuse(self, parent: str, child: str, why: str) -> None:
         self.refused[parent, child, why] += 1
@@ -78,16 +65,20 @@ class TransformIntake:
             _log.warning("transform %r -> %r refused: %s", parent, child, why)
 
 
-def _check_length(transform: Any) -> None:
-    """Raise an error if tf2 ignores a `geometry_msgs/msg/TransformStamped` for its quaternion.
+def _check_numbers(transform: Any) -> None:
+    """Raise a FrameError if tf2 ignores a `geometry_msgs/msg/TransformStamped` for its numbers.
+
+    They are not in the text, so that a stream of such transforms is one reason.
 
     Source:
         tf2, buffer_core.cpp, `BufferCore::setTransformImpl` (Humble to Rolling).
     """
-    q = transform.transform.rotation
+    at, q = transform.transform.translation, transform.transform.rotation
+    if not math.isfinite(at.x + at.y + at.z):
+        raise FrameError("its position is not finite")
     length = math.hypot(q.x, q.y, q.z, q.w)
-    if abs(length * length - 1.0) >= _UNIT_TOLERANCE:
-        raise InvalidValueError("the length of its quaternion", length, "1 within 0.5 %")
+    if not abs(length * length - 1.0) < _UNIT_TOLERANCE:  # also of NaN
+        raise FrameError("the length of its quaternion is not 1 within 0.5 %")
 
 
 class FramesListener(TransformIntake):
@@ -99,8 +90,8 @@ class FramesListener(TransformIntake):
     ```
     """
 
-    def __init__(self, node: Node, buffer: FrameBuffer, *, agent: str = "") -> None:
-        super().__init__(buffer, agent=agent)
+    def __init__(self, node: Node, buffer: FrameBuffer) -> None:
+        super().__init__(buffer)
         self._node = node
         self._subscriptions: list[Subscription] = []
         self._tasks: list[asyncio.Task[None]] = []

@@ -50,7 +50,7 @@ def message(type_name, handle=lambda _: None):
 
 def transforms(data):
     TransformGate(Frames(agent="own")).inward("other")(data)
-    TransformIntake(FrameBuffer(), agent="own").take(deserialize(data, TF), static=False)
+    TransformIntake(FrameBuffer()).take(deserialize(data, TF), static=False)
 
 
 def beat(found):
