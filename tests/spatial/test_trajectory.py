@@ -181,6 +181,12 @@ def _without_transforms(goal):
     goal.trajectory.points[0].transforms = []
 
 
+def _without_joints(goal):
+    goal.trajectory.joint_names = []
+    _without_transforms(goal)
+    goal.trajectory.points[1].transforms = []
+
+
 def _backwards(goal):
     goal.trajectory.points.reverse()
 
@@ -196,7 +202,7 @@ def _without_orientation(goal):
         (_backwards, "waypoint 1, time"),
         (_without_orientation, "point 0"),
         (lambda goal: goal.trajectory.points.clear(), "no waypoint"),
-        (lambda goal: goal.trajectory.joint_names.clear(), "point 0"),
+        (_without_joints, r"joint_names: given \[\], allowed: 'go2'"),
     ],
 )
 def test_goals_without_a_trajectory_are_refused_with_the_place(spoil, says):

@@ -173,6 +173,8 @@ def order_from_goal(goal: Any) -> Order:
     column = names.index(agent) if agent in names else 0
     timed = []
     try:
+        if not names:
+            raise TrajectoryError("joint_names", names, repr(agent))
         for index, point in enumerate(message.points):
             if len(point.transforms) != len(names):
                 given = f"{len(point.transforms)} transforms"
