@@ -14,6 +14,7 @@ from sfglab.spatial.mocap.tracking import Lapse, Limits, Track, TrackState, Verd
 
 MS = 1_000_000
 LIMITS = Limits(speed_m_s=5.0, turn_rad_s=10.0, believe_after_s=0.1)
+NEAR, NEARER, BESIDE = (Pose.at((x_m, 0, 0)) for x_m in (0.15, 0.1, 0.05))
 HERE, AWAY, THERE = Pose(), Pose.at((3.0, 0, 0)), Pose.at((-9.0, 0, 0))
 FLIPPED = Pose.from_yaw((0, 0, 0), math.pi)
 HIDDEN = Lapse.OCCLUDED
@@ -27,6 +28,9 @@ HIDDEN = Lapse.OCCLUDED
         ([HERE, AWAY, HERE], ["sound", "jumped", "sound"], "tracked"),
         # A place that is held for 0.1 s is published, and then it is the one to compare with.
         ([HERE, *[FLIPPED] * 12], ["sound", *["flipped"] * 10, "confirmed", "sound"], "tracked"),
+        # A near place too, although the object could have gone there slowly meanwhile.
+        ([HERE, *[NEAR] * 11], ["sound", *["jumped"] * 10, "confirmed"], "tracked"),
+        ([HERE, NEAR, NEARER, BESIDE], ["sound", "jumped", "jumped", "sound"], "tracked"),
         ([HERE, *[AWAY, THERE] * 20], ["sound", *["jumped"] * 40], "suspect"),
         # An occlusion ends the time for which a place is held.
         ([HERE, *[AWAY] * 9, HIDDEN, AWAY], ["sound", *["jumped"] * 9, "occluded", "jumped"], "suspect"),

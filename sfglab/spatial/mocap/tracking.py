@@ -105,6 +105,7 @@ class Limits:
 class _Suspicion(NamedTuple):
     """A pose out of reach, at which the object may stay."""
 
+    verdict: Verdict
     pose: Pose
     seen_ns: int  # time of the pose
     since_ns: int  # time of the first such pose
@@ -131,26 +132,27 @@ class Track:
             if self._pose is not None:
                 self.state = TrackState.HIDDEN
             return Verdict(sight.value)
-        verdict = self._reach(sight, capture_ns)
-        if verdict is not Verdict.SOUND:
-            since_ns = capture_ns
-            if suspicion is not None and self._stays(suspicion, sight, capture_ns):
-                since_ns = suspicion.since_ns
+        verdict = self._reach(sight, capture_ns - self._pose_ns)
+        since_ns = capture_ns
+        if suspicion is not None and self._stays(suspicion, sight, capture_ns):
+            verdict, since_ns = suspicion.verdict, suspicion.since_ns
             if capture_ns - since_ns >= self._limits.believe_after_s * NS_PER_S:
                 verdict = Verdict.CONFIRMED
-            else:
-                self._suspicion = _Suspicion(sight, capture_ns, since_ns)
+        if not verdict.is_published:
+            self._suspicion = _Suspicion(verdict, sight, capture_ns, since_ns)
         self.state = TrackState.TRACKED if verdict.is_published else TrackState.SUSPECT
         if verdict.is_published:
             self._pose, self._pose_ns = sight, capture_ns
         return verdict
 
-    def _reach(self, pose: Pose, now_ns: int) -> Verdict:
-        """Return whether an object can have reached a pose since its last published one."""
+    def _reach(self, pose: Pose, elapsed_ns: int) -> Verdict:
+        """Return whether an object can have come to a pose from its last published one in a time."""
         if self._pose is None:
             return Verdict.SOUND
-        return self._limits.verdict(self._pose, pose, now_ns - self._pose_ns)
+        return self._limits.verdict(self._pose, pose, elapsed_ns)
 
     def _stays(self, suspicion: _Suspicion, pose: Pose, now_ns: int) -> bool:
+        """Return whether an object stays at a suspect place, even if by now it could have gone there slowly."""
         step_ns = now_ns - suspicion.seen_ns
-        return self._limits.verdict(suspicion.pose, pose, step_ns) is Verdict.SOUND
+        is_near = self._limits.verdict(suspicion.pose, pose, step_ns) is Verdict.SOUND
+        return is_near and self._reach(pose, step_ns) is not Verdict.SOUND
