@@ -111,16 +111,19 @@ def test_two_objects_do_not_move_one_root(tree):
     assert "'markers' moves it already" in core.statuses[1].problem
 
 
-def test_a_root_that_is_not_named_must_be_the_same_for_a_while(tree):
-    objects = {"o": MappedObject(id="o", via=MARKERS)}
+def test_a_root_must_be_the_same_for_a_while_and_only_later_faults_are_logged(tree, caplog):
+    objects = {id_: MappedObject(id=id_, via=f"agent_x/{id_}") for id_ in ("markers", "camera")}
     core = BridgeCore(MocapMapping(world="map", objects=objects), tree, settle_ns=S)
     placed = []
     for number in range(300):
         if number == 50:
             tree.insert(frame(ODOM, BASE), static=True)
-        placed += [(number, one.child) for one in core.take(capture(number, o=Pose()))]
+        seen = capture(number, markers=Pose(), camera=Pose())
+        placed += [(number, one.child) for one in core.take(seen)]
     assert placed == [(number, ODOM) for number in range(150, 300)]
-    assert "it is the root for less than 1 s" not in core.statuses[0].problem
+    assert core.statuses[0].unplaced == 150
+    (record,) = caplog.records
+    assert "'markers' moves it already" in record.getMessage()
 
 
 def mapping(text):

@@ -19,7 +19,13 @@ from sfglab.names import TF, Custom, RosFqnBuilder, Scope
 from sfglab.qos import Durability, QoSProfile
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
 from sfglab.spatial.frames.listener import TF_QOS, TRANSFORMS, FramesListener
-from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping, PlacingError, place_via_proxy
+from sfglab.spatial.mocap.mapping import (
+    MappedObject,
+    MocapMapping,
+    PlacingError,
+    SettlingError,
+    place_via_proxy,
+)
 from sfglab.spatial.mocap.tracking import (
     Capture,
     Limits,
@@ -82,10 +88,11 @@ class ObjectStatus:
         self._latencies_ns.append(capture.receipt_ns - capture.capture_ns)
 
     def note_unplaced(self, error: Exception) -> None:
-        """Record a sound pose that cannot be published; each kind of error is logged once."""
+        """Record a sound pose that cannot be published; each kind of fault is logged once."""
         self.unplaced += 1
         self.problem = str(error)
-        if type(error) not in self._logged:
+        is_fault = not isinstance(error, SettlingError)
+        if is_fault and type(error) not in self._logged:
             self._logged.add(type(error))
             _log.warning("object %r: %s", self.mapped.id, error)
 
@@ -168,9 +175,8 @@ class BridgeCore:
             status.root, status.root_since_ns = root, transform.stamp_ns
         known_ns = transform.stamp_ns - status.root_since_ns
         if not status.mapped.frame and known_ns < self._settle_ns:
-            raise PlacingError(
-                root, f"it is the root for less than {self._settle_ns / NS_PER_S:g} s"
-            )
+            why = f"it is the root for less than {self._settle_ns / NS_PER_S:g} s"
+            raise SettlingError(root, why)
         mover = self._movers.setdefault(root, status.mapped.id)
         if mover != status.mapped.id:
             raise PlacingError(root, f"object {mover!r} moves it already")

@@ -94,6 +94,10 @@ class PlacingError(MocapError):
         super().__init__(f"frame {frame!r} is not published: {why}")
 
 
+class SettlingError(PlacingError):
+    """A root that may yet change: the agent's transforms are still arriving."""
+
+
 def place_via_proxy(
     buffer: FrameBuffer, mapped: MappedObject, seen: StampedTransform, *, reach_ns: int = 0
 ) -> StampedTransform:
