@@ -88,6 +88,20 @@ def test_a_drag_is_one_step_and_one_that_comes_back_is_none(editor, ids):
     assert (editor.scene, editor.undo_label) == (before, label)
 
 
+def test_a_drag_that_comes_back_keeps_redo_and_one_that_ends_elsewhere_does_not(editor, ids):
+    editor.rename(ids.agent, "spot")
+    editor.undo()
+    editor.begin_drag()
+    for y in (1.0, 0.0, 2.0, 0.0):
+        put(editor, ids.points[1], 1.0, y, 0.0)
+    editor.end_drag()
+    assert editor.redo()
+    editor.undo()
+    editor.begin_drag()
+    put(editor, ids.points[1], 1.0, 3.0, 0.0)
+    assert not editor.redo()
+
+
 def test_undo_in_the_middle_of_a_drag_takes_the_drag_back_and_ends_it(editor, ids):
     before, point = editor.scene, ids.points[1]
     editor.begin_drag()
@@ -181,6 +195,7 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(editor, ids):
     ):
         assert says in refusal(editor.set_property, id_, key, value)
     assert "the id of a trajectory" in refusal(editor.align, agent, Align.NEXT)
+    assert "another field" in refusal(editor.add, "agent", "spot", id=hall)
     for shape in ({"kind": "cone"}, {"kind": "cylinder", "radius_m": 1.0}, Box(size_m=(1, 0, 1))):
         assert "shape" in refusal(editor.add, "obstacle", "pillar", shape=shape)
     assert "frame_id, margin_m, name" in refusal(editor.set_scene, "size", 1)

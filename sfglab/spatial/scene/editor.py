@@ -88,6 +88,7 @@ class Editor:
         self._next_id = self.scene.next_id  # no object ever had it, also none that was undone
         self._done: deque[_Step] = deque(maxlen=_DEPTH)
         self._undone: list[_Step] = []
+        self._put_aside: list[_Step] = []  # steps that were undone before the latest one
         self._is_dragging = False
         self._drag: _Step | None = None  # step that the current drag goes on with
         self._listeners: list[Callable[[Change], None]] = []
@@ -134,7 +135,9 @@ class Editor:
         if kind not in KINDS:
             raise SceneError("kind", kind, " or ".join(KINDS))
         id_ = self._next_id
-        given = {"id": id_, "name": name, "parent": parent, **values}
+        if "id" in values:
+            raise SceneError(f"{kind} ({name})", "id", "another field")
+        given = {**values, "id": id_, "name": name, "parent": parent}
         made = read_object(KINDS[kind], given, f"{kind} {id_} ({name})")
         self._commit(f"Add {kind}", [*self.scene.objects.values(), made])
         return id_
@@ -278,12 +281,13 @@ class Editor:
         if self._drag is None:
             step = _Step(label, before, after)
             self._done.append(step)
-            self._undone.clear()
+            self._put_aside, self._undone = self._undone, []
             self._drag = step if self._is_dragging else None
         else:
             self._drag.after = after
             if self._drag.before == after:  # the drag came back to its beginning
                 self._done.pop()
+                self._undone = self._put_aside
                 self._drag = None
         self._next_id = max(self._next_id, after.next_id)
         self._show(after, ChangeKind.EDIT, label)
