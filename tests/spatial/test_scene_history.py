@@ -182,8 +182,11 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(editor, ids):
         f"agent {agent} (go2), radius_m: given -1, allowed: a number above zero"
     )
     for id_, key, value, says in (
-        (agent, "colour", "red", "radius_m, speed_m_s"),
-        (agent, "id", 7, "another field"),
+        (agent, "colour", "red", "acceleration_m_s2, name, parent, pose, radius_m, speed_m_s"),
+        (agent, "radius", 1.0, "did you mean 'radius_m'?"),
+        (agent, "id", 7, "acceleration_m_s2, name"),
+        (agent, "kind", "group", "acceleration_m_s2, name"),
+        (agent, "name", "", "name: given ''"),
         (agent, "name", "two\nlines", "printable"),
         (agent, "radius_m", math.nan, "allowed"),
         (agent, "pose", Pose.at((1e7, 0.0, 0.0)), "from -1000000 to 1000000"),
@@ -199,7 +202,14 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(editor, ids):
     for shape in ({"kind": "cone"}, {"kind": "cylinder", "radius_m": 1.0}, Box(size_m=(1, 0, 1))):
         assert "shape" in refusal(editor.add, "obstacle", "pillar", shape=shape)
     assert "frame_id, margin_m, name" in refusal(editor.set_scene, "size", 1)
+    assert "frame_id: given ''" in refusal(editor.set_scene, "frame_id", "")
     assert (editor.scene, editor.undo_label) == (before, label)
+
+
+def test_a_waypoint_needs_no_name(editor, ids):
+    editor.rename(ids.points[0], "door")
+    assert editor.rename(ids.points[0], "")
+    assert editor.scene.get(ids.points[0]).name == ""
 
 
 def test_listeners_hear_what_changed_and_then_no_more(editor, ids):

@@ -6,7 +6,7 @@ A browser, a notebook or a test calls methods, in one thread, and listens; all d
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +27,7 @@ from sfglab.spatial.scene.model import (
 from sfglab.spatial.scene.tree import SETTINGS, Scene, SceneSettings, scene_of
 from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.units import NS_PER_S
+from sfglab.validation import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -244,10 +245,11 @@ class Editor:
         return self.set_property(id_, "time_ns", time_ns)
 
     def set_property(self, id_: int, key: str, value: Any) -> bool:
-        """Change a field of an object, such as a radius, but its id; the value is as in a file, or typed."""
+        """Change a field of an object, such as a radius, but not its id or kind; the value is as in `add`."""
         thing = self.scene.get(id_)
-        if key == "id":
-            raise SceneError(place_of(thing), "id", "another field")
+        known = sorted({one.name for one in fields(thing)} - {"id", "kind"})
+        if key not in known:
+            raise SceneError(place_of(thing), key, ", ".join(known) + suggestion(key, known))
         label = "Rename" if key == "name" else f"Change {key.removesuffix('_ns')}"
         return self._put(label, changed(thing, **{key: value}))
 

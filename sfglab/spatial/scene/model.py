@@ -278,7 +278,7 @@ def settings_of(thing: Any) -> dict[str, Any]:
 def read_object(cls: type[T], values: Mapping[str, Any], place: str) -> T:
     """Return an object, or the settings of a scene, from values of its fields.
 
-    The values may be typed, or plain as in a file; an empty text is a missing one.
+    The values may be typed, or plain as in a file; an empty text is a missing one where this is the default.
 
     Raises:
         SceneError: A field is unknown, or its value is not allowed; it begins with the place.
@@ -287,7 +287,12 @@ def read_object(cls: type[T], values: Mapping[str, Any], place: str) -> T:
     def refuse(path: KeyPath, given: object, allowed: str) -> SceneError:
         return SceneError(f"{place}, {key_text(path)}", given, allowed)
 
-    found = {key: plain(value) for key, value in values.items() if value != ""}
+    own: Any = cls
+    empty = {one.name for one in fields(own) if one.default == ""}
+    found = {}
+    for key, value in values.items():
+        if value != "" or key not in empty:
+            found[key] = plain(value)
     made: T = read_from(Source.FILE, cls, found, refuse)
     return made
 
