@@ -3,6 +3,8 @@
 import asyncio
 import logging
 import math
+import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -189,6 +191,32 @@ def test_a_finding_names_its_frames_and_its_consequence():
     assert "'go2/odom' and 'map' (a frame has one parent" in str(parents)
     assert (root.code, root.frames) == ("second-root", ("go1/base", "world"))
     assert codes(GOOD, root="earth") == ["unreachable"]
+
+
+@pytest.mark.parametrize(
+    ("edges", "found"),
+    [
+        (tree(("d", "d"), ("d", "e")), [("d",)]),
+        (tree(("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")), [("a", "b", "c")]),
+        (tree(("a", "b"), ("b", "a"), ("c", "d"), ("d", "c"), ("b", "c")), [("a", "b"), ("c", "d")]),
+    ],
+)  # fmt: skip
+def test_each_loop_is_found_once_and_named_from_child_to_parent(edges, found):
+    loops = [one for one in lint_frames(edges) if one.code == "loop"]
+    assert [one.frames for one in loops] == found
+    pairs = {(edge.child, edge.parent) for edge in edges}
+    for one in loops:
+        way = one.what.removesuffix(", from child to parent").split(" -> ")
+        assert set(pairwise(way)) <= pairs
+        assert (way[0], len(way)) == (way[-1], len(one.frames) + 1)
+
+
+def test_thousands_of_frames_are_judged_at_once():
+    star = tree(*(("map", f"a{i}") for i in range(5000)))
+    chain = tree(*((f"b{i}", f"b{i + 1}") for i in range(5000)))
+    begin_s = time.process_time()
+    assert codes([*star, *chain, *tree(("map", "b0"))], root="map") == []
+    assert time.process_time() - begin_s < 1.0
 
 
 def test_names_that_match_no_rule_are_found_and_a_rule_is_for_agents_with_sound_names():

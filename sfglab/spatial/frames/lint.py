@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 from collections import defaultdict
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.frames.buffer import Edge
 
-    Above = Mapping[str, set[str]]  # all frames above each frame
+    Parents = Mapping[str, Sequence[str]]  # parents of each frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,12 +109,12 @@ def lint_frames(
         namespaced: Topics with transforms other than /tf and /tf_static.
     """
     edges = tuple(edges)
-    above = _frames_above(edges)
+    parents = _parents(edges)
     return (
         *_publishers(edges),
-        *_loops(above),
-        *_roots(above, root),
-        *_names(sorted(above), rule),
+        *_loops(parents),
+        *_roots(parents, root),
+        *_names(tuple(parents), rule),
         *_stamps(edges),
         *_ignored(refused or {}, namespaced),
     )
@@ -148,40 +149,59 @@ def _rivals(group: Sequence[Edge]) -> list[str]:
     return sorted(rivals)
 
 
-def _frames_above(edges: Iterable[Edge]) -> Above:
-    """Return all frames above each frame; a frame in a loop is above itself."""
-    above: dict[str, set[str]] = defaultdict(set)
+def _parents(edges: Iterable[Edge]) -> Parents:
+    """Return the parents of each frame, in order of the names."""
+    found: dict[str, set[str]] = defaultdict(set)
     for edge in edges:
-        above[edge.child].add(edge.parent)
-        above[edge.parent].update()
-    for middle, further in above.items():  # Warshall's transitive closure
-        for found in above.values():
-            if middle in found:
-                found.update(further)
-    return above
+        found[edge.child].add(edge.parent)
+        found[edge.parent].update()
+    return {frame: sorted(found[frame]) for frame in sorted(found)}
 
 
-def _loops(above: Above) -> Iterator[FrameFinding]:
-    """Find groups of frames that are above each other."""
-    done: set[str] = set()
-    for frame in sorted(above):
-        if frame in above[frame] and frame not in done:
-            loop = sorted(one for one in above[frame] if frame in above[one])
-            done |= set(loop)
-            yield FrameFinding("loop", tuple(loop), f"{_listed(loop)} are above each other")
+def _loops(parents: Parents) -> Iterator[FrameFinding]:
+    """Find loops; those that share a frame with a loop that was found before are left out."""
+    left = dict(parents)
+    while loop := _loop_in(left):
+        frames = tuple(sorted(set(loop)))
+        yield FrameFinding("loop", frames, f"{' -> '.join(loop)}, from child to parent")
+        for frame in frames:
+            del left[frame]
 
 
-def _roots(above: Above, root: str | None) -> Iterator[FrameFinding]:
-    roots = sorted(frame for frame in above if not above[frame])
+def _loop_in(parents: Parents) -> list[str]:
+    """Return the frames of a loop, each before its parent and the first also last; empty: there is none."""
+    try:
+        TopologicalSorter(parents).prepare()
+    except CycleError as error:
+        return list(reversed(error.args[1]))
+    return []
+
+
+def _roots(parents: Parents, root: str | None) -> Iterator[FrameFinding]:
+    roots = [frame for frame, above in parents.items() if not above]
     if root is None:
         if len(roots) > 1:
             what = f"there are {len(roots)} trees, with the roots {_listed(roots)}"
             yield FrameFinding("second-root", tuple(roots), what)
         return
-    lost = sorted(frame for frame in above if frame != root and root not in above[frame])
+    lost = sorted(parents.keys() - _reached(parents, root))
     if lost:
-        code = "second-root" if root in above and set(lost) & set(roots) else "unreachable"
+        code = "second-root" if root in parents and set(lost) & set(roots) else "unreachable"
         yield FrameFinding(code, tuple(lost), f"{_listed(lost)} cannot be reached from {root!r}")
+
+
+def _reached(parents: Parents, root: str) -> set[str]:
+    """Return a frame with all frames below it."""
+    children = defaultdict(set)
+    for child, above in parents.items():
+        for parent in above:
+            children[parent].add(child)
+    reached, new = {root}, [root]
+    while new:
+        further = children[new.pop()] - reached
+        reached |= further
+        new += further
+    return reached
 
 
 def _names(frames: Sequence[str], rule: FrameRule | None) -> Iterator[FrameFinding]:
