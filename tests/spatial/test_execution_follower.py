@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from trajectory_strategies import poses, trajectories
 
 from sfglab.bus import GoalStatus
+from sfglab.errors import InvalidValueError
 from sfglab.spatial import Pose
 from sfglab.spatial.execution.agent import AgentState, Follower, Limits, Tolerances
 from sfglab.spatial.execution.orders import OUTCOMES, Order, Outcome, RefusalError, outcome_of
@@ -128,6 +129,12 @@ def test_an_agent_that_does_not_arrive_in_time_ends_with_that_outcome():
     following = follower(line(0.0, 5.0), Limits(speed_m_s=0.5), tolerances=tolerances)
     assert run_to_end(following, 50_000_000).outcome is Outcome.GOAL_MISSED
     assert 4.0 < following.time_ns / S < 4.2
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, math.nan, math.inf])
+def test_a_limit_is_a_finite_number_above_zero(limit):
+    with pytest.raises(InvalidValueError, match=r"limits, acceleration_m_s2: .* above zero"):
+        Limits(acceleration_m_s2=limit)
 
 
 def test_an_agent_waits_at_the_start_until_the_trajectory_begins():

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfglab.errors import InvalidValueError
 from sfglab.spatial import Pose
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
 from sfglab.spatial.mocap.tracking import Lapse, Limits, Track, TrackState, Verdict
@@ -69,6 +70,12 @@ def test_what_is_published_is_within_reach_or_was_held(steps):
         if LIMITS.verdict(a, b, t1 - t0) is not Verdict.SOUND:
             assert verdict is Verdict.CONFIRMED
             assert t1 - t0 >= LIMITS.believe_after_s * 1e9
+
+
+@pytest.mark.parametrize("wrong", [{"dropped": 1.0}, {"rate_hz": 0.0}, {"jitter_s": math.nan}])
+def test_a_capture_system_that_none_can_be_is_refused(wrong):
+    with pytest.raises(InvalidValueError, match=next(iter(wrong))):
+        SyntheticConfig(**wrong)
 
 
 PATH = SyntheticMotion()

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from sfglab.fields import between, check_bounds
 from sfglab.spatial.mocap.tracking import Capture, Lapse, Sight
 from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
@@ -46,16 +47,23 @@ class SyntheticMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SyntheticConfig:
-    """Quality of the capture system. Times between events and their durations are exponential."""
+    """Quality of the capture system. Times between events and their durations are exponential.
 
-    rate_hz: float = 100.0  #: Captures per second.
-    noise_m: float = 0.0005  #: Standard deviation of each coordinate.
-    noise_rad: float = 0.002  #: Standard deviation of the rotation about each axis.
-    occlusions_hz: float = 0.0  #: Occlusions per object and second.
-    occlusion_s: float = 0.2  #: Mean duration of an occlusion.
-    dropped: float = 0.0  #: Share of captures that are lost, below 1.
-    latency_s: float = 0.006  #: Shortest time from capture to receipt.
-    jitter_s: float = 0.0005  #: Mean of the exponential part of the latency.
+    Raises:
+        InvalidValueError: A value is out of its bounds.
+    """
+
+    rate_hz: float = between(100.0, without=(0,))  #: Captures per second.
+    noise_m: float = between(0.0005)  #: Standard deviation of each coordinate.
+    noise_rad: float = between(0.002)  #: Standard deviation of the rotation about each axis.
+    occlusions_hz: float = between(0.0)  #: Occlusions per object and second.
+    occlusion_s: float = between(0.2, without=(0,))  #: Mean duration of an occlusion.
+    dropped: float = between(0.0, 0, 1, without=(1,))  #: Share of captures that are lost.
+    latency_s: float = between(0.006)  #: Shortest time from capture to receipt.
+    jitter_s: float = between(0.0005)  #: Mean of the exponential part of the latency.
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 def synthetic_captures(
