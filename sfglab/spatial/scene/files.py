@@ -134,7 +134,7 @@ class WaypointKeys(PoseKeys):
 class _TrajectoryKeys(TrajectoryObject):
     """A trajectory, which holds its waypoints."""
 
-    waypoints: tuple[WaypointKeys, ...] = ()  #: Waypoints in order of time.
+    waypoints: tuple[WaypointKeys, ...] = ()  #: Waypoints, in any order.
 
 
 AnyObject = Annotated[Group | AgentObject | ObstacleObject | ZoneObject | _TrajectoryKeys, ByKind()]
