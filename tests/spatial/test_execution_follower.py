@@ -172,8 +172,12 @@ def check(given):
     [
         (order(0.0, 1.0, agent="spot"), Outcome.UNKNOWN_AGENT, "given 'spot', allowed: 'go2'"),
         (order(0.0, 1.0, frame_id="odom"), Outcome.UNKNOWN_FRAME, "allowed: 'map'"),
-        (order(0.0, 3.0), Outcome.LIMITS_EXCEEDED, "speed: given 3 m/s, allowed: 1 m/s"),
-        (order(0.6, 1.0), Outcome.START_TOO_FAR, "0.600 m away, allowed: 0.5 m"),
+        (order(0.0, 3.0), Outcome.LIMITS_EXCEEDED, "speed at 1.000 s: given 3 m/s, allowed: 1"),
+        (
+            order(0.6, 1.0),
+            Outcome.START_TOO_FAR,
+            "start: given a trajectory 0.600 m away, allowed: 0.5 m",
+        ),
         (order(0.0, 1.0, start_ns=1), Outcome.INVALID_TRAJECTORY, "ended 97.000 s ago"),
         (order(0.0, 1.0, start_ns=98 * S), Outcome.START_TOO_FAR, "1.000 m away"),
     ],

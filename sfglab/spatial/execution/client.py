@@ -98,8 +98,15 @@ class Execution:
             self._on_feedback(feedback_of(message))
 
 
-async def execute(node: Node, order: Order, **options: Any) -> Ended:
-    """Send an agent along a trajectory and return the end, also of a rejected goal; options as of `Execution`.
+async def execute(
+    node: Node,
+    order: Order,
+    *,
+    action: str = "",
+    on_feedback: Callable[[Feedback], None] | None = None,
+    timeout_s: float = 5.0,
+) -> Ended:
+    """Send an agent along a trajectory and return the end, also of a rejected goal; arguments as of `Execution`.
 
     A task that awaits this and is cancelled cancels the goal, and ends only when the agent stands.
 
@@ -111,7 +118,9 @@ async def execute(node: Node, order: Order, **options: Any) -> Ended:
         BusTimeoutError: There is no server, or it does not respond.
         ActionServerGoneError: It went away before the end.
     """
-    execution = Execution(node, order.agent, **options)
+    execution = Execution(
+        node, order.agent, action=action, on_feedback=on_feedback, timeout_s=timeout_s
+    )
     begun = asyncio.ensure_future(execution.begin(order))
     try:
         await asyncio.shield(begun)

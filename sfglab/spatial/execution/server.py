@@ -76,9 +76,12 @@ def check_order(order: Order, agent: str, setup: AgentSetup, pose: Pose, now_ns:
     limit_m_s = setup.limits.speed_m_s
     # Goals are polylines, whose speed is constant between two waypoints.
     times_s = [waypoint.time_ns / NS_PER_S for waypoint in trajectory.waypoints]
-    fastest_m_s = float(sample(trajectory, times_s).speeds_m_s.max())
+    speeds_m_s = sample(trajectory, times_s).speeds_m_s
+    fastest = int(speeds_m_s.argmax())
+    fastest_m_s = float(speeds_m_s[fastest])
     if limit_m_s is not None and fastest_m_s > limit_m_s * (1.0 + _ROUNDING):
-        text = f"speed: given {fastest_m_s:.4g} m/s, allowed: {limit_m_s:g} m/s"
+        place = f"speed at {times_s[fastest]:.3f} s"
+        text = f"{place}: given {fastest_m_s:.4g} m/s, allowed: {limit_m_s:g} m/s"
         raise RefusalError(Outcome.LIMITS_EXCEEDED, text)
     time_s = (now_ns - order.start_ns) / NS_PER_S if order.start_ns else 0.0
     over_s = time_s - trajectory.end_ns / NS_PER_S
@@ -88,7 +91,7 @@ def check_order(order: Order, agent: str, setup: AgentSetup, pose: Pose, now_ns:
     distance_m = pose.distance_m(pose_at(trajectory, time_s))
     allowed_m = setup.tolerances.start_m
     if distance_m > allowed_m:
-        text = f"given a trajectory {distance_m:.3f} m away, allowed: {allowed_m:g} m"
+        text = f"start: given a trajectory {distance_m:.3f} m away, allowed: {allowed_m:g} m"
         raise RefusalError(Outcome.START_TOO_FAR, text)
 
 
@@ -118,9 +121,8 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         motion_of(Trajectory.standing(self._setup.pose))
         self._stepped_ns = node.get_clock().now_ns()
         own = RosFqnBuilder().scope(Scope.GLOBAL).agent(agent)
-        pose, odometry = (
-            str(own.resource(one).build()) for one in (Resource.POSE, Resource.ODOMETRY)
-        )
+        pose = str(own.resource(Resource.POSE).build())
+        odometry = str(own.resource(Resource.ODOMETRY).build())
         self._pose = node.create_publisher("geometry_msgs/msg/PoseStamped", pose, 10)
         self._odometry = node.create_publisher("nav_msgs/msg/Odometry", odometry, 10)
         self._transforms = node.create_publisher(TRANSFORMS, TF, TF_QOS)
