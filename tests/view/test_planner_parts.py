@@ -1,17 +1,20 @@
 """What the scene editor decides before any browser: rows, fields, nodes, what is added, and in which order."""
 
+import asyncio
 import threading
 from dataclasses import fields as dataclass_fields
 from dataclasses import replace
+from unittest.mock import AsyncMock, Mock
 
 import pytest
 
 from sfglab.errors import SfglabError
+from sfglab.spatial.execution.orders import Order
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.model import COMMON, KINDS, ROOT, Box, Cylinder, SceneError, Sphere
 from sfglab.spatial.trajectory.path import Trajectory
-from sfglab.view.planner import looks
+from sfglab.view.planner import looks, sending
 from sfglab.view.planner.context import JobQueue
 from sfglab.view.planner.fields import fields_of
 from sfglab.view.planner.toolbar import (
@@ -215,3 +218,50 @@ def test_a_job_that_fails_is_reported_and_the_next_one_is_done():
     assert done == [1]
     with pytest.raises(SfglabError, match="closed"):
         jobs.call(lambda: None)
+
+
+ORDER = Order(agent="dog", trajectory=Trajectory.standing(Pose()))
+
+
+async def test_an_error_of_the_domain_ends_a_sending_and_the_next_one_tries_again(monkeypatch):
+    asked, nodes = [], []
+
+    def node():
+        asked.append(1)
+        if len(asked) == 1:
+            raise OSError("no network")
+        nodes.append(Mock(close=AsyncMock()))
+        return nodes[-1]
+
+    execution = AsyncMock(close=Mock())
+    execution.result.return_value = "succeeded"
+    monkeypatch.setattr(sending, "Execution", Mock(return_value=execution))
+    sender = sending.Sender(node, lambda _: None)
+    for said in ("no network", "succeeded"):
+        sender.send(1, ORDER, "/walk")
+        await asyncio.gather(*sender._goals.values())
+        assert not sender.states[1].running
+        assert said in sender.states[1].text
+    sender.send(2, ORDER, "/walk")
+    await sender.close()
+    assert len(nodes) == 1
+
+
+async def test_no_goal_or_cancellation_outlives_a_sender_whose_server_is_silent(monkeypatch):
+    class Silent:
+        def __init__(self, *_, **__):
+            self.cancel = asyncio.Event().wait
+
+        async def begin(self, _):
+            await asyncio.Event().wait()
+
+        def close(self):
+            """Nothing is open."""
+
+    monkeypatch.setattr(sending, "Execution", Silent)
+    monkeypatch.setattr(sending, "_CLOSE_S", 0.01)
+    sender = sending.Sender(lambda: Mock(close=AsyncMock()), lambda _: None)
+    sender.send(1, ORDER, "/walk")
+    await asyncio.sleep(0)
+    await sender.close()
+    assert asyncio.all_tasks() == {asyncio.current_task()}

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from sfglab.spatial.execution.orders import Feedback, Order
     from sfglab.spatial.scene.tree import Scene
 
+_log = logging.getLogger(__name__)
 _CLOSE_S = 5.0
 
 
@@ -46,7 +48,6 @@ class Sender:
         self._make_node = node
         self._on_state = on_state
         self._node: Node | None = None
-        self._joining = asyncio.Lock()  # two goals at once join the domain once
         self._goals: dict[int, asyncio.Task[None]] = {}
         self._executions: dict[int, Execution] = {}  # of the goals that are sent
         self._cancellations: set[asyncio.Task[None]] = set()
@@ -75,9 +76,10 @@ class Sender:
                 goal.cancel()
         if goals:
             await asyncio.wait(goals.values(), timeout=_CLOSE_S)
-        for goal in goals.values():
-            goal.cancel()
-        await asyncio.gather(*goals.values(), return_exceptions=True)
+        left = [*goals.values(), *self._cancellations]
+        for task in left:
+            task.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
         if self._node is not None:
             await self._node.close()
 
@@ -87,10 +89,8 @@ class Sender:
             self._show(id_, Sending(running=True, share=feedback.share, text=text))
 
         try:
-            async with self._joining:
-                if self._node is None:
-                    self._node = await self._make_node().__aenter__()
-            execution = Execution(self._node, order.agent, action=action, on_feedback=on_feedback)
+            node = self._joined()
+            execution = Execution(node, order.agent, action=action, on_feedback=on_feedback)
             self._executions[id_] = execution
             try:
                 await execution.begin(order)
@@ -100,7 +100,18 @@ class Sender:
                 del self._executions[id_]
         except SfglabError as error:
             text = str(error)
+        except Exception as error:  # noqa: BLE001 - Send must be enabled again
+            _log.exception("the scene editor failed to send a trajectory")
+            text = repr(error)
         self._show(id_, replace(self.states[id_], running=False, text=text))
+
+    def _joined(self) -> Node:
+        """Return the node, which joins the domain with the first goal; after an error the next goal tries again."""
+        if self._node is None:
+            node = self._make_node()
+            node.start()
+            self._node = node
+        return self._node
 
     async def _cancel(self, execution: Execution) -> None:
         with contextlib.suppress(SfglabError):  # the goal ends with the same error
