@@ -25,7 +25,7 @@ CANVAS = """(() => { const r = document.querySelector('canvas').getBoundingClien
 
 @pytest.fixture(scope="module")
 def browser():
-    with closing(open_browser(1200, 620)) as made:
+    with closing(open_browser(1000, 620)) as made:
         yield made
 
 

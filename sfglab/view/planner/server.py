@@ -38,7 +38,7 @@ DEFAULT_PORT = 8092
 _LOCAL_NAMES = frozenset({LOOPBACK, "localhost"})
 _T = TypeVar("_T")
 _CELL_STYLE = "width:100%;height:700px;border:1px solid #ccc"
-_LEFT_PX, _RIGHT_PX, _TIME_PX = 270, 330, 560
+_LEFT_PX, _RIGHT_PX = 270, 330
 _NOTE_S = 10.0
 _QUIET_S = 0.25
 #: Period at which `Planner.wait` looks for Ctrl-C, s.
@@ -123,7 +123,7 @@ class Planner(AbstractContextManager["Planner"]):
         return f'<iframe src="{source}" style="{_CELL_STYLE}" title="scene editor"></iframe>'
 
     def _furnish(self) -> None:
-        """Put the panels around the viewport: hierarchy left, inspector right, time below."""
+        """Put the panels beside the viewport: hierarchy, conflicts and time left, inspector right."""
         gui, icon, context = self._server.gui, self._context.viser.Icon, self._context
         gui.configure_theme(show_logo=False, show_share_button=False)
         left, below, bottom = gui.add_panel(), gui.add_panel(), gui.add_panel()
@@ -139,7 +139,7 @@ class Planner(AbstractContextManager["Planner"]):
         left.dock_left()
         left.set_width(_LEFT_PX)
         below.dock_below(left)
-        bottom.float(x=20, y=-15, width=_TIME_PX)
+        bottom.dock_below(below)
         upper = [self._viewport, self._toolbar, self._inspector]
         self._parts = [*upper, self._hierarchy, self._timeline, self._warnings]
         self._end_listening = context.editor.listen(self._changed)
