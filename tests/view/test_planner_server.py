@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 from seen import at_work, edited
@@ -21,6 +22,7 @@ from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene, scene_text
 from sfglab.spatial.trajectory.path import Trajectory
+from sfglab.view.planner import drawing, server
 from sfglab.view.planner.sending import Sending
 from sfglab.view.planner.server import Planner, show_planner
 
@@ -176,6 +178,28 @@ def test_a_loaded_scene_takes_the_place_of_what_was_drawn(planner):
     assert "/ghosts/3/body" not in planner._viewport._ghosts.nodes
 
 
+def test_a_part_that_fails_to_draw_hides_no_edit_and_draws_all_the_next_time(planner, monkeypatch):
+    with monkeypatch.context() as broken:
+        broken.setattr(drawing, "add_body", Mock(side_effect=RuntimeError("broken")))
+        planner.call(lambda e: e.remove(2))
+        planner.call(lambda e: e.add("obstacle", "box"))
+        assert sorted(planner._hierarchy._buttons) == [1, 3]
+    planner.call(Editor.undo)
+    planner.call(Editor.undo)
+    assert sorted(planner._hierarchy._buttons) == [1, 2]
+    assert list(planner._viewport._objects.nodes) == ["/objects/2"]
+    assert "/ghosts/1/body" in planner._viewport._ghosts.nodes
+
+
+def test_a_check_for_conflicts_that_fails_says_so_until_the_next_one(planner, monkeypatch):
+    with monkeypatch.context() as broken:
+        broken.setattr(Editor, "conflicts", Mock(side_effect=RuntimeError("broken")))
+        planner.call(lambda e: e.rename(1, "cat"))
+        edited(planner, lambda _: planner._warnings._head.content == "the check failed")
+    planner.call(Editor.undo)
+    edited(planner, lambda _: "1 conflict" in planner._warnings._head.content)
+
+
 def state_of(planner, id_):
     return planner._sender.states.get(id_, Sending())
 
@@ -207,9 +231,22 @@ def test_a_notebook_shows_a_frame_while_it_is_open_and_calls_end_with_it(planner
         planner.call(lambda _: None)
 
 
+def test_an_editor_that_cannot_be_furnished_frees_its_port_and_leaves_no_thread(monkeypatch):
+    monkeypatch.setattr(server, "Warnings", Mock(side_effect=RuntimeError("broken")))
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with pytest.raises(RuntimeError, match="broken"):
+        Planner(Editor(), port=port)
+    with socket.create_server(("127.0.0.1", port)):
+        assert not [t for t in threading.enumerate() if t.name == "planner-jobs"]
+
+
 def test_a_port_in_use_and_viser_that_is_missing_are_one_clear_error(tmp_path, monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
+        with pytest.raises(SfglabError, match=rf"--port: given {port}, allowed: a free port"):
+            show_planner(tmp_path / "new.yaml", port=port)
+        monkeypatch.setattr(server, "_check_free", lambda _: None)  # it is taken a moment later
         with pytest.raises(SfglabError, match=rf"--port: given {port}, allowed: a free port"):
             show_planner(tmp_path / "new.yaml", port=port)
     monkeypatch.setitem(sys.modules, "viser", None)

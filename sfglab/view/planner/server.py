@@ -9,6 +9,7 @@ browser may open a WebSocket to loopback.
 
 from __future__ import annotations
 
+import logging
 import secrets
 import socket
 import threading
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
 
 
+_log = logging.getLogger(__name__)
 DEFAULT_PORT = 8092
 _LOCAL_NAMES = frozenset({LOOPBACK, "localhost"})
 _T = TypeVar("_T")
@@ -73,6 +75,9 @@ class Planner(AbstractContextManager["Planner"]):
         self._guard = Guard(() if is_proxied else _LOCAL_NAMES)
         with quiet(), self._guard.serving():
             self._server = library.ViserServer(host=LOOPBACK, port=port, verbose=False)
+        if port not in {0, self._server.get_port()}:  # it was taken after the check
+            self._stop_serving()
+            raise SfglabError(f"--port: given {port}, allowed: a free port, or 0")
         self._closed = threading.Event()
         self._parts: list[Part] = []
         self._jobs = JobQueue(self._refused)
@@ -84,7 +89,12 @@ class Planner(AbstractContextManager["Planner"]):
             jobs=self._jobs,
             sender=self._sender,
         )
-        self._jobs.call(self._furnish)
+        self._end_listening = editor.listen(self._changed)
+        try:
+            self._jobs.call(self._furnish)
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def url(self) -> str:
@@ -109,8 +119,7 @@ class Planner(AbstractContextManager["Planner"]):
         self._closed.set()
         self._jobs.close(self._sender.close)
         self._end_listening()
-        with quiet():
-            self._server.stop()
+        self._stop_serving()
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -121,6 +130,10 @@ class Planner(AbstractContextManager["Planner"]):
         address = address_of_port(self._server.get_port()).rstrip("/")
         source = escape(f"{address}/{self._guard.token}/")
         return f'<iframe src="{source}" style="{_CELL_STYLE}" title="scene editor"></iframe>'
+
+    def _stop_serving(self) -> None:
+        with quiet():
+            self._server.stop()
 
     def _furnish(self) -> None:
         """Put the panels beside the viewport: hierarchy, conflicts and time left, inspector right."""
@@ -142,12 +155,14 @@ class Planner(AbstractContextManager["Planner"]):
         bottom.dock_below(below)
         upper = [self._viewport, self._toolbar, self._inspector]
         self._parts = [*upper, self._hierarchy, self._timeline, self._warnings]
-        self._end_listening = context.editor.listen(self._changed)
         self._check_later()
 
     def _changed(self, change: Change) -> None:
         for part in self._parts:
-            part.show(change)
+            try:
+                part.show(change)
+            except Exception:  # noqa: BLE001 - the edit is done, and the other parts show it
+                _log.exception("the scene editor failed to show a change")
         if change.added or change.removed or change.changed:
             self._check_later()
 
@@ -156,7 +171,11 @@ class Planner(AbstractContextManager["Planner"]):
         self._jobs.later("conflicts", self._check, delay_s=_QUIET_S, settles=False)
 
     def _check(self) -> None:
-        found = self._context.editor.conflicts()
+        try:
+            found = self._context.editor.conflicts()
+        except Exception:
+            self._warnings.failed()
+            raise
         self._warnings.found(found)
         self._viewport.found(found)
 

@@ -108,10 +108,11 @@ class Layer:
 
     def show(self, looks: Looks) -> None:
         """Show these nodes and no others."""
-        for name in self._looks.keys() - looks.keys():
+        for name in self.nodes.keys() - looks.keys():
+            self._looks.pop(name, None)
             self.nodes.pop(name).remove()
         for name, look in looks.items():
-            shown = self._looks.get(name)
+            shown = self._looks.pop(name, None)  # after an error the node is made again
             if shown != look:
                 shown = None
                 self._add(name, look)
@@ -120,7 +121,7 @@ class Layer:
                 put(node, look.pose)
             if look.text and (shown is None or shown.text != look.text):
                 node.text = look.text
-        self._looks = looks
+            self._looks[name] = look
 
     def _add(self, name: str, look: Look) -> None:
         node = look.add(self._context.server.scene, name, *look.values)
