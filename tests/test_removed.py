@@ -30,9 +30,11 @@ def test_a_removed_command_is_one_sentence_and_status_2(command, rest):
             f"fleet router {FLEET} --agent go2 --target zenoh-acl",
             "fleet router --target zenoh-acl",
         ),
+        (f"qos {QOS} --vendor fast_dds", "qos --vendor"),
+        (f"qos {QOS} --vendor=cyclone_dds --rmw cyclone", "qos --vendor"),
     ],
 )
-def test_a_removed_value_of_an_option_is_one_sentence_and_status_2(command, removed):
+def test_a_removed_option_or_value_is_one_sentence_and_status_2(command, removed):
     said = called(*command.split(), status=2)
     assert said.startswith(f"sfglab {removed} was removed: ")
     assert said.count("\n") == 1
@@ -64,7 +66,6 @@ def test_a_former_name_has_no_other_use():
         (f"qos {QOS} --method printed", f"qos {QOS} --method paper", "printed"),
         (f"qos {QOS} --method=printed", f"qos {QOS} --method paper", "printed"),
         (f"qos {QOS} --latency-price 5", f"qos {QOS} --latency-weight 5", "--latency-price"),
-        (f"qos {QOS} --vendor cyclone", f"qos {QOS} --rmw cyclone", "--vendor"),
         (f"qos {QOS} --front", f"qos {QOS} --pareto", "--front"),
         (f"map {GRAPH} --rule=size", f"map {GRAPH} --gateway-rule size", "--rule"),
         (f"map {GRAPH} --place", f"map {GRAPH} --optimise-placement", "--place"),

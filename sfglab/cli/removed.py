@@ -1,6 +1,6 @@
 """Removed commands and former names of options, up to and including 0.1.0.
 
-A removed command prints its replacement and exits with status 2. A former name of an option is
+A removed command or option prints its replacement and exits with status 2. A former name of an option is
 accepted with a warning.
 """
 
@@ -36,10 +36,9 @@ RENAMED = {
     "--rule": "--gateway-rule",
     "--place": "--optimise-placement",
     "--trees": "--publish-tf",
-    "--vendor": "--rmw",
-    "fast_dds": "fastrtps-sync",
-    "cyclone_dds": "cyclone",
 }
+# Options of `sfglab qos`. The former fast_dds is none of the values of --rmw.
+_REMOVED = {"vendor": "use --rmw fastrtps-sync, --rmw fastrtps-async or --rmw cyclone"}
 # The sentence is all that a removed command prints, also for --help.
 _ANYTHING = {
     "allow_extra_args": True,
@@ -64,13 +63,15 @@ def _refusal(command: str) -> Callable[[typer.Context], None]:
 
 
 def refuse(command: str, replacement: str) -> NoReturn:
-    """Print what replaces a removed command, or a removed value of an option, and exit with status 2."""
+    """Print what replaces a removed command, option or value, and exit with status 2."""
     typer.echo(f"sfglab {command} was removed: {replacement}", err=True)
     raise typer.Exit(2)
 
 
 def current_name(token: str) -> str:
     """Return the name of an option, without dashes, or of a value; for a former one today's, with a warning."""
+    if token in _REMOVED:
+        refuse(f"qos --{token}", _REMOVED[token])
     for former in (token, f"--{token}"):
         if former in RENAMED:
             current = RENAMED[former]
