@@ -54,7 +54,7 @@ def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
             "--topic", " ".join(options.topics), f"the beginning of one of {there}"
         )
     for offer in session.offers(chosen):
-        session.add(offer.kind, offer.topics)
+        session.add_offer(offer)
     return session
 
 

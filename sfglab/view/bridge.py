@@ -133,10 +133,7 @@ class Bridge:
             key = offer.kind, next(iter(offer.topics.values()))
             if key not in self._offered and len(self._session.displays) < _MOST_DISPLAYS:
                 self._offered.add(key)
-                try:
-                    self._session.add(offer.kind, offer.topics)
-                except Exception as error:  # noqa: BLE001 - a plug-in may raise any error
-                    self._session.problems.append(f"visualizer {offer.kind!r}: {error}")
+                self._session.add_offer(offer)
 
     async def _arrange_on_change(self) -> None:
         """Have one subscription for every topic, type and QoS that is wanted, and no other.

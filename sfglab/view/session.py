@@ -161,6 +161,13 @@ class Session:
         self._tell()
         return display
 
+    def add_offer(self, offer: Offer) -> None:
+        """Add a display of an offer; a visualizer that fails is one of the problems."""
+        try:
+            self.add(offer.kind, offer.topics)
+        except Exception as error:  # noqa: BLE001 - a plug-in may raise any error
+            self.problems.append(f"visualizer {offer.kind!r}: {type(error).__name__}: {error}")
+
     def remove(self, id_: str) -> None:
         """Remove a display; what it has drawn stays in the viewer's history."""
         self.display(id_)
@@ -210,7 +217,11 @@ class Session:
         key = object()
         self._listeners[key] = listener
         listener()
-        return lambda: self._listeners.pop(key, None) and None
+
+        def end() -> None:
+            self._listeners.pop(key, None)
+
+        return end
 
     def _tell(self) -> None:
         for listener in tuple(self._listeners.values()):

@@ -22,7 +22,7 @@ from sfglab.messages import default_message, message_type, serialize, stamp_from
 from sfglab.qos import SENSOR_DATA
 from sfglab.record import LogWriter
 from sfglab.view import Input, Parameter, Visualizer
-from sfglab.view.app import ViewOptions, view_log
+from sfglab.view.app import ViewOptions, session_for, view_log
 from sfglab.view.arrivals import Arrival, capture_ns
 from sfglab.view.bridge import Bridge
 from sfglab.view.rerunning import (
@@ -301,6 +301,20 @@ def test_every_request_of_the_viewers_program_passes_the_one_that_refuses_the_ne
     assert others == ["const response = await fetch(url);"]  # the viewer itself
     assert not re.search(r"new (XMLHttpRequest|WebSocket|EventSource|Worker)\(", program)
     assert program.count('new URL("./re_viewer_bg.wasm", import.meta.url)') == 1
+
+
+def test_a_plugin_that_cannot_be_made_is_a_problem_of_a_logs_view_and_hides_no_other(monkeypatch):
+    class Broken(Word):
+        name = "broken"
+
+        def __init__(self, *_):
+            raise OSError("no model")
+
+    kinds = {"broken": Broken, "word": Word}
+    monkeypatch.setattr("sfglab.view.session.installed_visualizers", lambda: (kinds, []))
+    session = session_for({"/words": STRING}, ViewOptions())
+    assert [display.visualizer.name for display in session.displays] == ["word"]
+    assert session.problems == ["visualizer 'broken': OSError: no model"]
 
 
 @pytest.mark.live
