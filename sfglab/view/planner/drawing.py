@@ -51,9 +51,8 @@ _FLOOR_M = 40.0
 class Look:
     """A node of the 3D view. If only its pose or text differ, the node is kept and changed."""
 
-    add: Callable[
-        ..., Any
-    ]  #: Function that adds the node, given viser's scene, the name and `values`.
+    #: Function that adds the node, given viser's scene, the name and `values`.
+    add: Callable[..., Any]
     values: tuple[Any, ...]  #: Arguments of `add`, which can be compared.
     ids: tuple[int, ...] = ()  #: Objects that a click selects, one for each instance of the node.
     pose: Pose = field(default=Pose(), compare=False)  #: Pose in the scene's frame.

@@ -7,6 +7,7 @@ Each shows a part of the editor's state in viser's widgets. Decisions are in `sf
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.execution.client import trajectory_order
@@ -200,7 +201,7 @@ class Inspector(Part):
         async def typed(event: Any) -> None:
             if event.client_id is not None:
                 new = event.target.value
-                job = lambda: self._set(id_, field.key, new)  # noqa: E731
+                job = partial(self._set, id_, field.key, new)
                 jobs.later((id_, field.key), job, delay_s=delay_s)
 
         widget.on_update(typed)
