@@ -7,6 +7,7 @@ from dataclasses import replace
 from unittest.mock import AsyncMock, Mock
 
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sfglab.errors import SfglabError
 from sfglab.spatial.execution.orders import Order
@@ -108,6 +109,19 @@ def test_an_aligned_waypoint_cannot_be_turned_and_a_group_is_never_offered_to_it
 def test_turns_read_back_as_they_were_typed(editor, typed):
     put(editor, 2, "angles", typed)
     assert field(editor, 2, "angles").value == pytest.approx(typed, abs=0.01)
+
+
+def test_a_typed_coordinate_or_angle_leaves_the_others_which_are_shown_rounded(editor):
+    turned = Rotation.from_euler("ZYX", (0.123456789, 1.0, 0.0), degrees=True)
+    editor.set_pose(2, Pose.from_rotation((1.0 / 3.0, 0.0, 0.0), turned))
+    x, y, _ = field(editor, 2, "position").value
+    put(editor, 2, "position", (x, y, 5.0))
+    yaw, _, roll = field(editor, 2, "angles").value
+    put(editor, 2, "angles", (yaw, 10.0, roll))
+    pose = editor.scene.get(2).pose
+    assert pose.position_m == (1.0 / 3.0, 0.0, 5.0)
+    angles = Rotation.from_quat(pose.quat_xyzw).as_euler("ZYX", degrees=True)
+    assert angles == pytest.approx((0.123456789, 10.0, 0.0), abs=1e-9)
 
 
 def test_a_line_passes_every_waypoint_and_is_in_linear_colours(editor):

@@ -199,18 +199,28 @@ def label_of(name: str) -> str:
 def _place(thing: SceneObject) -> Iterator[Field]:
     aligned = isinstance(thing, WaypointObject) and thing.align is not Align.NONE
     pose = thing.pose
+    exact_deg = yaw_pitch_roll_deg(pose)
+
+    def put(editor: Editor, typed: Vec3) -> object:
+        position_m = _kept(typed, pose.position_m, _DECIMALS_M)
+        return editor.set_pose(thing.id, Pose.at(position_m, pose.quat_xyzw))
+
+    def turn(editor: Editor, typed: Vec3) -> object:
+        angles_deg = _kept(typed, exact_deg, _DECIMALS_DEG)
+        return editor.set_pose(thing.id, _turned(pose, angles_deg))
+
     yield Field(
         key="position",
         label="position (m)",
         value=_rounded(pose.position_m, _DECIMALS_M),
-        edit=lambda editor, xyz: editor.set_pose(thing.id, Pose.at(xyz, pose.quat_xyzw)),
+        edit=put,
         hint="x, y and z in the parent's frame",
     )
     yield Field(
         key="angles",
         label="turn (°)",
-        value=yaw_pitch_roll_deg(pose),
-        edit=lambda editor, deg: editor.set_pose(thing.id, _turned(pose, deg)),
+        value=_rounded(exact_deg, _DECIMALS_DEG),
+        edit=turn,
         hint="aligned to the path: see align" if aligned else "about z, then y, then x",
         enabled=not aligned,
     )
@@ -222,8 +232,8 @@ def yaw_pitch_roll_deg(pose: Pose) -> Vec3:
 
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Gimbal lock")
-        angles = Rotation.from_quat(pose.quat_xyzw).as_euler("ZYX", degrees=True)
-    return _rounded(angles, _DECIMALS_DEG)
+        yaw, pitch, roll = Rotation.from_quat(pose.quat_xyzw).as_euler("ZYX", degrees=True)
+    return (yaw, pitch, roll)
 
 
 def _turned(pose: Pose, angles_deg: Vec3) -> Pose:
@@ -234,4 +244,11 @@ def _turned(pose: Pose, angles_deg: Vec3) -> Pose:
 
 def _rounded(values: Iterable[float], decimals: int) -> Vec3:
     x, y, z = (round(float(value), decimals) + 0.0 for value in values)  # no -0.0
+    return (x, y, z)
+
+
+def _kept(typed: Vec3, exact: Vec3, decimals: int) -> Vec3:
+    """Return the typed numbers, and the exact ones that were not typed: the field shows them rounded."""
+    values = zip(typed, _rounded(exact, decimals), exact, strict=True)
+    x, y, z = (old if new == shown else new for new, shown, old in values)
     return (x, y, z)
