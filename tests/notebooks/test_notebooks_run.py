@@ -4,6 +4,8 @@ The cells run in this process, because a process and a kernel for each notebook 
 The tests of `sfglab try` and of the runner have kernels.
 """
 
+import asyncio
+import builtins
 import contextlib
 import os
 import warnings
@@ -12,9 +14,11 @@ from pathlib import Path
 import nbformat
 import psutil
 import pytest
+from IPython.core.async_helpers import get_asyncio_loop
 from IPython.core.interactiveshell import InteractiveShell
 from IPython.utils.capture import capture_output
 from made_logs import make_checkout
+from traitlets.config import Config
 
 from sfglab.lab.checks import trees
 from sfglab.lab.experiments import EXPERIMENTS, decode_once, experiment, mocap, visualisation
@@ -62,27 +66,54 @@ def project(tmp_path, monkeypatch):
     make_checkout(tmp_path)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     monkeypatch.chdir(tmp_path / "notebooks")
+    before = children()
     yield Project(root=tmp_path)
-    _, alive = psutil.wait_procs(processes_of(tmp_path), timeout=60)
-    assert [process.cmdline() for process in alive] == []
+    # A forked child has the environment of this process.
+    started = (children() - before) | processes_of(tmp_path)
+    _, alive = psutil.wait_procs(started, timeout=60)
+    commands = [process.cmdline() for process in alive]
+    assert [command for command in commands if "resource_tracker" not in str(command)] == []
 
 
 @pytest.fixture
-def shell():
-    """A shell that runs cells as a kernel does."""
+def shell(tmp_path_factory, monkeypatch):
+    """A shell that runs cells as a kernel does, and leaves nothing to the next one."""
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path_factory.mktemp("ipython")))
+    monkeypatch.setitem(vars(builtins), "display", None)  # the shell sets it
+    config = Config(HistoryManager={"enabled": False})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # as in a kernel, no warning is an error
-        yield InteractiveShell.instance()
+        shell = InteractiveShell.instance(config=config)
+        yield shell
+        end_loop()
+    shell.restore_sys_module_state()
     InteractiveShell.clear_instance()
+
+
+def end_loop():
+    """Cancel what still runs on the event loop of the shell's cells, and close it; IPython then makes another."""
+    loop = get_asyncio_loop()
+    tasks = asyncio.all_tasks(loop)
+    for task in tasks:
+        task.cancel()
+    if tasks:
+        loop.run_until_complete(asyncio.wait(tasks))
+    loop.run_until_complete(loop.shutdown_asyncgens())
+    loop.close()
+
+
+def children():
+    """Return the processes that descend from this one."""
+    return set(psutil.Process().children(recursive=True))
 
 
 def processes_of(folder):
     """Return the processes of a checkout, by their environment."""
-    found = []
+    found = set()
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error):
             if process.pid != os.getpid() and process.environ().get("SFGLAB_ROOT") == str(folder):
-                found.append(process)
+                found.add(process)
     return found
 
 
@@ -171,8 +202,10 @@ def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(
     assert not project.figures.exists(), "a smoke test replaces no figure"
     assert {p.stem for p in (project.runs / "figures").rglob("*.svg")} == FIGURES[name]
     for log in logs:
+        run = experiment(log.parent.name).load(log)
+        assert run.profile == "smoke"
         check = LIVE_RUNS.get(log.parent.name, lambda _: None)
-        check(experiment(log.parent.name).load(log))
+        check(run)
 
 
 @pytest.mark.slow
