@@ -1,11 +1,14 @@
 """The deployment experiment: each fact has a row, a missing program keeps its part open, and a fault shows."""
 
 import asyncio
+import os
+import shutil
 from dataclasses import replace
 
 import pytest
 from made_logs import DATA, reference
 
+import sfglab
 from sfglab.deploy.bundle import load_source, prepare
 from sfglab.deploy.files import BundleFile
 from sfglab.deploy.release import SOURCE, make_release
@@ -13,6 +16,7 @@ from sfglab.lab.experiments.deployment import exp, facts_of
 from sfglab.lab.experiments.deployment.containers import ask_containers
 from sfglab.lab.experiments.deployment.experiment import ask_hooks
 from sfglab.lab.experiments.deployment.facts import CONTAINERS, FACTS, HOOKS, TRIAL, Outcome
+from sfglab.lab.experiments.deployment.image import PROGRAMS, ask_image
 from sfglab.lab.ledger import entries_of
 from sfglab.lab.paths import find_project
 
@@ -80,3 +84,38 @@ def test_hooks_that_do_not_do_what_they_say_or_do_not_end_are_refused(
 def test_agents_meet_over_their_bridges_and_routers_and_nothing_of_their_own_gets_out(tmp_path):
     faults = asyncio.run(ask_containers(pairs_of("go2", "workstation"), tmp_path))
     assert list(faults.values()) == ["", "", ""]
+
+
+def image_of(folder):
+    """Return the fault of an image that is built."""
+    source = load_source(DATA / "fleets" / "esslingen.yaml")
+    release, wheel = make_release(SOURCE, source.text)
+    ((deployment, _),) = prepare(source, release, wheel, agents=["workstation"])
+    return ask_image(deployment, wheel, folder)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    os.geteuid() != 0 or not all(map(shutil.which, PROGRAMS)),
+    reason=f"needs root, {' and '.join(PROGRAMS)}",
+)
+def test_an_image_is_built_from_a_local_base_and_runs_as_its_user(tmp_path):
+    assert image_of(tmp_path) == ""
+
+
+@pytest.mark.parametrize(
+    ("debian", "user", "fault"),
+    [
+        ("exit 0", "10001", ""),
+        ("exit 0", "0", f"user and version: 0, {sfglab.__version__}"),
+        ("exit 1", "10001", None),
+    ],
+)
+def test_an_image_is_judged_by_its_user_and_version(monkeypatch, tmp_path, debian, user, fault):
+    version = f"echo {user}; echo {sfglab.__version__}"
+    for name, text in zip(PROGRAMS, (version, debian), strict=True):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    assert image_of(tmp_path) == fault

@@ -24,7 +24,15 @@ from sfglab.fleet.fleet_file import Accelerator
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.deployment.containers import OUTSIDER, ask_containers
-from sfglab.lab.experiments.deployment.facts import CODEC, FACTS, TRIAL, Outcome, accepted
+from sfglab.lab.experiments.deployment.facts import (
+    CODEC,
+    FACTS,
+    LOCAL_IMAGE,
+    TRIAL,
+    Outcome,
+    accepted,
+)
+from sfglab.lab.experiments.deployment.image import ask_image
 from sfglab.lab.hosts import Network
 from sfglab.lab.paths import find_project
 
@@ -55,6 +63,7 @@ class Config(Profiled):
     fleet_file: str = "fleets/esslingen.yaml"  #: Fleet file, in the data folder.
     #: Agents whose containers' commands run over DDS between namespaces; empty: none.
     containers: tuple[str, ...] = ("go2", "pi1", "workstation")
+    build: bool = True  #: Whether an image is built, if the programs for it are installed.
     seed: int = 0  #: Seed without an effect, which every experiment has.
 
 
@@ -62,9 +71,8 @@ exp = Experiment(
     "deployment",
     Config,
     where="A 4.4",
-    smoke={"agents": ("go2", "steamdeck"), "containers": ()},
+    smoke={"agents": ("go2", "steamdeck"), "containers": (), "build": False},
     paper={"containers": ("go2", *(f"pi{i}" for i in range(1, 7)), "steamdeck", "workstation")},
-    removed={"build": {"smoke": False, "quick": True, "paper": True}},
     actors=(
         Actor("agent", "container on the machine's bridge", "discovers the others", count=_EACH),
         Actor("router", "machine", "forwards global names", count=_EACH),
@@ -99,7 +107,7 @@ class LayerRow(TableRow):
     digest: str  #: Digest of its instructions and of all layers below; equal digests are one layer.
 
 
-@exp.part("fleet", total=3)
+@exp.part("fleet", total=4)
 async def deploy(bench: Bench[Config]) -> None:
     """Render the files of a fleet, and ask a program about each fact."""
     config = bench.config
@@ -118,6 +126,11 @@ async def deploy(bench: Bench[Config]) -> None:
     if chosen and Network.available().ok:
         faults |= await ask_containers(chosen, bench.folder("containers"))
     bench.advance("containers")
+    if config.build:
+        image_fault = ask_image(pairs[0][0], wheel, bench.folder("image"))
+        if image_fault is not None:
+            faults[LOCAL_IMAGE] = image_fault
+    bench.advance("image")
     bench.write_all("fact", fact_rows(faults))
 
 

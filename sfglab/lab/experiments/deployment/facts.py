@@ -35,6 +35,7 @@ SYSTEMD, DEV_CONTAINER, HOOKS = "systemd", "dev container", "hooks"
 _ROBOT = "on a machine of the fleet"
 
 CODEC = "FFmpeg opens an H.264 codec of the accelerator that was found"
+LOCAL_IMAGE = "an image is built from a local base and runs as its user"
 DISCOVERY = "agents discover each other through their routers"
 INSIDE = "an agent's own domain shows nothing outside its machine"
 OUTSIDE = "the global domain shows global names only, with the heartbeats"
@@ -51,6 +52,7 @@ _MEETING = "agents in containers discover each other through their routers"
 _SHOWN = "the global domain shows global names only, and the heartbeats among them"
 FACTS = (
     Fact(LAYERS, accepted("Dockerfiles"), "hadolint", ("hadolint",)),
+    Fact(LAYERS, LOCAL_IMAGE, "buildah and debootstrap"),
     Fact(LAYERS, "images with ROS 2 and an accelerator are built", f"Docker {_ROBOT}"),
     Fact(DETECTION, CODEC, "FFmpeg on a machine with an accelerator"),
     Fact(CONTAINERS, accepted("Compose files"), "check-jsonschema", ("Compose Specification",)),
