@@ -80,8 +80,8 @@ def test_only_a_request_with_the_token_and_from_its_own_page_is_served(
 
 def happens(callback, target, **more):
     """Do what viser does at an event of a browser."""
-    event = SimpleNamespace(client_id=1, client=None, target=target, instance_index=None, **more)
-    asyncio.run(callback(event))
+    given = {"client_id": 1, "client": None, "instance_index": None} | more
+    asyncio.run(callback(SimpleNamespace(target=target, **given)))
 
 
 def typed(planner, key, value):
@@ -94,9 +94,9 @@ def clicked(widget):
     happens(widget._impl.update_cb[0], widget)
 
 
-def dragged(planner, phase, position=(0.0, 0.0, 0.0)):
+def dragged(planner, phase, position=(0.0, 0.0, 0.0), **more):
     target = SimpleNamespace(wxyz=(1.0, 0.0, 0.0, 0.0), position=position)
-    happens(planner._viewport._gizmo._handle._impl_aux.update_cb[0], target, phase=phase)
+    happens(planner._viewport._gizmo._handle._impl_aux.update_cb[0], target, phase=phase, **more)
 
 
 def test_a_drag_is_one_step_and_leaves_the_gizmo_where_the_object_is(planner):
@@ -120,6 +120,27 @@ def test_a_drag_that_another_selection_ends_does_not_swallow_later_edits(planner
     planner.call(Editor.undo)
     thing = planner.call(lambda e: e.scene.get(1))
     assert (thing.name, thing.pose.position_m) == ("dog", (1.0, 0.0, 0.0))
+
+
+def test_a_drag_ends_with_its_own_browser_only_and_also_where_its_last_place_is_impossible(planner):
+    gone = planner._server._client_disconnect_cb[-1]
+    before = planner.call(lambda e: e.scene)
+    dragged(planner, "start")
+    dragged(planner, "update", (1.0, 0.0, 0.0))
+    gone(SimpleNamespace(client_id=2))
+    dragged(planner, "start", client_id=2)
+    dragged(planner, "update", (9.0, 0.0, 0.0), client_id=2)
+    dragged(planner, "end", client_id=2)
+    dragged(planner, "update", (2.0, 0.0, 0.0))
+    dragged(planner, "end", (float("nan"), 0.0, 0.0))
+    assert planner.call(lambda e: e.scene.get(1).pose.position_m) == (2.0, 0.0, 0.0)
+    dragged(planner, "start")
+    dragged(planner, "update", (3.0, 0.0, 0.0))
+    gone(SimpleNamespace(client_id=1))
+    planner.call(lambda e: e.rename(1, "cat"))
+    for _ in range(3):
+        planner.call(Editor.undo)
+    assert planner.call(lambda e: e.scene) == before
 
 
 def test_numbers_typed_key_by_key_are_one_edit_and_a_refused_one_is_taken_out_of_its_field(planner):

@@ -5,6 +5,7 @@ The gizmo is at the selected object. One drag with it is one step that can be un
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
@@ -35,7 +36,7 @@ class Gizmo:
         self._context = context
         self._on: tuple[int, bool] | None = None
         self._handle: Any = None
-        self._dragging = False
+        self._client: int | None = None  # the browser that drags
 
     def show(self) -> None:
         """Move to the last selected object, except during a drag."""
@@ -46,21 +47,23 @@ class Gizmo:
             on = (thing.id, isinstance(thing, WaypointObject) and thing.align is not Align.NONE)
         if on != self._on:
             self._change(on)
-        if on is not None and not self._dragging:
+        if on is not None and self._client is None:
             put(self._handle, editor.scene.world_pose(on[0]))
 
-    def drop(self) -> None:
-        """End the drag, also that of a browser that disconnected."""
-        if self._dragging:
-            self._dragging = False
-            self._context.editor.end_drag()
+    def drop(self, client: int) -> None:
+        """End the drag of a browser, if any, which may have disconnected."""
+        if self._client == client:
+            self._end_drag()
             self.show()
+
+    def _end_drag(self) -> None:
+        if self._client is not None:
+            self._client = None
+            self._context.editor.end_drag()
 
     def _change(self, on: tuple[int, bool] | None) -> None:
         self._on = on
-        if self._dragging:
-            self._dragging = False
-            self._context.editor.end_drag()
+        self._end_drag()
         if self._handle is not None:
             self._handle.remove()
             self._handle = None
@@ -79,23 +82,24 @@ class Gizmo:
         jobs = self._context.jobs
 
         async def moved(event: Any) -> None:
-            w, x, y, z = (float(c) for c in event.target.wxyz)
-            pose = Pose.at(event.target.position, (x, y, z, w))
-            key = ("gizmo", id_) if event.phase == "update" else None
-            jobs.submit(lambda: self._moved(id_, event.phase, pose), key=key)
+            client, phase = event.client_id, event.phase
+            place = event.target.position, event.target.wxyz
+            key = ("gizmo", id_, client) if phase == "update" else None
+            jobs.submit(lambda: self._moved(id_, client, phase, place), key=key)
 
         return moved
 
-    def _moved(self, id_: int, phase: str, pose: Pose) -> None:
+    def _moved(self, id_: int, client: int, phase: str, place: Any) -> None:
         if self._on is None or self._on[0] != id_:
             return
-        if phase == "start":
-            self._dragging = True
+        if phase == "start" and self._client is None:
+            self._client = client
             self._context.editor.begin_drag()
         elif phase == "end":
-            self.drop()
-        elif self._dragging:
-            self._context.editor.place(id_, pose)
+            self.drop(client)
+        elif phase == "update" and self._client == client:
+            position, (w, x, y, z) = place
+            self._context.editor.place(id_, Pose.at(position, (x, y, z, w)))
 
 
 class Layer:
@@ -149,7 +153,9 @@ class Viewport(Part):
         self._ghosts = Layer(context)
         self._conflicts = Layer(context)
         add_floor(context.server.scene)
-        context.server.on_client_disconnect(lambda _: context.jobs.submit(self._gizmo.drop))
+        context.server.on_client_disconnect(
+            lambda client: context.jobs.submit(partial(self._gizmo.drop, client.client_id))
+        )
         self.show(Change(kind=ChangeKind.LOAD))
 
     def show(self, change: Change) -> None:
