@@ -221,6 +221,16 @@ def test_a_check_for_conflicts_that_fails_says_so_until_the_next_one(planner, mo
     edited(planner, lambda _: "1 conflict" in planner._warnings._head.content)
 
 
+def test_reload_is_refused_where_it_would_lose_changes_also_if_its_button_looked_enabled(planner):
+    planner.call(Editor.save)
+    planner.call(lambda e: e.rename(1, "cat"))
+    clicked(planner._toolbar._load)
+    assert planner.call(lambda e: e.scene.get(1).name) == "cat"
+    planner.call(Editor.undo)
+    clicked(planner._toolbar._load)
+    assert planner.call(lambda e: e.redo_label) is None  # it was read again
+
+
 def state_of(planner, id_):
     return planner._sender.states.get(id_, Sending())
 

@@ -84,6 +84,13 @@ def duplicate(editor: Editor) -> None:
     editor.select(*[editor.duplicate(id_) for id_ in editor.selection])
 
 
+def reload(editor: Editor) -> None:
+    """Read the scene's file again; SceneError if changes would be lost."""
+    if editor.dirty:
+        raise SceneError("scene", "unsaved changes", "a saved scene, or undo")
+    editor.load()
+
+
 def _agent_without_trajectory(editor: Editor) -> int | None:
     scene = editor.scene
     for id_ in editor.selection:
@@ -135,7 +142,7 @@ class Toolbar(Part):
             self._undo = self._button("Undo", icon.ARROW_BACK_UP, Editor.undo)
             self._redo = self._button("Redo", icon.ARROW_FORWARD_UP, Editor.redo)
             self._save = self._button("Save", icon.DEVICE_FLOPPY, Editor.save)
-            self._load = self._button("Reload", icon.REFRESH, Editor.load)
+            self._load = self._button("Reload", icon.REFRESH, reload)
         for label, (key, modifier, job) in _KEYS.items():
             made = self._gui.add_command(label, hotkey=key, modifier=modifier)
             made.on_trigger(self._does(job))
