@@ -12,7 +12,9 @@ from sfglab.domains import MAX_DOMAIN
 
 domain_option = partial(Option, min=0, max=MAX_DOMAIN)  #: Option for a DDS domain.
 
-Json = Annotated[bool, Option("--json", help="Print JSON instead of text; null stands for NaN and infinity.")]
+Json = Annotated[
+    bool, Option("--json", help="Print JSON instead of text; null stands for NaN and infinity.")
+]
 Domain = Annotated[
     int | None, domain_option(help="DDS domain. [default: ROS_DOMAIN_ID, otherwise 0]")
 ]
