@@ -109,10 +109,11 @@ def with_conflict(editor: Editor) -> Scene:
     place = editor.scene.get(_DRONE_ACROSS).pose
     x, y, _ = place.position_m
     low = Pose(position_m=(x, y, _LOW_M), quat_xyzw=place.quat_xyzw)
-    with editor.drag():
-        for waypoint in reversed(editor.scene.waypoints(_DRONE_PATH)):
-            editor.set_waypoint_time(waypoint.id, round(_SLOWER * waypoint.time_ns))
-        editor.set_pose(_DRONE_ACROSS, low)
+    editor.begin_drag()
+    for waypoint in reversed(editor.scene.waypoints(_DRONE_PATH)):
+        editor.set_waypoint_time(waypoint.id, round(_SLOWER * waypoint.time_ns))
+    editor.set_pose(_DRONE_ACROSS, low)
+    editor.end_drag()
     editor.select(_DRONE_LAST)
     editor.set_time(_TIME_S)
     return editor.scene
