@@ -100,7 +100,7 @@ def test_what_runs_is_recorded_for_a_plan_and_for_a_mapping(domain_id, tmp_path)
     at = ("--domain", str(domain_id), "--interface", "lo")
     name, kind = "/global/go2/word", "std_msgs/msg/String"
     topic = (sys.executable, "-m", "sfglab", "topic")
-    speaks = ("pub", "-r", "20", "-p", "0", name, kind, "{data: hello}")
+    speaks = ("pub", "-r", "20", name, kind, "{data: hello}")
     with program(*topic, *speaks, *at), program(*topic, "echo", name, kind, *at) as hearer:
         hearer.stdout.readline()  # it hears
         called("qos", *at, "--seconds", "4", "--format", "topics", "--out", str(tmp_path))
