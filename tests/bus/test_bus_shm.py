@@ -202,6 +202,7 @@ async def test_the_death_of_a_publisher_leaves_held_messages_readable(here, chil
     publisher.publish(default_message(Image, data=np.full(1000, 9, np.uint8)))
     await hear()
     """
+    before = maps("r--s")
     async with child(writer, "writer", lease_s=1.0) as other:
         subscription = here.create_subscription(IMAGE, "/image", transport="shm")
         message = await subscription.take(60)
@@ -210,10 +211,10 @@ async def test_the_death_of_a_publisher_leaves_held_messages_readable(here, chil
         await until(lambda: subscription.get_publisher_count() == 0)
         assert message.data.tolist() == [9] * 1000
         assert await here.graph.wait_for(lambda: not here.graph.publishers("/image"), 60)
-        assert len(maps("r--s")) == 1
+        assert len(maps("r--s")) == len(before) + 1
         del message
         gc.collect()
-        assert maps("r--s") == []
+        assert len(maps("r--s")) <= len(before)
 
 
 async def test_a_closed_subscription_gets_nothing_more_but_keeps_what_it_holds(here, until):

@@ -148,7 +148,7 @@ def test_a_verdict_is_the_criterion_s(claim, where, column, value, agrees):
     found = exp.measure(Made(*tables))[claim]
     expected = Verdict.REPRODUCED if agrees else Verdict.DEVIATES
     assert entry_for(CLAIMS[claim], found).verdict is expected
-    assert "by stall_ms 0: " in found.reason
+    assert "by longest stall 0 ms: " in found.reason
 
 
 CELL = f"{FOXY} and {SLOW} and loss == 0.01 and frame_us == 600 and stall_ms == 50"

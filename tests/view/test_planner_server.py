@@ -247,11 +247,16 @@ def test_a_trajectory_without_agent_and_a_wrong_action_are_reported(planner):
     wait_until(lambda: "no name" in form._text.content and not state_of(planner, id_).running)
 
 
+def job_threads():
+    return [thread for thread in threading.enumerate() if thread.name == "planner-jobs"]
+
+
 def test_playing_moves_the_time_and_no_thread_outlives_the_planner(planner):
+    others = len(job_threads()) - 1  # of planners that other tests show in notebooks
     clicked(planner._timeline._button)
     edited(planner, lambda e: e.time_s)
     planner.close()
-    assert not [t for t in threading.enumerate() if t.name == "planner-jobs"]
+    assert len(job_threads()) == others
 
 
 def test_a_notebook_shows_a_frame_while_it_is_open_and_calls_end_with_it(planner):
@@ -264,12 +269,13 @@ def test_a_notebook_shows_a_frame_while_it_is_open_and_calls_end_with_it(planner
 
 def test_an_editor_that_cannot_be_furnished_frees_its_port_and_leaves_no_thread(monkeypatch):
     monkeypatch.setattr(server, "Warnings", Mock(side_effect=RuntimeError("broken")))
+    others = job_threads()
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with pytest.raises(RuntimeError, match="broken"):
         Planner(Editor(), port=port)
     with socket.create_server(("127.0.0.1", port)):
-        assert not [t for t in threading.enumerate() if t.name == "planner-jobs"]
+        assert job_threads() == others
 
 
 def test_a_port_in_use_and_viser_that_is_missing_are_one_clear_error(tmp_path, monkeypatch):

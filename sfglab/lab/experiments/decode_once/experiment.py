@@ -100,8 +100,8 @@ exp = Experiment(
         Link("decoder", "subscriber", "or pictures", over="shared memory"),
     ),
     removed={
-        "most": {"quick": 10},
-        "ros2": {"quick": [1, 3]},
+        "most": {"quick": 10, "paper": 10},
+        "ros2": {"quick": [1, 3], "paper": [1, 3]},
     },
 )
 

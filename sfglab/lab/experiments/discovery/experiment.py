@@ -52,11 +52,11 @@ _FEW = tuple(
 )
 
 
-def _former_fleet(mode: str, agents: int, nodes: int, repeats: int) -> dict[str, Any]:
-    """Return a fleet of the former part ``ros2`` as the committed log has it."""
+def _former_fleet(mode: str, agents: tuple[int, ...], nodes: int, repeats: int) -> dict[str, Any]:
+    """Return a fleet of the former part ``ros2`` as logs have it."""
     return {
         "mode": mode,
-        "agents": [agents],
+        "agents": [*agents],
         "talkers": nodes,
         "listeners": nodes,
         "repeats": repeats,
@@ -64,17 +64,25 @@ def _former_fleet(mode: str, agents: int, nodes: int, repeats: int) -> dict[str,
     }
 
 
-_REAL = "standard ROS 2"
-_FORMER_ROS2 = [
-    _former_fleet(_REAL, 2, 10, 2),
-    _former_fleet(STANDARD, 2, 10, 2),
-    _former_fleet(ROUTED, 2, 10, 1),
-    _former_fleet(_REAL, 4, 3, 2),
-    _former_fleet(STANDARD, 4, 3, 2),
-    _former_fleet(ROUTED, 4, 3, 1),
-    _former_fleet(f"{_REAL}, composed", 6, 10, 1),
-]
-"""The removed field ``ros2`` of the profile ``quick``."""
+def _former_fleets(repeats: int, *sizes: tuple[int, int]) -> list[dict[str, Any]]:
+    """Return the fleets of each mode that the part compared; a size is agents and nodes of a role."""
+    fleets = []
+    for agents, nodes in sizes:
+        fleets.append(_former_fleet("standard ROS 2", (agents,), nodes, repeats))
+        fleets.append(_former_fleet(STANDARD, (agents,), nodes, repeats))
+        fleets.append(_former_fleet(ROUTED, (agents,), nodes, 1))
+    return fleets
+
+
+_COMPOSED = "standard ROS 2, composed"
+_FORMER_ROS2 = {
+    "quick": [*_former_fleets(2, (2, 10), (4, 3)), _former_fleet(_COMPOSED, (6,), 10, 1)],
+    "paper": [
+        *_former_fleets(20, (2, 10), (3, 6), (4, 3), (6, 2)),
+        _former_fleet(_COMPOSED, _FLEETS, 10, 20),
+    ],
+}
+"""The removed field ``ros2``, by profile."""
 
 
 def paced(repeats: int, sizes: tuple[int, ...]) -> tuple[Stage, ...]:
@@ -211,7 +219,7 @@ exp = Experiment(
         Link("router", "discoverer", "peers' heartbeats, descriptions"),
         Link("router", "peers", "with routers: heartbeats, description", boundary="the network"),
     ),
-    removed={"ros2": {"quick": _FORMER_ROS2}},
+    removed={"ros2": _FORMER_ROS2},
 )
 
 

@@ -85,9 +85,9 @@ exp = Experiment(
     },
     paper={"laps": 100, "live_s": 120.0},
     removed={
-        "chain.width": {"quick": 640},
-        "chain.height": {"quick": 480},
-        "chain.graph_file": {"quick": "graphs/driving.yaml"},
+        "chain.width": {"quick": 640, "paper": 640},
+        "chain.height": {"quick": 480, "paper": 480},
+        "chain.graph_file": dict.fromkeys(("quick", "paper"), "graphs/driving.yaml"),
     },
     actors=(
         Actor("town", "simulation", "renders the camera's images, moves the car, judges the lap"),

@@ -57,7 +57,7 @@ exp = Experiment(
     where="C 3, 5",
     smoke={"bounds": SMALL},
     paper={"bounds": (*SMALL, *LARGER, *LARGEST)},
-    removed={"bent": {"quick": True}},
+    removed={"bent": {"quick": True, "paper": True}},
 )
 exp.table("check")(CheckRow)
 

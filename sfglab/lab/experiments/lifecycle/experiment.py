@@ -88,7 +88,7 @@ exp = Experiment(
         Link("discoverer", "made-up agents", "metadata calls", boundary="network"),
         Link("discoverer", "listener", "discovery events"),
     ),
-    removed={"routed": {"quick": True}},
+    removed={"routed": {"quick": True, "paper": True}},
 )
 
 

@@ -100,7 +100,7 @@ exp = Experiment(
         Link("node", "rclpy", "topics, services, actions"),
         Link("rclpy", "node", "topics, services, actions"),
     ),
-    removed={"slow": {"quick": False}},
+    removed={"slow": {"quick": False, "paper": True}},
 )
 
 
