@@ -52,8 +52,15 @@ def width_inches(svg):
 # What a narrower page still makes too small; a notebook shows every figure's letters large enough.
 LARGE_ENOUGH = {
     "notebook": {svg.stem for svg in FIGURES},
-    "book": {"balancing_caches", "balancing_qos", "cooperation", "visualisation_latency"},
-    "print": {"balancing_qos", "visualisation_latency"},
+    "book": {
+        "balancing_caches",
+        "balancing_qos",
+        "cooperation",
+        "discovery_scale",
+        "driving_chain",
+        "visualisation_latency",
+    },
+    "print": {"balancing_qos", "discovery_scale", "driving_chain", "visualisation_latency"},
 }
 
 
