@@ -125,7 +125,7 @@ async def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_wi
                 assert now <= both
         first.close()
         await until(lambda: len(everybody.graph.publishers("/tf_static")) <= 1)
-        async with asyncio.timeout(60):  # until the other router has heard of it, too
+        async with asyncio.timeout(60):  # the other router discovers it later
             while (now := await everything(two)) != {of_second}:
                 assert of_second in now, "a live node's transforms stay"
 
