@@ -1,6 +1,6 @@
 """Every notebook in the smoke profile, in a checkout of its own.
 
-The cells run in this process, because a process and a kernel for each notebook would load everything anew.
+The cells run in this process. A process and a kernel for each notebook would import all libraries again.
 The tests of `sfglab try` and of the runner have kernels.
 """
 
