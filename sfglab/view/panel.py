@@ -40,9 +40,8 @@ class Panel:
         self._list = kit.VBox()
         head = kit.HBox([self._kind, self._topic, add])
         self.widget = kit.VBox([head, self._said, self._list])
-        self.close = session.listen(
-            self._arrange
-        )  #: Stops following the session; again is harmless.
+        #: Ends the notifications by the session; further calls have no effect.
+        self.close = session.listen(self._arrange)
 
     def refresh(self) -> None:
         """Show the current counts of each display, and offer the topics that there are now."""

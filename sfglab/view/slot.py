@@ -31,9 +31,8 @@ class Slot(Generic[T]):
     """The queue of a visualizer's sets."""
 
     def __init__(self, visualizer: Visualizer, max_hz: float | None) -> None:
-        self.max_hz = (
-            max_hz  #: Rate budget, sets per second; None for no limit. May be changed at any time.
-        )
+        #: Rate budget, sets per second; None for no limit. May be changed at any time.
+        self.max_hz = max_hz
         self.received = 0  #: Messages offered.
         self.shown = 0  #: Sets drawn, as the caller counts them.
         self._budget = RateBudget()

@@ -90,7 +90,8 @@ class Stage:
         self._wanted: dict[str, list[tuple[Display, str]]] = {}
         self._ticked_ns: dict[str, int] = {}
         self._turn = 0
-        self.close = session.listen(self._index)  #: Stops following the session; again is harmless.
+        #: Ends the notifications by the session; further calls have no effect.
+        self.close = session.listen(self._index)
 
     def deliver(self, arrival: Arrival) -> None:
         """Put a message into the queues of the displays that want it."""

@@ -140,8 +140,10 @@ class Follower:
         self.error_m = 0.0  #: Distance from the planned position, m.
         self.outcome: Outcome | None = None  #: Outcome; None before the end.
         self._trajectory = trajectory
-        self._now_ns, self._start_ns = now_ns, start_ns
-        self._limits, self._tolerances = limits, tolerances
+        self._now_ns = now_ns
+        self._start_ns = start_ns
+        self._limits = limits
+        self._tolerances = tolerances
         self._stopped: Outcome | None = None  # outcome once the agent stands
 
     @property

@@ -53,7 +53,8 @@ class Execution:
         on_feedback: Callable[[Feedback], None] | None = None,
         timeout_s: float = 5.0,
     ) -> None:
-        self._on_feedback, self._timeout_s = on_feedback, timeout_s
+        self._on_feedback = on_feedback
+        self._timeout_s = timeout_s
         name = action or action_name(agent)
         self._client = node.create_action_client(FOLLOW_TRAJECTORY, name)
         self._handle: ClientGoalHandle | None = None

@@ -49,7 +49,9 @@ class Ending(NamedTuple):
     meaning: str  #: Meaning, a clause.
 
 
-_SUCCEEDED, _ABORTED, _CANCELED = GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED
+_SUCCEEDED = GoalStatus.SUCCEEDED
+_ABORTED = GoalStatus.ABORTED
+_CANCELED = GoalStatus.CANCELED
 OUTCOMES: dict[Outcome, Ending] = {
     Outcome.SUCCEEDED: Ending(_SUCCEEDED, 0, "the agent went along the whole trajectory"),
     Outcome.INVALID_TRAJECTORY: Ending(

@@ -114,7 +114,8 @@ class BridgeCore:
         self.captures = 0  #: Number of captures.
         self.dropped = 0  #: Number of lost captures: gaps in the frame numbers.
         self.unmapped: Counter[str] = Counter()  #: Detections of objects without a mapping, by id.
-        self._buffer, self._settle_ns = buffer, settle_ns
+        self._buffer = buffer
+        self._settle_ns = settle_ns
         self._number: int | None = None
         self._objects: dict[str, ObjectStatus] = {}
         for id_, mapped in mapping.objects.items():

@@ -78,8 +78,8 @@ def sample_times(trajectories: list[Trajectory]) -> Floats:
     return np.union1d(np.linspace(first, last, count).round(3), waypoints)
 
 
-class _Doubt(NamedTuple):
-    """Something that may be wrong with an agent at some samples."""
+class _Candidate(NamedTuple):
+    """A possible conflict of an agent, which is one where the excess is positive."""
 
     kind: ConflictKind
     agent: int  # index of the agent
@@ -107,23 +107,23 @@ class _Plan:
         gaps = body.shape.distances_m(local.reshape(-1, 3))
         return gaps.reshape(local.shape[:2])
 
-    def conflict(self, doubt: _Doubt) -> Conflict:
+    def conflict(self, candidate: _Candidate) -> Conflict:
         """Return the warning about the worst sample."""
-        at = int(doubt.excess.argmax())
+        at = int(candidate.excess.argmax())
         time_s = float(self.times_s[at])
-        agent = self.agents[doubt.agent]
-        x, y, z = self.positions_m[doubt.agent, at].tolist()
-        sentence = f"{doubt.before} {doubt.excess[at]:.3f} m{doubt.after}"
+        agent = self.agents[candidate.agent]
+        x, y, z = self.positions_m[candidate.agent, at].tolist()
+        sentence = f"{candidate.before} {candidate.excess[at]:.3f} m{candidate.after}"
         return Conflict(
-            kind=doubt.kind,
-            objects=(agent.id, doubt.other),
+            kind=candidate.kind,
+            objects=(agent.id, candidate.other),
             text=f"{agent.name} {sentence} at {time_s:.3f} s",
             time_s=time_s,
             position_m=(x, y, z),
         )
 
 
-def _meetings(plan: _Plan) -> Iterator[_Doubt]:
+def _meetings(plan: _Plan) -> Iterator[_Candidate]:
     margin_m = plan.scene.margin_m
     for index, agent in enumerate(plan.agents):
         for later, other in enumerate(plan.agents[index + 1 :], index + 1):
@@ -131,34 +131,34 @@ def _meetings(plan: _Plan) -> Iterator[_Doubt]:
             needed_m = agent.radius_m + other.radius_m + margin_m
             excess = needed_m - np.sqrt(np.einsum("ij,ij->i", apart, apart))
             before, after = f"and {other.name} are", f" closer than the margin of {margin_m:g} m"
-            yield _Doubt(ConflictKind.AGENTS, index, other.id, excess, before, after)
+            yield _Candidate(ConflictKind.AGENTS, index, other.id, excess, before, after)
 
 
-def _touches(plan: _Plan) -> Iterator[_Doubt]:
+def _touches(plan: _Plan) -> Iterator[_Candidate]:
     bodies: list[tuple[ConflictKind, ObstacleObject | ZoneObject]] = []
     bodies += [(ConflictKind.OBSTACLE, one) for one in plan.scene.all_of(ObstacleObject)]
     bodies += [(ConflictKind.ZONE, one) for one in _zones(plan.scene, ZoneRule.FORBIDDEN)]
     for kind, body in bodies:
         for index, row in enumerate(plan.gaps_m(body)):
             excess = plan.agents[index].radius_m - row
-            yield _Doubt(kind, index, body.id, excess, "is", f" inside {body.name}")
+            yield _Candidate(kind, index, body.id, excess, "is", f" inside {body.name}")
 
 
-def _outside(plan: _Plan) -> Iterator[_Doubt]:
+def _outside(plan: _Plan) -> Iterator[_Candidate]:
     zones = _zones(plan.scene, ZoneRule.INSIDE)
     if zones:
         excess = np.min([plan.gaps_m(zone) for zone in zones], axis=0)
         names = ", ".join(zone.name for zone in zones)
         for index, row in enumerate(excess):
             after = f" outside of {names}"
-            yield _Doubt(ConflictKind.OUTSIDE, index, zones[0].id, row, "is", after)
+            yield _Candidate(ConflictKind.OUTSIDE, index, zones[0].id, row, "is", after)
 
 
 def _zones(scene: Scene, rule: ZoneRule) -> list[ZoneObject]:
     return [zone for zone in scene.all_of(ZoneObject) if zone.rule is rule]
 
 
-def _too_fast(plan: _Plan) -> Iterator[_Doubt]:
+def _too_fast(plan: _Plan) -> Iterator[_Candidate]:
     ways_m = np.linalg.norm(np.diff(plan.positions_m, axis=1), axis=2)
     speeds_m_s = ways_m / np.diff(plan.times_s)
     for index, agent in enumerate(plan.agents):
@@ -167,7 +167,7 @@ def _too_fast(plan: _Plan) -> Iterator[_Doubt]:
             limit_m_s = agent.speed_m_s * (1.0 + _ROUNDING)
             excess = np.append(speeds_m_s[index] - limit_m_s, -np.inf)
             after = f"/s faster than its limit of {agent.speed_m_s:g} m/s"
-            yield _Doubt(ConflictKind.LIMIT, index, driven.id, excess, "drives", after)
+            yield _Candidate(ConflictKind.LIMIT, index, driven.id, excess, "drives", after)
 
 
 def _loose_ends(scene: Scene) -> Iterator[Conflict]:

@@ -86,7 +86,7 @@ class Editor:
         self.time_s = 0.0  #: Time of the slider, s.
         self.scene = scene or Scene()  #: Current scene.
         self._saved = self.scene
-        self._next_id = self.scene.next_id  # no object ever had it, also none that was undone
+        self._next_id = self.scene.next_id  # above the ids of all objects, also of undone ones
         self._done: deque[_Step] = deque(maxlen=_DEPTH)
         self._undone: list[_Step] = []
         self._put_aside: list[_Step] = []  # steps that were undone before the latest one

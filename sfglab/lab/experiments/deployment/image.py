@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
 PROGRAMS = ("buildah", "debootstrap")
-_BASE, _IMAGE, _CONTAINER = "localhost/sfglab-trial-base", "localhost/sfglab-trial", "trial"
+_BASE = "localhost/sfglab-trial-base"
+_IMAGE = "localhost/sfglab-trial"
+_CONTAINER = "trial"
 
 
 def ask_image(deployment: Deployment, wheel: bytes, folder: Path) -> str | None:

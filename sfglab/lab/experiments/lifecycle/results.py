@@ -210,9 +210,8 @@ class Transitions:
     strange: int
     sent: int  #: Queries that discoverers sent.
     queries: int  #: Queries that arrived at made-up agents.
-    doubled: (
-        int  #: Those that arrived beyond the queries that had been sent to their agent by then.
-    )
+    #: Those that arrived beyond the queries that had been sent to their agent by then.
+    doubled: int
     announced: dict[str, int]  #: Number of discovery events by the moves' actions, by name.
 
     @property

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
 LEAST_SEEDS = 6  #: Number of seeds that the criteria ask for.
 MOST_RATES = 3  #: Number of the four Rmax at which OPT+LC has to be lowest.
+_MAP = "map: figure phases, notebook 09"
 FAST_HZ = (
     500,
     1000,
@@ -209,7 +210,7 @@ def agreement_finding(run: Run[Config], of: str) -> Finding | None:
         }
     mode = lowest_mode(values)
     where = by_axis(found[found["preset"] == mode], "agrees")
-    reason = f"with the timing of {PRESETS[mode].name}, {counts[mode]}; agree {where} (map: figure phases, notebook 09)"
+    reason = f"with the timing of {PRESETS[mode].name}, {counts[mode]}; agree {where} ({_MAP})"
     return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
 
 
@@ -257,7 +258,7 @@ def laps_completed(run: Run[Config]) -> Finding | None:
     mode = lowest_mode(values)
     best = laps[(laps["preset"] == mode) & (laps["method"] == BEST)]
     where = by_axis(best, "done")
-    reason = f"with the timing of {PRESETS[mode].name}, {BEST} completes {where} (map: figure phases, notebook 09)"
+    reason = f"with the timing of {PRESETS[mode].name}, {BEST} completes {where} ({_MAP})"
     return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
 
 

@@ -38,8 +38,8 @@ def member(role: str, **values: Any) -> Member:
     return Member(name=role, module="sfglab.lab.workers.picture_flow", config=config)
 
 
-class Paper:
-    """A surface that keeps what is drawn on it."""
+class MemoryCanvas:
+    """A canvas that keeps what is drawn on it."""
 
     def __init__(self) -> None:
         self.drawn: list[tuple[int, Any]] = []  #: Time stamp (ns) and archetype.
@@ -84,11 +84,12 @@ async def _until(holds: Callable[[], bool]) -> bool:
 
 async def try_changes(domain_id: int) -> dict[str, dict[str, bool]]:
     """Return what holds of a display that changes while the camera sends, by kind of change."""
-    session, paper = Session(), Paper()
+    session = Session()
+    canvas = MemoryCanvas()
     async with (
         Node("view", domain_id=domain_id, interface="lo") as node,
         Node("observer", domain_id=domain_id, interface="lo") as observer,
-        Bridge(node, session, paper),
+        Bridge(node, session, canvas),
     ):
 
         async def is_requested(*wanted: Reliability) -> bool:
@@ -102,23 +103,23 @@ async def try_changes(domain_id: int) -> dict[str, dict[str, bool]]:
 
         display = session.add("image", CAMERA_TOPIC)
         shown = {
-            "added: drawn": await paper.draws_again(),
+            "added: drawn": await canvas.draws_again(),
             "added: subscribed": await is_requested(Reliability.BEST_EFFORT),
         }
-        tuned = {"before": await paper.has_opacity(1.0)}
+        tuned = {"before": await canvas.has_opacity(1.0)}
         session.tune(display.id, "opacity", 0.25)
-        tuned["after"] = await paper.has_opacity(0.25)
+        tuned["after"] = await canvas.has_opacity(0.25)
         tuned["what is not allowed is refused"] = _is_refused(session, display.id)
         session.request(display.id, "image", DEFAULT)
         requested = {
             "requested": await is_requested(Reliability.RELIABLE),
-            "drawn": await paper.draws_again(),
+            "drawn": await canvas.draws_again(),
         }
         session.remove(display.id)
         shown["removed: unsubscribed"] = await is_requested()
-        paper.drawn.clear()
+        canvas.drawn.clear()
         await asyncio.sleep(_SILENCE_S)
-        shown["removed: nothing is drawn"] = not paper.drawn
+        shown["removed: nothing is drawn"] = not canvas.drawn
     return {"display": shown, "parameter": tuned, "qos": requested}
 
 

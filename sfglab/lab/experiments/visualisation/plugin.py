@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from sfglab.lab.experiments.visualisation.live import Paper
+from sfglab.lab.experiments.visualisation.live import MemoryCanvas
 from sfglab.messages import default_message, serialize
 from sfglab.units import NS_PER_S
 from sfglab.view.arrivals import Arrival
@@ -97,11 +97,12 @@ def try_package(folder: Path) -> dict[str, bool]:
 
 def _shown_charges(session: Session) -> tuple[list[float], int]:
     """Show a half full battery with two scales; return the curve, and how often the broken one failed."""
-    message, paper = serialize(default_message(_BATTERY, percentage=0.5)), Paper()
+    message = serialize(default_message(_BATTERY, percentage=0.5))
+    canvas = MemoryCanvas()
     display = session.add("battery", _TOPIC)
     broken = session.add("broken", _TOPIC)
     for second, scale in enumerate((100.0, 1.0)):
         session.tune(display.id, "scale", scale)
-        replay([Arrival(_TOPIC, _BATTERY, second * NS_PER_S, message)], session, paper)
-    charges = [float(shown.scalars.as_arrow_array()[0]) for _, shown in paper.drawn]
+        replay([Arrival(_TOPIC, _BATTERY, second * NS_PER_S, message)], session, canvas)
+    charges = [float(shown.scalars.as_arrow_array()[0]) for _, shown in canvas.drawn]
     return charges, broken.errors

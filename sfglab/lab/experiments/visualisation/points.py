@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.lab.bench import TableRow
-from sfglab.lab.experiments.visualisation.live import Paper
+from sfglab.lab.experiments.visualisation.live import MemoryCanvas
 from sfglab.lab.sources import open_source
 from sfglab.messages import default_message, message_type, serialize
 from sfglab.spatial.poses import header_msg
@@ -111,13 +111,14 @@ def camera_info(header: Any, size: tuple[int, int]) -> Any:
 
 def shown_points(moments: Sequence[Moment]) -> dict[int, Points]:
     """Show depth, camera info and picture of one stamp as points; return them by their stamp."""
-    session, paper = Session(), Paper()
+    session = Session()
+    canvas = MemoryCanvas()
     topics = {"depth": f"{_DEPTH}/image_raw", "info": f"{_DEPTH}/camera_info", "color": _PICTURE}
     settings = {"decimation": _STEP, "depth_max_m": _MAX_M}
     display = session.add(_ExactDepthCloud, topics, settings)
     session.limit(display.id, None)
-    replay(chain.from_iterable(map(_arrivals, moments)), session, paper)
-    return {stamp_ns: _arrays(cloud) for stamp_ns, cloud in paper.drawn}
+    replay(chain.from_iterable(map(_arrivals, moments)), session, canvas)
+    return {stamp_ns: _arrays(cloud) for stamp_ns, cloud in canvas.drawn}
 
 
 def _arrays(cloud: Any) -> Points:
