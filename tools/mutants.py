@@ -128,7 +128,7 @@ def copy_of(tree: Path, folder: Path) -> Path:
     for name in ("sfglab", "tests"):
         shutil.copytree(tree / name, folder / name, ignore=hidden)
     for file in tree.iterdir():
-        linked = file.name in {"data", "notebooks", "figures", "book", "benchmarks", "robot"}
+        linked = file.name in {"data", "notebooks", "figures", "book", "benchmarks", "install"}
         if linked or (file.is_file() and not file.name.startswith(".")):
             (folder / file.name).symlink_to(file)
     return folder

@@ -163,7 +163,7 @@ def _environment(python: str, architecture: Architecture) -> dict[str, str]:
 #: A checkout, or where a wheel is installed: what is released.
 SOURCE = Path(sfglab.__file__).parents[1]
 
-LOCK_FILE = "requirements.lock"
+LOCK_FILE = "install/requirements.lock"
 
 # any moment after 1980, where ZIP's clock starts: the same one in every wheel
 _EPOCH_S = 1580601600

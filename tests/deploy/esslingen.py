@@ -15,7 +15,7 @@ from sfglab.fleet.policy import Direction, ForwardRule, Policy
 PROJECT = Path(__file__).parents[2]
 FILE = PROJECT / "data" / "fleets" / "esslingen.yaml"
 FLEET = load_fleet(FILE)
-LOCK = (PROJECT / "requirements.lock").read_text()
+LOCK = (PROJECT / "install/requirements.lock").read_text()
 RELEASE = Release(
     version="1.2.3",
     wheel="sfglab-1.2.3-py3-none-any.whl",

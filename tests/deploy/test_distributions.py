@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 from sfglab.deploy.release import AGENT_ROOTS, SOURCE, agent_lock, build_wheel
 from sfglab.fleet.fleet_file import Architecture
 
-ROBOT = tomllib.loads((SOURCE / "robot/pyproject.toml").read_text())["project"]
+ROBOT = tomllib.loads((SOURCE / "install/robot/pyproject.toml").read_text())["project"]
 OURS = tomllib.loads((SOURCE / "pyproject.toml").read_text())["project"]
 FLEET = SOURCE / "data/fleets/esslingen.yaml"
 MOST_BYTES = 400e6
@@ -33,7 +33,7 @@ def unpacked(folder, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory):
-    return unpacked("robot", tmp_path_factory)[1]
+    return unpacked("install/robot", tmp_path_factory)[1]
 
 
 def run(site, code, *words, status=0):
@@ -80,7 +80,7 @@ def test_a_robot_gets_what_an_agents_image_gets_and_what_we_say():
 
 
 def test_a_robots_distribution_takes_less_than_400_mb(robot):
-    text = (SOURCE / "requirements.lock").read_text()
+    text = (SOURCE / "install/requirements.lock").read_text()
     lock = agent_lock(text, python="3.11", architecture=Architecture.AMD64)
     large = {"numba", "llvmlite", "opencv-python-headless"}
     names = set(re.findall(r"^([a-z0-9-]+)", lock, re.MULTILINE)) - large

@@ -18,15 +18,14 @@ from sfglab.deploy.programs import run_streamed
 from sfglab.deploy.release import AGENT_ROOTS, agent_lock, build_wheel, make_release, split_lock
 from sfglab.fleet.fleet_file import Architecture
 
-MEMBERS = ("pyproject.toml", "README.md", "LICENSE", "requirements.lock")
+MEMBERS = ("pyproject.toml", "README.md", "LICENSE", "install/requirements.lock")
 
 
 def small_project(folder: Path) -> Path:
     """Return a copy of the project with next to no code in it."""
-    for member in MEMBERS:
-        shutil.copy(PROJECT / member, folder)
-    (folder / "sfglab").mkdir()
-    shutil.copy(PROJECT / "sfglab" / "__init__.py", folder / "sfglab")
+    for member in (*MEMBERS, "sfglab/__init__.py"):
+        (folder / member).parent.mkdir(exist_ok=True)
+        shutil.copy(PROJECT / member, folder / member)
     return folder
 
 
