@@ -23,6 +23,7 @@ html_theme_options = {
 html_static_path = ["_static"]
 html_extra_path = ["extra"]
 html_css_files = ["book.css"]
+html_js_files = ["ledger.js"]
 html_show_sourcelink = False
 html_copy_source = False
 html_math_renderer = "drawn"

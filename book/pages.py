@@ -27,6 +27,7 @@ from sfglab.lab.experiment import PROFILES
 from sfglab.lab.experiments import EXPERIMENTS, experiment, ros2
 from sfglab.lab.formats import FORMATS, Format
 from sfglab.lab.ledger import compute_ledger
+from sfglab.lab.ledger_page import page_html
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
@@ -53,10 +54,7 @@ def write_pages(folder: Path) -> None:
     for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
         text = _linked_within_the_book(notebook.read_text("utf-8"))
         (folder / "notebooks" / notebook.name).write_text(text, encoding="utf-8")
-        for name in re.findall(
-            r"\.\./figures/([\w.]+)", text
-        ):  # linked to from outputs, which Sphinx does not read
-            shutil.copy(ROOT / "figures" / name, folder / "extra" / "figures")
+        _copy_linked_figures(text, folder)
     (folder / "figures").mkdir()
     for page in folder.rglob("*.md"):
         for name in re.findall(r"figures/([\w.]+)", page.read_text("utf-8")):
@@ -77,7 +75,15 @@ def write_pages(folder: Path) -> None:
     (reference / "commands.md").write_text(commands_page(), encoding="utf-8")
     (reference / "experiments.md").write_text(experiments_page(), encoding="utf-8")
     (reference / "names.md").write_text(names_page(), encoding="utf-8")
-    (reference / "ledger.md").write_text(ledger_page(), encoding="utf-8")
+    ledger = ledger_page()
+    (reference / "ledger.md").write_text(ledger, encoding="utf-8")
+    _copy_linked_figures(ledger, folder)
+
+
+def _copy_linked_figures(text: str, folder: Path) -> None:
+    """Copy the figures that HTML links to, which Sphinx does not read."""
+    for name in re.findall(r"\.\./figures/([\w.]+)", text):
+        shutil.copy(ROOT / "figures" / name, folder / "extra" / "figures")
 
 
 def _linked_within_the_book(notebook: str) -> str:
@@ -434,22 +440,14 @@ def constant_doc(folder: Path, name: str) -> str:
 
 
 def ledger_page() -> str:
-    """Return the page of all claims with our figures and verdicts."""
-    rows: list[list[str]] = []
-    ledger = compute_ledger(find_project(), committed=True)
-    for entry in ledger:
-        claim = entry.claim
-        paper = "" if claim.paper is None else f"{claim.paper:g}"
-        says = f"{claim.says} ({claim.where})"
-        value = f"{entry.value} {entry.unit}"
-        cells = (claim.id, entry.verdict.value, says, paper, value, entry.interval)
-        rows.append([_safe(cell) for cell in cells])
-    head = ["claim", "verdict", "the paper says", "paper", "sfglab", "interval"]
+    """Return the page of all claims, with interval plots and citations to copy."""
+    project = find_project()
+    page = page_html(project, compute_ledger(project, committed=True))
     about = (
-        f"Computed from {ledger.source}, as `sfglab claims --reference` prints it. "
-        "`sfglab claims` prints the values of your own runs."
+        "`sfglab claims --reference` prints these values, and `sfglab claims` those of your own runs. Press a "
+        "statement to see its acceptance range, our reason and a text to cite."
     )
-    return f"# The ledger\n\n{about}\n\n{table(head, rows)}\n"
+    return f"# The ledger\n\n{about}\n\n{page}\n"
 
 
 if __name__ == "__main__":

@@ -301,8 +301,7 @@ class Ledger(list[Entry]):
         reasons: dict[str, list[str]] = {}
         for entry in self:
             claim, *cells = _row(entry)
-            accepted = _accepted(entry.claim)
-            rows.append((claim, entry.claim.says, cells[0], accepted, *cells[1:-1]))
+            rows.append((claim, entry.claim.says, cells[0], accepted(entry.claim), *cells[1:-1]))
             if entry.own and entry.own_reason:
                 rows.append(("", "in this run alone", "", "", *_row(entry.own)[2:-1]))
                 reasons.setdefault(entry.own_reason, []).append(claim)
@@ -503,7 +502,7 @@ def _row(entry: Entry) -> tuple[str, ...]:
     )
 
 
-def _accepted(claim: Claim) -> str:
+def accepted(claim: Claim) -> str:
     """Return the values that are accepted, and those that are better."""
     low, high = claim.band
     if claim.better == "above":

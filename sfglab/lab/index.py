@@ -1,53 +1,41 @@
-"""Index of all experiments, by paper and section: a figure, its caption, and the verdicts of the ledger."""
+"""The first page: results with their figures, and all experiments by paper and section with verdicts."""
 
 from __future__ import annotations
 
 import base64
+import re
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from sfglab.lab.claims import Entry, Ledger, criterion_of
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import few_colors
-from sfglab.lab.notebooks import INDEX, experiments_of, find_notebooks, read_notebook
+from sfglab.lab.ledger_page import PAPERS, citation, verdict_html
+from sfglab.lab.notebooks import INDEX, experiments_of, find_notebooks, notebook_of, read_notebook
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
+    from sfglab.lab.claims import Entry, Ledger
     from sfglab.lab.experiment import Experiment
     from sfglab.lab.paths import Project
 
-PAPERS = {
-    "A": "SFG-ROS: A Resource-Aware Framework for Dense Multi-Agent Perception",
-    "B": "Performance Improvement of Multi-Robot Data Transmission in Aggregated Robot Processing Architecture "
-    "with Caches and QoS Balancing Optimization",
-    "C": "Mapping and Optimizing Communication in ROS 2-based Applications on Configurable System-on-Chip "
-    "Platforms",
-}
-COLORS = {
-    "reproduced": "#00664B",
-    "better": "#00558A",
-    "as good": "#00558A",
-    "fitted": "#6B4E9B",
-    "undecided": "#7A6000",
-    "deviates": "#A04000",
-    "not yet": "#666666",
-}
 _WIDTH_PX = 240
+_RESULT_PX = 640
 _CELL = 'style="text-align: left; vertical-align: top; white-space: normal"'
+_COPIED = 'style="white-space: pre-wrap; text-align: left"'
 
 
 @dataclass(frozen=True, slots=True)
 class IndexPage:
-    """HTML page of the index in a notebook."""
+    """A part of the first page, as a notebook shows it."""
 
-    html: str  #: One table per paper.
+    html: str
+    text: str  #: The part in words.
 
     def __repr__(self) -> str:
-        what = "claims" if "<th " in self.html else "notebooks"
-        return f"<index of {self.html.count('</td></tr>')} {what}>"
+        return self.text
 
     def _repr_html_(self) -> str:
         return self.html
@@ -60,49 +48,39 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
         if path.stem != INDEX:
             rows += _rows(project, path, ledger)
     rows.sort()
-    html = _source(ledger)
+    html = f"<p>Verdicts are from {escape(ledger.source)}.</p>" if ledger.source else ""
     for paper, title in PAPERS.items():
         lines = "".join(row for where, row in rows if where.startswith(paper))
         html += f"<h3>Paper {paper}: {title}</h3><table><tbody>{lines}</tbody></table>"
-    return IndexPage(html)
+    return IndexPage(html, f"<index of {len(rows)} experiments>")
 
 
-def make_claims_page(ledger: Ledger) -> IndexPage:
-    """Return a page with every claim: the paper's words, our criterion, our value, verdict and figures."""
-    head = (
-        "claim",
-        "the paper",
-        "our criterion",
-        "ours",
-        "figures",
+def make_result(project: Project, ledger: Ledger, says: str, figure: str) -> IndexPage:
+    """Return one result: a sentence with values of the ledger, its figure, verdicts, links and citations.
+
+    Args:
+        project: The checkout.
+        ledger: The claims.
+        says: The sentence. ``{ID}`` is replaced by the value of the claim `ID`.
+        figure: Name of a committed figure.
+    """
+    named = re.findall(r"{([\w-]+)}", says)
+    entries = {entry.claim.id: entry for entry in ledger if entry.claim.id in named}
+    sentence = says
+    for name, entry in entries.items():
+        sentence = sentence.replace(f"{{{name}}}", entry.value or "no value")
+    exp = next(iter(entries.values())).claim.experiment or ""
+    notebook = notebook_of(project, exp)
+    cited = "\n\n".join(citation(project, entry) for entry in entries.values())
+    caption = experiment(exp).caption(figure)
+    parts = (
+        f"<p>{escape(sentence)}</p>",
+        _thumbnail(project.figures / f"{figure}.png", caption, _RESULT_PX),
+        f"<p>{verdicts_html(entries.values(), ', ')}<br>",
+        f'Go deeper: <a href="{notebook}.ipynb">{notebook}</a></p>',
+        f"<details><summary>Cite this</summary><pre {_COPIED}>{escape(cited)}</pre></details>",
     )
-    html = "<tr>" + "".join(f"<th {_CELL}>{escape(one)}</th>" for one in head) + "</tr>"
-    rows = "".join(map(_claim_row, ledger))
-    return IndexPage(f"{_source(ledger)}<table><tbody>{html}{rows}</tbody></table>")
-
-
-def _source(ledger: Ledger) -> str:
-    """Return the sentence that names the logs of the values."""
-    return f"<p>Values and verdicts are from {escape(ledger.source)}.</p>" if ledger.source else ""
-
-
-def _ours(entry: Entry) -> str:
-    if not entry.value:
-        return entry.missing
-    interval = f" ({entry.interval})" if entry.interval else ""
-    return f"{entry.value} {entry.unit}{interval}"
-
-
-def _claim_row(entry: Entry) -> str:
-    claim = entry.claim
-    cells = (
-        verdicts_html([entry]),
-        escape(f"{claim.where}: {claim.criterion.sentence if claim.criterion else claim.says}"),
-        "<br>".join(map(escape, criterion_of(claim))),
-        escape(_ours(entry)),
-        "<br>".join(f'<a href="../figures/{name}.png">{name}</a>' for name in entry.figures),
-    )
-    return _line(cells)
+    return IndexPage("".join(parts), sentence)
 
 
 def _line(cells: Iterable[str]) -> str:
@@ -132,14 +110,13 @@ def _row(
 def verdicts_html(entries: Iterable[Entry], between: str = "<br>") -> str:
     """Return HTML of claims with their verdicts in colour, joined by a separator."""
     return between.join(
-        f'<span style="white-space: nowrap">{e.claim.id} '
-        f'<b style="color: {COLORS[e.verdict.value]}">{e.verdict.value}</b></span>'
-        for e in entries
+        f'<span style="white-space: nowrap">{entry.claim.id} {verdict_html(entry)}</span>'
+        for entry in entries
     )
 
 
-def _thumbnail(png: Path, text: str) -> str:
+def _thumbnail(png: Path, text: str, width: int = _WIDTH_PX) -> str:
     """Return HTML that contains a figure in small size, so that it is visible wherever the notebook is."""
-    small = few_colors(png.read_bytes(), (2 * _WIDTH_PX, 2 * _WIDTH_PX), 64)
+    small = few_colors(png.read_bytes(), (2 * width, 2 * width), 64)
     data = base64.b64encode(small).decode()
-    return f'<img alt="{escape(text)}" width="{_WIDTH_PX}" src="data:image/png;base64,{data}">'
+    return f'<img alt="{escape(text)}" width="{width}" src="data:image/png;base64,{data}">'

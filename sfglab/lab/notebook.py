@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiment import Experiment, Link, Setup
     from sfglab.lab.index import IndexPage
+    from sfglab.lab.ledger_page import LedgerPage
 
 _LARGE_BYTES = 200_000
 #: Number of rows of a table that are always shown.
@@ -263,15 +264,22 @@ def whole_ledger(profile: str | None = None) -> Ledger:
     return ledger.compute_ledger(find_project(), profile=profile)
 
 
-def claims_page(whole: Ledger) -> IndexPage:
-    """Return a table of all claims: the paper's words, our criterion and the figures."""
-    from sfglab.lab.index import make_claims_page
+def claims_page(whole: Ledger) -> LedgerPage:
+    """Return a page of all claims with filters, interval plots, details and citations."""
+    from sfglab.lab.ledger_page import LedgerPage
 
-    return make_claims_page(whole)
+    return LedgerPage(find_project(), whole)
+
+
+def result(whole: Ledger, says: str, figure: str) -> IndexPage:
+    """Return a result with its figure, verdicts and citations; ``{ID}`` in the sentence is a claim's value."""
+    from sfglab.lab.index import make_result
+
+    return make_result(find_project(), whole, says, figure)
 
 
 def index(whole: Ledger) -> IndexPage:
-    """Return the index of all experiments by paper and section, with a figure and the verdicts."""
+    """Return all experiments by paper and section, each with a figure and its verdicts."""
     from sfglab.lab.index import make_index
 
     return make_index(find_project(), whole)

@@ -12,8 +12,8 @@ from sfglab.arp.robots import BEST
 from sfglab.lab.experiments import decode_once, discovery, experiment
 from sfglab.lab.experiments.phases import results
 from sfglab.lab.figures import drawn, file_sha256, save_figure, series
-from sfglab.lab.index import COLORS
 from sfglab.lab.ledger import compute_ledger
+from sfglab.lab.ledger_page import COLORS
 from sfglab.lab.stats import rounded
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> N
         text = {"xycoords": "axes fraction", "ha": "center", "va": "top", "in_layout": False}
         axes.annotate(_number(entry), (0.5, -0.31), fontsize=8.5, **text)
         verdict = f"{entry.claim.id}: {entry.verdict.value}"
-        color = COLORS[entry.verdict.value]
+        color = COLORS[entry.verdict]
         axes.annotate(verdict, (0.5, -0.68), weight="bold", color=color, **text)
     figure.suptitle("Four proxies: a cost per subscriber becomes a cost per message")
 

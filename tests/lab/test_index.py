@@ -11,7 +11,7 @@ from made_logs import reference
 from sfglab.lab import notebook, summary
 from sfglab.lab.claims import Ledger, entry_for, load_claims, render_in_full
 from sfglab.lab.experiments import EXPERIMENTS, experiment
-from sfglab.lab.index import make_index
+from sfglab.lab.index import make_index, make_result
 from sfglab.lab.ledger import compute_ledger
 from sfglab.lab.notebook_outputs import normalise
 from sfglab.lab.paths import Project
@@ -42,6 +42,18 @@ def test_the_index_has_a_line_for_each_experiment_of_a_notebook(tmp_path):
     assert [paper.count('href="01_both.ipynb"') for paper in papers] == [1, 0, 1]
     assert "A-FQN" in papers[0]
     assert "C-MAP" in papers[2]
+
+
+def test_a_result_has_its_values_figure_verdicts_notebook_and_citations():
+    ledger = compute_ledger(PROJECT, committed=True, only=["C-MAP", "C-FSM"])
+    edges = {entry.claim.id: entry.value for entry in ledger}["C-MAP"]
+    result = make_result(PROJECT, ledger, "There are {C-MAP} edges.", "graph_mapping")
+    assert repr(result) == f"There are {edges} edges."
+    html = result._repr_html_()
+    assert html.count("claim C-MAP") == 1
+    assert "C-FSM" not in html
+    for part in (f'alt="{experiment("gateways").caption("graph_mapping")}"', "reproduced"):
+        assert part in html
 
 
 def test_the_committed_logs_ledger_is_told_in_full():

@@ -1,6 +1,7 @@
 """Which log speaks, what becomes of an unreadable one, and what saved figures say of their origin."""
 
 import asyncio
+import hashlib
 import json
 import os
 import shutil
@@ -14,13 +15,13 @@ from reference import keep_findings
 from sfglab.lab.claims import Verdict, render_in_full
 from sfglab.lab.experiments.naming import exp
 from sfglab.lab.findings import FindingsCache
-from sfglab.lab.index import make_claims_page
 from sfglab.lab.ledger import (
     compute_ledger,
     find_log,
     history,
     redraw_figures,
 )
+from sfglab.lab.ledger_page import chosen_of, citation, page_html
 from sfglab.lab.paths import Project
 from sfglab.lab.runs import COMPLETION, new_log
 from sfglab.record import LogWriter
@@ -115,7 +116,7 @@ def test_every_claim_has_its_words_criterion_and_figures(project):
     drawn = touch(project.root / "figures" / "x.json")
     drawn.write_text(json.dumps({"experiment": "naming"}))
     ledger = compute_ledger(project)
-    page = make_claims_page(ledger)._repr_html_()
+    page = page_html(project, ledger)
     assert page.count("</td></tr>") == len(ledger)
     words = (
         "effectively improves latency",
@@ -124,6 +125,24 @@ def test_every_claim_has_its_words_criterion_and_figures(project):
     )
     assert [said for said in words if said not in page] == []
     assert "figures: x" in render_in_full(ledger)
+
+
+def test_the_page_is_filtered_by_paper_and_verdict(project):
+    ledger = compute_ledger(project)
+    of_b = chosen_of(ledger, paper="B")
+    assert {entry.claim.id[0] for entry in of_b} == {"B"}
+    assert len(chosen_of(ledger, verdict="not yet")) == len(ledger)
+    assert not chosen_of(ledger, "B", "deviates")
+    assert page_html(project, of_b).count('data-paper="B"') == len(of_b)
+
+
+def test_a_citation_has_value_interval_runs_verdict_log_commit_and_paper():
+    whole = Project(root=PACKAGE.parent)
+    [entry] = compute_ledger(whole, committed=True, only=["A-CPU-OURS"])
+    digest = hashlib.sha256((whole.root / entry.log).read_bytes()).hexdigest()[:16]
+    said = citation(whole, entry)
+    parts = (entry.value, entry.unit, "number of runs: 4", "better", digest, "commit ", "SFG-ROS")
+    assert [part for part in parts if part not in said] == []
 
 
 @pytest.fixture

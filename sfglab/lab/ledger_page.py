@@ -1,0 +1,198 @@
+"""The ledger as a page: a line for each claim with an interval plot and the verdict, and details to unfold.
+
+The page needs no script: details are ``<details>`` elements, and the citation is text to copy. In
+JupyterLab it has filters. In the book a script makes them, by the attributes ``data-paper`` and
+``data-verdict`` of the rows.
+"""
+
+from __future__ import annotations
+
+import base64
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import sfglab
+from sfglab.lab.claims import Entry, Ledger, Verdict, accepted, criterion_of
+from sfglab.lab.figures import file_sha256
+
+if TYPE_CHECKING:
+    from sfglab.lab.paths import Project
+
+COLORS = {
+    Verdict.REPRODUCED: "#00664B",
+    Verdict.BETTER: "#00558A",
+    Verdict.AS_GOOD: "#00558A",
+    Verdict.FITTED: "#6B4E9B",
+    Verdict.UNDECIDED: "#7A6000",
+    Verdict.DEVIATES: "#A04000",
+    Verdict.NOT_YET: "#666666",
+}
+"""Colour of each verdict."""
+PAPERS = {
+    "A": "SFG-ROS: A Resource-Aware Framework for Dense Multi-Agent Perception",
+    "B": "Performance Improvement of Multi-Robot Data Transmission in Aggregated Robot Processing Architecture "
+    "with Caches and QoS Balancing Optimization",
+    "C": "Mapping and Optimizing Communication in ROS 2-based Applications on Configurable System-on-Chip "
+    "Platforms",
+}
+"""Titles of the papers."""
+ALL = "all"  #: Choice of a filter that hides nothing.
+LEGEND = (
+    "The grey bar is the acceptance range, the line is the paper's number, and the dot is our value with its "
+    "interval. Each claim has a scale of its own."
+)
+_WIDTH, _HEIGHT, _EDGE = 100, 20, 6
+_HASH_LETTERS = 16
+_CELL = "text-align: left; vertical-align: top; white-space: normal; padding: 2px 8px 2px 0"
+_CELLS = (_CELL, _CELL, f"{_CELL}; overflow-wrap: anywhere")  # a path in a text may be long
+_COPIED = 'style="white-space: pre-wrap; text-align: left"'
+
+
+class LedgerPage:
+    """The ledger with filters in JupyterLab, and as a whole where no kernel runs.
+
+    Args:
+        project: The checkout, for the digests of logs.
+        ledger: The claims.
+    """
+
+    def __init__(self, project: Project, ledger: Ledger) -> None:
+        self._project = project
+        self._ledger = ledger
+        self.html = page_html(project, ledger)  #: The whole page.
+
+    def __repr__(self) -> str:
+        return repr(self._ledger)
+
+    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
+        from sfglab.view.widgets import widgets
+
+        made = widgets()
+        verdicts = dict.fromkeys(entry.verdict.value for entry in self._ledger)
+        filters = {
+            "paper": made.Dropdown(options=[ALL, *PAPERS], description="paper"),
+            "verdict": made.Dropdown(options=[ALL, *verdicts], description="verdict"),
+        }
+        shown = made.HTML(self.html)
+
+        def show(_: object) -> None:
+            chosen = chosen_of(self._ledger, *(each.value for each in filters.values()))
+            shown.value = page_html(self._project, chosen)
+
+        for each in filters.values():
+            each.observe(show, "value")
+        page = made.VBox([made.HBox([*filters.values()]), shown])
+        return {**page._repr_mimebundle_(), "text/html": self.html, "text/plain": repr(self)}, {}
+
+
+def chosen_of(ledger: Ledger, paper: str = ALL, verdict: str = ALL) -> Ledger:
+    """Return the claims of one paper and one verdict; `ALL` stands for every one."""
+    return Ledger(
+        entry
+        for entry in ledger
+        if paper in (ALL, paper_of(entry)) and verdict in (ALL, entry.verdict.value)
+    )
+
+
+def paper_of(entry: Entry) -> str:
+    """Return the letter of a claim's paper."""
+    return entry.claim.where[0]
+
+
+def page_html(project: Project, ledger: Ledger) -> str:
+    """Return the page as HTML."""
+    source = f"Values and verdicts are from {ledger.source}. " if ledger.source else ""
+    head = "".join(
+        f"<th {_CELL}>{name}</th>" for name in ("claim", "value", "the paper's statement")
+    )
+    lines = "".join(_line(project, entry) for entry in ledger)
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
+    return f"<p>{escape(source)}{LEGEND}</p>{table}"
+
+
+def verdict_html(entry: Entry) -> str:
+    """Return a claim's verdict in its colour."""
+    return f'<b style="color: {COLORS[entry.verdict]}">{entry.verdict.value}</b>'
+
+
+def _line(project: Project, entry: Entry) -> str:
+    claim = entry.claim
+    details = {
+        "paper": f"{claim.where}; {'no number' if claim.paper is None else f'{claim.paper:g}'}",
+        "the paper's words": claim.criterion.sentence if claim.criterion else "",
+        "accepted": "; ".join(criterion_of(claim)),
+        "interval": entry.interval,
+        "reason": entry.reason,
+    }
+    lines = [f"<b>{name}</b>: {escape(text)}" for name, text in details.items() if text]
+    links = [f'<a href="../figures/{name}.png">{name}</a>' for name in entry.figures]
+    if links:
+        lines.append(f"<b>figures</b>: {', '.join(links)}")
+    cited = f"<pre {_COPIED}>{escape(citation(project, entry))}</pre>"
+    lines.append(f'<b>to cite</b>:<div class="highlight">{cited}</div>')  # the book adds a button
+    cells = (
+        f"{claim.id}<br>{verdict_html(entry)}",
+        f"{interval_plot(entry)}<br>{escape(f'{entry.value} {entry.unit}')}",
+        f"<details><summary>{escape(claim.says)}</summary>{'<br>'.join(lines)}</details>",
+    )
+    styled = zip(_CELLS, cells, strict=True)
+    row = "".join(f'<td style="{style}">{cell}</td>' for style, cell in styled)
+    return f'<tr data-paper="{paper_of(entry)}" data-verdict="{entry.verdict.value}">{row}</tr>'
+
+
+def interval_plot(entry: Entry) -> str:
+    """Return an image of the acceptance range, the paper's number, and our value with its interval.
+
+    It is an image and no SVG element, because JupyterLab removes those from pages that it does not trust.
+    """
+    claim = entry.claim
+    shown = entry.measured.estimate if entry.measured else None
+    low, high = claim.band
+    marks = [low, high] if claim.paper is None else [low, high, claim.paper]
+    if shown:
+        marks += [shown.low, shown.high]
+    first = min(marks)
+    span = max(marks) - first
+
+    def x(value: float) -> float:
+        share = (value - first) / span if span else 0.5
+        return round(_EDGE + _WIDTH * share, 1)
+
+    middle = _HEIGHT // 2
+    wide = max(x(high) - x(low), 2)
+    parts = [f'<rect x="{x(low)}" y="4" width="{wide}" height="{_HEIGHT - 8}" fill="#bbb"/>']
+    if claim.paper is not None:
+        place = x(claim.paper)
+        parts.append(f'<path d="M{place} 1V{_HEIGHT - 1}" stroke="#777" stroke-width="2"/>')
+    if shown:
+        color = COLORS[entry.verdict]
+        line = f"M{x(shown.low)} {middle}H{x(shown.high)}"
+        parts.append(f'<path d="{line}" stroke="{color}" stroke-width="3"/>')
+        parts.append(f'<circle cx="{x(shown.value)}" cy="{middle}" r="4.5" fill="{color}"/>')
+    size = f'width="{_WIDTH + 2 * _EDGE}" height="{_HEIGHT}"'
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{"".join(parts)}</svg>'
+    data = base64.b64encode(svg.encode()).decode()
+    text = f"accepted: {accepted(claim)}; sfglab: {entry.value or 'no value'} {entry.unit}"
+    style = 'style="max-width: none"'
+    return f'<img {size} {style} alt="{escape(text)}" src="data:image/svg+xml;base64,{data}">'
+
+
+def citation(project: Project, entry: Entry) -> str:
+    """Return a text that cites a claim's value with its uncertainty, log and paper."""
+    claim = entry.claim
+    letter = paper_of(entry)
+    parts = [
+        f"sfglab {sfglab.__version__}, claim {claim.id} ({claim.says})",
+        f"{entry.value} {entry.unit}".strip() or "no value",
+    ]
+    if entry.interval:
+        parts.append(entry.interval)
+    parts.append(f"verdict: {entry.verdict.value}")
+    if entry.measured:
+        parts.append(f"{entry.measured.how.value}, number of runs: {max(len(entry.runs), 1)}")
+    log = project.root / entry.log
+    if entry.log and log.is_file():
+        commit = entry.origin.rpartition("; ")[2]
+        parts.append(f"log {entry.log}, SHA-256 {file_sha256(log)[:_HASH_LETTERS]}, {commit}")
+    parts.append(f"paper {letter}: {PAPERS[letter]}, {claim.where.removeprefix(letter).strip()}")
+    return "; ".join(parts) + "."
