@@ -149,14 +149,13 @@ def apply(
         ),
     ] = None,
     accelerator: _Accelerator = None,
-    dry_run: Annotated[bool, Option("--dry-run", help="Report the changes only.")] = False,
 ) -> None:
     """Copy the files to each host, prepare it, build its container image there and start it.
 
     A failure on one host does not stop the others; apply again to continue after it.
 
     Examples:
-      sfglab deploy apply data/fleets/esslingen.yaml --dry-run
+      sfglab deploy apply data/fleets/esslingen.yaml
       sfglab deploy apply data/fleets/esslingen.yaml --agent go2
       sfglab deploy apply data/fleets/esslingen.yaml --agent go2 --tag 0.1.0-1a2b3c4d5e6f
     """
@@ -169,12 +168,11 @@ def apply(
     for prospect, action in prospects:
         typer.echo(render_prospects([prospect]))
         failed = failed or prospect.plan is None
-        if not dry_run:
-            try:
-                action()
-            except DeployError as error:
-                typer.echo(f"sfglab: {error}", err=True)
-                failed = True
+        try:
+            action()
+        except DeployError as error:
+            typer.echo(f"sfglab: {error}", err=True)
+            failed = True
     raise typer.Exit(failed)
 
 

@@ -13,7 +13,6 @@ from typer import Argument, Option
 from sfglab.cli.buses import Place, print_json, write_text
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import Domain, Fleet, FleetFile, Interface, Json, OutputFile, domain_option
-from sfglab.cli.removed import refuse
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
 
@@ -69,7 +68,6 @@ def lint(file: FleetFile, as_json: Json = False) -> None:
 def router_file(
     file: FleetFile,
     agent: Annotated[str, Option(help="Name of the agent that the router belongs to.")],
-    target: Annotated[str, Option(hidden=True)] = "dds-router",
     output: OutputFile = None,
 ) -> None:
     """Write the configuration of a DDS Router (eProsima) that forwards the same topics as our router.
@@ -77,9 +75,6 @@ def router_file(
     Example:
       sfglab fleet router data/fleets/lab.yaml --agent go2 -o go2.yaml
     """
-    if target != "dds-router":
-        replacement = "use a DDS Router, whose file this command writes"
-        refuse(f"fleet router --target {target}", replacement)
     from sfglab.deploy.dds_router import render_dds_router
     from sfglab.fleet.fleet_file import load_fleet
 
@@ -188,9 +183,6 @@ def decoder(
         domain_option(help="DDS domain of the remote streams. [default: the local domain]"),
     ] = None,
     remote_interface: _GlobalInterface = None,
-    linger: Annotated[
-        float, Option(min=0.0, help="Time to go on decoding after the last subscriber left, s.")
-    ] = 1.0,
 ) -> None:
     """Decode remote video streams once for all subscribers on this device.
 
@@ -218,7 +210,6 @@ def decoder(
         local=local,
         streams=tuple(streams or ()),
         discovery_topic=discovery_topic(default_agent()),
-        idle_timeout_s=linger,
     )
     run(serve_terminal(config, typer.echo))
 

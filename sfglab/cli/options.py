@@ -30,7 +30,6 @@ SpinTime = Annotated[
     float | None,
     Option(min=0.0, help="Time to wait for discovery, s. [default: until nothing new appears]"),
 ]
-Count = Annotated[bool, Option("--count", "-c", help="Print the number of entries only.")]
 Duration = Annotated[
     float | None, Option(min=0.1, help="Time until the command ends, s. [default: until Ctrl-C]")
 ]

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.execution.server import AgentSetup
 
 app = typer.Typer(help="Simulate an agent that follows trajectories, and send agents along them.")
-_Action = Annotated[
-    str, Option(help="Name of the action. [default: /global/<agent>/execute_trajectory]")
-]
 
 
 def plan(
@@ -84,17 +81,12 @@ def serve(
     agent: Annotated[str, Option(help="Name of the agent.")],
     domain: Domain = None,
     interface: Interface = None,
-    action: _Action = "",
     scene: Annotated[
         Path | None,
         Option(
             help="Scene with the start and the limits of the agent. [default: at 0, without limits]"
         ),
     ] = None,
-    preempt: Annotated[
-        bool,
-        Option("--preempt", help="Let a new goal replace the current one. [default: refuse it]"),
-    ] = False,
 ) -> None:
     """Simulate an agent that follows the trajectories of an action's goals, until Ctrl-C.
 
@@ -107,28 +99,28 @@ def serve(
     from sfglab.names import validate_agent
     from sfglab.spatial.execution.server import TrajectoryServer
 
-    setup = _setup(validate_agent(agent), scene, preempt=preempt)
+    setup = _setup(validate_agent(agent), scene)
 
     async def serve_agent(node: Node) -> None:
-        async with TrajectoryServer(node, agent, name=action, setup=setup) as server:
+        async with TrajectoryServer(node, agent, setup=setup) as server:
             typer.echo(f"{agent}: {server.action_name} moves it; Ctrl-C ends")
             await asyncio.Event().wait()
 
     until_interrupted((domain, interface), serve_agent, agent)
 
 
-def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
+def _setup(agent: str, scene: Path | None) -> AgentSetup:
     from sfglab.spatial.execution.server import AgentSetup
     from sfglab.spatial.scene.files import load_scene
     from sfglab.spatial.scene.model import AgentObject
 
     if scene is None:
-        return AgentSetup(preempt=preempt)
+        return AgentSetup()
     loaded = load_scene(scene)
     named = {found.name: found for found in loaded.all_of(AgentObject)}
     if agent not in named:
         raise InvalidValueError(f"--agent, {scene}", agent, ", ".join(named) or "no agent")
-    return AgentSetup.of_scene(loaded, named[agent], preempt=preempt)
+    return AgentSetup.of_scene(loaded, named[agent])
 
 
 @app.command("run")
@@ -137,7 +129,6 @@ def run_scene(
     agent: Agents = None,
     domain: Domain = None,
     interface: Interface = None,
-    action: _Action = "",
     delay: Annotated[
         float,
         Option(
@@ -168,13 +159,11 @@ def run_scene(
     found = orders(0)
     if not found:
         raise SfglabError(f"{file}: no agent has a trajectory")
-    if action and len(found) > 1:
-        raise SfglabError(f"--action: given for {len(found)} agents; give one --agent")
     place = (domain, interface)
-    raise typer.Exit(on_node(place, lambda node: _send_all(node, orders, action), "planner"))
+    raise typer.Exit(on_node(place, lambda node: _send_all(node, orders), "planner"))
 
 
-async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], action: str) -> int:
+async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]]) -> int:
     from sfglab.spatial.execution.client import Execution
     from sfglab.spatial.execution.orders import Outcome, goal_message
 
@@ -182,7 +171,7 @@ async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], acti
     for order in orders(0):
         # Imports at first use must not take time once the start is set.
         goal_message(order)
-        execution = _execution(node, order.agent, action, len(executions))
+        execution = _execution(node, order.agent, len(executions))
         executions.append(execution)
         await execution.ready()
     wanted = orders(node.get_clock().now_ns())
@@ -206,7 +195,7 @@ async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], acti
     return 130 if stopping else int(outcomes != {Outcome.SUCCEEDED})
 
 
-def _execution(node: Node, agent: str, action: str, position: int) -> Execution:
+def _execution(node: Node, agent: str, position: int) -> Execution:
     """Return a trajectory to send, with a progress bar."""
     from tqdm import tqdm
 
@@ -218,4 +207,4 @@ def _execution(node: Node, agent: str, action: str, position: int) -> Execution:
         bar.set_postfix_str(f"{feedback.error_m:.2f} m off")
         bar.update(round(100 * feedback.share) - bar.n)
 
-    return Execution(node, agent, action=action, on_feedback=show)
+    return Execution(node, agent, on_feedback=show)

@@ -37,8 +37,11 @@ RENAMED = {
     "--place": "--optimise-placement",
     "--trees": "--publish-tf",
 }
-# Options of `sfglab qos`. The former fast_dds is none of the values of --rmw.
-_REMOVED = {"vendor": "use --rmw fastrtps-sync, --rmw fastrtps-async or --rmw cyclone"}
+# Options of one command each. The former fast_dds of --vendor is none of the values of --rmw.
+_REMOVED = {
+    "vendor": ("qos --vendor", "use --rmw fastrtps-sync, --rmw fastrtps-async or --rmw cyclone"),
+    "target": ("fleet router --target", "sfglab fleet router writes the file of a DDS Router"),
+}
 # The sentence is all that a removed command prints, also for --help.
 _ANYTHING = {
     "allow_extra_args": True,
@@ -71,7 +74,7 @@ def refuse(command: str, replacement: str) -> NoReturn:
 def current_name(token: str) -> str:
     """Return the name of an option, without dashes, or of a value; for a former one today's, with a warning."""
     if token in _REMOVED:
-        refuse(f"qos --{token}", _REMOVED[token])
+        refuse(*_REMOVED[token])
     for former in (token, f"--{token}"):
         if former in RENAMED:
             current = RENAMED[former]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -55,11 +54,6 @@ def view(
     topic: Annotated[
         list[str] | None, Option(help="Only topics that begin with this text (repeatable).")
     ] = None,
-    memory: Annotated[str, Option(help="Memory limit of the viewer, e.g. 25% or 4GB.")] = "25%",
-    thin: Annotated[
-        bool,
-        Option("--thin", help="Limit a log to the update rate of each display, as for a domain."),
-    ] = False,
     domain: Domain = None,
     interface: Interface = None,
     _interfaces: Interfaces = None,
@@ -85,14 +79,11 @@ def view(
         fleet=fleet,
         frame=frame,
         topics=tuple(topic or ()),
-        memory=memory,
-        thin=thin,
     )
     if log is not None:
         unused("with a log, because only a domain is observed", "domain", "interface")
         _show_log(log, options)
         return
-    unused("without a log, because a domain is always limited to these rates", "thin")
     _show_domain((usual_domain_id() if domain is None else domain, interface), options)
 
 
@@ -112,22 +103,16 @@ def _show_log(log: Path, options: ViewOptions) -> None:
 
     from sfglab.record import LogReader
     from sfglab.view.app import view_log
-    from sfglab.view.space import largest_tree
 
     with LogReader(log) as reader:
         topics = list(reader.topics.values())
         truncated = reader.truncated
-        root = "" if options.frame or options.fleet else largest_tree(reader).root
     counts = [info.count for info in topics]
     count = sum(counts)
     line = f"{log}: {count} messages of {len(topics)} topics go to {', '.join(options.to)}"
     if truncated:
         line += "; the log was cut off, and its rest is shown"
-    if root:
-        options = replace(options, frame=root)
-        line += f"; space is drawn in {root}, the root of the largest TF tree"
     typer.echo(line)
-
     bar = partial(tqdm, total=count, unit=" messages", leave=False, disable=None)
     try:
         session = view_log(log, options, progress=bar)

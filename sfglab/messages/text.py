@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 import sys
 import time
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,27 +20,7 @@ if TYPE_CHECKING:
 
 #: One step of a path to a value: a name, a number in brackets, or a dot.
 STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")
-_IDL_NAMES = {
-    "float64": "double",
-    "float32": "float",
-    "bool": "boolean",
-    "byte": "octet",
-    "char": "uint8",
-}
 _HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Style:
-    """Extent to which a message is printed, in the terms of `ros2 topic echo`."""
-
-    #: Length to which strings and arrays are cut; None: they are not cut.
-    truncate_length: int | None = None
-    no_arr: bool = False  #: Whether arrays are described instead of printed.
-    no_str: bool = False  #: Whether strings are described instead of printed.
-
-
-_WHOLE = Style()
 
 
 def fields_with_types(message: Any) -> Iterator[tuple[str, Any, Any]]:
@@ -51,38 +30,28 @@ def fields_with_types(message: Any) -> Iterator[tuple[str, Any, Any]]:
             yield name, type_, getattr(message, name)
 
 
-def values_of(message: Any, style: Style = _WHOLE) -> dict[str, Any]:
-    """Return a message as plain values: mappings, lists, numbers and strings."""
-    return {name: _plain(value, type_, style) for name, type_, value in fields_with_types(message)}
+def values_of(message: Any, most: int | None = None) -> dict[str, Any]:
+    """Return a message as plain values: mappings, lists, numbers and strings.
+
+    Strings and arrays that are longer than `most` are cut; None cuts none.
+    """
+    return {name: _plain(value, type_, most) for name, type_, value in fields_with_types(message)}
 
 
-def _plain(value: Any, type_: Any, style: Style) -> Any:
-    most = style.truncate_length
+def _plain(value: Any, type_: Any, most: int | None) -> Any:
     if hasattr(value, "__msgtype__"):
-        return values_of(value, style)
+        return values_of(value, most)
     if isinstance(value, str):
-        if style.no_str:
-            return f"<string length: <{len(value)}>>"
         return value if most is None or len(value) <= most else value[:most] + "..."
     if not isinstance(value, (list, np.ndarray)):
         return value
-    inner = type_[1][0][1]
-    if style.no_arr:
-        return _described(inner if isinstance(inner, str) else inner[0], len(value), type_)
+    inner = type_[1][0]
     kept = value if most is None else value[:most]
     if isinstance(kept, np.ndarray):  # rosbags reads bytes as signed numbers
-        items = kept.astype(numpy_dtype(inner[0]), copy=False).tolist()
+        items = kept.astype(numpy_dtype(inner[1][0]), copy=False).tolist()
     else:
-        items = [_plain(one, type_[1][0], style) for one in kept]
+        items = [_plain(one, inner, most) for one in kept]
     return items if len(kept) == len(value) else [*items, "..."]
-
-
-def _described(inner: str, count: int, type_: Any) -> str:
-    inner = _IDL_NAMES.get(inner, inner)
-    if _is_array(type_):
-        return f"<array type: {inner}[{count}]>"
-    bound = f"[{type_[1][1]}]" if type_[1][1] else ""
-    return f"<sequence type: {inner}{bound}, length: {count}>"
 
 
 def _is_array(type_: Any) -> bool:

@@ -37,9 +37,6 @@ class ViewOptions:
     #: largest TF tree, else the viewer's choice.
     frame: str = ""
     topics: tuple[str, ...] = ()  #: Only topics with one of these beginnings; empty for all.
-    memory: str = "25%"  #: Memory limit of a viewer that is started here.
-    #: Whether a log is thinned out by the visualizers' rate budgets, as the bus always is.
-    thin: bool = False
 
 
 def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
@@ -84,9 +81,8 @@ def view_log(
     with LogReader(path) as log:
         topics = types_of(log)
         session = session_for(topics, options)
-        if not options.thin:
-            for display in session.displays:
-                session.limit(display.id, None)
+        for display in session.displays:
+            session.limit(display.id, None)
         if not options.frame and options.fleet is None:
             options = replace(options, frame=largest_tree(log).root)
         with closing(_canvas(options, topics, Path(path).stem)) as canvas:
@@ -122,6 +118,6 @@ def _canvas(options: ViewOptions, topics: Mapping[str, str], title: str) -> reru
         from sfglab.fleet.fleet_file import load_fleet
 
         layout = rerunning.layout_of_fleet(load_fleet(options.fleet), frame=options.frame or "map")
-    canvas = rerunning.open_canvas(options.to, title=title, memory=options.memory)
+    canvas = rerunning.open_canvas(options.to, title=title)
     canvas.show_blueprint(rerunning.blueprint(layout))
     return canvas

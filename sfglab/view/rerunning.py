@@ -6,7 +6,6 @@ the clock of this host or of the log. A canvas waits when `WINDOW_BYTES` were dr
 
 from __future__ import annotations
 
-import re
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,6 +47,7 @@ CAPTURE, RECEIVED = "capture", "received"  #: The timelines.
 WINDOW_BYTES = 32 * 2**20  #: Bytes that may be drawn before the outputs have taken them.
 
 _PLACES = "FILE.rrd, viewer"
+_MEMORY = "25%"  #: Share of the memory above which a viewer removes its oldest data.
 _TAKE_LIMIT_S = 10.0
 #: A batch of this size leaves at once: a picture does not wait for company.
 _IMAGE_BYTES = 128 * 1024
@@ -129,14 +129,12 @@ def new_recording(title: str) -> Any:
     return recording
 
 
-def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%") -> RerunCanvas:
+def open_canvas(to: Sequence[str], *, title: str = "sfglab") -> RerunCanvas:
     """Open a recording that goes to one or several places at once.
 
     Args:
         to: ``FILE.rrd`` for a file; ``viewer`` for a viewer that is started on this host.
         title: Title in the viewer.
-        memory: Memory limit of a viewer that is started here, as a share of the host's memory or as ``4GB``;
-            the viewer removes the oldest data first.
 
     Raises:
         MissingExtraError: Rerun is not installed.
@@ -145,13 +143,9 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
     """
     if not to:
         raise InvalidValueError("to", to, "at least one place")
-    if not re.fullmatch(r"\d+(\.\d+)?(%|[kKMGT]?i?B)", memory):
-        raise InvalidValueError(
-            "memory", memory, "a share of the host's memory as 25%, or an amount as 4GB"
-        )
     recording = new_recording(title)
     try:
-        recording.set_sinks(*(_sink(place, recording, memory) for place in to))
+        recording.set_sinks(*(_sink(place, recording) for place in to))
     except SfglabError:
         raise
     except (RuntimeError, ValueError, OSError) as error:
@@ -173,14 +167,14 @@ def cell_canvas(title: str) -> tuple[RerunCanvas, CellViewer]:
     return RerunCanvas(recording, ["the cell"]), viewer
 
 
-def _sink(place: str, recording: Any, memory: str) -> Any:
+def _sink(place: str, recording: Any) -> Any:
     if place.endswith(".rrd"):
         path = Path(place)
         if not path.parent.is_dir():
             raise SinkError(f"{path} cannot be opened: there is no directory {path.parent}")
         return rr.FileSink(path)
     if place == "viewer":
-        recording.spawn(connect=False, memory_limit=memory)
+        recording.spawn(connect=False, memory_limit=_MEMORY)
         return rr.GrpcSink()
     raise InvalidValueError("to", place, _PLACES)
 

@@ -142,19 +142,14 @@ async def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(node):
         assert server.state.pose == Pose()
 
 
-@pytest.mark.parametrize("preempt", [False, True])
-async def test_a_second_goal_is_refused_or_takes_the_place_of_the_first(preempt, node):
-    setup = AgentSetup(preempt=preempt, tolerances=Tolerances(start_m=2.0))
+async def test_a_second_goal_is_refused(node):
+    setup = AgentSetup(tolerances=Tolerances(start_m=2.0))
     async with served(node, setup) as (near, server):
         first = await send(near, Order(agent="go2", trajectory=path(0.5, 1.0)))
         await until(lambda: server.busy)
         second = await execute(near, order(0.2, 0.3))
-        if preempt:
-            assert second.outcome is Outcome.SUCCEEDED
-            assert (await first.result()).outcome is Outcome.OVERTAKEN
-        else:
-            assert second.outcome is Outcome.BUSY
-            assert (await first.result()).outcome is Outcome.SUCCEEDED
+        assert second.outcome is Outcome.BUSY
+        assert (await first.result()).outcome is Outcome.SUCCEEDED
         first.close()
 
 

@@ -113,7 +113,6 @@ SOURCE = ("mocap", "run", EXAMPLE, "--domain", "1")
         ),
         (("frames", "lint"), "nothing to read: give a file"),
         (("follow", "run", HALL, "--agent", "spot"), "given 'spot', allowed: .* go2, drone"),
-        (("follow", "run", HALL, "--action", "/x"), "--action: given for 2 agents"),
         (("follow", "serve", "--agent", "spot", "--scene", HALL), "'spot', allowed: go2, drone"),
     ],
 )

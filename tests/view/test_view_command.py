@@ -25,7 +25,6 @@ def test_a_log_becomes_a_recording_of_every_message_and_what_was_shown_is_told(
     with log.open("rb") as file:
         held = make_reader(file).get_summary().statistics
     begin = f"{log}: {held.message_count} messages of {held.channel_count} topics go to {out}"
-    begin += "; space is drawn in map, the root of the largest TF tree"
     assert said == [begin, "3 displays, 231 updates shown"], "and none dropped"
     shown = read_recording(out)
     assert not any(entity.startswith("/failure/robot2") for entity, _ in shown)

@@ -44,12 +44,10 @@ class AgentSetup:
     frame_id: str = "map"  #: Frame of its poses.
     limits: Limits = field(default_factory=Limits)  #: Limits of its motion.
     tolerances: Tolerances = field(default_factory=Tolerances)  #: Required accuracy.
-    #: Whether a second goal replaces the first one; otherwise it is refused as `Outcome.BUSY`.
-    preempt: bool = False
     period_s: float = 0.02  #: Time between two steps, and between two poses, s.
 
     @classmethod
-    def of_scene(cls, scene: Scene, agent: AgentObject, *, preempt: bool = False) -> AgentSetup:
+    def of_scene(cls, scene: Scene, agent: AgentObject) -> AgentSetup:
         """Return the settings of an agent of a scene, with its limits."""
         limits = Limits(
             speed_m_s=agent.speed_m_s,
@@ -57,7 +55,7 @@ class AgentSetup:
             yaw_rate_rad_s=agent.yaw_rate_rad_s,
         )
         pose = scene.world_pose(agent.id)
-        return cls(pose=pose, frame_id=scene.frame_id, limits=limits, preempt=preempt)
+        return cls(pose=pose, frame_id=scene.frame_id, limits=limits)
 
 
 def check_order(order: Order, agent: str, setup: AgentSetup, pose: Pose, now_ns: int) -> None:
@@ -155,8 +153,6 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
             order = self._accepted(handle.request)
         except RefusalError as refusal:
             return self._finish(handle, refusal.outcome, refusal.text)
-        if self._run is not None:
-            self._run.end(Outcome.OVERTAKEN)
         now_ns = self._node.get_clock().now_ns()
         follower = Follower(
             order.trajectory,
@@ -180,7 +176,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         order = order_from_goal(goal)
         now_ns = self._node.get_clock().now_ns()
         check_order(order, self._agent, self._setup, self.state.pose, now_ns)
-        if self.busy and not self._setup.preempt:
+        if self.busy:
             raise RefusalError(Outcome.BUSY, OUTCOMES[Outcome.BUSY].meaning)
         return order
 
