@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import InvalidValueError, KeyPath, key_text
 from sfglab.files import read_text
-from sfglab.schema import Source
-from sfglab.validation import read_from, value_at
+from sfglab.validation import Source, read_from, value_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,82 +1,27 @@
-"""Types as pydantic checks them, and the JSON Schema of the files that people write.
+"""JSON Schema of the files that people write, so that an editor completes and checks them.
 
-Pydantic describes a type by nested mappings. `core_of` adds rules that stand beside no field: numbers,
-truth values and texts must be of their own kind, "3" is no number, and no key is unknown. Pydantic
-makes validators and JSON Schemas of the same description, so an editor completes and checks what
-`sfglab.documents.Document.read` accepts. Only the reader checks conditions between several keys.
+It is made of the same description of a type as the validator of `sfglab.validation`, so an editor
+accepts what `sfglab.documents.Document.read` accepts. Only the reader checks conditions between keys.
 """
 
 from __future__ import annotations
 
-from enum import Enum
 from functools import cache
 from typing import Any
 
 from sfglab.fields import field_docs
+from sfglab.validation import Source, core_of
+
+__all__ = ["DIALECT", "Schema", "Source", "schema_of"]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
-Core = dict[str, Any]  #: Pydantic's description of a type.
 Schema = dict[str, Any]
-
-
-class Source(Enum):
-    """The origin of values, which decides how strictly they are read."""
-
-    FILE = "file"  #: A person, in a file: no text is empty, and null stands for nothing left out.
-    VALUES = "values"  #: A person, in a program, a command or a form.
-    LOG = "log"  #: Some version of sfglab: unknown keys and bounds do not count.
-
-
-_EXACT: dict[str, Core] = {
-    **{kind: {"strict": True} for kind in ("int", "float", "bool", "str")},
-    "dataclass-args": {"extra_behavior": "forbid"},
-}
-_RULES: dict[Source, dict[str, Core]] = {
-    Source.FILE: {
-        **_EXACT,
-        "float": {"strict": True, "allow_inf_nan": False},
-        "str": {"strict": True, "min_length": 1},
-    },
-    Source.VALUES: _EXACT,
-    Source.LOG: {},
-}
-"""Additions to descriptions, by their ``type``."""
-_LIMITS = ("ge", "gt", "le", "lt")
-
-
-@cache
-def core_of(hint: Any, source: Source) -> Core:
-    """Return the description of a type for values of a source."""
-    from pydantic import TypeAdapter
-
-    core: Core = _ruled(TypeAdapter(hint).core_schema, source)
-    return core
-
-
-def _ruled(core: Any, source: Source) -> Any:
-    if isinstance(core, list):
-        return [_ruled(one, source) for one in core]
-    if not isinstance(core, dict):
-        return core
-    kind = core.get("type")
-    if kind == "nullable" and source is Source.FILE:
-        return _ruled(core["schema"], source)
-    left_out = _LIMITS if source is Source.LOG else ()
-    made = {key: _ruled(value, source) for key, value in core.items() if key not in left_out}
-    return made | _RULES[source].get(str(kind), {})
 
 
 def schema_of(hint: Any) -> Schema:
     """Return the JSON Schema (2020-12) of a file whose values are of a type."""
-    return {"$schema": DIALECT, **json_schema(hint, Source.FILE)}
-
-
-@cache
-def json_schema(hint: Any, source: Source) -> Schema:
-    """Return the JSON Schema of a type for values of a source."""
-    made: Schema = _generator()().generate(core_of(hint, source))
-    return made
+    return {"$schema": DIALECT, **_generator()().generate(core_of(hint, Source.FILE))}
 
 
 @cache
@@ -120,9 +65,8 @@ def _generator() -> type[Any]:
 
 def _docs(cls: type[Any]) -> dict[str, str]:
     """Return the documentation of a class's fields by their keys in a file."""
-    texts = field_docs(getattr(cls, "documented", cls)) | field_docs(cls)
-    return {
-        cls.__dataclass_fields__[name].metadata.get("alias", name): text
-        for name, text in texts.items()
-        if name in cls.__dataclass_fields__
-    }
+    texts = {}
+    for name, text in field_docs(cls).items():
+        if name in cls.__dataclass_fields__:
+            texts[cls.__dataclass_fields__[name].metadata.get("alias", name)] = text
+    return texts

@@ -1,37 +1,65 @@
 """Reading of given values as typed fields by pydantic; each mistake becomes one of our errors.
 
 Types and bounds stand in dataclasses (`sfglab.fields`). Pydantic is imported when something is read, since
-it takes 0.1 s. The words for allowed values come from the JSON Schema of the type.
-How strictly it is read depends on the `Source`: people's keys must be known, logs may be of another version.
+it takes 0.1 s. How strictly it is read depends on the `Source`: people's keys must be known, numbers, truth
+values and texts must be of their own kind, and "3" is no number; logs may be of another version.
 """
 
 from __future__ import annotations
 
-import math
+import re
 from difflib import get_close_matches
+from enum import Enum
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError, KeyPath, key_text
-from sfglab.fields import Bounds
-from sfglab.schema import Schema, Source, core_of, json_schema
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from pydantic_core import ErrorDetails, SchemaValidator
 
-_UNKNOWN = ("unexpected_keyword_argument", "is_instance_of")
-"""Pydantic's words for an unknown key; a `sfglab.documents.Place` has none."""
-_PLAIN_WORDS = {
-    "integer": "a whole number",
-    "number": "a finite number",
-    "string": "a text",
-    "boolean": "true or false",
-    "array": "a list",
-    "object": "a mapping of keys to values",
-    "null": "nothing",
+
+class Source(Enum):
+    """The origin of values, which decides how strictly they are read."""
+
+    FILE = "file"  #: A person, in a file: no text is empty, and null stands for nothing left out.
+    VALUES = "values"  #: A person, in a program, a command or a form.
+    LOG = "log"  #: Some version of sfglab: unknown keys and bounds do not count.
+
+
+Core = dict[str, Any]  #: Pydantic's description of a type.
+_STRICT: dict[str, Core] = {kind: {"strict": True} for kind in ("int", "float", "bool", "str")}
+_RULES: dict[Source, dict[str, Core]] = {
+    Source.FILE: {
+        **_STRICT,
+        "float": {"strict": True, "allow_inf_nan": False},
+        "str": {"strict": True, "min_length": 1},
+    },
+    Source.VALUES: _STRICT,
+    Source.LOG: {},
 }
+"""Additions to descriptions, by their ``type``."""
+_LIMITS = ("ge", "gt", "le", "lt")
+_MAPPING, _LIST = "a mapping of keys to values", "a list"
+_WORDS = {
+    "int_type": "a whole number",
+    "float_type": "a number",
+    "string_type": "a text in quotes",
+    "bool_type": "true or false",
+    "none_required": "nothing",
+    "list_type": _LIST,
+    "tuple_type": _LIST,
+    "set_type": _LIST,
+    "frozen_set_type": _LIST,
+    "dict_type": _MAPPING,
+    "dataclass_type": _MAPPING,
+    "model_attributes_type": _MAPPING,
+    "missing": "one more value",
+    "is_instance_of": "no such key",  # a `sfglab.documents.Place`, which is filled in
+}
+"""What pydantic's kinds of mistakes allow, where its own words are those of a program."""
 
 
 def suggestion(word: object, known: Iterable[str], meant: str = "mean") -> str:
@@ -62,8 +90,7 @@ def read_from(
     try:
         return _validator(hint, source).validate_python(value)
     except ValidationError as error:
-        schema = json_schema(hint, source)
-        raise refuse(*_mistake(error.errors(include_url=False), value, schema)) from error
+        raise refuse(*_mistake(error.errors(include_url=False), value)) from error
 
 
 @cache
@@ -73,40 +100,93 @@ def _validator(hint: Any, source: Source) -> SchemaValidator:
     return SchemaValidator(core_of(hint, source))
 
 
-def _mistake(
-    mistakes: list[ErrorDetails], value: Any, schema: Schema
-) -> tuple[KeyPath, object, str]:
+@cache
+def core_of(hint: Any, source: Source) -> Core:
+    """Return pydantic's description of a type for values of a source."""
+    from pydantic import TypeAdapter
+
+    core: Core = _ruled(TypeAdapter(hint).core_schema, source)
+    return core
+
+
+def _ruled(core: Any, source: Source) -> Any:
+    """Return a description, or a part of one, with the rules of a source."""
+    if isinstance(core, list):
+        return [_ruled(one, source) for one in core]
+    if not isinstance(core, dict):
+        return core
+    kind = core.get("type")
+    if kind == "nullable" and source is Source.FILE:
+        return _ruled(core["schema"], source)
+    left_out = _LIMITS if source is Source.LOG else ()
+    made = {key: _ruled(value, source) for key, value in core.items() if key not in left_out}
+    made |= _RULES[source].get(str(kind), {})
+    if kind == "dataclass-args" and source is not Source.LOG:
+        return _with_known_keys(made)
+    return made
+
+
+def _with_known_keys(core: Core) -> Core:
+    """Return the description of a dataclass's fields with a check of the keys before."""
+    from pydantic_core.core_schema import no_info_before_validator_function
+
+    known = set()
+    needed = []
+    for field in core["fields"]:
+        key = field.get("validation_alias", field["name"])
+        inner = field["schema"]
+        if inner["type"] != "default":
+            needed.append(key)
+        elif inner["schema"]["type"] == "is-instance":
+            continue  # a place
+        known.add(key)
+
+    def check(given: Any) -> Any:
+        if isinstance(given, dict):
+            unknown = [key for key in given if key not in known]
+            for key in needed:
+                if key not in given:
+                    raise InvalidValueError((key,), None, _needed(key, unknown))
+            for key in unknown:
+                allowed = ", ".join(sorted(known)) + suggestion(key, known)
+                raise InvalidValueError((key,), key, allowed)
+        return given
+
+    return {**no_info_before_validator_function(check, core)}
+
+
+def _needed(key: str, unknown: Iterable[str]) -> str:
+    return f"{key!r} is needed here{suggestion(key, unknown, 'mean it by')}"
+
+
+def _mistake(mistakes: list[ErrorDetails], value: Any) -> tuple[KeyPath, object, str]:
     """Return path and value of the first of the deepest mistakes, and what is allowed there."""
     paths = [_path(mistake, value) for mistake in mistakes]
     path = max(paths, key=len)
-    mistake = mistakes[paths.index(path)]
-    own = mistake.get("ctx", {}).get("error")
+    found = [mistake for mistake, place in zip(mistakes, paths, strict=True) if place == path]
+    own = found[0].get("ctx", {}).get("error")
     if isinstance(own, InvalidValueError):
         return path, own.given, own.allowed
-    key = path[-1] if path else ""
-    holder = value_at(value, path[:-1])
-    known: list[str] = []
-    for shape in _shapes_at(schema, path[:-1], value):
-        known += shape.get("properties", ())
-    if mistake["type"] in _UNKNOWN:
-        return path, key, ", ".join(sorted(known)) + suggestion(key, known)
-    if isinstance(holder, dict) and key not in holder:
-        unknown = [one for one in holder if one not in known]
-        return path, None, f"{key!r} is needed here{suggestion(key, unknown, 'mean it by')}"
+    if found[0]["type"] == "union_tag_not_found":
+        *outer, tag = path
+        return path, None, _needed(str(tag), value_at(value, tuple(outer)))
     given = value_at(value, path)
-    words = [_words(shape) for shape in _shapes_at(schema, path, value)]
-    allowed = " or ".join(dict.fromkeys(words))
+    allowed = " or ".join(dict.fromkeys(map(_words, found)))
     if isinstance(given, str):
-        allowed += suggestion(given, allowed.split(" or "))
-    elif isinstance(given, int | float) and "a text" in words:
-        allowed += " (quote it)"
+        allowed += suggestion(given, re.findall("'(.*?)'", allowed))
     return path, given, allowed
+
+
+def _words(mistake: ErrorDetails) -> str:
+    """Return what is allowed in place of a mistake."""
+    tags: str | None = mistake.get("ctx", {}).get("expected_tags")
+    own = mistake["msg"].partition(" should ")[2].removeprefix("be ").removeprefix("have ")
+    return _WORDS.get(mistake["type"]) or tags or own or mistake["msg"]
 
 
 def _path(mistake: ErrorDetails, value: Any) -> KeyPath:
     """Return the path of a mistake; pydantic's names for a union's alternatives are left out."""
     path: list[Any] = []
-    key: Any = None
     for part in mistake["loc"]:
         keys: Sequence[Any] = ()
         if isinstance(value, dict):
@@ -121,8 +201,6 @@ def _path(mistake: ErrorDetails, value: Any) -> KeyPath:
     own = about.get("error")
     if isinstance(own, InvalidValueError):
         path += own.place if isinstance(own.place, tuple) else (own.place,)
-    elif mistake["type"] == "missing" and isinstance(key, str):
-        path.append(key)
     elif "discriminator" in about:
         path.append(about["discriminator"].strip("'"))
     return tuple(path)
@@ -136,56 +214,6 @@ def value_at(value: Any, path: KeyPath) -> Any:
         except (LookupError, TypeError):
             return None
     return value
-
-
-def _shapes_at(schema: Schema, path: KeyPath, value: Any) -> list[Schema]:
-    """Return the JSON Schemas of what may stand at a path, a union's alternatives each by itself."""
-    shapes = list(_alternatives(schema, schema, value))
-    for part in path:
-        value = value_at(value, (part,))
-        inner: list[Schema] = []
-        for shape in shapes:
-            each = shape.get("items") or shape.get("additionalProperties")
-            one = shape.get("properties", {}).get(part, each)
-            inner += _alternatives(one or {}, schema, value)
-        shapes = inner
-    return shapes
-
-
-def _alternatives(shape: Schema, schema: Schema, value: Any) -> Iterator[Schema]:
-    options = shape.get("anyOf") or shape.get("oneOf", ())
-    if "discriminator" in shape:
-        tag = value_at(value, (shape["discriminator"]["propertyName"],))
-        meant = shape["discriminator"]["mapping"].get(str(tag))
-        options = [{"$ref": meant}] if meant else options
-    if "$ref" in shape:
-        options = [schema["$defs"][shape["$ref"].rpartition("/")[2]]]
-    for option in options:
-        yield from _alternatives(option, schema, value)
-    if not options and shape:
-        yield shape
-
-
-def _words(shape: Schema) -> str:
-    """Return what a JSON Schema allows, in words."""
-    kind = str(shape.get("type"))
-    if "const" in shape:
-        return str(shape["const"])
-    if "enum" in shape:
-        return " or ".join(map(str, shape["enum"]))
-    if kind == "array" and "maxItems" in shape:
-        item = _words(shape["items"])
-        each = "numbers, all finite" if item == _PLAIN_WORDS["number"] else f"values, each {item}"
-        return f"{shape['maxItems']} {each}"
-    word = _PLAIN_WORDS.get(kind, "another value")
-    without = [shape[end] for end in ("exclusiveMinimum", "exclusiveMaximum") if end in shape]
-    low = shape.get("minimum", shape.get("exclusiveMinimum"))
-    high: Any = shape.get("maximum", shape.get("exclusiveMaximum", math.inf))
-    if low is None:
-        return word
-    if low in without and kind == "number":
-        word = "a number"
-    return f"{word} {Bounds(low, high, without=tuple(without))}"
 
 
 def lost_values(

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar,
 from sfglab.errors import SfglabError
 from sfglab.fields import to_json
 from sfglab.record import DecodedMessage, LogReader
-from sfglab.schema import Source
 from sfglab.tables import field_rows, html_table
-from sfglab.validation import lost_values, read
+from sfglab.validation import Source, lost_values, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from sfglab.documents import OR_NULL, ReadAs
 from sfglab.errors import InvalidValueError, KeyPath, key_text
 from sfglab.fields import Bounds, bounds, to_json
-from sfglab.schema import Source
 from sfglab.spatial.poses import Pose, PoseError, Quat
 from sfglab.spatial.trajectory.path import LATEST_NS, Align, Interpolation
-from sfglab.validation import read_from
+from sfglab.validation import Source, read_from
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
