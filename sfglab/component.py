@@ -171,12 +171,7 @@ async def _until_told(body: Awaitable[None], orders: Orders, end_limit_s: int) -
 
 
 async def _hear(orders: Orders) -> None:
-    async for line in standard_input_lines():
-        orders.put_nowait(json.loads(line))
-
-
-async def standard_input_lines() -> AsyncIterator[bytes]:
-    """Yield the lines of standard input until it ends, which it does when the parent is gone."""
+    """Take orders from standard input until it ends, which it does when the parent is gone."""
     reader = asyncio.StreamReader(limit=ORDER_LIMIT_BYTES)
     loop = asyncio.get_running_loop()
     transport, _ = await loop.connect_read_pipe(
@@ -184,7 +179,7 @@ async def standard_input_lines() -> AsyncIterator[bytes]:
     )
     try:
         while line := await reader.readline():
-            yield line
+            orders.put_nowait(json.loads(line))
     finally:
         transport.close()
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import re
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -21,10 +20,7 @@ from sfglab.validation import Source, read_from, value_at
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import yaml
-
 _TEXT = "tag:yaml.org,2002:str"
-_ALIAS = "tag:sfglab:alias"
 _MOST_CHARACTERS = 2**20  # ten times the largest fleet
 _LONGEST_PLAIN = 1000  # characters of a value that is no text
 _EXPONENT = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
@@ -84,10 +80,11 @@ class Document:
         self.file = file
         self._one_line = one_line
         self._lines: dict[KeyPath, int] = {(): 1}
+        self._read_nodes: set[int] = set()
         if len(text) > _MOST_CHARACTERS:
             raise self.refusal((), f"{len(text)} characters", f"at most {_MOST_CHARACTERS}")
         try:
-            self._loader = _loader_class()(text)
+            self._loader = yaml.SafeLoader(text)
             node = self._loader.get_single_node()
             #: Mappings, lists and scalars.
             self.value: Any = None if node is None else self._read(node, ())
@@ -154,12 +151,13 @@ class Document:
     def _read(self, node: Any, path: KeyPath) -> Any:
         """Return the plain values of a node, whose lines are noted."""
         self._lines.setdefault(path, node.start_mark.line + 1)
+        if id(node) in self._read_nodes:  # an alias stands for the node that it repeats
+            raise self.refusal(path, "an alias", "every value written out where it belongs")
+        self._read_nodes.add(id(node))
         if node.id == "mapping":
             return self._read_mapping(node, path)
         if node.id == "sequence":
             return [self._read(item, (*path, i)) for i, item in enumerate(node.value)]
-        if node.tag == _ALIAS:
-            raise self.refusal(path, "an alias", "every value written out where it belongs")
         self._check_line(node.value, path, "a text")
         # A number by base 60 takes quadratic time.
         if node.tag != _TEXT and len(node.value) > _LONGEST_PLAIN:
@@ -188,22 +186,6 @@ class Document:
     def _check_line(self, text: str, path: KeyPath, what: str) -> None:
         if self._one_line and _CONTROL.search(text):
             raise self.refusal(path, text, f"{what} of one line")
-
-
-@cache
-def _loader_class() -> type[yaml.SafeLoader]:
-    import yaml
-
-    class Loader(yaml.SafeLoader):
-        """Gives each alias a node of its own, so that none is mistaken for what it repeats."""
-
-        def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-            if not self.check_event(yaml.AliasEvent):
-                return super().compose_node(parent, index)
-            event = self.get_event()  # type: ignore[no-untyped-call]
-            return yaml.ScalarNode(_ALIAS, event.anchor, event.start_mark, event.end_mark)
-
-    return Loader
 
 
 # Rules that a field's type cannot express stand beside it: ``Annotated[str, Matching(...)]``.

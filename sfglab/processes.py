@@ -265,7 +265,7 @@ class Watchdog:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Member:
-    """A process of a group, as data: how it is started, and what it sends to whom."""
+    """A process of a group, as data: how it is started."""
 
     name: str  #: Name in the group and in messages.
     module: str  #: Run as ``python -m MODULE CONFIG``.
@@ -273,9 +273,6 @@ class Member:
     host: str = ""  #: The host that it runs on.
     ready: str = "ready"  #: Kind of the report by which it says that it serves.
     through: str = ""  #: Module that is run with module and configuration as its arguments instead.
-    sends: tuple[
-        tuple[str, str], ...
-    ] = ()  #: Receivers and what it sends them: ``("viewer", "H.264")``.
     pass_fds: tuple[int, ...] = ()  #: File descriptors that it inherits.
 
     @property
@@ -308,7 +305,6 @@ class ProcessGroup:
         self._on_report = on_report
         self._start_s = start_s
         self._first = tuple(members)
-        self._members: dict[str, Member] = {}
         self._processes: dict[str, LineProcess] = {}
 
     async def __aenter__(self) -> Self:
@@ -332,11 +328,6 @@ class ProcessGroup:
     def __iter__(self) -> Iterator[str]:
         return iter(self._processes)
 
-    @property
-    def members(self) -> tuple[Member, ...]:
-        """Everything that runs, in the order in which it was started."""
-        return tuple(self._members.values())
-
     async def start(self, *members: Member) -> None:
         """Start members at once and return when each serves; where one does not, none of them is left."""
         try:
@@ -349,20 +340,10 @@ class ProcessGroup:
             await self._end([member.name for member in members])
             raise
 
-    async def end(self, name: str) -> None:
-        """End a member, wait until it is gone, and forget it."""
-        await self._end([name])
-
     async def kill(self, name: str) -> None:
         """End a member by force, wait until it is gone, and forget it."""
         self[name].signal(signal.SIGKILL)
         await self._end([name])
-
-    async def restart(self, name: str) -> None:
-        """End a member, unless it is gone already, and start it again."""
-        member = self._members[name]
-        await self.end(name)
-        await self.start(member)
 
     def order(self, names: Iterable[str] | None = None, **values: Any) -> None:
         """Give an order to members, to all without names."""
@@ -403,22 +384,19 @@ class ProcessGroup:
     async def _end(self, names: Sequence[str]) -> None:
         """End what runs of these, in the reverse order."""
         ended = [self._processes.pop(name) for name in reversed(names) if name in self._processes]
-        for name in names:
-            self._members.pop(name, None)
         await asyncio.gather(*(process.close() for process in ended))
 
     async def _launch(self, member: Member) -> None:
         def take(report: Report) -> None:
             self._on_report(member.name, report)
 
-        assert member.name not in self._members, f"there is a {member.name!r} already"
+        assert member.name not in self._processes, f"there is a {member.name!r} already"
         argv: Sequence[str] = member.command
         if self._wrap_command is not None:
             argv = self._wrap_command(member.host, member.command)
-        process = await LineProcess.start(
+        self._processes[member.name] = await LineProcess.start(
             member.name, argv, on_report=take, pass_fds=member.pass_fds
         )
-        self._members[member.name], self._processes[member.name] = member, process
 
     async def _watched(self, waits: Mapping[str, Coroutine[Any, Any, Report]]) -> dict[str, Report]:
         try:

@@ -32,7 +32,7 @@ def read(hint, text: str):
         ("a: 2001-99-99", "f.yaml:1: a: given '2001-99-99', allowed: a value that YAML can read"),
         ("a: \x07", "f.yaml: given 'unacceptable character"),
         ("a: &x [1]\nb: *x", "f.yaml:2: b: given 'an alias', allowed: every value written out"),
-        ("a: &x\n- *x", "f.yaml:2: a[0]: given 'an alias'"),
+        ("a: &x\n- *x", "a[0]: given 'an alias'"),
         ("a: {", "allowed: YAML"),
         ("1: a", "f.yaml:1: 1: given '1', allowed: a key that is text (quote it)"),
     ],
