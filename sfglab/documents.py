@@ -11,7 +11,7 @@ import dataclasses
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
 
 from sfglab.errors import InvalidValueError, KeyPath, key_text
 from sfglab.files import read_text
@@ -244,42 +244,48 @@ class Matching:
 
 @dataclass(frozen=True, slots=True)
 class ByName:
-    """A mapping stands for dataclasses, which stand nowhere else, and its keys for one of their fields."""
+    """A mapping stands for dataclasses, which stand nowhere else, and its keys for one of their fields.
+
+    The annotated type is a mapping, or a tuple of the dataclasses.
+    """
 
     field: str  #: Name of the field.
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        from pydantic_core.core_schema import no_info_before_validator_function
+        from pydantic_core import core_schema
 
-        inner = handler(source)
-        members = self._members if inner["type"] == "dict" else self._listed
-        return no_info_before_validator_function(members, inner)
+        is_tuple = get_origin(source) is tuple
+        member = get_args(source)[0 if is_tuple else 1]
+        members = core_schema.dict_schema(core_schema.str_schema(), handler.generate_schema(member))
+        named = core_schema.no_info_before_validator_function(self._named, members)
+        if not is_tuple:
+            return named
+        return core_schema.no_info_after_validator_function(_members, named)
 
-    def _listed(self, given: Any) -> Any:
-        return list(self._members(given).values())
-
-    def _members(self, given: Any) -> dict[str, Any]:
+    def _named(self, given: Any) -> Any:
+        """Return the members with their names; what is no mapping is refused later."""
         if not isinstance(given, dict):
-            raise InvalidValueError((), given, "a mapping of keys to values")
+            return given
         members = {}
         for name, values in given.items():
-            if not name:
-                raise InvalidValueError((), name, "names that are not empty")
+            members[name] = values
             if isinstance(values, dict):
                 if self.field in values:
                     allowed = f"no such key: the mapping's own, {name!r}, says it"
                     raise InvalidValueError((name, self.field), self.field, allowed)
-                values = {**values, self.field: name}  # noqa: PLW2901  # the member's own
-            members[name] = values
+                members[name] = {**values, self.field: name}
         return members
 
     def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
         shape = handler(core)
-        each = shape.get("items") or shape["additionalProperties"]
-        members = handler.resolve_ref_schema(each)
+        members = handler.resolve_ref_schema(shape["additionalProperties"])
         members["properties"].pop(self.field, None)
         members["required"] = [key for key in members["required"] if key != self.field]
-        return {"type": "object", "additionalProperties": each}
+        return shape
+
+
+def _members(made: dict[str, T]) -> tuple[T, ...]:
+    return tuple(made.values())
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import InvalidValueError, KeyPath, key_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from pydantic_core import ErrorDetails, SchemaValidator
 
@@ -188,15 +188,14 @@ def _path(mistake: ErrorDetails, value: Any) -> KeyPath:
     """Return the path of a mistake; pydantic's names for a union's alternatives are left out."""
     path: list[Any] = []
     for part in mistake["loc"]:
-        keys: Sequence[Any] = ()
+        keys: Collection[Any] = ()
         if isinstance(value, dict):
-            keys = list(value)  # by position where the mapping is read as a list
+            keys = value
         elif isinstance(value, list | tuple):
             keys = range(len(value))
-        key = keys[part] if isinstance(part, int) and part < len(keys) else part
-        if key in keys:
-            path.append(key)
-            value = value[key]
+        if part in keys:
+            path.append(part)
+            value = value[part]
     about = mistake.get("ctx", {})
     own = about.get("error")
     if isinstance(own, InvalidValueError):

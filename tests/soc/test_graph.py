@@ -63,7 +63,7 @@ MISTAKES = [
         "topics.t.mapping: given 'hardware', allowed: software or gateway, as 'a' is placed in software",
     ),
     ("topics: {}", "g.yaml:1: nodes: nothing is given, allowed: 'nodes' is needed here"),
-    ("nodes: {'': {}}", "nodes: given '', allowed: names that are not empty"),
+    ("nodes: {'': {}}", "nodes.: given {}, allowed: at least 1 character"),
 ]
 
 
