@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
@@ -215,7 +214,8 @@ def record(
     wanted = _wanted(topics, regex, exclude)
     now = datetime.now(UTC).astimezone()
     path = output or Path(f"rosbag2_{now:%Y_%m_%d-%H_%M_%S}.mcap")
-    _check_output(path)
+    if path.suffix != ".mcap" or path.exists():
+        raise InvalidValueError("--output", str(path), "a new file whose name ends in .mcap")
 
     async def run(node: Node) -> None:
         recorder = Recorder(node, lambda: LogWriter(path), wanted=wanted, on_log=typer.echo)
@@ -228,19 +228,6 @@ def record(
                 typer.echo(f"{path}: {_counted(recorder.counts)}, {recorder.lost} lost")
 
     until_interrupted((domain, interface), run, duration_s=duration)
-
-
-def _check_output(path: Path) -> None:
-    """Refuse a path where no new log can be written."""
-    allowed = ""
-    if path.suffix != ".mcap":
-        allowed = "a name that ends in .mcap"
-    elif os.path.lexists(path):
-        allowed = "a path that does not exist yet"
-    elif not os.access(path.absolute().parent, os.W_OK):
-        allowed = "a path in a writable folder"
-    if allowed:
-        raise InvalidValueError("--output", str(path), allowed)
 
 
 def _counted(counts: Mapping[str, int]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,6 +19,8 @@ from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sfglab.bus import Node
     from sfglab.spatial.execution.client import Execution
     from sfglab.spatial.execution.orders import Order
@@ -149,43 +151,38 @@ def run_scene(
     from sfglab.spatial.execution.client import scene_orders
     from sfglab.spatial.scene.files import load_scene
 
-    scene = load_scene(file)
-    agents = tuple(agent or ())
-
-    def orders(now_ns: int) -> tuple[Order, ...]:
-        start_ns = now_ns + round(delay * NS_PER_S) if delay else 0
-        return scene_orders(scene, agents=agents, start_ns=start_ns)
-
-    found = orders(0)
-    if not found:
+    orders = scene_orders(load_scene(file), agents=tuple(agent or ()))
+    if not orders:
         raise SfglabError(f"{file}: no agent has a trajectory")
     place = (domain, interface)
-    raise typer.Exit(on_node(place, lambda node: _send_all(node, orders), "planner"))
+    raise typer.Exit(on_node(place, lambda node: _send_all(node, orders, delay), "planner"))
 
 
-async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]]) -> int:
+async def _send_all(node: Node, orders: Sequence[Order], delay_s: float) -> int:
     from sfglab.spatial.execution.client import Execution
     from sfglab.spatial.execution.orders import Outcome, goal_message
 
     executions: list[Execution] = []
-    for order in orders(0):
+    for order in orders:
         # Imports at first use must not take time once the start is set.
         goal_message(order)
         execution = _execution(node, order.agent, len(executions))
         executions.append(execution)
         await execution.ready()
-    wanted = orders(node.get_clock().now_ns())
+    if delay_s:
+        start_ns = node.get_clock().now_ns() + round(delay_s * NS_PER_S)
+        orders = [replace(order, start_ns=start_ns) for order in orders]
     stopping: list[asyncio.Future[None]] = []
 
     def stop() -> None:
         stopping.extend(asyncio.ensure_future(execution.cancel()) for execution in executions)
 
     on_stop(stop)
-    await asyncio.gather(*map(Execution.begin, executions, wanted))
+    await asyncio.gather(*map(Execution.begin, executions, orders))
     ended = await asyncio.gather(*map(Execution.result, executions))
     await asyncio.gather(*stopping)
     outcomes = set()
-    for order, end in zip(wanted, ended, strict=True):
+    for order, end in zip(orders, ended, strict=True):
         place = ""
         if end.pose is not None:
             x, y, z = end.pose.position_m
