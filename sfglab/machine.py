@@ -20,18 +20,13 @@ T = TypeVar("T")
 class IllegalInputError(SfglabError, RuntimeError):
     """An input that cannot happen in this state; the state stays as it was."""
 
-    def __init__(self, machine: str, state: Enum, given: Enum, allowed: tuple[Enum, ...]) -> None:
-        self.state = state  #: The state, unchanged.
-        self.given = given  #: The input that does not fit.
-        self.allowed = allowed  #: The inputs that do.
-        names = ", ".join(sorted(i.name for i in allowed)) or "none"
-        super().__init__(f"{machine} in {state.name}: given {given.name}, allowed are {names}")
-
 
 def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
     """Return what a table says of an input in a state; the `IllegalInputError` of others names the machine."""
     if (state, given) not in table:
-        raise IllegalInputError(name, state, given, tuple(i for s, i in table if s is state))
+        allowed = [known.name for origin, known in table if origin is state]
+        names = ", ".join(sorted(allowed)) or "none"
+        raise IllegalInputError(f"{name} in {state.name}: given {given.name}, allowed are {names}")
     return table[state, given]
 
 

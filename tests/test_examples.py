@@ -135,7 +135,7 @@ def words_in(domain, example):
 
 REPORTS = (
     *("doctor", "claims", "deploy detect"),
-    *("log data/reference/mocap.mcap", "log info data/reference/mocap.mcap"),
+    "log info data/reference/mocap.mcap",
     *("fleet lint data/fleets/lab.yaml", "frames lint run.mcap"),
     *(
         "qos data/qos/paper_b.yaml",

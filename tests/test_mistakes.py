@@ -46,7 +46,7 @@ DOCUMENTS = {  # a command, BAD where the file stands, and a good one
     "mocap run BAD --domain 99 --interface lo --synthetic": MOCAP,
 }
 LOGS = [
-    "log BAD",
+    "log info BAD",
     "view BAD --to OUT.rrd",
     "frames lint BAD",
     f"mocap run {MOCAP} --log BAD --topic agent_x=/p --domain 99 --interface lo",
@@ -221,7 +221,7 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
         f"view {LOG} --to OUT.rrd --topic /typo": "the beginning of one of /",
         "topic pub /a std_msgs/msg/String '{datum: x}'": "datum",
         "topic pub /a std_msgs/Sting ''": "did you mean std_msgs/msg/String",
-        "topic pub /a std_msgs/msg/String --once --qos-reliability maybe": "not one of 'best_effort', 'reliable'",
+        "topic pub /a std_msgs/msg/String --once --qos-durability maybe": "not one of 'volatile', 'transient_local'",
         "topic list --domain 233": "less than or equal to 232",
         "topic hz /a --window 1": "greater than or equal to 2",
         "qos --fromat table": "Possible options: --domain, --format, --rmw",

@@ -50,12 +50,8 @@ def until_interrupted(
     name: str = "",
     *,
     duration_s: float | None = None,
-    err: bool = True,
 ) -> None:
-    """Do as `on_node` until the body ends, at most for `duration_s`, or until Ctrl-C.
-
-    Ctrl-C is reported on standard error, without `err` on standard output.
-    """
+    """Do as `on_node` until the body ends, at most for `duration_s`, or until Ctrl-C."""
 
     async def limited(node: Node) -> None:
         limit = asyncio.timeout(duration_s)
@@ -67,7 +63,7 @@ def until_interrupted(
                 raise
 
     if on_node(place, lambda node: run_until_interrupted(limited(node)), name):
-        typer.echo("ended", err=err)
+        typer.echo("ended", err=True)
 
 
 def look(place: Place, spin_s: float | None) -> View:

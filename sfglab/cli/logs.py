@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
-from typer.core import TyperGroup
 
 from sfglab.cli.buses import print_json, until_interrupted, unused
 from sfglab.cli.interfaces import Interfaces
@@ -26,24 +25,13 @@ if TYPE_CHECKING:
     from sfglab.record import LogReader
 
 
-class _Log(TyperGroup):
-    """A group that runs `info` if the first word is none of its commands."""
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the name, the command and its arguments."""
-        words = args if args[0] in self.commands else ["info", *args]
-        return super().resolve_command(ctx, words)
-
-
 app = typer.Typer(
-    cls=_Log,
     help="""Record and play topics, and print what a log or bag contains, like ros2 bag.
 
 Without a command: list the logs of experiments, and whether each counts for the claims.
 
-Examples:
-  sfglab log
-  sfglab log data/reference/cooperation.mcap""",
+Example:
+  sfglab log""",
 )
 _Path = Annotated[
     Path, Argument(metavar="LOG", help="MCAP file, rosbag2 folder or the folder's .db3 file.")
@@ -84,7 +72,7 @@ def log(context: typer.Context) -> None:
 
 @app.command()
 def info(path: _Path, as_json: Json = False) -> None:
-    """Print the files, times, topics and metadata of a log or bag; the word info may be left out.
+    """Print the files, times, topics and metadata of a log or bag.
 
     Example:
       sfglab log info data/reference/mocap.mcap

@@ -13,7 +13,7 @@ from typer import Argument, Option
 
 from sfglab.cli.buses import observed_domain, on_node, say, until_interrupted, unused
 from sfglab.cli.options import Domain, Duration, Interface, Json, RecordedDomain, Seconds
-from sfglab.errors import InvalidValueError
+from sfglab.errors import InvalidValueError, SfglabError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 mocap_app = typer.Typer(help="Publish poses from motion capture as TF.")
 frames_app = typer.Typer(help="Check TF trees.")
-_SOURCES = (["--vicon"], ["--topic"], ["--topic", "--log"], ["--synthetic"])
 
 
 @mocap_app.command("run")
@@ -81,11 +80,10 @@ def mocap_run(
     if log is not None or not topic:
         unused("without topics of a domain, because only they have a type to choose", "type_")
     topics = _topics(topic or [], mapping)
-    options = {"--vicon": vicon, "--topic": topic, "--log": log, "--synthetic": synthetic}
-    given = [name for name, value in options.items() if value]
-    if given not in _SOURCES:
-        allowed = "one of --vicon, --topic, --log with --topic, --synthetic"
-        raise InvalidValueError("mocap run", " and ".join(given) or None, allowed)
+    if [bool(vicon), bool(topic), synthetic].count(True) != 1 or (log and not topic):
+        raise SfglabError(
+            "mocap run needs one of --vicon, --topic, --log with --topic, --synthetic"
+        )
 
     async def serve(node: Node) -> None:
         clock = node.get_clock()

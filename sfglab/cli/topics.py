@@ -16,7 +16,7 @@ from sfglab.cli.buses import look, print_json, say, until_interrupted
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import Domain, Duration, Interface, Json, SpinTime
 from sfglab.errors import SfglabError
-from sfglab.qos import DEFAULT, Durability, Reliability
+from sfglab.qos import DEFAULT, Durability
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -36,15 +36,12 @@ _SHOWN = 128  #: Printed length of a string or array, in characters or elements.
 
 @node_app.command("list")
 def list_nodes(
-    hidden: Annotated[
-        bool, Option("--all", "-a", help="Also list hidden nodes, whose names begin with _.")
-    ] = False,
     as_json: Json = False,
     domain: Domain = None,
     interface: Interface = None,
     spin_time: SpinTime = None,
 ) -> None:
-    """List the nodes of a domain.
+    """List the nodes of a domain, without those whose names begin with _.
 
     Examples:
       sfglab node list
@@ -53,27 +50,19 @@ def list_nodes(
     from sfglab.bus.listing import is_hidden
 
     names = [node.full_name for node in look((domain, interface), spin_time).nodes]
-    shown = [name for name in names if hidden or not is_hidden(name)]
+    shown = [name for name in names if not is_hidden(name)]
     say(shown, "\n".join(shown), as_json=as_json)
 
 
 @app.command("list")
 def list_topics(
     show_types: Annotated[bool, Option("--show-types", "-t", help="Also print the types.")] = False,
-    hidden: Annotated[
-        bool,
-        Option(
-            "--include-hidden-topics",
-            "-a",
-            help="Also list hidden topics, which have a name part that begins with _.",
-        ),
-    ] = False,
     as_json: Json = False,
     domain: Domain = None,
     interface: Interface = None,
     spin_time: SpinTime = None,
 ) -> None:
-    """List the topics of a domain.
+    """List the topics of a domain, without those that have a name part that begins with _.
 
     Examples:
       sfglab topic list
@@ -81,7 +70,7 @@ def list_topics(
     """
     from sfglab.bus.listing import names_text
 
-    found = look((domain, interface), spin_time).topics(hidden=hidden)
+    found = look((domain, interface), spin_time).topics()
     values = [{"name": name, "types": types} for name, types in found.items()]
     say(values, names_text(found, show_types=show_types), as_json=as_json)
 
@@ -201,9 +190,6 @@ def pub(
         bool,
         Option("--once", "-1", help="Publish one message, to the first subscription, and end."),
     ] = False,
-    reliability: Annotated[
-        Reliability, Option("--qos-reliability", help="Offered reliability.")
-    ] = DEFAULT.reliability,
     durability: Annotated[
         Durability, Option("--qos-durability", help="Offered durability.")
     ] = DEFAULT.durability,
@@ -222,7 +208,7 @@ def pub(
     from sfglab.messages.text import message_from_yaml, to_yaml, values_of
 
     name = _full_type(type_)
-    qos = replace(DEFAULT, reliability=reliability, durability=durability)
+    qos = replace(DEFAULT, durability=durability)
     message_from_yaml(name, values, "VALUES")  # An error is to appear before the node.
 
     async def publish(node: Node) -> None:

@@ -117,7 +117,7 @@ def _show_log(log: Path, options: ViewOptions) -> None:
     try:
         session = view_log(log, options, progress=bar)
     except KeyboardInterrupt:
-        typer.echo("ended")
+        typer.echo("ended", err=True)
         return
     _report(session)
     if not session.displays:
@@ -138,7 +138,7 @@ def _show_domain(place: Place, options: ViewOptions) -> None:
         await view_live(node, options, on_start=started)
 
     try:
-        until_interrupted(place, show, "view", err=False)
+        until_interrupted(place, show, "view")
     finally:
         for session in sessions:
             _report(session)

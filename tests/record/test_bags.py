@@ -125,7 +125,7 @@ def test_commands_take_bags(bag, tmp_path):
     for target in (path, *path.glob("*.db3"), *path.glob("*.mcap")):
         linted = called("frames", "lint", str(target), "--root", "map", "--agents", "go2")
         assert "3 frames" in linted
-        assert f"/thing      {OWN}" in called("log", str(target))
+        assert f"/thing      {OWN}" in called("log", "info", str(target))
         called("map", str(target), "--out", str(tmp_path / "graph.yaml"))
         drawn = yaml.safe_load((tmp_path / "graph.yaml").read_text())["topics"]
         assert drawn["/range"]["type"] == RANGE

@@ -68,6 +68,5 @@ def test_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(
         assert process.stdout.readline() == f"domain {domain_id} goes to {out}; Ctrl-C ends\n"
         said, status = asyncio.run(beat_until_shown(process))
     assert status == 0
-    assert said[0] == "ended"
-    assert said[1].startswith("1 displays, ")
+    assert said[0].startswith("1 displays, ")
     assert ("/agents/go2/heartbeat/age_s", "Scalars:scalars") in read_recording(out)
