@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from contextlib import ExitStack, suppress
-from errno import EISDIR, ENOTDIR
+from errno import EISDIR
 from pathlib import Path
 from tempfile import gettempdir
 from typing import TYPE_CHECKING
@@ -69,16 +69,14 @@ def write_files(
 
 
 def _make_folder(folder: Path, undo: ExitStack) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR))
-    if not folder.exists():
-        _make_folder(folder.parent, undo)
-        folder.mkdir()
-        undo.callback(_remove, folder)
+    for parent in (*reversed(folder.parents), folder):
+        if not parent.exists():
+            undo.callback(_remove, parent)
+    folder.mkdir(parents=True, exist_ok=True)
 
 
 def _remove(folder: Path) -> None:
-    with suppress(OSError):  # somebody else has put something there meanwhile
+    with suppress(OSError):  # it was not made, or somebody else has put something there
         folder.rmdir()
 
 

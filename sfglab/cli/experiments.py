@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import sys
 from pathlib import Path
@@ -145,11 +146,9 @@ def _failed(outcomes: Sequence[Outcome]) -> int:
 
 def _new_folder(project: Project, experiment: str, name: str) -> Path:
     """Return the folder of a try that has no finished log yet."""
-    number = 1
-    while not name:
-        if not (project.tries / f"{experiment}-{number}").exists():
-            name = f"{experiment}-{number}"
-        number += 1
+    if not name:
+        numbered = (f"{experiment}-{number}" for number in itertools.count(1))
+        name = next(one for one in numbered if not (project.tries / one).exists())
     folder = project.tries / name
     if folder.parent != project.tries or name.startswith("."):
         raise InvalidValueError("--name", name, "the name of one folder")
