@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
 
 from sfglab.errors import InvalidValueError, KeyPath, key_text
 from sfglab.files import read_text
-from sfglab.validation import Source, read_from, value_at
+from sfglab.validation import Source, read, value_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -117,7 +117,10 @@ class Document:
 
     def read(self, hint: type[T]) -> T:
         """Return the values as a type, or raise a `DocumentError`."""
-        made: T = read_from(Source.FILE, hint, self.value, self.refusal)
+        try:
+            made: T = read(hint, self.value, source=Source.FILE)
+        except InvalidValueError as error:
+            raise self.refusal(error.place, error.given, error.allowed) from error
         self._locate(made, ())
         return made
 

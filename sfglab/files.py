@@ -1,4 +1,4 @@
-"""Files whole or not at all; whatever keeps one from being read or written is one `InvalidValueError`."""
+"""Reading and writing of whole files; an error of the file system is one `InvalidValueError`."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def write_files(
 ) -> None:
     """Write files, all of them or none; at any moment each path holds either the old file or the new one.
 
-    Contents go into files beside them, onto the disk, and only then take the old ones' names and permissions.
-    Symbolic links stay such; what is no file, as ``/dev/stdout``, is written straight.
+    Temporary files beside them get the contents first, and then the names and permissions of the old files.
+    Symbolic links stay links; what is no file, as ``/dev/stdout``, is written directly.
 
     Args:
         files: What goes where.
@@ -76,7 +76,7 @@ def _make_folder(folder: Path, undo: ExitStack) -> None:
 
 
 def _remove(folder: Path) -> None:
-    with suppress(OSError):  # it was not made, or somebody else has put something there
+    with suppress(OSError):  # not made, or no longer empty
         folder.rmdir()
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import InvalidValueError, KeyPath, key_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     from pydantic_core import ErrorDetails, SchemaValidator
 
@@ -59,7 +59,7 @@ _WORDS = {
     "missing": "one more value",
     "is_instance_of": "no such key",  # a `sfglab.documents.Place`, which is filled in
 }
-"""What pydantic's kinds of mistakes allow, where its own words are those of a program."""
+"""Allowed values by the type of pydantic's error, where pydantic's own words name types of Python."""
 
 
 def suggestion(word: object, known: Iterable[str], meant: str = "mean") -> str:
@@ -69,28 +69,26 @@ def suggestion(word: object, known: Iterable[str], meant: str = "mean") -> str:
 
 
 def read(hint: Any, value: Any, about: str = "", source: Source = Source.VALUES) -> Any:
-    """Return a value as a type, or raise an `InvalidValueError` that names the key after `about`."""
+    """Return a value as a type.
 
-    def refuse(path: KeyPath, given: object, allowed: str) -> InvalidValueError:
-        return InvalidValueError(f"{about}{key_text(path)}", given, allowed)
+    Args:
+        hint: The type.
+        value: Plain values, or typed ones.
+        about: Words before the key in an error; without them the place of the error is the path of keys.
+        source: Origin of the value.
 
-    return read_from(source, hint, value, refuse)
-
-
-def read_from(
-    source: Source, hint: Any, value: Any, refuse: Callable[[KeyPath, object, str], Exception]
-) -> Any:
-    """Return a value as a type, or raise what `refuse` makes of a mistake.
-
-    It is given path and value of the first of the deepest mistakes, and what is allowed there:
-    alternatives are refused together, and the one that was meant is refused deeper inside.
+    Raises:
+        InvalidValueError: The first of the deepest mistakes: alternatives are refused together, and the one
+            that was meant is refused deeper inside.
     """
     from pydantic import ValidationError
 
     try:
         return _validator(hint, source).validate_python(value)
     except ValidationError as error:
-        raise refuse(*_mistake(error.errors(include_url=False), value)) from error
+        path, given, allowed = _mistake(error.errors(include_url=False), value)
+        place = about + key_text(path) if about else path
+        raise InvalidValueError(place, given, allowed) from error
 
 
 @cache

@@ -27,7 +27,7 @@ app = typer.Typer(help="List, print, measure and publish topics, like ros2 topic
 node_app = typer.Typer(help="List the nodes of a domain, like ros2 node.")
 
 _Topic = Annotated[str, Argument(help="Name of the topic, e.g. /chatter.")]
-_TOPIC_S = 3.0  #: Time to discover a topic's first publisher, s.
+_TOPIC_S = 5.0  #: Time to discover a topic's first publisher, s.
 _OTHERS_S = 0.3  #: Time to discover further publishers of the topic, s.
 _LINGER_S = 0.1  #: Time to run after the last published message, s.
 _REPORT_S = 1.0  #: Period of reports, s.

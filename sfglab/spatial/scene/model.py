@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfglab.documents import OR_NULL, ReadAs
-from sfglab.errors import InvalidValueError, KeyPath, key_text
+from sfglab.errors import InvalidValueError
 from sfglab.fields import Bounds, bounds, to_json
 from sfglab.spatial.poses import Pose, PoseError, Quat
 from sfglab.spatial.trajectory.path import LATEST_NS, Align, Interpolation
-from sfglab.validation import Source, read_from
+from sfglab.validation import Source, read
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -282,17 +282,16 @@ def read_object(cls: type[T], values: Mapping[str, Any], place: str) -> T:
     Raises:
         SceneError: A field is unknown, or its value is not allowed; it begins with the place.
     """
-
-    def refuse(path: KeyPath, given: object, allowed: str) -> SceneError:
-        return SceneError(f"{place}, {key_text(path)}", given, allowed)
-
     own: Any = cls
     empty = {one.name for one in fields(own) if one.default == ""}
     found = {}
     for key, value in values.items():
         if value != "" or key not in empty:
             found[key] = plain(value)
-    made: T = read_from(Source.FILE, cls, found, refuse)
+    try:
+        made: T = read(cls, found, f"{place}, ", Source.FILE)
+    except InvalidValueError as error:
+        raise SceneError(error.place, error.given, error.allowed) from error
     return made
 
 
