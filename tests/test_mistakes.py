@@ -245,11 +245,7 @@ def test_options_that_nothing_looks_at_and_what_one_command_refuses(
 @pytest.mark.parametrize(
     ("command", "right", "wrong"),
     [
-        ("fleet lint BAD", "agents", "agent"),
-        ("qos BAD", "topics", "topic"),
         ("qos BAD", "from", "form"),
-        ("map BAD", "nodes", "node"),
-        ("follow run BAD --interface lo", "objects", "object"),
         ("follow run BAD --interface lo", "kind", "knid"),
         ("mocap run BAD --domain 99 --interface lo --synthetic", "objects", "object"),
     ],

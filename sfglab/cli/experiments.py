@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import sys
 from pathlib import Path
@@ -146,9 +145,11 @@ def _failed(outcomes: Sequence[Outcome]) -> int:
 
 def _new_folder(project: Project, experiment: str, name: str) -> Path:
     """Return the folder of a try that has no finished log yet."""
-    if not name:
-        numbered = (f"{experiment}-{number}" for number in itertools.count(1))
-        name = next(one for one in numbered if not (project.tries / one).exists())
+    number = 1
+    while not name:
+        if not (project.tries / f"{experiment}-{number}").exists():
+            name = f"{experiment}-{number}"
+        number += 1
     folder = project.tries / name
     if folder.parent != project.tries or name.startswith("."):
         raise InvalidValueError("--name", name, "the name of one folder")
