@@ -84,7 +84,6 @@ def info(path: _Path, as_json: Json = False) -> None:
         if as_json:
             print_json(values)
             return
-        table = text_table(reader.overview())
     start_ns, end_ns = values["start_ns"], values["end_ns"]
     start = datetime.fromtimestamp(start_ns // NS_PER_S, UTC).astimezone()
     lines = [
@@ -93,13 +92,22 @@ def info(path: _Path, as_json: Json = False) -> None:
         f"start     {start:%Y-%m-%d %H:%M:%S %z}",
         f"duration  {(end_ns - start_ns) / NS_PER_S:.3f} s",
         f"messages  {values['messages']}",
-        table,
+        text_table([_COLUMNS, *map(_row, values["topics"])]),
     ]
     for name, value in values["metadata"].items():
         lines.append(f"metadata  {name}: {json.dumps(value)}")
     if values["truncated"]:
         lines.append("the log was cut off; this is all that it contains")
     typer.echo("\n".join(lines))
+
+
+_COLUMNS = ("topic", "type", "messages", "Hz", "bytes", "encoding")
+
+
+def _row(topic: Mapping[str, Any]) -> tuple[str, ...]:
+    rate = f"{topic['rate_hz']:.3g}" if topic["rate_hz"] else ""
+    size = f"{topic['size_bytes'] or 0:.0f}" if topic["count"] else ""
+    return (topic["name"], topic["type"], str(topic["count"]), rate, size, topic["encoding"])
 
 
 def _content(reader: LogReader) -> dict[str, Any]:

@@ -11,19 +11,17 @@ import os
 import shutil
 import sqlite3
 import tempfile
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
-from urllib.parse import quote
 
-from zstandard import ZstdError
+from zstandard import ZstdDecompressor
 
 from sfglab.documents import Document
 from sfglab.errors import InvalidValueError
 from sfglab.record.mcap_file import McapFile
-from sfglab.record.parts import QOS_KEY, Channel, LogError, LogMessage
-from sfglab.record.zstd import decompress_file
+from sfglab.record.parts import Channel, LogError, LogMessage, damage_named
 from sfglab.schema import Source
 from sfglab.validation import read
 
@@ -35,19 +33,22 @@ if TYPE_CHECKING:
 
 _SUFFIXES = (".mcap", ".db3")
 _COMPRESSED = ".zstd"
-_LAST_NS = 2**63 - 1  # the greatest integer of SQLite
-_MESSAGES = """
-SELECT topic_id, timestamp, data FROM messages
-WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob'
-AND topic_id IN (SELECT value FROM json_each(?)) AND timestamp >= ? AND timestamp <= ?
-ORDER BY timestamp, id
-"""
 _DEFINITIONS = """
 SELECT topic_type, encoding, encoded_message_definition FROM message_definitions
 """
-_COUNT = """
-SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages
-WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob' GROUP BY topic_id
+_TOPICS = """
+SELECT id, name, type, serialization_format, offered_qos_profiles, IFNULL(count, 0), first, last
+FROM topics LEFT JOIN (
+    SELECT topic_id, COUNT(*) AS count, MIN(timestamp) AS first, MAX(timestamp) AS last
+    FROM messages GROUP BY topic_id
+) ON topic_id = id
+"""
+# Bounds come as text, and a bound beyond SQLite's greatest integer becomes that integer.
+_MESSAGES = """
+SELECT topic_id, timestamp, data FROM messages
+WHERE topic_id IN (SELECT value FROM json_each(?))
+AND timestamp >= CAST(? AS INTEGER) AND timestamp < CAST(? AS INTEGER)
+ORDER BY timestamp, id
 """
 
 
@@ -62,7 +63,7 @@ class _Bag:
 
     relative_file_paths: list[str]
     message_count: int
-    compression_mode: str | None = None
+    compression_mode: str = ""
 
 
 @dataclass(frozen=True)
@@ -87,28 +88,26 @@ def open_log(path: Path, stack: ExitStack) -> OpenedLog:
     Raises:
         LogError: There is no such file, or nothing in the folder can be read.
     """
+    if not os.path.isdir(path):  # noqa: PTH112  # Path.is_dir raises an error for long names
+        return OpenedLog(files=[_opened(path, stack)])
     opened = OpenedLog()
-    bag = None
-    parts = [path]
-    if os.path.isdir(path):  # noqa: PTH112  # Path.is_dir raises an error for long names
-        bag = _bag_of(path, opened)
-        parts = _parts_of(path, bag)
-    failures = []
+    bag = _bag_of(path, opened)
+    parts = _parts_of(path, bag)
+    if not parts:
+        raise LogError(f"log {path}: given a folder without .mcap or .db3 files")
     for part in parts:
         try:
             opened.files.append(_opened(part, stack))
         except LogError as error:
-            failures.append(str(error))
+            opened.warnings.append(str(error))
     if not opened.files:
-        nothing = f"log {path}: given a folder without .mcap or .db3 files"
-        raise LogError(failures[0] if failures else nothing)
-    opened.warnings += failures
+        raise LogError(opened.warnings[-1])
     if bag:
-        opened.compressed_messages = (bag.compression_mode or "").lower() == "message"
-    held = sum(channel.count for file in opened.files for channel in file.channels.values())
-    if bag and bag.message_count != held:
-        said = f"metadata.yaml names {bag.message_count} messages, the files hold {held}"
-        opened.warnings.append(f"log {path}: {said}")
+        opened.compressed_messages = bag.compression_mode.lower() == "message"
+        counts = [channel.count for file in opened.files for channel in file.channels.values()]
+        if bag.message_count != sum(counts):
+            said = f"metadata.yaml names {bag.message_count} messages, the files hold {sum(counts)}"
+            opened.warnings.append(f"log {path}: {said}")
     return opened
 
 
@@ -130,8 +129,7 @@ def _parts_of(path: Path, bag: _Bag | None) -> list[Path]:
     """Return the files of a folder."""
     if bag:
         # Some recorders write the folder's name before the file's.
-        names = [PurePath(name).name for name in bag.relative_file_paths]
-        return [path / name for name in dict.fromkeys(names)]
+        return [path / PurePath(name).name for name in bag.relative_file_paths]
     return sorted(file for file in path.iterdir() if _is_part(file))
 
 
@@ -147,10 +145,9 @@ def _opened(path: Path, stack: ExitStack) -> McapFile | SqliteFile:
     plain = path
     if path.suffix == _COMPRESSED:
         plain = Path(stack.enter_context(tempfile.TemporaryDirectory())) / path.stem
-        try:
-            decompress_file(path, plain)
-        except (OSError, ZstdError) as error:
-            raise LogError(f"log {path}: damaged: {error}") from error
+        with damage_named(path), path.open("rb") as source, plain.open("wb") as target:
+            content = ZstdDecompressor().stream_reader(source, read_across_frames=True)
+            shutil.copyfileobj(content, target)
     if plain.suffix == ".bag":
         said = "a bag of ROS 1: convert it with rosbags-convert --src FILE.bag --dst FOLDER"
         raise LogError(f"log {path}: {said}")
@@ -179,67 +176,53 @@ class SqliteFile:
         self.channels: dict[int, Channel] = {}  #: The channels by their numbers.
         #: Log times, those of the first and the last message among them.
         self.times_ns: list[int] = []
-        with self._damage():
+        with damage_named(name):
             self._database = _database(path.resolve(), stack)
             self._read_index()
 
     def _read_index(self) -> None:
         definitions = {}
         with suppress(sqlite3.OperationalError):  # Humble has no such table
-            for name, *definition in self._database.execute(_DEFINITIONS):
-                definitions[name] = definition
-        counted = {number: found for number, *found in self._database.execute(_COUNT)}
-        for topic in map(dict, self._database.execute("SELECT * FROM topics")):
-            encoding, text = definitions.get(topic["type"], ["", ""])
-            count, *times_ns = counted.get(topic["id"], [0])
-            self.times_ns += times_ns
-            self.channels[topic["id"]] = Channel(
-                topic=str(topic["name"]),
-                type_name=str(topic["type"]),
-                encoding=str(topic["serialization_format"]),
-                definition=str(text),
-                definition_encoding=str(encoding),
-                offered_qos=str(topic.get(QOS_KEY, "")),
+            for name, encoding, text in self._database.execute(_DEFINITIONS):
+                definitions[name] = (encoding, text)
+        for number, topic, kind, encoding, qos, count, *times_ns in self._database.execute(_TOPICS):
+            definition_encoding, definition = definitions.get(kind, ("", ""))
+            self.channels[number] = Channel(
+                topic=topic,
+                type_name=kind,
+                encoding=encoding,
+                definition=definition,
+                definition_encoding=definition_encoding,
+                offered_qos=qos,
                 count=count,
             )
+            if count:
+                self.times_ns += times_ns
 
     def messages(
         self, channels: Collection[Channel], start_ns: int, end_ns: int
     ) -> Iterator[StoredMessage]:
         """Yield messages in the order of log time."""
         wanted = [number for number, channel in self.channels.items() if channel in channels]
-        bounds = min(start_ns, _LAST_NS), min(end_ns - 1, _LAST_NS)
-        with self._damage():
-            for number, time_ns, data in self._database.execute(
-                _MESSAGES, (json.dumps(wanted), *bounds)
-            ):
+        bounds = json.dumps(wanted), str(start_ns), str(end_ns)
+        with damage_named(self.path):
+            for number, time_ns, cdr in self._database.execute(_MESSAGES, bounds):
                 channel = self.channels[number]
-                yield channel, LogMessage(channel.topic, channel.type_name, time_ns, time_ns, data)
-
-    @contextmanager
-    def _damage(self) -> Iterator[None]:
-        try:
-            yield
-        except (sqlite3.Error, OSError, KeyError, TypeError, AttributeError, ValueError) as error:
-            said = f"no SQLite file of a rosbag2, or damaged: {error}"
-            raise LogError(f"log {self.path}: {said}") from error
+                message = LogMessage(channel.topic, channel.type_name, time_ns, time_ns, cdr)
+                yield channel, message
 
 
 def _database(file: Path, stack: ExitStack) -> sqlite3.Connection:
     beside = [file.with_name(f"{file.name}-{kind}") for kind in ("wal", "journal")]
     beside = [other for other in beside if other.is_file()]
-    mode = "immutable=1"
+    uri = f"{file.as_uri()}?immutable=1"
     if beside:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         for other in (file, *beside):
             shutil.copyfile(other, folder / other.name)
-        file = folder / file.name
-        mode = "mode=rw"
+        uri = (folder / file.name).as_uri()
     # The reader of a log may be opened and read in different threads, one after the other.
-    database = sqlite3.connect(
-        f"file://{quote(os.fsencode(file))}?{mode}", uri=True, check_same_thread=False
-    )
+    database = sqlite3.connect(uri, uri=True, check_same_thread=False)
     stack.callback(database.close)
-    database.row_factory = sqlite3.Row
     database.text_factory = lambda data: data.decode(errors="replace")
     return database

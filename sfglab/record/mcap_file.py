@@ -9,7 +9,6 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from io import SEEK_END, BytesIO
@@ -22,13 +21,20 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from zstandard import ZstdError
 
-from sfglab.record.parts import QOS_KEY, Channel, LogError, LogMessage
-from sfglab.record.zstd import decompress, most_bytes
+from sfglab.record.parts import (
+    DAMAGE,
+    QOS_KEY,
+    Channel,
+    LogError,
+    LogMessage,
+    damage_named,
+    decompress,
+    most_bytes,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator
+    from collections.abc import Collection, Iterator
     from contextlib import ExitStack
     from pathlib import Path
 
@@ -39,19 +45,6 @@ _HEAD = struct.Struct("<BQ")  # opcode, length
 _FOOTER = struct.Struct("<BQQQI8s")  # head, start of the summary and of its offsets, CRC, magic
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _NO_SCHEMA = records.Schema(id=0, data=b"", encoding="", name="")
-# Checksums and text that are wrong are ValueErrors, lz4's error is a RuntimeError, and mcap
-# believes the lengths and offsets within a record.
-_DAMAGE = (
-    McapError,
-    ZstdError,
-    ValueError,
-    struct.error,
-    OSError,
-    OverflowError,
-    MemoryError,
-    RuntimeError,
-    EOFError,
-)
 # A chunk may hold so many records, and 2 more for each compressed byte: their times differ.
 _MOST_RECORDS = 256
 
@@ -106,7 +99,7 @@ class _Index:
                     self.is_whole = True
                     return
                 self._add(record)
-        except _DAMAGE:
+        except DAMAGE:
             return
 
     def _add(self, record: _Record) -> None:
@@ -119,7 +112,7 @@ class _Index:
                 channel = records.Channel.read(stream)
                 self.channels[channel.id] = channel
             case Opcode.CHUNK | Opcode.MESSAGE:
-                self._add_block(record.offset, _records_of_block(record))
+                self._add_block(record)
             case Opcode.CHUNK_INDEX:
                 chunk = records.ChunkIndex.read(stream)
                 times = chunk.message_start_time, chunk.message_end_time
@@ -138,11 +131,11 @@ class _Index:
                 self.counts = Counter(records.Statistics.read(stream).channel_message_counts)
                 self.is_whole = True
 
-    def _add_block(self, offset: int, found: Iterable[_Record]) -> None:
+    def _add_block(self, block: _Record) -> None:
         """Add a scanned block: its definitions, and times and counts of its messages."""
         times = []
         counts: Counter[int] = Counter()
-        for record in found:
+        for record in _records_of_block(block):
             if record.opcode == Opcode.MESSAGE:
                 channel, _, log_time_ns, _ = _MESSAGE.unpack_from(record.content)
                 times.append(log_time_ns)
@@ -153,7 +146,7 @@ class _Index:
             raise McapError("a message has a channel that was never written")
         if times:
             self.counts.update(counts)
-            self.blocks.append(_Block(offset, min(times), max(times), frozenset(counts)))
+            self.blocks.append(_Block(block.offset, min(times), max(times), frozenset(counts)))
 
 
 class McapFile:
@@ -165,10 +158,10 @@ class McapFile:
         `stack` closes the file.
 
         Raises:
-            LogError: The file cannot be opened, is empty or is no MCAP file.
+            LogError: The file cannot be opened, or is no MCAP file.
         """
         self.path = name
-        with self._damage():
+        with damage_named(name):
             self._stream = stack.enter_context(path.open("rb"))
             self._size = self._stream.seek(0, SEEK_END)
         index = self._read_index()
@@ -198,17 +191,12 @@ class McapFile:
     ) -> Iterator[StoredMessage]:
         """Yield messages in the order of log time; blocks are read one after the other."""
         wanted = {number for number, channel in self.channels.items() if channel in channels}
-        blocks = [
-            block
-            for block in self._index.blocks
-            if not (block.channels and block.channels.isdisjoint(wanted))
-            and block.end_ns >= start_ns
-            and block.start_ns < end_ns
-        ]
-        blocks.sort(key=attrgetter("start_ns"))
         # Messages of one time come in the order of the file: by block, then within the block.
         pending: list[tuple[int, int, int, StoredMessage]] = []
-        for block in blocks:
+        for block in sorted(self._index.blocks, key=attrgetter("start_ns")):
+            is_elsewhere = block.channels and block.channels.isdisjoint(wanted)
+            if is_elsewhere or block.end_ns < start_ns or block.start_ns >= end_ns:
+                continue
             while pending and pending[0][0] < block.start_ns:
                 yield heappop(pending)[-1]
             for number, stored in enumerate(self._stored(block, wanted)):
@@ -220,23 +208,22 @@ class McapFile:
 
     def _stored(self, block: _Block, wanted: set[int]) -> list[StoredMessage]:
         stored = []
-        with self._damage():
+        with damage_named(self.path):
             for record in _records_of_block(self._record(block.offset)):
-                if record.opcode == Opcode.MESSAGE:
-                    number, _, log_ns, publish_ns = _MESSAGE.unpack_from(record.content)
-                    if number in wanted:
-                        channel = self.channels[number]
-                        data = record.content[_MESSAGE.size :]
-                        message = LogMessage(
-                            channel.topic, channel.type_name, log_ns, publish_ns, data
-                        )
-                        stored.append((channel, message))
+                if record.opcode != Opcode.MESSAGE:
+                    continue
+                number, _, log_ns, publish_ns = _MESSAGE.unpack_from(record.content)
+                if number in wanted:
+                    channel = self.channels[number]
+                    cdr = record.content[_MESSAGE.size :]
+                    message = LogMessage(channel.topic, channel.type_name, log_ns, publish_ns, cdr)
+                    stored.append((channel, message))
         return stored
 
     def metadata(self) -> dict[str, dict[str, str]]:
         """Return the metadata records by name; of several with one name, the last."""
         found = {}
-        with self._damage():
+        with damage_named(self.path):
             for offset in self._index.metadata:
                 record = records.Metadata.read(self._record(offset).stream)
                 found[record.name] = record.metadata
@@ -244,16 +231,9 @@ class McapFile:
 
     def attachment(self, name: str) -> bytes:
         """Return the content of one attached file."""
-        with self._damage():
+        with damage_named(self.path):
             record = self._record(self.attachments[name])
             return bytes(records.Attachment.read(record.stream).data)
-
-    @contextmanager
-    def _damage(self) -> Iterator[None]:
-        try:
-            yield
-        except _DAMAGE as error:
-            raise LogError(f"log {self.path}: damaged or not readable: {error}") from error
 
     def _record(self, offset: int) -> _Record:
         for record in _records_from(self._stream, self._size, offset):
@@ -261,35 +241,26 @@ class McapFile:
         raise McapError(f"there is no record at {offset}")
 
     def _read_index(self) -> _Index:
-        if self._size == 0:
-            raise LogError(f"log {self.path}: the file is empty")
         self._stream.seek(0)
         if self._stream.read(len(_MAGIC)) != _MAGIC:
             said = "not an MCAP file, nor a bag (a folder or a .db3 file)"
             raise LogError(f"log {self.path}: {said}")
         index = _Index()
-        summary = self._summary()
-        index.add_section(BytesIO(summary), len(summary), 0)
+        index.add_section(self._stream, self._size, self._summary_start())
         if not index.is_complete:
             index = _Index()
             index.add_section(self._stream, self._size, len(_MAGIC))
         return index
 
-    def _summary(self) -> bytes:
-        """Return the summary section; empty where the file has none, or a damaged one."""
+    def _summary_start(self) -> int:
+        """Return the offset of the summary section; the end of the file where it has none."""
         footer_start = self._size - _FOOTER.size
-        if footer_start < 0:
-            return b""
-        self._stream.seek(footer_start)
-        footer = self._stream.read()
-        opcode, _, start, _, crc, magic = _FOOTER.unpack(footer)
-        if (opcode, magic) != (Opcode.FOOTER, _MAGIC) or not 0 < start <= footer_start:
-            return b""
-        self._stream.seek(start)
-        summary = self._stream.read(footer_start - start)
-        crc_end = _FOOTER.size - len(_MAGIC) - 4
-        is_sound = crc in {0, zlib.crc32(footer[:crc_end], zlib.crc32(summary))}
-        return summary if is_sound else b""
+        if footer_start >= 0:
+            self._stream.seek(footer_start)
+            opcode, _, start, _, _, magic = _FOOTER.unpack(self._stream.read())
+            if (opcode, magic) == (Opcode.FOOTER, _MAGIC) and start:
+                return int(start)
+        return self._size
 
 
 def _channel(record: records.Channel, schema: records.Schema, count: int) -> Channel:
@@ -329,29 +300,24 @@ def _records_of_block(record: _Record) -> list[_Record]:
     content = _decompressed(chunk)
     stream = BytesIO(content)
     most = _MOST_RECORDS + 2 * len(chunk.data)
-    found = list(islice(_records_from(stream, len(content), 0), most + 1))
-    if len(found) > most:
-        raise McapError(f"a chunk holds more than {most} records")
+    found = list(islice(_records_from(stream, len(content), 0), most))
     if stream.tell() != len(content):
-        raise McapError("a chunk ends within a record")
+        raise McapError(f"a chunk ends within a record, or holds more than {most} records")
     return found
 
 
 def _decompressed(chunk: records.Chunk) -> bytes:
-    """Return the records of a chunk, decompressed as far as the chunk says."""
+    """Return the records of a chunk, decompressed as far as the chunk says and real ones go."""
     data = chunk.data
-    size = chunk.uncompressed_size
-    most = most_bytes(len(data))
-    if size > most:
-        raise McapError(f"a chunk of {len(data)} bytes claims {size}; allowed are {most}")
+    size = min(chunk.uncompressed_size, most_bytes(len(data)))
     if chunk.compression == "zstd":
         data = decompress(data, size)
     elif chunk.compression == "lz4":
         data = LZ4FrameDecompressor().decompress(data, max_length=size)
     elif chunk.compression:
         raise McapError(f"a chunk is compressed by {chunk.compression!r}; allowed are zstd and lz4")
-    if len(data) != size:
-        raise McapError(f"a chunk claims {size} bytes and holds {len(data)}")
+    if len(data) != chunk.uncompressed_size:
+        raise McapError(f"a chunk claims {chunk.uncompressed_size} bytes; {len(data)} were read")
     if chunk.uncompressed_crc not in {0, zlib.crc32(data)}:
         raise McapError("the checksum of a chunk does not match its content")
     return data

@@ -188,10 +188,7 @@ def _plain(value: Any) -> Any:
 def _is_literal(text: str) -> bool:
     """Return whether text would be read back as something else than itself."""
     try:
-        text.encode()
         json.loads(text)
-    except UnicodeEncodeError:
-        return True
     except (ValueError, RecursionError):  # also numbers and nesting that Python does not read
         return False
     return True

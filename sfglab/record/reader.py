@@ -17,17 +17,13 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from zstandard import ZstdError
-
 from sfglab.messages import decoder, decoder_from_definition
 from sfglab.messages.store import is_known, is_known_as
 from sfglab.record.bags import open_log
 from sfglab.record.mcap_file import McapFile
 from sfglab.record.metadata import profile_from_bag, values_from_strings
-from sfglab.record.parts import LogError, LogMessage
+from sfglab.record.parts import LogError, LogMessage, damage_named, decompress, most_bytes
 from sfglab.record.writer import TABLE_PREFIX, TIME_COLUMN
-from sfglab.record.zstd import decompress, most_bytes
-from sfglab.tables import html_table
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -89,33 +85,32 @@ class LogReader(AbstractContextManager["LogReader"]):
             LogError: There is no such file, or it is neither an MCAP file nor a bag.
         """
         self.path = Path(path)  #: The file or folder.
-        self._closed = False
         with ExitStack() as stack:
             self._opened = open_log(self.path, stack)
             self._stack = stack.pop_all()
         #: Sentences on what cannot be read or was counted otherwise.
-        self.warnings = self._opened.warnings
-        for warning in self.warnings:
-            _LOG.warning(warning)
+        self.warnings: list[str] = []
+        for warning in self._opened.warnings:
+            self._warn(warning)
         files = self._opened.files
         self.files = tuple(file.path for file in files)  #: The files that are read.
         #: Whether a file ends before its data does.
         self.truncated = any(file.truncated for file in files)
         # Metadata and attached files are in MCAP files only.
         self._mcap_files = [file for file in files if isinstance(file, McapFile)]
-        self._channels = [channel for file in files for channel in file.channels.values()]
+        channels = [channel for file in files for channel in file.channels.values()]
+        self._channels: dict[str, list[Channel]] = {}
+        for channel in sorted(channels, key=attrgetter("topic")):
+            self._channels.setdefault(channel.topic, []).append(channel)
 
     @cached_property
     def topics(self) -> dict[str, TopicInfo]:
         """The topics in this log, sorted by name; tables are among them."""
-        found: dict[str, TopicInfo] = {}
-        for channel in sorted(self._channels, key=attrgetter("topic")):
-            before = found.get(channel.topic)
-            found[channel.topic] = TopicInfo(
-                type_name=channel.type_name,
-                count=channel.count + (before.count if before else 0),
-                encoding=channel.encoding,
-            )
+        found = {}
+        for topic, channels in self._channels.items():
+            count = sum(channel.count for channel in channels)
+            last = channels[-1]
+            found[topic] = TopicInfo(type_name=last.type_name, count=count, encoding=last.encoding)
         return found
 
     @property
@@ -126,38 +121,15 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def offered_qos(self, topic: str) -> QoSProfile:
         """Return the recorded profile of a topic's publishers; what is left open is ROS 2's default."""
-        texts = (channel.offered_qos for channel in self._channels_of(topic))
+        texts = (channel.offered_qos for channel in self._channels[topic])
         return profile_from_bag(next(filter(None, texts), ""))
 
     def definition(self, topic: str) -> str:
         """Return the definition of a topic's type in the log; empty where it has none as `.msg`."""
-        channels = self._channels_of(topic)
-        texts = (c.definition for c in channels if c.definition_encoding == "ros2msg")
-        return next(texts, "")
-
-    def __repr__(self) -> str:
-        cut = ", cut off" if self.truncated else ""
-        count = sum(info.count for info in self.topics.values())
-        return f"<log {self.path.name}: {count} messages of {len(self.topics)} topics{cut}>"
-
-    def _repr_html_(self) -> str:
-        text = repr(self)[1:-1]
-        if self.metadata_names:
-            text += f"; metadata: {', '.join(self.metadata_names)}"
-        if self.attachment_names:
-            text += f"; attached: {', '.join(self.attachment_names)}"
-        return html_table(self.overview(), text)
-
-    def overview(self) -> list[tuple[str, ...]]:
-        """Return a header and a row for each topic; rate and mean size are of its first messages."""
-        rows: list[tuple[str, ...]] = [("topic", "type", "messages", "Hz", "bytes", "encoding")]
-        for topic, info in self.topics.items():
-            rate_hz, size = rate_and_size(self.first(topic))
-            rate = f"{rate_hz:.3g}" if rate_hz else ""
-            size_text = f"{size:.0f}" if info.count else ""
-            row = (topic, info.type_name, str(info.count), rate, size_text, info.encoding)
-            rows.append(row)
-        return rows
+        for channel in self._channels[topic]:
+            if channel.definition_encoding == "ros2msg":
+                return channel.definition
+        return ""
 
     def first(self, topic: str) -> list[LogMessage]:
         """Return a topic's first messages, at most 200: enough for its rate and size."""
@@ -173,21 +145,15 @@ class LogReader(AbstractContextManager["LogReader"]):
     @property
     def metadata_names(self) -> tuple[str, ...]:
         """The names of the metadata records in this log, in the order of writing."""
-        return tuple(self._metadata())
-
-    @property
-    def attachment_names(self) -> tuple[str, ...]:
-        """The names of the attached files in this log, in the order of writing."""
-        names = (name for file in self._mcap_files for name in file.attachments)
-        return tuple(dict.fromkeys(names))
+        return tuple(self._metadata)
 
     def metadata(self, name: str) -> dict[str, Any]:
         """Return one metadata record as it was written; LogError if there is none of that name."""
-        records = self._metadata()
-        if name not in records:
-            raise _missing("metadata", name, records)
-        return values_from_strings(records[name])
+        if name not in self._metadata:
+            raise _missing("metadata", name, self._metadata)
+        return values_from_strings(self._metadata[name])
 
+    @cached_property
     def _metadata(self) -> dict[str, dict[str, str]]:
         found: dict[str, dict[str, str]] = {}
         for file in self._mcap_files:
@@ -196,10 +162,12 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def attachment(self, name: str) -> bytes:
         """Return the content of one attached file, by its name; LogError if there is none."""
+        names: list[str] = []
         for file in reversed(self._mcap_files):  # The last one of a name counts.
             if name in file.attachments:
                 return file.attachment(name)
-        raise _missing("attachment", name, self.attachment_names)
+            names += file.attachments
+        raise _missing("attachment", name, names)
 
     def messages(
         self, topic: str | None = None, *, start_ns: int | None = None, end_ns: int | None = None
@@ -207,8 +175,8 @@ class LogReader(AbstractContextManager["LogReader"]):
         """Return the recorded messages in the order of their log times; a chunk is read when its turn comes.
 
         Only those of a topic, None: of all; from `start_ns` on and before `end_ns`, log times in nanoseconds.
-        Raises LogError where there is no such topic, or the end lies before the start, or while iterating: a
-        chunk is damaged, or the log was closed.
+        Raises LogError where there is no such topic, or while iterating: a chunk is damaged, or the log was
+        closed.
         """
         return (message for _, message in self._found(topic, start_ns, end_ns))
 
@@ -230,8 +198,7 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def knows(self, topic: str) -> bool:
         """Return whether this process has the type of a topic's messages with the same fields."""
-        channels = self._channels_of(topic)
-        return all(is_known_as(c.type_name, c.definition) for c in channels)
+        return all(is_known_as(c.type_name, c.definition) for c in self._channels.get(topic, ()))
 
     def table(self, name: str) -> pd.DataFrame:
         """Return a table of `log_time_ns` and fields in the order of log times; LogError as `metadata`."""
@@ -248,34 +215,27 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def close(self) -> None:
         """Close the file; a second time does nothing."""
-        self._closed = True
         self._stack.close()
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _channels_of(self, topic: str) -> list[Channel]:
-        return [channel for channel in self._channels if channel.topic == topic]
-
     def _found(
         self, topic: str | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[StoredMessage]:
-        channels = self._channels if topic is None else self._channels_of(topic)
-        if topic is not None and not channels:
-            raise _missing("topic", topic, self.topics)
+        if topic is not None and topic not in self._channels:
+            raise _missing("topic", topic, self._channels)
+        topics = self._channels if topic is None else [topic]
+        channels = [channel for name in topics for channel in self._channels[name]]
         # Other integers, as of NumPy, are none for SQLite.
         start = 0 if start_ns is None else int(start_ns)
         end = _AFTER_ALL_NS if end_ns is None else int(end_ns)
-        if end < start:
-            raise LogError(f"log {self.path}: the end {end} ns lies before the start {start} ns")
         return self._merged(channels, start, end)
 
     def _merged(
         self, channels: Sequence[Channel], start_ns: int, end_ns: int
     ) -> Iterator[StoredMessage]:
         """Yield the messages of all files in the order of log time; count them if all are asked for."""
-        if self._closed:
-            raise LogError(f"log {self.path}: it is closed")
         parts = [file.messages(channels, start_ns, end_ns) for file in self._opened.files]
         is_compressed = self._opened.compressed_messages
         read = 0
@@ -284,17 +244,18 @@ class LogReader(AbstractContextManager["LogReader"]):
             read += 1
         expected = sum(channel.count for channel in channels)
         if (start_ns, end_ns) == (0, _AFTER_ALL_NS) and read != expected:
-            said = f"log {self.path}: the index names {expected} messages, {read} were read"
-            if said not in self.warnings:
-                self.warnings.append(said)
-                _LOG.warning(said)
+            said = f"the index names {expected} messages, {read} were read"
+            self._warn(f"log {self.path}: {said}")
+
+    def _warn(self, warning: str) -> None:
+        """Log a warning, once."""
+        if warning not in self.warnings:
+            self.warnings.append(warning)
+            _LOG.warning(warning)
 
     def _decompressed(self, message: LogMessage) -> LogMessage:
-        data = message.cdr
-        try:
-            return message._replace(cdr=decompress(data, most_bytes(len(data))))
-        except ZstdError as error:
-            raise LogError(f"log {self.path}: damaged: {error}") from error
+        with damage_named(self.path):
+            return message._replace(cdr=decompress(message.cdr, most_bytes(len(message.cdr))))
 
     def _decoder(self, channel: Channel) -> Callable[[bytes], Any]:
         name = channel.type_name

@@ -6,13 +6,13 @@ each stamp is an argument.
 
 from __future__ import annotations
 
-import re
 import threading
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab import __version__
+from sfglab.errors import SfglabError
 from sfglab.messages import definition, row_message, row_type, serialize, type_name
 from sfglab.record.metadata import offered_qos_profiles, strings_from_values
 from sfglab.record.parts import QOS_KEY, LogError
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 TABLE_PREFIX = "/table/"
 TIME_COLUMN = "log_time_ns"
-_TABLE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _CHUNK_BYTES = 768 * 1024
 _CHUNK_NS = NS_PER_S  # of log time
 _TIMES = range(2**64)
@@ -38,8 +37,8 @@ class LogWriter(AbstractContextManager["LogWriter"]):
     """An MCAP file being written, as a context manager.
 
     Messages are collected in chunks. A chunk ends at 768 kB; the current chunk also ends when 1 s of
-    log time has passed since the last such end. A finished chunk belongs to the operating system: it survives `kill -9`, and `LogReader` reads a file that ends there.
-    What is in the current chunk does not; `flush` finishes it early, for example when messages stop coming.
+    log time has passed since the last such end. A finished chunk belongs to the operating system: it survives
+    `kill -9`, and `LogReader` reads a file that ends there. What is in the current chunk does not.
 
     Every method may be called from any thread: a lock serialises them. A call that finishes a chunk compresses
     and writes it before it returns, which takes 1 to 20 milliseconds; in an event loop that minds them, call
@@ -71,7 +70,7 @@ class LogWriter(AbstractContextManager["LogWriter"]):
     def _writing(self) -> Iterator[None]:
         """Hold the lock during a change, and hand what it finished to the operating system.
 
-        A change that fails leaves half a record, so it closes the file.
+        A change that fails leaves half a record, so it closes the file; one that is refused does not.
         """
         with self._lock:
             if self._stream.closed:
@@ -79,6 +78,8 @@ class LogWriter(AbstractContextManager["LogWriter"]):
             try:
                 yield
                 self._stream.flush()
+            except SfglabError:
+                raise
             except BaseException:
                 self._closed_because = "an earlier write failed, so nothing more can follow it"
                 with suppress(OSError):
@@ -116,14 +117,11 @@ class LogWriter(AbstractContextManager["LogWriter"]):
                 raise LogError(
                     f"log, topic {topic}: given the time {stamp_ns} ns, allowed is 0 to 2^64 - 1"
                 )
-        with self._lock:
-            channel = self._channels.get((topic, type_name, qos)) or self._new_channel(
-                topic, type_name, qos
-            )
-            with self._writing():
-                # The library copies any buffer.
-                self._mcap.add_message(channel, int(log_time_ns), data, int(publish_time_ns))  # type: ignore[arg-type]
-                self._end_old_chunk(int(log_time_ns))
+        with self._writing():
+            channel = self._channel(topic, type_name, qos)
+            # The library copies any buffer.
+            self._mcap.add_message(channel, int(log_time_ns), data, int(publish_time_ns))  # type: ignore[arg-type]
+            self._end_old_chunk(int(log_time_ns))
 
     def write(self, topic: str, message: Any, *, log_time_ns: int) -> None:
         """Append a message of a registered type that happened at a time in nanoseconds of the run's clock.
@@ -138,18 +136,16 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         """Append one row to a table: a message on the topic `/table/<name>`.
 
         Args:
-            table: The name of the table: letters, digits and underscores.
+            table: The name of the table.
             row: A dataclass as `sfglab.messages.row_type` wants it; all rows of a table have one class. A field
                 cannot be called `log_time_ns`, which is the table's own column.
             log_time_ns: When it was measured, in nanoseconds of the run's clock; not negative.
 
         Raises:
             MessageError: The row has a field that no message can hold.
-            LogError: The name is not allowed, the table has rows of another class, or the time is out of
+            LogError: A field is called `log_time_ns`, the table has rows of another class, the time is out of
                 range, or the log is closed.
         """
-        if not _TABLE_NAME.fullmatch(table):
-            raise LogError(f"log: given the table {table!r}, allowed are letters, digits and _")
         if hasattr(row, TIME_COLUMN):
             raise LogError(
                 f"table {table}: {type(row).__name__} has a field {TIME_COLUMN}: rename it"
@@ -174,11 +170,6 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         with self._writing():
             self._mcap.add_attachment(0, 0, name, media_type, content)
 
-    def flush(self) -> None:
-        """Finish the chunk and hand everything to the operating system; LogError where the log is closed."""
-        with self._writing():
-            self._mcap.flush()  # type: ignore[no-untyped-call]  # the library's gap
-
     def close(self) -> None:
         """Write the index and close the file, once; after a failed write it is as one that was cut off."""
         with self._lock:
@@ -190,18 +181,22 @@ class LogWriter(AbstractContextManager["LogWriter"]):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _new_channel(self, topic: str, type_name: str, qos: QoSProfile | None) -> int:
-        schema = definition(type_name).encode()
-        known = self._types.setdefault(topic, type_name)
-        if known != type_name:
-            raise LogError(f"log, topic {topic}: given {type_name}, allowed is {known} as before")
-        metadata = {} if qos is None else {QOS_KEY: offered_qos_profiles(qos)}
-        with self._writing():
+    def _channel(self, topic: str, type_name: str, qos: QoSProfile | None) -> int:
+        """Return the number of a channel, which is written the first time."""
+        key = topic, type_name, qos
+        if key not in self._channels:
+            schema = definition(type_name).encode()
+            known = self._types.setdefault(topic, type_name)
+            if known != type_name:
+                said = f"given {type_name}, allowed is {known} as before"
+                raise LogError(f"log, topic {topic}: {said}")
+            metadata = {} if qos is None else {QOS_KEY: offered_qos_profiles(qos)}
             if type_name not in self._schemas:
                 self._schemas[type_name] = self._mcap.register_schema(type_name, "ros2msg", schema)
-            channel = self._mcap.register_channel(topic, "cdr", self._schemas[type_name], metadata)
-            self._channels[topic, type_name, qos] = channel
-        return channel
+            self._channels[key] = self._mcap.register_channel(
+                topic, "cdr", self._schemas[type_name], metadata
+            )
+        return self._channels[key]
 
     def _end_old_chunk(self, log_time_ns: int) -> None:
         if self._chunk_start_ns is None:

@@ -108,7 +108,7 @@ def test_a_bag_is_a_log(bag):
         ] * 3
         assert [entry.message.range for entry in log.decoded("/range")] == [2.5] * 3
         assert log.metadata_names in {(), ("rosbag2",)}
-        assert (log.attachment_names, log.truncated) == ((), False)
+        assert not log.truncated
         if undefined:
             with pytest.raises(
                 LogError, match=r"/thing: given .*types known here and by --interfaces"
@@ -143,9 +143,9 @@ def test_commands_take_bags(bag, tmp_path):
     ("name", "said"),
     [
         ("empty", "given a folder without .mcap or .db3 files"),
-        ("a.db3", "no SQLite file of a rosbag2, or damaged"),
+        ("a.db3", "damaged or not readable"),
         ("a.bag", "a bag of ROS 1: convert it with rosbags-convert"),
-        ("cut", "no SQLite file of a rosbag2, or damaged"),
+        ("cut", "damaged or not readable"),
     ],
 )
 def test_what_is_no_bag_is_one_sentence(tmp_path, name, said):

@@ -19,8 +19,8 @@ POINT = b'{"point": 0, "seed": 0, "result": {"columns": {"a": 1.5}}}\n'
 def log(data):
     (FOLDER / "a.mcap").write_bytes(data)
     with LogReader(FOLDER / "a.mcap") as found:
-        found.overview()
         for topic in found.topics:
+            found.first(topic)
             found.knows(topic)
             list(found.decoded(topic))
         for name in found.metadata_names:
