@@ -211,7 +211,7 @@ def _messages(moment: Moment) -> Iterator[tuple[str, Any]]:
     yield "/global/go2/localization/odometry", odometry
     yield from _heartbeats(moment)
     yield _PICTURE, image_message(moment.rgb, "rgb8", header)
-    jpeg = compressed_image_fields(np.ascontiguousarray(moment.rgb[..., ::-1]), "jpeg")
+    jpeg = compressed_image_fields(np.ascontiguousarray(moment.rgb[..., ::-1]))
     yield f"{_FRONT}/color/compressed", _compressed(jpeg, header)
     for stream in ("color", "aligned_depth"):
         yield f"{_FRONT}/{stream}/camera_info", camera_info(header, SIZE)

@@ -38,7 +38,6 @@ COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 COMPRESSED_VIDEO = "foxglove_msgs/msg/CompressedVideo"
 
 _AV_PKT_FLAG_KEY = 1
-_COLOUR_PNG_LEVEL = 3  # compressed_image_transport's default
 
 VIDEO_CODECS = {
     **dict.fromkeys(("h264", "libx264", "libx264rgb", "libopenh264"), "h264"),
@@ -100,26 +99,17 @@ def compressed_depth_fields(depth: NDArray[Any], codec: str = "rvl") -> Compress
     return CompressedImageFields(format=str(depth_format), data=data)
 
 
-def compressed_image_fields(
-    image_bgr: NDArray[np.uint8], codec: str = "jpeg"
-) -> CompressedImageFields:
-    """Return a colour image as compressed_image_transport publishes it, with its default quality or level.
+def compressed_image_fields(image_bgr: NDArray[np.uint8]) -> CompressedImageFields:
+    """Return a colour image as compressed_image_transport publishes it: JPEG of its default quality.
 
-    Pixels have the shape (height, width, 3), BGR, uint8, and the codec is ``"jpeg"`` or ``"png"``; anything
-    else is a CodecError.
+    Pixels have the shape (height, width, 3), BGR, uint8; anything else is a CodecError.
     """
-    from sfglab.codecs.still import encode_jpeg, encode_png
+    from sfglab.codecs.still import encode_jpeg
 
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
         allowed = "allowed is uint8 of shape (height, width, 3)"
         raise CodecError(f"colour image: given {kind_of(image_bgr)}, {allowed}")
-    if codec == "jpeg":
-        data = encode_jpeg(image_bgr)
-    elif codec == "png":
-        data = encode_png(image_bgr, level=_COLOUR_PNG_LEVEL)
-    else:
-        raise CodecError(f"colour codec: given {codec!r}, allowed are 'jpeg' and 'png'")
-    return CompressedImageFields(format=f"bgr8; {codec} compressed bgr8", data=data)
+    return CompressedImageFields(format="bgr8; jpeg compressed bgr8", data=encode_jpeg(image_bgr))
 
 
 def parse_ffmpeg_encoding(text: str) -> FfmpegEncoding:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size, kind_of
+from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, kind_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -76,8 +76,9 @@ def encode_depth(
     Raises:
         CodecError: If the image or the codec is of another kind.
     """
-    if depth.ndim != 2 or depth.dtype not in (np.uint16, np.float32):
-        raise CodecError(f"depth image: given {kind_of(depth)}, allowed are 2-D uint16 and float32")
+    if depth.ndim != 2 or depth.dtype not in (np.uint16, np.float32) or not depth.size:
+        allowed = "allowed are 2-D uint16 and float32, not empty"
+        raise CodecError(f"depth image: given {kind_of(depth)}, {allowed}")
     if depth.dtype == np.float32:
         depth_format = DepthFormat(encoding="32FC1", codec=codec)
         header = _HEADER.pack(_INV_DEPTH, _QUANT_A, _QUANT_B)
@@ -156,5 +157,4 @@ def _from_rvl(body: memoryview, most_pixels: int) -> NDArray[np.uint16]:
     if len(body) < _SIZE.size:
         raise BitstreamError("rvl", reason="cut before the image size", size_bytes=len(body))
     columns, rows = _SIZE.unpack_from(body)
-    check_size("rvl", width=columns, height=rows, size_bytes=len(body), most_pixels=most_pixels)
-    return decode(body[_SIZE.size :], (rows, columns))
+    return decode(body[_SIZE.size :], (rows, columns), most_pixels=most_pixels)

@@ -53,28 +53,16 @@ class H264Settings:
     gop: int  #: Frames from one key frame to the next.
     #: ``"auto"``, or an FFmpeg encoder such as ``"libx264"`` or ``"h264_nvenc"``.
     encoder: str = "auto"
-    #: Size of the rate control's buffer, in frames of average size. 1 gives packets of equal size; 15 to 30
-    #: give better frames, key frames of about three times the average and bursts.
-    vbv_frames: float = 1.0
 
     def __post_init__(self) -> None:
-        size = f"{self.width} x {self.height}"
-        if min(self.width, self.height) < 2 or self.width % 2 or self.height % 2:
-            raise CodecError(f"H.264 size: given {size}, allowed are even sides from 2")
-        if self.width * self.height > MAX_PIXELS:
-            raise CodecError(f"H.264 size: {size} exceeds {MAX_PIXELS} pixels")
+        is_even = self.width % 2 == self.height % 2 == 0
+        if not is_even or not 0 < self.width * self.height <= MAX_PIXELS:
+            allowed = f"allowed are even sides and at most {MAX_PIXELS} pixels"
+            raise CodecError(f"H.264 size: given {self.width} x {self.height}, {allowed}")
         for name in ("fps", "bitrate_bps", "gop"):
             value = getattr(self, name)
             if not 0 < value < math.inf:
                 raise CodecError(f"H.264 {name}: given {value}, allowed are positive numbers")
-        if not 1 <= self.vbv_frames < math.inf:
-            given = f"given {self.vbv_frames}, allowed are numbers from 1"
-            raise CodecError(f"H.264 vbv_frames: {given}")
-
-    @property
-    def vbv_bits(self) -> int:
-        """Size of the rate control's buffer in bits."""
-        return int(self.bitrate_bps / self.fps * self.vbv_frames)
 
 
 TABLE_2 = H264Settings(width=640, height=360, fps=30, bitrate_bps=4_000_000, gop=30)
@@ -179,7 +167,9 @@ class VideoEncoder:
         context.color_primaries = context.color_trc = _MATRIX
         context.thread_count = 1
         rate = str(settings.bitrate_bps)
-        options = {"maxrate": rate, "minrate": rate, "bufsize": str(settings.vbv_bits)}
+        # A buffer of one average frame gives packets of equal size.
+        buffer_bits = int(settings.bitrate_bps / settings.fps)
+        options = {"maxrate": rate, "minrate": rate, "bufsize": str(buffer_bits)}
         options |= _OPTIONS.get(name, {})
         if name == "libx264":
             options["x264-params"] = f"nal-hrd=cbr:scenecut=0:min-keyint={settings.gop}"
@@ -214,7 +204,6 @@ class VideoDecoder:
         self.decoder_name = decoder  #: The FFmpeg decoder that was opened.
         self.waiting = True  #: Whether packets are skipped until the next key frame.
         self.refused_packets = 0  #: Packets that were skipped while waiting for a key frame.
-        self.broken_packets = 0  #: Packets in which a fault was found.
         self._most_pixels = most_pixels
         self._reformatter = VideoReformatter()
         self._context = self._opened()
@@ -291,7 +280,6 @@ class VideoDecoder:
         return context
 
     def _fail(self, data: bytes, reason: str) -> NoReturn:
-        self.broken_packets += 1
         self.reset()
         raise BitstreamError(self.codec, reason=reason, size_bytes=len(data))
 

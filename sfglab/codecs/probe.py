@@ -19,8 +19,6 @@ from sfglab.codecs.errors import CodecError, CodecUnavailableError
 from sfglab.codecs.libav import H264Settings, VideoDecoder, VideoEncoder, why
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from numpy.typing import NDArray
 
 _SOFTWARE_ENCODERS = ("libx264", "libopenh264")
@@ -86,36 +84,27 @@ def probe_decoder(name: str) -> CodecProbe:
     return CodecProbe(name=name, works=False, reason=reason)
 
 
-def choose_encoder(wanted: str, *, fallback: bool) -> tuple[str, str | None]:
-    """Return a working H.264 encoder, and why those before it do not work (None: it is the first).
+def choose_encoder(wanted: str) -> str:
+    """Return an H.264 encoder that works: ``"auto"`` for the first of `ENCODERS`, or the named one.
 
-    Wanted is a name, with `fallback` also software, or ``"auto"``. CodecUnavailableError where none works.
+    CodecUnavailableError where none works.
     """
-    if wanted == "auto":
-        return _first_working(wanted, map(probe_encoder, ENCODERS))
-    names = (wanted, *_SOFTWARE_ENCODERS) if fallback else (wanted,)
-    return _first_working(wanted, map(probe_encoder, names))
-
-
-def choose_decoder(wanted: str) -> str:
-    """Return an H.264 decoder that works: ``"auto"`` for the first of `DECODERS`, or the named one.
-
-    The software decoder is not tried. Raises CodecUnavailableError where the named one does not work.
-    """
-    names = DECODERS if wanted == "auto" else (wanted,)
-    software = CodecProbe(name="h264", works=True, reason="")
-    probes = (software if name == "h264" else probe_decoder(name) for name in names)
-    return _first_working(wanted, probes)[0]
-
-
-def _first_working(wanted: str, probes: Iterable[CodecProbe]) -> tuple[str, str | None]:
-    failures: list[str] = []
-    for probe in probes:
+    failures = []
+    for name in ENCODERS if wanted == "auto" else (wanted,):
+        probe = probe_encoder(name)
         if probe.works:
-            return probe.name, "; ".join(failures) or None
-        failures.append(f"{probe.name}: {probe.reason}")
+            return name
+        failures.append(f"{name}: {probe.reason}")
     reason = f"does not work here ({'; '.join(failures)}); `sfglab doctor` lists what does"
     raise CodecUnavailableError(wanted, reason=reason)
+
+
+def choose_decoder() -> str:
+    """Return the first of `DECODERS` that works; the software decoder is not tried."""
+    for name in DECODERS:
+        if name in SOFTWARE or probe_decoder(name).works:
+            break
+    return name
 
 
 def _verdict(name: str, *, encoder: str, decoder: str) -> CodecProbe:

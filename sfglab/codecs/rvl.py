@@ -19,38 +19,18 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size, kind_of
+from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, check_size
 from sfglab.compiling import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_FAULTS = {
-    1: "the words end before the last pixel",
-    2: "a number has more nibbles than any run or difference needs",
-    3: "a run passes the last pixel",
-    4: "a run of non-zero pixels holds a zero",
-    5: "words follow the last pixel",
-}
-
-
-class RvlError(BitstreamError):
-    """Bytes that no RVL encoder writes."""
-
-    def __init__(self, *, reason: str, size_bytes: int, offset_bytes: int) -> None:
-        self.offset_bytes = offset_bytes  #: Offset of the word in which the fault was noticed.
-        super().__init__("rvl", reason=f"at byte {offset_bytes}, {reason}", size_bytes=size_bytes)
-
 
 def encode(depth: NDArray[np.uint16]) -> bytes:
     """Compress a depth image, shape (rows, columns), uint16, without loss; 0 is "no reading".
 
-    RVL words are at most about 1.5 times the size of the image. Raises CodecError where it is no such array of
-    1 to `MAX_PIXELS` pixels.
+    RVL words are at most about 1.5 times the size of the image.
     """
-    if depth.ndim != 2 or depth.dtype.str[1:] != "u2" or not 0 < depth.size <= MAX_PIXELS:
-        allowed = f"uint16 images of shape (rows, columns) with 1 to {MAX_PIXELS} pixels"
-        raise CodecError(f"RVL encodes {allowed}; given {kind_of(depth)}")
     pixels = np.require(depth, np.uint16, ["C", "A"]).reshape(-1)
     # A run's length never has more nibbles than the run has pixels, and a pixel has at most six.
     words = np.empty((7 * pixels.size + 2) // 8 + 2, dtype=np.uint32)
@@ -58,10 +38,7 @@ def encode(depth: NDArray[np.uint16]) -> bytes:
 
 
 def decode(
-    data: bytes | bytearray | memoryview,
-    shape: tuple[int, int],
-    *,
-    out: NDArray[np.uint16] | None = None,
+    data: bytes | memoryview, shape: tuple[int, int], *, most_pixels: int = MAX_PIXELS
 ) -> NDArray[np.uint16]:
     """Restore a depth image; hostile bytes cost time and memory in proportion to `shape`, nothing more.
 
@@ -71,38 +48,22 @@ def decode(
     Args:
         data: RVL words of exactly one image.
         shape: (rows, columns), which the bitstream does not hold.
-        out: Receives the image, uint16, C-contiguous, of that shape; after an error its content is undefined.
-
-    Returns:
-        `out`, or a new array, shape (rows, columns).
+        most_pixels: Largest number of pixels.
 
     Raises:
-        RvlError: If the words are cut, run past the image, end before it or go on after it.
-        CodecError: If `out` does not fit.
+        BitstreamError: If the image is too large, or the words are cut, run past it, end before it or go on
+            after it.
     """
-    size_bytes = memoryview(data).nbytes
-    check_size("rvl", width=shape[1], height=shape[0], size_bytes=size_bytes)
-    if size_bytes % 4:
-        reason = "a word of 4 bytes is cut off"
-        raise RvlError(reason=reason, size_bytes=size_bytes, offset_bytes=size_bytes // 4 * 4)
-    words = np.require(np.frombuffer(data, "<u4"), np.uint32, ["C", "A"])
-    pixels = _cleared(shape, out)
-    fault, at, bits_left = _decode_words(words, pixels.reshape(-1))
-    if fault:
-        offset_bytes = (8 * at - bits_left // 4) // 8 * 4
-        raise RvlError(reason=_FAULTS[fault], size_bytes=size_bytes, offset_bytes=offset_bytes)
+    rows, columns = shape
+    size_bytes = len(data)
+    check_size("rvl", width=columns, height=rows, size_bytes=size_bytes, most_pixels=most_pixels)
+    pixels = np.zeros(shape, dtype=np.uint16)  # holes are skipped, so they are never even touched
+    words = np.frombuffer(data, "<u4", size_bytes // 4)
+    words = np.require(words, np.uint32, ["C", "A"])
+    if size_bytes % 4 or not _decode_words(words, pixels.reshape(-1)):
+        reason = f"damaged: no words of one image of {columns} x {rows} pixels"
+        raise BitstreamError("rvl", reason=reason, size_bytes=size_bytes)
     return pixels
-
-
-def _cleared(shape: tuple[int, int], out: NDArray[np.uint16] | None) -> NDArray[np.uint16]:
-    """Return an image of zeros: holes are skipped, so those of a new array are never even touched."""
-    if out is None:
-        return np.zeros(shape, dtype=np.uint16)
-    if out.shape != shape or out.dtype != np.uint16 or not out.flags.carray:
-        allowed = f"a writable, contiguous uint16 array of shape {shape}"
-        raise CodecError(f"RVL decodes into {allowed}; given {kind_of(out)}")
-    out.fill(0)
-    return out
 
 
 def _delta_nibbles() -> NDArray[np.int32]:
@@ -187,7 +148,7 @@ def _get(words: Any, state: Any) -> Any:
     for shift in range(0, 30, 3):
         if bits == 0:
             if at == len(words):
-                return -1, (at, window, bits)
+                break
             window = np.int64(words[at])
             at += 1
             bits = 32
@@ -196,12 +157,12 @@ def _get(words: Any, state: Any) -> Any:
         number |= (nibble & 7) << shift
         if nibble < 8:
             return number, (at, window, bits)
-    return -2, (at, window, bits)
+    return -1, (at, window, bits)
 
 
-@compiled("Tuple((int64, int64, int64))(Array(uint32, 1, 'C', readonly=True), uint16[::1])")
-def _decode_words(words: Any, pixels: Any) -> Any:  # noqa: C901, PLR0911  # one loop that each fault leaves
-    """Fill non-zero pixels, with `_get` written out for speed; return (fault or 0, words, unused bits)."""
+@compiled("boolean(Array(uint32, 1, 'C', readonly=True), uint16[::1])")
+def _decode_words(words: Any, pixels: Any) -> Any:
+    """Fill non-zero pixels, with `_get` written out for speed; return whether the words fit the image."""
     count = len(pixels)
     at = 0
     window = 0
@@ -210,15 +171,13 @@ def _decode_words(words: Any, pixels: Any) -> Any:  # noqa: C901, PLR0911  # one
     end = 0
     while end < count:
         zeros, (at, window, bits) = _get(words, (at, window, bits))
-        run, (at, window, bits) = (
-            (0, (at, window, bits)) if zeros < 0 else _get(words, (at, window, bits))
-        )
-        if zeros < 0 or run < 0:
-            return -min(zeros, run), at, bits
+        if zeros < 0:
+            return False
+        run, (at, window, bits) = _get(words, (at, window, bits))
         start = end + zeros
         end = start + run
-        if end > count:
-            return 3, at, bits
+        if run < 0 or end > count:
+            return False
         for index in range(start, end):
             if bits < 24 and at < len(words):
                 window = window << 32 | np.int64(words[at])
@@ -228,18 +187,15 @@ def _decode_words(words: Any, pixels: Any) -> Any:  # noqa: C901, PLR0911  # one
             shift = 0
             nibble = 8
             while nibble >= 8:
-                if shift == 18:  # six nibbles, which the window holds unless the words are over
-                    return 2, at, bits
-                if bits == 0:
-                    return 1, at, bits
+                # Six nibbles, which the window holds unless the words are over.
+                if shift == 18 or bits == 0:
+                    return False
                 bits -= 4
                 nibble = window >> bits & 15
                 number |= (nibble & 7) << shift
                 shift += 3
             previous = previous + (number >> 1 ^ -(number & 1)) & 0xFFFF
             if previous == 0:
-                return 4, at, bits
+                return False
             pixels[index] = previous
-    if at < len(words) or bits >= 32:
-        return 5, at - (bits >> 5), 0
-    return 0, at, bits
+    return at == len(words) and bits < 32

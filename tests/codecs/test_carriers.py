@@ -196,16 +196,17 @@ def test_compressed_depth_of_either_kind_decodes(codec, dtype):
     assert image.intact
 
 
-@pytest.mark.parametrize("codec", ["jpeg", "png"])
+@pytest.mark.parametrize("codec", ["JPEG", "PNG"])
 @pytest.mark.parametrize("rename", ["{}", "rgb8; {} compressed bgr8"])
 def test_compressed_colour_is_found_by_a_part_of_its_format(pictures, codec, rename):
-    fields = codecs.compressed_image_fields(pictures[0], codec)
-    assert fields.format == f"bgr8; {codec} compressed bgr8"
+    fields = codecs.compressed_image_fields(pictures[0])
+    assert fields.format == "bgr8; jpeg compressed bgr8"
+    data = fields.data if codec == "JPEG" else encode_png(pictures[0], level=1)
     (image,) = image_decoder(COMPRESSED_IMAGE).feed(
-        message(fields, format=rename.format(codec.upper()))
+        message(fields, format=rename.format(codec), data=data)
     )
     assert image.encoding == "bgr8"
-    assert np.abs(image.array.astype(int) - pictures[0]).mean() < (1e-9 if codec == "png" else 8)
+    assert np.abs(image.array.astype(int) - pictures[0]).mean() < (1e-9 if codec == "PNG" else 8)
 
 
 @pytest.mark.parametrize(
@@ -266,14 +267,7 @@ def test_h265_decodes_from_its_key_frame(pictures):
     assert np.abs(shown[-1][0].array.astype(int) - pictures[5]).mean() < 12
 
 
-@pytest.mark.parametrize(
-    ("image", "codec"),
-    [
-        (np.zeros((4, 4), "u1"), "jpeg"),
-        (np.zeros((4, 4, 3), "u2"), "png"),
-        (np.zeros((4, 4, 3), "u1"), "webp"),
-    ],
-)
-def test_other_colour_images_and_codecs_are_refused(image, codec):
-    with pytest.raises(codecs.CodecError):
-        codecs.compressed_image_fields(image, codec)
+@pytest.mark.parametrize("image", [np.zeros((4, 4), "u1"), np.zeros((4, 4, 3), "u2")])
+def test_other_colour_images_are_refused(image):
+    with pytest.raises(codecs.CodecError, match="colour image"):
+        codecs.compressed_image_fields(image)

@@ -130,7 +130,7 @@ def test_without_an_encoding_the_header_tells_whether_it_was_quantised_and_a_16_
         ("16UC1", "rvl", bytes(12) + bytes(7), "image size"),
         ("16UC1", "rvl", bytes(12) + struct.pack("<II", 0, 5) + WORD, "0 x 5"),
         ("16UC1", "rvl", bytes(12) + struct.pack("<II", 2**31, 2**31) + WORD, "claims"),
-        ("16UC1", "rvl", bytes(12) + struct.pack("<II", 5, 2) + WORD, "before the last pixel"),
+        ("16UC1", "rvl", bytes(12) + struct.pack("<II", 5, 2) + WORD, "no words of one image"),
         ("16UC1", "png", bytes(12) + b"no png", "neither"),
         ("16UC1", "png", bytes(12) + COLOURS, "one channel of 16 bits"),
         ("32FC1", "rvl", bytes(12) + struct.pack("<II", 5, 1) + WORD, "A = 0.0"),
@@ -162,9 +162,7 @@ def test_hostile_quantisers_give_numbers_and_no_warning():
         (np.zeros((2, 2, 1), "u2"), {}, "uint16 and float32"),
         (np.zeros((2, 2), "f8"), {}, "uint16 and float32"),
         (np.zeros((2, 2), "u2"), {"codec": "zstd"}, "'zstd'"),
-        (np.zeros((2, 2), "u2"), {"codec": "png", "png_level": 10}, "level 10"),
-        (np.zeros((0, 2), "u2"), {}, "pixels"),
-        (np.zeros((0, 2), "u2"), {"codec": "png"}, "shape"),
+        (np.zeros((0, 2), "u2"), {}, "not empty"),
     ],
 )
 def test_other_images_and_options_are_refused(depth, options, fault):

@@ -1,6 +1,3 @@
-import logging
-import os
-import time
 from dataclasses import replace
 from fractions import Fraction
 from types import SimpleNamespace
@@ -18,7 +15,6 @@ from sfglab.codecs import (
     CodecUnavailableError,
     H264Decoder,
     H264Encoder,
-    h264,
     probe,
 )
 from sfglab.codecs.libav import VideoEncoder, has_start_code, is_entry_point, nal_unit_types
@@ -57,12 +53,6 @@ def test_pictures_keep_the_bit_rate_and_every_packet_its_share(pictures, seconds
     assert max(sizes) <= 4_000_000 / 8 / 30 * 1.01
 
 
-def test_a_larger_buffer_lets_key_frames_be_larger(pictures):
-    encoder = H264Encoder(replace(TABLE_2, vbv_frames=15))
-    sizes = [len(encoder.encode(picture)[0].data) for picture in pictures[:31]]
-    assert sizes[30] > 1.5 * np.median(sizes)
-
-
 def test_a_forced_key_frame_can_be_joined_and_restarts_the_gop(pictures):
     encoder = H264Encoder(TABLE_2)
     frames = [encoder.encode(p, force_key=index == 7)[0] for index, p in enumerate(pictures[:40])]
@@ -93,7 +83,7 @@ def test_joining_late_refuses_packets_up_to_a_key_frame_and_then_gives_the_same_
         early.decode(frame.data)
     assert [late.decode(frame.data) for frame in stream[25:30]] == [()] * 5
     assert late.waiting
-    assert (late.refused_packets, late.broken_packets) == (5, 0)
+    assert late.refused_packets == 5
     for frame in stream[30:40]:
         assert np.array_equal(early.decode_bgr(frame.data)[0], late.decode_bgr(frame.data)[0])
     assert not late.waiting
@@ -119,7 +109,7 @@ def test_a_broken_packet_is_told_once_and_the_next_key_frame_heals(stream):
     assert caught.value.size_bytes == len(stream[1].data) // 3
     assert caught.value.codec == "h264"
     assert [decoder.decode(frame.data) for frame in stream[2:30]] == [()] * 28
-    assert (decoder.refused_packets, decoder.broken_packets) == (28, 1)
+    assert decoder.refused_packets == 28
     assert np.array_equal(
         decoder.decode_bgr(stream[30].data)[0], H264Decoder().decode_bgr(stream[30].data)[0]
     )
@@ -180,7 +170,7 @@ def test_foreign_streams_are_converted_by_their_own_matrix(matrix, tags):
     )
 
 
-WRONG = {"fps": 0, "bitrate_bps": -1, "gop": 0, "vbv_frames": 0.5}
+WRONG = {"fps": 0, "bitrate_bps": -1, "gop": 0}
 WRONG_SIZES = ({"width": 641}, {"height": 0}, {"width": 2**20, "height": 2**10})
 
 
@@ -217,30 +207,6 @@ def test_a_named_codec_that_does_not_work_is_an_error_with_the_reason():
     with pytest.raises(CodecUnavailableError, match="not in this build") as caught:
         H264Encoder(replace(TABLE_2, encoder="h264_of_nobody"))
     assert caught.value.wanted == "h264_of_nobody"
-    with pytest.raises(CodecUnavailableError, match="not in this build"):
-        H264Decoder(decoder="h264_of_nobody")
-
-
-def test_fallback_to_software_is_said_once_a_day_and_what_was_asked_for_is_not(
-    caplog, tmp_path, monkeypatch
-):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    with caplog.at_level(logging.WARNING):
-        for _ in range(2):
-            h264._say_once.cache_clear()  # as in another process
-            encoder = H264Encoder(replace(TABLE_2, encoder="h264_of_nobody"), fallback=True)
-        asked = H264Encoder(replace(TABLE_2, encoder="libx264"), fallback=True)
-        assert encoder.encoder_name in ("libx264", "libopenh264")
-        assert "h264_of_nobody: not in this build of FFmpeg" in encoder.fallback_reason
-        (said,) = caplog.messages
-        assert encoder.encoder_name in said
-        assert "h264_of_nobody" in said
-        h264._say_once.cache_clear()
-        (stamp,) = (tmp_path / ".cache/sfglab").iterdir()
-        os.utime(stamp, (time.time() - 90_000,) * 2)
-        H264Encoder(replace(TABLE_2, encoder="h264_of_nobody"), fallback=True)
-        assert caplog.messages == [said, said]
-    assert (asked.encoder_name, asked.fallback_reason) == ("libx264", None)
 
 
 def test_frames_beyond_the_pixel_limit_are_refused(stream):
@@ -347,13 +313,10 @@ def working(monkeypatch):
     return only
 
 
-@pytest.mark.parametrize(
-    ("first", "passed_over"),
-    [("h264_nvmpi", None), ("h264_qsv", "h264_nvmpi: no device; h264_nvenc: no device")],
-)
-def test_auto_takes_the_first_that_works_and_says_what_it_passed_over(working, first, passed_over):
+@pytest.mark.parametrize("first", ["h264_nvmpi", "h264_qsv"])
+def test_auto_takes_the_first_that_works(working, first):
     working(first, "libx264")
-    assert probe.choose_encoder("auto", fallback=False) == (first, passed_over)
+    assert probe.choose_encoder("auto") == first
 
 
 def test_without_an_encoder_every_reason_is_named_and_the_software_decoder_taken_untried(working):
@@ -361,11 +324,10 @@ def test_without_an_encoder_every_reason_is_named_and_the_software_decoder_taken
     with pytest.raises(
         CodecUnavailableError, match=r"h264_nvmpi: no device.*libopenh264: no device"
     ):
-        probe.choose_encoder("auto", fallback=True)
-    working()
+        probe.choose_encoder("auto")
     probe.probe_decoder.cache_clear()
     try:
-        assert probe.choose_decoder("auto") == "h264"
+        assert probe.choose_decoder() == "h264"
         assert "no software encoder" in probe.probe_decoder("h264_cuvid").reason
     finally:
         probe.probe_decoder.cache_clear()

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sfglab.codecs import MAX_PIXELS, BitstreamError, CodecError, rvl
-from sfglab.codecs.rvl import RvlError
+from sfglab.codecs import MAX_PIXELS, BitstreamError, rvl
 
 
 def words(*numbers: int) -> bytes:
@@ -73,9 +72,6 @@ def test_words_equal_the_plain_reference_and_decode_to_the_image(image):
     data = rvl.encode(image)
     assert data == reference_bytes(image)
     assert np.array_equal(rvl.decode(data, image.shape), image)
-    into = np.full(image.shape, 7, np.uint16)
-    assert rvl.decode(data, image.shape, out=into) is into
-    assert np.array_equal(into, image)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 640), (480, 1), (3, 5), (360, 640)])
@@ -107,26 +103,24 @@ def test_writers_with_signed_pixels_decode_to_the_same_depth():
 
 
 @pytest.mark.parametrize(
-    ("data", "fault", "offset_bytes"),
+    "data",
     [
-        (b"", "end before", 0),
-        (words(6, 0)[:3], "cut off", 0),
-        (words(0, 6, 16, 16, 16), "end before", 4),
-        (words(7, 0), "run passes", 0),
-        (words(2, 5, 2, 2, 2, 2, 2), "run passes", 0),
-        (words(2**29, 0), "run passes", 4),
-        (bytes.fromhex("ffffffff") * 2, "more nibbles", 4),
-        (words(0, 6, 8) + bytes.fromhex("ffffffff") * 2, "more nibbles", 4),
-        (words(0, 6, 2, 1, 2, 2, 2, 2), "holds a zero", 0),
-        (words(6, 0) + bytes(4), "words follow", 4),
+        b"",
+        words(6, 0)[:3],
+        words(0, 6, 16, 16, 16),
+        words(7, 0),
+        words(2, 5, 2, 2, 2, 2, 2),
+        words(2**29, 0),
+        bytes.fromhex("ffffffff") * 2,
+        words(0, 6, 8) + bytes.fromhex("ffffffff") * 2,
+        words(0, 6, 2, 1, 2, 2, 2, 2),
+        words(6, 0) + bytes(4),
     ],
 )
-def test_faults_are_named_with_their_place(data, fault, offset_bytes):
-    with pytest.raises(RvlError, match=fault) as caught:
+def test_words_that_do_not_make_the_image_are_refused(data):
+    with pytest.raises(BitstreamError, match="no words of one image of 3 x 2 pixels") as caught:
         rvl.decode(data, (2, 3))
-    assert caught.value.offset_bytes == offset_bytes
     assert caught.value.size_bytes == len(data)
-    assert isinstance(caught.value, CodecError)
 
 
 @pytest.mark.parametrize("shape", [(0, 5), (5, 0), (-1, 5), (2**32 - 1, 2**32 - 1), (8192, 8193)])
@@ -138,20 +132,6 @@ def test_sizes_beyond_the_limit_are_refused_before_memory_is_taken(shape):
 def test_an_empty_image_is_one_word_up_to_the_largest():
     assert rvl.encode(np.zeros((360, 640), np.uint16)) == words(640 * 360, 0)
     assert rvl.decode(words(MAX_PIXELS, 0), (8192, 8192)).shape == (8192, 8192)
-
-
-def test_other_arrays_are_refused_and_outputs_that_do_not_fit():
-    for image in (
-        np.zeros((2, 2), "i2"),
-        np.zeros((2, 2), "f4"),
-        np.zeros(4, "u2"),
-        np.zeros((0, 4), "u2"),
-    ):
-        with pytest.raises(CodecError, match="uint16 images"):
-            rvl.encode(image)
-    for out in (np.zeros((3, 2), "u2"), np.zeros((2, 3), "i2"), np.zeros((2, 6), "u2")[:, ::2]):
-        with pytest.raises(CodecError, match="contiguous uint16"):
-            rvl.decode(words(6, 0), (2, 3), out=out)
 
 
 def test_without_any_writable_cache_it_warns_and_still_encodes():

@@ -74,7 +74,7 @@ SCAN.ranges = np.array([1.0, 2.0], np.float32)
 RECORDS = np.zeros(10, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
 RECORDS["x"] = range(10)
 BLUE = np.full((4, 6, 3), (200, 0, 0), np.uint8)  # in bgr8
-JPEG = compressed_image_fields(BLUE, "jpeg")
+JPEG = compressed_image_fields(BLUE)
 CLOUD = {"depth": image(METRES, "32FC1"), "info": CAMERA_INFO, "color": image(BLUE, "bgr8")}
 PLANE = "camera/image_plane"
 

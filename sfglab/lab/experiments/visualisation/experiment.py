@@ -105,7 +105,7 @@ def show_points(bench: Bench[Config]) -> None:
     seen = f"{count} points, largest error {1e6 * largest_m:.2f} um"
     bench.write(CheckRow(check=POINTS, checked=len(rows), held=len(exact), example=seen))
     bgr = np.ascontiguousarray(moments[0].rgb[..., ::-1])
-    bench.attach(PICTURE, compressed_image_fields(bgr, "jpeg").data, "image/jpeg")
+    bench.attach(PICTURE, compressed_image_fields(bgr).data, "image/jpeg")
     points, colors = shown.get(moments[0].stamp_ns, NO_POINTS)
     packed = io.BytesIO()
     np.savez_compressed(packed, points=points.astype(np.float32), colors=colors)
