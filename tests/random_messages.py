@@ -1,47 +1,36 @@
 """Messages with random values in every field, for tests of bytes."""
 
 import numpy as np
-from rosbags.interfaces import Nodetype
 
-from sfglab.messages.store import numpy_dtype, type_store
+from sfglab.messages.store import fields_of, type_store
 
 
-def _scalar(rng, base):
-    if base == "string":
+def _scalar(rng, type_):
+    if type_.is_message:
+        return random_message(rng, type_.base)
+    if type_.base == "string":
         return "".join(rng.choice(list("abc äß字"), size=rng.integers(0, 9)))
-    if base == "bool":
+    if type_.base == "bool":
         return bool(rng.integers(2))
-    if base.startswith("float"):
+    if type_.base.startswith("float"):
         return float(np.float32(rng.normal()))
-    limits = np.iinfo(numpy_dtype(base))
+    limits = np.iinfo(type_.dtype)
     return int(rng.integers(limits.min, limits.max, endpoint=True, dtype=limits.dtype))
 
 
-def _array(rng, base, count):
-    if base == "string":
-        return [_scalar(rng, base) for _ in range(count)]
-    if base == "bool":
+def _value(rng, type_):
+    if not type_.is_list:
+        return _scalar(rng, type_)
+    most = min(type_.length or 6, 6)
+    count = type_.length if type_.is_array else int(rng.integers(0, most))
+    if not type_.is_number:
+        return [_scalar(rng, type_) for _ in range(count)]
+    if type_.base == "bool":
         return rng.integers(0, 2, count).astype(bool)
-    dtype = numpy_dtype(base)
-    size = count * dtype.itemsize
     # Any bytes are a number, NaN included.
-    return np.frombuffer(rng.bytes(size), dtype)
-
-
-def _value(rng, desc):
-    kind, inner = desc
-    if kind == Nodetype.BASE:
-        return _scalar(rng, inner[0])
-    if kind == Nodetype.NAME:
-        return random_message(rng, inner)
-    (element_kind, element), length = inner
-    count = length if kind == Nodetype.ARRAY else int(rng.integers(0, min(length or 6, 6)))
-    if element_kind == Nodetype.NAME:
-        return [random_message(rng, element) for _ in range(count)]
-    return _array(rng, element[0], count)
+    return np.frombuffer(rng.bytes(count * type_.dtype.itemsize), type_.dtype)
 
 
 def random_message(rng, name):
-    store = type_store()
-    fields = store.get_msgdef(name).fields
-    return store.types[name](**{field: _value(rng, desc) for field, desc in fields})
+    types = fields_of(name).items()
+    return type_store().types[name](**{field: _value(rng, type_) for field, type_ in types})

@@ -7,35 +7,33 @@ the source of the bytes.
 from __future__ import annotations
 
 import functools
-import re
 import struct
-from collections.abc import Callable, Sequence
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.messages.store import (
-    RULE,
     MessageError,
     add_types,
     check_new,
+    default_message,
+    fields_of,
+    is_known,
     is_known_as,
-    numpy_dtype,
     parse_definition,
     type_name,
     type_store,
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rosbags.interfaces import Msgdef
-    from rosbags.interfaces.typing import FieldDesc
     from rosbags.typesys.store import Typestore
     from typing_extensions import Buffer
 
 _HEADER = b"\x00\x01\x00\x00"  # CDR_LE, no options
-_WHOLE: Any = (int, np.integer, np.bool_)
-_NUMBERS: Any = (*_WHOLE, float, np.floating)
 _IMAGE = "sensor_msgs/msg/Image"
 _ALIGNMENT = 4  # Cyclone DDS rejects lengths that are not a multiple of it
 
@@ -53,73 +51,46 @@ class CdrError(MessageError):
         super().__init__(f"{type_name}: {what}: {reason}")
 
 
-def _scalar_misfit(value: Any, base: str) -> str | None:
-    if base == "string":
-        return None if isinstance(value, str) else f": given {value!r}, allowed is text"
-    dtype = numpy_dtype(base)
-    if not isinstance(value, _NUMBERS if dtype.kind == "f" else _WHOLE):
-        return f": given {value!r}, allowed is {base}"
-    if dtype.kind in "iu":
-        limits = np.iinfo(dtype)
-        if not limits.min <= value <= limits.max:
-            return f": given {value!r}, allowed are {limits.min} to {limits.max}"
-    return None
+def _misfit(message: Any) -> str:
+    """Return the path to a field that cannot be written, its value and its type; empty if all can be."""
+    name = type_name(type(message))
+    for field, type_ in fields_of(name).items():
+        value = getattr(message, field)
+        if _is_writable(default_message(name, **{field: value})):
+            continue
+        if type_.is_message:
+            for index, part in enumerate(value if isinstance(value, list) else [value]):
+                fits = getattr(part, "__msgtype__", None) == type_.base
+                if fits and (reason := _misfit(part)):
+                    step = f"{field}[{index}]" if type_.is_list else field
+                    return f"{step}.{reason}"
+        allowed = type_.base
+        if type_.is_list:
+            size = type_.length or ""
+            kind = "a contiguous NumPy array" if type_.is_number else "a list"
+            allowed = f"{type_.base}[{size}] as {kind}"
+        return f"{field}: given {_shown(value)}, allowed is {allowed}"
+    return ""
 
 
-def _array_misfit(value: Any, base: str) -> str:
-    """Return why a value is no array of numbers of a type; empty if it is such an array."""
-    wanted = numpy_dtype(base)
-    if not isinstance(value, np.ndarray):
-        return f": given {type(value).__name__}, allowed is a NumPy array of {wanted}"
-    if value.dtype != wanted:
-        return f": given an array of {value.dtype}, allowed is {wanted}"
-    is_plain = value.ndim == 1 and value.flags.c_contiguous
-    allowed = "allowed is one contiguous dimension: ravel() it"
-    return "" if is_plain else f": given an array of shape {value.shape}, {allowed}"
+def _shown(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array of {value.dtype} and shape {value.shape}"
+    return f"{value!r:.60}"
 
 
-def _misfit(store: Typestore, value: Any, desc: FieldDesc) -> str | None:
-    """Return why a value does not fit a field, or None. The text begins with the path to the field."""
-    from rosbags.interfaces import Nodetype
-
-    if desc[0] == Nodetype.BASE:
-        return _scalar_misfit(value, desc[1][0])
-    parts = _parts_of(store, value, desc)
-    if isinstance(parts, str):
-        return parts
-    for step, part, part_desc in parts:
-        if reason := _misfit(store, part, part_desc):
-            return step + reason
-    return None
-
-
-def _parts_of(store: Typestore, value: Any, desc: FieldDesc) -> list[tuple[str, Any, Any]] | str:
-    """Return path step, value and type of each part of a message or list, or the reason why it is neither."""
-    from rosbags.interfaces import Nodetype
-
-    kind = desc[0]
-    inner: Any = desc[1]
-    if kind == Nodetype.NAME:
-        if getattr(value, "__msgtype__", None) != inner:
-            return f": given {type(value).__name__}, allowed is {inner}"
-        fields = store.get_msgdef(inner).fields
-        return [(f".{name}", getattr(value, name), part) for name, part in fields]
-    element, length = inner
-    if element[0] == Nodetype.BASE and element[1][0] != "string":
-        return _array_misfit(value, element[1][0]) or []
-    if not isinstance(value, Sequence) or isinstance(value, str):
-        return f": given {type(value).__name__}, allowed is a list"
-    if kind == Nodetype.ARRAY and len(value) != length:
-        return f": given {len(value)} elements, allowed are {length}"
-    return [(f"[{index}]", part, element) for index, part in enumerate(value)]
+def _is_writable(message: Any) -> bool:
+    definition, store = _known(message.__class__)
+    try:
+        size = definition.getsize_cdr(0, message, store)
+        definition.serialize_cdr_le(memoryview(bytearray(size)), 0, message, store)
+    except _writing_errors():
+        return False
+    return True
 
 
 def _write_error(message: Any, cause: Exception) -> CdrError:
-    from rosbags.interfaces import Nodetype
-
-    name = type_name(type(message))
-    reason = _misfit(type_store(), message, (Nodetype.NAME, name))
-    return CdrError(name, reason.lstrip(".: ") if reason else str(cause))
+    return CdrError(type_name(type(message)), _misfit(message) or str(cause))
 
 
 def _writing_errors() -> tuple[type[Exception], ...]:
@@ -294,18 +265,12 @@ def register_definition(name: str, text: str) -> None:
     Raises:
         MessageError: The definition cannot be read, or differs from that of the store under this name.
     """
-    if name in type_store().fielddefs:
+    if is_known(name):
         if not is_known_as(name, text):
             raise MessageError(f"{name} is already registered with other fields")
         return
-    first, *rest = re.split(rf"^{RULE}$\nMSG: ", text, flags=re.MULTILINE)
-    heads = [part.partition("\n") for part in rest]
-    texts = {
-        (n if n.count("/") == 2 else n.replace("/", "/msg/")).strip(): body for n, _, body in heads
-    }
-    add_types(
-        {name: first} | {n: body for n, body in texts.items() if n not in type_store().fielddefs}
-    )
+    parsed = parse_definition(name, text)
+    add_types({other: fields for other, fields in parsed.items() if not is_known(other)})
 
 
 def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from cyclonedds.idl import IdlStruct, make_idl_struct, types
 
-from sfglab.messages.store import message_type, service_type, type_name, type_store
+from sfglab.messages.store import fields_of, message_type, service_type, type_name
 from sfglab.messages.type_names import announced_type_name, dds_type_name
 
 if TYPE_CHECKING:
-    from rosbags.interfaces.typing import FieldDesc
+    from sfglab.messages.field_types import FieldType
 
 _PRIMITIVES: dict[str, Any] = {
     "bool": bool,
@@ -37,31 +37,25 @@ def _generic(constructor: Any) -> Any:
     return constructor
 
 
-def _element(kind: int, inner: Any) -> Any:
-    from rosbags.interfaces import Nodetype
-
-    if kind == Nodetype.NAME:
-        return _struct(inner)
-    base, bound = inner
-    if base != "string":
-        return _PRIMITIVES[base]
-    return _generic(types.bounded_str)[bound] if bound else str
+def _element(type_: FieldType) -> Any:
+    if type_.is_message:
+        return _struct(type_.base)
+    if type_.is_number:
+        return _PRIMITIVES[type_.base]
+    return _generic(types.bounded_str)[type_.longest] if type_.longest else str
 
 
-def _annotation(desc: FieldDesc) -> Any:
-    from rosbags.interfaces import Nodetype
-
-    kind, inner = desc
-    if kind in {Nodetype.BASE, Nodetype.NAME}:
-        return _element(kind, inner)
-    element, length = _element(*inner[0]), inner[1]
-    if kind == Nodetype.ARRAY:
-        return _generic(types.array)[element, length]
-    return _generic(types.sequence)[(element, length) if length else element]
+def _annotation(type_: FieldType) -> Any:
+    element = _element(type_)
+    if type_.is_array:
+        return _generic(types.array)[element, type_.length]
+    if type_.is_list:
+        return _generic(types.sequence)[(element, type_.length) if type_.length else element]
+    return element
 
 
 def _made(name: str, header: dict[str, Any]) -> type[IdlStruct]:
-    fields = header | {field: _annotation(desc) for field, desc in type_store().fielddefs[name][1]}
+    fields = header | {field: _annotation(type_) for field, type_ in fields_of(name).items()}
     # A dataclass cannot have such a field. Raw CDR does not need a dataclass; typed (de)serialisation is
     # disabled for these types.
     plain = not any(keyword.iskeyword(field) or hasattr(IdlStruct, field) for field in fields)

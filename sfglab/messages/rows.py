@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfglab.fields import field_docs
-from sfglab.messages.store import MessageError, numpy_dtype, register
+from sfglab.messages.store import MessageError, register
 
 _PACKAGE = "sfglab_rows"
 _SCALARS = {bool: "bool", int: "int64", float: "float64", str: "string"}
@@ -116,7 +116,7 @@ def _value(value: Any, word: str) -> Any:
     base = word[:-2]
     if base == "string":
         return list(value)
-    array, dtype = np.asarray(value), numpy_dtype(base)
+    array, dtype = np.asarray(value), np.dtype(base)
     # An empty list has no kind; all other lists must not lose a fraction in the conversion.
     return np.zeros(0, dtype) if array.size == 0 else array.astype(dtype, "C", casting="same_kind")
 

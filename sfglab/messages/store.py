@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import SfglabError
+from sfglab.messages.field_types import FieldType, field_type
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from rosbags.interfaces.typing import FieldDesc, Typesdict
+    from rosbags.interfaces.typing import Typesdict
     from rosbags.typesys.store import Typestore
 
 #: Environment variable with paths for `register_interfaces`; child processes inherit it.
@@ -181,7 +182,7 @@ def register(name: str, text: str) -> type[Any]:
     Raises:
         MessageError: The text cannot be read, or the name belongs to a type with other fields.
     """
-    add_types({name: text})
+    _add_texts({name: text})
     return type_store().types[name]
 
 
@@ -213,7 +214,7 @@ def register_interfaces(path: Path) -> tuple[str, ...]:
         _log.warning("%s: given wstring, allowed is string; the type is left out", file)
         del parts[file]
     texts = {name: text for part in parts.values() for name, text in part.items()}
-    add_types(texts)
+    _add_texts(texts)
     return tuple(sorted(texts))
 
 
@@ -246,15 +247,22 @@ def _with_wstring(parts: Mapping[Path, Mapping[str, str]]) -> set[Path]:
     return wide
 
 
-def add_types(texts: Mapping[str, str]) -> None:
+def _add_texts(texts: Mapping[str, str]) -> None:
+    """Add the types of `.msg` texts without dependencies, as `add_types`, and keep the texts."""
+    parsed = {name: parse_definition(name, text)[name] for name, text in texts.items()}
+    with _lock:
+        add_types(parsed)
+        for name, text in texts.items():
+            _sources.setdefault(name, text)
+
+
+def add_types(parsed: Typesdict) -> None:
     """Add types, all or none, by their full names; types that exist already are kept."""
     with _lock:
         store = type_store()
-        parsed = {name: parse_definition(name, text)[name] for name, text in texts.items()}
         check_new(store, parsed)
         new = {name: fields for name, fields in parsed.items() if name not in store.fielddefs}
         store.register(new)
-        _sources.update({name: texts[name] for name in new})
 
 
 def is_known(name: str) -> bool:
@@ -277,14 +285,16 @@ def _agree(known: Any, given: Any) -> bool:
     return known == given or bool(known and not given[1] and known[1][0][0] == EMPTY)
 
 
+def _fields(definition: Any) -> dict[str, FieldType]:
+    """Return the types of the fields of a definition."""
+    return {name: field_type(desc) for name, desc in definition[1]}
+
+
 def _used(definition: Any) -> Iterator[tuple[str, str]]:
     """Yield each field of a definition that has a message type, with the type's name."""
-    from rosbags.interfaces import Nodetype
-
-    for field, desc in definition[1]:
-        inner: Any = desc[1] if desc[0] in {Nodetype.BASE, Nodetype.NAME} else desc[1][0][1]
-        if isinstance(inner, str):
-            yield field, inner
+    for name, type_ in _fields(definition).items():
+        if type_.is_message:
+            yield name, type_.base
 
 
 def check_new(store: Typestore, parsed: Typesdict) -> None:
@@ -313,25 +323,17 @@ def _check_work(name: str, known: Mapping[str, Any], values: dict[str, int]) -> 
         MessageError: There are more values than the generated readers allow, which have a line for each; or
             the type contains itself.
     """
-    from rosbags.interfaces import Nodetype
-
     if name not in values:
-        values[name] = (
-            _MOST_VALUES + 1
-        )  # Preliminary, above the limit: a type that contains itself is then refused.
+        # Above the limit for now: a type that contains itself is then refused.
+        values[name] = _MOST_VALUES + 1
         count = 1
-        for field, desc in known[name][1]:
-            is_list = desc[0] in {Nodetype.ARRAY, Nodetype.SEQUENCE}
-            (kind, inner), length = desc[1] if is_list else (desc, 1)
-            if length == 0 and desc[0] == Nodetype.ARRAY:
-                raise MessageError(
-                    f"{name}.{field}: given an array of no elements, allowed is 1 and more"
-                )
-            each = 1 if kind == Nodetype.BASE else _check_work(str(inner), known, values)
-            one_by_one = desc[0] == Nodetype.ARRAY and (
-                kind == Nodetype.NAME or inner[0] == "string"
-            )
-            count += each * (length if one_by_one else 1)
+        for field, type_ in _fields(known[name]).items():
+            if type_.is_array and not type_.length:
+                allowed = "allowed is 1 and more"
+                raise MessageError(f"{name}.{field}: given an array of no elements, {allowed}")
+            each = _check_work(type_.base, known, values) if type_.is_message else 1
+            is_unrolled = type_.is_array and not type_.is_number
+            count += each * (type_.length if is_unrolled else 1)
         if count > _MOST_VALUES:
             raise MessageError(
                 f"{name}: given itself inside, or {count} values, allowed are {_MOST_VALUES}"
@@ -379,6 +381,12 @@ def service_type(name: str) -> ServiceType:
     return ServiceType(
         name=name, request=types[f"{name}_Request"], response=types[f"{name}_Response"]
     )
+
+
+@functools.cache
+def fields_of(name: str) -> dict[str, FieldType]:
+    """Return the types of the fields of a message type."""
+    return _fields(type_store().fielddefs[name])
 
 
 def type_name(type_or_name: type[Any] | str) -> str:
@@ -460,11 +468,6 @@ def _text_of(name: str) -> str:
     return text
 
 
-def numpy_dtype(base: str) -> np.dtype[Any]:
-    """Return the dtype of arrays of a primitive type of the interface language; `byte` and `char` are uint8."""
-    return np.dtype({"bool": "bool", "char": "uint8", "byte": "uint8"}.get(base, base))
-
-
 # A field with a default in a .msg text; the line of a constant has an equal sign.
 _DEFAULT = re.compile(
     r"""^[ \t]*[\w/]+(?:<=\d+)?(?:\[[^\]]*\])?[ \t]+(\w+)[ \t]+("[^"]*"|'[^']*'|\[.*?\]|[^\s#=]+)""",
@@ -484,37 +487,33 @@ def _defaults_of(name: str) -> dict[str, str]:
     return {field[1]: field[2] for field in _DEFAULT.finditer(_sources.get(name, ""))}
 
 
-def _default_value(store: Typestore, desc: FieldDesc, text: str | None) -> Any:
+def _default_value(type_: FieldType, text: str | None) -> Any:
     import yaml
-    from rosbags.interfaces import Nodetype
 
     given = None if text is None else yaml.safe_load(text)
-    match desc:
-        case (Nodetype.BASE, (base, _)):
-            if base == "string":
-                return "" if given is None else str(given)
-            return numpy_dtype(base).type(given or 0).item()
-        case (Nodetype.NAME, name):
-            return _default_of(store, str(name))
-    (kind, inner), length = desc[1]
-    count = length if desc[0] == Nodetype.ARRAY else 0
-    if kind == Nodetype.NAME:
-        return [_default_of(store, str(inner)) for _ in range(count)]
-    if inner[0] == "string":
+    count = type_.length if type_.is_array else 0
+    if type_.is_message:
+        values = [_default_of(type_.base) for _ in range(count if type_.is_list else 1)]
+        return values if type_.is_list else values[0]
+    if type_.is_list and type_.is_number:
+        return np.array([0] * count if given is None else given, type_.dtype)
+    if type_.is_list:
         return [""] * count if given is None else [str(one) for one in given]
-    return np.array([0] * count if given is None else given, numpy_dtype(inner[0]))
+    if type_.is_number:
+        return type_.dtype.type(given or 0).item()
+    return "" if given is None else str(given)
 
 
-def _default_of(store: Typestore, name: str) -> Any:
+def _default_of(name: str) -> Any:
     defaults = _defaults_of(name)
     values = {}
-    for field, desc in store.get_msgdef(name).fields:
+    for field, type_ in fields_of(name).items():
         try:
-            values[field] = _default_value(store, desc, defaults.get(field))
+            values[field] = _default_value(type_, defaults.get(field))
         except (ValueError, TypeError, OverflowError) as error:
             said = f"given the default {defaults.get(field)}: {error}"
             raise MessageError(f"{name}.{field}: {said}") from error
-    return store.types[name](**values)
+    return type_store().types[name](**values)
 
 
 def default_message(type_or_name: type[Any] | str, **fields: Any) -> Any:
@@ -528,7 +527,7 @@ def default_message(type_or_name: type[Any] | str, **fields: Any) -> Any:
     """
     name = type_name(type_or_name)
     message_type(name)
-    return replace(_default_of(type_store(), name), **fields)
+    return replace(_default_of(name), **fields)
 
 
 _SERVICE_PARTS = ("Request", "Response")

@@ -13,21 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import InvalidValueError
-from sfglab.messages.store import EMPTY, default_message, numpy_dtype, stamp_from_ns, type_store
+from sfglab.messages.store import EMPTY, default_message, fields_of, stamp_from_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from sfglab.messages.field_types import FieldType
 
 #: One step of a path to a value: a name, a number in brackets, or a dot.
 STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")
 _HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
-
-
-def fields_with_types(message: Any) -> Iterator[tuple[str, Any, Any]]:
-    """Yield name, type and value of each field of a message; the type is in the form of rosbags."""
-    for name, type_ in type_store().get_msgdef(message.__msgtype__).fields:
-        if name != EMPTY:
-            yield name, type_, getattr(message, name)
 
 
 def values_of(message: Any, most: int | None = None) -> dict[str, Any]:
@@ -35,27 +28,29 @@ def values_of(message: Any, most: int | None = None) -> dict[str, Any]:
 
     Strings and arrays that are longer than `most` are cut; None cuts none.
     """
-    return {name: _plain(value, type_, most) for name, type_, value in fields_with_types(message)}
+    types = _types_of(message.__msgtype__)
+    return {name: _plain(getattr(message, name), type_, most) for name, type_ in types.items()}
 
 
-def _plain(value: Any, type_: Any, most: int | None) -> Any:
+def _types_of(type_name: str) -> dict[str, FieldType]:
+    """Return the types of the fields without the octet of a message that has none."""
+    types = fields_of(type_name)
+    return {name: type_ for name, type_ in types.items() if name != EMPTY}
+
+
+def _plain(value: Any, type_: FieldType, most: int | None) -> Any:
     if hasattr(value, "__msgtype__"):
         return values_of(value, most)
     if isinstance(value, str):
         return value if most is None or len(value) <= most else value[:most] + "..."
     if not isinstance(value, (list, np.ndarray)):
         return value
-    inner = type_[1][0]
     kept = value if most is None else value[:most]
     if isinstance(kept, np.ndarray):  # rosbags reads bytes as signed numbers
-        items = kept.astype(numpy_dtype(inner[1][0]), copy=False).tolist()
+        items = kept.astype(type_.dtype, copy=False).tolist()
     else:
-        items = [_plain(one, inner, most) for one in kept]
+        items = [_plain(one, type_, most) for one in kept]
     return items if len(kept) == len(value) else [*items, "..."]
-
-
-def _is_array(type_: Any) -> bool:
-    return bool(type_[0].name == "ARRAY")
 
 
 def to_yaml(values: Any) -> str:
@@ -77,16 +72,11 @@ def value_at(values: Any, way: str, place: str) -> Any:
         try:
             found = found[name or int(index)] if name or index else found
         except (KeyError, IndexError, TypeError) as error:
-            there = (
-                found
-                if isinstance(found, dict)
-                else [f"[0] to [{len(found) - 1}]"]
-                if found
-                else ["nothing"]
-            )
-            raise InvalidValueError(
-                place, way, f"a way to a value; there is {', '.join(there)}"
-            ) from error
+            there = found if isinstance(found, dict) else ["nothing"]
+            if isinstance(found, list) and found:
+                there = [f"[0] to [{len(found) - 1}]"]
+            allowed = f"a way to a value; there is {', '.join(there)}"
+            raise InvalidValueError(place, way, allowed) from error
     return found
 
 
@@ -113,7 +103,7 @@ def _message(type_name: str, values: Any, place: str) -> Any:
         if type_name == _TIME:
             return now
         message.stamp, values = now, {}
-    types = {name: type_ for name, type_, _ in fields_with_types(message)}
+    types = _types_of(type_name)
     allowed = ", ".join(types) or "no field"
     if not isinstance(values, dict):
         raise InvalidValueError(place, values, f"fields in braces: {allowed}")
@@ -124,30 +114,35 @@ def _message(type_name: str, values: Any, place: str) -> Any:
     return message
 
 
-def _read(value: Any, type_: Any, place: str) -> Any:
-    if type_[0].name == "BASE":
-        return _scalar(value, type_[1], place)
-    if type_[0].name == "NAME":
-        return _message(type_[1], value, place)
-    inner, length = type_[1]
-    array = _is_array(type_)
-    if not isinstance(value, list) or (len(value) != length if array else 0 < length < len(value)):
-        count = f"{length} values" if array else f"up to {length} values" if length else "values"
-        raise InvalidValueError(place, value, f"a list of {count}")
-    items = [_read(one, inner, f"{place}[{number}]") for number, one in enumerate(value)]
-    numbers = inner[0].name == "BASE" and inner[1][0] != "string"
-    return np.array(items, numpy_dtype(inner[1][0])) if numbers else items
+def _read(value: Any, type_: FieldType, place: str) -> Any:
+    if not type_.is_list:
+        return _read_one(value, type_, place)
+    length = type_.length
+    if type_.is_array:
+        allowed = f"a list of {length} values"
+        fits = isinstance(value, list) and len(value) == length
+    else:
+        allowed = f"a list of up to {length} values" if length else "a list of values"
+        fits = isinstance(value, list) and not 0 < length < len(value)
+    if not fits:
+        raise InvalidValueError(place, value, allowed)
+    items = [_read_one(one, type_, f"{place}[{number}]") for number, one in enumerate(value)]
+    return np.array(items, type_.dtype) if type_.is_number else items
 
 
-def _scalar(value: Any, base: tuple[str, int], place: str) -> Any:
-    kind, longest = base
-    if kind == "string":
-        if isinstance(value, (dict, list)) or value is None or 0 < longest < len(str(value)):
-            raise InvalidValueError(
-                place, value, f"text of up to {longest} characters" if longest else "text"
-            )
-        return str(value)
-    dtype = numpy_dtype(kind)
+def _read_one(value: Any, type_: FieldType, place: str) -> Any:
+    if type_.is_message:
+        return _message(type_.base, value, place)
+    if type_.is_number:
+        return _number(value, type_.dtype, place)
+    longest = type_.longest
+    if isinstance(value, (dict, list)) or value is None or 0 < longest < len(str(value)):
+        allowed = f"text of up to {longest} characters" if longest else "text"
+        raise InvalidValueError(place, value, allowed)
+    return str(value)
+
+
+def _number(value: Any, dtype: np.dtype[Any], place: str) -> bool | int | float:
     if dtype.kind == "b":
         if not isinstance(value, bool):
             raise InvalidValueError(place, value, "true or false")
