@@ -20,7 +20,6 @@ from sfglab.messages.services import (
     ServiceFrame,
     action_type,
     frame_service,
-    register_action,
     unframe_service,
 )
 from sfglab.messages.store import (
@@ -57,7 +56,6 @@ __all__ = [
     "message_type",
     "message_types",
     "ns_from_stamp",
-    "register_action",
     "register_definition",
     "register_interfaces",
     "ros_type_name",

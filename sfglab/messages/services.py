@@ -6,7 +6,6 @@ each other's services.
 
 from __future__ import annotations
 
-import difflib
 import struct
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -15,10 +14,8 @@ from sfglab.messages.store import (
     MessageError,
     ServiceType,
     UnknownTypeError,
-    action_texts,
     message_type,
-    message_types,
-    register,
+    names_before,
     service_type,
 )
 
@@ -86,10 +83,9 @@ def action_type(name: str) -> ActionType:
     Raises:
         UnknownTypeError: There is no such action; the message lists similar names.
     """
-    types = message_types()
-    if f"{name}{_MARK}" not in types:
-        actions = [n.removesuffix(_MARK) for n in types if "/action/" in n and n.endswith(_MARK)]
-        raise UnknownTypeError(name, near=tuple(difflib.get_close_matches(str(name), actions, n=3)))
+    actions = names_before(_MARK, "action")
+    if name not in actions:
+        raise UnknownTypeError(name, actions)
     return ActionType(
         name=name,
         goal=message_type(f"{name}_Goal"),
@@ -99,14 +95,3 @@ def action_type(name: str) -> ActionType:
         get_result=service_type(f"{name}_GetResult"),
         feedback_message=message_type(f"{name}{_MARK}"),
     )
-
-
-def register_action(name: str, text: str) -> ActionType:
-    """Add the action `package/action/Name` of an `.action` text, or return it; its field types are in the store.
-
-    Raises:
-        MessageError: The text has not three parts, or the name belongs to an action with other fields.
-    """
-    for part, definition in action_texts(name, text).items():
-        register(part, definition)
-    return action_type(name)

@@ -23,7 +23,7 @@ from sfglab.messages.field_types import FieldType, field_type
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from rosbags.interfaces.typing import Typesdict
     from rosbags.typesys.store import Typestore
@@ -38,6 +38,17 @@ _MOST_VALUES = 4096
 _MOST_LINES = 1500
 _MOST_CHARACTERS = 2**18
 _FOLDER = re.compile("/(?:srv|action)/")
+_KINDS = ("msg", "srv", "action")
+_PARTS = {"srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
+_RULE_OF_PARTS = re.compile(r"^---[ \t]*$", re.MULTILINE)
+_GOAL_ID = "unique_identifier_msgs/UUID goal_id\n"
+_ACTION_WRAPPERS = {
+    "SendGoal_Request": _GOAL_ID + "{name}_Goal goal\n",
+    "SendGoal_Response": "bool accepted\nbuiltin_interfaces/Time stamp\n",
+    "GetResult_Request": _GOAL_ID,
+    "GetResult_Response": "int8 status\n{name}_Result result\n",
+    "FeedbackMessage": _GOAL_ID + "{name}_Feedback feedback\n",
+}
 _sources: dict[str, str] = {}
 _lock = threading.RLock()
 _to_register = list(filter(None, os.environ.get(INTERFACES_VARIABLE, "").split(os.pathsep)))
@@ -50,11 +61,13 @@ class MessageError(SfglabError, ValueError):
 class UnknownTypeError(SfglabError, LookupError):
     """A type that the store does not hold."""
 
-    def __init__(self, name: object, *, near: tuple[str, ...] = ()) -> None:
+    def __init__(self, name: object, known: Iterable[str] = ()) -> None:
+        """Name the unknown type, and those of the known ones that are similar."""
         self.name = name  #: Unknown name.
-        self.near = near  #: Names of similar types, the most similar first.
+        #: Names of similar types, the most similar first.
+        self.near = difflib.get_close_matches(str(name), known, n=3, cutoff=0.7)
         own = "names look like std_msgs/msg/String; types of your own: register_interfaces, --interfaces"
-        hint = f"did you mean {', '.join(near)}?" if near else own
+        hint = f"did you mean {', '.join(self.near)}?" if self.near else own
         super().__init__(f"message type {name!r} is unknown: {hint}")
 
 
@@ -98,32 +111,39 @@ def parse_definition(name: str, text: str) -> Typesdict:
     return {name: first, **dict(rest)}
 
 
-def _parts_of_interface(name: str, text: str) -> Iterator[tuple[str, str]]:
-    """Yield the message texts of one `.msg`, `.srv` or `.action` file, with their full names."""
-    if "/action/" in name:
-        yield from action_texts(name, text).items()
-    elif "/srv/" in name:
-        parts = _ACTION_RULE.split(text)
-        if len(parts) != len(_SERVICE_PARTS):
-            raise MessageError(
-                f"service {name!r}: given {len(parts)} part(s), allowed are 2 and `---` between"
-            )
-        for kind, part in zip(_SERVICE_PARTS, parts, strict=True):
-            yield f"{name}_{kind}", part.strip("\n")
-    else:
-        yield name, text
+def interface_texts(name: str, text: str) -> dict[str, str]:
+    """Return the message texts in an interface by their full names.
+
+    An action has its three parts, and the wrappers of ROS 2's design (design.ros2.org, "Actions").
+
+    Raises:
+        MessageError: The text of a service or an action has another number of parts.
+    """
+    kind = name.split("/")[1]
+    if kind == "msg":
+        return {name: text}
+    kinds = _PARTS[kind]
+    parts = _RULE_OF_PARTS.split(text)
+    if len(parts) != len(kinds):
+        allowed = f"allowed are {len(kinds)} with lines of `---` between"
+        raise MessageError(f"{name}: given {len(parts)} part(s), {allowed}")
+    texts = {}
+    for part_name, part in zip(kinds, parts, strict=True):
+        texts[f"{name}_{part_name}"] = part.strip("\n")
+    for part_name, wrapper in _ACTION_WRAPPERS.items() if kind == "action" else ():
+        texts[f"{name}_{part_name}"] = wrapper.format(name=name)
+    return texts
 
 
-def _shipped_texts() -> Iterator[tuple[str, str]]:
-    """Yield the full name and the text of every message that this package defines."""
-    root = Path(__file__).with_name("interfaces")
-    for package in sorted(root.iterdir(), key=lambda p: p.name):
-        for folder in (package / kind for kind in _SUFFIXES if (package / kind).is_dir()):
-            for file in folder.iterdir():
-                stem = file.name.rpartition(".")[0]
-                yield from _parts_of_interface(
-                    f"{package.name}/{folder.name}/{stem}", file.read_text("utf-8")
-                )
+def _texts_below(path: Path) -> dict[Path, dict[str, str]]:
+    """Return the message texts of each `.msg`, `.srv` and `.action` file in packages, or of one file."""
+    found = [path] if path.is_file() else path.rglob("*")
+    texts = {}
+    for file in sorted(found):
+        kind = file.suffix[1:]
+        if kind in _KINDS and file.parent.name == kind:
+            texts[file] = interface_texts(_name_of(file), file.read_text("utf-8"))
+    return texts
 
 
 def _types_of() -> str:
@@ -136,7 +156,9 @@ def _types_of() -> str:
 def _built_store() -> Typestore:
     from rosbags.serde import cdr, primitives
     from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys.store import TIDMAP
 
+    TIDMAP["char"] = TIDMAP["uint8"]  # as rosidl hashes it
     # An octet has no sign (IDL 4.2, clause 7.4.1.4.4.2.6), but rosbags gives `byte` a sign and refuses 128
     # and more.
     for packing in ("pack", "unpack"):
@@ -151,12 +173,12 @@ def _built_store() -> Typestore:
     compile_lines = cdr.compile_lines  # type: ignore[attr-defined]
     cdr.compile_lines = lambda lines: compile_lines([_tolerant(line) for line in lines])  # type: ignore[attr-defined]
     store = get_typestore(Stores(f"ros2_{_types_of()}"))
-    texts = dict(_shipped_texts())
     parsed: Typesdict = {}
-    for name, text in texts.items():
-        parsed |= parse_definition(name, text)
+    for texts in _texts_below(Path(__file__).with_name("interfaces")).values():
+        _sources.update(texts)
+        for name, text in texts.items():
+            parsed |= parse_definition(name, text)
     store.register(parsed)
-    _sources.update(texts)
     return store
 
 
@@ -182,7 +204,7 @@ def register(name: str, text: str) -> type[Any]:
     Raises:
         MessageError: The text cannot be read, or the name belongs to a type with other fields.
     """
-    _add_texts({name: text})
+    register_texts({name: text})
     return type_store().types[name]
 
 
@@ -201,20 +223,15 @@ def register_interfaces(path: Path) -> tuple[str, ...]:
         MessageError: There is no such file; a definition cannot be read, uses an unknown type, or belongs to
             a type with other fields; the only file has `wstring`. Nothing was added in these cases.
     """
-    found = [path] if path.is_file() else path.rglob("*")
-    files = sorted(f for f in found if f.suffix[1:] in _SUFFIXES and f.parent.name == f.suffix[1:])
-    if not files:
+    parts = _texts_below(path)
+    if not parts:
         raise MessageError(
             f"{path}: given no .msg, .srv or .action file, allowed are those of a package"
         )
-    parts = {
-        file: dict(_parts_of_interface(_name_of(file), file.read_text("utf-8"))) for file in files
-    }
-    for file in _with_wstring(parts) if path.is_dir() else ():
-        _log.warning("%s: given wstring, allowed is string; the type is left out", file)
-        del parts[file]
+    if path.is_dir():
+        _leave_out_wstring(parts)
     texts = {name: text for part in parts.values() for name, text in part.items()}
-    _add_texts(texts)
+    register_texts(texts)
     return tuple(sorted(texts))
 
 
@@ -230,24 +247,25 @@ def _name_of(file: Path) -> str:
     return f"{said[1] if said else package.name}/{file.suffix[1:]}/{file.stem}"
 
 
-def _with_wstring(parts: Mapping[Path, Mapping[str, str]]) -> set[Path]:
-    """Return the files with `wstring`, or with a type from such a file."""
-    uses = {
-        file: {i for n, text in part.items() for _, i in _used(parse_definition(n, text)[n])}
-        for file, part in parts.items()
-    }
-    wide: set[Path] = set()
-    while more := {
-        file
-        for file, used in uses.items()
-        if file not in wide
-        and any(i.endswith(_WSTRING) or any(i in parts[w] for w in wide) for i in used)
-    }:
-        wide |= more
-    return wide
+def _leave_out_wstring(parts: dict[Path, dict[str, str]]) -> None:
+    """Take out the files with `wstring`, or with a type from such a file."""
+    uses: dict[Path, set[str]] = {}
+    for file, texts in parts.items():
+        uses[file] = set()
+        for name, text in texts.items():
+            uses[file] |= {used for _, used in _used(parse_definition(name, text)[name])}
+    left_out: set[str] = set()
+    while wide := [file for file in parts if any(_is_wide(used, left_out) for used in uses[file])]:
+        for file in wide:
+            _log.warning("%s: given wstring, allowed is string; the type is left out", file)
+            left_out |= parts.pop(file).keys()
 
 
-def _add_texts(texts: Mapping[str, str]) -> None:
+def _is_wide(name: str, left_out: set[str]) -> bool:
+    return name.endswith(_WSTRING) or name in left_out
+
+
+def register_texts(texts: Mapping[str, str]) -> None:
     """Add the types of `.msg` texts without dependencies, as `add_types`, and keep the texts."""
     parsed = {name: parse_definition(name, text)[name] for name, text in texts.items()}
     with _lock:
@@ -358,9 +376,7 @@ def message_type(name: str) -> type[Any]:
     """
     types = type_store().types
     if name not in types:
-        raise UnknownTypeError(
-            name, near=tuple(difflib.get_close_matches(str(name), types, n=3, cutoff=0.7))
-        )
+        raise UnknownTypeError(name, types)
     return types[name]
 
 
@@ -372,15 +388,16 @@ def service_type(name: str) -> ServiceType:
     """
     types = type_store().types
     if f"{name}_Request" not in types:
-        services = [
-            n.removesuffix("_Request") for n in types if "/srv/" in n and n.endswith("_Request")
-        ]
-        raise UnknownTypeError(
-            name, near=tuple(difflib.get_close_matches(str(name), services, n=3))
-        )
+        raise UnknownTypeError(name, names_before("_Request", "srv"))
     return ServiceType(
         name=name, request=types[f"{name}_Request"], response=types[f"{name}_Response"]
     )
+
+
+def names_before(ending: str, kind: str) -> list[str]:
+    """Return the names of a kind of interface that the names of its message types begin with."""
+    names = [name for name in type_store().types if f"/{kind}/" in name]
+    return [name.removesuffix(ending) for name in names if name.endswith(ending)]
 
 
 @functools.cache
@@ -427,29 +444,7 @@ def type_hash(type_or_name: type[Any] | str) -> str:
     Raises:
         UnknownTypeError: There is no such type.
     """
-    from rosbags.typesys.store import Typestore
-
-    name = type_name(type_or_name)
-    dependencies: dict[str, str] = {}
-    _add_dependencies(name, dependencies)
-    store = Typestore()
-    for used in (name, *dependencies):
-        constants, fields = type_store().fielddefs[used]
-        store.fielddefs[used] = (constants, [(field, _hashed(desc)) for field, desc in fields])
-    return store.hash_rihs01(name)
-
-
-def _hashed(desc: Any) -> Any:
-    """Return a field's description in the form that rosidl hashes: `char` is `uint8`, unlike in rosbags."""
-    from rosbags.interfaces import Nodetype
-
-    kind, rest = desc
-    if kind is Nodetype.BASE:
-        return (kind, ("uint8", 0)) if rest[0] == "char" else desc
-    if kind is Nodetype.NAME:
-        return desc
-    element, count = rest
-    return (kind, (_hashed(element), count))
+    return type_store().hash_rihs01(type_name(type_or_name))
 
 
 def _add_dependencies(name: str, texts: dict[str, str]) -> None:
@@ -530,56 +525,14 @@ def default_message(type_or_name: type[Any] | str, **fields: Any) -> Any:
     return replace(_default_of(name), **fields)
 
 
-_SERVICE_PARTS = ("Request", "Response")
-_ACTION_RULE = re.compile(r"^---[ \t]*$", re.MULTILINE)
-_ACTION_PARTS = ("Goal", "Result", "Feedback")
-_GOAL_ID = "unique_identifier_msgs/UUID goal_id\n"
-_ACTION_WRAPPERS = {
-    "SendGoal_Request": _GOAL_ID + "{name}_Goal goal\n",
-    "SendGoal_Response": "bool accepted\nbuiltin_interfaces/Time stamp\n",
-    "GetResult_Request": _GOAL_ID,
-    "GetResult_Response": "int8 status\n{name}_Result result\n",
-    "FeedbackMessage": _GOAL_ID + "{name}_Feedback feedback\n",
-}
-
-
-def action_texts(name: str, text: str) -> dict[str, str]:
-    """Return the message texts of an `.action` text by full names: its three parts, and their wrappers.
-
-    The wrappers are those of ROS 2's design (design.ros2.org, "Actions"); each text uses only earlier ones.
-
-    Raises:
-        MessageError: The text has another number of parts.
-    """
-    parts = _ACTION_RULE.split(text)
-    if len(parts) != len(_ACTION_PARTS):
-        given = f"given {len(parts)} part(s)"
-        raise MessageError(f"action {name!r}: {given}, allowed are 3 with lines of `---` between")
-    texts = {
-        f"{name}_{kind}": part.strip("\n") for kind, part in zip(_ACTION_PARTS, parts, strict=True)
-    }
-    return texts | {
-        f"{name}_{kind}": wrapper.format(name=name) for kind, wrapper in _ACTION_WRAPPERS.items()
-    }
-
-
 EMPTY = "structure_needs_at_least_one_member"
 """Name of the octet that rosbags adds to a message without fields when it is registered (rosidl's rule)."""
-_SUFFIXES = ("msg", "srv", "action")
 _WSTRING = "/wstring"  #: Suffix of the type that rosbags reads in place of `wstring`.
-_SECONDS = range(-(2**31), 2**31)
 
 
 def stamp_from_ns(stamp_ns: int) -> Any:
-    """Return the `builtin_interfaces/msg/Time` of nanoseconds since the epoch; negative ones have negative seconds.
-
-    Raises:
-        MessageError: The seconds do not fit into 32 bits.
-    """
+    """Return the `builtin_interfaces/msg/Time` of nanoseconds since the epoch; negative ones have negative seconds."""
     sec, nanosec = divmod(int(stamp_ns), NS_PER_S)
-    if sec not in _SECONDS:
-        allowed = f"{_SECONDS.start} to {_SECONDS.stop} s (int32)"
-        raise MessageError(f"stamp: given {stamp_ns} ns, allowed are {allowed}")
     return message_type("builtin_interfaces/msg/Time")(sec=sec, nanosec=nanosec)
 
 

@@ -20,11 +20,14 @@ from sfglab.bus.actions.goals import (
     uuid_message,
 )
 from sfglab.machine import IllegalInputError
-from sfglab.messages import message_type, register_action, service_type
+from sfglab.messages import action_type, message_type, service_type
+from sfglab.messages.store import interface_texts, register_texts
 from sfglab.qos import DEFAULT, LATCHED
 
 ACTION = "sfglab_test_interfaces/action/Fibonacci"
-Fibonacci = register_action(ACTION, "int32 order\n---\nint32[] sequence\n---\nint32[] sequence\n")
+TEXT = "int32 order\n---\nint32[] sequence\n---\nint32[] sequence\n"
+register_texts(interface_texts(ACTION, TEXT))
+Fibonacci = action_type(ACTION)
 CANCEL, STATUS = "action_msgs/srv/CancelGoal", "action_msgs/msg/GoalStatusArray"
 Status, Code = bus.GoalStatus, bus.CancelCode
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
 from sfglab import messages
-from sfglab.messages.store import parse_definition
+from sfglab.messages.store import interface_texts, parse_definition, register_texts
 
 
 def test_the_header_stands_before_the_fields_and_a_big_endian_frame_is_read():
@@ -35,6 +35,7 @@ def test_what_has_no_header_is_refused(data):
 
 FOLLOW = "sfglab_interfaces/action/FollowTrajectory"
 COUNT = "sfglab_test_interfaces/action/Count"
+NOTHING = "sfglab_test_interfaces/action/Nothing"
 TEXT = "int32 until\nint32 LIMIT=9\n---\nint32 reached\n---\nint32 now\n"
 
 
@@ -63,7 +64,8 @@ def test_an_action_is_three_parts_and_the_wrappers_of_the_ros_2_design():
 
 
 def test_a_request_for_a_goal_is_the_id_and_then_the_goal_and_no_field_is_one_octet():
-    action = messages.register_action(COUNT, TEXT)
+    register_texts(interface_texts(COUNT, TEXT))
+    action = messages.action_type(COUNT)
     uuid = messages.message_type("unique_identifier_msgs/msg/UUID")(
         uuid=np.arange(16, dtype=np.uint8)
     )
@@ -71,7 +73,8 @@ def test_a_request_for_a_goal_is_the_id_and_then_the_goal_and_no_field_is_one_oc
     assert cdr == b"\0\1\0\0" + bytes(range(16)) + b"\7\0\0\0"
     assert messages.deserialize(cdr, action.send_goal.request).goal.until == 7
     assert action.goal.LIMIT == 9
-    action = messages.register_action("sfglab_test_interfaces/action/Nothing", "---\n---\n")
+    register_texts(interface_texts(NOTHING, "---\n---\n"))
+    action = messages.action_type(NOTHING)
     for type_ in (action.goal, action.result, action.feedback):
         assert len(messages.serialize(messages.default_message(type_))) == len(b"\0\1\0\0\0\0\0\0")
 
@@ -90,10 +93,9 @@ def test_a_definition_holds_the_part_that_is_wrapped():
 
 @pytest.mark.parametrize("text", ["", "int32 a\n---\nint32 b\n", "---\n---\n---\n"])
 def test_a_text_without_three_parts_is_refused_with_their_number(text):
-    with pytest.raises(
-        messages.MessageError, match=rf"'a/action/B'.*given {text.count('---') + 1} part"
-    ):
-        messages.register_action("a/action/B", text)
+    count = text.count("---") + 1
+    with pytest.raises(messages.MessageError, match=rf"a/action/B: given {count} part"):
+        interface_texts("a/action/B", text)
 
 
 def test_a_short_name_is_looked_for_in_its_package_and_an_unknown_action_told_its_neighbours():
