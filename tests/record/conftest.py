@@ -13,7 +13,7 @@ def meter_row():
     """A function from some fields to a row."""
 
     def make(**fields):
-        values = {"agent": "r1", "received": 1, "mean_s": 0.5, "lossless": True, "samples_s": ()}
+        values = {"agent": "r1", "received": 1, "mean_s": 0.5, "lossless": True}
         return MeterRow(**values | fields)
 
     return make
@@ -50,5 +50,5 @@ def given(tmp_path, image, meter_row):
         log.write_raw(
             "/tf_static", "tf2_msgs/msg/TFMessage", serialize(tree), log_time_ns=5, qos=LATCHED
         )
-        log.write_row("meter", meter_row(received=4, samples_s=(0.25, 0.75)), log_time_ns=6)
+        log.write_row("meter", meter_row(received=4), log_time_ns=6)
     return path

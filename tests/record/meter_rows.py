@@ -11,4 +11,3 @@ class MeterRow:
     received: int  #: Messages, a count.
     mean_s: float  #: Mean latency, in seconds.
     lossless: bool  #: Whether all came.
-    samples_s: tuple[float, ...]  #: Every latency, in seconds.

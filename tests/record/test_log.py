@@ -62,24 +62,14 @@ def test_messages_come_back_byte_by_byte_in_the_order_of_log_times(path, image):
 def test_a_table_is_a_dataframe_of_its_rows(path, meter_row):
     with LogWriter(path) as log:
         for i in range(3):
-            row = meter_row(
-                agent=f"r{i}", received=i, mean_s=i / 2, lossless=i == 1, samples_s=(0.5,) * i
-            )
+            row = meter_row(agent=f"r{i}", received=i, mean_s=i / 2, lossless=i == 1)
             log.write_row("meter", row, log_time_ns=100 + i)
     with LogReader(path) as log:
         assert log.tables == ("meter",)
         table = log.table("meter")
-    assert list(table.columns) == [
-        "log_time_ns",
-        "agent",
-        "received",
-        "mean_s",
-        "lossless",
-        "samples_s",
-    ]
+    assert list(table.columns) == ["log_time_ns", "agent", "received", "mean_s", "lossless"]
     assert table["log_time_ns"].tolist() == [100, 101, 102]
     assert table["agent"].tolist() == ["r0", "r1", "r2"]
-    assert table["samples_s"].map(len).tolist() == [0, 1, 2]
     assert [str(table[c].dtype) for c in ("received", "mean_s", "lossless")] == [
         "int64",
         "float64",
@@ -93,12 +83,9 @@ class AnyRow:
     value: float
     label: str
     flag: bool
-    numbers: list[float]
-    words: list[str]
 
 
-finite = st.lists(st.floats(allow_nan=False), max_size=4)
-any_rows = st.builds(AnyRow, count=st.integers(-(2**63), 2**63 - 1), numbers=finite)
+any_rows = st.builds(AnyRow, count=st.integers(-(2**63), 2**63 - 1))
 
 
 @settings(max_examples=40, deadline=None)
@@ -113,7 +100,6 @@ def test_arbitrary_rows_come_back(tmp_path_factory, rows):
     for row, read in zip(rows, table.itertuples(), strict=True):
         assert (row.count, row.label, row.flag) == (read.count, read.label, read.flag)
         assert row.value == read.value or (math.isnan(row.value) and math.isnan(read.value))
-        assert (row.numbers, row.words) == (read.numbers.tolist(), read.words)
 
 
 def test_metadata_and_attachments_come_back(path):
@@ -217,7 +203,7 @@ def test_input_that_a_log_cannot_hold_is_refused_before_it_spoils_the_file(path)
                 log.write("/text", text("x"), log_time_ns=stamp_ns)
         for error, complaint, row in (
             (LogError, "ClashRow has a field log_time_ns: rename it", ClashRow(1)),
-            (MessageError, "CamelCase", {"a": 1}),
+            (MessageError, "allowed are dataclasses", {"a": 1}),
         ):
             with pytest.raises(error, match=complaint):
                 log.write_row("meter", row, log_time_ns=1)
@@ -273,7 +259,7 @@ def test_a_full_disk_is_said_at_once_and_leaks_no_file():
 def test_threads_may_share_a_writer(path, meter_row):
     def write(log, agent):
         for i in range(200):
-            row = meter_row(agent=agent, received=i, mean_s=0.0, lossless=True, samples_s=())
+            row = meter_row(agent=agent, received=i, mean_s=0.0, lossless=True)
             log.write_row("meter", row, log_time_ns=i * 20_000_000)
 
     with LogWriter(path) as log:
