@@ -26,6 +26,7 @@ from sfglab.names.fqn import (
     parse,
 )
 from sfglab.names.grammar import (
+    MAX_NAME_LENGTH,
     TF,
     TF_STATIC,
     DdsRole,
@@ -34,7 +35,6 @@ from sfglab.names.grammar import (
     dds_names,
     dds_service,
     dds_topic,
-    max_name_length,
     resolve,
     ros_name_from_dds,
     router_hazards,
@@ -44,6 +44,7 @@ from sfglab.names.vocabulary import After, Component, Custom, Resource, Scope, S
 
 __all__ = [
     "AGENT_VARIABLE",
+    "MAX_NAME_LENGTH",
     "SHARED_FRAMES",
     "TF",
     "TF_STATIC",
@@ -65,7 +66,6 @@ __all__ = [
     "dds_topic",
     "default_agent",
     "frame_owner",
-    "max_name_length",
     "parse",
     "prefixed_frame",
     "resolve",

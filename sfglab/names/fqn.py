@@ -22,7 +22,7 @@ from sfglab.names.grammar import (
     ResourceKind,
     check_words,
     dds_names,
-    router_breaks,
+    router_hazards,
     validate_ros_name,
 )
 from sfglab.names.vocabulary import (
@@ -74,7 +74,7 @@ class RosFqn:
             validate_agent(self.agent)
         _check_sets(self)
         _check_constraint(self)
-        if self.is_global and self.kind is not ResourceKind.TOPIC:
+        if self.is_global:
             _check_routable(self)
         validate_ros_name(str(self), self.kind)
 
@@ -134,16 +134,12 @@ def parse(name: str, kind: ResourceKind | None = None) -> RosFqn:
 
 
 def _shares(name: str) -> tuple[Scope, tuple[str | None, ...], str]:
-    if not name.startswith("/"):
-        raise FqnError("name", name, f"an absolute name, {_SHAPE}")
-    first, *rest = name[1:].split("/")
+    first, *rest = name.removeprefix("/").split("/")
+    if not name.startswith("/") or not 1 <= len(rest) <= 4:
+        raise FqnError("name", name, f"at most five segments, {_SHAPE}")
     if first not in {scope.value for scope in Scope}:
         raise FqnError("scope", first, " or ".join(scope.value for scope in Scope))
-    if not rest:
-        raise FqnError("resource", None, f"a resource after the scope, {_SHAPE}")
     *middle, last = rest
-    if len(middle) > 3:
-        raise FqnError("name", name, f"at most five segments, {_SHAPE}")
     return Scope(first), (*middle, *[None] * (3 - len(middle))), last
 
 
@@ -198,9 +194,9 @@ def _check_constraint(fqn: RosFqn) -> None:
 
 
 def _check_routable(fqn: RosFqn) -> None:
-    last = "resource" if fqn.kind is ResourceKind.SERVICE else None
+    hazards = router_hazards(str(fqn), fqn.kind)
     for label, text in fqn.segments:
-        if router_breaks(text, followed=label != last):
+        if text in hazards:
             allowed = (
                 "in a global service or action a segment without 'Request' or 'Reply' that does not end in "
                 "'rq' or 'rr' before a slash: a DDS router breaks it"
@@ -252,14 +248,10 @@ class RosFqnBuilder:
         Raises:
             FqnError: A segment is missing or not allowed; the error names it.
         """
-        if "scope" not in self._segments:
-            raise FqnError("scope", None, "Scope.LOCAL or Scope.GLOBAL; it is mandatory")
-        if "resource" not in self._segments:
-            raise FqnError(
-                "resource", None, "a Resource, one with a suffix, or Custom; it is mandatory"
-            )
-        agent: dict[str, Any] = {} if "agent" in self._segments else {"agent": default_agent()}
-        return RosFqn(**agent, **self._segments)
+        segments = {"scope": None, "resource": None, **self._segments}
+        if "agent" not in segments:
+            segments["agent"] = default_agent()
+        return RosFqn(**segments)
 
     def _with(self, label: str, value: Any, suffix: str | None = None) -> RosFqnBuilder:
         if suffix is not None:

@@ -53,20 +53,16 @@ class ResourceKind(Enum):
     ACTION = "action"
 
 
-_MAX_LENGTH = {
+MAX_NAME_LENGTH = {
     ResourceKind.TOPIC: _RMW_MAX_LENGTH,
     ResourceKind.SERVICE: _DDS_MAX_LENGTH - _SERVICE_MANGLING,
     ResourceKind.ACTION: _DDS_MAX_LENGTH - _SERVICE_MANGLING - _LONGEST_ACTION_TAIL,
 }
+"""Longest allowed ROS names: 247 characters for topics, 246 for services, 226 for actions.
 
-
-def max_name_length(kind: ResourceKind) -> int:
-    """Return the longest allowed ROS name: 247 characters for topics, 246 for services, 226 for actions.
-
-    rmw reserves 8 characters for prefixes. However, `rq` and `Request` take 9, and the names of actions get
-    a further part, of which the longest counts.
-    """
-    return _MAX_LENGTH[kind]
+rmw reserves 8 characters for prefixes. However, `rq` and `Request` take 9, and the names of actions get
+a further part, of which the longest counts.
+"""
 
 
 def validate_ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str:
@@ -77,7 +73,7 @@ def validate_ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str
     """
     if not ROS_NAME.fullmatch(name) or "__" in name:
         raise FqnError("name", name, _NAME_RULE)
-    limit = max_name_length(kind)
+    limit = MAX_NAME_LENGTH[kind]
     if len(name) > limit:
         raise FqnError(
             "name", name, f"at most {limit} characters for a {kind.value}, this has {len(name)}"
@@ -101,10 +97,9 @@ def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
         FqnError: With segment `namespace`, `node` or `name`.
     """
     root = "" if namespace in ("", "/") else "/" + namespace.removeprefix("/")
-    if root and (not ROS_NAME.fullmatch(root) or "__" in root or len(root) > _RMW_MAX_LENGTH - 2):
-        raise FqnError(
-            "namespace", namespace, f"'/' or {_NAME_RULE}; at most {_RMW_MAX_LENGTH - 2} characters"
-        )
+    longest = _RMW_MAX_LENGTH - 2
+    if root and (not ROS_NAME.fullmatch(root) or "__" in root or len(root) > longest):
+        raise FqnError("namespace", namespace, f"'/' or {_NAME_RULE}; at most {longest} characters")
     if not _TOKEN.fullmatch(node_name) or "__" in node_name or len(node_name) > _DDS_MAX_LENGTH:
         rule = f"ASCII letters, digits and single underscores, no leading digit, at most {_DDS_MAX_LENGTH}"
         raise FqnError("node", node_name, rule)
@@ -112,8 +107,6 @@ def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
         return validate_ros_name(name)
     if name == "~" or name.startswith("~/"):
         return validate_ros_name(f"{root}/{node_name}{name[1:]}")
-    if not ROS_NAME.fullmatch(f"/{name}"):
-        raise FqnError("name", name, f"'x', '~/x' or {_NAME_RULE}")
     return validate_ros_name(f"{root}/{name}")
 
 
@@ -210,13 +203,11 @@ def router_hazards(name: str, kind: ResourceKind = ResourceKind.SERVICE) -> tupl
     """Return the segments of a service's or action's name that a DDS router breaks, in order."""
     if kind is ResourceKind.TOPIC:
         return ()
-    segments = name.split("/")[1:]
-    last = len(segments) if kind is ResourceKind.SERVICE else len(segments) + 1
-    return tuple(
-        segment
-        for place, segment in enumerate(segments, start=1)
-        if router_breaks(segment, followed=place < last)
-    )
+    *firsts, last = name.split("/")
+    hazards = [segment for segment in firsts if router_breaks(segment, followed=True)]
+    if router_breaks(last, followed=kind is ResourceKind.ACTION):
+        hazards.append(last)
+    return tuple(hazards)
 
 
 def _mangled(role: DdsRole, name: str) -> str:

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from sfglab.errors import SfglabError
 from sfglab.names import (
+    MAX_NAME_LENGTH,
     FqnError,
     ResourceKind,
     dds_names,
-    max_name_length,
     resolve,
     validate_ros_name,
 )
@@ -29,7 +29,7 @@ from sfglab.names import (
 def test_the_longest_topic_is_that_of_rmw_other_names_fill_one_of_dds_and_one_more_is_refused(
     kind, on_dds
 ):
-    limit = max_name_length(kind)
+    limit = MAX_NAME_LENGTH[kind]
     longest = "/" + "a" * (limit - 1)
     validate_ros_name(longest, kind)
     assert max(map(len, dds_names(longest, kind))) == on_dds

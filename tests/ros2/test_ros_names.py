@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 from sfglab.lab.ros2 import distributions
-from sfglab.names import FqnError, all_standard_fqns, max_name_length, resolve, validate_ros_name
+from sfglab.names import (
+    MAX_NAME_LENGTH,
+    FqnError,
+    all_standard_fqns,
+    resolve,
+    validate_ros_name,
+)
 from sfglab.names import ResourceKind as Kind
 from sfglab.names.grammar import is_wire_ros_name
 
@@ -22,7 +28,7 @@ PARTS = (
 def hostile(rng):
     """A name of a few pieces, most of them nearly right; some as long as names may be, give or take one."""
     if rng.random() < 0.1:
-        return "/" + "b" * (max_name_length(Kind.TOPIC) - 1 + rng.randrange(-1, 2))
+        return "/" + "b" * (MAX_NAME_LENGTH[Kind.TOPIC] - 1 + rng.randrange(-1, 2))
     head = "/" if rng.random() < 0.6 else ""
     return head + rng.choice(("", "/")).join(rng.choice(PARTS) for _ in range(rng.randrange(1, 5)))
 
@@ -58,7 +64,7 @@ def test_names_are_accepted_expanded_and_refused_as_ros_2_does(distribution):
     differ = []
     for (name, namespace, node), line in zip(asked, answers.stdout.splitlines(), strict=True):
         full, expanded = json.loads(line)
-        fits = len(name) <= max_name_length(Kind.TOPIC)
+        fits = len(name) <= MAX_NAME_LENGTH[Kind.TOPIC]
         # The design article's rules, which rmw leaves out: no "__", and "~" stands before "/" (rcl takes "~9").
         bent = name.startswith("~") and name[1:2] not in {"", "/"}
         stricter = bent or "__" in f"{name} {namespace} {node} {expanded}"
