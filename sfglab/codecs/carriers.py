@@ -26,7 +26,7 @@ from sfglab.codecs.libav import VideoDecoder
 from sfglab.messages.packets import PacketOrder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from av import VideoFrame
     from numpy.typing import NDArray
@@ -166,7 +166,7 @@ def image_decoder(
     readers = {
         FFMPEG_PACKET: _read_ffmpeg_packet,
         COMPRESSED_IMAGE: _read_compressed_image,
-        COMPRESSED_VIDEO: _read_compressed_video,
+        COMPRESSED_VIDEO: _read_compressed_image,
     }
     if type_name not in readers:
         reason = f"no images in it; allowed are {', '.join(readers)}"
@@ -199,11 +199,6 @@ def _read_ffmpeg_packet(message: Any) -> _Content:
     return _Content(codec=encoding.codec, data=bytes(message.data), pts=int(message.pts))
 
 
-def _read_compressed_video(message: Any) -> _Content:
-    codec = VIDEO_CODECS.get(message.format.lower(), message.format)
-    return _Content(codec=codec, data=bytes(message.data))
-
-
 def _read_compressed_image(message: Any) -> _Content:
     text, data = message.format.lower(), bytes(message.data)
     if "compresseddepth" in text:
@@ -229,16 +224,26 @@ class ImageDecoder:
         content = self._read(message)
         codec = self._codec(content)
         if codec in _VIDEO:
-            return tuple(self._decode_video(codec, content))
+            video, frames = self._decode_packet(codec, content)
+            images = []
+            for frame in frames:
+                pixels = video.bgr(frame)
+                image = DecodedImage(
+                    array=pixels, encoding="bgr8", is_key=frame.key_frame, intact=self._intact
+                )
+                images.append(image)
+            return tuple(images)
         if codec in ("depth", "rvl"):
             depth_format = content.depth_format or DepthFormat(encoding="", codec="rvl")
-            pixels = decode_depth(content.data, depth_format, most_pixels=self._most_pixels)
+            array, encoding = decode_depth(
+                content.data, depth_format, most_pixels=self._most_pixels
+            )
         elif codec in _HINTS:
-            pixels = _decode_still(content, self._most_pixels)
+            array, encoding = _decode_still(content, self._most_pixels)
         else:
             reason = f"a message names it, but known are {', '.join(_HINTS)}; if it is one of them, hint it"
             raise CodecUnavailableError(content.codec, reason=reason)
-        return (DecodedImage(array=pixels[0], encoding=pixels[1], is_key=True, intact=True),)
+        return (DecodedImage(array=array, encoding=encoding, is_key=True, intact=True),)
 
     def skip(self, message: Any) -> None:
         """Take one message whose image is not wanted, so that the next ones can be decoded.
@@ -253,21 +258,8 @@ class ImageDecoder:
         if codec in _VIDEO:
             self._decode_packet(codec, content)
 
-    def reset(self) -> None:
-        """Forget the stream's past, as after a pause: the reference frames and the count of packets."""
-        self._order = PacketOrder()
-        self._intact = True
-        if self._video is not None:
-            self._video.reset()
-
     def _codec(self, content: _Content) -> str:
         return content.codec if content.codec in ("depth", *_HINTS) else self._hint
-
-    def _decode_video(self, codec: str, content: _Content) -> Iterator[DecodedImage]:
-        video, frames = self._decode_packet(codec, content)
-        for frame in frames:
-            pixels, is_key = video.bgr(frame), frame.key_frame
-            yield DecodedImage(array=pixels, encoding="bgr8", is_key=is_key, intact=self._intact)
 
     def _decode_packet(
         self, codec: str, content: _Content

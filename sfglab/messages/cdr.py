@@ -229,20 +229,14 @@ def _image_reader(store: Typestore) -> Callable[[memoryview], Any]:
     return read
 
 
-_decoders: dict[type[Any] | str, Callable[[Buffer], Any]] = {}
-
-
+@functools.cache
 def decoder(type_or_name: type[Any] | str) -> Callable[[Buffer], Any]:
     """Return `deserialize` for one message type or its name; the type is looked up once.
 
     Raises:
         UnknownTypeError: There is no such type.
     """
-    found = _decoders.get(type_or_name)
-    if found is None:
-        name = type_name(type_or_name)
-        found = _decoders[type_or_name] = _decoder(type_store(), name)
-    return found
+    return _decoder(type_store(), type_name(type_or_name))
 
 
 def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:

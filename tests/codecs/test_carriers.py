@@ -115,17 +115,6 @@ def test_a_missing_packet_taints_pictures_up_to_the_next_key_frame_also_of_a_sen
     assert [decoder.feed(p)[0].intact for p in packets(stream, 0, 2)] == [True] * 2
 
 
-def test_reset_forgets_the_stream_which_goes_on_with_a_key_frame(stream):
-    decoder = image_decoder(FFMPEG_PACKET)
-    decoder.feed(packets(stream, 0, 1)[0])
-    decoder.reset()
-    assert [decoder.feed(packet) for packet in packets(stream, 20, 30)] == [()] * 10
-    assert decoder._video.waiting
-    (image,) = decoder.feed(packets(stream, 30, 31)[0])
-    assert (image.is_key, image.intact, decoder._video.waiting) == (True, True, False)
-    image_decoder(COMPRESSED_IMAGE).reset()
-
-
 @pytest.mark.parametrize(
     "data_type", [bytes, bytearray, memoryview, list, lambda data: array.array("B", data)]
 )
