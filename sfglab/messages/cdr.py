@@ -229,13 +229,18 @@ def _image_reader(store: Typestore) -> Callable[[memoryview], Any]:
     return read
 
 
-@functools.cache
 def decoder(type_or_name: type[Any] | str) -> Callable[[Buffer], Any]:
     """Return `deserialize` for one message type or its name; the type is looked up once.
 
     Raises:
         UnknownTypeError: There is no such type.
     """
+    key: Any = type_or_name
+    return _known_decoder(key)
+
+
+@functools.cache
+def _known_decoder(type_or_name: Any) -> Callable[[Buffer], Any]:
     return _decoder(type_store(), type_name(type_or_name))
 
 

@@ -18,7 +18,6 @@ _PACKAGE = "sfglab_rows"
 _TYPES = {bool: "bool", int: "int64", float: "float64", str: "string"}
 
 
-@functools.cache
 def row_type(row_class: type[Any]) -> type[Any]:
     """Return the message type of a table's rows, `sfglab_rows/msg/<ClassName>`, and register it on first use.
 
@@ -30,9 +29,15 @@ def row_type(row_class: type[Any]) -> type[Any]:
     Raises:
         MessageError: A field is of another type, or another row class has the name.
     """
-    name = row_class.__name__
     if not dataclasses.is_dataclass(row_class):
-        raise MessageError(f"{name}: given this class, allowed are dataclasses")
+        raise MessageError(f"{row_class.__name__}: given this class, allowed are dataclasses")
+    key: Any = row_class
+    return _registered(key)
+
+
+@functools.cache
+def _registered(row_class: Any) -> type[Any]:
+    name = row_class.__name__
     docs = field_docs(row_class)
     lines = []
     for field, hint in typing.get_type_hints(row_class).items():

@@ -5,15 +5,15 @@ as rows of tables, configuration and versions as metadata.
 """
 
 from sfglab.record.metadata import run_context
-from sfglab.record.parts import LogError
-from sfglab.record.reader import DecodedMessage, LogReader, TopicInfo
+from sfglab.record.parts import Channel, LogError
+from sfglab.record.reader import DecodedMessage, LogReader
 from sfglab.record.writer import LogWriter
 
 __all__ = [
+    "Channel",
     "DecodedMessage",
     "LogError",
     "LogReader",
     "LogWriter",
-    "TopicInfo",
     "run_context",
 ]

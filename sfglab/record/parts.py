@@ -50,7 +50,7 @@ def damage_named(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Channel:
-    """One channel of a file: a topic whose messages have one type by one definition."""
+    """One channel of a file, or one topic of a log: messages of one type."""
 
     topic: str  #: Name of the topic.
     type_name: str  #: ROS type of the messages; empty where the file does not name it.

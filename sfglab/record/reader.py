@@ -11,7 +11,7 @@ import heapq
 import itertools
 import logging
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
@@ -39,15 +39,6 @@ _LOG = logging.getLogger(__name__)
 #: Number of messages of a topic that its rate and size are taken from.
 _SAMPLE = 200
 _AFTER_ALL_NS = 2**64  # MCAP's times are smaller
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TopicInfo:
-    """Contents of one topic of a log."""
-
-    type_name: str  #: ROS type of the messages.
-    count: int  #: Number of messages.
-    encoding: str = "cdr"  #: Encoding of the messages.
 
 
 class DecodedMessage(NamedTuple):
@@ -104,13 +95,15 @@ class LogReader(AbstractContextManager["LogReader"]):
             self._channels.setdefault(channel.topic, []).append(channel)
 
     @cached_property
-    def topics(self) -> dict[str, TopicInfo]:
-        """The topics in this log, sorted by name; tables are among them."""
+    def topics(self) -> dict[str, Channel]:
+        """The topics in this log, sorted by name, each with the number of all its messages.
+
+        Tables are among them. Of several definitions of a topic, it is the last.
+        """
         found = {}
         for topic, channels in self._channels.items():
             count = sum(channel.count for channel in channels)
-            last = channels[-1]
-            found[topic] = TopicInfo(type_name=last.type_name, count=count, encoding=last.encoding)
+            found[topic] = replace(channels[-1], count=count)
         return found
 
     @property
@@ -121,15 +114,12 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def offered_qos(self, topic: str) -> QoSProfile:
         """Return the recorded profile of a topic's publishers; what is left open is ROS 2's default."""
-        texts = (channel.offered_qos for channel in self._channels[topic])
-        return profile_from_bag(next(filter(None, texts), ""))
+        return profile_from_bag(self.topics[topic].offered_qos)
 
     def definition(self, topic: str) -> str:
         """Return the definition of a topic's type in the log; empty where it has none as `.msg`."""
-        for channel in self._channels[topic]:
-            if channel.definition_encoding == "ros2msg":
-                return channel.definition
-        return ""
+        channel = self.topics[topic]
+        return channel.definition if channel.definition_encoding == "ros2msg" else ""
 
     def first(self, topic: str) -> list[LogMessage]:
         """Return a topic's first messages, at most 200: enough for its rate and size."""
@@ -260,10 +250,11 @@ class LogReader(AbstractContextManager["LogReader"]):
     def _decoder(self, channel: Channel) -> Callable[[bytes], Any]:
         name = channel.type_name
         text = channel.definition if channel.definition_encoding == "ros2msg" else ""
-        if channel.encoding == "cdr" and text and not is_known_as(name, text):
-            return decoder_from_definition(name, text)
-        if channel.encoding == "cdr" and is_known(name):
-            return decoder(name)
+        if channel.encoding == "cdr":
+            if text and not is_known_as(name, text):
+                return decoder_from_definition(name, text)
+            if is_known(name):
+                return decoder(name)
         said = f"given messages {channel.encoding!r}, definition {channel.definition_encoding!r}"
         allowed = "allowed are 'cdr' and 'ros2msg', or types known here and by --interfaces"
         raise LogError(f"log {self.path}: topic {channel.topic}: {said}; {allowed}")

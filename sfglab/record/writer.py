@@ -38,7 +38,7 @@ class LogWriter(AbstractContextManager["LogWriter"]):
 
     Messages are collected in chunks. A chunk ends at 768 kB; the current chunk also ends when 1 s of
     log time has passed since the last such end. A finished chunk belongs to the operating system: it survives
-    `kill -9`, and `LogReader` reads a file that ends there. What is in the current chunk does not.
+    `kill -9`, and `LogReader` reads a file that ends there. The current chunk does not.
 
     Every method may be called from any thread: a lock serialises them. A call that finishes a chunk compresses
     and writes it before it returns, which takes 1 to 20 milliseconds; in an event loop that minds them, call

@@ -16,7 +16,7 @@ from sfglab.messages import (
     serialize,
 )
 from sfglab.qos import DEFAULT, LATCHED
-from sfglab.record import LogError, LogReader, LogWriter, TopicInfo
+from sfglab.record import LogError, LogReader, LogWriter
 
 TEXT = "std_msgs/msg/String"
 SECOND = 10**9
@@ -46,9 +46,9 @@ def test_messages_come_back_byte_by_byte_in_the_order_of_log_times(path, image):
         log.write_raw("/text", TEXT, bytearray(second), log_time_ns=40, qos=LATCHED)
     with LogReader(path) as log:
         assert not log.truncated
-        assert log.topics == {
-            "/camera": TopicInfo(type_name="sensor_msgs/msg/Image", count=1),
-            "/text": TopicInfo(type_name=TEXT, count=2),
+        assert {topic: (info.type_name, info.count) for topic, info in log.topics.items()} == {
+            "/camera": ("sensor_msgs/msg/Image", 1),
+            "/text": (TEXT, 2),
         }
         assert list(log.messages()) == [
             ("/text", TEXT, 10, 10, second),
