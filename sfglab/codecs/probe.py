@@ -138,9 +138,7 @@ def _worst_db(encoder: str, decoder: str) -> float:
 
 def _trial_images() -> list[NDArray[np.uint8]]:
     """Return three smooth images that differ, so that a repeated or missing one shows."""
-    rows, columns = np.mgrid[0 : _TRIAL.height, 0 : _TRIAL.width]
-    images = []
-    for shift in range(3):
-        channels = [rows + 20 * shift, columns * 0.6 + 10 * shift, 200 - rows]
-        images.append(np.stack(channels, axis=-1).clip(0, 255).astype(np.uint8))
-    return images
+    ramp = np.linspace(0, 255, _TRIAL.width).astype(np.uint8)
+    row = np.stack([ramp, ramp[::-1], ramp // 2], axis=-1)
+    image = np.broadcast_to(row, (_TRIAL.height, *row.shape))
+    return [image // divisor for divisor in (1, 2, 3)]

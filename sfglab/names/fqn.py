@@ -178,9 +178,6 @@ def _check_sets(fqn: RosFqn) -> None:
         base = _base(value)
         if isinstance(base, Custom):
             check_unmistakable(label, base.text, own=values)
-            if label != "resource" and base.kind is not ResourceKind.TOPIC:
-                allowed = f"no kind (here {base.kind.value}): only a resource has one"
-                raise FqnError(label, base.text, allowed)
         elif not isinstance(base, values) and (value is not None or label == "resource"):
             raise FqnError(label, value, f"a {values.__name__}, one with a suffix, or Custom")
 

@@ -169,7 +169,6 @@ C, S, R = Component, names.Stream, Resource
         ("go2", Custom("color"), None, R.IMAGE_RAW, "component"),
         ("go2", C.CAMERA, None, Custom("color"), "resource"),
         ("go2", C.CAMERA, None, Custom("image_raw_left"), "resource"),
-        ("go2", Custom("mast", kind=ResourceKind.SERVICE), None, R.POINTS, "component"),
         (None, None, None, "agent_heartbeat", "resource"),
         (None, None, None, None, "resource"),
         (None, None, None, S.COLOR, "resource"),
