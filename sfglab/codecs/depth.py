@@ -1,7 +1,7 @@
 """Depth images as compressed_depth_image_transport writes them: a 12-byte header, then PNG or RVL.
 
 16-bit depth is lossless and keeps all distances; the ROS plugin turns those beyond 10 m into holes by default.
-32-bit depth is quantised to 16 bits as the plugin does it, bit by bit.
+32-bit depth, which the plugin quantises to 16 bits, is read only.
 
 Source: image_transport_plugins, compressed_depth_image_transport: codec.cpp, compression_common.h.
 """
@@ -24,13 +24,6 @@ PNG_LEVEL = 9
 """The plugin's default (``png_level``), which takes 20 to 50 times as long as level 1 to
 save a tenth to a fifth of the bytes."""
 
-DEPTH_MAX_M = 10.0
-"""Depth in metres from which pixels of 32-bit depth become holes: the plugin's default (``depth_max``)."""
-
-# A = z0 (z0 + 1) and B = 1 - A / z_max, in the single precision that the plugin uses (depth_quantization).
-_Z0 = np.float32(100.0)
-_QUANT_A = _Z0 * (_Z0 + np.float32(1))
-_QUANT_B = np.float32(1) - _QUANT_A / np.float32(DEPTH_MAX_M)
 _HEADER = struct.Struct("<iff")  # format, depthQuantA, depthQuantB
 _INV_DEPTH = 0
 _SIZE = struct.Struct("<II")  # columns, rows; PNG says them itself
@@ -64,29 +57,25 @@ def parse_depth_format(text: str) -> DepthFormat:
 
 
 def encode_depth(
-    depth: NDArray[Any], *, codec: str = "rvl", png_level: int = PNG_LEVEL
+    depth_mm: NDArray[np.uint16], *, codec: str = "rvl", png_level: int = PNG_LEVEL
 ) -> tuple[DepthFormat, bytes]:
     """Compress a depth image to its format and payload.
 
     Args:
-        depth: Shape (rows, columns); uint16 in millimetres with 0 for holes, or float32 in metres with NaN.
+        depth_mm: Shape (rows, columns), uint16, in millimetres with 0 for holes.
         codec: ``"rvl"`` or ``"png"``.
         png_level: Effort of zlib for PNG, from 0 to 9.
 
     Raises:
         CodecError: If the image or the codec is of another kind.
     """
-    if depth.ndim != 2 or depth.dtype not in (np.uint16, np.float32) or not depth.size:
-        allowed = "allowed are 2-D uint16 and float32, not empty"
-        raise CodecError(f"depth image: given {kind_of(depth)}, {allowed}")
-    if depth.dtype == np.float32:
-        depth_format = DepthFormat(encoding="32FC1", codec=codec)
-        header = _HEADER.pack(_INV_DEPTH, _QUANT_A, _QUANT_B)
-        return depth_format, header + _compressed(_quantised(depth), codec, png_level)
-    # The plugin leaves A and B unset here and ignores them; a viewer may take anything but 0 as quantised.
+    if depth_mm.ndim != 2 or depth_mm.dtype != np.uint16 or not depth_mm.size:
+        allowed = "allowed is uint16 of two dimensions, not empty"
+        raise CodecError(f"depth image: given {kind_of(depth_mm)}, {allowed}")
     depth_format = DepthFormat(encoding="16UC1", codec=codec)
+    # The plugin leaves A and B unset here and ignores them; a viewer may take anything but 0 as quantised.
     header = _HEADER.pack(_INV_DEPTH, 0.0, 0.0)
-    return depth_format, header + _compressed(depth, codec, png_level)
+    return depth_format, header + _compressed(depth_mm, codec, png_level)
 
 
 def decode_depth(
@@ -110,14 +99,6 @@ def decode_depth(
         reason = f"quantised with A = {quant_a}, B = {quant_b}; {allowed}"
         raise BitstreamError("compressedDepth", reason=reason, size_bytes=len(data))
     return _metres(pixels, quant_a, quant_b), depth_format.encoding or "32FC1"
-
-
-def _quantised(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Return the whole part of A / d + B; holes where d is out of range or no depth."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        inverse = _QUANT_A / depth_m + _QUANT_B
-        usable = (depth_m > 0) & (depth_m < np.float32(DEPTH_MAX_M)) & (inverse < 65536)
-    return np.where(usable, inverse, 0).astype(np.uint16)
 
 
 def _metres(pixels: NDArray[np.uint16], quant_a: float, quant_b: float) -> NDArray[np.float32]:

@@ -50,8 +50,7 @@ def test_an_ffmpeg_packet_has_the_fields_of_version_3_and_depth_its_format_and_p
     fields = codecs.compressed_depth_fields(np.array([[0, 0, 5, 6, 6]], np.uint16))
     assert fields.format == "16UC1; compressedDepth rvl"
     assert fields.data == bytes(12) + struct.pack("<II", 5, 1) + bytes.fromhex("0020a123")
-    metres = np.ones((2, 2), np.float32)
-    assert codecs.compressed_depth_fields(metres, "png").format == "32FC1; compressedDepth png"
+    assert codecs.compressed_depth_fields(np.ones((2, 2), np.uint16), "png").format.endswith("png")
 
 
 @pytest.mark.parametrize(
@@ -173,16 +172,13 @@ def test_an_impossible_hint_and_an_unreadable_type_are_refused_at_once():
 
 
 @pytest.mark.parametrize("codec", ["rvl", "png"])
-@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
-def test_compressed_depth_of_either_kind_decodes(codec, dtype):
-    depth = (np.arange(12).reshape(3, 4) + 1).astype(dtype)
+def test_compressed_depth_decodes(codec):
+    depth_mm = np.arange(1, 13, dtype=np.uint16).reshape(3, 4)
     (image,) = image_decoder(COMPRESSED_IMAGE).feed(
-        message(codecs.compressed_depth_fields(depth, codec))
+        message(codecs.compressed_depth_fields(depth_mm, codec))
     )
-    assert image.array.dtype == dtype
-    assert image.encoding == ("16UC1" if dtype is np.uint16 else "32FC1")
-    assert image.is_key
-    assert image.intact
+    assert np.array_equal(image.array, depth_mm)
+    assert (image.encoding, image.is_key, image.intact) == ("16UC1", True, True)
 
 
 @pytest.mark.parametrize("codec", ["JPEG", "PNG"])

@@ -1,5 +1,6 @@
 """What each visualizer draws, on paper and in a real recording that is read back."""
 
+import struct
 from contextlib import closing
 
 import numpy as np
@@ -149,12 +150,19 @@ def test_an_image_is_drawn_by_its_encoding(paper, encoding, pixel, kind):
     assert paper.values("/image", "format")[0][0]["color_model"] == (kind and kind.value)
 
 
+# A and B of 32-bit depth, and 2 m by them, as compressed_depth_image_transport writes them.
+QUANTISER, TWO_METRES = struct.pack("<iff", 0, 10100, -1009), 4041
+
+
 @pytest.mark.parametrize("codec", ["rvl", "png"])
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_compressed_depth_is_decoded_to_metres(paper, codec, dtype):
-    depth = METRES * 1000 if dtype == np.uint16 else METRES
-    fields = compressed_depth_fields(depth.astype(dtype), codec)
-    made("compressed_image").show(update(image=coded(fields.data, fields.format)), paper)
+    depth = np.full((4, 6), 2000 if dtype == np.uint16 else TWO_METRES, np.uint16)
+    fields = compressed_depth_fields(depth, codec)
+    given = coded(fields.data, fields.format)
+    if dtype == np.float32:
+        given = coded(QUANTISER + fields.data[12:], fields.format.replace("16UC1", "32FC1"))
+    made("compressed_image").show(update(image=given), paper)
     [[per_metre]] = paper.values("/image", "meter")
     stored = np.frombuffer(bytes(paper.values("/image", "buffer")[0][0]), dtype)
     assert np.allclose(stored / per_metre, 2.0, atol=0.01)
