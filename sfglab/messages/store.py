@@ -239,12 +239,11 @@ def _name_of(file: Path) -> str:
     """Return the full name of the interface in a file; the package's manifest overrides the folder's name."""
     package = file.absolute().parents[1]
     manifest = package / "package.xml"
-    said = (
-        re.search(r"<name>\s*(\w+)\s*</name>", manifest.read_text("utf-8"))
-        if manifest.is_file()
-        else None
-    )
-    return f"{said[1] if said else package.name}/{file.suffix[1:]}/{file.stem}"
+    name = package.name
+    if manifest.is_file():
+        said = re.search(r"<name>\s*(\w+)\s*</name>", manifest.read_text("utf-8"))
+        name = said[1] if said else name
+    return f"{name}/{file.suffix[1:]}/{file.stem}"
 
 
 def _leave_out_wstring(parts: dict[Path, dict[str, str]]) -> None:
@@ -269,18 +268,18 @@ def register_texts(texts: Mapping[str, str]) -> None:
     """Add the types of `.msg` texts without dependencies, as `add_types`, and keep the texts."""
     parsed = {name: parse_definition(name, text)[name] for name, text in texts.items()}
     with _lock:
-        add_types(parsed)
-        for name, text in texts.items():
-            _sources.setdefault(name, text)
+        new = add_types(parsed)
+        _sources.update({name: texts[name] for name in new})
 
 
-def add_types(parsed: Typesdict) -> None:
-    """Add types, all or none, by their full names; types that exist already are kept."""
+def add_types(parsed: Typesdict) -> Typesdict:
+    """Add types, all or none, and return those that are new; types that exist already are kept."""
     with _lock:
         store = type_store()
         check_new(store, parsed)
         new = {name: fields for name, fields in parsed.items() if name not in store.fielddefs}
         store.register(new)
+        return new
 
 
 def is_known(name: str) -> bool:
