@@ -7,13 +7,10 @@ from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.claims import Ledger, entry_for
 from sfglab.lab.experiments import experiment
 from sfglab.qos import QoSProfile
-from sfglab.soc.graph import Graph, Node, Topic, load_graph
-from sfglab.soc.mapping import map_communication
 from sfglab.tables import html_table
 
 
 def shown():
-    graph = load_graph(DATA / "graphs/figure_8.yaml")
     claim = CLAIMS["A-NET-RULES"]
     return [
         (
@@ -21,8 +18,6 @@ def shown():
             "<QoS reliable, volatile, keep_last 10, deadline 10 ms>",
             "Samples",
         ),
-        (graph, "<graph Paper C, Fig. 8: 11 nodes, 8 in hardware; 5 topics>", "1 (hardware)"),
-        (map_communication(graph), "from 10 to 8 to 3 edges", "gateway (1)"),
         (load_fleet(DATA / "fleets/lab.yaml"), "<fleet lab: 6 agents around domain 0>", "go2"),
         (experiment("naming").config(), "Config(samples=2000", "Random names"),
         (reference(experiment("naming")), "<run of naming: naming.mcap>", "check"),
@@ -41,6 +36,3 @@ def test_it_shows_itself_as_a_line_and_as_a_table(value, line, inside):
 
 def test_texts_are_escaped():
     assert "<b>" not in html_table([("a",), ("<b>",)], "<b>")
-    node = Node(name="<script>")
-    graph = Graph(nodes=(node,), topics=(Topic(name="t", publishers=("<script>",)),))
-    assert "<script>" not in graph._repr_html_()

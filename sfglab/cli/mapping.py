@@ -189,16 +189,16 @@ def _topic_table(mapping: CommunicationMapping) -> list[str]:
 
 
 def _crossing_table(mapping: CommunicationMapping) -> list[str]:
-    from sfglab.soc import crossing_edges
+    from sfglab.soc import STAGES, EdgeKind, crossing_edges
 
     rows = [("edges across the boundary", "publish", "subscribe", "together")]
-    titles = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
-    for title, graph in zip(titles, mapping.stages, strict=True):
-        found = crossing_edges(graph)
-        publish, subscribe = len(found.publications), len(found.subscriptions)
-        rows.append((title, str(publish), str(subscribe), str(len(found))))
-    last = crossing_edges(mapping.gateways)
-    left = list(map(str, last.publications + last.subscriptions))
+    left: list[str] = []
+    for title, graph in zip(STAGES, mapping.stages, strict=True):
+        crossing = crossing_edges(graph)
+        kinds = [edge.kind for edge in crossing]
+        numbers = (kinds.count(EdgeKind.PUBLISH), kinds.count(EdgeKind.SUBSCRIBE), len(kinds))
+        rows.append((title, *map(str, numbers)))
+        left = list(map(str, crossing))
     return [*columns(rows, right=(1, 2, 3)), f"left: {_list(left)}"]
 
 

@@ -18,6 +18,7 @@ from sfglab.soc.graph import (
 from sfglab.soc.graph_drawing import draw_graph, draw_mapping
 from sfglab.soc.graph_import import build_cfg, graph_from_log
 from sfglab.soc.mapping import (
+    STAGES,
     CommunicationMapping,
     arrival_s,
     carriages_per_message,
@@ -30,6 +31,7 @@ from sfglab.soc.mapping import (
 from sfglab.soc.placement import ZCU104, Platform, assess, place_nodes
 
 __all__ = [
+    "STAGES",
     "ZCU104",
     "CommunicationMapping",
     "EdgeKind",

@@ -15,24 +15,13 @@ from typing import TYPE_CHECKING
 from sfglab.errors import InvalidValueError
 from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Placement, Topic, TopicMapping, Vertex
 from sfglab.soc.memory import Receiver, Setup, Transport, received_s, transfer_times
-from sfglab.tables import html_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Crossing:
-    """Edges across the boundary between software and hardware."""
-
-    publications: tuple[Edge, ...]  #: Edges of E_pub.
-    subscriptions: tuple[Edge, ...]  #: Edges of E_sub.
-
-    def __len__(self) -> int:
-        return len(self.publications) + len(self.subscriptions)
-
-    def __contains__(self, edge: object) -> bool:
-        return edge in self.publications or edge in self.subscriptions
+STAGES = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
+"""Names of the mappings in Fig. 8 b, c and d."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +34,7 @@ class CommunicationMapping:
 
     @property
     def stages(self) -> tuple[Graph, Graph, Graph]:
-        """The three graphs in the paper's order."""
+        """The three graphs in the order of `STAGES`."""
         return self.software, self.hardware, self.gateways
 
     @property
@@ -56,21 +45,6 @@ class CommunicationMapping:
     def __repr__(self) -> str:
         edges = " to ".join(map(str, self.crossing))
         return f"<mapping of {self.gateways.name}: from {edges} edges across the boundary>"
-
-    def _repr_html_(self) -> str:
-        title = "topic (times that a message is carried across)"
-        rows = [(title, "all in software", "topics in hardware", "gateways")]
-        for topic in self.gateways.topics:
-            software, hardware, gateways = (_mapped(graph, topic.name) for graph in self.stages)
-            rows.append((topic.name, software, hardware, gateways))
-        first, second, third = self.crossing
-        rows.append(("edges across", str(first), str(second), str(third)))
-        return html_table(rows, repr(self)[1:-1])
-
-
-def _mapped(graph: Graph, name: str) -> str:
-    topic = graph.topic(name)
-    return f"{topic.mapping.value} ({carriages_per_message(graph, topic):g})"
 
 
 def more_than_one_hardware_subscriber(graph: Graph, topic: Topic) -> bool:
@@ -104,21 +78,16 @@ def map_communication(
     return CommunicationMapping(software=software, hardware=hardware, gateways=gateways)
 
 
-def crossing_edges(graph: Graph) -> Crossing:
-    """Return the edges across the boundary as section 5 counts them.
+def crossing_edges(graph: Graph) -> list[Edge]:
+    """Return the edges across the boundary as section 5 counts them, publications first.
 
     They are a software topic's edges to hardware nodes and a gateway's edges to software nodes. A topic in hardware
     has none.
     """
     placed = graph.in_hardware
-    in_software = set(graph.mapped_to(TopicMapping.SOFTWARE))
-    found: dict[EdgeKind, list[Edge]] = {kind: [] for kind in EdgeKind}
-    for edge in graph.edges():
-        if (edge.node in placed) is (edge.topic in in_software):
-            found[edge.kind].append(edge)
-    return Crossing(
-        publications=tuple(found[EdgeKind.PUBLISH]), subscriptions=tuple(found[EdgeKind.SUBSCRIBE])
-    )
+    in_software = graph.mapped_to(TopicMapping.SOFTWARE)
+    crossing = [e for e in graph.edges() if (e.node in placed) is (e.topic in in_software)]
+    return sorted(crossing, key=lambda edge: edge.kind is EdgeKind.SUBSCRIBE)
 
 
 def carriages_per_message(graph: Graph, topic: Topic) -> float:

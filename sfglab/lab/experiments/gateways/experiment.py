@@ -12,7 +12,14 @@ from sfglab.lab.bench import TableRow
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiment import Experiment, Profiled
 from sfglab.lab.paths import find_project
-from sfglab.soc import carriages_per_message, crossing_edges, load_graph, map_communication
+from sfglab.soc import (
+    STAGES,
+    EdgeKind,
+    carriages_per_message,
+    crossing_edges,
+    load_graph,
+    map_communication,
+)
 from sfglab.soc.exploration import explore
 from sfglab.soc.gateway import State
 from sfglab.soc.gateway_world import Bound
@@ -38,8 +45,6 @@ LARGEST = (
     Bound(software=(2, 1), hardware=(2, 1), port_messages=2),
 )
 COVERAGE = "every state of the core occurs"  #: Name of the check.
-STAGES = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
-"""Names of the mappings in Fig. 8 b, c and d."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,15 +127,15 @@ def map_example(bench: Bench[Config]) -> None:
     stages = mapped_example(bench.config).stages
     for stage, graph in zip(STAGES, stages, strict=True):
         crossing = crossing_edges(graph)
+        kinds = [edge.kind for edge in crossing]
         carriages = [carriages_per_message(graph, topic) for topic in graph.topics]
         mapped = [f"{topic.name} {topic.mapping.value}" for topic in graph.topics]
-        left = map(str, (*crossing.publications, *crossing.subscriptions))
         row = StageRow(
             stage=stage,
-            publications=len(crossing.publications),
-            subscriptions=len(crossing.subscriptions),
+            publications=kinds.count(EdgeKind.PUBLISH),
+            subscriptions=kinds.count(EdgeKind.SUBSCRIBE),
             carriages=sum(carriages),
             mapped=", ".join(mapped),
-            left=", ".join(left),
+            left=", ".join(map(str, crossing)),
         )
         bench.write(row)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.checks import share_of_checks
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.gateways.experiment import COVERAGE, STAGES, Config, exp, mapped_example
+from sfglab.lab.experiments.gateways.experiment import COVERAGE, Config, exp, mapped_example
 from sfglab.lab.figures import note
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import exactly
-from sfglab.soc import draw_mapping
+from sfglab.soc import STAGES, draw_mapping
 from sfglab.soc.gateway import Input, State, transitions
 from sfglab.soc.gateway_drawing import draw_core
 from sfglab.soc.gateway_world import Step, World
