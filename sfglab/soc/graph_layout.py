@@ -12,7 +12,7 @@ import textwrap
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import itemgetter
-from statistics import fmean, median
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,13 +32,11 @@ _PAD = 0.07  # room around a name
 _LETTERS = 12  # largest number of letters per line of a name
 _LINES = 4  # largest number of lines of a name
 _COLUMN_GAP = 0.65  # between layers
-_BOX_GAP = 0.4  # between frames of a layer
+_BOX_GAP = 0.4  # between a frame and its neighbours in the layer
 _BEND_GAP = 0.25  # between bend points of a layer
-_LEAD = 0.1  # straight part of an edge beside a layer; an arrow fits on it
 _BACKWARDS = 0.08  # distance of an edge that runs backwards below the middle of its frames
 _MARGIN = 0.2  # around the picture, for outlines and notes
-_SWEEPS = 24
-_KEEP_TABS: dict[str, Any] = {"expand_tabs": False, "replace_whitespace": False}
+_SWEEPS = 48
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,9 +64,9 @@ def layered_layout(graph: Graph) -> Layout:
     """Return the places of a graph's nodes, topics and edges."""
     import networkx as nx
 
-    boxes: dict[Any, Box] = {("node", node.name): _box(node.name) for node in graph.nodes}
-    boxes |= {("topic", topic.name): _box(topic.name) for topic in graph.topics}
-    layer_of: dict[Any, int] = _layers(list(boxes), list(graph.edges()))
+    layer_of = _layers(graph)
+    boxes = {vertex: _box(vertex[1]) for vertex in layer_of}
+    framed = list(boxes)
     lanes = nx.Graph()
     lanes.add_nodes_from(boxes)
     chains = {}
@@ -98,51 +96,44 @@ def layered_layout(graph: Graph) -> Layout:
             line = line[::-1] - (0.0, _BACKWARDS)
         lines[edge] = line
     top = max((box.y + box.height / 2 for box in boxes.values()), default=_MARGIN)
-    framed = {vertex: box for vertex, box in boxes.items() if box.text}
+    frames = {vertex: boxes[vertex] for vertex in framed}
     size = (max(end - _COLUMN_GAP, _MARGIN) + _MARGIN, top + _MARGIN)
-    return Layout(boxes=framed, lines=lines, size=size)
+    return Layout(boxes=frames, lines=lines, size=size)
 
 
-def _layers(vertices: Sequence[Vertex], edges: Sequence[Edge]) -> dict[Vertex, int]:
-    """Return the layer of each vertex: the longest path to it; a source is just before its first target."""
+def _layers(graph: Graph) -> dict[Any, int]:
+    """Return the layer of each vertex: the longest path to it. An edge that closes a cycle is turned round."""
     import networkx as nx
 
     onward = nx.DiGraph()
-    onward.add_nodes_from(vertices)
-    for edge in edges:
+    onward.add_nodes_from(("node", node.name) for node in graph.nodes)
+    onward.add_nodes_from(("topic", topic.name) for topic in graph.topics)
+    for edge in graph.edges():
         source, target = edge.ends
         if nx.has_path(onward, target, source):
             source, target = target, source
         onward.add_edge(source, target)
-    layer_of: dict[Vertex, int] = {}
+    layer_of = {}
     for layer, generation in enumerate(nx.topological_generations(onward)):
         layer_of |= dict.fromkeys(generation, layer)
-    for vertex in onward:
-        if onward.in_degree(vertex) == 0 and onward.out_degree(vertex) > 0:
-            layer_of[vertex] = min(layer_of[target] for target in onward[vertex]) - 1
     return layer_of
 
 
 def _heights(
     columns: list[list[Any]], lanes: nx.Graph, boxes: Mapping[Any, Box]
 ) -> dict[Any, float]:
-    """Return the heights of all vertices, of all sweeps those with the shortest edges.
-
-    The first sweeps look at the layer before only, which finds the order; the others at both neighbouring layers.
-    """
+    """Return the heights of all vertices, of all sweeps those with the shortest edges."""
     y_of: dict[Any, float] = {}
     for column in columns:
         y_of |= _apart(dict.fromkeys(column, 0.0), boxes)
     found = []
-    for sweep in range(2 * _SWEEPS):
-        ordering = sweep < _SWEEPS
-        mean = median if ordering else fmean
+    for _ in range(_SWEEPS):
         before: dict[Any, float] = {}
         for column in columns:
             wanted = {}
             for vertex in column:
-                near = [y_of[v] for v in lanes[vertex] if v in before or not ordering]
-                wanted[vertex] = mean(near or [y_of[vertex]])
+                near = [y_of[neighbour] for neighbour in lanes[vertex] if neighbour in before]
+                wanted[vertex] = fmean(near or [y_of[vertex]])
             before = _apart(wanted, boxes)
             y_of |= before
         columns.reverse()
@@ -167,23 +158,29 @@ def _apart(wanted: Mapping[Any, float], boxes: Mapping[Any, Box]) -> dict[Any, f
 
 def _line(chain: Sequence[Box]) -> NDArray[np.float64]:
     """Return a curve from left to right, level beside frames and at bends, so that it passes between frames."""
-    from scipy.interpolate import PchipInterpolator
-
-    points = []
-    for box in chain:
-        reach = box.width / 2 + _LEAD
-        points += [(box.x - reach, box.y), (box.x + reach, box.y)]
-    points[0] = (chain[0].x + chain[0].width / 2, chain[0].y)
-    points[-1] = (chain[-1].x - chain[-1].width / 2, chain[-1].y)
-    x = np.linspace(points[0][0], points[-1][0], 30 * len(points))
-    return np.column_stack([x, PchipInterpolator(*np.transpose(points))(x)])
+    along = np.linspace(0, 1, 30)
+    eased = along * along * (3 - 2 * along)
+    pieces = []
+    for one, other in pairwise(chain):
+        start = one.x + one.width / 2
+        end = other.x - other.width / 2
+        x = start + (end - start) * along
+        y = one.y + (other.y - one.y) * eased
+        pieces.append(np.column_stack([x, y]))
+    return np.vstack(pieces)
 
 
 def _box(name: str) -> Box:
     """Return a name's frame; a long name is broken, if possible after its marks, and cut after some lines."""
+    # Marks become places where a line may end.
     marked = re.sub(r"(?<=[_./-])(?=[^_./-])", "\t", name)
     lines = textwrap.wrap(
-        marked, _LETTERS + 1, max_lines=_LINES, placeholder="\u2026", **_KEEP_TABS
+        marked,
+        _LETTERS + 1,
+        max_lines=_LINES,
+        placeholder="\u2026",
+        expand_tabs=False,
+        replace_whitespace=False,
     )
     lines = [line.replace("\t", "") for line in lines] or [name]
     width = max(_LETTER * max(map(len, lines)), _LINE) + 2 * _PAD

@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Placement, Topic, TopicMapping, Vertex
+from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Placement, Topic, TopicMapping
 from sfglab.soc.memory import Receiver, Setup, Transport, received_s, transfer_times
 
 if TYPE_CHECKING:
@@ -105,20 +105,6 @@ def carriages_per_message(graph: Graph, topic: Topic) -> float:
     placed = graph.in_hardware
     written = len(placed.intersection(topic.publishers)) / len(topic.publishers)
     return written + len(placed.intersection(topic.subscribers))
-
-
-def hardware_parts(graph: Graph) -> list[frozenset[Vertex]]:
-    """Return the nodes and topics of each part that is connected within the logic: the outlines of Fig. 8."""
-    import networkx as nx
-
-    logic = nx.Graph(edge.ends for edge in graph.edges())
-    logic.add_nodes_from(("node", node.name) for node in graph.nodes)
-    for node in graph.nodes:
-        if not node.in_hardware:
-            logic.remove_node(("node", node.name))
-    for name in graph.mapped_to(TopicMapping.SOFTWARE):
-        logic.remove_node(("topic", name))
-    return [frozenset(part) for part in nx.connected_components(logic)]
 
 
 _TRANSPORTS = {

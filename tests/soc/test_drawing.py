@@ -1,22 +1,20 @@
-"""Pictures of graphs: nothing on top of anything else, crossing edges in colour, dashed parts in hardware."""
+"""Pictures of graphs: nothing on top of anything else, crossing edges in colour, parts in hardware on blue."""
 
 from io import BytesIO
 from itertools import combinations, pairwise
 
 import networkx as nx
 import numpy as np
-import pytest
 from graph_strategies import FIGURE_8, HW, SW, chain, for_every_graph
 from matplotlib.colors import to_rgb
-from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
 
 from sfglab import soc
-from sfglab.errors import InvalidValueError
-from sfglab.soc.graph_drawing import CROSSING
+from sfglab.soc.graph_drawing import CROSSING, LOGIC
 from sfglab.soc.graph_layout import layered_layout
-from sfglab.soc.mapping import hardware_parts
+
+SOFTWARE = soc.TopicMapping.SOFTWARE
 
 
 @for_every_graph()
@@ -43,41 +41,38 @@ def test_frames_stand_apart_and_lines_lead_between_them_through_none_and_onward_
 
 
 @for_every_graph(count=15, most_nodes=5, most_topics=4)
-def test_a_picture_has_as_many_coloured_edges_as_cross_and_a_dashed_outline_per_part(graph):
+def test_a_picture_has_as_many_coloured_edges_as_cross_and_a_background_for_what_is_in_hardware(
+    graph,
+):
     ax = Figure().subplots()
     soc.draw_graph(ax, graph)
     colors = [p.get_edgecolor()[:3] for p in ax.patches if isinstance(p, FancyArrowPatch)]
     assert len(colors) == len(list(graph.edges()))
-    assert colors.count(to_rgb(CROSSING)) == len(soc.crossing_edges(graph))
-    outlines = [c for c in ax.collections if isinstance(c, ContourSet)]
-    assert len(outlines) == len(hardware_parts(graph))
-    assert all(outline.get_linestyle()[0][1] is not None for outline in outlines)
+    crossing = soc.crossing_edges(graph)
+    assert colors.count(to_rgb(CROSSING)) == len(crossing)
+    in_logic = [topic.name for topic in graph.topics if topic.mapping is not SOFTWARE]
+    bands = [patch for patch in ax.patches if to_rgb(patch.get_edgecolor()) == to_rgb(LOGIC)]
+    assert len(bands) == len(graph.in_hardware) + len(in_logic)
+    within = [e for e in graph.edges() if e.node in graph.in_hardware and e.topic in in_logic]
+    assert sum(line.get_color() == LOGIC for line in ax.lines) == len(within)
 
 
-def titles_of(mapped, *stage):
-    """The titles of a mapping's pictures, and whether they have one legend."""
+def test_three_pictures_with_one_legend_say_ten_eight_and_three():
     figure = Figure(layout="constrained")
-    soc.draw_mapping(mapped, figure, *stage)
+    soc.draw_mapping(FIGURE_8, figure)
+    titles = [ax.get_title().split(": ") for ax in figure.axes]
+    assert [title for title, _ in titles] == list(soc.STAGES)
+    assert [int(edges.split()[0]) for _, edges in titles] == [10, 8, 3]
     assert len(figure.legends) == 1
-    return [ax.get_title() for ax in figure.axes]
-
-
-def test_three_pictures_say_ten_eight_and_three_and_one_stage_is_drawn_by_choice():
-    titles = titles_of(FIGURE_8)
-    assert [int(title.split(": ")[1].split()[0]) for title in titles] == [10, 8, 3]
-    hardware = "topics in hardware: 8 edges across the boundary"
-    assert titles_of(FIGURE_8, "hardware") == [hardware]
-    with pytest.raises(InvalidValueError, match="stage: given 'fast', allowed: software, hardware"):
-        titles_of(FIGURE_8, "fast")
 
 
 def test_a_graph_of_fifty_nodes_fits_a_page_as_a_matrix():
     graph = chain(*[SW, HW] * 25, names=[f"perception_node_{i}" for i in range(50)])
     figure = Figure(layout="constrained")
-    soc.draw_mapping(soc.map_communication(graph), figure, "gateways")
-    assert figure.get_size_inches().max() < 12
+    soc.draw_mapping(soc.map_communication(graph), figure)
+    assert figure.get_size_inches()[0] < 12
     figure.savefig(BytesIO(), format="png")
-    (ax,) = figure.axes
+    *_, ax = figure.axes
     assert len(ax.lines) == 2 * 49
     for labels in (ax.get_xticklabels(), ax.get_yticklabels()):
         frames = [label.get_window_extent() for label in labels]

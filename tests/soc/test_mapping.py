@@ -7,7 +7,7 @@ from graph_strategies import FIGURE_8, HW, SW, for_every_graph
 
 from sfglab import soc
 from sfglab.soc import EdgeKind, TopicMapping
-from sfglab.soc.mapping import carriages_per_message, hardware_parts
+from sfglab.soc.mapping import carriages_per_message
 from sfglab.soc.memory import Receiver, Setup, Transport, break_even_bytes, transfer_times
 
 
@@ -17,14 +17,12 @@ def sized(graph, size_bytes):
     return replace(graph, topics=topics)
 
 
-def test_the_paper_s_example_has_the_paper_s_sets_parts_and_ten_then_eight_then_three_edges():
+def test_the_paper_s_example_has_the_paper_s_sets_and_ten_then_eight_then_three_edges():
     assert FIGURE_8.crossing == (10, 8, 3)
     sets = [[graph.mapped_to(kind) for kind in TopicMapping] for graph in FIGURE_8.stages]
     assert sets[0] == [tuple("ABCDE"), (), ()]
     assert sets[1] == [tuple("ACDE"), ("B",), ()]
     assert sets[2] == [("D",), ("B",), tuple("ACE")]
-    parts = [{name for _, name in part} for part in hardware_parts(FIGURE_8.gateways)]
-    assert sorted(map(sorted, parts)) == [sorted("123457ABC"), ["10", "11", "E"]]
 
 
 @for_every_graph()
