@@ -17,15 +17,13 @@ each other is the subject of `sfglab.soc.memory`.
 
 from __future__ import annotations
 
-import math
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import bounds, check_bounds
 from sfglab.soc.graph import Graph, Implementation, Placement, Topic, TopicMapping
 from sfglab.soc.mapping import (
     activation_s,
@@ -38,15 +36,11 @@ from sfglab.soc.memory import STORED
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-_FINITE = bounds(0, without=(math.inf,))
-
 # Times of one carriage across the memory interface, from its model: a delivery, a call to the delegate and a read of
 # the message, and at a gateway also the core's work. Cancels, and the time by which writes exceed reads, are left out.
 _CARRIAGE_S = STORED.delegate_s + STORED.deliver_s
-_GATEWAY_S = _CARRIAGE_S + STORED.endpoint_s
 _CHUNK_BYTES = STORED.memory.chunk_bytes
-_CHUNK_S = STORED.memory.read_s(_CHUNK_BYTES) + STORED.deliver_s_per_byte * _CHUNK_BYTES
-_BYTES_PER_S = _CHUNK_BYTES / _CHUNK_S
+_BYTE_S = STORED.memory.read_s(_CHUNK_BYTES) / _CHUNK_BYTES + STORED.deliver_s_per_byte
 
 #: Look-up tables of a gateway, about as many as `tests/soc/test_rtl_yosys.py` counts.
 GATEWAY_LUT = 690
@@ -57,11 +51,8 @@ class Platform:
     """The area of a system-on-chip."""
 
     name: str  #: Name of the board.
-    lut: int = field(metadata=_FINITE)  #: Look-up tables for nodes and gateways.
-    bram: float = field(metadata=_FINITE)  #: Block memories of 36 kbit for nodes.
-
-    def __post_init__(self) -> None:
-        check_bounds(self, "platform.")
+    lut: int  #: Look-up tables for nodes and gateways.
+    bram: float  #: Block memories of 36 kbit for nodes.
 
 
 ZCU104 = Platform(name="ZCU104", lut=230_400, bram=312.0)
@@ -122,9 +113,7 @@ def topic_load(graph: Graph, topic: Topic) -> float:
         InvalidValueError: The topic crosses the interface, and its size or rate is unknown.
     """
     carriages = carriages_per_message(graph, topic)
-    if carriages == 0:
-        return 0.0
-    return carriages * carriage_load(topic, topic.mapping)
+    return carriages * carriage_load(topic, topic.mapping) if carriages else 0.0
 
 
 def carriage_load(topic: Topic, mapping: TopicMapping) -> float:
@@ -133,12 +122,13 @@ def carriage_load(topic: Topic, mapping: TopicMapping) -> float:
     Raises:
         InvalidValueError: The topic's size or rate is unknown.
     """
-    size_bytes = message_bytes(topic)
+    time_s = _CARRIAGE_S + _BYTE_S * message_bytes(topic)
+    if mapping is TopicMapping.GATEWAY:
+        time_s += STORED.endpoint_s
     if topic.rate_hz is None:
         key = ("topics", topic.name, "rate_hz")
         raise InvalidValueError(key, None, "messages per second, to know their cost")
-    fixed_s = _GATEWAY_S if mapping is TopicMapping.GATEWAY else _CARRIAGE_S
-    return topic.rate_hz * (fixed_s + size_bytes / _BYTES_PER_S)
+    return topic.rate_hz * time_s
 
 
 _MS = 1e3  # The programme counts in milliseconds: numbers near 1 suit the solver's tolerances.
@@ -151,12 +141,7 @@ class NodeMapping:
 
     graph: Graph  #: Graph with its mapping.
     load: Load  #: Load of the graph.
-    bound_s: float  #: Lower bound of the load of every mapping, s per second.
-
-    @property
-    def gap(self) -> float:
-        """Share of the load by which a mapping could be better at most."""
-        return 1 - self.bound_s / self.load.total_s if self.load.total_s else 0.0
+    gap: float  #: Share of the load by which a mapping could be better at most.
 
     @property
     def optimal(self) -> bool:
@@ -183,106 +168,13 @@ def place_nodes(
         InvalidValueError: A fixed node does not exist, or a topic's size or rate is unknown.
         SfglabError: The fixed nodes do not fit or have no implementation, or no mapping was found in time.
     """
-    check_fixed(graph, platform, fixed or {})
+    import cvxpy as cp
+
+    fixed = fixed or {}
+    check_fixed(graph, fixed)
     if not graph.nodes:
-        return NodeMapping(graph=graph, load=assess(graph), bound_s=0.0)
-    problem, x, y = _programme(graph, platform, fixed or {})
-    bound_s = _minimise(problem, time_limit_s)
-    sides = {}
-    for node, there in zip(graph.nodes, x.value > 0.5, strict=True):
-        sides[node.name] = Placement.HARDWARE if there else Placement.SOFTWARE
-    chosen = set()
-    if y is not None:
-        chosen = {graph.topics[number].name for number in np.flatnonzero(y.value > 0.5)}
-
-    def gateway(placed: Graph, topic: Topic) -> bool:
-        # The programme may leave a gateway that costs nothing and saves nothing.
-        gateway_s = carriage_load(topic, TopicMapping.GATEWAY)
-        return topic.name in chosen and gateway_s < topic_load(placed, topic)
-
-    mapped = map_communication(graph.with_placements(sides), gateway=gateway).gateways
-    load = assess(mapped)
-    return NodeMapping(graph=mapped, load=load, bound_s=min(bound_s, load.total_s))
-
-
-def check_fixed(graph: Graph, platform: Platform, fixed: Mapping[str, Placement]) -> None:
-    """Check that nodes can be placed so; all other nodes can always be in software.
-
-    Raises:
-        InvalidValueError: A node does not exist.
-        SfglabError: The nodes in hardware do not fit, or one has no implementation in hardware.
-    """
-    lut, bram = 0, 0.0
-    for name, placement in fixed.items():
-        hardware = graph.node(name).hardware
-        if placement is Placement.HARDWARE:
-            if hardware is None:
-                raise SfglabError(
-                    f"node {name!r}: fixed in hardware, where it has no implementation"
-                )
-            lut += hardware.lut
-            bram += hardware.bram
-    if lut > platform.lut or bram > platform.bram:
-        raise SfglabError(
-            f"node mapping: the nodes fixed in hardware take {lut} LUT and {bram:g} BRAM, "
-            f"{platform.name} has {platform.lut} and {platform.bram:g}"
-        )
-
-
-def _programme(
-    graph: Graph, platform: Platform, fixed: Mapping[str, Placement]
-) -> tuple[Any, Any, Any]:
-    """Return CVXPY's problem with x and y; y is None in a graph without topics."""
-    import cvxpy as cp
-
-    x = cp.Variable(len(graph.nodes), boolean=True)
-    rows: list[Any] = []
-    change, lut, bram = [], [], []
-    for number, node in enumerate(graph.nodes):
-        part = node.hardware or Implementation()
-        change.append(node.rate_hz * (part.time_s - node.software_s))
-        lut.append(part.lut)
-        bram.append(part.bram)
-        if node.hardware is None or node.name in fixed:
-            rows.append(x[number] == (fixed.get(node.name) is Placement.HARDWARE))
-    cost: Any = np.array(change) @ x
-    cost += sum(node.rate_hz * node.software_s for node in graph.nodes)
-    areas: list[Any] = [np.array(lut) @ x, np.array(bram) @ x]
-    y = None
-    if graph.topics:
-        y = cp.Variable(len(graph.topics), boolean=True)
-        cost += _communication(graph, x, y, rows)
-        areas[0] += np.full(len(graph.topics), GATEWAY_LUT) @ y
-    for area, there in zip(areas, (platform.lut, platform.bram), strict=True):
-        # As shares of the area, so that the solver's tolerance is less than one table.
-        unit = max(there, 1)
-        rows.append(area / unit <= there / unit)
-    return cp.Problem(cp.Minimize(_MS * cost), rows), x, y
-
-
-def _communication(graph: Graph, x: Any, y: Any, rows: list[Any]) -> Any:
-    """Add the rows that tie topics to nodes, and return the topics' cost."""
-    import cvxpy as cp
-
-    position = {node.name: number for number, node in enumerate(graph.nodes)}
-    at_node, at_topic, weight, gateway = [], [], [], []
-    for number, topic in enumerate(graph.topics):
-        carriage_s = carriage_load(topic, TopicMapping.SOFTWARE)
-        gateway.append(carriage_load(topic, TopicMapping.GATEWAY))
-        at_node += [position[name] for name in topic.publishers + topic.subscribers]
-        at_topic += [number] * (len(topic.publishers) + len(topic.subscribers))
-        weight += [carriage_s / len(topic.publishers)] * len(topic.publishers)
-        weight += [carriage_s] * len(topic.subscribers)
-    h = cp.Variable(len(graph.topics), bounds=[0, 1])
-    e = cp.Variable(len(weight), nonneg=True)
-    rows += [e >= x[at_node] - h[at_topic] - y[at_topic], h[at_topic] <= x[at_node]]
-    return np.array(weight) @ e + np.array(gateway) @ y
-
-
-def _minimise(problem: Any, time_limit_s: float) -> float:
-    """Solve the problem, and return a lower bound of the load, s per second."""
-    import cvxpy as cp
-
+        return NodeMapping(graph=graph, load=assess(graph), gap=0.0)
+    problem, hardware, gateways = _programme(graph, platform, fixed)
     with warnings.catch_warnings():
         # `NodeMapping.gap` tells that the time limit was reached.
         warnings.filterwarnings("ignore", message="Solution may be inaccurate")
@@ -291,10 +183,64 @@ def _minimise(problem: Any, time_limit_s: float) -> float:
         # Without a solution CVXPY raises a ValueError.
         except (cp.error.SolverError, ValueError) as error:
             raise SfglabError(f"node mapping: HiGHS failed: {error}") from error
-    if problem.status not in {cp.OPTIMAL, cp.USER_LIMIT} or problem.value is None:
-        status = problem.status
-        raise SfglabError(f"node mapping: HiGHS ended with status {status!r} and no mapping")
-    info = problem.solver_stats.extra_stats
-    # HiGHS does not count the programme's constant; no load is below 0.
-    bound = problem.value - info.objective_function_value + info.mip_dual_bound
-    return max(0.0, float(bound)) / _MS
+    if problem.status == cp.INFEASIBLE:
+        raise SfglabError(f"node mapping: nodes fixed in hardware do not fit {platform.name}")
+    sides = {}
+    for node, there in zip(graph.nodes, hardware.value > 0.5, strict=True):
+        sides[node.name] = Placement.HARDWARE if there else Placement.SOFTWARE
+    chosen = {name for name, gateway in gateways.items() if gateway.value > 0.5}
+    placed = graph.with_placements(sides)
+    mapped = map_communication(placed, gateway=lambda _, topic: topic.name in chosen).gateways
+    # Without a lower bound HiGHS' gap is infinite; no load is below 0.
+    gap = min(1.0, problem.solver_stats.extra_stats.mip_gap)
+    return NodeMapping(graph=mapped, load=assess(mapped), gap=gap)
+
+
+def check_fixed(graph: Graph, fixed: Mapping[str, Placement]) -> None:
+    """Check that nodes can be placed so; all other nodes can always be in software.
+
+    Raises:
+        InvalidValueError: A node does not exist.
+        SfglabError: A node in hardware has no implementation there.
+    """
+    for name, placement in fixed.items():
+        if graph.node(name).hardware is None and placement is Placement.HARDWARE:
+            raise SfglabError(f"node {name!r}: fixed in hardware, where it has no implementation")
+
+
+def _programme(
+    graph: Graph, platform: Platform, fixed: Mapping[str, Placement]
+) -> tuple[Any, Any, dict[str, Any]]:
+    """Return CVXPY's problem, x, and y by the name of the topic."""
+    import cvxpy as cp
+
+    x = cp.Variable(len(graph.nodes), boolean=True)
+    # A variable of its own, because HiGHS' gap leaves out a constant of the objective.
+    in_software = cp.Variable(len(graph.nodes))
+    rows: list[Any] = [in_software == 1 - x]
+    work, places = [], {}
+    for number, node in enumerate(graph.nodes):
+        part = node.hardware or Implementation()
+        work.append(
+            (node.rate_hz * node.software_s, node.rate_hz * part.time_s, part.lut, part.bram)
+        )
+        places[node.name] = number
+        if node.hardware is None or node.name in fixed:
+            rows.append(x[number] == (fixed.get(node.name) is Placement.HARDWARE))
+    software_s, hardware_s, node_lut, node_bram = np.transpose(work)
+    cost = software_s @ in_software + hardware_s @ x
+    lut = node_lut @ x
+    gateways = {}
+    for topic in graph.topics:
+        publishers = len(topic.publishers)
+        ends = [places[name] for name in topic.publishers + topic.subscribers]
+        weights = np.full(len(ends), carriage_load(topic, TopicMapping.SOFTWARE))
+        weights[:publishers] /= publishers
+        y = gateways[topic.name] = cp.Variable(boolean=True)
+        h = cp.Variable(bounds=[0, 1])
+        e = cp.Variable(len(ends), nonneg=True)
+        rows += [e >= x[ends] - h - y, h <= x[ends]]
+        cost += weights @ e + carriage_load(topic, TopicMapping.GATEWAY) * y
+        lut += GATEWAY_LUT * y
+    rows += [lut <= platform.lut, node_bram @ x <= platform.bram]
+    return cp.Problem(cp.Minimize(_MS * cost), rows), x, gateways

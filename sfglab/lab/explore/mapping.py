@@ -116,7 +116,7 @@ class PressedMapping(Pressed):
             return
         side = _OTHER[self.graph.node(what).placement]
         if self._platform is not None:
-            check_fixed(self.graph, self._platform, {what: side})
+            check_fixed(self.graph, {what: side})
         at = self.graph.mapped_to(TopicMapping.GATEWAY)
         placed = self.graph.with_placements({what: side})
         self._set(map_communication(placed, gateway=lambda _, topic: topic.name in at).gateways)
