@@ -13,27 +13,24 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.patches import FancyBboxPatch
-    from numpy.typing import NDArray
 
 Part: TypeAlias = State | tuple[State, Input]
 """A state of the diagram, or the transition of a state by an input."""
 
 LAYOUT = """
--                -                  -                    START    PUBLISH_WAIT PUBLISH
--                TO_HMT             -                    REQUEST  -            CANCEL_WAIT
--                CLAIM              FILTER_SMT           POLL_OSIF DROP_HMT    CANCEL
-DROP_HMT_HOLDING FILTER_HMT_HOLDING PUBLISH_WAIT_HOLDING POLL_HMT FILTER_HMT   TO_MEMORY
--                TO_MEMORY_HOLDING  PUBLISH_HOLDING      -        -            -
+-                TO_HMT             -                    REQUEST   START       -
+-                CLAIM              FILTER_SMT           POLL_OSIF DROP_HMT    PUBLISH_WAIT
+DROP_HMT_HOLDING FILTER_HMT_HOLDING -                    POLL_HMT  FILTER_HMT  -
+-                -                  PUBLISH_WAIT_HOLDING TO_MEMORY CANCEL      PUBLISH
+-                TO_MEMORY_HOLDING  PUBLISH_HOLDING      -         CANCEL_WAIT -
 """
 """Places of the states in columns and rows: polling in the middle, software to hardware left of it."""
 
-COLUMN_WIDTH = 1.6  #: Distance between columns, inches.
+COLUMN_WIDTH = 1.76  #: Distance between columns, inches.
 ROW_HEIGHT = 0.95  #: Distance between rows, inches.
 BOX_WIDTH = 1.02  #: Width of a state's box, inches.
 BOX_HEIGHT = 0.54  #: Height of a state's box, inches.
-ASIDE = 0.08  #: Shift of each of two opposite arrows to its right, inches.
-DETOURS = {(State.CANCEL_WAIT, State.PUBLISH_HOLDING): [(9.28, -0.95), (9.28, -3.8)]}
-"""Corners, inches, of the only arrow that would otherwise pass over states."""
+BEND = 0.3  #: Bend of each of two opposite arrows, as a share of their length.
 
 OSIF_COLOR = GATEWAY  #: Fill of states that use the delegate's interface.
 HMT_COLOR = HARDWARE  #: Fill of states that use the hardware-mapped topic.
@@ -56,6 +53,8 @@ def draw_core(axes: Axes) -> dict[Part, list[Artist]]:
     Returns:
         The artists of each state, its box first, and of each transition.
     """
+    from matplotlib.patches import FancyArrowPatch
+
     centres = positions()
     arrows = transitions()
     connected = {(state, target) for (state, _), target in arrows.items()}
@@ -65,10 +64,19 @@ def draw_core(axes: Axes) -> dict[Part, list[Artist]]:
         boxes[state] = _draw_box(axes, state, row.action, centres[state])
         artists[state] = [boxes[state], *_draw_names(axes, state, row.action, centres[state])]
     for (state, given), target in arrows.items():
-        points = [centres[state], *DETOURS.get((state, target), []), centres[target]]
-        aside = ASIDE if (target, state) in connected else 0.0
-        artists[state, given] = _draw_arrow(axes, np.array(points), boxes[target], given, aside)
-    axes.set(xlim=(-0.65, 9.65), ylim=(-4.2, 0.4), aspect="equal")
+        start, end = np.array([centres[state], centres[target]])
+        bend = BEND if (target, state) in connected else 0.0
+        arrow = FancyArrowPatch(start, end, patchA=boxes[state], patchB=boxes[target], zorder=0)
+        arrow.set(arrowstyle="-|>", mutation_scale=10, color=FRAME, linewidth=0.9)
+        arrow.set_connectionstyle("arc3", rad=bend)
+        axes.add_patch(arrow)
+        across = (end - start)[::-1] * (1, -1)
+        x, y = (start + end) / 2 + bend * across
+        text = _words(given.name)
+        label = axes.text(x, y, text, ha="center", va="center", fontsize=7, zorder=1)
+        label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
+        artists[state, given] = [arrow, label]
+    axes.set(xlim=(-0.6, 9.4), ylim=(-4.2, 0.4), aspect="equal")
     axes.axis("off")
     return artists
 
@@ -111,28 +119,3 @@ def _words(name: str) -> str:
     """Return a name of the table in words; abbreviations stay in capitals."""
     words = [word if word in ABBREVIATIONS else word.lower() for word in name.split("_")]
     return " ".join(words)
-
-
-def _draw_arrow(
-    axes: Axes, points: NDArray[np.float64], box: FancyBboxPatch, given: Input, aside: float
-) -> list[Artist]:
-    """Draw an arrow along points to a box, behind all boxes, with its input in the middle."""
-    from matplotlib.patches import FancyArrowPatch
-
-    dx, dy = points[-1] - points[-2]
-    to_the_right = np.array([dy, -dx]) / np.hypot(dx, dy)
-    points = points + aside * to_the_right
-    lines: list[Artist] = []
-    if len(points) > 2:
-        lines += axes.plot(*points[:-1].T, color=FRAME, linewidth=0.9, zorder=0)
-    head = FancyArrowPatch(points[-2], points[-1], patchB=box, shrinkA=0, shrinkB=0, zorder=0)
-    head.set(arrowstyle="-|>", mutation_scale=10, color=FRAME, linewidth=0.9)
-    axes.add_patch(head)
-    middle = len(points) // 2
-    x, y = (points[middle - 1] + points[middle]) / 2 + 2.6 * aside * to_the_right
-    if points[middle - 1][1] == points[middle][1]:
-        y += 0.1  # Horizontal arrows are shorter than their labels.
-    text = _words(given.name)
-    label = axes.text(x, y, text, ha="center", va="center", fontsize=7, zorder=1)
-    label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
-    return [*lines, head, label]
