@@ -1,10 +1,10 @@
-"""Predictions of paper C's numbers: a number does not predict itself, and a measurement narrows."""
+"""Predictions of paper C's numbers: a number does not predict itself."""
 
 import pytest
 
 from sfglab.lab.paper import paper
 from sfglab.soc.paper_values import STATED
-from sfglab.soc.prediction import PRIORS, predictions
+from sfglab.soc.prediction import predictions
 
 NUMBERS = [paper(stated.claim, stated.number) for stated in STATED]
 
@@ -16,8 +16,7 @@ def test_a_number_does_not_change_its_own_prediction_but_those_of_others():
     assert after[0].value != pytest.approx(before[0].value, rel=0.02)
 
 
-def test_each_interval_has_the_number_and_a_measurement_that_narrows_it():
+def test_each_interval_has_the_number():
     for number, found in zip(NUMBERS, predictions(NUMBERS), strict=True):
         assert found.low < number < found.high
-        assert found.low < found.narrowed[0] < found.value < found.narrowed[1] < found.high
-        assert found.decider in PRIORS or found.decider.startswith("time from")
+        assert found.low < found.value < found.high

@@ -114,11 +114,7 @@ def cycles(run: Run[Config]) -> pd.DataFrame:
 
 @derived
 def stated(run: Run[Config]) -> pd.DataFrame:
-    """Return the numbers of section 4, the model's, and the predictions from the other numbers.
-
-    `decider` is the measurement on a board that would narrow a prediction most, to the last two
-    columns.
-    """
+    """Return the numbers of section 4, the model's, and the predictions from the other numbers."""
     numbers = [paper(one.claim, one.number) for one in STATED]
     rows = []
     for one, number, prediction in zip(STATED, numbers, predictions(numbers), strict=True):
@@ -131,9 +127,6 @@ def stated(run: Run[Config]) -> pd.DataFrame:
             "predicted": prediction.value,
             "low": prediction.low,
             "high": prediction.high,
-            "decider": prediction.decider,
-            "narrowed_low": prediction.narrowed[0],
-            "narrowed_high": prediction.narrowed[1],
         }
         rows.append(row)
     return pd.DataFrame(rows)
