@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
 from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Placement, Topic, TopicMapping
-from sfglab.soc.memory import Receiver, Setup, Transport, received_s, transfer_times
+from sfglab.soc.memory import Receiver, Setup, received_s, transfer_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -107,13 +107,6 @@ def carriages_per_message(graph: Graph, topic: Topic) -> float:
     return written + len(placed.intersection(topic.subscribers))
 
 
-_TRANSPORTS = {
-    TopicMapping.SOFTWARE: Transport.SMT,
-    TopicMapping.HARDWARE: Transport.HMT,
-    TopicMapping.GATEWAY: Transport.GATEWAY,
-}
-
-
 def transfer_s(graph: Graph, topic: Topic, *, receiver: Receiver = Receiver.LAST) -> float:
     """Return how long a message takes from its publisher to its subscribers as its topic is mapped, s.
 
@@ -129,7 +122,7 @@ def transfer_s(graph: Graph, topic: Topic, *, receiver: Receiver = Receiver.LAST
     for publisher in topic.publishers:
         setup = Setup(
             publisher=Placement.HARDWARE if publisher in placed else Placement.SOFTWARE,
-            transport=_TRANSPORTS[topic.mapping],
+            mapping=topic.mapping,
             message_bytes=size_bytes,
             hardware=hardware,
             software=len(topic.subscribers) - hardware,

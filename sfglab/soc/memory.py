@@ -31,7 +31,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc.graph import Placement
+from sfglab.soc.graph import Placement, TopicMapping
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -227,14 +227,6 @@ def with_values(costs: Costs, values: Mapping[str, float]) -> Costs:
 # --- Transfer times ---------------------------------------------------------------------------
 
 
-class Transport(Enum):
-    """Kind of a topic: what it is mapped to."""
-
-    SMT = "software-mapped topic"
-    HMT = "hardware-mapped topic"
-    GATEWAY = "gateway"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
     """One publisher, its topic and its subscribers (paper C, Fig. 5).
@@ -244,13 +236,13 @@ class Setup:
     """
 
     publisher: Placement  #: Side of the publisher.
-    transport: Transport  #: Kind of the topic.
+    mapping: TopicMapping  #: Mapping of the topic.
     message_bytes: int  #: Size of the message.
     hardware: int  #: Number of hardware subscribers.
     software: int = 1  #: Number of software subscribers; the paper has one.
 
     def __post_init__(self) -> None:
-        if self.transport is Transport.HMT and (
+        if self.mapping is TopicMapping.HARDWARE and (
             self.publisher is Placement.SOFTWARE or self.software
         ):
             raise InvalidValueError("setup", self, "only hardware nodes on a hardware-mapped topic")
@@ -270,9 +262,9 @@ class Times:
 
 def transfer_times(setup: Setup, costs: Costs = STORED) -> Times:
     """Return the transfer times of one message."""
-    if setup.transport is Transport.SMT:
+    if setup.mapping is TopicMapping.SOFTWARE:
         hardware_s, software_s = _over_smt(setup, costs)
-    elif setup.transport is Transport.GATEWAY:
+    elif setup.mapping is TopicMapping.GATEWAY:
         hardware_s, software_s = _over_gateway(setup, costs)
     else:
         hardware_s = 2 * costs.endpoint_s + costs.memory.stream_s(setup.message_bytes)
@@ -355,7 +347,7 @@ def received_s(times: Times, receiver: Receiver) -> float:
 def break_even_bytes(setup: Setup, receiver: Receiver = Receiver.LAST) -> int | None:
     """Return the message size from which on a gateway is faster to a receiver, in whole chunks.
 
-    The setup's own transport and size have no effect. The search is a bisection: once a gateway is
+    The setup's own mapping and size have no effect. The search is a bisection: once a gateway is
     faster, it is also faster for all larger messages, because its time grows less per byte.
 
     Returns:
@@ -367,8 +359,8 @@ def break_even_bytes(setup: Setup, receiver: Receiver = Receiver.LAST) -> int | 
 
     def gateway_is_faster(size: int) -> bool:
         times_s = []
-        for transport in (Transport.GATEWAY, Transport.SMT):
-            sized = replace(setup, transport=transport, message_bytes=size)
+        for mapping in (TopicMapping.GATEWAY, TopicMapping.SOFTWARE):
+            sized = replace(setup, mapping=mapping, message_bytes=size)
             times_s.append(received_s(transfer_times(sized), receiver))
         return times_s[0] < times_s[1]
 

@@ -14,8 +14,8 @@ from itertools import product
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from sfglab.soc.graph import Placement
-from sfglab.soc.memory import STORED, Costs, Setup, Transport, transfer_times
+from sfglab.soc.graph import Placement, TopicMapping
+from sfglab.soc.memory import STORED, Costs, Setup, transfer_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -80,17 +80,15 @@ def speed_ups(
             panel=panel,
             message_bytes=size,
             subscribers=count,
-            smt_s=_time_s(panel, Transport.SMT, count, size, costs),
-            gateway_s=_time_s(panel, Transport.GATEWAY, count, size, costs),
+            smt_s=_time_s(panel, TopicMapping.SOFTWARE, count, size, costs),
+            gateway_s=_time_s(panel, TopicMapping.GATEWAY, count, size, costs),
         )
         bars.append(bar)
     return bars
 
 
-def _time_s(panel: Panel, transport: Transport, count: int, size: int, costs: Costs) -> float:
-    setup = Setup(
-        publisher=panel.publisher, transport=transport, message_bytes=size, hardware=count
-    )
+def _time_s(panel: Panel, mapping: TopicMapping, count: int, size: int, costs: Costs) -> float:
+    setup = Setup(publisher=panel.publisher, mapping=mapping, message_bytes=size, hardware=count)
     times = transfer_times(setup, costs)
     time_s = times.hardware_s if panel.subscriber is Placement.HARDWARE else times.software_s
     assert time_s is not None, "subscribers are on both sides"

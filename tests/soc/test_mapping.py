@@ -8,7 +8,7 @@ from graph_strategies import FIGURE_8, HW, SW, for_every_graph
 from sfglab import soc
 from sfglab.soc import EdgeKind, TopicMapping
 from sfglab.soc.mapping import carriages_per_message
-from sfglab.soc.memory import Receiver, Setup, Transport, break_even_bytes, transfer_times
+from sfglab.soc.memory import Receiver, Setup, break_even_bytes, transfer_times
 
 
 def sized(graph, size_bytes):
@@ -74,7 +74,7 @@ def test_edges_and_carriages_are_counted_apart(publishers, subscribers, edges, c
 def test_the_rule_of_sizes_changes_where_the_model_breaks_even():
     rule = soc.faster_by_gateway
     sides = {"publisher": SW, "hardware": 2, "software": 0}
-    setup = Setup(transport=Transport.SMT, message_bytes=1, **sides)
+    setup = Setup(mapping=TopicMapping.SOFTWARE, message_bytes=1, **sides)
     limit = break_even_bytes(setup, Receiver.LAST)
     for size_bytes, gateways in ((limit - 256, "AC"), (limit, "ACE")):
         graph = sized(FIGURE_8.software, size_bytes)
@@ -87,7 +87,7 @@ def test_the_rule_of_sizes_changes_where_the_model_breaks_even():
 def test_the_time_of_a_topic_is_the_model_s_for_its_nodes(size_bytes, counted):
     mapped = sized(FIGURE_8.gateways, size_bytes)
     sides = {"publisher": HW, "hardware": 2, "software": 1}
-    times = transfer_times(Setup(transport=Transport.GATEWAY, message_bytes=counted, **sides))
+    times = transfer_times(Setup(mapping=TopicMapping.GATEWAY, message_bytes=counted, **sides))
     topic = mapped.topic("A")
     assert soc.transfer_s(mapped, topic, receiver=Receiver.HARDWARE) == times.hardware_s
     assert soc.transfer_s(mapped, topic, receiver=Receiver.SOFTWARE) == times.software_s

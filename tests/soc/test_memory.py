@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
+from sfglab.soc import TopicMapping
 from sfglab.soc.memory import (
     LARGEST_BYTES,
     STORED,
     MemoryInterface,
     Receiver,
     Setup,
-    Transport,
     break_even_bytes,
     received_s,
     round_robin_s,
@@ -29,9 +29,9 @@ MEMIF = MemoryInterface()
 SIDES = st.sampled_from([SW, HW])
 
 
-def setup(publisher=HW, transport=Transport.SMT, size=1_000_000, hardware=4, software=1):
+def setup(publisher=HW, mapping=TopicMapping.SOFTWARE, size=1_000_000, hardware=4, software=1):
     nodes = {"hardware": hardware, "software": software}
-    return Setup(publisher=publisher, transport=transport, message_bytes=size, **nodes)
+    return Setup(publisher=publisher, mapping=mapping, message_bytes=size, **nodes)
 
 
 @settings(max_examples=60, deadline=None)
@@ -45,7 +45,7 @@ def test_the_last_of_several_nodes_ends_with_the_busy_period_whatever_the_turns(
 @pytest.mark.parametrize("size", MESSAGE_BYTES)
 @pytest.mark.parametrize(("hardware", "software"), [(1, 1), (4, 1), (8, 1), (3, 3), (5, 0)])
 def test_mean_places_stand_for_all_orders_of_deliveries(hardware, software, size):
-    found = transfer_times(setup(SW, Transport.SMT, size, hardware, software))
+    found = transfer_times(setup(SW, TopicMapping.SOFTWARE, size, hardware, software))
     orders = itertools.combinations(range(1, hardware + software + 1), hardware)
     each_s, read_s = STORED.delivery_s(size), STORED.memory.read_s(size)
     exact_s = fmean(shared_s([place * each_s for place in order], read_s) for order in orders)
@@ -56,7 +56,7 @@ def test_mean_places_stand_for_all_orders_of_deliveries(hardware, software, size
 
 @pytest.mark.parametrize("publisher", [SW, HW])
 def test_a_gateway_costs_the_cancellation_and_no_more_for_more_hardware_subscribers(publisher):
-    few, many = (setup(publisher, Transport.GATEWAY, hardware=n) for n in (2, 8))
+    few, many = (setup(publisher, TopicMapping.GATEWAY, hardware=n) for n in (2, 8))
     assert transfer_times(few) == transfer_times(many)
     free_s = transfer_times(few, replace(STORED, cancel_s=0.0)).software_s
     cancel_s = STORED.cancel_s if publisher is HW else 0.0
@@ -84,8 +84,8 @@ def test_break_even_sizes_fall_with_the_number_of_subscribers_and_depend_on_the_
 def test_below_the_break_even_the_topic_is_faster_and_above_it_the_gateway(here, receiver):
     limit = break_even_bytes(here, receiver)
     smt_s, gateway_s = (
-        received_s(transfer_times(replace(here, transport=transport)), receiver)
-        for transport in (Transport.SMT, Transport.GATEWAY)
+        received_s(transfer_times(replace(here, mapping=mapping)), receiver)
+        for mapping in (TopicMapping.SOFTWARE, TopicMapping.GATEWAY)
     )
     if limit is None or here.message_bytes <= limit - MEMIF.chunk_bytes:
         assert smt_s <= gateway_s
@@ -95,4 +95,4 @@ def test_below_the_break_even_the_topic_is_faster_and_above_it_the_gateway(here,
 
 def test_software_on_a_hardware_mapped_topic_is_refused():
     with pytest.raises(InvalidValueError, match="only hardware nodes"):
-        setup(HW, Transport.HMT)
+        setup(HW, TopicMapping.HARDWARE)
