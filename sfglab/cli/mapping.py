@@ -191,7 +191,9 @@ def _topic_table(mapping: CommunicationMapping) -> list[str]:
 def _crossing_table(mapping: CommunicationMapping) -> list[str]:
     from sfglab.soc import STAGES, EdgeKind, crossing_edges
 
-    rows = [("edges across the boundary", "publish", "subscribe", "together")]
+    rows: list[tuple[str, ...]] = [
+        ("edges across the boundary", "publish", "subscribe", "together")
+    ]
     left: list[str] = []
     for title, graph in zip(STAGES, mapping.stages, strict=True):
         crossing = crossing_edges(graph)

@@ -63,7 +63,7 @@ def draw_graph(
         look: dict[str, Any] = {"color": color, "linewidth": width, "mutation_scale": 9}
         ax.add_patch(FancyArrowPatch(path=Path(line), arrowstyle="-|>", zorder=2, **look))
     centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "linespacing": 1.1}
-    drawn = {}
+    drawn: dict[Vertex, tuple[Artist, Artist]] = {}
     for vertex, fill in fills.items():
         box = layout.boxes[vertex]
         style = "round,pad=0,rounding_size=0.13" if vertex[0] == "node" else "square,pad=0"

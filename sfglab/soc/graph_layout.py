@@ -113,7 +113,7 @@ def _layers(graph: Graph) -> dict[Any, int]:
         if nx.has_path(onward, target, source):
             source, target = target, source
         onward.add_edge(source, target)
-    layer_of = {}
+    layer_of: dict[Any, int] = {}
     for layer, generation in enumerate(nx.topological_generations(onward)):
         layer_of |= dict.fromkeys(generation, layer)
     return layer_of

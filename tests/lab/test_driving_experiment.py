@@ -18,7 +18,7 @@ from sfglab.lab.experiments.driving.results import (
 )
 from sfglab.lab.sweep import Workers
 from sfglab.lab.workers.driving import GATEWAY, SOFTWARE
-from sfglab.soc.driving import Rules, run_lap
+from sfglab.soc.driving import run_lap
 from sfglab.view.app import ViewOptions, view_log
 
 LAP = DrivePoint(limit_s=1.5)
@@ -34,7 +34,7 @@ def run(tmp_path_factory):
 
 def test_a_row_is_its_lap(run):
     row = run["lap"].iloc[1]
-    lap = run_lap(1, rules=Rules(timeout_s=1.5))
+    lap = run_lap(1, timeout_s=1.5)
     assert (row["seed"], row["passed"]) == (1, False)
     assert row["odometry_error_m"] == lap.odometry_error_m
 

@@ -6,7 +6,7 @@ from itertools import count
 import numpy as np
 import pytest
 
-from sfglab.soc.driving import NODES, Camera, Judge, Rules, Scene, Stack, make_town, run_lap
+from sfglab.soc.driving import NODES, Camera, Judge, Scene, Stack, make_town, run_lap
 from sfglab.soc.driving.car import CarState
 from sfglab.soc.driving.odometry import Pose
 from sfglab.soc.driving.town import Light, Place
@@ -77,7 +77,7 @@ def test_the_judge_counts_lights_and_passes_a_lap_in_the_lane_that_runs_no_red_l
 ):
     verdicts = []
     for red_lights in (0, 3):
-        judge = Judge(TOWN, Rules(red_lights=red_lights))
+        judge = Judge(TOWN, red_lights=red_lights)
         for at_m in along_m:
             place = Place(along_m=at_m % TOWN.lane.length_m, left_m=left_m)
             judge.observe(at_m, place, speed_mps, [red_since_s, *[None] * 4])
@@ -91,9 +91,7 @@ def test_the_judge_counts_lights_and_passes_a_lap_in_the_lane_that_runs_no_red_l
 def test_the_car_completes_a_lap_in_its_lane_and_stops_at_three_red_lights_or_more():
     stack = Stack(Camera())
     lanes = []
-    lap = run_lap(
-        1, stack=stack, rate_hz=10.0, watch=lambda moment: lanes.append(moment.frame.lane)
-    )
+    lap = run_lap(1, stack=stack, watch=lambda moment: lanes.append(moment.frame.lane))
     assert lap.verdict.passed
     assert lap.verdict.red_lights_obeyed >= 3
     assert lap.odometry_error_m < 0.05 * lap.lane_m
@@ -104,12 +102,12 @@ def test_the_judge_fails_a_car_that_sees_no_red_light():
     stack = Stack(Camera())
     stack.red.detect = lambda _: False
     resting_m = min(light.stop_m for light in TOWN.lights if light.wait_s is not None)
-    verdict = run_lap(1, stack=stack, rules=Rules(timeout_s=resting_m / 0.9 + 3)).verdict
+    verdict = run_lap(1, stack=stack, timeout_s=resting_m / 0.9 + 3).verdict
     assert verdict.red_lights_run >= 1
     assert not verdict.passed
 
 
 def test_a_clock_gives_each_node_its_time_in_every_frame():
     stack = Stack(Camera(), count(0, 1000).__next__)
-    run_lap(1, stack=stack, rules=Rules(timeout_s=0.4))
+    run_lap(1, stack=stack, timeout_s=0.4)
     assert stack.times_ns == {ports.node: [1000] * 7 for ports in NODES[1:-1]}

@@ -25,7 +25,7 @@ from sfglab.bus import Node, Subscription
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, beside, run_component
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
-from sfglab.soc.driving import CHAIN, NODES, SHARED_TOPIC, Camera, Rules, Stack, run_lap
+from sfglab.soc.driving import CHAIN, NODES, SHARED_TOPIC, Camera, Stack, run_lap
 from sfglab.soc.driving.nodes import Lane, blur, compensate, fit_lane, lane_mask
 from sfglab.soc.driving.odometry import Pose
 
@@ -170,7 +170,7 @@ async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> 
             run_lap(
                 config.seed,
                 stack=stack,
-                rules=Rules(timeout_s=_IMAGES_S),
+                timeout_s=_IMAGES_S,
                 watch=lambda moment: images.append(moment.frame.image),
             )
         for publisher in publishers.values():

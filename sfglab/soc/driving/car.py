@@ -14,25 +14,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.fields import between, check_bounds
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
 
+_MOUNT_M = 0.35  #: Height of the camera above the ground.
+_PITCH_RAD = math.radians(6.0)  #: Downward pitch of the camera.
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
     """A pinhole camera without distortion, pitched down; at 3 m a marking of 5 cm covers 4 of 320 columns."""
 
-    width: int = between(320, 16)  #: Columns of an image.
-    height: int = between(240, 16)  #: Rows of an image.
-    mount_m: float = between(0.35, without=(0,))  #: Height above the ground.
-    pitch_rad: float = between(math.radians(6.0), 0, 1, without=(1,))  #: Downward pitch.
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
+    width: int = 320  #: Columns of an image.
+    height: int = 240  #: Rows of an image.
 
     @property
     def focal_px(self) -> float:
@@ -42,7 +39,7 @@ class Camera:
     @property
     def horizon_row(self) -> int:
         """First row in which each pixel shows the ground."""
-        horizon = self.height / 2 - self.focal_px * math.tan(self.pitch_rad)
+        horizon = self.height / 2 - self.focal_px * math.tan(_PITCH_RAD)
         return math.ceil(horizon) + 1
 
     @property
@@ -70,11 +67,11 @@ class Camera:
 @lru_cache(maxsize=16)
 def _image_from_vehicle(camera: Camera) -> Floats:
     """Return the projection matrix (3, 4) from the vehicle frame to pixels."""
-    sin = math.sin(camera.pitch_rad)
-    cos = math.cos(camera.pitch_rad)
+    sin = math.sin(_PITCH_RAD)
+    cos = math.cos(_PITCH_RAD)
     focal = camera.focal_px
     rotation = np.array([[0.0, -1.0, 0.0], [-sin, 0.0, -cos], [cos, 0.0, -sin]])
-    translation = -rotation @ [0.0, 0.0, camera.mount_m]
+    translation = -rotation @ [0.0, 0.0, _MOUNT_M]
     intrinsic = np.array(
         [[focal, 0.0, camera.width / 2], [0.0, focal, camera.height / 2], [0.0, 0.0, 1.0]]
     )

@@ -15,7 +15,6 @@ from functools import cached_property
 from itertools import pairwise, permutations
 from typing import TYPE_CHECKING
 
-from sfglab.errors import SfglabError
 from sfglab.soc.graph import TopicMapping
 from sfglab.soc.mapping import arrival_s, link, map_communication, message_bytes
 from sfglab.soc.memory import STORED, round_robin_s
@@ -37,23 +36,11 @@ Order = tuple[str, ...]  #: Subscribers of a software-mapped topic in the order 
 class Chain:
     """Transfers of the chain in a graph.
 
-    Topics between two hardware nodes are hardware-mapped and the others software-mapped, except A.
-
-    Raises:
-        InvalidValueError: A topic of the chain is not in the graph.
-        SfglabError: The first topic is not A, or compensation or blur are not in hardware.
+    Topics between two hardware nodes are hardware-mapped and the others software-mapped, except A, which
+    joins two nodes in hardware. All properties raise an InvalidValueError if a topic is not in the graph.
     """
 
     graph: Graph  #: Graph in which the chain's nodes are placed.
-
-    def __post_init__(self) -> None:
-        first, second = CHAIN[:2]
-        if self._edges[0].topic != SHARED_TOPIC:
-            raise SfglabError(
-                f"graph {self.graph.name}: {first} must reach {second} over {SHARED_TOPIC}"
-            )
-        if not self.graph.in_hardware.issuperset({first, second}):
-            raise SfglabError(f"graph {self.graph.name}: {first} and {second} must be in hardware")
 
     @cached_property
     def _mapped(self) -> Graph:

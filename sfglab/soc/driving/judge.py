@@ -11,21 +11,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _STANDING_MPS = 0.02
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rules:
-    """Conditions that a lap has to meet."""
-
-    #: Largest distance of the rear axle from the lane's middle: half a lane minus half a car of 18 cm.
-    lateral_m: float = LANE_M / 2 - 0.09
-    red_lights: int = 3  #: Smallest number of red lights that the car must have stopped at.
-    #: Time after a light turned red in which its line may be crossed: the car needs 0.6 s to brake from
-    #: 0.9 m/s, and some frames to detect the light.
-    grace_s: float = 1.0
-    #: Largest distance to the line at which a standing car has stopped for a light.
-    stop_m: float = 2.0
-    timeout_s: float = 150.0  #: Time after which a lap has failed.
+#: Largest distance of the rear axle from the lane's middle: half a lane minus half a car of 18 cm.
+_LATERAL_M = LANE_M / 2 - 0.09
+#: Time after a light turned red in which its line may be crossed: the car needs 0.6 s to brake from
+#: 0.9 m/s, and some frames to detect the light.
+_GRACE_S = 1.0
+_STOP_M = 2.0  #: Largest distance to the line at which a standing car has stopped for a light.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,11 +32,18 @@ class Verdict:
 
 
 class Judge:
-    """Observes a drive that begins at place 0 of the lane."""
+    """Observes a drive that begins at place 0 of the lane.
 
-    def __init__(self, town: Town, rules: Rules | None = None) -> None:
-        self.rules = rules or Rules()
+    Args:
+        town: Town of the drive.
+        timeout_s: Time in the town after which the lap has failed.
+        red_lights: Smallest number of red lights that the car must stop at.
+    """
+
+    def __init__(self, town: Town, *, timeout_s: float = 150.0, red_lights: int = 3) -> None:
         self._town = town
+        self._timeout_s = timeout_s
+        self._red_lights = red_lights
         self._driven_m = 0.0
         self._largest_m = 0.0
         self._stopped: set[int] = set()
@@ -71,9 +69,9 @@ class Judge:
             if since_s is None:
                 continue
             crossed = self._driven_m < light.stop_m <= driven_m
-            if crossed and now_s - since_s > self.rules.grace_s:
+            if crossed and now_s - since_s > _GRACE_S:
                 self._run.add(i)
-            near = 0 <= light.stop_m - car.along_m <= self.rules.stop_m
+            near = 0 <= light.stop_m - car.along_m <= _STOP_M
             if near and speed_mps < _STANDING_MPS:
                 self._stopped.add(i)
         self._driven_m = driven_m
@@ -89,7 +87,7 @@ class Judge:
     @property
     def over(self) -> bool:
         """Whether the lap is completed, the car left its lane, or the time is up."""
-        timed_out = self._now_s >= self.rules.timeout_s
+        timed_out = self._now_s >= self._timeout_s
         return self._completed or not self._in_lane or timed_out
 
     @property
@@ -98,12 +96,12 @@ class Judge:
 
     @property
     def _in_lane(self) -> bool:
-        return self._largest_m <= self.rules.lateral_m
+        return self._largest_m <= _LATERAL_M
 
     def verdict(self) -> Verdict:
         """Return the result so far."""
         obeyed = len(self._stopped - self._run)
-        lawful = not self._run and obeyed >= self.rules.red_lights
+        lawful = not self._run and obeyed >= self._red_lights
         return Verdict(
             completed=self._completed,
             red_lights_obeyed=obeyed,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar, TypeVarTuple
 import numpy as np
 
 from sfglab.soc.driving.car import Camera, CarState, Drive, drive
-from sfglab.soc.driving.judge import Judge, Rules, Verdict
+from sfglab.soc.driving.judge import Judge, Verdict
 from sfglab.soc.driving.nodes import (
     Colour,
     Lane,
@@ -28,7 +28,7 @@ from sfglab.soc.driving.nodes import (
 )
 from sfglab.soc.driving.odometry import Pose, VisualOdometry
 from sfglab.soc.driving.scene import Scene
-from sfglab.soc.driving.town import Place, Road, Signals, make_town
+from sfglab.soc.driving.town import Road, Signals, make_town
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -99,11 +99,11 @@ class Stack:
         red_found = self._timed("red_light_detection", self.red.detect, compensated)
         green_found = self._timed("green_light_detection", self.green.detect, compensated)
         if red_found:
-            self.green.wake()
-            self.control.stop()
+            self.green.active = True
+            self.control.held = True
         if green_found:
-            self.red.wake()
-            self.control.go()
+            self.red.active = True
+            self.control.held = False
         pose = self._timed("visual_odometry", self.odometry.update, compensated)
         command = self._timed("lane_control", self.control.step, lane, pose)
         return Frame(image=image, mask=mask, lane=lane, pose=pose, command=command)
@@ -121,7 +121,6 @@ class Moment:
 
     now_s: float  #: Time in the town.
     car: CarState  #: True state of the car.
-    place: Place  #: True place of the car on its lane.
     frame: Frame  #: Results of the nodes.
 
 
@@ -134,6 +133,7 @@ class Lap:
     odometry_error_m: float  #: Distance between the odometry's position and the car at the end.
 
 
+_RATE_HZ = 15.0  #: Frame rate of the camera.
 _STEPS = 4  #: Steps of the car's model per frame.
 _BIAS_RAD = 0.02  #: Largest error of the steering angle.
 _START_OFFSET = 0.06  #: Largest error of the start pose, m and rad.
@@ -143,20 +143,18 @@ def run_lap(
     seed: int,
     *,
     stack: Stack | None = None,
-    rules: Rules | None = None,
-    rate_hz: float = 15.0,
+    timeout_s: float = 150.0,
     watch: Callable[[Moment], None] | None = None,
 ) -> Lap:
     """Drive one lap.
 
     A command takes effect one frame after its image, as a real chain takes about that long. The car moves
-    6 cm per frame at 15 Hz.
+    6 cm per frame.
 
     Args:
         seed: Seed of town, texture, noise, start pose and steering error.
         stack: The nodes. [default: new nodes for a default camera]
-        rules: Rules of the judge.
-        rate_hz: Frame rate of the camera.
+        timeout_s: Time in the town after which the lap has failed.
         watch: Called after each frame.
     """
     stack = stack or Stack(Camera())
@@ -166,13 +164,13 @@ def run_lap(
     steer_bias_rad = rng.uniform(-_BIAS_RAD, _BIAS_RAD)
     scene = Scene(town, stack.camera, rng)
     signals = Signals(town)
-    judge = Judge(town, rules)
+    judge = Judge(town, timeout_s=timeout_s)
     car = seen_from = start
     command = Drive()
-    step_s = 1 / rate_hz / _STEPS
+    step_s = 1 / _RATE_HZ / _STEPS
     frames = 0
     while not judge.over:
-        now_s = frames / rate_hz
+        now_s = frames / _RATE_HZ
         place = town.lane.place(car.x_m, car.y_m)
         red_since_s = signals.red_since_s(now_s, place)
         judge.observe(now_s, place, car.speed_mps, red_since_s)
@@ -180,7 +178,7 @@ def run_lap(
         frame = stack.step(scene.render(car, red, now_s=now_s))
         frames += 1
         if watch is not None:
-            watch(Moment(now_s=now_s, car=car, place=place, frame=frame))
+            watch(Moment(now_s=now_s, car=car, frame=frame))
         seen_from = car
         for _ in range(_STEPS):
             car = drive(car, command, dt_s=step_s, steer_bias_rad=steer_bias_rad)

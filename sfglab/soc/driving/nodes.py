@@ -215,6 +215,7 @@ class LightDetector:
 
     def __init__(self, colour: Colour) -> None:
         self.colour = colour
+        #: Whether the node looks for its light; the other detection node sets it when it found one.
         self.active = colour is Colour.RED
 
     def detect(self, bgr: Image) -> bool:
@@ -233,10 +234,6 @@ class LightDetector:
                 return True
         return False
 
-    def wake(self) -> None:
-        """Become active, because the other detection node found its light."""
-        self.active = True
-
 
 #: Speed on a straight lane. This and the next three are chosen here; the paper gives none.
 _SPEED_MPS = 0.9
@@ -253,16 +250,9 @@ class LaneControl:
     """
 
     def __init__(self) -> None:
-        self.held = False  #: Whether a red light holds the car.
-        self._target: tuple[float, float] | None = None  # in the frame of the odometry
-
-    def stop(self) -> None:
-        """Hold the car, because the red-light detection found a light."""
-        self.held = True
-
-    def go(self) -> None:
-        """Release the car, because the green-light detection found a light."""
+        #: Whether a red light holds the car; the detection nodes set it.
         self.held = False
+        self._target: tuple[float, float] | None = None  # in the frame of the odometry
 
     def step(self, lane: Lane | None, pose: Pose) -> Drive:
         """Return the command for a frame.

@@ -83,15 +83,13 @@ def planar_motion(before_xy: Floats, now_xy: Floats) -> Pose | None:
     if agreeing is None or agreeing.sum() < _MIN_MATCHES:
         return None
     chosen = agreeing.ravel() > 0
-    now_middle = now_xy[chosen].mean(axis=0)
-    before_middle = before_xy[chosen].mean(axis=0)
-    now = now_xy[chosen] - now_middle
-    before = before_xy[chosen] - before_middle
-    sin_sum = float((now[:, 0] * before[:, 1] - now[:, 1] * before[:, 0]).sum())
-    cos_sum = float((now * before).sum())
-    turn = Pose(yaw_rad=math.atan2(sin_sum, cos_sum))
-    x, y = before_middle - turn.to_parent(*now_middle)
-    return Pose(x_m=float(x), y_m=float(y), yaw_rad=turn.yaw_rad)
+    # Points as complex numbers: the turn is the phase of a product, the shift the rest.
+    now = now_xy[chosen] @ (1, 1j)
+    before = before_xy[chosen] @ (1, 1j)
+    turn = np.vdot(now - now.mean(), before - before.mean())
+    shift = before.mean() - turn / abs(turn) * now.mean()
+    yaw_rad = float(np.angle(turn))
+    return Pose(x_m=float(shift.real), y_m=float(shift.imag), yaw_rad=yaw_rad)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

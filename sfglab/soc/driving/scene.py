@@ -35,27 +35,26 @@ _EDGE_M = 9.0  #: Distance from the middle of the ground to its edges.
 _SHIFT = 4  #: Fractional bits of the coordinates that OpenCV draws with.
 
 
-class Ground:
-    """An image of a town's ground from above."""
+_SCALE = 1 / _PIXEL_M
+_MIDDLE = _EDGE_M / _PIXEL_M - 0.5
+_PIXELS_FROM_TOWN = np.array([[_SCALE, 0.0, _MIDDLE], [0.0, _SCALE, _MIDDLE], [0.0, 0.0, 1.0]])
+"""Matrix from points (x, y, 1) of the town, m, to pixels (u, v, 1) of the ground."""
 
-    def __init__(self, town: Town, rng: np.random.Generator) -> None:
-        side = round(2 * _EDGE_M / _PIXEL_M)
-        grass = np.full((side, side, 3), _GRASS, np.uint8)
-        _draw_line(grass, town.road.points_xy, _ASPHALT, 2 * LANE_M + 0.24)
-        self.bgr = _textured(grass, rng)  #: Rows from south to north, columns from west to east.
-        _draw_line(self.bgr, town.road.points_xy, _YELLOW, LINE_M)
-        _draw_line(self.bgr, town.road.beside(-LANE_M), _WHITE, LINE_M)
-        _draw_line(self.bgr, town.road.beside(LANE_M), _WHITE, LINE_M)
-        for light in town.lights:
-            right = town.lane.at(light.stop_m, -0.4 * LANE_M)
-            left = town.lane.at(light.stop_m, 0.4 * LANE_M)
-            _draw_line(self.bgr, np.array([right[:2], left[:2]]), _WHITE, LINE_M, closed=False)
-        scale = 1 / _PIXEL_M
-        middle = _EDGE_M / _PIXEL_M - 0.5
-        #: Matrix (3, 3) from points (x, y, 1) of the town, m, to pixels (u, v, 1) of the ground.
-        self.pixels_from_town = np.array(
-            [[scale, 0.0, middle], [0.0, scale, middle], [0.0, 0.0, 1.0]]
-        )
+
+def ground_image(town: Town, rng: np.random.Generator) -> Image:
+    """Return a town's ground from above: rows from south to north, columns from west to east, BGR."""
+    side = round(2 * _EDGE_M / _PIXEL_M)
+    grass = np.full((side, side, 3), _GRASS, np.uint8)
+    _draw_line(grass, town.road.points_xy, _ASPHALT, 2 * LANE_M + 0.24)
+    ground = _textured(grass, rng)
+    _draw_line(ground, town.road.points_xy, _YELLOW, LINE_M)
+    _draw_line(ground, town.road.beside(-LANE_M), _WHITE, LINE_M)
+    _draw_line(ground, town.road.beside(LANE_M), _WHITE, LINE_M)
+    for light in town.lights:
+        right = town.lane.at(light.stop_m, -0.4 * LANE_M)
+        left = town.lane.at(light.stop_m, 0.4 * LANE_M)
+        _draw_line(ground, np.array([right[:2], left[:2]]), _WHITE, LINE_M, closed=False)
+    return ground
 
 
 def _draw_line(
@@ -103,7 +102,7 @@ class Scene:
 
     def __init__(self, town: Town, camera: Camera, rng: np.random.Generator) -> None:
         self._camera = camera
-        self._ground = Ground(town, rng)
+        self._ground = ground_image(town, rng)
         poles = [
             town.lane.at(light.stop_m + _POLE_AHEAD_M, -_POLE_RIGHT_M) for light in town.lights
         ]
@@ -140,8 +139,8 @@ class Scene:
         image_from_below = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, top], [0.0, 0.0, 1.0]])
         town_from_below = town_from_vehicle @ camera.ground_from_image @ image_from_below
         image[top:] = cv2.warpPerspective(
-            self._ground.bgr,
-            self._ground.pixels_from_town @ town_from_below,
+            self._ground,
+            _PIXELS_FROM_TOWN @ town_from_below,
             (camera.width, camera.height - top),
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_CONSTANT,
@@ -166,10 +165,11 @@ class Scene:
             return
         pixels, depths = self._projected(car, [(x, y, _RED_Z_M), (x, y, _GREEN_Z_M)])
         colors = (_RED_LIT, _UNLIT) if red else (_UNLIT, _GREEN_LIT)
-        for pixel, depth, bgr in zip(pixels, depths, colors, strict=True):
+        fixed = np.rint(pixels).astype(int) << _SHIFT
+        for middle, depth, bgr in zip(fixed.tolist(), depths, colors, strict=True):
             if depth > _NEAR_M:
-                radius = self._camera.focal_px * _LAMP_M / depth
-                _draw_disc(image, pixel, radius, bgr)
+                radius = round(self._camera.focal_px * _LAMP_M / depth * (1 << _SHIFT))
+                cv2.circle(image, middle, radius, bgr, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
     def _projected(
         self, car: CarState, points_xyz: Sequence[tuple[float, float, float]]
@@ -192,9 +192,3 @@ class Scene:
         stuck = self._rng.integers(0, len(pixels), round(_STUCK_SHARE * len(pixels)))
         pixels[stuck] = 255 * self._rng.integers(0, 2, (len(stuck), 1), dtype=np.uint8)
         return exposed
-
-
-def _draw_disc(image: Image, pixel: Floats, radius: float, bgr: Bgr) -> None:
-    u, v = np.rint(pixel).astype(int).tolist()
-    middle = (u << _SHIFT, v << _SHIFT)
-    cv2.circle(image, middle, round(radius * (1 << _SHIFT)), bgr, cv2.FILLED, cv2.LINE_AA, _SHIFT)

@@ -33,7 +33,6 @@ from sfglab.soc.driving import (
     Chain,
     Frame,
     Moment,
-    Rules,
     Stack,
     make_town,
     run_lap,
@@ -136,7 +135,7 @@ class DrivingLapRow(TableRow):
 def drive_lap(point: DrivePoint, seed: int) -> DrivingLapRow:
     """Drive one lap in the town of a seed."""
     with _one_thread():
-        lap = run_lap(seed, rules=Rules(timeout_s=point.limit_s))
+        lap = run_lap(seed, timeout_s=point.limit_s)
     return DrivingLapRow(
         seed=seed,
         passed=lap.verdict.passed,
@@ -170,7 +169,7 @@ def time_chain(point: DrivePoint, seed: int) -> tuple[dict[str, Any], ...]:
     """
     stack = Stack(_CAMERA)
     with _one_thread():
-        run_lap(seed, stack=stack, rules=Rules(timeout_s=point.limit_s))
+        run_lap(seed, stack=stack, timeout_s=point.limit_s)
     chain = load_chain()
     frames = len(stack.times_ns[CHAIN[0]])
     drawn = np.random.default_rng((seed, 1)).integers(0, len(chain.orders), frames)
@@ -234,7 +233,7 @@ def log_lap(bench: Bench[Config]) -> None:
     lights = [town.lane.at(light.stop_m) for light in town.lights]
     bench.metadata("town", {"road": town.road.points_xy[::4].tolist(), "lights": lights})
     recorder = Recorder(bench)
-    run_lap(config.seed, rules=Rules(timeout_s=config.lap.limit_s), watch=recorder.record)
+    run_lap(config.seed, timeout_s=config.lap.limit_s, watch=recorder.record)
 
 
 _TRACK_FRAMES = 3  #: Frames per row of the track.
