@@ -60,50 +60,36 @@ class Exploration:
     counterexample: Counterexample | None  #: Violation; None: all properties hold within the bound.
 
 
-class _Graph:
-    """The global states found so far, numbered in the order of the search, and the steps to them."""
+class _Found:
+    """The global states found so far, in the order of the search, and the steps to them."""
 
     def __init__(self, first: World) -> None:
-        self.worlds = [first]
-        self.predecessors: list[list[int]] = [[]]  #: States from which a step leads here, by state.
-        self.with_steps: set[int] = set()  #: States in which a step is possible.
+        #: State and description of the step that first led to each state.
+        self.reached_by: dict[World, tuple[World, str] | None] = {first: None}
+        #: States from which a step leads to each state.
+        self.predecessors: dict[World, list[World]] = {first: []}
         self.steps = 0
-        self._numbers = {first: 0}
-        self._reached_by: list[tuple[int, str]] = [(0, "")]
 
-    def add_step(self, source: int, line: str, world: World) -> bool:
-        """Add a step from a state, and return whether it leads to a new state."""
-        self.steps += 1
-        self.with_steps.add(source)
-        if world in self._numbers:
-            self.predecessors[self._numbers[world]].append(source)
-            return False
-        self._numbers[world] = len(self.worlds)
-        self.worlds.append(world)
-        self.predecessors.append([source])
-        self._reached_by.append((source, line))
-        return True
-
-    def trace(self, number: int) -> tuple[str, ...]:
+    def trace(self, world: World) -> tuple[str, ...]:
         """Return the steps of a shortest path to a state."""
         lines = []
-        while number:
-            number, line = self._reached_by[number]
+        reached = self.reached_by[world]
+        while reached is not None:
+            before, line = reached
             lines.append(line)
+            reached = self.reached_by[before]
         return tuple(reversed(lines))
 
-    def trapped(self, bound: Bound) -> int | None:
-        """Return a state from which the end cannot be reached, preferably one without any step."""
-        can_finish = set()
-        waiting = [n for n, world in enumerate(self.worlds) if is_finished(world, bound)]
+    def trapped(self, bound: Bound) -> list[World]:
+        """Return the states from which the end cannot be reached, in the order of the search."""
+        can_finish: set[World] = set()
+        waiting = [world for world in self.reached_by if is_finished(world, bound)]
         while waiting:
-            number = waiting.pop()
-            if number not in can_finish:
-                can_finish.add(number)
-                waiting.extend(self.predecessors[number])
-        trapped = [n for n in range(len(self.worlds)) if n not in can_finish]
-        stuck = [n for n in trapped if n not in self.with_steps]
-        return next(iter(stuck + trapped), None)
+            world = waiting.pop()
+            if world not in can_finish:
+                can_finish.add(world)
+                waiting.extend(self.predecessors[world])
+        return [world for world in self.reached_by if world not in can_finish]
 
 
 def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Exploration:
@@ -117,16 +103,15 @@ def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Ex
     Raises:
         SfglabError: There are more global states than the limit.
     """
-    graph = _Graph(first_world(bound))
-    violation = _search(graph, bound, table, limit)
-    if violation is None:
-        trapped = graph.trapped(bound)
-        if trapped is not None:
-            violation = _trap(graph, trapped, bound)
+    found = _Found(first_world(bound))
+    violation = _search(found, bound, table, limit)
+    trapped = [] if violation else found.trapped(bound)
+    if trapped:
+        violation = _trap(found, trapped, bound, table)
     return Exploration(
-        worlds=len(graph.worlds),
-        steps=graph.steps,
-        visited=frozenset(world.state for world in graph.worlds),
+        worlds=len(found.reached_by),
+        steps=found.steps,
+        visited=frozenset(world.state for world in found.reached_by),
         counterexample=violation,
     )
 
@@ -151,48 +136,43 @@ def walk(bound: Bound, rng: np.random.Generator, table: Table = TABLE) -> tuple[
     return tuple(done)
 
 
-def _search(graph: _Graph, bound: Bound, table: Table, limit: int) -> Counterexample | None:
-    """Fill the graph, breadth first, and return the first fault."""
-    waiting = deque([0])
+def _search(found: _Found, bound: Bound, table: Table, limit: int) -> Counterexample | None:
+    """Find all global states, breadth first, or the first fault."""
+    waiting = deque(found.reached_by)
     while waiting:
-        number = waiting.popleft()
-        world = graph.worlds[number]
+        world = waiting.popleft()
         for step in steps(world, bound, table):
             line = f"{step.actor} {step.what}"
             if isinstance(step.after, Fault):
-                trace = (*graph.trace(number), line)
+                trace = (*found.trace(world), line)
                 return Counterexample(property=step.after.text, trace=trace, last=world)
-            if graph.add_step(number, line, step.after):
-                waiting.append(len(graph.worlds) - 1)
-        if len(graph.worlds) > limit:
+            found.steps += 1
+            if step.after not in found.reached_by:
+                found.reached_by[step.after] = (world, line)
+                found.predecessors[step.after] = []
+                waiting.append(step.after)
+            found.predecessors[step.after].append(world)
+        if len(found.reached_by) > limit:
             raise SfglabError(
                 f"exploration of {bound}: more than {limit} global states; lower the bound or raise the limit"
             )
     return None
 
 
-def _trap(graph: _Graph, number: int, bound: Bound) -> Counterexample:
-    """Return why the end cannot be reached from a state: a message is lost, or none can move on."""
-    world = graph.worlds[number]
-    under_way = {(message.publisher, message.number) for message in in_flight(world)}
+def _trap(found: _Found, trapped: list[World], bound: Bound, table: Table) -> Counterexample:
+    """Return why the end cannot be reached: a message is lost, or none can move on."""
+    stuck = [world for world in trapped if not any(steps(world, bound, table))]
+    world = (stuck + trapped)[0]
+    in_transit = {(message.publisher, message.number) for message in in_flight(world)}
     lost = []
-    for publisher, message_number in _not_received(world, bound):
-        if (publisher, message_number) not in under_way:
-            lost.append(f"{publisher}.{message_number}")
+    for publisher, sent in enumerate(world.sent):
+        received_by_all = min(received[publisher] for received in world.received)
+        numbers = range(received_by_all, sent)
+        lost += [f"{publisher}.{n}" for n in numbers if (publisher, n) not in in_transit]
     if lost:
         text = f"lost: {', '.join(lost)}"
-    elif number in graph.with_steps:
-        text = "livelock: steps are possible, and none of them leads to the end"
-    else:
+    elif stuck:
         text = "deadlock: messages are in flight and no step is possible"
-    return Counterexample(property=text, trace=graph.trace(number), last=world)
-
-
-def _not_received(world: World, bound: Bound) -> list[tuple[int, int]]:
-    """Return publisher and number of each message that is sent and not received by all subscribers."""
-    missing: list[tuple[int, int]] = []
-    for publisher in range(len(bound.totals)):
-        received_by_all = min(received[publisher] for received in world.received)
-        numbers = range(received_by_all, world.sent[publisher])
-        missing.extend((publisher, number) for number in numbers)
-    return missing
+    else:
+        text = "livelock: steps are possible, and none of them leads to the end"
+    return Counterexample(property=text, trace=found.trace(world), last=world)

@@ -5,12 +5,15 @@ from itertools import count
 
 import numpy as np
 import pytest
+from graph_strategies import GRAPHS
 
-from sfglab.soc.driving import NODES, Camera, Judge, Scene, Stack, make_town, run_lap
+from sfglab.soc import load_graph
+from sfglab.soc.driving import Camera, Judge, Scene, Stack, make_town, run_lap
 from sfglab.soc.driving.car import CarState
 from sfglab.soc.driving.odometry import Pose
 from sfglab.soc.driving.town import Light, Place
 
+GRAPH = load_graph(GRAPHS / "driving.yaml")
 TOWN = make_town(np.random.default_rng(1))
 LINE_M = TOWN.lights[0].stop_m
 
@@ -107,7 +110,7 @@ def test_the_judge_fails_a_car_that_sees_no_red_light():
     assert not verdict.passed
 
 
-def test_a_clock_gives_each_node_its_time_in_every_frame():
+def test_a_clock_gives_each_node_of_fig_9_its_time_in_every_frame():
     stack = Stack(Camera(), count(0, 1000).__next__)
     run_lap(1, stack=stack, timeout_s=0.4)
-    assert stack.times_ns == {ports.node: [1000] * 7 for ports in NODES[1:-1]}
+    assert stack.times_ns == {node.name: [1000] * 7 for node in GRAPH.nodes[1:-1]}

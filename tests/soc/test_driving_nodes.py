@@ -2,18 +2,15 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from sfglab.soc import load_graph
-from sfglab.soc.driving import NODES, Camera, nodes
+from sfglab.soc.driving import Camera, nodes
 from sfglab.soc.driving.car import CarState, Drive, drive
 from sfglab.soc.driving.odometry import Pose, VisualOdometry, planar_motion
 
-GRAPH = load_graph(Path(__file__).parents[2] / "data/graphs/driving.yaml")
 STRAIGHT = nodes.Lane(offset_m=0.0, slope=0.0, bend_per_m=0.0)
 RED, GREEN = nodes.Colour
 BGR = {RED: (45, 45, 250), GREEN: (70, 235, 60)}
@@ -25,14 +22,6 @@ def grey_image(level=90):
 
 def lamp(colour, radius=10):
     return cv2.circle(grey_image(), (200, 90), radius, BGR[colour], cv2.FILLED, cv2.LINE_AA)
-
-
-def test_the_nodes_have_the_names_and_topics_of_the_graph_of_fig_9():
-    assert {ports.node for ports in NODES} == {node.name for node in GRAPH.nodes}
-    for ports in NODES:
-        subscribed = {topic.name for topic in GRAPH.topics if ports.node in topic.subscribers}
-        published = {topic.name for topic in GRAPH.topics if ports.node in topic.publishers}
-        assert (set(ports.subscribes), set(ports.publishes)) == (subscribed, published), ports.node
 
 
 def test_a_car_at_constant_yaw_rate_returns_and_one_that_brakes_keeps_its_limit():

@@ -1,6 +1,6 @@
 """A node of the driving application as a process: ``python -m sfglab.lab.workers.driving CONFIG``.
 
-The process runs the node of `sfglab.soc.driving.NODES` whose name is in its configuration. Messages carry
+The process runs the node of `sfglab.soc.driving` whose name is in its configuration. Messages carry
 the time at which the compensation received its image. Topic A exists twice, and each image takes one of
 them at random: ``/A/software`` over DDS, one copy per subscriber, and ``/A/gateway``, one copy in shared
 memory.
@@ -25,7 +25,7 @@ from sfglab.bus import Node, Subscription
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, beside, run_component
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
-from sfglab.soc.driving import CHAIN, NODES, SHARED_TOPIC, Camera, Stack, run_lap
+from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Camera, Stack, run_lap
 from sfglab.soc.driving.nodes import Lane, blur, compensate, fit_lane, lane_mask
 from sfglab.soc.driving.odometry import Pose
 
@@ -34,13 +34,11 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import Transport
 
-NAMES = tuple(ports.node for ports in NODES if ports.node != "car")  #: Names of the processes.
+CAMERA = "camera"  #: Name of the node that publishes images.
 SOFTWARE = "software"  #: Mapping of topic A in the first version of the paper.
 GATEWAY = "gateway"  #: Mapping of topic A in the second version of the paper.
 TRANSPORTS: dict[str, Transport] = {SOFTWARE: "dds", GATEWAY: "shm"}  #: Transport by mapping.
 _LANE = "/lane"  #: Topic of the processing chain that goes to software.
-#: Number of subscribers of topic A.
-_READERS = sum(SHARED_TOPIC in ports.subscribes for ports in NODES)
 _MATCH_S = 60.0
 _IMAGES_S = 2.0  #: Duration of the drive whose images the camera publishes, s.
 
@@ -49,7 +47,10 @@ _IMAGES_S = 2.0  #: Duration of the drive whose images the camera publishes, s.
 class DrivingNodeConfig:
     """Configuration of a node."""
 
-    node: str  #: Name of the node, one of `NAMES`.
+    node: str  #: Name of the node.
+    subscribes: str  #: Topic that it processes; empty: none.
+    publishes: str  #: Topic that it publishes; empty: none.
+    readers: int  #: Number of subscribers of that topic.
     address: BusAddress  #: Address on the bus.
     width: int  #: Width of the camera's images, pixels.
     height: int  #: Height of the camera's images, pixels.
@@ -58,11 +59,10 @@ class DrivingNodeConfig:
     seed: int  #: Seed of the town and of the sampled mappings.
 
 
-def _endpoints(create: Callable[..., Any], topics: tuple[str, ...]) -> dict[str, Any]:
-    """Create the publishers or subscriptions of a node's first topic, by mapping."""
-    if not topics:
+def _endpoints(create: Callable[..., Any], topic: str) -> dict[str, Any]:
+    """Create the publishers or subscriptions of a topic, by mapping."""
+    if not topic:
         return {}
-    topic = topics[0]
     mappings = [GATEWAY]
     type_ = "sensor_msgs/msg/Image"
     if topic == SHARED_TOPIC:
@@ -147,7 +147,6 @@ async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> 
     """Run the node until cancelled."""
     cv2.setNumThreads(1)  # as the only executor of a node does
     name = config.node
-    ports = next(ports for ports in NODES if ports.node == name)
     stack = Stack(Camera(width=config.width, height=config.height))
     rng = np.random.default_rng(config.seed)
     frames: list[tuple[int, str | int]] = []
@@ -162,11 +161,9 @@ async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> 
         return next(iter(publishers), "")
 
     async with Node(name, **config.address.options()) as bus:
-        # Results of odometry and of the detection of lights are not part of the chain.
-        published = ports.publishes if name in {NAMES[0], *CHAIN[:-1]} else ()
-        publishers = _endpoints(bus.create_publisher, published)
-        subscriptions = _endpoints(bus.create_subscription, ports.subscribes)
-        if name == NAMES[0]:
+        publishers = _endpoints(bus.create_publisher, config.publishes)
+        subscriptions = _endpoints(bus.create_subscription, config.subscribes)
+        if name == CAMERA:
             run_lap(
                 config.seed,
                 stack=stack,
@@ -174,8 +171,7 @@ async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> 
                 watch=lambda moment: images.append(moment.frame.image),
             )
         for publisher in publishers.values():
-            readers = _READERS if len(publishers) > 1 else 1
-            await publisher.wait_for_subscriptions(readers, _MATCH_S)
+            await publisher.wait_for_subscriptions(config.readers, _MATCH_S)
         report({"is": "ready"})
         callbacks = _callbacks(stack)
         tasks = [

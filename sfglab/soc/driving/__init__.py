@@ -9,13 +9,12 @@ the transfer times of the node chain on a system-on-chip.
 from sfglab.soc.driving.car import Camera
 from sfglab.soc.driving.chain import CHAIN, SHARED_TOPIC, Chain
 from sfglab.soc.driving.judge import Judge, Verdict
-from sfglab.soc.driving.loop import NODES, Frame, Lap, Moment, Stack, run_lap
+from sfglab.soc.driving.loop import Frame, Lap, Moment, Stack, run_lap
 from sfglab.soc.driving.scene import Scene
 from sfglab.soc.driving.town import Town, make_town
 
 __all__ = [
     "CHAIN",
-    "NODES",
     "SHARED_TOPIC",
     "Camera",
     "Chain",

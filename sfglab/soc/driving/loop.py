@@ -41,30 +41,6 @@ T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
 
 
-@dataclass(frozen=True, slots=True)
-class Ports:
-    """Topics of a node, named as in the graph of paper C, Fig. 9."""
-
-    node: str  #: Name of the node.
-    subscribes: tuple[str, ...]  #: Topics that it subscribes to.
-    publishes: tuple[str, ...]  #: Topics that it publishes.
-
-
-NODES = (
-    Ports("camera", (), ("/image",)),
-    Ports("compensation", ("/image",), ("/A",)),
-    Ports("gaussian_blur", ("/A",), ("/blurred",)),
-    Ports("lane_planner", ("/blurred",), ("/lane_mask",)),
-    Ports("polyfit", ("/lane_mask",), ("/lane",)),
-    Ports("red_light_detection", ("/A", "/green_light"), ("/red_light",)),
-    Ports("green_light_detection", ("/A", "/red_light"), ("/green_light",)),
-    Ports("visual_odometry", ("/A",), ("/pose",)),
-    Ports("lane_control", ("/lane", "/red_light", "/green_light", "/pose"), ("/cmd_vel",)),
-    Ports("car", ("/cmd_vel",), ()),
-)
-"""All nodes in the order of the chain. A test compares them with the graph's file."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
     """Results of the nodes for one image."""

@@ -23,7 +23,7 @@ from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, SkippedPart
 from sfglab.lab.paths import find_project
 from sfglab.lab.sweep import Workers
 from sfglab.lab.testbed import held_domains
-from sfglab.lab.workers.driving import NAMES, DrivingNodeConfig
+from sfglab.lab.workers.driving import CAMERA, DrivingNodeConfig
 from sfglab.messages import default_message, message_type
 from sfglab.processes import Member, ProcessGroup
 from sfglab.soc import load_graph
@@ -322,6 +322,33 @@ class DrivingLiveRow(TableRow):
     chain_s: float  #: Time from the compensation's start to the command; NaN if the image was lost.
 
 
+def live_nodes(config: Config, address: BusAddress) -> list[DrivingNodeConfig]:
+    """Return the processes of the graph's nodes, except the car. Each subscribes to its first topic.
+
+    Results of odometry and of the detection of lights are not part of the chain, and are not published.
+    """
+    graph = load_chain().graph
+    found = []
+    for node in graph.nodes[:-1]:
+        subscribed = [topic.name for topic in graph.topics if node.name in topic.subscribers]
+        published = [topic for topic in graph.topics if node.name in topic.publishers]
+        result = published[0] if node.name in {CAMERA, *CHAIN[:-1]} else None
+        live = DrivingNodeConfig(
+            node=node.name,
+            subscribes=subscribed[0] if subscribed else "",
+            publishes=result.name if result else "",
+            readers=len(result.subscribers) if result else 0,
+            address=address,
+            width=_CAMERA.width,
+            height=_CAMERA.height,
+            rate_hz=config.live_hz,
+            live_s=config.live_s,
+            seed=config.seed,
+        )
+        found.append(live)
+    return found
+
+
 @exp.part("live", timed=False)
 async def drive_live(bench: Bench[Config]) -> None:
     """Run the application's nodes as processes, with a mapping of A sampled for each image."""
@@ -330,19 +357,11 @@ async def drive_live(bench: Bench[Config]) -> None:
         raise SkippedPartError("live: no time was asked for (live_s)")
     with held_domains() as (domain,):
         members = []
-        for name in NAMES:
-            node = DrivingNodeConfig(
-                node=name,
-                address=BusAddress(domain_id=domain, interface="lo"),
-                width=_CAMERA.width,
-                height=_CAMERA.height,
-                rate_hz=config.live_hz,
-                live_s=config.live_s,
-                seed=config.seed,
-            )
-            members.append(Member(name=name, module="sfglab.lab.workers.driving", config=node))
+        for node in live_nodes(config, BusAddress(domain_id=domain, interface="lo")):
+            module = "sfglab.lab.workers.driving"
+            members.append(Member(name=node.node, module=module, config=node))
         async with ProcessGroup(members) as nodes:
-            await nodes.ask("over", NAMES[:1], timeout_s=config.live_s + _SLACK_S, do="go")
+            await nodes.ask("over", [CAMERA], timeout_s=config.live_s + _SLACK_S, do="go")
             ends = await nodes.ask("stopped", [CHAIN[0], CHAIN[-1]], timeout_s=_SLACK_S, do="stop")
     done_ns = dict(ends[CHAIN[-1]]["frames"])
     for start_ns, mapping in ends[CHAIN[0]]["frames"]:
