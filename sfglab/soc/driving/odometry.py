@@ -114,7 +114,6 @@ class VisualOdometry:
         self._keyframe: _View | None = None
         self._keyframe_pose = Pose()
         self.pose = Pose()  #: Pose of the car since the first frame.
-        self.lost = 0  #: Number of frames that did not match the keyframe.
 
     def update(self, bgr: Image) -> Pose:
         """Return the pose at an image (height, width, 3) of topic A.
@@ -126,9 +125,7 @@ class VisualOdometry:
             self._keyframe = view
             return self.pose
         motion = self._motion(self._keyframe, view)
-        if motion is None:
-            self.lost += 1
-        else:
+        if motion is not None:
             self.pose = self._keyframe_pose.then(motion)
         if motion is None or _is_far(motion):
             self._keyframe = view

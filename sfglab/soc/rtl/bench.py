@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from amaranth import Cat, Const, Elaboratable, Module, Mux, Signal
 from amaranth.lib.memory import Memory
 
-from sfglab.fields import between, check_bounds
 from sfglab.soc.gateway import Action
 from sfglab.soc.rtl.core import Answer, Gateway
 from sfglab.soc.rtl.memory_port import (
@@ -39,11 +38,8 @@ WORD_FACTOR = 0x9E37_79B9_7F4A_7C15
 class Delays:
     """Latencies of the memory, cycles."""
 
-    read: int = between(30)  #: Cycles between the address and the first word.
-    write: int = between(9, 1)  #: Cycles from the last word to the response.
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
+    read: int = 30  #: Cycles between the address and the first word.
+    write: int = 9  #: Cycles from the last word to the response, at least 1.
 
 
 def message_words(first: int, count: int) -> list[int]:

@@ -75,13 +75,6 @@ class Answer(IntEnum):
     PUBLISHED = 3
 
 
-CALLS = {
-    Action.CALL_TAKE: Call.TAKE,
-    Action.CALL_CANCEL: Call.CANCEL,
-    Action.CALL_PUBLISH: Call.PUBLISH,
-}
-
-
 class Gateway(Elaboratable):
     """A gateway with one hardware publisher and any number of hardware subscribers."""
 
@@ -160,8 +153,8 @@ class Gateway(Elaboratable):
 
     def _connect_calls(self, m: Any) -> None:
         """Call the delegate by the control's action."""
-        for action, call in CALLS.items():
-            with m.If(self.control.does(action)):
+        for call in Call:
+            with m.If(self.control.does(Action[f"CALL_{call.name}"])):
                 m.d.comb += [self.call_valid.eq(1), self.call.eq(call)]
 
     def _connect_mover(self, m: Any) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.errors import SfglabError
 from sfglab.soc.memory import MemoryInterface
 from sfglab.soc.rtl.bench import (
     ChunkNode,
@@ -77,10 +77,8 @@ def simulated_cycles(
     Raises:
         SfglabError: A word is wrong, or the message has not arrived.
     """
-    if nodes < 1:
-        raise InvalidValueError("nodes", nodes, "1 or more")
     delays = delays or Delays()
-    words = words_of(message_bytes)
+    words = message_bytes // WORD_BYTES
     if path is MemoryPath.GATEWAY_OUT:
         return simulate_gateway(words, nodes, from_memory=True, delays=delays)
     if path is MemoryPath.GATEWAY_IN:
@@ -89,18 +87,6 @@ def simulated_cycles(
         return max(simulate_nodes([ChunkNode(words, writes=True)], words, delays))
     readers = [ChunkNode(words) for _ in range(nodes)]
     return max(simulate_nodes(readers, words, delays))
-
-
-def words_of(message_bytes: int) -> int:
-    """Return the number of words of a message.
-
-    Raises:
-        InvalidValueError: The size is not a positive number of words.
-    """
-    if message_bytes <= 0 or message_bytes % WORD_BYTES:
-        allowed = f"a multiple of {WORD_BYTES} above 0"
-        raise InvalidValueError("message_bytes", message_bytes, allowed)
-    return message_bytes // WORD_BYTES
 
 
 def simulate_gateway(words: int, subscribers: int, *, from_memory: bool, delays: Delays) -> int:

@@ -31,7 +31,7 @@ class Stream:
     @property
     def wires(self) -> list[Any]:
         """All four signals."""
-        return [self.valid, self.ready, self.data, self.last]
+        return list(vars(self).values())
 
 
 class Broadcast(Elaboratable):
