@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from sfglab.soc.gateway import ADDED_STATES, TABLE, Action, Input, State, transitions
-from sfglab.soc.graph_drawing import FRAME, GATEWAY, HARDWARE
+from sfglab.soc.graph_drawing import FRAME, GATEWAY, HARDWARE, add_frame
+from sfglab.soc.graph_layout import Box
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.patches import FancyBboxPatch
 
 Part: TypeAlias = State | tuple[State, Input]
 """A state of the diagram, or the transition of a state by an input."""
@@ -61,7 +61,12 @@ def draw_core(axes: Axes) -> dict[Part, list[Artist]]:
     artists: dict[Part, list[Artist]] = {}
     boxes = {}
     for state, row in TABLE.items():
-        boxes[state] = _draw_box(axes, state, row.action, centres[state])
+        x, y = centres[state]
+        box = Box(x=x, y=y, width=BOX_WIDTH, height=BOX_HEIGHT)
+        look: dict[str, Any] = {"facecolor": _fill(row.action), "edgecolor": FRAME}
+        if state in ADDED_STATES:
+            look |= {"linestyle": (0, (4, 2)), "linewidth": 1.6}
+        boxes[state] = add_frame(axes, box, "round,pad=0,rounding_size=0.08", **look)
         artists[state] = [boxes[state], *_draw_names(axes, state, row.action, centres[state])]
     for (state, given), target in arrows.items():
         start, end = np.array([centres[state], centres[target]])
@@ -79,20 +84,6 @@ def draw_core(axes: Axes) -> dict[Part, list[Artist]]:
     axes.set(xlim=(-0.6, 9.4), ylim=(-4.2, 0.4), aspect="equal")
     axes.axis("off")
     return artists
-
-
-def _draw_box(
-    axes: Axes, state: State, action: Action, centre: tuple[float, float]
-) -> FancyBboxPatch:
-    from matplotlib.patches import FancyBboxPatch
-
-    corner = (centre[0] - BOX_WIDTH / 2, centre[1] - BOX_HEIGHT / 2)
-    box = FancyBboxPatch(corner, BOX_WIDTH, BOX_HEIGHT, "round,pad=0,rounding_size=0.08")
-    box.set(facecolor=_fill(action), edgecolor=FRAME)
-    if state in ADDED_STATES:
-        box.set(linestyle=(0, (4, 2)), linewidth=1.6)
-    axes.add_patch(box)
-    return box
 
 
 def _fill(action: Action) -> str:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import FancyBboxPatch
 
 # Okabe and Ito's palette, distinct for all common kinds of colour blindness; light where text stands on it.
 CROSSING = "#D55E00"  #: Edges across the boundary.
@@ -67,7 +68,7 @@ def draw_graph(
     for vertex, fill in fills.items():
         box = layout.boxes[vertex]
         style = "round,pad=0,rounding_size=0.13" if vertex[0] == "node" else "square,pad=0"
-        frame = _add_frame(ax, box, style, facecolor=fill, edgecolor=FRAME, linewidth=0.8, zorder=3)
+        frame = add_frame(ax, box, style, facecolor=fill, edgecolor=FRAME, linewidth=0.8, zorder=3)
         text = ax.text(box.x, box.y, box.text, parse_math=False, zorder=4, **centred)
         drawn[vertex] = frame, text
     width, height = layout.size
@@ -81,17 +82,20 @@ def _draw_parts(ax: Axes, layout: Layout, logic: set[Vertex]) -> None:
     for width, color in ((_BAND_PT + 2, OUTLINE), (_BAND_PT, LOGIC)):
         band: dict[str, Any] = {"color": color, "linewidth": width, "zorder": 1}
         for vertex in sorted(logic):
-            _add_frame(ax, layout.boxes[vertex], "square,pad=0", joinstyle="round", **band)
+            add_frame(ax, layout.boxes[vertex], "square,pad=0", joinstyle="round", **band)
         for edge, line in layout.lines.items():
             if logic.issuperset(edge.ends):
                 ax.plot(*line.T, **band)
 
 
-def _add_frame(ax: Axes, box: Box, style: str, **look: Any) -> Artist:
+def add_frame(ax: Axes, box: Box, style: str, **look: Any) -> FancyBboxPatch:
+    """Add a frame of one of Matplotlib's box styles, with properties of a patch."""
     from matplotlib.patches import FancyBboxPatch
 
     corner = (box.x - box.width / 2, box.y - box.height / 2)
-    return ax.add_patch(FancyBboxPatch(corner, box.width, box.height, boxstyle=style, **look))
+    frame = FancyBboxPatch(corner, box.width, box.height, boxstyle=style, **look)
+    ax.add_patch(frame)
+    return frame
 
 
 def _title(title: str, count: int) -> str:

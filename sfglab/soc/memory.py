@@ -18,14 +18,10 @@ hardware and software subscribers of one topic. There are three kinds of topic:
 The paper does not state in which order an SMT serves its subscribers: all orders are equally likely.
 The model leaves out that processors share the memory with the hardware, and that deliveries may
 run on several processors.
-
-The rule of section 5 for gateways does not depend on the size of messages. `break_even_bytes`
-returns the size from which on a gateway is faster.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -320,11 +316,6 @@ def _all_read_s(hardware: int, subscribers: int, message_bytes: int, costs: Cost
     return costs.delegate_s + shared_s(woken_s, costs.memory.read_s(message_bytes))
 
 
-# --- Break-even sizes -------------------------------------------------------------------------
-
-LARGEST_BYTES = 1 << 30  #: Largest message of the search for a break-even size.
-
-
 class Receiver(Enum):
     """Subscribers whose transfer time counts."""
 
@@ -342,27 +333,3 @@ def received_s(times: Times, receiver: Receiver) -> float:
     if receiver is Receiver.SOFTWARE:
         return software_s
     return max(hardware_s, software_s)
-
-
-def break_even_bytes(setup: Setup, receiver: Receiver = Receiver.LAST) -> int | None:
-    """Return the message size from which on a gateway is faster to a receiver, in whole chunks.
-
-    The setup's own mapping and size have no effect. The search is a bisection: once a gateway is
-    faster, it is also faster for all larger messages, because its time grows less per byte.
-
-    Returns:
-        The size. One chunk: a gateway is faster at any size. None: at no size up to
-        `LARGEST_BYTES`.
-    """
-    chunk_bytes = STORED.memory.chunk_bytes
-    sizes = range(chunk_bytes, LARGEST_BYTES + 1, chunk_bytes)
-
-    def gateway_is_faster(size: int) -> bool:
-        times_s = []
-        for mapping in (TopicMapping.GATEWAY, TopicMapping.SOFTWARE):
-            sized = replace(setup, mapping=mapping, message_bytes=size)
-            times_s.append(received_s(transfer_times(sized), receiver))
-        return times_s[0] < times_s[1]
-
-    first = bisect_left(sizes, True, key=gateway_is_faster)
-    return sizes[first] if first < len(sizes) else None

@@ -8,7 +8,7 @@ from graph_strategies import FIGURE_8, HW, SW, for_every_graph
 from sfglab import soc
 from sfglab.soc import EdgeKind, TopicMapping
 from sfglab.soc.mapping import carriages_per_message
-from sfglab.soc.memory import Receiver, Setup, break_even_bytes, transfer_times
+from sfglab.soc.memory import Receiver, Setup, transfer_times
 
 
 def sized(graph, size_bytes):
@@ -71,16 +71,16 @@ def test_edges_and_carriages_are_counted_apart(publishers, subscribers, edges, c
     assert [carriages_per_message(stage, stage.topics[0]) for stage in done.stages] == carriages
 
 
-def test_the_rule_of_sizes_changes_where_the_model_breaks_even():
-    rule = soc.faster_by_gateway
-    sides = {"publisher": SW, "hardware": 2, "software": 0}
-    setup = Setup(mapping=TopicMapping.SOFTWARE, message_bytes=1, **sides)
-    limit = break_even_bytes(setup, Receiver.LAST)
-    for size_bytes, gateways in ((limit - 256, "AC"), (limit, "ACE")):
-        graph = sized(FIGURE_8.software, size_bytes)
-        mapped = soc.map_communication(graph, gateway=rule).gateways
-        assert mapped.mapped_to(TopicMapping.GATEWAY) == tuple(gateways)
-        assert mapped.mapped_to(TopicMapping.HARDWARE) == ("B",)
+@pytest.mark.parametrize(
+    ("size_bytes", "gateways"), [(10_000, ""), (100_000, "AC"), (1_000_000, "ACE")]
+)
+def test_the_rule_of_sizes_gives_a_gateway_to_topics_that_the_model_carries_faster(
+    size_bytes, gateways
+):
+    graph = sized(FIGURE_8.software, size_bytes)
+    mapped = soc.map_communication(graph, gateway=soc.faster_by_gateway).gateways
+    assert mapped.mapped_to(TopicMapping.GATEWAY) == tuple(gateways)
+    assert mapped.mapped_to(TopicMapping.HARDWARE) == ("B",)
 
 
 @pytest.mark.parametrize(("size_bytes", "counted"), [(1_000_000, 1_000_000), (0, 1)])

@@ -12,13 +12,9 @@ from hypothesis import strategies as st
 from sfglab.errors import InvalidValueError
 from sfglab.soc import TopicMapping
 from sfglab.soc.memory import (
-    LARGEST_BYTES,
     STORED,
     MemoryInterface,
-    Receiver,
     Setup,
-    break_even_bytes,
-    received_s,
     round_robin_s,
     shared_s,
     transfer_times,
@@ -61,36 +57,6 @@ def test_a_gateway_costs_the_cancellation_and_no_more_for_more_hardware_subscrib
     free_s = transfer_times(few, replace(STORED, cancel_s=0.0)).software_s
     cancel_s = STORED.cancel_s if publisher is HW else 0.0
     assert transfer_times(few).software_s - free_s == pytest.approx(cancel_s)
-
-
-def test_break_even_sizes_fall_with_the_number_of_subscribers_and_depend_on_the_receiver():
-    setups = [setup(SW, hardware=n) for n in (1, 2, 4, 8)]
-    sizes = [break_even_bytes(each, Receiver.HARDWARE) for each in setups]
-    assert sizes == [None, 301_056, 60_928, 11_264]
-    by_receiver = [break_even_bytes(setup(), receiver) for receiver in Receiver]
-    assert by_receiver == [MEMIF.chunk_bytes, None, 27_392]
-
-
-@given(
-    st.builds(
-        setup,
-        publisher=SIDES,
-        size=st.integers(1, LARGEST_BYTES),
-        hardware=st.integers(1, 8),
-        software=st.integers(0, 3),
-    ),
-    st.sampled_from(Receiver),
-)
-def test_below_the_break_even_the_topic_is_faster_and_above_it_the_gateway(here, receiver):
-    limit = break_even_bytes(here, receiver)
-    smt_s, gateway_s = (
-        received_s(transfer_times(replace(here, mapping=mapping)), receiver)
-        for mapping in (TopicMapping.SOFTWARE, TopicMapping.GATEWAY)
-    )
-    if limit is None or here.message_bytes <= limit - MEMIF.chunk_bytes:
-        assert smt_s <= gateway_s
-    elif here.message_bytes >= limit:
-        assert gateway_s < smt_s
 
 
 def test_software_on_a_hardware_mapped_topic_is_refused():

@@ -11,7 +11,7 @@ from sfglab.soc.paper_values import MESSAGE_BYTES
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
 
 ChunkNode = rtl.bench.ChunkNode
-OUT, IN, _, WRITE = rtl.MemoryPath
+OUT, IN, READS, WRITE = rtl.MemoryPath
 SIZE = 256 * 12
 
 
@@ -23,9 +23,17 @@ def test_hardware_takes_the_cycles_of_the_memory_model_and_one_for_a_publisher_s
 ):
     model = rtl.cycle_model(path, nodes, delays)
     assert rtl.simulated_cycles(path, nodes, SIZE, delays) == model.cycles(SIZE)
+    delays = delays or rtl.Delays()
+    memif = MemoryInterface(read_latency_cycles=delays.read, write_latency_cycles=delays.write)
+    chunk_cycles = {
+        OUT: memif.memory_to_stream_cycles,
+        IN: memif.stream_to_memory_cycles,
+        READS: nodes * memif.read_cycles,
+        WRITE: memif.write_cycles,
+    }
     for message_bytes in (SIZE, *MESSAGE_BYTES):
-        expected = rtl.memory_model_cycles(path, nodes, message_bytes, delays)
-        assert model.cycles(message_bytes) == pytest.approx(expected + (path in (OUT, IN)))
+        expected = memif.chunks(message_bytes) * chunk_cycles[path] + (path in (OUT, IN))
+        assert model.cycles(message_bytes) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("path", rtl.MemoryPath)

@@ -3,14 +3,14 @@
 - `core`: the gateway, and its control, which is generated from the core's table (`sfglab.soc.gateway`).
 - `mover`: the gateway's data path. `topic`: the hardware-mapped topic. `memory_port`: the memory interface.
 - `bench`: test benches of the gateway, and of nodes that read or write without one.
-- `cycles`: cycles of a message on each path, simulated and by the memory model.
+- `cycles`: simulated cycles of a message on each path.
 - `synthesis`: Verilog, by Yosys.
 
 The test benches are hardware as well, so that no Python runs in each simulated cycle.
 """
 
 from sfglab.soc.rtl.bench import Delays
-from sfglab.soc.rtl.cycles import MemoryPath, cycle_model, memory_model_cycles, simulated_cycles
+from sfglab.soc.rtl.cycles import MemoryPath, cycle_model, simulated_cycles
 from sfglab.soc.rtl.synthesis import gateway_verilog
 
 __all__ = [
@@ -18,6 +18,5 @@ __all__ = [
     "MemoryPath",
     "cycle_model",
     "gateway_verilog",
-    "memory_model_cycles",
     "simulated_cycles",
 ]

@@ -15,7 +15,6 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import SfglabError
-from sfglab.soc.memory import MemoryInterface
 from sfglab.soc.rtl.bench import (
     ChunkNode,
     Delays,
@@ -183,18 +182,3 @@ def cycle_model(path: MemoryPath, nodes: int, delays: Delays | None = None) -> C
     chunk_cycles = (many_cycles - few_cycles) / (many - few)
     fixed_cycles = few_cycles - few * chunk_cycles
     return CycleModel(fixed_cycles=fixed_cycles, chunk_cycles=chunk_cycles)
-
-
-def memory_model_cycles(
-    path: MemoryPath, nodes: int, message_bytes: int, delays: Delays | None = None
-) -> float:
-    """Return the cycles of a message by the memory model; arguments as of `simulated_cycles`."""
-    delays = delays or Delays()
-    memory = MemoryInterface(read_latency_cycles=delays.read, write_latency_cycles=delays.write)
-    seconds = {
-        MemoryPath.GATEWAY_OUT: memory.memory_to_stream_s(message_bytes),
-        MemoryPath.GATEWAY_IN: memory.stream_to_memory_s(message_bytes),
-        MemoryPath.SHARED_READS: nodes * memory.read_s(message_bytes),
-        MemoryPath.WRITE: memory.write_s(message_bytes),
-    }
-    return seconds[path] * memory.clock_hz

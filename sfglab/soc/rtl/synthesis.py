@@ -19,8 +19,6 @@ from sfglab.soc.rtl.core import Gateway
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_TIMEOUT_S = 600.0
-
 
 def gateway_verilog(subscribers: int) -> str:
     """Return a gateway as Verilog: one module, `sfglab_gateway_N` for N hardware subscribers.
@@ -57,17 +55,13 @@ def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
         folder = Path(name)
         (folder / "design.il").write_text(text)
         (folder / "out").write_text("")
-        try:
-            done = subprocess.run(
-                [sys.executable, "-c", start, "-q", "-p", commands],
-                cwd=folder,
-                capture_output=True,
-                text=True,
-                timeout=_TIMEOUT_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired as error:
-            raise SfglabError(f"yosys: it did not end within {_TIMEOUT_S:g} s") from error
+        done = subprocess.run(
+            [sys.executable, "-c", start, "-q", "-p", commands],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         if done.returncode:
             raise SfglabError(f"yosys: {done.stderr.strip()[-500:] or done.stdout.strip()[-500:]}")
         return (folder / "out").read_text()
