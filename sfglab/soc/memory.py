@@ -249,11 +249,11 @@ class Times:
     """Transfer times from the start of the publication."""
 
     #: Time from the start of the publication until the last hardware subscriber has the message, s.
-    #: None: there is none.
-    hardware_s: float | None
-    #: Mean time until a software subscriber has it, over the orders of deliveries, s. None: there
+    #: 0: there is none.
+    hardware_s: float
+    #: Mean time until a software subscriber has it, over the orders of deliveries, s. 0: there
     #: is none.
-    software_s: float | None
+    software_s: float
 
 
 def transfer_times(setup: Setup, costs: Costs = STORED) -> Times:
@@ -266,8 +266,8 @@ def transfer_times(setup: Setup, costs: Costs = STORED) -> Times:
         hardware_s = 2 * costs.endpoint_s + costs.memory.stream_s(setup.message_bytes)
         software_s = 0.0
     return Times(
-        hardware_s=hardware_s if setup.hardware else None,
-        software_s=software_s if setup.software else None,
+        hardware_s=hardware_s if setup.hardware else 0.0,
+        software_s=software_s if setup.software else 0.0,
     )
 
 
@@ -326,10 +326,8 @@ class Receiver(Enum):
 
 def received_s(times: Times, receiver: Receiver) -> float:
     """Return the transfer time until the receiver has the message, s; 0 without such subscribers."""
-    hardware_s = times.hardware_s or 0.0
-    software_s = times.software_s or 0.0
     if receiver is Receiver.HARDWARE:
-        return hardware_s
+        return times.hardware_s
     if receiver is Receiver.SOFTWARE:
-        return software_s
-    return max(hardware_s, software_s)
+        return times.software_s
+    return max(times.hardware_s, times.software_s)

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import Transport
 
+WIDTH = 640  #: Width of the camera's images, pixels; they have the size of topic A in the graph.
+HEIGHT = 480  #: Height of the camera's images, pixels.
 CAMERA = "camera"  #: Name of the node that publishes images.
 SOFTWARE = "software"  #: Mapping of topic A in the first version of the paper.
 GATEWAY = "gateway"  #: Mapping of topic A in the second version of the paper.
@@ -49,11 +51,9 @@ class DrivingNodeConfig:
 
     node: str  #: Name of the node.
     subscribes: str  #: Topic that it processes; empty: none.
-    publishes: str  #: Topic that it publishes; empty: none.
+    publishes: str  #: Topic that it publishes.
     readers: int  #: Number of subscribers of that topic.
     address: BusAddress  #: Address on the bus.
-    width: int  #: Width of the camera's images, pixels.
-    height: int  #: Height of the camera's images, pixels.
     rate_hz: float  #: Frame rate of the camera.
     live_s: float  #: Duration of the camera's images, s.
     seed: int  #: Seed of the town and of the sampled mappings.
@@ -147,7 +147,7 @@ async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> 
     """Run the node until cancelled."""
     cv2.setNumThreads(1)  # as the only executor of a node does
     name = config.node
-    stack = Stack(Camera(width=config.width, height=config.height))
+    stack = Stack(Camera(width=WIDTH, height=HEIGHT))
     rng = np.random.default_rng(config.seed)
     frames: list[tuple[int, str | int]] = []
     images: list[Any] = []
@@ -161,7 +161,9 @@ async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> 
         return next(iter(publishers), "")
 
     async with Node(name, **config.address.options()) as bus:
-        publishers = _endpoints(bus.create_publisher, config.publishes)
+        # Results of odometry, control and the detection of lights go to no node of the chain.
+        published = config.publishes if name in {CAMERA, *CHAIN[:-1]} else ""
+        publishers = _endpoints(bus.create_publisher, published)
         subscriptions = _endpoints(bus.create_subscription, config.subscribes)
         if name == CAMERA:
             run_lap(

@@ -23,10 +23,10 @@ from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, SkippedPart
 from sfglab.lab.paths import find_project
 from sfglab.lab.sweep import Workers
 from sfglab.lab.testbed import held_domains
-from sfglab.lab.workers.driving import CAMERA, DrivingNodeConfig
+from sfglab.lab.workers.driving import CAMERA, HEIGHT, WIDTH, DrivingNodeConfig
 from sfglab.messages import default_message, message_type
 from sfglab.processes import Member, ProcessGroup
-from sfglab.soc import load_graph
+from sfglab.soc import Topic, load_graph
 from sfglab.soc.driving import (
     CHAIN,
     Camera,
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
 STANDING_MPS = 0.02  #: Speed below which the car stands.
 IMAGE_TOPIC = "/image/compressed"
 PATH_TOPIC = "/lane/path"
-
-_CAMERA = Camera(width=640, height=480)  #: Its images have the size of topic A in the graph.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,7 +84,7 @@ exp = Experiment(
     removed={
         "chain.width": {"quick": 640, "paper": 640},
         "chain.height": {"quick": 480, "paper": 480},
-        "chain.graph_file": dict.fromkeys(("quick", "paper"), "graphs/driving.yaml"),
+        "chain.graph_file": {"quick": "graphs/driving.yaml", "paper": "graphs/driving.yaml"},
     },
     actors=(
         Actor("town", "simulation", "renders the camera's images, moves the car, judges the lap"),
@@ -167,7 +165,7 @@ def time_chain(point: DrivePoint, seed: int) -> tuple[dict[str, Any], ...]:
 
     The seed is that of the town and of the orders in which topic A is delivered.
     """
-    stack = Stack(_CAMERA)
+    stack = Stack(Camera(width=WIDTH, height=HEIGHT))
     with _one_thread():
         run_lap(seed, stack=stack, timeout_s=point.limit_s)
     chain = load_chain()
@@ -323,29 +321,28 @@ class DrivingLiveRow(TableRow):
 
 
 def live_nodes(config: Config, address: BusAddress) -> list[DrivingNodeConfig]:
-    """Return the processes of the graph's nodes, except the car. Each subscribes to its first topic.
-
-    Results of odometry and of the detection of lights are not part of the chain, and are not published.
-    """
+    """Return the processes of the graph's nodes, except the car, each with its first topics."""
     graph = load_chain().graph
+    processed: dict[str, str] = {}
+    results: dict[str, Topic] = {}
+    for topic in graph.topics:
+        for name in topic.subscribers:
+            processed.setdefault(name, topic.name)
+        for name in topic.publishers:
+            results[name] = topic
     found = []
-    for node in graph.nodes[:-1]:
-        subscribed = [topic.name for topic in graph.topics if node.name in topic.subscribers]
-        published = [topic for topic in graph.topics if node.name in topic.publishers]
-        result = published[0] if node.name in {CAMERA, *CHAIN[:-1]} else None
-        live = DrivingNodeConfig(
-            node=node.name,
-            subscribes=subscribed[0] if subscribed else "",
-            publishes=result.name if result else "",
-            readers=len(result.subscribers) if result else 0,
+    for name, topic in results.items():
+        node = DrivingNodeConfig(
+            node=name,
+            subscribes=processed.get(name, ""),
+            publishes=topic.name,
+            readers=len(topic.subscribers),
             address=address,
-            width=_CAMERA.width,
-            height=_CAMERA.height,
             rate_hz=config.live_hz,
             live_s=config.live_s,
             seed=config.seed,
         )
-        found.append(live)
+        found.append(node)
     return found
 
 
