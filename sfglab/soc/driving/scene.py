@@ -150,20 +150,16 @@ class Scene:
 
     def _draw_light(self, image: Image, car: CarState, light: Floats, *, red: bool) -> None:
         """Draw a traffic light. It faces the traffic of its lane and shows no lamp from behind."""
-        x, y, heading = light
-        cos = math.cos(heading)
-        sin = math.sin(heading)
         for half, bottom, top, bgr in _BOXES:
-            left = (x - half * sin, y + half * cos)
-            right = (x + half * sin, y - half * cos)
-            corners = [(*left, bottom), (*right, bottom), (*right, top), (*left, top)]
-            pixels, depths = self._projected(car, corners)
+            corners = [(half, bottom), (-half, bottom), (-half, top), (half, top)]
+            pixels, depths = self._projected(car, light, corners)
             if depths.min() > _NEAR_M:
                 cv2.fillConvexPoly(image, np.rint(pixels).astype(np.int32), bgr)
-        is_behind = (car.x_m - x) * cos + (car.y_m - y) * sin >= 0
+        x, y, heading = light
+        is_behind = (car.x_m - x) * math.cos(heading) + (car.y_m - y) * math.sin(heading) >= 0
         if is_behind:
             return
-        pixels, depths = self._projected(car, [(x, y, _RED_Z_M), (x, y, _GREEN_Z_M)])
+        pixels, depths = self._projected(car, light, [(0.0, _RED_Z_M), (0.0, _GREEN_Z_M)])
         colors = (_RED_LIT, _UNLIT) if red else (_UNLIT, _GREEN_LIT)
         fixed = np.rint(pixels).astype(int) << _SHIFT
         for middle, depth, bgr in zip(fixed.tolist(), depths, colors, strict=True):
@@ -172,14 +168,17 @@ class Scene:
                 cv2.circle(image, middle, radius, bgr, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
     def _projected(
-        self, car: CarState, points_xyz: Sequence[tuple[float, float, float]]
+        self, car: CarState, light: Floats, points: Sequence[tuple[float, float]]
     ) -> tuple[Floats, Floats]:
-        """Return pixels (n, 2) and depths (n,), m, of n points of the town, m."""
+        """Return pixels (n, 2) and depths (n,), m, of points to the left of a light and above the ground, m."""
+        left, up = np.transpose(points)
+        x, y, heading = light
+        east = x - left * math.sin(heading) - car.x_m
+        north = y + left * math.cos(heading) - car.y_m
         cos = math.cos(car.yaw_rad)
         sin = math.sin(car.yaw_rad)
-        vehicle_from_town = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        away = np.array(points_xyz) - (car.x_m, car.y_m, 0.0)
-        pixels, depths = self._camera.project(away @ vehicle_from_town.T)
+        points_xyz = np.column_stack([cos * east + sin * north, cos * north - sin * east, up])
+        pixels, depths = self._camera.project(points_xyz)
         return np.clip(pixels, -8000, 8000), depths  # OpenCV draws in 16 bits
 
     def _exposed(self, image: Image, now_s: float) -> Image:
