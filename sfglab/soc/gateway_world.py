@@ -37,6 +37,10 @@ class Bound:
     subscribers: int = 1  #: Number of hardware subscribers besides the core.
     calls: int = 1  #: Number of calls to the delegate that may wait.
     echoes: bool = True  #: Whether both topics return the core's own messages to it.
+    #: Whether the delegate accepts calls while it waits for a message, as it must.
+    listens_while_blocked: bool = True
+    #: Whether the delegate answers once per request, as it must; else also once per cancel.
+    answers_once: bool = True
     port_messages: int = 0  #: Number of whole messages that the core's port can store; 0: a stream.
 
     @property
@@ -203,13 +207,13 @@ def _delegate_steps(world: World, bound: Bound) -> Iterator[Step]:
         answers = (*world.answers, Answer(Input.ANSWERED, message))
         after = world._replace(blocked=False, smt_queue=tuple(rest), answers=answers)
         yield Step("delegate", f"answers with {message}", after)
-    if world.calls:
+    if world.calls and (bound.listens_while_blocked or not world.blocked):
         call, *later = world.calls
         after = world._replace(calls=tuple(later))
         if call is Action.CALL_TAKE:
             yield _take(after)
         elif call is Action.CALL_CANCEL:
-            yield _cancel(after)
+            yield _cancel(after, bound)
         else:
             yield _publish(after, bound)
 
@@ -222,9 +226,9 @@ def _take(world: World) -> Step:
     return Step("delegate", "waits for a message", world._replace(blocked=True))
 
 
-def _cancel(world: World) -> Step:
+def _cancel(world: World, bound: Bound) -> Step:
     """Return the delegate's step for a cancel: no second answer if the request is already answered."""
-    if not world.blocked:
+    if bound.answers_once and not world.blocked:
         return Step("delegate", "ignores the cancel, having answered", world)
     answers = (*world.answers, Answer(Input.CANCELLED))
     return Step("delegate", "confirms the cancel", world._replace(blocked=False, answers=answers))
