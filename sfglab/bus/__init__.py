@@ -17,7 +17,6 @@ __all__ = [
     "BusError",
     "BusTimeoutError",
     "CancelCode",
-    "CancelResponse",
     "ClientGoalHandle",
     "Clock",
     "ClosedError",
@@ -28,7 +27,6 @@ __all__ = [
     "EndpointKind",
     "EndpointRemoved",
     "GoalRejectedError",
-    "GoalResponse",
     "GoalResult",
     "GoalStatus",
     "Graph",
@@ -46,7 +44,6 @@ _MODULES = {
     "BusError": "errors",
     "BusTimeoutError": "errors",
     "CancelCode": "actions.goals",
-    "CancelResponse": "actions.server",
     "ClientGoalHandle": "actions.client",
     "Clock": "backend",
     "ClosedError": "errors",
@@ -57,7 +54,6 @@ _MODULES = {
     "EndpointKind": "api",
     "EndpointRemoved": "api",
     "GoalRejectedError": "errors",
-    "GoalResponse": "actions.server",
     "GoalResult": "actions.client",
     "GoalStatus": "actions.goals",
     "Graph": "graph",
@@ -73,7 +69,7 @@ _MODULES = {
 if TYPE_CHECKING:
     from sfglab.bus.actions.client import ClientGoalHandle, GoalResult
     from sfglab.bus.actions.goals import CancelCode, GoalStatus
-    from sfglab.bus.actions.server import CancelResponse, GoalResponse, ServerGoalHandle
+    from sfglab.bus.actions.server import ServerGoalHandle
     from sfglab.bus.api import (
         EndpointAdded,
         EndpointEvent,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from sfglab import names
 from sfglab.bus.actions.client import ActionClient
-from sfglab.bus.actions.server import ActionServer, ActionServerOptions, ExecuteCallback
+from sfglab.bus.actions.server import ActionServer, ExecuteCallback
 from sfglab.bus.api import DEFAULT_MAX_MESSAGE_BYTES, Callback, Handler, MessageType, Transport
 from sfglab.bus.backend import Backend, Clock, Join, RawForwarder
 from sfglab.bus.dds.backend import DdsBackend
@@ -235,24 +235,15 @@ class Node:
         return Client(self.backend, type_, name=self._resolve(name), transport=transport)
 
     def create_action_server(
-        self,
-        type_: str,
-        name: str,
-        execute_callback: ExecuteCallback,
-        **options: Unpack[ActionServerOptions],
+        self, type_: str, name: str, execute_callback: ExecuteCallback
     ) -> ActionServer:
-        """Create a server of an action such as "sfglab_interfaces/action/FollowTrajectory"; see `ActionServer`.
-
-        Goals can be canceled only if the options contain a `cancel_callback`.
-        """
+        """Create a server of an action such as "sfglab_interfaces/action/FollowTrajectory"; see `ActionServer`."""
         name = self._resolve(name)
-        return ActionServer(self.backend, type_, name=name, execute=execute_callback, **options)
+        return ActionServer(self.backend, type_, name=name, execute=execute_callback)
 
-    def create_action_client(
-        self, type_: str, name: str, *, transport: Transport = "dds"
-    ) -> ActionClient:
-        """Create a client of an action; `transport` is that of its services, see `create_service`."""
-        return ActionClient(self.backend, type_, name=self._resolve(name), transport=transport)
+    def create_action_client(self, type_: str, name: str) -> ActionClient:
+        """Create a client of an action."""
+        return ActionClient(self.backend, type_, name=self._resolve(name))
 
     def create_timer(
         self, period_s: float, callback: Callable[[], Awaitable[None] | None]

@@ -9,11 +9,10 @@ import asyncio
 import uuid
 from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.actions import goals
-from sfglab.bus.actions.goals import KEPT_GOALS, NO_GOAL_ID, CancelCode, Canceling, GoalStatus
+from sfglab.bus.actions.goals import KEPT_GOALS, CancelCode, GoalStatus
 from sfglab.bus.errors import (
     ActionServerGoneError,
     BusError,
@@ -23,10 +22,9 @@ from sfglab.bus.errors import (
 from sfglab.bus.pubsub import Subscription, checked_type, topic_endpoint
 from sfglab.bus.service import Client
 from sfglab.component import end_tasks
-from sfglab.messages import action_type, ns_from_stamp, service_type, type_name
+from sfglab.messages import action_type, service_type, type_name
 
 if TYPE_CHECKING:
-    from sfglab.bus.api import Transport
     from sfglab.bus.backend import Backend
 
 FeedbackCallback = Callable[[Any], Awaitable[None] | None]
@@ -43,24 +41,18 @@ class GoalResult:
 class ClientGoalHandle:
     """Handle of an accepted goal at the client that sent it; made by `ActionClient.send_goal`."""
 
-    def __init__(self, client: ActionClient, goal_id: bytes, accepted_ns: int) -> None:
+    def __init__(self, client: ActionClient, goal_id: bytes) -> None:
         self.goal_id = goal_id  #: Id of the goal, 16 bytes.
-        #: Time of acceptance by the server's clock, Unix time, ns.
-        self.accepted_ns = accepted_ns
         self._client = client
-        self._result: GoalResult | None = None
 
-    async def result(self, timeout_s: float | None = None) -> GoalResult:
+    async def result(self) -> GoalResult:
         """Wait for the goal's end as long as there is a server; return its result, also repeatedly.
 
         Raises:
-            BusTimeoutError: The goal did not end in time.
             ActionServerGoneError: The server disappeared; a later call may find it again.
             BusError: The server has forgotten the goal.
         """
-        if self._result is None:
-            self._result = await self._client.result_of(self.goal_id, timeout_s)
-        return self._result
+        return await self._client.result_of(self.goal_id)
 
     async def cancel_goal(self, timeout_s: float = 5.0) -> CancelCode:
         """Request cancellation of the goal, and return the response: NONE means that the goal is CANCELING.
@@ -68,16 +60,15 @@ class ClientGoalHandle:
         Raises:
             BusTimeoutError: The server did not respond in time.
         """
-        return (await self._client.cancel_goals(self.goal_id, timeout_s=timeout_s)).code
+        return await self._client.cancel(self.goal_id, timeout_s)
 
 
 class ActionClient:
     """Client of an action; made by `Node.create_action_client`. Goals may run concurrently."""
 
-    def __init__(
-        self, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
-    ) -> None:
-        action, topics = action_type(type_), goals.action_topics(name)
+    def __init__(self, backend: Backend, type_: str, *, name: str) -> None:
+        action = action_type(type_)
+        topics = goals.action_topics(name)
         self.action_name = name  #: Fully resolved ROS action.
         self._backend = backend
         self._action = action
@@ -86,12 +77,11 @@ class ActionClient:
         # The feedback subscription is created first because discovery announces readers to a server in order.
         # The server responds only to a client whose reply reader it has discovered, and begins the goal after
         # that. By then it has also discovered the feedback reader.
-        endpoint = topic_endpoint(action.feedback_message, topics.feedback, goals.FEEDBACK_QOS)
+        endpoint = topic_endpoint(action.feedback_message, topics["feedback"], goals.FEEDBACK_QOS)
         self._feedback = Subscription(backend, endpoint, self._on_feedback, raw=False)
-        client = partial(Client, backend, transport=transport)
-        self._cancel = client(goals.CANCEL_GOAL, name=topics.cancel_goal)
-        self._result = client(action.get_result.name, name=topics.get_result)
-        self._send = client(action.send_goal.name, name=topics.send_goal)
+        self._cancel = Client(backend, goals.CANCEL_GOAL, name=topics["cancel_goal"])
+        self._result = Client(backend, action.get_result.name, name=topics["get_result"])
+        self._send = Client(backend, action.send_goal.name, name=topics["send_goal"])
 
     async def wait_for_server(self, timeout_s: float = 5.0) -> None:
         """Return once a server is ready.
@@ -117,8 +107,7 @@ class ActionClient:
 
         Raises:
             GoalRejectedError: The server rejected the goal.
-            BusTimeoutError: No server was found, or it did not respond in time. The goal may run nevertheless;
-                see `cancel_goals`.
+            BusTimeoutError: No server was found, or it did not respond in time. The goal may run nevertheless.
             InvalidMessageError: The goal has another type.
         """
         checked_type(goal, type_=type_name(self._action.goal), where=self.action_name)
@@ -134,25 +123,18 @@ class ActionClient:
             self._callbacks.pop(goal_id, None)
             why = "the server rejected the goal, for reasons of its own"
             raise GoalRejectedError(f"action {self.action_name!r}: {why}")
-        return ClientGoalHandle(self, goal_id, ns_from_stamp(response.stamp))
+        return ClientGoalHandle(self, goal_id)
 
-    async def cancel_goals(
-        self, goal_id: bytes = NO_GOAL_ID, *, timeout_s: float = 5.0
-    ) -> Canceling:
-        """Request cancellation of one goal, or without an id of all goals of all clients.
+    async def cancel(self, goal_id: bytes, timeout_s: float = 5.0) -> CancelCode:
+        """Request cancellation of a goal of any client; see `ClientGoalHandle.cancel_goal`."""
+        request = service_type(goals.CANCEL_GOAL).request(goal_info=goals.goal_info(goal_id))
+        response = await self._cancel.call(request, timeout_s)
+        return CancelCode(response.return_code)
 
-        Raises:
-            BusTimeoutError: The server did not respond in time.
-        """
-        type_ = service_type(goals.CANCEL_GOAL).request
-        response = await self._cancel.call(type_(goal_info=goals.goal_info(goal_id)), timeout_s)
-        ids = tuple(goals.goal_id_from(info.goal_id) for info in response.goals_canceling)
-        return Canceling(code=CancelCode(response.return_code), goal_ids=ids)
-
-    async def result_of(self, goal_id: bytes, timeout_s: float | None = None) -> GoalResult:
+    async def result_of(self, goal_id: bytes) -> GoalResult:
         """Return the result of a goal of any client; see `ClientGoalHandle.result`."""
         request = self._action.get_result.request(goal_id=goals.uuid_message(goal_id))
-        response = await self._unless_gone(goal_id, self._result.call(request, timeout_s))
+        response = await self._unless_gone(goal_id, self._result.call(request, None))
         status = GoalStatus(response.status)
         if status is GoalStatus.UNKNOWN:
             raise BusError(

@@ -5,7 +5,6 @@ Sources: design.ros2.org, "Actions"; `rcl_action`'s defaults.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from enum import Enum, IntEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -81,18 +80,10 @@ def is_allowed(status: GoalStatus, event: GoalEvent) -> bool:
     return (status, event) in TRANSITIONS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Canceling:
-    """Goals that a cancel request selects, and the server's return code."""
-
-    #: NONE if goals are canceled, or if there was none to cancel; otherwise the reason of the refusal.
-    code: CancelCode
-    #: Ids of the goals that are canceled, or may be, oldest first.
-    goal_ids: tuple[bytes, ...] = ()
-
-
-def to_cancel(statuses: Mapping[bytes, GoalStatus], goal_id: bytes, stamp_ns: int) -> Canceling:
-    """Return the goals that a cancel request selects: one goal, or all goals without an id and a time.
+def to_cancel(
+    statuses: Mapping[bytes, GoalStatus], goal_id: bytes, stamp_ns: int
+) -> tuple[CancelCode, tuple[bytes, ...]]:
+    """Return the response to a cancel request and the goals that it selects: one goal, or all without an id.
 
     Goals cannot be selected by the time of their acceptance: a request with a time and no id is rejected.
     """
@@ -100,36 +91,25 @@ def to_cancel(statuses: Mapping[bytes, GoalStatus], goal_id: bytes, stamp_ns: in
         known for known, status in statuses.items() if is_allowed(status, GoalEvent.CANCEL_GOAL)
     )
     if goal_id == NO_GOAL_ID:
-        if stamp_ns:
-            return Canceling(code=CancelCode.REJECTED)
-        return Canceling(code=CancelCode.NONE, goal_ids=cancelable)
+        return (CancelCode.REJECTED, ()) if stamp_ns else (CancelCode.NONE, cancelable)
     if goal_id in cancelable:
-        return Canceling(code=CancelCode.NONE, goal_ids=(goal_id,))
+        return CancelCode.NONE, (goal_id,)
     # A goal that is CANCELING counts as terminated, as in rcl_action.
     is_known = goal_id in statuses
-    code = CancelCode.GOAL_TERMINATED if is_known else CancelCode.UNKNOWN_GOAL_ID
-    return Canceling(code=code)
+    return CancelCode.GOAL_TERMINATED if is_known else CancelCode.UNKNOWN_GOAL_ID, ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ActionTopics:
-    """ROS names of the services and topics of one action, hidden because a token starts with an underscore."""
-
-    send_goal: str
-    cancel_goal: str
-    get_result: str
-    feedback: str
-    status: str
+_ENDPOINTS = ("send_goal", "cancel_goal", "get_result", "feedback", "status")
 
 
-def action_topics(name: str) -> ActionTopics:
-    """Return the names of an action's services and topics, given its absolute name.
+def action_topics(name: str) -> dict[str, str]:
+    """Return the names of an action's services and topics, given its absolute name; tools hide such names.
 
     Raises:
         FqnError: The name is no absolute name, or too long for an action.
     """
     below = f"{validate_ros_name(name, ResourceKind.ACTION)}/_action/"
-    return ActionTopics(**{field.name: f"{below}{field.name}" for field in fields(ActionTopics)})
+    return {endpoint: below + endpoint for endpoint in _ENDPOINTS}
 
 
 def uuid_message(goal_id: bytes) -> Any:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Awaitable, Callable
-from enum import Enum
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.actions import goals
 from sfglab.bus.actions.goals import (
     KEPT_GOALS,
     TERMINAL,
     TRANSITIONS,
-    CancelCode,
     GoalEvent,
     GoalStatus,
     is_allowed,
@@ -34,22 +32,7 @@ from sfglab.messages import (
 )
 
 if TYPE_CHECKING:
-    from sfglab.bus.api import Transport
     from sfglab.bus.backend import Backend
-
-
-class GoalResponse(Enum):
-    """Answers of a goal callback."""
-
-    ACCEPT = "accept"
-    REJECT = "reject"
-
-
-class CancelResponse(Enum):
-    """Answers of a cancel callback."""
-
-    ACCEPT = "accept"
-    REJECT = "reject"
 
 
 class ServerGoalHandle:
@@ -104,70 +87,48 @@ class ServerGoalHandle:
         self._server.apply(self, GoalEvent.CANCELED)
 
 
-GoalCallback = Callable[[Any], Awaitable[GoalResponse] | GoalResponse]
-CancelCallback = Callable[[ServerGoalHandle], Awaitable[CancelResponse] | CancelResponse]
 ExecuteCallback = Callable[[ServerGoalHandle], Any]
-
-
-class ActionServerOptions(TypedDict, total=False):
-    """Options of an action server."""
-
-    #: Plain or async function that decides about a goal message. The default accepts all goals.
-    goal_callback: GoalCallback
-    #: Plain or async function that decides whether a goal may be canceled. The default refuses, as in rclpy.
-    cancel_callback: CancelCallback
-    transport: Transport  #: Transport of the services; see `Node.create_service` ("dds").
 
 
 class ActionServer:
     """Server of an action; made by `Node.create_action_server`.
 
-    Goals run concurrently. The execute callback receives a `ServerGoalHandle`, ends the goal through it, and
-    returns the result, None for zeros. If the callback raises or does not end the goal, the goal is aborted.
-    The results of the last 100 goals are kept.
+    All goals are accepted and run concurrently. The execute callback receives a `ServerGoalHandle`, ends the
+    goal through it, and returns the result, None for zeros. It refuses a goal by aborting it, and watches
+    `is_cancel_requested`. If the callback raises or does not end the goal, the goal is aborted. The results
+    of the last 100 goals are kept.
     """
 
     def __init__(
-        self,
-        backend: Backend,
-        type_: str,
-        *,
-        name: str,
-        execute: ExecuteCallback,
-        **options: Unpack[ActionServerOptions],
+        self, backend: Backend, type_: str, *, name: str, execute: ExecuteCallback
     ) -> None:
-        action, topics = action_type(type_), goals.action_topics(name)
+        action = action_type(type_)
+        topics = goals.action_topics(name)
         self.action_name = name  #: Fully resolved ROS action.
         self._backend = backend
         self._action = action
         self._execute = execute
-        self._options = options
         self._closed = False
         self._calls = backend.calls(f"action server {action.name!r}")
         self._goals: dict[bytes, ServerGoalHandle] = {}
         self._ended: deque[bytes] = deque()
-        endpoint = topic_endpoint(action.feedback_message, topics.feedback, goals.FEEDBACK_QOS)
+        endpoint = topic_endpoint(action.feedback_message, topics["feedback"], goals.FEEDBACK_QOS)
         self._feedback = Publisher(backend, endpoint)
-        endpoint = topic_endpoint(goals.STATUS, topics.status, goals.STATUS_QOS)
+        endpoint = topic_endpoint(goals.STATUS, topics["status"], goals.STATUS_QOS)
         self._status = Publisher(backend, endpoint)
         self._publish_status()  # an empty list shows that no goal runs
-        service = partial(Service, backend, transport=options.get("transport", "dds"))
+        service = partial(Service, backend)
         self._services = (
-            service(goals.CANCEL_GOAL, name=topics.cancel_goal, handler=self._on_cancel_goal),
-            service(action.get_result.name, name=topics.get_result, handler=self._on_get_result),
+            service(goals.CANCEL_GOAL, name=topics["cancel_goal"], handler=self._on_cancel_goal),
+            service(action.get_result.name, name=topics["get_result"], handler=self._on_get_result),
             service(
                 action.send_goal.name,
-                name=topics.send_goal,
+                name=topics["send_goal"],
                 handler=self._on_send_goal,
                 answered=self._on_answered,
             ),
         )
         backend.register(self._abort)
-
-    @property
-    def last_error(self) -> BaseException | None:
-        """Latest exception of a callback; None if there was none."""
-        return self._calls.last_error
 
     def apply(self, goal: ServerGoalHandle, event: GoalEvent) -> None:
         """Apply an event to a goal, and publish the statuses.
@@ -205,18 +166,15 @@ class ActionServer:
                 goal.task.cancel()
         self._closed = True
 
-    async def _on_send_goal(self, request: Any) -> Any:
-        """Return the response that accepts or rejects a goal."""
+    def _on_send_goal(self, request: Any) -> Any:
+        """Return the response that accepts a goal, or rejects one with the id of another."""
         goal_id = goals.goal_id_from(request.goal_id)
-        is_taken = goal_id not in self._goals and await self._takes(request.goal)
-        # Two requests with one id may both have passed the callback; the first is accepted.
-        is_accepted = is_taken and goal_id not in self._goals
+        is_new = goal_id not in self._goals
         stamp_ns = self._backend.clock.now_ns()
-        if is_accepted:
+        if is_new:
             self._goals[goal_id] = ServerGoalHandle(self, goal_id, request.goal, stamp_ns)
             self._publish_status()
-        stamp = stamp_from_ns(stamp_ns)
-        return self._action.send_goal.response(accepted=is_accepted, stamp=stamp)
+        return self._action.send_goal.response(accepted=is_new, stamp=stamp_from_ns(stamp_ns))
 
     def _on_answered(self, request: Any) -> None:
         """Start a goal after the response to its client; by then the feedback reader is discovered as well."""
@@ -240,18 +198,17 @@ class ActionServer:
         result = await asyncio.shield(goal.result)
         return response(status=int(goal.status), result=result)
 
-    async def _on_cancel_goal(self, request: Any) -> Any:
-        """Call the cancel callback for each selected goal, and return the goals that are CANCELING."""
+    def _on_cancel_goal(self, request: Any) -> Any:
+        """Let each selected goal be CANCELING, and return these goals."""
         info = request.goal_info
         statuses = {goal_id: goal.status for goal_id, goal in self._goals.items()}
         goal_id, stamp_ns = goals.goal_id_from(info.goal_id), ns_from_stamp(info.stamp)
-        plan = goals.to_cancel(statuses, goal_id, stamp_ns)
+        code, selected = goals.to_cancel(statuses, goal_id, stamp_ns)
         infos = []
-        for known in plan.goal_ids:
-            goal = self._goals.get(known)
-            if goal is not None and await self._cancels(goal):
-                infos.append(goals.goal_info(known, goal.accepted_ns))
-        code = CancelCode.REJECTED if plan.goal_ids and not infos else plan.code
+        for known in selected:
+            goal = self._goals[known]
+            self.apply(goal, GoalEvent.CANCEL_GOAL)
+            infos.append(goals.goal_info(known, goal.accepted_ns))
         response = service_type(goals.CANCEL_GOAL).response
         return response(return_code=int(code), goals_canceling=infos)
 
@@ -276,35 +233,6 @@ class ActionServer:
         self._ended.append(goal.goal_id)
         if len(self._ended) > KEPT_GOALS:
             del self._goals[self._ended.popleft()]
-
-    async def _takes(self, goal: Any) -> bool:
-        callback = self._options.get("goal_callback")
-        if callback is None:
-            return True
-        return await self._asked(callback, goal, GoalResponse) is GoalResponse.ACCEPT
-
-    async def _cancels(self, goal: ServerGoalHandle) -> bool:
-        callback = self._options.get("cancel_callback")
-        if callback is None:
-            return False
-        answer = await self._asked(callback, goal, CancelResponse)
-        # While the callback ran, the goal may have ended, or another request may have canceled it.
-        if answer is CancelResponse.REJECT or answer is None:
-            return False
-        if not is_allowed(goal.status, GoalEvent.CANCEL_GOAL):
-            return False
-        self.apply(goal, GoalEvent.CANCEL_GOAL)
-        return True
-
-    async def _asked(
-        self, callback: Callable[[Any], Any], about: Any, answers: type[Enum]
-    ) -> Enum | None:
-        """Return a callback's answer; None, which refuses, if the callback fails or the answer is invalid."""
-        try:
-            return answers(await awaited(callback(about)))
-        except Exception as error:  # noqa: BLE001 - reported
-            self._calls.report(error)
-            return None
 
     def _publish_status(self) -> None:
         if self._closed:

@@ -7,7 +7,7 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus import CancelResponse, GoalStatus, Node, ServerGoalHandle
+from sfglab.bus import GoalStatus, Node, ServerGoalHandle
 from sfglab.messages import action_type, default_message, message_type
 from sfglab.names import TF, Resource, RosFqnBuilder, Scope
 from sfglab.spatial.execution.agent import AgentState, Follower, Limits, Tolerances, braked
@@ -125,10 +125,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         self._odometry = node.create_publisher("nav_msgs/msg/Odometry", odometry, 10)
         self._transforms = node.create_publisher(TRANSFORMS, TF, TF_QOS)
         self._action = node.create_action_server(
-            FOLLOW_TRAJECTORY,
-            name or action_name(agent),
-            self._execute,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            FOLLOW_TRAJECTORY, name or action_name(agent), self._execute
         )
         self.action_name = self._action.action_name  #: The fully resolved ROS action.
         self._timer = node.create_timer(self._setup.period_s, self._tick)
