@@ -175,7 +175,6 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_qget_lifespan": (_BOOL, (_PTR, _PTR)),
     "dds_qget_liveliness": (_BOOL, (_PTR, _PTR, _PTR)),
     "dds_qget_userdata": (_BOOL, (_PTR, _PTR, _PTR)),
-    "dds_qget_partition": (_BOOL, (_PTR, _PTR, _PTR)),
     "dds_qget_prop": (_BOOL, (_PTR, _STR, _PTR)),
     "dds_free": (None, (_PTR,)),
     "dds_strretcode": (_STR, (_I32,)),
@@ -316,22 +315,6 @@ def user_data(qos: int) -> bytes:
         return ct.string_at(value.value, size.value)
     finally:
         lib.dds_free(value)
-
-
-def partitions(qos: int) -> tuple[str, ...]:
-    """Return a QoS object's PARTITION names."""
-    lib = library()
-    count, names = ct.c_uint32(), ct.POINTER(ct.c_void_p)()
-    if not lib.dds_qget_partition(qos, ct.byref(count), ct.byref(names)) or not names:
-        return ()
-    try:
-        return tuple(
-            ct.string_at(names[i] or 0).decode(errors="replace") for i in range(count.value)
-        )
-    finally:
-        for i in range(count.value):
-            lib.dds_free(names[i])
-        lib.dds_free(names)
 
 
 def string_property(qos: int, name: str) -> str:

@@ -32,7 +32,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.api import NodeInfo, user_data
 from sfglab.bus.dds import clib
 from sfglab.bus.dds.clib import endpoint_qos, entity_guid, error_text, library, qos_object
-from sfglab.bus.dds.discovery import INFO_TOPIC, READER_QOS, gid_bytes, pack_nodes
+from sfglab.bus.dds.discovery import INFO_TOPIC, READER_QOS, pack_nodes
 from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.dds.endpoints import serdata_from_bytes, sertype_of, stamp
 from sfglab.bus.errors import BusError
@@ -168,7 +168,7 @@ class RosStack:
         node = NodeInfo(
             namespace=namespace, name=name, participant=here, readers=readers, writers=writers
         )
-        serdata = serdata_from_bytes(sertype_of(writer), pack_nodes(here, [node], gid_bytes()))
+        serdata = serdata_from_bytes(sertype_of(writer), pack_nodes(here, [node]))
         assert serdata is not None, "an opaque type takes every message"
         stamp(serdata, time.time_ns())
         _checked(library().dds_forwardcdr(writer, serdata), f"a message on {INFO_TOPIC!r}")
