@@ -2,15 +2,13 @@
 
 import secrets
 from collections import deque
-from contextlib import contextmanager
 from functools import partial
 
 from sfglab import bus
 from sfglab.bus.api import EndpointInfo, EndpointKind, ros_topic
 from sfglab.bus.backend import Backend
-from sfglab.bus.errors import check_size, not_cdr_error
 from sfglab.bus.graph import Graph
-from sfglab.messages import CdrError, decoder, serialize
+from sfglab.messages import serialize
 from sfglab.qos import Durability, History, incompatibilities
 
 
@@ -126,8 +124,7 @@ class ToyWriter(ToyEndpoint):
 
     def __init__(self, backend, endpoint, notify):
         super().__init__(backend, endpoint, notify)
-        qos, plain = endpoint.qos, not (endpoint.is_service or endpoint.forwards)
-        self.check = decoder(endpoint.type) if plain and endpoint.transport == "dds" else None
+        qos = endpoint.qos
         depth = qos.depth if qos.history is History.KEEP_LAST else None
         self.kept = deque(maxlen=depth if qos.durability is Durability.TRANSIENT_LOCAL else 0)
 
@@ -146,15 +143,7 @@ class ToyWriter(ToyEndpoint):
                 reader.backend.loop.call_soon(reader.take, cdr, stamp_ns, self.gid)
 
     def write(self, cdr, source_timestamp_ns=None):
-        data, limit = bytes(cdr), self.asked.max_message_bytes
-        if self.asked.transport == "shm":
-            check_size(self.asked.name, len(data), limit)
-        try:
-            if self.check is not None:
-                self.check(data)
-        except CdrError as error:
-            name, type_ = self.asked.name, self.asked.type
-            raise not_cdr_error(name, type_, size_bytes=len(data), reason=error.reason) from error
+        data = bytes(cdr)
         stamp_ns = (
             self.backend.clock.now_ns() if source_timestamp_ns is None else source_timestamp_ns
         )
@@ -165,13 +154,8 @@ class ToyWriter(ToyEndpoint):
     def write_message(self, message):
         self.write(serialize(message))
 
-    @contextmanager
     def loan(self, size_bytes):
-        if self.asked.transport != "shm":
-            raise TypeError("nothing to lend")
-        memory = bytearray(size_bytes)
-        yield memoryview(memory)
-        self.write(memory)
+        raise TypeError(f"no {size_bytes} bytes to lend")
 
 
 class OtherToyBackend(ToyBackend):

@@ -56,9 +56,9 @@ async def test_an_agent_returns_after_a_partition_restarts_after_an_end_and_is_f
     async with discoverer(sim) as (found, events):
         async with status(sim, "go2"):
             await sleep_until(31)  # it beat at 30 s, in the steady state
-            sim.host("go2").is_connected = False
+            sim.connect("go2", connected=False)
             await sleep_until(61)
-            sim.host("go2").is_connected = True
+            sim.connect("go2")
             await sleep_until(120)
         assert found.status().counts["asked"] == 1
         await sleep_until(140)

@@ -11,25 +11,22 @@ async def main(world):
         publisher.publish(String(data="hello"))
         print(await subscription.take())
 
-run_simulated(main, seed=1, link=LinkModel(latency_s=0.01, loss=0.05))
+run_simulated(main, seed=1, latency_s=0.01)
 ```
 
 A node belongs to a host and a domain: a domain of the network (`reach="network"`), or one of the host's
-loopback interface (`reach="host"`). `world.host("a").is_connected = False` disconnects a host. The world
-has no model of these: computing times of components beyond `Costs`; bytes of discovery; packets of discovery
-on a link of limited rate; collisions and retries of a shared medium.
+loopback interface (`reach="host"`). `world.connect("a", connected=False)` disconnects a host. The world
+has no model of these: computing times of components beyond `Costs`; bytes, rates and losses of links;
+lifespans; limits and memory of shared-memory publishers. It does not check serialized messages.
 """
 
-from sfglab.bus.sim.backend import SimNode
 from sfglab.bus.sim.loop import DeadlockError, TimeLimitError
-from sfglab.bus.sim.settings import Costs, LinkModel
+from sfglab.bus.sim.settings import Costs
 from sfglab.bus.sim.world import World, run_simulated
 
 __all__ = [
     "Costs",
     "DeadlockError",
-    "LinkModel",
-    "SimNode",
     "TimeLimitError",
     "World",
     "run_simulated",

@@ -1,4 +1,4 @@
-"""Discovery in a simulated domain: participants, and the endpoints that each of them has discovered.
+"""Hosts of a simulated world, and discovery in a domain: participants, and what each has discovered.
 
 A participant keeps a list of its changes: endpoints that opened or closed. Each other participant has a view
 of it, which reads the list in order when announcements arrive. A disconnected host stops the reading. After
@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
+from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
+from sfglab.bus.api import EndpointInfo, EndpointKind, RawEndpoint, ros_topic
 from sfglab.bus.sim.loop import NEVER_NS
-from sfglab.bus.sim.network import Host, Network, Server
 from sfglab.bus.sim.settings import (
     ANNOUNCEMENT_SHARE,
     ENDPOINT_NS,
     LOOPBACK_NS,
     PARTICIPANT_NS,
-    REPAIR_NS,
+    Costs,
     ns_from_s,
 )
 from sfglab.qos import Durability, History, QoSProfile, Reliability, incompatibilities
@@ -28,31 +29,68 @@ from sfglab.qos import Durability, History, QoSProfile, Reliability, incompatibi
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus.api import EndpointInfo
     from sfglab.bus.graph import Graph
+    from sfglab.bus.sim.loop import VirtualLoop
 
 #: Number of one-way transfers until two participants have discovered each other: SPDP, its response and
 #: heartbeat, a request, the data.
 _CROSSINGS = 4
 
 
+@dataclass(eq=False, slots=True)
+class Host:
+    """Host of the world, with a link to the network."""
+
+    name: str  #: Name of the host.
+    id: str  #: 16 hexadecimal digits, as `EndpointInfo.host` shows them.
+    latency_ns: int  #: Latency of the link, ns.
+    is_connected: bool = True  #: Whether the link carries packets; see `World.connect`.
+
+    def can_reach(self, other: Host) -> bool:
+        """Return whether packets reach a host from here."""
+        return self is other or (self.is_connected and other.is_connected)
+
+    def delay_ns(self, other: Host, far_ns: int) -> int:
+        """Return the delay of a packet to a host: that of both links, and `far_ns` if it is another host."""
+        return LOOPBACK_NS if self is other else self.latency_ns + other.latency_ns + far_ns
+
+
+@dataclass(eq=False, slots=True)
+class Process:
+    """Process that does one work after the other."""
+
+    free_ns: int = 0  #: Time at which all work so far is done, ns.
+
+    def occupy(self, time_ns: int, duration_ns: int) -> int:
+        """Do work that arrives at `time_ns` behind earlier work; return the time at which it is done."""
+        self.free_ns = max(self.free_ns, time_ns) + duration_ns
+        return self.free_ns
+
+
 class Endpoint:
     """Writer or reader of one topic, which keeps its matching endpoints and calls `notify` on changes."""
 
-    is_writer: bool
+    kind: EndpointKind
 
     def __init__(
-        self,
-        participant: Participant,
-        info: EndpointInfo,
-        notify: Callable[[], None],
-        *,
-        ignores_own: bool = False,
+        self, participant: Participant, endpoint: RawEndpoint, notify: Callable[[], None]
     ) -> None:
-        qos = info.qos
+        qos = endpoint.qos
         self.participant = participant
-        self.info = info
-        self.gid = info.gid
+        self.gid = participant.new_gid(self.kind)
+        self.info = EndpointInfo(
+            kind=self.kind,
+            topic=ros_topic(endpoint.dds_topic),
+            type=endpoint.type,
+            gid=self.gid,
+            qos=qos,
+            transport=endpoint.transport,
+            participant=participant.guid,
+            host=participant.host.id,
+            node=participant.name,
+            dds_topic=endpoint.dds_topic,
+            user_data=endpoint.user_data,
+        )
         self.reliable = qos.reliability is Reliability.RELIABLE
         self.latched = qos.durability is Durability.TRANSIENT_LOCAL
         #: Depth of the history; None for all.
@@ -60,10 +98,9 @@ class Endpoint:
         #: Matching endpoints; a reader keeps the number of each writer's latest sample.
         self.peers: dict[Any, int] = {}
         self.is_open = True
-        self._ignores_own = ignores_own
+        self._ignores_own = endpoint.forwards
         self._notify = notify
-        self._network = participant.domain.network
-        self._loop = self._network.loop
+        self._loop = participant.domain.loop
 
     @property
     def matched(self) -> int:
@@ -77,16 +114,15 @@ class Endpoint:
 
     def suits(self, other: Endpoint) -> bool:
         """Return whether this endpoint and another one of the same topic match."""
-        ours, theirs = self.info, other.info
-        if self.is_writer is other.is_writer or ours.transport != theirs.transport:
+        if self.kind is other.kind or self.info.transport != other.info.transport:
             return False
-        writer, reader = (ours, theirs) if self.is_writer else (theirs, ours)
+        ours, theirs = self.info, other.info
+        writer, reader = (ours, theirs) if self.kind is EndpointKind.PUBLISHER else (theirs, ours)
         if writer.type != reader.type or not _compatible(writer.qos, reader.qos):
             return False
-        owner, their_owner = self.participant, other.participant
-        if owner is their_owner:
+        if self.participant is other.participant:
             return not (self._ignores_own or other._ignores_own)
-        return ours.transport == "dds" or owner.host is their_owner.host
+        return ours.transport == "dds" or ours.host == theirs.host
 
     def close(self) -> None:
         """Retract the endpoint; repeated calls are harmless."""
@@ -106,6 +142,9 @@ class Endpoint:
         if self.peers.pop(endpoint, None) is not None:
             self._notify()
 
+    def repair(self, participant: Participant) -> None:
+        """Send again what a participant has missed while it was disconnected."""
+
 
 @cache
 def _compatible(offered: QoSProfile, requested: QoSProfile) -> bool:
@@ -119,7 +158,7 @@ class Participant:
         self,
         domain: Domain,
         host: Host,
-        process: Server,
+        process: Process,
         graph: Graph,
         *,
         name: str,
@@ -132,12 +171,8 @@ class Participant:
         self.graph = graph  #: Graph that receives every discovered endpoint.
         self.name = name  #: Full name of the node.
         self.lease_ns = lease_ns  #: Lease: the others remove a participant after this silence.
-        self.interval_ns = round(lease_ns * ANNOUNCEMENT_SHARE)  #: Period of its announcements.
         digest = hashlib.blake2b(f"{host.id} {number} {name}".encode(), digest_size=12).digest()
         self.guid = digest + b"\x00\x00\x01\xc1"  # RTPS 2.5, table 9.1: ENTITYID_PARTICIPANT
-        self.born_ns = domain.network.loop.now_ns
-        self.crashed_ns = NEVER_NS
-        self.last_sent_ns = 0  #: Time of its latest sample.
         self.is_alive = True
         #: Endpoints that opened (True) or closed (False).
         self.changes: list[tuple[Endpoint, bool]] = []
@@ -148,10 +183,11 @@ class Participant:
         self.known: defaultdict[str, dict[Endpoint, None]] = defaultdict(dict)
         self._serial = 0
 
-    def new_gid(self, *, writer: bool) -> bytes:
+    def new_gid(self, kind: EndpointKind) -> bytes:
         """Return the GUID of the next endpoint (RTPS 2.5, clause 9.3.1.2: user-defined, without a key)."""
         self._serial += 1
-        return self.guid[:12] + self._serial.to_bytes(3, "big") + (b"\x03" if writer else b"\x04")
+        entity_kind = b"\x03" if kind is EndpointKind.PUBLISHER else b"\x04"
+        return self.guid[:12] + self._serial.to_bytes(3, "big") + entity_kind
 
     def open(self, endpoint: Endpoint) -> None:
         """Announce a new endpoint, and match it with discovered endpoints and the participant's own."""
@@ -165,10 +201,10 @@ class Participant:
 
     def withdraw(self, endpoint: Endpoint) -> None:
         """Retract an endpoint; repeated calls are harmless."""
-        if self.own[endpoint.info.dds_topic].pop(endpoint, endpoint) is None:
+        if endpoint.is_open:
+            del self.own[endpoint.info.dds_topic][endpoint]
             endpoint.silence()
-            if self.is_alive:
-                self.domain.announce(self, endpoint, is_open=False)
+            self.domain.announce(self, endpoint, is_open=False)
 
     def endpoints(self) -> list[Endpoint]:
         """Return the participant's own endpoints."""
@@ -191,23 +227,16 @@ class Participant:
             own.forget(endpoint)
         self.graph.apply([(endpoint.gid, None)])
 
-    def lease_end_ns(self) -> int:
-        """Return the virtual time, ns, at which others remove the participant if it falls silent now."""
-        now_ns = self.domain.network.loop.now_ns
-        announced_ns = now_ns - (now_ns - self.born_ns) % self.interval_ns
-        return max(announced_ns, self.last_sent_ns) + self.lease_ns
-
 
 class View:
     """View of the endpoints of one participant, the owner, by another one, the observer."""
 
     def __init__(self, observer: Participant, owner: Participant) -> None:
         self.met_ns = NEVER_NS  #: Time of their discovery; NEVER_NS before it and after a loss.
-        #: Time at which the two were disconnected; NEVER_NS while they are connected.
-        self.apart_ns = NEVER_NS
+        self._apart_ns = NEVER_NS  # time of their disconnection; NEVER_NS while they are connected
         self._observer = observer
         self._owner = owner
-        self._loop = owner.domain.network.loop
+        self._loop = owner.domain.loop
         self._known: dict[Endpoint, None] = {}
         self._read = 0
         self._latest_ns = 0
@@ -224,58 +253,56 @@ class View:
             self._latest_ns = max(self._latest_ns, time_ns, self.met_ns)
             self._loop.at(self._latest_ns, self._update, len(self._owner.changes))
 
-    def lose(self) -> None:
-        """Remove all endpoints of the owner, because its lease has expired; repeated calls are harmless."""
+    def check_cable(self) -> None:
+        """Note that a host was disconnected or connected; the view is lost after a lease without connection."""
+        now_ns = self._loop.now_ns
+        if self.is_apart and self._apart_ns == NEVER_NS:
+            self._apart_ns = now_ns
+            self._loop.at(now_ns + self._owner.lease_ns, self._check_lease)
+        elif not self.is_apart and self._apart_ns != NEVER_NS:
+            self._apart_ns = NEVER_NS
+            if not self._owner.is_alive:
+                self._lose()
+                return
+            for endpoint in self._owner.endpoints():
+                endpoint.repair(self._observer)
+            self.expect(self._owner.host.delay_ns(self._observer.host, ENDPOINT_NS))
+
+    def _check_lease(self) -> None:
+        if self._loop.now_ns - self._apart_ns >= self._owner.lease_ns:
+            self._lose()
+
+    def _lose(self) -> None:
+        """Remove all endpoints of the owner."""
         self.met_ns = NEVER_NS
         self._read = 0
         while self._known and self._observer.is_alive:
             self._observer.forget(self._known.popitem()[0])
 
-    def check_cable(self) -> None:
-        """Note that a host was disconnected or connected; the view is lost after a lease without connection."""
-        now_ns = self._loop.now_ns
-        if self.is_apart and self.apart_ns == NEVER_NS:
-            self.apart_ns = now_ns
-            self._loop.at(now_ns + self._owner.lease_ns, self._check_lease)
-        elif not self.is_apart and self.apart_ns != NEVER_NS:
-            self.apart_ns = NEVER_NS
-            if self._owner.is_alive:
-                self.expect(REPAIR_NS)
-
-    def _check_lease(self) -> None:
-        if self._loop.now_ns - self.apart_ns >= self._owner.lease_ns:
-            self.lose()
-
     def _update(self, end: int) -> None:
-        """Read the owner's changes up to an index; endpoints that opened and closed in between are left out."""
-        is_early = self._loop.now_ns < self.met_ns or self._owner.crashed_ns < self.met_ns
-        if is_early or self.is_apart or not self._observer.is_alive:
+        """Read the owner's changes up to an index; endpoints that have closed meanwhile are left out."""
+        if self._loop.now_ns < self.met_ns or self.is_apart or not self._observer.is_alive:
             return
-        changes: dict[Endpoint, bool] = {}
         for endpoint, is_open in self._owner.changes[self._read : end]:
-            if is_open:
-                changes[endpoint] = True
-            elif not changes.pop(endpoint, False):
-                changes[endpoint] = False
-        self._read = max(self._read, end)
-        for endpoint, is_open in changes.items():
-            if is_open:
-                self._known[endpoint] = None
-                self._observer.learn(endpoint)
-            else:
+            if not is_open:
                 self._known.pop(endpoint, None)
                 self._observer.forget(endpoint)
+            elif endpoint.is_open:
+                self._known[endpoint] = None
+                self._observer.learn(endpoint)
+        self._read = max(self._read, end)
 
 
 class Domain:
     """DDS domain of the whole network, or of one host's loopback interface."""
 
-    def __init__(self, network: Network) -> None:
-        self.network = network
+    def __init__(self, loop: VirtualLoop, costs: Costs) -> None:
+        self.loop = loop
+        self.costs = costs
         self.members: dict[Participant, None] = {}
         self.announced = 0  #: Number of endpoints announced so far.
         #: Work that occupies all processes at once, each of them for the whole time.
-        self.backlog = Server()
+        self.backlog = Process()
 
     def join(self, newcomer: Participant) -> None:
         """Add a participant, and let it discover the others."""
@@ -291,18 +318,12 @@ class Domain:
         """Remove a participant, which retracts its endpoints first."""
         for endpoint in participant.endpoints():
             participant.withdraw(endpoint)
-        self._drop(participant, is_silent=False)
-
-    def crash(self, participant: Participant) -> None:
-        """Let a participant fall silent; others notice it when its lease expires."""
-        participant.crashed_ns = self.network.loop.now_ns
-        self._drop(participant, is_silent=True)
-        for endpoint in participant.endpoints():
-            endpoint.silence()
+        participant.is_alive = False
+        del self.members[participant]
 
     def announce(self, owner: Participant, endpoint: Endpoint, *, is_open: bool) -> None:
         """Announce an endpoint, or its end, to all members; this takes time of processes, see `Costs`."""
-        costs, now_ns = self.network.costs, self.network.loop.now_ns
+        costs, now_ns = self.costs, self.loop.now_ns
         self.announced += is_open
         backlog_ns = 0
         if costs.endpoint_s:
@@ -311,8 +332,8 @@ class Domain:
             backlog_ns = self.backlog.occupy(now_ns, ns_from_s(costs.announcement_s)) - now_ns
         owner.changes.append((endpoint, is_open))
         for other in self.members:
-            delay_ns = 0 if other is owner else backlog_ns + self._news_ns(owner, other)
-            other.views[owner].expect(delay_ns)
+            delay_ns = backlog_ns + owner.host.delay_ns(other.host, ENDPOINT_NS)
+            other.views[owner].expect(0 if other is owner else delay_ns)
 
     def check_cables(self) -> None:
         """Note that a host was disconnected or connected."""
@@ -322,36 +343,17 @@ class Domain:
         for one, other in combinations(self.members, 2):
             views = one.views[other], other.views[one]
             if not views[0].is_apart and any(view.met_ns == NEVER_NS for view in views):
-                now_ns = self.network.loop.now_ns
-                waits_ns = [-(now_ns - p.born_ns) % p.interval_ns for p in (one, other)]
-                self._meet(one, other, min(waits_ns))
-
-    def _drop(self, participant: Participant, *, is_silent: bool) -> None:
-        """Remove a member; members that it cannot notify remove it when its lease expires."""
-        participant.is_alive = False
-        del self.members[participant]
-        for other in self.members:
-            view = other.views[participant]
-            if is_silent or view.is_apart:
-                self.network.loop.at(participant.lease_end_ns(), view.lose)
+                lease_ns = min(one.lease_ns, other.lease_ns)
+                self._meet(one, other, round(lease_ns * ANNOUNCEMENT_SHARE))
 
     def _meet(self, one: Participant, other: Participant, wait_ns: int) -> None:
-        """Let two participants discover each other; the next SPDP of either replaces a lost one."""
+        """Let two participants discover each other after `wait_ns`, the time until an announcement."""
         delay_ns = wait_ns + PARTICIPANT_NS
         if one.host is not other.host:
             delay_ns += _CROSSINGS * (one.host.latency_ns + other.host.latency_ns)
-            delay_ns += self.network.losses(one.host, other.host) * one.interval_ns // 2
         for view in (one.views[other], other.views[one]):
             if view.is_apart:
                 view.check_cable()
             elif view.met_ns == NEVER_NS:
-                view.met_ns = self.network.loop.now_ns + delay_ns
+                view.met_ns = self.loop.now_ns + delay_ns
                 view.expect(delay_ns)
-
-    def _news_ns(self, owner: Participant, other: Participant) -> int:
-        """Return the delay of an endpoint's announcement, ns; SEDP is reliable, so a loss is a delay."""
-        if owner.host is other.host:
-            return LOOPBACK_NS
-        links_ns = owner.host.latency_ns + other.host.latency_ns
-        repairs_ns = self.network.losses(owner.host, other.host) * REPAIR_NS
-        return links_ns + ENDPOINT_NS + repairs_ns

@@ -30,8 +30,7 @@ class DeadlockError(BusError, RuntimeError):
     """All tasks wait and nothing is scheduled, so the simulation can never continue."""
 
     def __init__(self, time_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
-        self.waiting = _places(tasks)  #: Names and places of at most five waiting tasks.
-        said = f"nothing is scheduled and nobody is done; waiting are {'; '.join(self.waiting)}"
+        said = f"nothing is scheduled and nobody is done; waiting are {_places(tasks)}"
         super().__init__(f"virtual time {time_s:g} s: {said}")
 
 
@@ -39,13 +38,14 @@ class TimeLimitError(BusError, TimeoutError):
     """The simulation did not end before its limit of virtual time."""
 
     def __init__(self, limit_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
-        waiting = "; ".join(_places(tasks))
-        super().__init__(f"not done after {limit_s:g} s of virtual time; waiting are {waiting}")
+        said = f"not done after {limit_s:g} s of virtual time; waiting are {_places(tasks)}"
+        super().__init__(said)
 
 
-def _places(tasks: Iterable[asyncio.Task[object]]) -> tuple[str, ...]:
+def _places(tasks: Iterable[asyncio.Task[object]]) -> str:
+    """Return the names and places of at most five waiting tasks."""
     first = sorted((task for task in tasks if not task.done()), key=hash)[:_SHOWN_TASKS]
-    return tuple(f"{task.get_name()}{_place(task.get_coro())}" for task in first)
+    return "; ".join(f"{task.get_name()}{_place(task.get_coro())}" for task in first)
 
 
 def _place(coroutine: Any) -> str:
@@ -62,7 +62,6 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def __init__(self, limit_s: float | None = None) -> None:
         super().__init__()
         self.now_ns = 0  #: Virtual time since the start, ns.
-        self.events = 0  #: Number of events that have run.
         self._limit_ns = None if limit_s is None else round(limit_s * NS_PER_S)
         self._schedule: list[_Event] = []
         self._numbers = count()
@@ -111,7 +110,6 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return when_ns + (when_ns / NS_PER_S < when_s)
 
     def _process_events(self, event_list: list[_Event]) -> None:
-        self.events += len(event_list)
         for _, _, function, arguments in event_list:
             function(*arguments)
 

@@ -1,29 +1,14 @@
-"""Settings of a simulated network and middleware: links, costs of processes, and fixed delays."""
+"""Settings of a simulated world: costs of processes, and fixed delays of network and middleware."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfglab.errors import InvalidValueError
 from sfglab.fields import between, check_bounds
 from sfglab.units import NS_PER_S
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkModel:
-    """Link of one host to the network, equal in both directions; a path between two hosts has two links."""
-
-    latency_s: float = between(50e-6)  #: Latency of the link, s.
-    #: Probability with which each link loses a packet.
-    loss: float = between(0.0, 0, 1, without=(1,))
-    #: Rate of Ethernet frames, bit/s; excess frames wait in an unbounded queue. None for an unlimited rate.
-    rate_bps: float | None = None
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        if self.rate_bps is not None and not self.rate_bps > 0:
-            raise InvalidValueError("rate_bps", self.rate_bps, "rates above 0, or None")
-
+#: Latency of a host's link to the network, s; a path between two hosts has two links.
+LATENCY_S = 50e-6
 
 # Delays of the middleware, without the latency of the links; Cyclone DDS 11.0.1 unless stated otherwise.
 # Delay from a publisher to a subscription of the same host: a queue and a wake-up.
@@ -38,8 +23,6 @@ ENDPOINT_NS = 300_000
 PARTICIPANT_NS = 18_000_000
 # Delay from a match to the history's arrival at a TRANSIENT_LOCAL reader: PreEmptiveAckDelay.
 HISTORY_NS = 10_000_000
-# Delay from a packet's loss to its retransmission: NackDelay, which equals the interval of heartbeats.
-REPAIR_NS = 100_000_000
 ANNOUNCEMENT_SHARE = 0.8  # Interval of the periodic SPDP announcement as a share of the lease.
 
 

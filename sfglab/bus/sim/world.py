@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 from random import Random
-from typing import TYPE_CHECKING, Literal, TypedDict, TypeVar, Unpack, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from sfglab.bus.dds.domain import DomainConfig
 from sfglab.bus.errors import BusError
-from sfglab.bus.sim.backend import SimBackend, SimGraph, SimNode
-from sfglab.bus.sim.domain import Domain, Participant
+from sfglab.bus.graph import Graph
+from sfglab.bus.node import Node
+from sfglab.bus.sim.backend import SimBackend
+from sfglab.bus.sim.domain import Domain, Host, Participant, Process
 from sfglab.bus.sim.loop import VirtualLoop
-from sfglab.bus.sim.network import Host, Network, Server, host_id
-from sfglab.bus.sim.settings import Costs, LinkModel, ns_from_s
-from sfglab.errors import InvalidValueError
+from sfglab.bus.sim.settings import LATENCY_S, Costs, ns_from_s
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -22,97 +23,106 @@ if TYPE_CHECKING:
     from sfglab.bus.loop import OnError
 
 T = TypeVar("T")
-Reach = Literal["network", "host"]
-
-
-class NodeOptions(TypedDict, total=False):
-    """Further options of `World.node`."""
-
-    namespace: str  #: Namespace of relative topic names ("/").
-    lease_s: float  #: Lease: the others remove the node after this silence (10.0).
-    #: Function that receives each exception of a callback and a text that names its place.
-    on_error: OnError | None
-    process: str  #: Name of the process, whose nodes share its time (one process per node).
-
-
-class WorldOptions(TypedDict, total=False):
-    """Options of a world."""
-
-    seed: int  #: Seed of all random draws (0).
-    link: LinkModel  #: Link of every host without a link of its own.
-    costs: Costs  #: Processing times of processes.
 
 
 class World:
-    """World of hosts on a network and the nodes on them, inside a `VirtualLoop`."""
+    """World of hosts on a network and the nodes on them, inside a `VirtualLoop`.
 
-    def __init__(self, **options: Unpack[WorldOptions]) -> None:
+    Args:
+        seed: Seed of all random draws.
+        latency_s: Latency of the link of every host without a latency of its own, s.
+        costs: Processing times of processes.
+    """
+
+    def __init__(
+        self, *, seed: int = 0, latency_s: float = LATENCY_S, costs: Costs | None = None
+    ) -> None:
         loop = asyncio.get_running_loop()
         if not isinstance(loop, VirtualLoop):
             raise BusError("a world needs virtual time: use it inside run_simulated")
         self.loop = loop
-        self.seed = options.get("seed", 0)
+        self.seed = seed
         #: Source of all random draws; components may draw from it as well.
-        self.random = Random(self.seed)
-        self.hosts: dict[str, Host] = {}  #: Hosts by name.
-        self._costs = options.get("costs", Costs())
-        self._network = Network(loop, self._costs, self.random)
-        self._link = options.get("link", LinkModel())
+        self.random = Random(seed)
+        self._costs = costs or Costs()
+        self._latency_s = latency_s
+        self._hosts: dict[str, Host] = {}
         self._domains: dict[tuple[int, Host | None], Domain] = {}
-        self._processes: dict[tuple[Host, str], Server] = {}
-        self._nodes: list[SimNode] = []
+        self._processes: dict[tuple[Host, str], Process] = {}
+        self._nodes: list[Node] = []
 
     @property
     def now_ns(self) -> int:
         """Virtual time since the start, ns."""
         return self.loop.now_ns
 
-    def host(self, name: str, link: LinkModel | None = None) -> Host:
-        """Return a host, which the first call creates; without a link it has the world's."""
-        if name not in self.hosts:
-            id_ = host_id(self.seed, name)
-            self.hosts[name] = Host(name, id_, link or self._link, self._check_cables)
-        return self.hosts[name]
+    def host(self, name: str, latency_s: float | None = None) -> Host:
+        """Return a host, which the first call creates; without a latency its link has the world's."""
+        if name not in self._hosts:
+            digest = hashlib.blake2b(f"{self.seed} {name}".encode(), digest_size=8)
+            latency_ns = ns_from_s(self._latency_s if latency_s is None else latency_s)
+            self._hosts[name] = Host(name, digest.hexdigest(), latency_ns)
+        return self._hosts[name]
 
-    def node(
+    def connect(self, host: str, *, connected: bool = True) -> None:
+        """Connect a host to the network, or disconnect it: it then exchanges no packets with other hosts.
+
+        Reliable writers send again what their readers missed, as far as they keep it. After a lease without
+        connection participants lose each other.
+        """
+        self.host(host).is_connected = connected
+        for (_, owner), domain in self._domains.items():
+            if owner is None:
+                domain.check_cables()
+
+    def node(  # noqa: PLR0913 - by keyword
         self,
         name: str,
         *,
         host: str = "host",
         domain_id: int = 0,
-        reach: Reach = "network",
-        **options: Unpack[NodeOptions],
-    ) -> SimNode:
+        reach: Literal["network", "host"] = "network",
+        process: str | None = None,
+        lease_s: float = 10.0,
+        namespace: str = "/",
+        on_error: OnError | None = None,
+    ) -> Node:
         """Return a started node in a domain of the network or of its host, which is created if needed.
+
+        Args:
+            name: Name of the node.
+            host: Name of its host.
+            domain_id: DDS domain, 0 to 232.
+            reach: Whether the domain is the network's or the host's own.
+            process: Name of its process, whose nodes share its time; None for a process of its own.
+            lease_s: Lease: the others remove the node after this silence, s.
+            namespace: Namespace of relative topic names.
+            on_error: See `Node`.
 
         Raises:
             DomainError: The domain id or the lease is not allowed.
-            InvalidValueError: The reach is unknown.
         """
-        if reach not in get_args(Reach):
-            raise InvalidValueError(f"node {name!r}: reach", reach, ", ".join(get_args(Reach)))
-        config = DomainConfig(domain_id=domain_id, lease_s=options.get("lease_s", 10.0))
+        config = DomainConfig(domain_id=domain_id, lease_s=lease_s)
         where = self.host(host)
         key = (domain_id, None if reach == "network" else where)
-        domain = self._domains.setdefault(key, Domain(self._network))
+        domain = self._domains.setdefault(key, Domain(self.loop, self._costs))
         number = len(self._nodes)
-        process = self._process(where, options.get("process", f"node {number}"))
+        runs_in = self._process(where, process or f"node {number}")
 
         def join(full_name: str, on_error: OnError | None) -> Backend:
             participant = Participant(
                 domain,
                 where,
-                process,
-                SimGraph(self.loop),
+                runs_in,
+                Graph(self.loop),
                 name=full_name,
                 number=number,
                 lease_ns=ns_from_s(config.lease_s),
             )
             domain.join(participant)
-            return SimBackend(participant, on_error)
+            return SimBackend(participant, self.random, on_error)
 
-        namespace, on_error = options.get("namespace", "/"), options.get("on_error")
-        node = SimNode(name, namespace=namespace, on_error=on_error, join=join)
+        node = Node(name, namespace=namespace, on_error=on_error, join=join)
         node.start()
         self._nodes.append(node)
         return node
@@ -126,24 +136,16 @@ class World:
         for node in self._nodes:
             node.destroy_node()
 
-    def _process(self, host: Host, name: str) -> Server:
+    def _process(self, host: Host, name: str) -> Process:
         process = self._processes.get((host, name))
         if process is None:
-            process = self._processes[host, name] = Server()
+            process = self._processes[host, name] = Process()
             process.occupy(self.now_ns, ns_from_s(self._costs.start_s))
         return process
 
-    def _check_cables(self) -> None:
-        for (_, host), domain in self._domains.items():
-            if host is None:
-                domain.check_cables()
-
 
 def run_simulated(
-    main: Callable[[World], Awaitable[T]],
-    *,
-    limit_s: float | None = None,
-    **options: Unpack[WorldOptions],
+    main: Callable[[World], Awaitable[T]], *, limit_s: float | None = None, **options: Any
 ) -> T:
     """Run a coroutine function in a new world with options of `World`, and return its result.
 

@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointAdded, EndpointEvent, RawEndpoint
-from sfglab.bus.sim import Costs, SimNode, World, run_simulated
+from sfglab.bus.sim import Costs, World, run_simulated
 from sfglab.component import beside
 from sfglab.fleet.discovery.config import DiscoverySettings
 from sfglab.fleet.discovery.node import AgentDiscoverer
@@ -37,6 +37,7 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
+    from sfglab.bus.node import Node
     from sfglab.fleet.discovery.registry import Order
 
 CORES = 4  #: Cores of an agent's computer: a Raspberry Pi 5 in paper A, section 5.1.
@@ -170,7 +171,7 @@ async def run_standard(fleet: Fleet, world: World) -> tuple[dict[str, Any], ...]
     return await arrivals.rows()
 
 
-def ros_node(world: World, host: str, role: str, number: int) -> SimNode:
+def ros_node(world: World, host: str, role: str, number: int) -> Node:
     """Return a node with the endpoints of one of demo_nodes_cpp."""
     node = world.node(f"{role}_{number}", host=host)
     ends = node.open_forwarder(node)  # bare endpoints without samples
@@ -185,7 +186,7 @@ def ros_node(world: World, host: str, role: str, number: int) -> SimNode:
     return node
 
 
-def watch(node: SimNode, agent: str, remote: int, arrivals: Arrivals) -> None:
+def watch(node: Node, agent: str, remote: int, arrivals: Arrivals) -> None:
     """Complete an agent when one of its nodes knows all endpoints of the others; its nodes are equally fast."""
     known: set[bytes] = set()
     own = arrivals.world.host(agent).id
