@@ -39,8 +39,11 @@ class View:
 
     def topics(self, *, hidden: bool = False) -> Types:
         """Return topics with their types."""
-        found = (e for e in self.endpoints if _role(e) is names.DdsRole.TOPIC)
-        return _by_name(((e.topic, e.type) for e in found), hidden=hidden)
+        found: dict[str, set[str]] = {}
+        for end in self.endpoints:
+            if _role(end) is names.DdsRole.TOPIC and (hidden or not is_hidden(end.topic)):
+                found.setdefault(end.topic, set()).add(end.type)
+        return {topic: tuple(sorted(found[topic])) for topic in sorted(found)}
 
     def ends(self, topic: str, kind: EndpointKind) -> list[EndpointInfo]:
         """Return a topic's publishers or subscriptions."""
@@ -55,21 +58,14 @@ def _role(endpoint: EndpointInfo) -> names.DdsRole | None:
     return wire.role if wire else None
 
 
-def _by_name(pairs: Iterable[tuple[str, str]], *, hidden: bool) -> Types:
-    found: dict[str, set[str]] = {}
-    for name, type_ in pairs:
-        if hidden or not is_hidden(name):
-            found.setdefault(name, set()).add(type_)
-    return {name: tuple(sorted(found[name])) for name in sorted(found)}
-
-
 def one_of(known: Iterable[str], name: str, what: str) -> str:
     """Return `name` if it is known.
 
     Raises:
         InvalidValueError: The name is unknown; the error lists similar names.
     """
-    if name in (there := list(dict.fromkeys(known))):
+    there = list(known)
+    if name in there:
         return name
     near = difflib.get_close_matches(name, there, n=5, cutoff=0.5) or there[:5]
     allowed = f"one that is there, such as {', '.join(near)}" if near else "there is none"
@@ -93,15 +89,14 @@ async def settled(node: Node, spin_s: float | None = None) -> View:
     if spin_s is not None:
         await asyncio.sleep(spin_s)
         return view(node)
-    end_s, before = time.monotonic() + _LIMIT_S, _NOTHING
+    end_s = time.monotonic() + _LIMIT_S
+    now = _NOTHING
     while time.monotonic() < end_s:
         await asyncio.sleep(_QUIET_S)
-        if (now := view(node)) == before != _NOTHING and not any(
-            map(_is_half_known, now.endpoints)
-        ):
+        before, now = now, view(node)
+        if now == before != _NOTHING and not any(map(_is_half_known, now.endpoints)):
             break
-        before = now
-    return view(node)
+    return now
 
 
 def tells_no_history(endpoint: EndpointInfo) -> bool:

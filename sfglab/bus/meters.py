@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from typing import Any
+
+import numpy as np
 
 from sfglab.units import NS_PER_S
 
@@ -24,15 +25,15 @@ class Rate:
 
     def values(self) -> dict[str, Any] | None:
         """Return rate (Hz), and minimum, maximum and standard deviation of gaps (s); None without gaps."""
-        gaps = self._gaps_ns
-        if not gaps or not (mean := sum(gaps) / len(gaps)):
+        gaps_s = np.array(self._gaps_ns) / NS_PER_S
+        if not gaps_s.any():
             return None
-        deviation = math.sqrt(sum((gap - mean) ** 2 for gap in gaps) / len(gaps))
-        times = {"min_s": min(gaps), "max_s": max(gaps), "std_dev_s": deviation}
         return {
-            "rate_hz": NS_PER_S / mean,
-            **{k: v / NS_PER_S for k, v in times.items()},
-            "window": len(gaps),
+            "rate_hz": 1.0 / float(gaps_s.mean()),
+            "min_s": float(gaps_s.min()),
+            "max_s": float(gaps_s.max()),
+            "std_dev_s": float(gaps_s.std()),
+            "window": len(gaps_s),
         }
 
     @staticmethod

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 READ_ONLY = "it is given when the component starts"
 _SERVICES = (
-    "DescribeParameters",
-    "GetParameters",
-    "ListParameters",
-    "SetParameters",
-    "GetParameterTypes",
-    "SetParametersAtomically",
+    "describe_parameters",
+    "get_parameters",
+    "list_parameters",
+    "set_parameters",
+    "get_parameter_types",
+    "set_parameters_atomically",
 )
 # For each type: field of ParameterValue, and ParameterType of one value and of an array (rcl_interfaces/msg).
 _KINDS: dict[type, tuple[str, int, int]] = {
@@ -38,11 +38,10 @@ _KINDS: dict[type, tuple[str, int, int]] = {
 
 def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the parameters of a JSON value; parts of names are joined by dots, and None values are left out."""
-    parts = (
-        value.items() if isinstance(value, dict) else enumerate(value) if _is_mixed(value) else None
-    )
-    if parts is not None:
-        for key, part in parts:
+    if _is_mixed(value):
+        value = dict(enumerate(value))
+    if isinstance(value, dict):
+        for key, part in value.items():
             yield from flat(part, f"{name}.{key}" if name else str(key))
     elif value is not None:
         yield name, value
@@ -77,31 +76,30 @@ class Parameters:
             self._serve(node, service, transport)
 
     def _serve(self, node: Node, service: str, transport: ParameterTransport) -> None:
-        type_ = service_type(f"rcl_interfaces/srv/{service}")
-        words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in service)[
-            1:
-        ]
-        answer = getattr(self, f"_{words}")
+        type_ = service_type(f"rcl_interfaces/srv/{service.title().replace('_', '')}")
+        answer = getattr(self, f"_{service}")
 
         def handle(request: Any) -> Any:
             return type_.response(**answer(request))
 
-        node.create_service(type_.name, f"~/{words}", handle, transport=transport)
+        node.create_service(type_.name, f"~/{service}", handle, transport=transport)
+
+    def _values_of(self, request: Any) -> list[Any]:
+        return [parameter_value(self._values.get(name)) for name in request.names]
 
     def _get_parameters(self, request: Any) -> dict[str, Any]:
-        return {"values": [parameter_value(self._values.get(name)) for name in request.names]}
+        return {"values": self._values_of(request)}
 
     def _get_parameter_types(self, request: Any) -> dict[str, Any]:
-        types = [parameter_value(self._values.get(name)).type for name in request.names]
+        types = [value.type for value in self._values_of(request)]
         return {"types": np.array(types, np.uint8)}
 
     def _describe_parameters(self, request: Any) -> dict[str, Any]:
-        kinds = [(name, parameter_value(self._values.get(name)).type) for name in request.names]
-        return {
-            "descriptors": [
-                _made("ParameterDescriptor", name=n, type=t, read_only=True) for n, t in kinds
-            ]
-        }
+        descriptors = [
+            _made("ParameterDescriptor", name=name, type=value.type, read_only=True)
+            for name, value in zip(request.names, self._values_of(request), strict=True)
+        ]
+        return {"descriptors": descriptors}
 
     def _list_parameters(self, request: Any) -> dict[str, Any]:
         prefixes = request.prefixes or [""]

@@ -9,6 +9,7 @@ Services of rmw_fastrtps have the transport "ros": a program in ROS 2's own inte
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
@@ -43,83 +44,54 @@ _ANSWERS = QoSProfile(depth=100, reliability=SERVICES.reliability)
 _CLIENT_TIMEOUT_S = 1.0
 
 
-class _Pair:
-    """Writer and reader of one side of a service, and the frames that arrive."""
+class _ServiceEnd:
+    """Server or client of a service: a writer, a reader, and the frames that arrive."""
 
-    def __init__(  # noqa: PLR0913 - by keyword
-        self,
-        backend: Backend,
-        type_: str,
-        name: str,
-        *,
-        server: bool,
-        transport: Transport,
-        on_frame: Callable[[ServiceFrame, bytes], Any],
+    def __init__(
+        self, backend: Backend, type_: str, *, name: str, transport: Transport, is_server: bool
     ) -> None:
-        self.name = name
-        self.changed = Signal(backend.loop)
-        self.calls = backend.calls(f"{'service' if server else 'client'} {name!r}")
-        identity = user_data(
-            {"serviceid" if server else "clientid": backend.random_bytes(16).hex(".")}
-        )
-        in_, out = _halves(name, type_, identity, server=server, transport=transport)
+        self.service_name = name  #: Fully resolved ROS service.
+        self._backend = backend
         self._transport = transport
-        self.inbox = Inbox(
-            backend.bridge, _QOS, decode=_framed, callback=lambda f: on_frame(*f), calls=self.calls
+        self._changed = Signal(backend.loop)
+        self._calls = backend.calls(f"{'service' if is_server else 'client'} {name!r}")
+        key = "serviceid" if is_server else "clientid"
+        identity = user_data({key: backend.random_bytes(16).hex(".")})
+        endpoint = partial(RawEndpoint, user_data=identity, name=name, transport=transport)
+        request_topic, reply_topic = names.dds_service(name)
+        answers = _ANSWERS if is_server else _QOS
+        request = endpoint(dds_topic=request_topic, type=f"{type_}_Request", qos=_QOS)
+        reply = endpoint(dds_topic=reply_topic, type=f"{type_}_Response", qos=answers)
+        read, written = (request, reply) if is_server else (reply, request)
+        self._inbox = Inbox(
+            backend.bridge, _QOS, decode=_framed, callback=self._on_sample, calls=self._calls
         )
-        self.writer = backend.open_writer(out, self.changed.notify)
-        self.reader = backend.open_reader(in_, self.changed.notify, self.inbox)
-
-    def peers(self) -> frozenset[bytes]:
-        """Return the GUID prefixes of participants with both endpoints of the other side and our frames."""
-        both = self.writer.matched_prefixes & self.reader.matched_prefixes
-        return frozenset(
-            one for one in both if one.startswith(FAST_DDS) == (self._transport == "ros")
-        )
-
-    def strangers(self) -> str:
-        """Name peers of this service whose requests are framed in another way; empty if there are none."""
-        strange = self.writer.matched_prefixes & self.reader.matched_prefixes - self.peers()
-        return "only one of rmw_fastrtps was found: transport='ros' reaches it" if strange else ""
-
-    def send(self, frame: ServiceFrame) -> None:
-        self.writer.write(frame_service(frame))
+        self._writer = backend.open_writer(written, self._changed.notify)
+        self._reader = backend.open_reader(read, self._changed.notify, self._inbox)
+        backend.register(self._end)
 
     def close(self) -> None:
-        self.reader.close()
-        self.writer.close()
-        self.inbox.close()
+        """Close the end and let its pending calls fail; repeated calls are harmless."""
+        self._backend.end(self._end)
 
+    def _end(self) -> None:
+        self._reader.close()
+        self._writer.close()
+        self._inbox.close()
 
-def _halves(
-    name: str, type_: str, identity: bytes, *, server: bool, transport: Transport
-) -> tuple[RawEndpoint, RawEndpoint]:
-    """Return the endpoint that one side of a service reads and the one that it writes."""
-    service = service_type(type_)
-    request, reply = (
-        RawEndpoint(
-            dds_topic=topic,
-            type=type_name(half),
-            qos=qos,
-            user_data=identity,
-            name=name,
-            transport=transport,
-        )
-        for topic, half, qos in zip(
-            names.dds_service(name),
-            (service.request, service.response),
-            (_QOS, _ANSWERS if server else _QOS),
-            strict=True,
-        )
-    )
-    return (request, reply) if server else (reply, request)
+    def _on_sample(self, sample: tuple[ServiceFrame, bytes]) -> None:
+        """Handle a frame and the GID of its publisher."""
+        raise NotImplementedError
+
+    def _send(self, frame: ServiceFrame) -> None:
+        self._writer.write(frame_service(frame))
 
 
 def _framed(sample: Sample) -> tuple[ServiceFrame, bytes]:
     return unframe_service(bytes(sample[0])), sample[3]
 
 
-class Service:
+class Service(_ServiceEnd):
     """Server of a service; made by `Node.create_service`.
 
     Requests are handled concurrently, in the order of their arrival. An exception of the handler is reported,
@@ -136,68 +108,55 @@ class Service:
         transport: Transport = "dds",
         answered: Callable[[Any], None] | None = None,
     ) -> None:
-        self.service_name = name  #: Fully resolved ROS service.
         service = service_type(type_)
         self._request = service.request
         self._response = type_name(service.response)
         self._handler = handler
         self._answered = answered
-        self._backend = backend
-        self._pair = _Pair(
-            backend, type_, name, server=True, transport=transport, on_frame=self._on_frame
-        )
-        backend.register(self._pair.close)
+        super().__init__(backend, type_, name=name, transport=transport, is_server=True)
 
-    @property
-    def last_error(self) -> BaseException | None:
-        """Latest exception of the handler; None if there was none."""
-        return self._pair.calls.last_error
-
-    def close(self) -> None:
-        """Close the service; repeated calls are harmless."""
-        self._backend.end(self._pair.close)
-
-    def _on_frame(self, frame: ServiceFrame, publisher_gid: bytes) -> None:
-        self._pair.calls.spawn(self._answer(frame, publisher_gid))
+    def _on_sample(self, sample: tuple[ServiceFrame, bytes]) -> None:
+        self._calls.spawn(self._answer(*sample))
 
     async def _answer(self, frame: ServiceFrame, publisher_gid: bytes) -> None:
-        pair = self._pair
         request = deserialize(frame.cdr, self._request)
         response = await awaited(self._handler(request))
-        checked_type(response, type_=self._response, where=pair.name)
+        checked_type(response, type_=self._response, where=self.service_name)
         prefix = self._backend.participant_of(publisher_gid)
         # A client may discover the server first. A response that is sent before the server discovers it is
         # lost.
-        await pair.changed.wait_until(
-            lambda: prefix in pair.writer.matched_prefixes, _CLIENT_TIMEOUT_S
+        await self._changed.wait_until(
+            lambda: prefix in self._writer.matched_prefixes, _CLIENT_TIMEOUT_S
         )
-        pair.send(frame._replace(cdr=serialize(response)))
+        self._send(frame._replace(cdr=serialize(response)))
         if self._answered is not None:
             self._answered(request)
 
 
-class Client:
+class Client(_ServiceEnd):
     """Client of a service; made by `Node.create_client`. Calls may run concurrently."""
 
     def __init__(
         self, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
     ) -> None:
-        self.service_name = name  #: Fully resolved ROS service.
         service = service_type(type_)
         self._request_type = type_name(service.request)
         self._response = service.response
         self._guid = int.from_bytes(backend.random_bytes(8), "little")
         self._sequence = 0
         self._pending: dict[int, asyncio.Future[ServiceFrame]] = {}
-        self._backend = backend
-        self._pair = _Pair(
-            backend, type_, name, server=False, transport=transport, on_frame=self._on_frame
-        )
-        backend.register(self._end)
+        super().__init__(backend, type_, name=name, transport=transport, is_server=False)
 
     def service_is_ready(self) -> bool:
         """Return whether a server can be called now."""
-        return bool(self._pair.peers())
+        return any(self._frames_as_we_do(server) for server in self._servers())
+
+    def _servers(self) -> frozenset[bytes]:
+        """Return the GUID prefixes of the participants with both endpoints of a server."""
+        return self._writer.matched_prefixes & self._reader.matched_prefixes
+
+    def _frames_as_we_do(self, server: bytes) -> bool:
+        return server.startswith(FAST_DDS) == (self._transport == "ros")
 
     async def wait_for_service(self, timeout_s: float = 5.0) -> None:
         """Return once a server can be called.
@@ -205,12 +164,12 @@ class Client:
         Raises:
             BusTimeoutError: No server was found within `timeout_s`.
         """
-        if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
+        if not await self._changed.wait_until(self.service_is_ready, timeout_s):
             raise discovery_timeout_error(f"service {self.service_name!r}: a server", timeout_s)
 
     async def wait_until_gone(self) -> None:
         """Return once no server can be called; at once if there is none."""
-        await self._pair.changed.wait_until(lambda: not self.service_is_ready(), None)
+        await self._changed.wait_until(lambda: not self.service_is_ready(), None)
 
     async def call(
         self, request: Any, timeout_s: float | None = 5.0, *, max_bytes: int | None = None
@@ -228,12 +187,15 @@ class Client:
         """
         name = self.service_name
         said = f"service {name!r}: no answer within {timeout_s or 0.0} s"
-        if self._pair.inbox.closed or self._backend.closed:
+        if self._inbox.closed or self._backend.closed:
             raise ClosedError(f"client {name!r}")
         checked_type(request, type_=self._request_type, where=name)
         start_s = self._backend.loop.time()
-        if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
-            raise BusTimeoutError(f"{said} ({self._pair.strangers() or 'no server was found'})")
+        if not await self._changed.wait_until(self.service_is_ready, timeout_s):
+            reason = "no server was found"
+            if self._servers():
+                reason = "only one of rmw_fastrtps was found: transport='ros' reaches it"
+            raise BusTimeoutError(f"{said} ({reason})")
         remaining_s = timeout_s and timeout_s - (self._backend.loop.time() - start_s)
         try:
             async with asyncio.timeout(remaining_s):
@@ -249,20 +211,17 @@ class Client:
             )
         return deserialize(frame.cdr, self._response)
 
-    def close(self) -> None:
-        """Close the client and end its pending calls; repeated calls are harmless."""
-        self._backend.end(self._end)
-
     def _end(self) -> None:
-        self._pair.close()
+        super()._end()
         if self._backend.loop.is_closed():
             return
         for future in list(self._pending.values()):
             if not future.done():
                 future.set_exception(ClosedError(f"client {self.service_name!r}"))
 
-    def _on_frame(self, frame: ServiceFrame, _publisher_gid: bytes) -> None:
+    def _on_sample(self, sample: tuple[ServiceFrame, bytes]) -> None:
         """Give a reply to its waiting call; replies to other clients share the topic and are ignored."""
+        frame, _ = sample
         future = self._pending.get(frame.sequence) if frame.client_guid == self._guid else None
         if future is not None and not future.done():
             future.set_result(frame)
@@ -273,5 +232,5 @@ class Client:
         future: asyncio.Future[ServiceFrame] = self._backend.loop.create_future()
         self._pending[sequence] = future
         future.add_done_callback(lambda _: self._pending.pop(sequence, None))
-        self._pair.send(ServiceFrame(self._guid, sequence, cdr))
+        self._send(ServiceFrame(self._guid, sequence, cdr))
         return future

@@ -208,7 +208,7 @@ async def test_a_client_that_acknowledges_nothing_takes_no_answer_from_others(
     """
     async with child(listener, "deaf", lease_s=1000.0) as deaf:
         client = there.create_client(SERVICE, "/s")
-        await until(lambda: len(service._pair.writer.matched_prefixes) == 2)
+        await until(lambda: len(service._writer.matched_prefixes) == 2)
         await deaf.stop()
         for _ in range(300):
             assert len((await client.call(Request(), timeout_s=30)).message) == 4000

@@ -1,4 +1,4 @@
-"""The same router in the simulated world: many agents, late and lossy, and every message where it belongs."""
+"""The same router in the simulated world: many agents, late ones too, and every message where it belongs."""
 
 import asyncio
 from contextlib import asynccontextmanager
