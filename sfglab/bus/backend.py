@@ -16,15 +16,14 @@ from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
 from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
 from sfglab.bus.errors import WriterBlockedError
 from sfglab.bus.forwarding import Forward, Forwarder, GuardedWriter, Transform
 from sfglab.bus.loop import CallbackRunner, LoopBridge, OnError, nothing
 from sfglab.bus.ros.services import RosServices
-from sfglab.messages import decoder
 
 if TYPE_CHECKING:
+    from sfglab.bus.api import RawEndpoint
     from sfglab.bus.graph import Graph
     from sfglab.qos import QoSProfile
 
@@ -97,20 +96,9 @@ class Backend(ABC):
         """Return the part of an endpoint's GID that names its participant."""
         return gid[:12]
 
-    def decoder(self, type_: str) -> Callable[[Any], Any]:
-        """Return a function that decodes CDR into messages of a type."""
-        return decoder(type_)
-
     def random_bytes(self, count: int) -> bytes:
         """Return random bytes that are unique among nodes."""
         return secrets.token_bytes(count)
-
-    def watch_publishers(
-        self, reader: Reader, endpoint: RawEndpoint, listener: Listener
-    ) -> Callable[[], None]:
-        """Call a listener for events of all publishers of a topic; return a function that stops this."""
-        del reader
-        return self.graph.watch(endpoint.dds_topic, EndpointKind.PUBLISHER, listener)
 
     def calls(self, where: str) -> CallbackRunner:
         """Return a runner for the callbacks of one endpoint."""

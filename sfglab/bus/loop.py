@@ -191,8 +191,6 @@ class CallbackRunner:
     """
 
     def __init__(self, tasks: set[asyncio.Task[Any]], where: str, on_error: OnError | None) -> None:
-        #: Latest exception of a callback; None if there was none.
-        self.last_error: BaseException | None = None
         self._tasks = tasks
         self._where = where
         self._on_error = on_error
@@ -224,7 +222,6 @@ class CallbackRunner:
 
     def report(self, error: BaseException) -> None:
         """Report a failure to `on_error`, or log it."""
-        self.last_error = error
         if self._on_error is not None:
             self._on_error(error, self._where)
         else:

@@ -8,7 +8,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
-from sfglab.bus.api import EndpointAdded, MessageInfo, RawEndpoint
+from sfglab.bus.api import EndpointAdded, EndpointKind, MessageInfo, RawEndpoint
 from sfglab.bus.endpoints import Endpoint, Inbox, Sample, ThreadInbox
 from sfglab.bus.errors import (
     BusTimeoutError,
@@ -17,7 +17,7 @@ from sfglab.bus.errors import (
     discovery_timeout_error,
 )
 from sfglab.bus.loop import Signal
-from sfglab.messages import message_type, type_name
+from sfglab.messages import decoder, message_type, type_name
 from sfglab.qos import QoSProfile, incompatibilities
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ class Subscription(TopicEnd):
         raw: bool,
     ) -> None:
         super().__init__(backend, endpoint)
-        self._decode = itemgetter(0) if raw else _decoding(backend, endpoint.type)
+        self._decode = itemgetter(0) if raw else _decoding(endpoint.type)
         calls = backend.calls(self._what)
         kind = ThreadInbox if endpoint.threaded else Inbox
         self._inbox = kind(
@@ -170,8 +170,9 @@ class Subscription(TopicEnd):
         )
         self._reader = backend.open_reader(endpoint, self._changed.notify, self._inbox)
         self.gid = self._reader.gid  #: 16-byte DDS GUID, as other nodes discover it.
-        self._unwatch = backend.watch_publishers(
-            self._reader, endpoint, _Warnings(backend, endpoint).hear
+        warnings = _Warnings(backend, endpoint)
+        self._unwatch = backend.graph.watch(
+            endpoint.dds_topic, EndpointKind.PUBLISHER, warnings.hear
         )
         backend.register(self._end)
 
@@ -184,11 +185,6 @@ class Subscription(TopicEnd):
     def lost(self) -> int:
         """Number of messages that the transport knows to be lost."""
         return self._reader.lost
-
-    @property
-    def last_error(self) -> BaseException | None:
-        """Latest exception of the callback; None if there was none."""
-        return self._inbox.calls.last_error
 
     async def take(self, timeout_s: float | None = None) -> Any:
         """Return the oldest queued message; wait for one if there is none, without a time-out indefinitely.
@@ -255,9 +251,9 @@ class Subscription(TopicEnd):
             raise BusTimeoutError(f"topic {self.topic_name!r}: {said}") from error
 
 
-def _decoding(backend: Backend, type_: str) -> Callable[[Sample], Any]:
+def _decoding(type_: str) -> Callable[[Sample], Any]:
     message_type(type_)  # an unknown type raises before a message arrives
-    decode = backend.decoder(type_)
+    decode = decoder(type_)
     return lambda sample: decode(sample[0])
 
 

@@ -9,11 +9,13 @@ import asyncio
 import itertools
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind
+from sfglab.bus.errors import BusTimeoutError
 from sfglab.bus.listing import settled, tells_no_history, usual_qos, view
 from sfglab.component import end_tasks
 from sfglab.messages import MessageError, UnknownTypeError, register_definition, type_name
@@ -213,13 +215,10 @@ class Player:
         """Wait until existing subscriptions are discovered and matched."""
         seen = await settled(self._node)
         for topic, publisher in self._publishers.items():
-            count = len(
-                [e for e in seen.ends(topic, EndpointKind.SUBSCRIPTION) if e.transport == "dds"]
-            )
-            for _ in range(round(_MATCH_S / 0.1)):
-                if publisher.get_subscription_count() >= count:
-                    break
-                await asyncio.sleep(0.1)
+            ends = seen.ends(topic, EndpointKind.SUBSCRIPTION)
+            count = sum(end.transport == "dds" for end in ends)
+            with suppress(BusTimeoutError):
+                await publisher.wait_for_subscriptions(count, _MATCH_S)
 
     async def _play(self, reader: LogReader, do: Callable[..., Any]) -> None:
         begin_ns = reader.span_ns[0] + round(self._how.start_s * NS_PER_S)

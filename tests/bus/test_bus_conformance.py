@@ -95,7 +95,7 @@ async def test_every_reader_and_callback_gets_all_in_order_and_nothing_once_clos
     publisher.publish(text("late"))
     await readers[1].take(60)
     assert [*heard.values()] == [numbers, numbers]
-    assert {(str(each.last_error), each.dropped) for each in noted} == {("3", 0)}
+    assert {each.dropped for each in noted} == {0}
     assert {r.getMessage() for r in caplog.records} == {"callback of subscription '/t' failed"}
     (thread,) = threads
     assert (thread is threading.main_thread()) == (there.backend.kind != "live")

@@ -240,10 +240,11 @@ class Discovery:
         def handle() -> None:
             # Cyclone knows a participant before its endpoints, but does not always report it before them.
             self._read_participants()
-            found = _take(reader, clib.Endpoint)
-            changes = [
-                self._change(one, kind, alive=alive) for one, alive in found if not _builtin(one)
-            ]
+            changes: list[Change] = []
+            for sample, alive in _take(reader, clib.Endpoint):
+                if not _builtin(sample):
+                    gid = bytes(sample.key)
+                    changes.append((gid, self._info(sample, gid, kind) if alive else None))
             if changes:
                 self._on_changes(changes)
 
@@ -259,10 +260,6 @@ class Discovery:
             known = entries(clib.user_data(sample.qos))
             host = known.get(HOST_KEY) or clib.string_property(sample.qos, "__Hostname")
             self._origins[key] = host, known.get(NODE_KEY, "")
-
-    def _change(self, sample: Any, kind: EndpointKind, *, alive: bool) -> Change:
-        gid = bytes(sample.key)
-        return gid, self._info(sample, gid, kind) if alive else None
 
     def _info(self, sample: Any, gid: bytes, kind: EndpointKind) -> EndpointInfo:
         participant = bytes(sample.participant_key)

@@ -101,8 +101,6 @@ class DomainConfig:
 
     def __post_init__(self) -> None:
         for domain_id in (self.domain_id, self.wire_id):
-            if isinstance(domain_id, bool) or not isinstance(domain_id, int):
-                raise DomainError(domain_id, "the id is no whole number; allowed are 0 to 232")
             if not 0 <= domain_id <= MAX_DOMAIN:
                 why = "allowed ids are 0 to 232: the UDP ports of higher ones do not exist"
                 raise DomainError(domain_id, why)

@@ -316,13 +316,11 @@ class ShmAnnouncement:
 
     def __init__(self, handle: int) -> None:
         self.gid = clib.entity_guid(handle)  #: 16-byte GUID of the DDS endpoint.
-        self._handle: int | None = handle
+        self._handle = handle
 
     def close(self) -> None:
-        """Remove the endpoint from the graph; repeated calls are harmless."""
-        if self._handle is not None:
-            library().dds_delete(self._handle)
-            self._handle = None
+        """Remove the endpoint from the graph."""
+        library().dds_delete(self._handle)
 
 
 def matched_gid(function: Any, entity: int, handle: int) -> bytes:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from sfglab.bus.api import FAST_DDS, RawEndpoint
 from sfglab.bus.errors import PublishError
+from sfglab.bus.loop import Signal
 from sfglab.messages import ServiceFrame, frame_service, unframe_service
 from sfglab.names import ros_name_from_dds
 from sfglab.processes import LineProcess
@@ -145,7 +146,7 @@ class RosServices:
         self._halves: list[RosHalf] = []
         self._askers: dict[str, dict[object, Callable[[str], None]]] = {}
         self._unknown: set[str] = set()
-        self._waiting: dict[Callable[[], None], RawEndpoint] = {}
+        self._changed = Signal(asyncio.get_running_loop())
         self._process: LineProcess | None = None
         self._serves = False
         self._running: asyncio.Task[Any] | None = None
@@ -169,11 +170,14 @@ class RosServices:
         That is now if the program does not serve the service, otherwise when it does, at the latest after 5 s.
         """
         misleads = endpoint.transport == "dds" and endpoint.dds_topic.startswith("rq/")
-        if not misleads or self._is_settled(endpoint):
+        if misleads and not self._is_settled(endpoint):
+            self._calls(_NAME).spawn(self._act_when_settled(endpoint, act))
+        else:
             act()
-            return
-        self._waiting[act] = endpoint
-        asyncio.get_running_loop().call_later(_PATIENCE_S, self._go_on, act)
+
+    async def _act_when_settled(self, endpoint: RawEndpoint, act: Callable[[], None]) -> None:
+        await self._changed.wait_until(lambda: self._is_settled(endpoint), _PATIENCE_S)
+        act()
 
     def _is_settled(self, endpoint: RawEndpoint) -> bool:
         unserved = (
@@ -181,14 +185,6 @@ class RosServices:
         )
         halves = self._halves_of(f"server {service_of(endpoint.dds_topic)}")
         return bool(unserved) or any(half.matched for half in halves)
-
-    def _go_on(self, late: Callable[[], None] | None = None) -> None:
-        """Call the waiting functions whose endpoints are settled, and `late`, which has waited long enough."""
-        for act in [
-            a for a, endpoint in self._waiting.items() if a is late or self._is_settled(endpoint)
-        ]:
-            del self._waiting[act]
-            asyncio.get_running_loop().call_soon(act)
 
     def open(
         self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None
@@ -261,7 +257,7 @@ class RosServices:
                 for on_answer in self._askers.pop(service, {}).values():
                     on_answer(why)
                 self._unknown |= {service} if why else set()
-                self._go_on()
+                self._changed.notify()
             case {"is": "matched", "key": key, "ready": ready}:
                 self._match(self._halves_of(key), ready=ready)
             case {"is": "sample", "key": key, "call": [guid, number], "cdr": cdr}:
@@ -280,13 +276,13 @@ class RosServices:
         while self._askers:
             for on_answer in self._askers.popitem()[1].values():
                 on_answer(self.why)
-        self._go_on()
+        self._changed.notify()
 
     def _match(self, halves: list[RosHalf], *, ready: bool) -> None:
         for half in halves:
             half.matched = int(ready)
             half.notify()
-        self._go_on()
+        self._changed.notify()
 
     def _push(self, key: str, frame: bytes) -> None:
         now_ns = time.time_ns()
