@@ -6,20 +6,14 @@ from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sfglab import bus
 from sfglab.bus.actions.goals import (
-    NO_GOAL_ID,
-    CancelCode,
-    GoalStatus,
     goal_id_from,
     goal_info,
-    to_cancel,
 )
 from sfglab.machine import IllegalInputError
-from sfglab.messages import action_type, message_type, service_type
+from sfglab.messages import action_type, service_type
 from sfglab.messages.store import interface_texts, register_texts
 from sfglab.qos import DEFAULT, LATCHED
 
@@ -228,33 +222,3 @@ async def test_the_topics_have_the_names_types_and_qualities_of_rcl_action(node,
         for end in here.graph.endpoints():
             shown[end.dds_topic, end.type].add(str(end.qos))
     assert shown == wanted
-
-
-@pytest.mark.parametrize(
-    ("numbers", "type_", "prefix"),
-    [
-        (GoalStatus, message_type("action_msgs/msg/GoalStatus"), "STATUS"),
-        (CancelCode, service_type("action_msgs/srv/CancelGoal").response, "ERROR"),
-    ],
-)
-def test_statuses_and_codes_are_the_numbers_of_action_msgs(numbers, type_, prefix):
-    assert [getattr(type_, f"{prefix}_{each.name}") for each in numbers] == [*numbers]
-
-
-@given(
-    st.fixed_dictionaries(
-        {}, optional={bytes([n]) * 16: st.sampled_from(GoalStatus) for n in range(4)}
-    ),
-    st.integers(0, 3).map(lambda n: bytes([n]) * 16),
-    st.integers(0, 1),
-)
-def test_a_request_to_cancel_means_what_action_msgs_says(known, goal_id, stamp_ns):
-    can = [one for one, status in known.items() if status in {Status.ACCEPTED, Status.EXECUTING}]
-    if goal_id == NO_GOAL_ID:
-        wanted = (CancelCode.REJECTED, ()) if stamp_ns else (CancelCode.NONE, tuple(can))
-    elif goal_id in can:
-        wanted = CancelCode.NONE, (goal_id,)
-    else:
-        is_known = goal_id in known
-        wanted = CancelCode.GOAL_TERMINATED if is_known else CancelCode.UNKNOWN_GOAL_ID, ()
-    assert to_cancel(known, goal_id, stamp_ns) == wanted

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from bus_messages import SERVICE, STRING, Request, String, connected, response, text
-from toy_bus import OtherToyBackend, ToyDomain
+from toy_bus import OtherToyBackend, ToyBackend, ToyDomain
 
 from sfglab import bus
 from sfglab.component import beside
@@ -394,7 +394,7 @@ def network(request):
     """Make nodes of the network: of the agent's backend, of another kind, or of DDS."""
     if request.param == "live":
         return request.getfixturevalue("live").node
-    kind = OtherToyBackend if request.param == "other toy" else None
+    kind = OtherToyBackend if request.param == "other toy" else ToyBackend
     return partial(ToyDomain().node, kind=kind)
 
 

@@ -10,11 +10,10 @@ from unittest.mock import Mock
 
 import psutil
 import pytest
-import toy_bus
 from bus_messages import IMAGE, STRING, image, text
 from hypothesis import given
 from hypothesis import strategies as st
-from toy_bus import OtherToyBackend, ToyDomain, ToyWriter
+from toy_bus import OtherToyBackend, ToyDomain
 
 from sfglab import bus
 from sfglab.bus import forwarding
@@ -23,6 +22,7 @@ from sfglab.bus.dds import forwarder as dds_forwarder
 from sfglab.bus.dds.clib import RETCODE_TIMEOUT, MatchedStatus, library
 from sfglab.bus.dds.forwarder import DdsRawWriter
 from sfglab.bus.forwarding import HELD_SAMPLES, MAX_BACKLOG_BYTES, GuardedWriter, SourceGate
+from sfglab.bus.sim.endpoints import Writer
 from sfglab.messages import serialize
 from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, Liveliness, QoSProfile
 
@@ -228,11 +228,15 @@ async def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_sourc
         assert counts.bytes == sum(len(cdr) + -len(cdr) % 4 for cdr, _ in sent)
 
 
-class BlockedWriter(ToyWriter):
+class BlockedWriter(Writer):
     """A toy writer that waits for a slow reader in the thread that writes, and refuses a sample."""
 
     may_block = True
     free: ClassVar = threading.Event()
+
+    def __init__(self, *options):
+        super().__init__(*options)
+        self.running = asyncio.get_running_loop()
 
     def write(self, cdr, source_timestamp_ns=None):
         assert threading.current_thread() is not threading.main_thread()
@@ -240,7 +244,7 @@ class BlockedWriter(ToyWriter):
             raise ValueError("refused")
         if not self.free.wait(0.01):
             raise bus.errors.WriterBlockedError("/t", code=-10, reason="slow readers")
-        self.backend.loop.call_soon_threadsafe(super().write, cdr, source_timestamp_ns)
+        self.running.call_soon_threadsafe(super().write, cdr, source_timestamp_ns)
 
 
 async def test_a_blocked_writer_failing_samples_and_the_source_s_end_cost_no_other_sample(
@@ -252,12 +256,13 @@ async def test_a_blocked_writer_failing_samples_and_the_source_s_end_cost_no_oth
         return cdr
 
     async with toys() as (talker, near, far, listener):
-        monkeypatch.setattr(toy_bus, "ToyWriter", BlockedWriter)
+        monkeypatch.setattr("sfglab.bus.sim.backend.Writer", BlockedWriter)
         forward, outlet = way(near, far, qos=LEASED)
         monkeypatch.undo()
         heard, publisher = [], talker.create_publisher(STRING, "/t", LEASED)
-        listener.create_subscription(STRING, "/t", lambda m: heard.append(m.data), DEEP)
-        await until(lambda: forward._reader)
+        ear = listener.create_subscription(STRING, "/t", lambda m: heard.append(m.data), DEEP)
+        await publisher.wait_for_subscriptions()
+        await ear.wait_for_publishers()
         forward._take((b"", 0, 0, bytes(16)))  # of an unknown publisher
         for word in ("1", "raises", "2", "refused", "3"):
             publisher.publish(text(word))
