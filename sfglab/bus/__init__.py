@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from sfglab.lazy import loader
 
 __all__ = [
-    "ActionServerGoneError",
     "BusError",
     "BusTimeoutError",
     "CancelCode",
@@ -40,7 +39,6 @@ __all__ = [
 ]
 
 _MODULES = {
-    "ActionServerGoneError": "errors",
     "BusError": "errors",
     "BusTimeoutError": "errors",
     "CancelCode": "actions.goals",
@@ -79,7 +77,6 @@ if TYPE_CHECKING:
     )
     from sfglab.bus.backend import Clock
     from sfglab.bus.errors import (
-        ActionServerGoneError,
         BusError,
         BusTimeoutError,
         ClosedError,

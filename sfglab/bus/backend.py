@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
 from sfglab.bus.errors import WriterBlockedError
 from sfglab.bus.forwarding import Forward, Forwarder, GuardedWriter, Transform
-from sfglab.bus.loop import CallbackRunner, LoopBridge, OnError, nothing
+from sfglab.bus.loop import CallbackRunner, LoopBridge, nothing
 from sfglab.bus.ros.services import RosServices
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ class Backend(ABC):
     """Backend of one node, on the running loop; its end closes everything that was opened or registered here.
 
     A node gets its backend from `Join`. A backend holds no reference to its `Node`. A forgotten node is
-    therefore collected, and its finalizer closes the backend. `on_error` receives exceptions of callbacks;
-    None logs them. All backends follow these rules:
+    therefore collected, and its finalizer closes the backend. Exceptions of callbacks are logged. All backends
+    follow these rules:
 
     - An endpoint has a 16-byte GID. `participant_of` returns the participant's part of it, as in
       `matched_prefixes`.
@@ -60,12 +60,11 @@ class Backend(ABC):
     graph: Graph  #: Graph of the node's domain.
     guid: bytes  #: 16-byte GUID of the node's participant.
 
-    def __init__(self, on_error: OnError | None) -> None:
+    def __init__(self) -> None:
         self.loop = asyncio.get_running_loop()
         self.bridge = LoopBridge(self.loop)  #: Bridge over which other threads reach the loop.
         self.clock = Clock()
         self.closed = False
-        self._on_error = on_error
         self._owned: dict[Callable[[], None], None] = {}
         self._tasks: set[asyncio.Task[Any]] = set()
 
@@ -102,7 +101,7 @@ class Backend(ABC):
 
     def calls(self, where: str) -> CallbackRunner:
         """Return a runner for the callbacks of one endpoint."""
-        return CallbackRunner(self._tasks, where, self._on_error)
+        return CallbackRunner(self._tasks, where)
 
     def register(self, close: Callable[[], None]) -> None:
         """Call `close` when the node closes."""
@@ -322,8 +321,8 @@ async def _ended(task: asyncio.Task[Any]) -> None:
     await asyncio.wait((task,))
 
 
-#: Function that creates the backend of a node, given its full name and `on_error`.
-Join = Callable[[str, OnError | None], Backend]
+#: Function that creates the backend of a node, given its full name.
+Join = Callable[[str], Backend]
 
 
 def _running_loop() -> asyncio.AbstractEventLoop | None:

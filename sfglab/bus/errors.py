@@ -46,10 +46,6 @@ class GoalRejectedError(BusError, RuntimeError):
     """An action server rejected a goal."""
 
 
-class ActionServerGoneError(BusError, ConnectionError):
-    """An action server disappeared while a client waited for it."""
-
-
 def check_size(topic: str, size_bytes: int, limit_bytes: int) -> None:
     """Check a message against its shared-memory publisher's limit.
 

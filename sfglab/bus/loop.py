@@ -9,12 +9,12 @@ import os
 import select
 import threading
 from collections import deque
-from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
 
 _log = logging.getLogger("sfglab.bus")
-
-OnError = Callable[[BaseException, str], None]
 
 #: Longest wait for a thread, s: the thread may be in a callback that waits for the caller.
 JOIN_S = 5.0
@@ -184,16 +184,15 @@ class Signal:
 
 
 class CallbackRunner:
-    """Runner of the plain or async callbacks of one endpoint or timer; it tracks tasks and reports failures.
+    """Runner of the plain or async callbacks of one endpoint or timer; it tracks tasks and logs failures.
 
-    Running tasks are kept in `tasks`. `on_error` receives an exception and `where`, the owner of the callback,
-    such as "subscription '/chatter'"; None logs both.
+    Running tasks are kept in `tasks`. `where` names the owner of the callback, such as
+    "subscription '/chatter'".
     """
 
-    def __init__(self, tasks: set[asyncio.Task[Any]], where: str, on_error: OnError | None) -> None:
+    def __init__(self, tasks: set[asyncio.Task[Any]], where: str) -> None:
         self._tasks = tasks
         self._where = where
-        self._on_error = on_error
 
     def run(
         self,
@@ -221,11 +220,8 @@ class CallbackRunner:
         return task
 
     def report(self, error: BaseException) -> None:
-        """Report a failure to `on_error`, or log it."""
-        if self._on_error is not None:
-            self._on_error(error, self._where)
-        else:
-            _log.error("callback of %s failed", self._where, exc_info=error)
+        """Log a failure."""
+        _log.error("callback of %s failed", self._where, exc_info=error)
 
     def _ended(self, task: asyncio.Task[Any], then: Callable[[], None] | None) -> None:
         self._tasks.discard(task)

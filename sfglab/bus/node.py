@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus.forwarding import Forwarder
     from sfglab.bus.graph import Graph
-    from sfglab.bus.loop import CallbackRunner, OnError
+    from sfglab.bus.loop import CallbackRunner
 
 
 class Timer:
@@ -71,53 +71,35 @@ class Node:
         publisher = node.create_publisher("std_msgs/msg/String", "/chatter")
     ```
 
-    The alternative is `node = await Node.create("talker")` with `await node.close()`. A node that is neither
+    The alternative is `node.start()` with `await node.close()`. A node that is neither
     closed nor referenced any more closes with a ResourceWarning, at the latest when the interpreter ends. Its
     publishers, subscriptions, services and clients do not keep it alive.
 
     Args:
         name: Name of the node.
         namespace: Namespace of the node, in which relative names are resolved.
-        on_error: Function that receives each exception of a callback and a text that names its place; None logs
-            both.
         join: Function that joins the middleware; None joins DDS, with shared memory, with the other arguments.
         domain_id: DDS domain, 0 to 232; None for that of ROS_DOMAIN_ID, otherwise 0.
-        discovery_info: False leaves the node out of ROS 2's graph, which then shows its endpoints without a
-            node.
         domain: `interface`, `multicast`, `lease_s`, `external_domain_id` and `max_sample_bytes` of
             `DomainConfig`; nodes of one process and domain share them.
     """
 
-    def __init__(  # noqa: PLR0913 - by keyword
+    def __init__(
         self,
         name: str,
         *,
         namespace: str = "/",
-        on_error: OnError | None = None,
         join: Join | None = None,
         domain_id: int | None = None,
-        discovery_info: bool = True,
         **domain: Unpack[DomainOptions],
     ) -> None:
         self.name = name  #: Name of the node, without its namespace.
         self.namespace = namespace  #: Namespace of the node.
-        self._on_error = on_error
         domain_id = usual_domain_id() if domain_id is None else domain_id
         config = DomainConfig(domain_id=domain_id, **domain)
-        self._join = join or partial(DdsBackend, config, discovery_info=discovery_info)
+        self._join = join or partial(DdsBackend, config)
         self._live: Backend | None = None
         self._finalizer: weakref.finalize[..., Node] | None = None
-
-    @classmethod
-    async def create(cls, name: str, **options: Any) -> Self:
-        """Return a started node; the arguments are those of the class.
-
-        Raises:
-            DomainError: The domain cannot be joined.
-        """
-        node = cls(name, **options)
-        node.start()
-        return node
 
     async def __aenter__(self) -> Self:
         self.start()
@@ -134,7 +116,7 @@ class Node:
         """
         if self._live is not None and not self._live.closed:
             return
-        self._live = self._join(self._resolve(self.name), self._on_error)
+        self._live = self._join(self._resolve(self.name))
         self._finalizer = weakref.finalize(self, _close_forgotten, self._live, self.name)
 
     @property

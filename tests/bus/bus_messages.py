@@ -19,6 +19,11 @@ def response(value=""):
     return default_message(service_type(SERVICE).response, success=True, message=value)
 
 
+def failures(caplog):
+    """Classes of the exceptions that callbacks have raised."""
+    return [record.exc_info[0] for record in caplog.records]
+
+
 def image(fill):
     header = message_type("std_msgs/msg/Header")(
         stamp=stamp_from_ns(1_000_000_002), frame_id="camera"

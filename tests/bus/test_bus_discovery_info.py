@@ -58,7 +58,7 @@ def gids_of(node):
 
 @pytest.mark.live
 async def test_the_graph_names_nodes_with_exactly_their_endpoints_while_they_live(node):
-    async with node("quiet", discovery_info=False), node("here") as here:
+    async with node("here") as here:
         graph = here.graph
         assert await graph.wait_for(lambda: [n.name for n in graph.nodes()] == ["here"])
         async with node("there", namespace="/far") as there:
@@ -106,9 +106,14 @@ async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_known(
 @pytest.mark.live
 async def test_twenty_endpoints_at_once_are_few_messages(here, node, until):
     messages = []
-    async with node("watcher", discovery_info=False) as watcher:
+    async with node("watcher") as watcher:
+
+        def note(participant, nodes):
+            if participant == here.guid:
+                messages.append(set(nodes[0].writers))
+
         discovery = Discovery(watcher.backend.participant, lambda _: None)
-        discovery.read_nodes(lambda _, nodes: messages.append(set(nodes[0].writers)))
+        discovery.read_nodes(note)
         gids = {here.create_publisher(STRING, f"/t{i}").gid for i in range(20)}
         await until(lambda: gids in messages)
     assert len(messages) < 10

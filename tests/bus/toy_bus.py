@@ -55,9 +55,9 @@ class ToyDomain:
     def node(self, name, *, kind=ToyBackend, **options):
         return bus.Node(name, join=partial(self._join, kind), **options)
 
-    def _join(self, kind, name, on_error):
+    def _join(self, kind, name):
         graph = bus.Graph(asyncio.get_running_loop())
         options = {"name": name, "number": next(self._numbers), "lease_ns": 10**10}
         participant = Participant(self._domain, self._host, Process(), graph, **options)
         self._domain.join(participant)
-        return kind(participant, Random(), on_error)
+        return kind(participant, Random())

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.actions import goals
 from sfglab.bus.actions.goals import KEPT_GOALS, CancelCode, GoalStatus
 from sfglab.bus.errors import (
-    ActionServerGoneError,
     BusError,
     GoalRejectedError,
     discovery_timeout_error,
@@ -49,8 +48,8 @@ class ClientGoalHandle:
         """Wait for the goal's end as long as there is a server; return its result, also repeatedly.
 
         Raises:
-            ActionServerGoneError: The server disappeared; a later call may find it again.
-            BusError: The server has forgotten the goal.
+            BusError: The server disappeared, or has forgotten the goal. After a disappearance a later call may
+                find it again.
         """
         return await self._client.result_of(self.goal_id)
 
@@ -158,16 +157,14 @@ class ActionClient:
         """Return the result of a coroutine about a goal, unless the server disappears before.
 
         Raises:
-            ActionServerGoneError: The server disappeared, or there was none.
+            BusError: The server disappeared, or there was none.
         """
         tasks = asyncio.create_task(what), asyncio.create_task(self._result.wait_until_gone())
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             if not tasks[0].done():
                 goal = f"goal {goal_id.hex()} unfinished here"
-                raise ActionServerGoneError(
-                    f"action {self.action_name!r}: the server has gone with {goal}"
-                )
+                raise BusError(f"action {self.action_name!r}: the server has gone with {goal}")
             return tasks[0].result()
         finally:
             await end_tasks(*tasks)

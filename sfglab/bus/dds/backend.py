@@ -29,11 +29,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
-    from sfglab.bus.loop import OnError
 
 
 class DdsBackend(Backend):
-    """Backend with a participant of a DDS domain; `discovery_info` sets whether ROS 2's tools list the node.
+    """Backend with a participant of a DDS domain.
 
     Raises:
         DomainError: The domain cannot be joined.
@@ -41,10 +40,8 @@ class DdsBackend(Backend):
 
     kind = "live"
 
-    def __init__(
-        self, config: DomainConfig, name: str, on_error: OnError | None, *, discovery_info: bool
-    ) -> None:
-        super().__init__(on_error)
+    def __init__(self, config: DomainConfig, name: str) -> None:
+        super().__init__()
         self.graph = Graph(self.loop, read_nodes=self._read_nodes)
         shown = user_data({"enclave": "/", NODE_KEY: name, HOST_KEY: host_id()})
         self._thread_name = f"sfglab {name}"
@@ -55,8 +52,7 @@ class DdsBackend(Backend):
         self.guid = self.participant.guid
         self._config = config
         self._discovery = Discovery(self.participant, partial(self._post, self.graph.apply))
-        if discovery_info:
-            self.register(DiscoveryInfo(self.participant, self.graph, name, loop=self.loop).close)
+        self.register(DiscoveryInfo(self.participant, self.graph, name, loop=self.loop).close)
 
     @cached_property
     def ros(self) -> RosServices:

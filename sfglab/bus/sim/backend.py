@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import RawEndpoint
     from sfglab.bus.endpoints import Inbox
-    from sfglab.bus.loop import OnError
     from sfglab.bus.sim.domain import Participant
 
 
@@ -34,8 +33,8 @@ class SimBackend(Backend):
 
     kind = "simulated"
 
-    def __init__(self, participant: Participant, random: Random, on_error: OnError | None) -> None:
-        super().__init__(on_error)
+    def __init__(self, participant: Participant, random: Random) -> None:
+        super().__init__()
         self.participant = participant
         self.guid = participant.guid
         self.graph = participant.graph

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from sfglab.bus.backend import Backend
-    from sfglab.bus.loop import OnError
 
 T = TypeVar("T")
 
@@ -85,7 +84,6 @@ class World:
         process: str | None = None,
         lease_s: float = 10.0,
         namespace: str = "/",
-        on_error: OnError | None = None,
     ) -> Node:
         """Return a started node in a domain of the network or of its host, which is created if needed.
 
@@ -97,7 +95,6 @@ class World:
             process: Name of its process, whose nodes share its time; None for a process of its own.
             lease_s: Lease: the others remove the node after this silence, s.
             namespace: Namespace of relative topic names.
-            on_error: See `Node`.
 
         Raises:
             DomainError: The domain id or the lease is not allowed.
@@ -109,7 +106,7 @@ class World:
         number = len(self._nodes)
         runs_in = self._process(where, process or f"node {number}")
 
-        def join(full_name: str, on_error: OnError | None) -> Backend:
+        def join(full_name: str) -> Backend:
             participant = Participant(
                 domain,
                 where,
@@ -120,9 +117,9 @@ class World:
                 lease_ns=ns_from_s(config.lease_s),
             )
             domain.join(participant)
-            return SimBackend(participant, self.random, on_error)
+            return SimBackend(participant, self.random)
 
-        node = Node(name, namespace=namespace, on_error=on_error, join=join)
+        node = Node(name, namespace=namespace, join=join)
         node.start()
         self._nodes.append(node)
         return node

@@ -41,7 +41,7 @@ class Execution:
     Raises:
         FqnError: No action is given, and it is not the name of an agent.
         BusTimeoutError: By the methods that need a server: there is none, or it does not respond.
-        ActionServerGoneError: By waiting for the end: the server went away before.
+        BusError: By waiting for the end: the server went away before.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ async def execute(
 
     Raises:
         BusTimeoutError: There is no server, or it does not respond.
-        ActionServerGoneError: It went away before the end.
+        BusError: It went away before the end.
     """
     execution = Execution(
         node, order.agent, action=action, on_feedback=on_feedback, timeout_s=timeout_s
