@@ -70,7 +70,7 @@ class LoopBridge:
             self._posted.clear()
             self._scheduled = False
         for function in functions:
-            _call(function)
+            call_logged(function)
 
 
 class WatchThread:
@@ -132,7 +132,7 @@ class WatchThread:
         while not self._is_stopping:
             for fd, _ in poll(-1, _READABLE_AT_ONCE):
                 if fd in functions:
-                    _call(functions[fd])
+                    call_logged(functions[fd])
         self._poll.close()
         os.close(self._bell)
 
@@ -141,7 +141,8 @@ def nothing(*_: object) -> None:
     """Do nothing."""
 
 
-def _call(function: Callable[[], None]) -> None:
+def call_logged(function: Callable[[], None]) -> None:
+    """Call a function, and log its failure."""
     try:
         function()
     except Exception:  # noqa: BLE001 - logged; one failed event must not stop the others of its batch

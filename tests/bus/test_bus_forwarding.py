@@ -18,6 +18,7 @@ from toy_bus import OtherToyBackend, ToyDomain
 from sfglab import bus
 from sfglab.bus import forwarding
 from sfglab.bus.api import RawEndpoint
+from sfglab.bus.dds import endpoints as dds_endpoints
 from sfglab.bus.dds import forwarder as dds_forwarder
 from sfglab.bus.dds.clib import RETCODE_TIMEOUT, MatchedStatus, library
 from sfglab.bus.dds.forwarder import DdsRawWriter
@@ -144,7 +145,8 @@ def test_a_reader_that_keeps_up_is_not_taken_for_one_that_stands_still(monkeypat
         return 0
 
     middleware.dds_forwardcdr = forward
-    monkeypatch.setattr(dds_forwarder, "library", lambda: middleware)
+    for module in (dds_endpoints, dds_forwarder):
+        monkeypatch.setattr(module, "library", lambda: middleware)
     monkeypatch.setattr(dds_forwarder.clib, "entity_guid", Mock())
     monkeypatch.setattr(dds_forwarder, "sertype_of", Mock())
     monkeypatch.setattr(forwarding, "STANDS_STILL_S", 0.0)

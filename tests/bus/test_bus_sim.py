@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab import bus
-from sfglab.bus.sim import Costs, DeadlockError, TimeLimitError, World, run_simulated
+from sfglab.bus.sim import Costs, DeadlockError, TimeLimitError, run_simulated
 from sfglab.qos import LATCHED, Durability, QoSProfile
 
 MS = 1_000_000
@@ -111,11 +111,6 @@ def test_a_world_that_comes_to_a_halt_or_to_its_limit_ends_and_says_who_waits(
 async def test_a_thread_is_not_reproducible_and_refused(sim):
     with pytest.raises(bus.BusError, match="a thread"):
         await asyncio.to_thread(print)
-
-
-async def test_a_world_needs_its_own_loop():
-    with pytest.raises(bus.BusError, match="use it inside run_simulated"):
-        World()
 
 
 # --- Hosts, domains, processes.

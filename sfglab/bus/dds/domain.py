@@ -6,11 +6,11 @@ Cyclone allows one configuration per domain and process; a second, different one
 from __future__ import annotations
 
 import ctypes as ct
-import logging
 import os
 import re
 import socket
 import threading
+from collections import deque
 from dataclasses import dataclass, field
 from functools import partial
 from html import escape
@@ -29,7 +29,7 @@ from sfglab.bus.dds.clib import (
     qos_object,
 )
 from sfglab.bus.errors import BusError, DomainError
-from sfglab.bus.loop import JOIN_S
+from sfglab.bus.loop import JOIN_S, call_logged
 from sfglab.domains import MAX_DOMAIN
 
 if TYPE_CHECKING:
@@ -282,16 +282,14 @@ def _create(config: DomainConfig) -> int:
 
 # --- Participants ---------------------------------------------------------------------------------------------
 
-_log = logging.getLogger(__name__)
 _MAX_TRIGGERED = 64
 
 
 class WaitSetThread:
-    """Thread that calls handlers when DDS entities have something to take.
+    """Thread that calls handlers when DDS entities have something to take, and functions that are posted to it.
 
     A Python listener would deadlock with a writer that waits for acknowledgements while it holds the
-    interpreter lock. The thread holds no reference to its owner, so an abandoned owner can be collected and
-    stop it. After each round of handlers the thread calls `after_round`.
+    interpreter lock. After each round of handlers the thread calls `after_round`.
     """
 
     def __init__(self, participant: int, after_round: Callable[[], None], *, name: str) -> None:
@@ -301,10 +299,12 @@ class WaitSetThread:
         self._handlers: dict[int, Callable[[], None]] = {}
         self._keys = count(1)
         self._key_of: dict[int, int] = {}
-        self._stop = threading.Event()
+        self._posted: deque[Callable[[], None]] = deque()
+        self._is_stopping = False
         lib.dds_waitset_attach(self._set, self._guard, 0)
-        arguments = (self._set, self._guard, self._handlers, after_round, self._stop)
-        self._thread = threading.Thread(target=_run, args=arguments, name=name, daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, args=(after_round,), name=name, daemon=True
+        )
         self._thread.start()
 
     def attach_reader(self, reader: int, handler: Callable[[], None]) -> int:
@@ -325,9 +325,19 @@ class WaitSetThread:
         library().dds_waitset_detach(self._set, entity)
         self._handlers.pop(self._key_of.pop(entity, 0), None)
 
+    def post(self, function: Callable[[], None]) -> None:
+        """Call a function in the thread; thread-safe."""
+        self._posted.append(function)
+        self._wake()
+
+    def run_posted(self) -> None:
+        """Call the functions posted so far; what they post themselves runs later, after all other work."""
+        for _ in range(len(self._posted)):
+            call_logged(self._posted.popleft())
+
     def stop(self) -> None:
         """Stop the thread, and return when it has ended, after 5 s at most."""
-        self._stop.set()
+        self._is_stopping = True
         self._wake()
         if self._thread is not threading.current_thread():
             self._thread.join(JOIN_S)
@@ -336,34 +346,21 @@ class WaitSetThread:
     def _wake(self) -> None:
         library().dds_set_guardcondition(self._guard, True)
 
-
-def _run(
-    waitset: int,
-    guard: int,
-    handlers: dict[int, Callable[[], None]],
-    after_round: Callable[[], None],
-    stop: threading.Event,
-) -> None:
-    lib = library()
-    keys: Any = (ct.c_ssize_t * _MAX_TRIGGERED)()
-    triggered = ct.c_bool()
-    while not stop.is_set():
-        ready = lib.dds_waitset_wait(waitset, keys, _MAX_TRIGGERED, INFINITY_NS)
-        if ready < 0:
-            return  # the participant was deleted, so nothing is left to wait for
-        for i in range(min(ready, _MAX_TRIGGERED)):
-            if keys[i] == 0:
-                lib.dds_take_guardcondition(guard, ct.byref(triggered))
-            elif (handler := handlers.get(keys[i])) is not None:
-                _call(handler)
-        after_round()
-
-
-def _call(handler: Callable[[], None]) -> None:
-    try:
-        handler()
-    except Exception:  # noqa: BLE001 - logged; one failed reader must not stop the thread of all readers
-        _log.exception("reading from DDS failed")
+    def _run(self, after_round: Callable[[], None]) -> None:
+        lib = library()
+        keys: Any = (ct.c_ssize_t * _MAX_TRIGGERED)()
+        triggered = ct.c_bool()
+        while not self._is_stopping:
+            ready = lib.dds_waitset_wait(self._set, keys, _MAX_TRIGGERED, INFINITY_NS)
+            if ready < 0:
+                return  # the participant was deleted, so nothing is left to wait for
+            for i in range(min(ready, _MAX_TRIGGERED)):
+                if keys[i] == 0:
+                    lib.dds_take_guardcondition(self._guard, ct.byref(triggered))
+                    self.run_posted()
+                elif (handler := self._handlers.get(keys[i])) is not None:
+                    call_logged(handler)
+            after_round()
 
 
 class DdsParticipant:

@@ -111,9 +111,15 @@ def stamp(serdata: int, source_timestamp_ns: int) -> None:
     field.value = source_timestamp_ns
 
 
+def has_all_acknowledged(writer: int) -> bool:
+    """Return whether all reliable readers have acknowledged all samples of a writer."""
+    code: int = library().dds_wait_for_acks(writer, 0)
+    return code >= 0
+
+
 def delete_writer(handle: int) -> None:
     """Delete a writer without waiting for missing acknowledgements."""
-    if library().dds_wait_for_acks(handle, 0) >= 0:
+    if has_all_acknowledged(handle):
         library().dds_delete(handle)
         return
     # Cyclone waits another second for such readers (WriterLingerDuration), which would block the caller's loop.
@@ -185,8 +191,7 @@ class DdsWriter:
 
     def acknowledged(self) -> bool:
         """Return whether all reliable readers have acknowledged all samples."""
-        code: int = library().dds_wait_for_acks(self.handle, 0)
-        return code >= 0
+        return has_all_acknowledged(self.handle)
 
     def close(self) -> None:
         """Delete the writer without waiting for missing acknowledgements."""
@@ -234,6 +239,18 @@ class Publishers:
         for publication in left[:-_MAX_LEFT]:
             del self._gids[publication]
         return list(here.values())
+
+    def changed_life(self) -> tuple[bytes, bool] | None:
+        """Return the publisher whose liveliness changed and whether it is alive now; None if there is none.
+
+        Of two at once Cyclone names only the latest.
+        """
+        life = clib.LivelinessStatus()
+        library().dds_get_liveliness_changed_status(self._reader, ct.byref(life))
+        is_alive = life.alive_count_change > 0
+        if not life.last_handle or not (is_alive or life.not_alive_count_change > 0):
+            return None
+        return self.gid(life.last_handle), is_alive
 
 
 class DdsReader:
@@ -295,20 +312,12 @@ class DdsReader:
         lost, matched = clib.SampleLostStatus(), clib.MatchedStatus()
         lib.dds_get_sample_lost_status(self.handle, ct.byref(lost))
         lib.dds_get_subscription_matched_status(self.handle, ct.byref(matched))
-        if self._on_life is not None:
-            self._note_life(self._on_life)
+        if self._on_life is not None and (change := self._publishers.changed_life()) is not None:
+            self._on_life(*change)
         self.matched_prefixes = frozenset(gid[:12] for gid in self._publishers.matched())
         self.lost = lost.total_count
         self.matched = matched.current_count
         self._on_matched()
-
-    def _note_life(self, on_life: Callable[[bytes, bool], None]) -> None:
-        """Report the publisher whose liveliness changed; of two at once Cyclone names only the latest."""
-        life = clib.LivelinessStatus()
-        library().dds_get_liveliness_changed_status(self.handle, ct.byref(life))
-        is_alive = life.alive_count_change > 0
-        if life.last_handle and (is_alive or life.not_alive_count_change > 0):
-            on_life(self._publishers.gid(life.last_handle), is_alive)
 
 
 class ShmAnnouncement:

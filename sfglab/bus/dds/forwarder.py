@@ -24,6 +24,7 @@ from sfglab.bus.dds.endpoints import (
     Publishers,
     bytes_from_serdata,
     delete_writer,
+    has_all_acknowledged,
     idl_type,
     serdata_from_bytes,
     sertype_of,
@@ -130,8 +131,7 @@ class DdsRawWriter(GuardedWriter):
         self._handle = 0
 
     def _has_all_acknowledged(self) -> bool:
-        code: int = library().dds_wait_for_acks(self._handle, 0)
-        return code >= 0
+        return has_all_acknowledged(self._handle)
 
     def hand_on(self, serdata: int, size: int) -> int:
         """Send a sample, whose CDR has `size` bytes, with the next packet or at once.
@@ -189,11 +189,8 @@ class DdsForwarder:
         self._source = source
         self._target = target
         self._backends = both
-        self._orders: deque[Callable[[], None]] = deque()
         self._forwards: set[DdsForward] = set()
         self._batch = cache(_Batch)
-        self._bell: int = library().dds_create_guardcondition(source.handle)
-        source.waitset.attach(self._bell, self._obey)
 
     def open(self, endpoint: RawEndpoint) -> DdsForward | LoopForward:
         """Read a topic in the source domain; samples of a source are held until it is admitted or refused."""
@@ -213,7 +210,6 @@ class DdsForwarder:
             self._batch(
                 most // 16 or _BATCH
             ),  # taken samples wait in addition to those that the reader holds
-            self._order,
             waitset=self._source.waitset,
             on_closed=self._forwards.discard,
         )
@@ -236,23 +232,14 @@ class DdsForwarder:
             else 0,
             max_blocking_ns=MAX_BLOCKING_NS,
         )
-        return DdsRawWriter(create, self._order, endpoint.qos)
+        return DdsRawWriter(create, self._source.waitset.post, endpoint.qos)
 
     def close(self) -> None:
         """Close all forwards; to be called after the source node has stopped reading."""
-        self._obey()
+        self._source.waitset.run_posted()
         for forward in tuple(self._forwards):
             forward.close()
-        self._obey()
-
-    def _order(self, order: Callable[[], None]) -> None:
-        self._orders.append(order)
-        library().dds_set_guardcondition(self._bell, True)
-
-    def _obey(self) -> None:
-        library().dds_take_guardcondition(self._bell, ct.byref(ct.c_bool()))
-        for _ in range(len(self._orders)):  # orders given by orders run later, after all other work
-            self._orders.popleft()()
+        self._source.waitset.run_posted()
 
 
 class _Batch:
@@ -272,7 +259,6 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self,
         handle: int,
         batch: _Batch,
-        order: Callable[[Callable[[], None]], None],
         *,
         waitset: WaitSetThread,
         on_closed: Callable[[DdsForward], None],
@@ -280,7 +266,6 @@ class DdsForward(Forward[int, DdsRawWriter]):
         super().__init__()
         self._handle = handle
         self._batch = batch
-        self._give = order
         self._waitset = waitset
         self._on_closed = on_closed
         self._open = True
@@ -300,7 +285,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
             self._order(self._end)
 
     def _order(self, order: Callable[[], None]) -> None:
-        self._give(partial(self._carry_out, order))
+        self._waitset.post(partial(self._carry_out, order))
 
     def _carry_out(self, order: Callable[[], None]) -> None:
         order()
@@ -379,21 +364,13 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self.counts.dropped += 1
 
     def _note_publishers(self) -> None:
-        life = clib.LivelinessStatus()
         library().dds_get_subscription_matched_status(self._handle, ct.byref(clib.MatchedStatus()))
-        library().dds_get_liveliness_changed_status(self._handle, ct.byref(life))
         self._publishers.matched()
-        # Cyclone names only the latest of the publishers that changed. The writer of another one is removed
-        # with its participant.
-        destination = (
-            self._gate.destination_of(self._publishers.gid(life.last_handle))
-            if life.last_handle
-            else None
-        )
-        if destination is not None and (
-            life.alive_count_change > 0 or life.not_alive_count_change > 0
-        ):
-            destination[0].show_life(alive=life.alive_count_change > 0)
+        # The writer of a publisher that Cyclone does not name is removed with its participant.
+        change = self._publishers.changed_life()
+        destination = None if change is None else self._gate.destination_of(change[0])
+        if change is not None and destination is not None:
+            destination[0].show_life(alive=change[1])
 
 
 def _transformed(serdata: int, transform: Transform, sertype: int | None) -> int | None:
