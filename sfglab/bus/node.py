@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import warnings
 import weakref
 from functools import partial
@@ -164,11 +163,9 @@ class Node:
                 times as large. Memory is taken only for messages that are kept: the history for late joiners,
                 the newest `depth` messages, and at most depth + 4 (never more than 64) for each subscriber.
         """
-        backend, options = (
-            self.backend,
-            {"transport": transport, "max_message_bytes": max_message_bytes},
-        )
-        return Publisher(backend, topic_endpoint(type_, self._resolve(topic), qos, **options))
+        options = {"transport": transport, "max_message_bytes": max_message_bytes}
+        endpoint = topic_endpoint(type_, self._resolve(topic), qos, **options)
+        return Publisher(self.backend, endpoint)
 
     def create_subscription(  # noqa: PLR0913 - rclpy's signature
         self,
@@ -194,12 +191,9 @@ class Node:
                 than on the loop. The callback must use the node only through `loop.call_soon_threadsafe`.
                 Closing waits for a running call, 5 s at most.
         """
-        if threaded and (callback is None or inspect.iscoroutinefunction(callback)):
-            place = f"threaded subscription of {topic!r}, callback"
-            raise InvalidValueError(place, callback, "a plain function")
-        backend, options = self.backend, {"transport": transport, "threaded": threaded}
+        options = {"transport": transport, "threaded": threaded}
         endpoint = topic_endpoint(type_, self._resolve(topic), qos, **options)
-        return Subscription(backend, endpoint, callback, raw=raw)
+        return Subscription(self.backend, endpoint, callback, raw=raw)
 
     def create_service(
         self, type_: str, name: str, handler: Handler, *, transport: Transport = "dds"

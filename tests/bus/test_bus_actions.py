@@ -9,10 +9,7 @@ import pytest
 from bus_messages import failures
 
 from sfglab import bus
-from sfglab.bus.actions.goals import (
-    goal_id_from,
-    goal_info,
-)
+from sfglab.bus.actions.goals import goal_id_from, goal_info
 from sfglab.machine import IllegalInputError
 from sfglab.messages import action_type, service_type
 from sfglab.messages.store import interface_texts, register_texts

@@ -50,7 +50,7 @@ class ToyDomain:
 
     def __init__(self):
         self._domain, self._numbers = Domain(RealTime(), Costs()), count()
-        self._host = Host("here", "here", 0)
+        self._host = Host("here", 0)
 
     def node(self, name, *, kind=ToyBackend, **options):
         return bus.Node(name, join=partial(self._join, kind), **options)

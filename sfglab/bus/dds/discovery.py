@@ -22,7 +22,6 @@ from sfglab.bus.api import (
     HOST_KEY,
     NODE_KEY,
     SHM_KEY,
-    EndpointAdded,
     EndpointEvent,
     EndpointInfo,
     EndpointKind,
@@ -153,7 +152,7 @@ class DiscoveryInfo:
     ) -> None:
         self._guid = participant.guid
         self._namespace, _, self._name = name.rpartition("/")
-        self._gids: dict[EndpointKind, set[bytes]] = {kind: set() for kind in EndpointKind}
+        self._graph = graph
         self._loop = loop
         self._due: asyncio.TimerHandle | None = None
         handle = participant.create_writer(INFO_TOPIC, _info_type(), _WRITER_QOS)
@@ -177,26 +176,24 @@ class DiscoveryInfo:
             self._due.cancel()
 
     def _heard(self, event: EndpointEvent) -> None:
-        endpoint = event.endpoint
-        if endpoint.participant != self._guid or endpoint.transport != "dds":
-            return
-        gids = self._gids[endpoint.kind]
-        before = len(gids)
-        if isinstance(event, EndpointAdded):
-            gids.add(endpoint.gid)
-        else:
-            gids.discard(endpoint.gid)
-        if len(gids) != before and self._due is None:
+        if self._lists(event.endpoint) and self._due is None:
             self._due = self._loop.call_later(_DELAY_S, self._publish)
+
+    def _lists(self, endpoint: EndpointInfo) -> bool:
+        return endpoint.participant == self._guid and endpoint.transport == "dds"
 
     def _publish(self) -> None:
         self._due = None
+        gids: dict[EndpointKind, list[bytes]] = {kind: [] for kind in EndpointKind}
+        for endpoint in self._graph.endpoints():
+            if self._lists(endpoint):
+                gids[endpoint.kind].append(endpoint.gid)
         node = NodeInfo(
             namespace=self._namespace or "/",
             name=self._name,
             participant=self._guid,
-            readers=tuple(sorted(self._gids[EndpointKind.SUBSCRIPTION])),
-            writers=tuple(sorted(self._gids[EndpointKind.PUBLISHER])),
+            readers=tuple(gids[EndpointKind.SUBSCRIPTION]),
+            writers=tuple(gids[EndpointKind.PUBLISHER]),
         )
         self._writer.write(pack_nodes(self._guid, [node]))
 

@@ -41,7 +41,6 @@ _CROSSINGS = 4
 class Host:
     """Host of the world, with a link to the network."""
 
-    name: str  #: Name of the host.
     id: str  #: 16 hexadecimal digits, as `EndpointInfo.host` shows them.
     latency_ns: int  #: Latency of the link, ns.
     is_connected: bool = True  #: Whether the link carries packets; see `World.connect`.

@@ -60,7 +60,7 @@ class World:
         if name not in self._hosts:
             digest = hashlib.blake2b(f"{self.seed} {name}".encode(), digest_size=8)
             latency_ns = ns_from_s(self._latency_s if latency_s is None else latency_s)
-            self._hosts[name] = Host(name, digest.hexdigest(), latency_ns)
+            self._hosts[name] = Host(digest.hexdigest(), latency_ns)
         return self._hosts[name]
 
     def connect(self, host: str, *, connected: bool = True) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -37,7 +37,8 @@ def _load(module: str) -> ModuleType:
 
     library()
     halves = [half for name in _SERVICES for half in service_idl_struct(name)]
-    for type_ in (*map(idl_struct, _MESSAGES), *halves):
+    types: list[Any] = [*map(idl_struct, _MESSAGES), *halves]
+    for type_ in types:
         type_.__idl__.populate()
         type_.__idl__.fill_type_data()
     for name in (*_MESSAGES, *(f"{service}_{half}" for service in _SERVICES for half in _HALVES)):
