@@ -236,7 +236,6 @@ class View:
         self._observer = observer
         self._owner = owner
         self._loop = owner.domain.loop
-        self._known: dict[Endpoint, None] = {}
         self._read = 0
         self._latest_ns = 0
 
@@ -275,8 +274,10 @@ class View:
         """Remove all endpoints of the owner."""
         self.met_ns = NEVER_NS
         self._read = 0
-        while self._known and self._observer.is_alive:
-            self._observer.forget(self._known.popitem()[0])
+        known = [end for ends in self._observer.known.values() for end in ends]
+        for endpoint in known:
+            if endpoint.participant is self._owner and self._observer.is_alive:
+                self._observer.forget(endpoint)
 
     def _update(self, end: int) -> None:
         """Read the owner's changes up to an index; endpoints that have closed meanwhile are left out."""
@@ -284,10 +285,8 @@ class View:
             return
         for endpoint, is_open in self._owner.changes[self._read : end]:
             if not is_open:
-                self._known.pop(endpoint, None)
                 self._observer.forget(endpoint)
             elif endpoint.is_open:
-                self._known[endpoint] = None
                 self._observer.learn(endpoint)
         self._read = max(self._read, end)
 
