@@ -347,7 +347,7 @@ class WaitSetThread:
         library().dds_set_guardcondition(self._guard, True)
 
     def _run(self, after_round: Callable[[], None]) -> None:
-        lib = library()
+        lib, handlers = library(), self._handlers
         keys: Any = (ct.c_ssize_t * _MAX_TRIGGERED)()
         triggered = ct.c_bool()
         while not self._is_stopping:
@@ -358,7 +358,7 @@ class WaitSetThread:
                 if keys[i] == 0:
                     lib.dds_take_guardcondition(self._guard, ct.byref(triggered))
                     self.run_posted()
-                elif (handler := self._handlers.get(keys[i])) is not None:
+                elif (handler := handlers.get(keys[i])) is not None:
                     call_logged(handler)
             after_round()
 
