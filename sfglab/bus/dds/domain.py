@@ -16,7 +16,7 @@ from functools import partial
 from html import escape
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from sfglab.bus.dds.clib import (
     ANY_STATE,
@@ -104,9 +104,6 @@ class DomainConfig:
             if not 0 <= domain_id <= MAX_DOMAIN:
                 why = "allowed ids are 0 to 232: the UDP ports of higher ones do not exist"
                 raise DomainError(domain_id, why)
-        if self.multicast not in get_args(Multicast):
-            why = f"multicast={self.multicast!r}; allowed are {', '.join(get_args(Multicast))}"
-            raise DomainError(self.domain_id, why)
         if not self.lease_s >= 0.1:
             raise DomainError(self.domain_id, f"lease_s={self.lease_s}; allowed are 0.1 s and more")
 
