@@ -30,8 +30,20 @@ def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
     return table[state, given]
 
 
+def transitions(
+    states: type[S], inputs: type[I], actions: type[A], text: str
+) -> dict[tuple[S, I], tuple[S, tuple[A, ...]]]:
+    """Return a table from a text: each line names a state, an input, the next state, and the actions in order."""
+    table = {}
+    for line in filter(None, map(str.split, text.splitlines())):
+        state, given, after, *names = line
+        done = tuple(actions[name] for name in names)
+        table[states[state], inputs[given]] = (states[after], done)
+    return table
+
+
 class Machine(Generic[S, I, A]):
-    """A state that moves along a table, (state, input) -> (next state, action); what is not listed is illegal.
+    """A state that moves along a table of `transitions` with at most one action; what is not listed is illegal.
 
     The name is what it stands for, in messages. `wait_ns` says how long the timer runs that an action arms,
     given the action and `now_ns`; None ends the waiting. A move without an action leaves the timer as it is.
@@ -40,7 +52,7 @@ class Machine(Generic[S, I, A]):
     def __init__(
         self,
         name: str,
-        table: Mapping[tuple[S, I], tuple[S, A | None]],
+        table: Mapping[tuple[S, I], tuple[S, tuple[A, ...]]],
         start: S,
         *,
         wait_ns: Callable[[A, int], int | None],
@@ -61,7 +73,8 @@ class Machine(Generic[S, I, A]):
         Raises:
             IllegalInputError: The input cannot happen in this state.
         """
-        self.state, action = step(self._name, self._table, self.state, given)
+        self.state, actions = step(self._name, self._table, self.state, given)
+        action = next(iter(actions), None)
         if action is not None:
             wait_ns = self._wait_ns(action, now_ns)
             self.deadline_ns = None if wait_ns is None else now_ns + wait_ns
@@ -121,7 +134,7 @@ class ProcessLife(Machine[S, I, A]):
     def __init__(
         self,
         name: str,
-        table: Mapping[tuple[S, I], tuple[S, A | None]],
+        table: Mapping[tuple[S, I], tuple[S, tuple[A, ...]]],
         start: S,
         *,
         waits_ns: Mapping[A, int],

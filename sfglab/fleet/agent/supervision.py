@@ -18,7 +18,7 @@ from enum import Enum, auto
 from typing import TYPE_CHECKING
 
 from sfglab.component import BEATS_VARIABLE, Report
-from sfglab.machine import ProcessLife, ProcessTiming
+from sfglab.machine import ProcessLife, ProcessTiming, transitions
 from sfglab.processes import LineProcess
 
 if TYPE_CHECKING:
@@ -65,34 +65,46 @@ class Action(Enum):
     CANCEL_TIMER = auto()  #: Disarm the timer.
 
 
-_S, _I, _A = State, Input, Action
+TRANSITIONS = transitions(
+    State,
+    Input,
+    Action,
+    """
+    NEW          BEGIN         STARTING     START
+    NEW          TOLD_TO_STOP  STOPPED
 
-TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
-    (_S.NEW, _I.BEGIN): (_S.STARTING, _A.START),
-    (_S.NEW, _I.TOLD_TO_STOP): (_S.STOPPED, None),
-    (_S.STARTING, _I.READY): (_S.RUNNING, _A.CANCEL_TIMER),
-    (_S.STARTING, _I.ENDED): (_S.BACKING_OFF, _A.BACK_OFF),
-    (_S.STARTING, _I.REFUSED): (_S.FAILED, _A.GIVE_UP),
-    (_S.STARTING, _I.TIMER): (_S.REPLACING, _A.TERMINATE),
-    (_S.STARTING, _I.TOLD_TO_STOP): (_S.STOPPING, _A.TERMINATE),
-    # A component that reports again that it serves, or after the order to end, changes nothing.
-    (_S.RUNNING, _I.READY): (_S.RUNNING, None),
-    (_S.RUNNING, _I.ENDED): (_S.BACKING_OFF, _A.BACK_OFF),
-    (_S.RUNNING, _I.TOLD_TO_STOP): (_S.STOPPING, _A.TERMINATE),
-    (_S.REPLACING, _I.READY): (_S.REPLACING, None),
-    (_S.REPLACING, _I.ENDED): (_S.BACKING_OFF, _A.BACK_OFF),
-    (_S.REPLACING, _I.TIMER): (_S.REPLACING, _A.KILL),
-    (_S.REPLACING, _I.TOLD_TO_STOP): (_S.STOPPING, None),
-    (_S.BACKING_OFF, _I.TIMER): (_S.STARTING, _A.START),
-    (_S.BACKING_OFF, _I.TOLD_TO_STOP): (_S.STOPPED, _A.CANCEL_TIMER),
-    (_S.STOPPING, _I.READY): (_S.STOPPING, None),
-    (_S.STOPPING, _I.ENDED): (_S.STOPPED, _A.CANCEL_TIMER),
-    (_S.STOPPING, _I.TIMER): (_S.STOPPING, _A.KILL),
-    (_S.STOPPING, _I.TOLD_TO_STOP): (_S.STOPPING, _A.KILL),
-    (_S.STOPPED, _I.TOLD_TO_STOP): (_S.STOPPED, None),
-    (_S.FAILED, _I.TOLD_TO_STOP): (_S.FAILED, None),
-}
-"""(state, input) -> (next state, action). All other inputs are illegal and change nothing."""
+    STARTING     READY         RUNNING      CANCEL_TIMER
+    STARTING     ENDED         BACKING_OFF  BACK_OFF
+    STARTING     REFUSED       FAILED       GIVE_UP
+    STARTING     TIMER         REPLACING    TERMINATE
+    STARTING     TOLD_TO_STOP  STOPPING     TERMINATE
+
+    RUNNING      READY         RUNNING
+    RUNNING      ENDED         BACKING_OFF  BACK_OFF
+    RUNNING      TOLD_TO_STOP  STOPPING     TERMINATE
+
+    REPLACING    READY         REPLACING
+    REPLACING    ENDED         BACKING_OFF  BACK_OFF
+    REPLACING    TIMER         REPLACING    KILL
+    REPLACING    TOLD_TO_STOP  STOPPING
+
+    BACKING_OFF  TIMER         STARTING     START
+    BACKING_OFF  TOLD_TO_STOP  STOPPED      CANCEL_TIMER
+
+    STOPPING     READY         STOPPING
+    STOPPING     ENDED         STOPPED      CANCEL_TIMER
+    STOPPING     TIMER         STOPPING     KILL
+    STOPPING     TOLD_TO_STOP  STOPPING     KILL
+
+    STOPPED      TOLD_TO_STOP  STOPPED
+
+    FAILED       TOLD_TO_STOP  FAILED
+    """,
+)
+"""State, input, next state, and the action; all other inputs are illegal and change nothing.
+
+A component that reports again that it serves, or after the order to end, changes nothing.
+"""
 
 
 class Supervision(ProcessLife[State, Input, Action]):

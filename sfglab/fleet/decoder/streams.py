@@ -18,7 +18,7 @@ from sfglab.codecs.errors import MAX_PIXELS
 from sfglab.errors import SfglabError
 from sfglab.fleet.discovery.validation import validated_metadata
 from sfglab.fleet.gop_config import FFMPEG_PACKET, replay_topic
-from sfglab.machine import ProcessLife, ProcessTiming
+from sfglab.machine import ProcessLife, ProcessTiming, transitions
 from sfglab.names import FqnError, Resource, RosFqn, Scope, Suffixed, parse
 
 if TYPE_CHECKING:
@@ -237,45 +237,57 @@ class Action(Enum):
     CANCEL_TIMER = auto()  #: Disarm the timer.
 
 
-_S, _I, _A = State, Input, Action
+TRANSITIONS = transitions(
+    State,
+    Input,
+    Action,
+    """
+    IDLE         WANTED     STARTING     START
+    IDLE         UNWANTED   IDLE
+    IDLE         WITHDRAWN  GONE
 
-TRANSITIONS: dict[tuple[State, Input], tuple[State, Action | None]] = {
-    (_S.IDLE, _I.WANTED): (_S.STARTING, _A.START),
-    (_S.IDLE, _I.UNWANTED): (_S.IDLE, None),
-    (_S.IDLE, _I.WITHDRAWN): (_S.GONE, None),
-    (_S.STARTING, _I.STARTED): (_S.RUNNING, _A.CANCEL_TIMER),
-    (_S.STARTING, _I.UNWANTED): (_S.STOPPING, _A.STOP),
-    (_S.STARTING, _I.ENDED): (_S.BACKING_OFF, _A.BACK_OFF),
-    (_S.STARTING, _I.TIMER): (_S.RESTARTING, _A.STOP),
-    (_S.STARTING, _I.WITHDRAWN): (_S.LEAVING, _A.STOP),
-    (_S.RUNNING, _I.UNWANTED): (_S.LINGERING, _A.LINGER),
-    (_S.RUNNING, _I.ENDED): (_S.BACKING_OFF, _A.BACK_OFF),
-    (_S.RUNNING, _I.WITHDRAWN): (_S.LEAVING, _A.STOP),
-    (_S.LINGERING, _I.WANTED): (_S.RUNNING, _A.CANCEL_TIMER),
-    (_S.LINGERING, _I.TIMER): (_S.STOPPING, _A.STOP),
-    (_S.LINGERING, _I.ENDED): (_S.IDLE, _A.CANCEL_TIMER),
-    (_S.LINGERING, _I.WITHDRAWN): (_S.LEAVING, _A.STOP),
-    (_S.STOPPING, _I.WANTED): (_S.RESTARTING, None),
-    # A pipeline that reports between the order to end and its end changes nothing.
-    (_S.STOPPING, _I.STARTED): (_S.STOPPING, None),
-    (_S.STOPPING, _I.ENDED): (_S.IDLE, _A.CANCEL_TIMER),
-    (_S.STOPPING, _I.TIMER): (_S.STOPPING, _A.KILL),
-    (_S.STOPPING, _I.WITHDRAWN): (_S.LEAVING, None),
-    (_S.RESTARTING, _I.UNWANTED): (_S.STOPPING, None),
-    (_S.RESTARTING, _I.STARTED): (_S.RESTARTING, None),
-    (_S.RESTARTING, _I.ENDED): (_S.STARTING, _A.START),
-    (_S.RESTARTING, _I.TIMER): (_S.RESTARTING, _A.KILL),
-    (_S.RESTARTING, _I.WITHDRAWN): (_S.LEAVING, None),
-    (_S.BACKING_OFF, _I.TIMER): (_S.STARTING, _A.START),
-    (_S.BACKING_OFF, _I.UNWANTED): (_S.IDLE, _A.CANCEL_TIMER),
-    (_S.BACKING_OFF, _I.WITHDRAWN): (_S.GONE, _A.CANCEL_TIMER),
-    (_S.LEAVING, _I.STARTED): (_S.LEAVING, None),
-    (_S.LEAVING, _I.WANTED): (_S.LEAVING, None),
-    (_S.LEAVING, _I.UNWANTED): (_S.LEAVING, None),
-    (_S.LEAVING, _I.ENDED): (_S.GONE, _A.CANCEL_TIMER),
-    (_S.LEAVING, _I.TIMER): (_S.LEAVING, _A.KILL),
-}
-"""(state, input) -> (next state, action). All other inputs are illegal and change nothing."""
+    STARTING     STARTED    RUNNING      CANCEL_TIMER
+    STARTING     UNWANTED   STOPPING     STOP
+    STARTING     ENDED      BACKING_OFF  BACK_OFF
+    STARTING     TIMER      RESTARTING   STOP
+    STARTING     WITHDRAWN  LEAVING      STOP
+
+    RUNNING      UNWANTED   LINGERING    LINGER
+    RUNNING      ENDED      BACKING_OFF  BACK_OFF
+    RUNNING      WITHDRAWN  LEAVING      STOP
+
+    LINGERING    WANTED     RUNNING      CANCEL_TIMER
+    LINGERING    TIMER      STOPPING     STOP
+    LINGERING    ENDED      IDLE         CANCEL_TIMER
+    LINGERING    WITHDRAWN  LEAVING      STOP
+
+    STOPPING     WANTED     RESTARTING
+    STOPPING     STARTED    STOPPING
+    STOPPING     ENDED      IDLE         CANCEL_TIMER
+    STOPPING     TIMER      STOPPING     KILL
+    STOPPING     WITHDRAWN  LEAVING
+
+    RESTARTING   UNWANTED   STOPPING
+    RESTARTING   STARTED    RESTARTING
+    RESTARTING   ENDED      STARTING     START
+    RESTARTING   TIMER      RESTARTING   KILL
+    RESTARTING   WITHDRAWN  LEAVING
+
+    BACKING_OFF  TIMER      STARTING     START
+    BACKING_OFF  UNWANTED   IDLE         CANCEL_TIMER
+    BACKING_OFF  WITHDRAWN  GONE         CANCEL_TIMER
+
+    LEAVING      STARTED    LEAVING
+    LEAVING      WANTED     LEAVING
+    LEAVING      UNWANTED   LEAVING
+    LEAVING      ENDED      GONE         CANCEL_TIMER
+    LEAVING      TIMER      LEAVING      KILL
+    """,
+)
+"""State, input, next state, and the action; all other inputs are illegal and change nothing.
+
+A pipeline that reports between the order to end and its end changes nothing.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from enum import Enum, auto
 
-from sfglab.machine import step
+from sfglab.machine import step, transitions
 
 
 class Announced(Enum):
@@ -94,71 +94,78 @@ ANNOUNCEMENTS = frozenset(
 )
 """Actions that are discovery events. Their names are those of ``AgentDiscoveryEvent``'s constants."""
 
-_S, _I, _A = State, Input, Action
+TRANSITIONS = transitions(
+    State,
+    Input,
+    Action,
+    """
+    UNKNOWN           HEARD          QUERYING          QUERY
 
-TRANSITIONS: dict[tuple[State, Input], tuple[State, tuple[Action, ...]]] = {
-    (_S.UNKNOWN, _I.HEARD): (_S.QUERYING, (_A.QUERY,)),
-    # Heartbeats during a query keep the agent alive, and cause no second query.
-    (_S.QUERYING, _I.HEARD): (_S.QUERYING, ()),
-    (_S.QUERYING, _I.CHANGED): (_S.QUERYING, ()),
-    # The queried incarnation is gone.
-    (_S.QUERYING, _I.RESTARTED): (_S.QUERYING, (_A.ABANDON, _A.QUERY)),
-    (_S.QUERYING, _I.ANSWERED): (_S.ACTIVE, (_A.DISCOVERED,)),
-    (_S.QUERYING, _I.FAILED): (_S.BACKING_OFF, (_A.BACK_OFF,)),
-    (_S.QUERYING, _I.SILENT): (_S.UNKNOWN, (_A.ABANDON, _A.FORGET)),
-    (_S.BACKING_OFF, _I.HEARD): (_S.BACKING_OFF, ()),
-    (_S.BACKING_OFF, _I.CHANGED): (_S.BACKING_OFF, ()),
-    (_S.BACKING_OFF, _I.RESTARTED): (_S.QUERYING, (_A.QUERY,)),
-    (_S.BACKING_OFF, _I.RETRY): (_S.QUERYING, (_A.QUERY,)),
-    (_S.BACKING_OFF, _I.SILENT): (_S.UNKNOWN, (_A.FORGET,)),
-    (_S.BACKING_OFF, _I.EXPIRED): (_S.UNKNOWN, (_A.FORGET,)),
-    (_S.ACTIVE, _I.HEARD): (_S.ACTIVE, ()),
-    (_S.ACTIVE, _I.CHANGED): (_S.REFRESHING, (_A.QUERY,)),
-    (_S.ACTIVE, _I.RESTARTED): (_S.REFRESHING, (_A.QUERY,)),
-    (_S.ACTIVE, _I.SILENT): (_S.LOST, (_A.LOST,)),
-    (_S.REFRESHING, _I.HEARD): (_S.REFRESHING, ()),
-    (_S.REFRESHING, _I.CHANGED): (_S.REFRESHING, ()),
-    (_S.REFRESHING, _I.RESTARTED): (_S.REFRESHING, (_A.ABANDON, _A.QUERY)),
-    (_S.REFRESHING, _I.ANSWERED): (_S.ACTIVE, (_A.UPDATED,)),
-    (_S.REFRESHING, _I.ANSWERED_ANEW): (_S.ACTIVE, (_A.RESTARTED,)),
-    (_S.REFRESHING, _I.FAILED): (_S.REFRESH_BACK_OFF, (_A.BACK_OFF,)),
-    (_S.REFRESHING, _I.SILENT): (_S.LOST, (_A.ABANDON, _A.LOST)),
-    (_S.REFRESH_BACK_OFF, _I.HEARD): (_S.REFRESH_BACK_OFF, ()),
-    (_S.REFRESH_BACK_OFF, _I.CHANGED): (_S.REFRESH_BACK_OFF, ()),
-    (_S.REFRESH_BACK_OFF, _I.RESTARTED): (_S.REFRESHING, (_A.QUERY,)),
-    (_S.REFRESH_BACK_OFF, _I.RETRY): (_S.REFRESHING, (_A.QUERY,)),
-    (_S.REFRESH_BACK_OFF, _I.SILENT): (_S.LOST, (_A.LOST,)),
-    (_S.LOST, _I.HEARD): (_S.ACTIVE, (_A.RETURNED,)),
-    (_S.LOST, _I.CHANGED): (_S.REJOINING, (_A.QUERY,)),
-    (_S.LOST, _I.RESTARTED): (_S.REJOINING, (_A.QUERY,)),
-    (_S.LOST, _I.EXPIRED): (_S.UNKNOWN, (_A.FORGET,)),
-    (_S.REJOINING, _I.HEARD): (_S.REJOINING, ()),
-    (_S.REJOINING, _I.CHANGED): (_S.REJOINING, ()),
-    (_S.REJOINING, _I.RESTARTED): (_S.REJOINING, (_A.ABANDON, _A.QUERY)),
-    (_S.REJOINING, _I.ANSWERED): (_S.ACTIVE, (_A.RETURNED,)),
-    (_S.REJOINING, _I.ANSWERED_ANEW): (_S.ACTIVE, (_A.RESTARTED,)),
-    (_S.REJOINING, _I.FAILED): (_S.REJOIN_BACK_OFF, (_A.BACK_OFF,)),
-    (_S.REJOINING, _I.SILENT): (_S.LOST, (_A.ABANDON,)),
-    (_S.REJOIN_BACK_OFF, _I.HEARD): (_S.REJOIN_BACK_OFF, ()),
-    (_S.REJOIN_BACK_OFF, _I.CHANGED): (_S.REJOIN_BACK_OFF, ()),
-    (_S.REJOIN_BACK_OFF, _I.RESTARTED): (_S.REJOINING, (_A.QUERY,)),
-    (_S.REJOIN_BACK_OFF, _I.RETRY): (_S.REJOINING, (_A.QUERY,)),
-    (_S.REJOIN_BACK_OFF, _I.SILENT): (_S.LOST, ()),
-}
-"""(state, input) -> (next state, actions in order). All other inputs are illegal and change nothing."""
+    QUERYING          HEARD          QUERYING
+    QUERYING          CHANGED        QUERYING
+    QUERYING          RESTARTED      QUERYING          ABANDON QUERY
+    QUERYING          ANSWERED       ACTIVE            DISCOVERED
+    QUERYING          FAILED         BACKING_OFF       BACK_OFF
+    QUERYING          SILENT         UNKNOWN           ABANDON FORGET
 
-STATED: dict[tuple[State, Input], str] = {
-    (_S.UNKNOWN, _I.HEARD): "asynchronous ROS 2 service futures ... to track agents",
-    (_S.QUERYING, _I.HEARD): "prevent redundant metadata queries",
-    (_S.QUERYING, _I.ANSWERED): "discovering a new agent ... fires agent discovery events",
-    (
-        _S.ACTIVE,
-        _I.HEARD,
-    ): "by subscribing to the global heartbeat ... an active cache of the fleet",
-    (
-        _S.ACTIVE,
-        _I.SILENT,
-    ): "timers to track agents ... exposing the resulting state ... via discovery events",
+    BACKING_OFF       HEARD          BACKING_OFF
+    BACKING_OFF       CHANGED        BACKING_OFF
+    BACKING_OFF       RESTARTED      QUERYING          QUERY
+    BACKING_OFF       RETRY          QUERYING          QUERY
+    BACKING_OFF       SILENT         UNKNOWN           FORGET
+    BACKING_OFF       EXPIRED        UNKNOWN           FORGET
+
+    ACTIVE            HEARD          ACTIVE
+    ACTIVE            CHANGED        REFRESHING        QUERY
+    ACTIVE            RESTARTED      REFRESHING        QUERY
+    ACTIVE            SILENT         LOST              LOST
+
+    REFRESHING        HEARD          REFRESHING
+    REFRESHING        CHANGED        REFRESHING
+    REFRESHING        RESTARTED      REFRESHING        ABANDON QUERY
+    REFRESHING        ANSWERED       ACTIVE            UPDATED
+    REFRESHING        ANSWERED_ANEW  ACTIVE            RESTARTED
+    REFRESHING        FAILED         REFRESH_BACK_OFF  BACK_OFF
+    REFRESHING        SILENT         LOST              ABANDON LOST
+
+    REFRESH_BACK_OFF  HEARD          REFRESH_BACK_OFF
+    REFRESH_BACK_OFF  CHANGED        REFRESH_BACK_OFF
+    REFRESH_BACK_OFF  RESTARTED      REFRESHING        QUERY
+    REFRESH_BACK_OFF  RETRY          REFRESHING        QUERY
+    REFRESH_BACK_OFF  SILENT         LOST              LOST
+
+    LOST              HEARD          ACTIVE            RETURNED
+    LOST              CHANGED        REJOINING         QUERY
+    LOST              RESTARTED      REJOINING         QUERY
+    LOST              EXPIRED        UNKNOWN           FORGET
+
+    REJOINING         HEARD          REJOINING
+    REJOINING         CHANGED        REJOINING
+    REJOINING         RESTARTED      REJOINING         ABANDON QUERY
+    REJOINING         ANSWERED       ACTIVE            RETURNED
+    REJOINING         ANSWERED_ANEW  ACTIVE            RESTARTED
+    REJOINING         FAILED         REJOIN_BACK_OFF   BACK_OFF
+    REJOINING         SILENT         LOST              ABANDON
+
+    REJOIN_BACK_OFF   HEARD          REJOIN_BACK_OFF
+    REJOIN_BACK_OFF   CHANGED        REJOIN_BACK_OFF
+    REJOIN_BACK_OFF   RESTARTED      REJOINING         QUERY
+    REJOIN_BACK_OFF   RETRY          REJOINING         QUERY
+    REJOIN_BACK_OFF   SILENT         LOST
+    """,
+)
+"""State, input, next state, and the actions in order; all other inputs are illegal and change nothing.
+
+Heartbeats during a query keep the agent alive, and cause no second query. After a restart, the incarnation that
+was queried is gone.
+"""
+
+STATED = {
+    (State.UNKNOWN, Input.HEARD): "asynchronous ROS 2 service futures ... to track agents",
+    (State.QUERYING, Input.HEARD): "prevent redundant metadata queries",
+    (State.QUERYING, Input.ANSWERED): "discovering a new agent ... fires agent discovery events",
+    (State.ACTIVE, Input.HEARD): "by subscribing to the global heartbeat ... an active cache",
+    (State.ACTIVE, Input.SILENT): "timers to track agents ... via discovery events",
 }
 """Transitions that the paper states in sections 4.2 and 4.3 and in the caption, with its words."""
 
