@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
 from sfglab.component import Reporter, beside, run_component
@@ -23,10 +23,10 @@ from sfglab.fleet.gop_config import (
     FFMPEG_PACKET,
     FLAG_DISCARD,
     FLAG_KEY,
+    REPLAY_DEPTH,
     REPLAY_QOS,
     GopCacheConfig,
     GopCacheSettings,
-    Limits,
     replay_topic,
 )
 from sfglab.messages.packets import PacketOrder
@@ -38,29 +38,33 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Node
 
-M = TypeVar("M")
+MAX_GROUP_BYTES = 8_000_000  #: Maximum size of a kept group: two seconds of 32 Mbit/s.
 
 
-class GopCache(Generic[M]):
-    """Current group of pictures of a stream; empty after a gap or overflow until the next key frame."""
+class GopCache:
+    """Current group of pictures of a stream; empty after a gap or overflow until the next key frame.
 
-    def __init__(self, limits: Limits | None = None) -> None:
+    The arguments are the maximum number and size of its packets.
+    """
+
+    def __init__(self, max_packets: int = REPLAY_DEPTH, max_bytes: int = MAX_GROUP_BYTES) -> None:
         self.size_bytes = 0  #: Size of the kept packets.
         self.gaps = 0  #: Number of gaps in the stream.
         self.overflows = 0  #: Number of groups that exceeded the limits.
-        self._limits = limits or Limits()
-        self._packets: list[M] = []
+        self._max_packets = max_packets
+        self._max_bytes = max_bytes
+        self._packets: list[Any] = []
         self._order = PacketOrder()
 
     def __len__(self) -> int:
         return len(self._packets)
 
     @property
-    def packets(self) -> tuple[M, ...]:
+    def packets(self) -> tuple[Any, ...]:
         """The kept packets, the key frame first."""
         return tuple(self._packets)
 
-    def add(self, packet: M, *, pts: int, is_key: bool, size_bytes: int) -> bool:
+    def add(self, packet: Any, *, pts: int, is_key: bool, size_bytes: int) -> bool:
         """Process the next packet, in the order of `PacketOrder`; return whether it is kept."""
         is_missing = self._order.missing(pts)
         if is_key:
@@ -71,8 +75,8 @@ class GopCache(Generic[M]):
             self.gaps += 1
             self._clear()
             return False
-        is_full = len(self._packets) >= self._limits.packets
-        if is_full or self.size_bytes + size_bytes > self._limits.size_bytes:
+        is_full = len(self._packets) >= self._max_packets
+        if is_full or self.size_bytes + size_bytes > self._max_bytes:
             self.overflows += 1
             self._clear()
             return False
@@ -136,7 +140,7 @@ class _Stream:
         self._replay_topic = str(replay_topic(topic))
         self._settle_s = settings.settle_s
         self._on_replay = on_replay
-        self._cache: GopCache[Any] = GopCache(settings.limits)
+        self._cache = GopCache()
         self._readers: set[bytes] = set()
         # wait until the connections to the first reader settle
         self._timer: asyncio.Task[None] | None = None

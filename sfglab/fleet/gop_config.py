@@ -5,7 +5,7 @@ The module imports neither nodes nor messages, so that it loads fast.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from sfglab.bus.address import BusAddress
 from sfglab.errors import InvalidValueError
@@ -41,24 +41,10 @@ def replay_topic(stream_topic: str) -> str | None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """Limits of the group of pictures that is kept of one stream."""
-
-    packets: int = 256  #: Maximum number of packets.
-    size_bytes: int = 8_000_000  #: Maximum size. The default is two seconds of 32 Mbit/s.
-
-    def __post_init__(self) -> None:
-        for name in ("packets", "size_bytes"):
-            if (given := getattr(self, name)) < 1:
-                raise InvalidValueError(f"group of pictures, {name}", given, "1 or more")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class GopCacheSettings:
     """Settings of a GOP cache."""
 
     streams: tuple[str, ...] = ()  #: Topics of the compressed streams.
-    limits: Limits = field(default_factory=Limits)  #: Limits of each group of pictures.
     #: Time between the discovery of the first reader and the replay, s. A router opens both its sides at
     #: once. Packets that are sent before its other side is matched are retransmitted later. Over two
     #: routers a replay took 0.11 s without this wait and 0.02 s with it.
@@ -69,9 +55,6 @@ class GopCacheSettings:
             if replay_topic(topic) is None:
                 allowed = "topics of the schema that end in 'ffmpeg'"
                 raise InvalidValueError("stream", topic, allowed)
-        if self.limits.packets > REPLAY_DEPTH:
-            given, allowed = self.limits.packets, f"1 to {REPLAY_DEPTH}"
-            raise InvalidValueError("group of pictures, packets", given, allowed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Remote streams get local names by the schema, what cannot be offered is named; demand follows the graph."""
+"""Remote streams get local names by the schema, and what cannot be offered is named."""
 
 import asyncio
 import zlib
@@ -7,9 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM
+from cameras import FFMPEG, INFO, LOCAL, LOCAL_INFO, STREAM
 
-from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.bus.sim import run_simulated
 from sfglab.codecs import COMPRESSED_IMAGE
 from sfglab.component import Orders, beside
@@ -24,7 +23,6 @@ from sfglab.fleet.decoder.pipeline import (
 from sfglab.fleet.decoder.process import PipelineWorker
 from sfglab.fleet.decoder.streams import (
     RELAY,
-    Demand,
     StreamError,
     StreamKind,
     routes_of_agent,
@@ -148,24 +146,3 @@ def test_an_image_written_in_two_parts_is_the_message_itself(shape, dtype, encod
     assert (image.height, image.width, image.step) == (shape[0], shape[1], pixels.strides[0])
     assert (image.encoding, image.header) == (encoding, header)
     assert image.data.tobytes() == pixels.tobytes()
-
-
-@pytest.mark.parametrize(
-    ("events", "count", "transports"),
-    [
-        ("+shm1 +dds2 +shm3 -dds2", 2, {"shm"}),
-        ("-shm9 +shm1 +shm1", 1, {"shm"}),
-        ("+dds1 +dds1 -dds1", 0, set()),
-    ],
-    ids=["one leaves", "announced twice it counts once", "and leaves once"],
-)
-def test_demand_is_the_subscriptions_of_a_topic_and_publishers_are_none(events, count, transports):
-    demand = Demand()
-    for event in events.split():
-        change = EndpointAdded if event[0] == "+" else EndpointRemoved
-        fields = {"topic": LOCAL, "type": IMAGE, "qos": SENSOR_DATA, "transport": event[1:4]}
-        for kind in EndpointKind:
-            endpoint = EndpointInfo(kind=kind, gid=event[-1].encode() * 16, **fields)
-            wanted = LOCAL if kind is EndpointKind.SUBSCRIPTION else None
-            assert demand.feed(change(endpoint=endpoint)) == wanted
-    assert (demand.count(LOCAL), demand.transports(LOCAL)) == (count, transports)

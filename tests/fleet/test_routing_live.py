@@ -206,12 +206,12 @@ async def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
         subscription = everybody.create_subscription(STRING, TOPIC, qos=LATCHED)
         await subscription.take(60)
         subscription.close()
-        await until(lambda: f"outward rt{TOPIC}: closed" in said)
+        path = f"router: {TOPIC} outward"
+        await until(lambda: f"{path} closed" in said)
         os.kill(os.getpid(), signal.SIGTERM)
         await serving
-    path = f"outward rt{TOPIC}"
     ready, released = "router: ready, end it with Ctrl-C", "router: everything is released"
-    assert said == [ready, f"{path}: open", f"{path}: closed", released]
+    assert said == [ready, f"{path} opened", f"{path} closed", released]
 
 
 def test_the_lock_names_its_holder_and_is_free_as_soon_as_it_is_released():

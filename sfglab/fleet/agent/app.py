@@ -42,8 +42,8 @@ from sfglab.fleet.agent.supervision import (
     State,
     Supervision,
 )
+from sfglab.fleet.narration import PathNarrator, StreamNarrator
 from sfglab.machine import ProcessTiming
-from sfglab.names import DdsRole, Resource, ros_name_from_dds
 from sfglab.processes import CHECK_PERIOD_S, Watchdog
 from sfglab.units import NS_PER_S
 
@@ -245,8 +245,8 @@ class Narrator:
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
-        self._paths: frozenset[str] = frozenset()
-        self._streams: dict[str, str] = {}
+        self._paths = PathNarrator()
+        self._streams = StreamNarrator()
 
     def beginning(self) -> str:
         """Return the first line."""
@@ -274,24 +274,10 @@ class Narrator:
         if report["is"] == "event":
             return [f"{report['agent']} {report['event'].lower()}"]
         if report["is"] == "status" and "paths" in report:
-            return self._of_paths(report["paths"])
+            return self._paths.lines(report["paths"])
         if report["is"] == "status" and "local_topic" in report:
-            return self._of_stream(report)
+            return self._streams.lines(report)
         return []
-
-    def _of_paths(self, paths: list[Report]) -> list[str]:
-        names = {_path(path["topic"], path["direction"]) for path in paths if path["readers"]}
-        before, self._paths = self._paths, frozenset(names - {""})
-        opened = [f"{path} opened" for path in sorted(self._paths - before)]
-        return opened + [f"{path} closed" for path in sorted(before - self._paths)]
-
-    def _of_stream(self, report: Report) -> list[str]:
-        topic, state = report["local_topic"], report["state"].lower()
-        if self._streams.get(topic) == state:
-            return []
-        self._streams[topic] = state
-        plural = "" if report["subscribers"] == 1 else "s"
-        return [f"{topic} {state}, {report['subscribers']} subscriber{plural}"]
 
 
 def _of_change(report: Report) -> list[str]:
@@ -307,15 +293,6 @@ def _of_change(report: Report) -> list[str]:
             return [f"{why}; it is ended and started again"]
         case _:
             return []
-
-
-def _path(dds_topic: str, direction: str) -> str:
-    """Return a path by its ROS name; empty for replies and for the queries of discovery."""
-    wire = ros_name_from_dds(dds_topic)
-    if wire is None:
-        return f"{dds_topic} {direction}"
-    quiet = wire.role is DdsRole.REPLY or wire.name.endswith(f"/{Resource.GET_METADATA.value}")
-    return "" if quiet else f"{wire.name} {direction}"
 
 
 def _place(address: BusAddress) -> str:

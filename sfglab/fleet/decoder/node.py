@@ -17,7 +17,7 @@ from functools import partial
 from signal import SIGKILL
 from typing import TYPE_CHECKING
 
-from sfglab.bus.api import OFFER_KEY, EndpointEvent, user_data
+from sfglab.bus.api import OFFER_KEY, EndpointKind, user_data
 from sfglab.bus.parameters import Parameters
 from sfglab.bus.pubsub import Publisher, topic_endpoint
 from sfglab.component import (
@@ -36,7 +36,6 @@ from sfglab.fleet.decoder.pipeline import LOCAL_QOS, Statistics
 from sfglab.fleet.decoder.process import Worker, WorkerConfig, WorkerPool
 from sfglab.fleet.decoder.streams import (
     Action,
-    Demand,
     Input,
     Lifecycle,
     Route,
@@ -46,12 +45,14 @@ from sfglab.fleet.decoder.streams import (
     routes_of_topic,
 )
 from sfglab.fleet.discovery.listener import Change, Withdrawn, agent_changes
+from sfglab.fleet.narration import StreamNarrator
 from sfglab.processes import CHECK_PERIOD_S, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
 
     from sfglab.bus import Node
+    from sfglab.bus.api import Transport
 
 
 _LOG = logging.getLogger(__name__)
@@ -114,7 +115,6 @@ class AgentDecoder:
         self._timing = timing or Timing()
         self._replay = replay
         self._on_status = on_status or (lambda _: None)
-        self._demand = Demand()
         self._pipelines: dict[str, _Pipeline] = {}
         # Routes by local topic and agent, in their order: the first one is decoded until it is withdrawn.
         self._offered: dict[str, dict[str, Route]] = {}
@@ -156,7 +156,8 @@ class AgentDecoder:
 
     async def _watch_graph(self) -> None:
         async for event in self._local.graph.events():
-            self._events.put_nowait(partial(self._see, event))
+            if event.endpoint.kind is EndpointKind.SUBSCRIPTION:
+                self._events.put_nowait(partial(self._see, event.endpoint.topic))
 
     async def _watch_workers(self) -> None:
         """End unresponsive pipeline processes by force; they are replaced as after a crash."""
@@ -180,8 +181,7 @@ class AgentDecoder:
         event = await next_before(self._events, deadlines)
         await (event or self._run_timers)()
 
-    async def _see(self, event: EndpointEvent) -> None:
-        topic = self._demand.feed(event)
+    async def _see(self, topic: str) -> None:
         if topic in self._pipelines:
             await self._follow_demand(self._pipelines[topic])
 
@@ -223,16 +223,20 @@ class AgentDecoder:
             )
             pipeline.offer = Publisher(self._local.backend, endpoint)
         self._on_status(self._status(pipeline))
-        pipeline.seen = bool(self._demand.count(route.local_topic))
+        pipeline.seen = bool(self._subscribed(route))
         await self._follow_demand(pipeline)
 
     async def _follow_demand(self, pipeline: _Pipeline) -> None:
-        transports = self._demand.transports(pipeline.route.local_topic)
+        transports = self._subscribed(pipeline.route)
         if bool(transports) != pipeline.wanted:
             pipeline.wanted = bool(transports)
             await self._feed(pipeline, Input.WANTED if transports else Input.UNWANTED)
         elif pipeline.worker is not None and transports:
-            pipeline.worker.order(do="serve", transports=sorted(transports))
+            pipeline.worker.order(do="serve", transports=sorted(set(transports)))
+
+    def _subscribed(self, route: Route) -> list[Transport]:
+        """Return the transport of each local subscription of a stream."""
+        return [end.transport for end in self._local.graph.subscriptions(route.local_topic)]
 
     async def _heard(self, topic: str, worker: Worker, report: Report) -> None:
         pipeline = self._pipelines.get(topic)
@@ -296,7 +300,7 @@ class AgentDecoder:
         stream = replace(
             route, after=after, replay_topic=route.replay_topic if self._replay else ""
         )
-        transports = sorted(self._demand.transports(route.local_topic))
+        transports = sorted(set(self._subscribed(route)))
         pipeline.worker.order(do="open", stream=stream, transports=transports)
 
     def _status(self, pipeline: _Pipeline) -> PipelineStatus:
@@ -304,7 +308,7 @@ class AgentDecoder:
             local_topic=pipeline.route.local_topic,
             source_topic=pipeline.route.source_topic,
             state=pipeline.life.state.name,
-            subscribers=self._demand.count(pipeline.route.local_topic),
+            subscribers=len(self._subscribed(pipeline.route)),
             crashes=pipeline.life.crashes,
             statistics=pipeline.statistics,
         )
@@ -329,7 +333,7 @@ async def run_decoder(
 
     routes = [route for topic in config.streams for route in routes_of_topic(topic)]
     workers = WorkerConfig(remote=config.remote, local=config.local)
-    pool = WorkerPool(workers, spares=int(config.spare), refill=config.refill)
+    pool = WorkerPool(workers, spare=config.spare, refill=config.refill)
     # The node is created first, so that a wrong domain or interface is reported once and not by each
     # process.
     async with Node("agent_decoder", **asdict(config.local)) as local:
@@ -376,15 +380,11 @@ async def _serve(config: DecoderConfig, report: Reporter, orders: Orders) -> Non
 
 async def serve_terminal(config: DecoderConfig, say: Callable[[str], None]) -> None:
     """Run a decoder for a person at a terminal; print a line for each change of a stream's state."""
-    states: dict[str, str] = {}
+    narrator = StreamNarrator()
 
     def note(status: PipelineStatus) -> None:
-        if states.get(status.local_topic) != status.state:
-            states[status.local_topic] = status.state
-            who = f"{status.subscribers} subscriber{'' if status.subscribers == 1 else 's'}"
-            say(
-                f"{status.local_topic}: {status.state.lower()}, {who}  (from {status.source_topic})"
-            )
+        for line in narrator.lines(asdict(status)):
+            say(f"decoder: {line}")
 
     ready = "decoder: ready, end it with Ctrl-C"
     await run_until_interrupted(run_decoder(config, on_status=note, on_ready=lambda _: say(ready)))

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import FFMPEG_PACKET, CodecError, image_decoder
-from sfglab.component import Orders, Report, Reporter, run_component
+from sfglab.component import Orders, Report, Reporter, is_set_before, run_component
 from sfglab.fields import from_json
 from sfglab.fleet.decoder.pipeline import Outputs, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import IMAGE_TYPE, Route
@@ -159,17 +159,16 @@ class Worker(LineProcess):
 
 
 class WorkerPool:
-    """Pipeline processes, of which `spares` are in standby; with `refill`, an acquired one is replaced."""
+    """Pipeline processes, with `spare` one of them in standby; with `refill`, an acquired one is replaced."""
 
-    def __init__(self, config: WorkerConfig, *, spares: int = 1, refill: bool = True) -> None:
+    def __init__(self, config: WorkerConfig, *, spare: bool = True, refill: bool = True) -> None:
         module = "sfglab.fleet.decoder.process"
         self._member = Member(name="pipeline process", module=module, config=config)
-        self._spares_wanted = spares
-        self._refills_wanted = refill
-        self._spares: list[Worker] = []
+        self._wants_spare = spare
+        self._wants_refill = spare and refill
+        self._spare: Worker | None = None
         self._workers: set[Worker] = set()
-        self._filling = asyncio.Lock()
-        self._refills: set[asyncio.Task[None]] = set()
+        self._refilling: asyncio.Task[None] | None = None
         self._closed = asyncio.Event()
 
     @property
@@ -179,57 +178,51 @@ class WorkerPool:
 
     @property
     def warm(self) -> bool:
-        """Whether all standby processes are running and ready."""
-        return len(self._spares) >= self._spares_wanted and all(w.is_ready for w in self._spares)
+        """Whether a standby process, if there has to be one, is running and ready."""
+        return not self._wants_spare or (self._spare is not None and self._spare.is_ready)
 
     async def start(self) -> None:
-        """Start the standby processes and return when they are ready.
+        """Start the standby process and return when it is ready.
 
         Raises:
-            ProcessFailedError: One of them failed to start.
+            ProcessFailedError: It failed to start.
         """
-        await self._fill()
-        for worker in tuple(self._spares):
-            await worker.expect("ready", timeout_s=None)
+        if self._wants_spare:
+            self._spare = await self._spawn()
+            await self._spare.expect("ready", timeout_s=None)
 
     async def acquire(self, owner: Owner) -> Worker:
         """Return a process for one pipeline, whose reports go to the owner; a replacement may start later."""
-        worker = self._spares.pop(0) if self._spares else await self._spawn()
+        worker, self._spare = self._spare, None
+        if worker is None:
+            worker = await self._spawn()
         worker.buffers_reports = False
         worker.assign(owner)
-        if self._refills_wanted:
-            refill = asyncio.create_task(self._refill())
-            self._refills.add(refill)
-            refill.add_done_callback(self._refills.discard)
+        if self._wants_refill and (self._refilling is None or self._refilling.done()):
+            self._refilling = asyncio.create_task(self._refill())
         return worker
 
     async def release(self, worker: Worker) -> None:
-        """Take back a process whose pipeline has ended: to standby, or to its end if there are enough."""
+        """Take back a process whose pipeline has ended: to standby, or to its end if another one stands by."""
         worker.assign(self._on_spare_report)
-        if worker.status is None and self._is_short():
-            self._spares.append(worker)
+        is_needed = self._wants_spare and self._spare is None and not self._closed.is_set()
+        if worker.status is None and is_needed:
+            self._spare = worker
         else:
             await worker.end()
 
     async def close(self) -> None:
         """End all workers and wait for them."""
         self._closed.set()
-        await asyncio.gather(*self._refills)
+        if self._refilling is not None:
+            await self._refilling
         await asyncio.gather(*(worker.end() for worker in tuple(self._workers)))
 
-    def _is_short(self) -> bool:
-        return len(self._spares) < self._spares_wanted and not self._closed.is_set()
-
     async def _refill(self) -> None:
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(REFILL_DELAY_S):
-                await self._closed.wait()
-        await self._fill()
-
-    async def _fill(self) -> None:
-        async with self._filling:
-            while self._is_short():
-                self._spares.append(await self._spawn())
+        refill_s = asyncio.get_running_loop().time() + REFILL_DELAY_S
+        is_closed = await is_set_before(self._closed, refill_s)
+        if not is_closed and self._spare is None:
+            await self.release(await self._spawn())
 
     async def _spawn(self) -> Worker:
         worker = await Worker.start(self._member.name, self._member.command)
@@ -239,8 +232,8 @@ class WorkerPool:
 
     def _on_spare_report(self, worker: Worker, report: Report) -> None:
         worker.is_ready |= report["is"] == "ready"
-        if report["is"] == "ended" and worker in self._spares:
-            self._spares.remove(worker)
+        if report["is"] == "ended" and worker is self._spare:
+            self._spare = None
 
 
 if __name__ == "__main__":

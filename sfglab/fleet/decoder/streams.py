@@ -1,4 +1,4 @@
-"""Streams that can be decoded on this device, the demand for them, and the life cycle of a pipeline as a table.
+"""Streams that can be decoded on this device, and the life cycle of a pipeline as a table.
 
 A compressed stream ``/global/<agent>/<component>/<stream>/<resource>`` is offered on this device as
 ``/local/<agent>/<component>/<stream>/image_raw``, its camera info under the same name in the local scope
@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind, Transport
 from sfglab.codecs.errors import MAX_PIXELS
 from sfglab.errors import SfglabError
 from sfglab.fleet.discovery.validation import validated_metadata
@@ -169,35 +168,6 @@ def _remote_stream(topic: str) -> RosFqn:
             topic, "needed is a name in the global scope with an agent and a component"
         )
     return fqn
-
-
-class Demand:
-    """The local subscriptions of all topics, by topic and transport."""
-
-    def __init__(self) -> None:
-        self._subscriptions: dict[str, dict[bytes, Transport]] = {}
-
-    def feed(self, event: EndpointEvent) -> str | None:
-        """Process a graph event; return a subscription's topic, whose demand may have changed, else None."""
-        endpoint = event.endpoint
-        if endpoint.kind is not EndpointKind.SUBSCRIPTION:
-            return None
-        known = self._subscriptions.setdefault(endpoint.topic, {})
-        if isinstance(event, EndpointAdded):
-            known[endpoint.gid] = endpoint.transport
-        else:
-            known.pop(endpoint.gid, None)
-        if not known:
-            del self._subscriptions[endpoint.topic]
-        return endpoint.topic
-
-    def transports(self, topic: str) -> frozenset[Transport]:
-        """Return the transports of a topic's subscriptions."""
-        return frozenset(self._subscriptions.get(topic, {}).values())
-
-    def count(self, topic: str) -> int:
-        """Return how many local subscriptions a topic has."""
-        return len(self._subscriptions.get(topic, {}))
 
 
 class State(Enum):

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import SfglabError
 from sfglab.fleet.policy import Direction
 from sfglab.fleet.refusals import WarnOnce
 from sfglab.messages import CdrError, deserialize, message_type, serialize
 from sfglab.names import SHARED_FRAMES, frame_owner, prefixed_frame
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable
+    from collections.abc import Callable, Iterable
 
     from sfglab.bus.forwarding import Transform
 
@@ -30,17 +29,6 @@ MAX_FRAME = 255  #: Maximum length of the name of another agent's frame, charact
 MAX_CLAIMS = 1000  #: Maximum number of frames of one publisher; ten times as many for all together.
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 _log = logging.getLogger(__name__)
-
-
-class FrameClashError(SfglabError, ValueError):
-    """A transform that would move a frame of another owner."""
-
-    def __init__(self, direction: Direction, frame: str, allowed: str) -> None:
-        self.direction = direction  #: Direction across the boundary.
-        self.frame = frame  #: Child frame, as given.
-        self.allowed = allowed  #: Allowed child frames.
-        given = f"given the child frame {_short(frame)!r}, allowed are {allowed}"
-        super().__init__(f"{direction.value} transform: {given}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,43 +46,39 @@ class Frames:
         """Return a local frame's name in the global domain."""
         return prefixed_frame(frame, self.agent, shared=self.shared)
 
-    def check_outward(self, child: str) -> None:
-        """Check the child frame of a transform of the agent's nodes.
+    def outward_refusal(self, child: str) -> str:
+        """Return why a transform of the agent's nodes is dropped, by its child frame; empty if it may pass.
 
-        Raises:
-            FrameClashError: It is a shared frame, it has another agent's prefix, or it is empty.
+        Shared frames, frames with another agent's prefix, and empty names are refused.
         """
         frame = child.removeprefix("/")
-        if not frame or frame in self.shared or frame_owner(frame) not in {"", self.agent}:
-            own = f"frames without prefix and those below {self.agent + '/'!r}"
-            allowed = f"{own}, but no shared ones ({_listed(self.shared)})"
-            raise FrameClashError(Direction.OUTWARD, child, allowed)
+        if frame and frame not in self.shared and frame_owner(frame) in {"", self.agent}:
+            return ""
+        own = f"frames without prefix and those below {self.agent + '/'!r}"
+        return _refusal(
+            Direction.OUTWARD, child, f"{own}, but no shared ones ({_listed(self.shared)})"
+        )
 
-    def check_inward(self, child: str, parent: str = "map") -> None:
-        """Check a transform of others, which must not move the agent's frames.
+    def inward_refusal(self, child: str, parent: str = "map") -> str:
+        """Return why a transform of others is dropped; empty if it may pass.
 
-        Raises:
-            FrameClashError: Its child has this agent's prefix and is not among `placed_by_others`; or child or
-                parent has no prefix and is not shared, so that inside it would mean another frame, or is too
-                long.
+        It must not move the agent's frames, except those in `placed_by_others`. A name without prefix that is
+        not shared would mean another frame inside, and long names are refused.
         """
         frame, below = child.removeprefix("/"), parent.removeprefix("/")
-        if not frame or self._is_own(frame) or not self._is_known(frame):
-            placed = [f"{self.agent}/{name}" for name in self.placed_by_others]
-            allowed = (
-                f"frames of others, by prefix or shared ({_listed(self.shared)}), and of those below "
-                f"{self.agent + '/'!r}: {_listed(placed) or 'none'}"
-            )
-            raise FrameClashError(Direction.INWARD, child, allowed)
-        if not self._is_known(below) or max(len(frame), len(below)) > MAX_FRAME:
-            allowed = (
-                f"those below parents with a prefix or shared ({_listed(self.shared)}), of {MAX_FRAME} "
-                f"characters each, and its parent is {_short(parent)!r}"
-            )
-            raise FrameClashError(Direction.INWARD, child, allowed)
+        if not self._is_own(frame) and self._is_known(frame) and self._is_known(below):
+            return ""
+        placed = [f"{self.agent}/{name}" for name in self.placed_by_others]
+        allowed = (
+            f"frames of others, by prefix or shared ({_listed(self.shared)}), of at most {MAX_FRAME} "
+            f"characters, below such parents, and of those below {self.agent + '/'!r}: "
+            f"{_listed(placed) or 'none'}; its parent is {_short(parent)!r}"
+        )
+        return _refusal(Direction.INWARD, child, allowed)
 
     def _is_known(self, frame: str) -> bool:
-        return bool(frame_owner(frame)) or frame in self.shared
+        """Return whether a frame means the same inside and outside."""
+        return len(frame) <= MAX_FRAME and (bool(frame_owner(frame)) or frame in self.shared)
 
     def _is_own(self, frame: str) -> bool:
         """Return whether a frame is the agent's and not placed by others."""
@@ -110,26 +94,22 @@ class FrameClaims:
         self._held: Counter[str] = Counter()
         self._contested: set[str] = set()
 
-    def claim(self, child: str, owner: str) -> None:
-        """Give a frame to an owner, an agent's router or a participant.
-
-        Raises:
-            FrameClashError: Another owner has it already, or this one has too many.
-        """
+    def claim(self, child: str, owner: str) -> str:
+        """Give a frame to an owner, an agent's router or a participant; return why not, or an empty text."""
         frame = child.removeprefix("/")
         holder = self._owners.get(frame)
         if holder == owner:
-            return
+            return ""
         if holder is not None:
             self._contested.add(frame)
-            allowed = f"frames that no other publishes, but {holder} does, and now {owner}"
-            raise FrameClashError(Direction.INWARD, child, allowed)
+            return _contested(child, holder, owner)
         held = self._held[owner]
-        if held >= MAX_CLAIMS or len(self._owners) >= 10 * MAX_CLAIMS or len(frame) > MAX_FRAME:
-            allowed = f"{MAX_CLAIMS} frames of one publisher, of at most {MAX_FRAME} characters"
-            raise FrameClashError(Direction.INWARD, child, f"{allowed}, and {owner} has {held}")
+        if held >= MAX_CLAIMS or len(self._owners) >= 10 * MAX_CLAIMS:
+            allowed = f"{MAX_CLAIMS} frames of one publisher, and {owner} has {held}"
+            return _refusal(Direction.INWARD, child, allowed)
         self._owners[frame] = owner
         self._held[owner] += 1
+        return ""
 
     def keep(self, owners: frozenset[str]) -> bool:
         """Forget the frames of all owners but these; return whether another had claimed one of them."""
@@ -156,63 +136,70 @@ class TransformGate:
 
     def outward(self, cdr: bytes) -> bytes | None:
         """Return a message of the agent's nodes as others receive it; None if no transform is left."""
-        return self._filtered(cdr, self._rename)
+        return self._filtered(cdr, self._admit_own)
 
     def inward(self, owner: str) -> Transform:
         """Return the function that filters messages of another publisher."""
-        return partial(self._filtered, accept=partial(self._admit, owner))
+        return partial(self._filtered, admit=partial(self._admit_other, owner))
 
     def keep_owners(self, owners: frozenset[str]) -> bool:
         """Forget all other publishers; return whether another had claimed one of their frames."""
         return self._claims.keep(owners)
 
-    def _filtered(self, cdr: bytes, accept: Callable[[Any], bool]) -> bytes | None:
-        """Return the message with the accepted transforms; the same object if nothing changed."""
+    def _filtered(self, cdr: bytes, admit: Callable[[Any], str]) -> bytes | None:
+        """Return the message with the admitted transforms; the same object if nothing changed."""
         try:
-            message = deserialize(cdr, self._type)
+            transforms = deserialize(cdr, self._type).transforms
         except CdrError as error:
-            self._drop(str(error), "no transforms")
+            self._drop("no transforms", str(error))
             return None
-        changed, accepted = False, []
-        for transform in message.transforms:
-            try:
-                changed |= accept(transform)
-                accepted.append(transform)
-            except FrameClashError as error:
-                self._drop(str(error), (error.direction, _short(error.frame)))
-        if message.transforms and not accepted:
+        before = [_names(transform) for transform in transforms]
+        admitted = []
+        for transform in transforms:
+            refusal = admit(transform)
+            if refusal:
+                self._drop(refusal, refusal)
+            else:
+                admitted.append(transform)
+        if transforms and not admitted:
             return None
-        if changed or len(accepted) < len(message.transforms):
-            return serialize(self._type(accepted))
-        return cdr
+        is_same = before == [_names(transform) for transform in admitted]
+        return cdr if is_same else serialize(self._type(admitted))
 
-    def _rename(self, transform: Any) -> bool:
-        """Rename a transform's frames; return whether that changed anything."""
-        frames = self._frames
-        self._own |= frames.shared & {transform.child_frame_id.removeprefix("/")}
-        frames.check_outward(transform.child_frame_id)
-        before = transform.header.frame_id, transform.child_frame_id
-        after = frames.outward(before[0]), frames.outward(before[1])
-        transform.header.frame_id, transform.child_frame_id = after
-        return after != before
+    def _admit_own(self, transform: Any) -> str:
+        """Rename the frames of a transform, or return why it is dropped."""
+        parent, child = _names(transform)
+        self._own |= self._frames.shared & {child.removeprefix("/")}
+        refusal = self._frames.outward_refusal(child)
+        if not refusal:
+            transform.header.frame_id = self._frames.outward(parent)
+            transform.child_frame_id = self._frames.outward(child)
+        return refusal
 
-    def _admit(self, owner: str, transform: Any) -> bool:
-        child, parent = transform.child_frame_id, transform.header.frame_id
+    def _admit_other(self, owner: str, transform: Any) -> str:
+        parent, child = _names(transform)
         if child.removeprefix("/") in self._own:
-            holder = f"{self._frames.agent} itself"
-            allowed = f"frames that no other publishes, but {holder} does, and now {owner}"
-            raise FrameClashError(Direction.INWARD, child, allowed)
-        try:
-            self._frames.check_inward(child, parent)
-        except FrameClashError as error:
-            allowed = f"{error.allowed}; it is from {owner}"
-            raise FrameClashError(Direction.INWARD, child, allowed) from None
-        self._claims.claim(child, owner)
-        return False
+            return _contested(child, f"{self._frames.agent} itself", owner)
+        refusal = self._frames.inward_refusal(child, parent)
+        return f"{refusal}; it is from {owner}" if refusal else self._claims.claim(child, owner)
 
-    def _drop(self, why: str, key: Hashable) -> None:
+    def _drop(self, key: str, why: str) -> None:
         self.clashed += 1
         self._warn(key, f"{why}; it is dropped, and further ones of it silently")
+
+
+def _names(transform: Any) -> tuple[str, str]:
+    return transform.header.frame_id, transform.child_frame_id
+
+
+def _refusal(direction: Direction, child: str, allowed: str) -> str:
+    given = f"given the child frame {_short(child)!r}, allowed are {allowed}"
+    return f"{direction.value} transform: {given}"
+
+
+def _contested(child: str, holder: str, owner: str) -> str:
+    allowed = f"frames that no other publishes, but {holder} does, and now {owner}"
+    return _refusal(Direction.INWARD, child, allowed)
 
 
 def _listed(frames: Iterable[str]) -> str:

@@ -31,6 +31,7 @@ from sfglab.component import (
     steady_ns,
 )
 from sfglab.errors import SfglabError
+from sfglab.fleet.narration import PathNarrator
 from sfglab.fleet.policy import Policy, Side
 from sfglab.fleet.router.config import RouterConfig, RouterSettings
 from sfglab.fleet.router.frames import Frames, TransformGate
@@ -236,20 +237,14 @@ async def serve_terminal(config: RouterConfig, say: Callable[[str], None]) -> No
         RouterRunningError: This host has a router of the agent's domain.
         BusError: A domain cannot be joined.
     """
-    carrying: set[str] = set()
+    narrator = PathNarrator()
 
     def note(report: Report) -> None:
         if report["is"] == "ready":
             say("router: ready, end it with Ctrl-C")
             return
-        before = set(carrying)
-        complete = [path for path in report["paths"] if path["readers"] and path["writers"]]
-        carrying.clear()
-        carrying.update(f"{path['direction']} {path['topic']}" for path in complete)
-        for name in sorted(carrying - before):
-            say(f"{name}: open")
-        for name in sorted(before - carrying):
-            say(f"{name}: closed")
+        for line in narrator.lines(report["paths"]):
+            say(f"router: {line}")
 
     await run_until_interrupted(run_router(config, note))
     say("router: everything is released")

@@ -1,0 +1,49 @@
+"""Lines for a person at a terminal about the reports of routers and decoders."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sfglab.names import DdsRole, Resource, ros_name_from_dds
+
+if TYPE_CHECKING:
+    from sfglab.component import Report
+
+
+class PathNarrator:
+    """Lines about the paths of a router."""
+
+    def __init__(self) -> None:
+        self._open: frozenset[str] = frozenset()
+
+    def lines(self, paths: list[Report]) -> list[str]:
+        """Return a line for each path that was opened or closed since the last report."""
+        names = {_path(path["topic"], path["direction"]) for path in paths if path["readers"]}
+        before, self._open = self._open, frozenset(names - {""})
+        opened = [f"{path} opened" for path in sorted(self._open - before)]
+        return opened + [f"{path} closed" for path in sorted(before - self._open)]
+
+
+class StreamNarrator:
+    """Lines about the streams of a decoder."""
+
+    def __init__(self) -> None:
+        self._states: dict[str, str] = {}
+
+    def lines(self, status: Report) -> list[str]:
+        """Return a line if the state of a stream has changed, given its `PipelineStatus` as a report."""
+        topic, state = status["local_topic"], status["state"].lower()
+        if self._states.get(topic) == state:
+            return []
+        self._states[topic] = state
+        plural = "" if status["subscribers"] == 1 else "s"
+        return [f"{topic} {state}, {status['subscribers']} subscriber{plural}"]
+
+
+def _path(dds_topic: str, direction: str) -> str:
+    """Return a path by its ROS name; empty for replies and for the queries of discovery."""
+    wire = ros_name_from_dds(dds_topic)
+    if wire is None:
+        return f"{dds_topic} {direction}"
+    quiet = wire.role is DdsRole.REPLY or wire.name.endswith(f"/{Resource.GET_METADATA.value}")
+    return "" if quiet else f"{wire.name} {direction}"
