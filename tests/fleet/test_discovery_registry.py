@@ -6,11 +6,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from sfglab.fleet.discovery import validation
 from sfglab.fleet.discovery.config import Timing
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.published import PublishedDescriptions
 from sfglab.fleet.discovery.registry import Registry
-from sfglab.fleet.discovery.validation import Limits, Refusal
+from sfglab.fleet.discovery.validation import Refusal
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import Heartbeat
 from sfglab.messages import serialize
@@ -27,7 +28,7 @@ class World:
     """A registry and its caller, who checks all orders; times in seconds."""
 
     def __init__(self, **limits) -> None:
-        self.registry = Registry("station", timing=TIMING, limits=Limits(**limits))
+        self.registry = Registry("station", timing=TIMING, **limits)
         self.asked, self.outstanding = [], {}  # all queries; agents by outstanding query
         self.events = {}  # last event by agent
 
@@ -173,8 +174,11 @@ def test_a_malformed_heartbeat_is_dropped_and_counted(fields):
     assert world.registry.counts == {"dropped_malformed": 1}
 
 
-def test_a_flood_is_cut_and_other_publishers_are_heard():
-    world = World(beats_per_s=5, burst=10, total_per_s=100, total_burst=50)
+def test_a_flood_is_cut_and_other_publishers_are_heard(monkeypatch):
+    limits = {"BEATS_PER_S": 5, "BURST": 10, "TOTAL_PER_S": 100, "TOTAL_BURST": 50}
+    for name, limit in limits.items():
+        monkeypatch.setattr(validation, name, limit)
+    world = World()
     for number in range(1000):
         world.hear(number / 1000, gid=b"flood")
     assert world.registry.counts["heard"] in (14, 15), "10 at once and 5 in the second"
@@ -198,8 +202,11 @@ def test_the_table_is_bounded_and_useless_agents_make_room():
     assert world.names == ["b1x", "c1x", "e1x"], "so was the one that never answered"
 
 
-def test_a_published_description_counts_from_the_wanted_version_on_and_from_one_publisher_alone():
-    found = PublishedDescriptions(Limits(max_agents=2, burst=4, beats_per_s=1))
+def test_a_published_description_counts_from_the_wanted_version_on_and_from_one_publisher_alone(
+    monkeypatch,
+):
+    monkeypatch.setattr(validation, "BURST", 4)
+    found = PublishedDescriptions(2)
 
     def receive(gid, incarnation, revision=0):
         version = {"incarnation": incarnation, "revision": revision}

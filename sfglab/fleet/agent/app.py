@@ -324,7 +324,7 @@ async def serve_agent(
         for line in [json.dumps(report)] if as_json else narrator.lines(report):
             say(line)
 
-    agent = Agent(plan(config), timing=config.supervision, on_report=on_report)
+    agent = Agent(plan(config), on_report=on_report)
     on_stop(agent.stop)
     if not as_json:
         say(narrator.beginning())

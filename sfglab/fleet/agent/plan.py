@@ -25,7 +25,6 @@ from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
 from sfglab.fleet.status.description import AgentDescription, SensorDescription
 from sfglab.fleet.status.heartbeat import Schedule
-from sfglab.machine import ProcessTiming
 from sfglab.names import SHARED_FRAMES
 
 if TYPE_CHECKING:
@@ -53,10 +52,6 @@ class AgentConfig:
     placed_by_others: tuple[
         str, ...
     ] = ()  #: Frames of the agent to which others may publish a parent.
-    #: Time that a decoding pipeline is kept after its last subscriber left, s.
-    idle_timeout_s: float = 1.0
-    replay: bool = True  #: Whether the decoder requests a replay from the sender of a stream.
-    spare: bool = True  #: Whether the decoder keeps a spare pipeline process.
     #: Whether router and decoder advertise topics before a subscription exists, so that ROS 2's tools list them. In
     #: the global domain it costs 0.6 kB per topic and other agent, once.
     advertise_unused_topics: bool = True
@@ -71,8 +66,6 @@ class AgentConfig:
     discovery: DiscoveryTiming = field(default_factory=DiscoveryTiming)
     #: Whether the metadata lists the accelerators that work on this host. Each of them is tried.
     detect: bool = True
-    #: Time limits and restart delays of the components.
-    supervision: ProcessTiming = field(default_factory=ProcessTiming)
 
 
 def plan(config: AgentConfig) -> tuple[Component, ...]:
@@ -150,9 +143,6 @@ def _decoder(config: AgentConfig) -> DecoderConfig:
         remote=config.local,
         local=config.local,
         discovery_topic=discovery_topic(config.agent),
-        idle_timeout_s=config.idle_timeout_s,
-        replay=config.replay,
-        spare=config.spare,
         advertise_unused_topics=config.advertise_unused_topics,
         parameters=config.parameters,
     )

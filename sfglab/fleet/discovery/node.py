@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections import Counter, deque
+from collections import deque
 from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -32,7 +32,7 @@ from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
 from sfglab.fleet.discovery.published import PublishedDescriptions
 from sfglab.fleet.discovery.registry import AgentStatus, Move, Order, Registry
-from sfglab.fleet.discovery.validation import Refusal, validated_metadata
+from sfglab.fleet.discovery.validation import MAX_METADATA_BYTES, Refusal, validated_metadata
 from sfglab.fleet.refusals import WarnOnce
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
@@ -53,36 +53,14 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _HEARTBEATS = replace(LATCHED, depth=1000)  # all agents share one topic
+# In a fleet that starts together, the discovery of a service takes long, and longer if the clients give up and
+# start again.
+_FIND_TIMEOUT_S = 5.0
 _PUBLISHED_WAIT_S = 0.5  # the description arrives with the heartbeat, unless a sample is lost
 _TICK_NS = 1_000_000_000  # longest time between two checks for a pause of this process
 _PAUSE_NS = 500_000_000  # shortest delay of such a check that counts as a pause
-# Events beyond those in `History`, so that an event is repeated before it leaves the publisher's history.
+# Events beyond those in the window, so that an event is repeated before it leaves the publisher's history.
 _MARGIN = 50
-
-
-class History:
-    """Agents of the last `depth` events, to repeat the events that late joiners would miss."""
-
-    def __init__(self, depth: int) -> None:
-        self._window: deque[str] = deque(maxlen=depth)
-        self._events: Counter[str] = Counter()  # by agent
-
-    def published(self, agent: str) -> str | None:
-        """Add an event of an agent.
-
-        Returns:
-            The agent whose only event left the window. If that agent is present, its event must be repeated.
-        """
-        oldest = self._window[0] if len(self._window) == self._window.maxlen else None
-        self._window.append(agent)
-        self._events[agent] += 1
-        if oldest is None:
-            return None
-        self._events[oldest] -= 1
-        if self._events[oldest]:
-            return None
-        del self._events[oldest]
-        return oldest
 
 
 class QueryLimit:
@@ -155,12 +133,12 @@ class AgentDiscoverer:
         self._registry = Registry(
             settings.agent,
             timing=settings.timing,
-            limits=settings.limits,
+            max_agents=settings.max_agents,
             on_move=on_move,
             on_alarm=lambda key, sentence: self._warn_once(key, f"discoverer: {sentence}"),
         )
-        self._history = History(HISTORY - _MARGIN)
-        self._descriptions = PublishedDescriptions(settings.limits)
+        self._announced: deque[str] = deque(maxlen=HISTORY - _MARGIN)  # agents of the last events
+        self._descriptions = PublishedDescriptions(settings.max_agents)
         self._description_received = asyncio.Event()
         self._limit = QueryLimit(settings.max_queries)
         self._queries: dict[int, asyncio.Task[None]] = {}
@@ -302,11 +280,11 @@ class AgentDiscoverer:
         """Call an agent's metadata service. Return None if there is no answer."""
         client = self._node.create_client(GET_METADATA, metadata_service(agent))
         try:
-            await client.wait_for_service(self._settings.find_timeout_s)
+            await client.wait_for_service(_FIND_TIMEOUT_S)
             response = await client.call(
                 service_type(GET_METADATA).request(),
                 timeout_s=self._settings.query_timeout_s,
-                max_bytes=self._settings.limits.max_metadata_bytes,
+                max_bytes=MAX_METADATA_BYTES,
             )
         except SfglabError as error:
             _LOG.info("discoverer: %s", error)
@@ -329,8 +307,11 @@ class AgentDiscoverer:
             self._publish(event)
             self._registry.counts[f"event_{event.event.lower()}"] += 1
             self._on_event(event)
-            missed = self._history.published(event.agent)
-            event = None if missed is None else self._registry.announcement(missed)
+            is_full = len(self._announced) == self._announced.maxlen
+            oldest = self._announced[0] if is_full else event.agent
+            self._announced.append(event.agent)
+            is_missed = oldest not in self._announced
+            event = self._registry.announcement(oldest) if is_missed else None
 
     def _publish(self, event: Order) -> None:
         type_ = message_type(DISCOVERY_EVENT)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fleet.discovery.validation import Limits, Rates, Refusal
+from sfglab.fleet.discovery.validation import MAX_METADATA_BYTES, Rates, Refusal
 from sfglab.fleet.status.heartbeat import AGENT_METADATA
 from sfglab.messages import CdrError, deserialize
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 
 
 class PublishedDescriptions:
-    """Last description of each publisher. The number of publishers is limited to `Limits.max_agents`."""
+    """Last description of each publisher. The number of publishers is limited."""
 
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
-        self._rates = Rates(limits)
+    def __init__(self, max_publishers: int) -> None:
+        self._max_publishers = max_publishers
+        self._rates = Rates(2 * max_publishers)
         self._last: dict[bytes, Any] = {}  # by publisher, the most recent last
 
     def receive(self, cdr: bytes, publisher_gid: bytes, *, now_ns: int) -> Refusal | None:
         """Store a serialized ``AgentMetadata`` and return None, or return why it is dropped."""
         if not self._rates.take(publisher_gid, now_ns):
             return Refusal.FLOOD
-        if len(cdr) > self._limits.max_metadata_bytes:
+        if len(cdr) > MAX_METADATA_BYTES:
             return Refusal.MALFORMED
         try:
             metadata = deserialize(cdr, AGENT_METADATA)
@@ -38,7 +38,7 @@ class PublishedDescriptions:
             return Refusal.MALFORMED
         self._last.pop(publisher_gid, None)
         self._last[publisher_gid] = metadata
-        if len(self._last) > self._limits.max_agents:
+        if len(self._last) > self._max_publishers:
             del self._last[next(iter(self._last))]
         return None
 

@@ -13,7 +13,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fleet.discovery.config import Timing
+from sfglab.fleet.discovery.config import MAX_AGENTS, Timing
 from sfglab.fleet.discovery.lifecycle import (
     ANNOUNCEMENTS,
     TRANSITIONS,
@@ -25,13 +25,7 @@ from sfglab.fleet.discovery.lifecycle import (
     State,
 )
 from sfglab.fleet.discovery.speakers import Source, Speakers
-from sfglab.fleet.discovery.validation import (
-    Limits,
-    Rates,
-    Refusal,
-    TokenBucket,
-    is_valid_heartbeat,
-)
+from sfglab.fleet.discovery.validation import Rates, Refusal, TokenBucket, is_valid_heartbeat
 from sfglab.fleet.status.description import MAX_TEXT
 from sfglab.machine import BackOff
 
@@ -136,7 +130,7 @@ class Registry:
         agent: str,
         *,
         timing: Timing | None = None,
-        limits: Limits | None = None,
+        max_agents: int = MAX_AGENTS,
         on_move: Callable[[Move], None] | None = None,
         on_alarm: Callable[[Hashable, str], None] = lambda _key, _sentence: None,
     ) -> None:
@@ -145,7 +139,7 @@ class Registry:
         Args:
             agent: The discoverer's own agent.
             timing: Timeouts and waits.
-            limits: Limits of the input.
+            max_agents: Maximum number of remote agents.
             on_move: Called after each transition.
             on_alarm: Called with a warning and a key that equal warnings share.
         """
@@ -158,8 +152,8 @@ class Registry:
         self._own_speakers = Speakers()
         self._own_newest: tuple[int, bytes] = (-1, b"")  # incarnation and publisher
         self._timing = timing or Timing()
-        self._limits = limits or Limits()
-        self._rates = Rates(self._limits)
+        self._max_agents = max_agents
+        self._rates = Rates(2 * max_agents)
         self._on_move = on_move
         self._on_alarm = on_alarm
         self._remotes: dict[str, _Remote] = {}
@@ -285,7 +279,7 @@ class Registry:
         remote = self._remotes.get(agent)
         if remote is None or not remote.is_present:
             return None
-        return _order_for(Action.DISCOVERED, agent, remote)
+        return _announcement(Action.DISCOVERED, agent, remote)
 
     def _own_refusal(self, heartbeat: Heartbeat, publisher_gid: bytes) -> Refusal:
         """Return `OWN` for the newest incarnation of the own agent, and `SPOOFED` for others."""
@@ -320,7 +314,7 @@ class Registry:
 
         In a full table it takes the place of the agent that is lost, or never answered, and was silent longest.
         """
-        if len(self._remotes) >= self._limits.max_agents:
+        if len(self._remotes) >= self._max_agents:
             useless = [a for a, remote in self._remotes.items() if remote.life.state in _USELESS]
             if not useless:
                 return False
@@ -368,14 +362,21 @@ class Registry:
 
     def _order(self, action: Action, agent: str, remote: _Remote) -> Order:
         """Return an order, and keep track of the outstanding query."""
-        if action is Action.QUERY:
-            self.counts["asked"] += 1
-            remote.query = next(self._queries)
-        order = _order_for(action, agent, remote)
+        if action in ANNOUNCEMENTS:
+            return _announcement(action, agent, remote)
         if action is Action.ABANDON:
             self.counts["abandoned"] += 1
-            remote.query = None
-        return order
+            abandoned, remote.query = remote.query, None
+            return Order(action=action, agent=agent, query=abandoned)
+        self.counts["asked"] += 1
+        remote.query = next(self._queries)
+        return Order(
+            action=action,
+            agent=agent,
+            query=remote.query,
+            failures=remote.backoff.failures,
+            wanted=remote.wanted,
+        )
 
     def _new_backoff(self) -> BackOff:
         timing = self._timing
@@ -401,17 +402,7 @@ def _input_of(version: _Version, remote: _Remote, source: Source, now_ns: int) -
     return Input.HEARD if state.announced is Announced.NOTHING else Refusal.CLAIMED
 
 
-def _order_for(action: Action, agent: str, remote: _Remote) -> Order:
-    if action in ANNOUNCEMENTS:
-        assert remote.held is not None
-        incarnation = remote.held[0]
-        return Order(action=action, agent=agent, incarnation=incarnation, metadata=remote.metadata)
-    if action is Action.ABANDON:
-        return Order(action=action, agent=agent, query=remote.query)
-    return Order(
-        action=action,
-        agent=agent,
-        query=remote.query,
-        failures=remote.backoff.failures,
-        wanted=remote.wanted,
-    )
+def _announcement(event: Action, agent: str, remote: _Remote) -> Order:
+    assert remote.held is not None
+    incarnation = remote.held[0]
+    return Order(action=event, agent=agent, incarnation=incarnation, metadata=remote.metadata)

@@ -7,12 +7,10 @@ description before other code uses it. It has neither endpoints nor a clock.
 from __future__ import annotations
 
 import functools
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
-from sfglab.fields import between, check_bounds
 from sfglab.fleet.status.description import MAX_TEXT, DescriptionError, StreamDescription
 from sfglab.fleet.status.heartbeat import (
     MAX_PERIOD_S,
@@ -46,25 +44,12 @@ class Refusal(Enum):
     FULL = "full"  #: The table of agents is full.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """Limits of a discoverer's input. An agent that starts sends one heartbeat per second."""
-
-    #: Remote agents in the table. At most 900, so that a late joiner receives an event of each.
-    max_agents: int = between(500, 1, 900)
-    #: Heartbeats per second and publisher, on average.
-    beats_per_s: float = between(25.0, without=(0, math.inf))
-    #: Heartbeats of one publisher at once.
-    burst: int = between(50, without=(0, math.inf))
-    #: Heartbeats per second of all publishers, on average.
-    total_per_s: float = between(1000.0, without=(0, math.inf))
-    #: Heartbeats of all publishers at once.
-    total_burst: int = between(5000, without=(0, math.inf))
-    #: Size of a serialized description, bytes.
-    max_metadata_bytes: int = between(65_536, without=(0, math.inf))
-
-    def __post_init__(self) -> None:
-        check_bounds(self, "discovery, ")
+# Rates of heartbeats, and of descriptions; an agent that starts sends one heartbeat per second.
+BEATS_PER_S = 25.0  #: Messages per second and publisher, on average.
+BURST = 50  #: Messages of one publisher at once.
+TOTAL_PER_S = 1000.0  #: Messages per second of all publishers, on average.
+TOTAL_BURST = 5000  #: Messages of all publishers at once.
+MAX_METADATA_BYTES = 65_536  #: Maximum size of a serialized description.
 
 
 class TokenBucket:
@@ -90,20 +75,23 @@ class TokenBucket:
 
 
 class Rates:
-    """Rate limits of the messages on one topic: of each publisher, and of all publishers together."""
+    """Rate limits of the messages on one topic: of each publisher, and of all publishers together.
 
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
-        self._total = TokenBucket(limits.total_per_s, limits.total_burst, 0)
+    Only so many of the most recent publishers are remembered.
+    """
+
+    def __init__(self, max_publishers: int) -> None:
+        self._max_publishers = max_publishers
+        self._total = TokenBucket(TOTAL_PER_S, TOTAL_BURST, 0)
         self._buckets: dict[bytes, TokenBucket] = {}  # the most recent publisher last
 
     def take(self, publisher_gid: bytes, now_ns: int) -> bool:
         """Count one message of a publisher and return True if the rates allow it, else return False."""
         bucket = self._buckets.pop(publisher_gid, None)
         if bucket is None:
-            bucket = TokenBucket(self._limits.beats_per_s, self._limits.burst, now_ns)
+            bucket = TokenBucket(BEATS_PER_S, BURST, now_ns)
         self._buckets[publisher_gid] = bucket
-        if len(self._buckets) > 2 * self._limits.max_agents:
+        if len(self._buckets) > self._max_publishers:
             del self._buckets[next(iter(self._buckets))]
         # The publisher's own limit comes first, so that its flood does not use up the rate of the others.
         return bucket.take(now_ns) and self._total.take(now_ns)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from enum import IntEnum
 from typing import Any
 
-from sfglab.errors import InvalidValueError
+from sfglab.fields import between
 from sfglab.names import Resource, RosFqnBuilder, Scope, Suffixed
 
 AGENT_HEARTBEAT = "sfglab_interfaces/msg/AgentHeartbeat"
@@ -89,29 +89,19 @@ MAX_PERIOD_S = 60.0
 #: Largest message that a status provider or a discoverer receives.
 MAX_SAMPLE_BYTES = 1 << 20
 
-_MAX_STARTUP_S = 3600.0
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
     """Times of an agent's heartbeats, the first at its start. The startup phase lasts whole periods."""
 
-    startup_period_s: float = 1.0  #: Period in the startup phase, seconds.
-    steady_period_s: float = 5.0  #: Period afterwards, seconds.
-    startup_s: float = 10.0  #: Duration of the startup phase, seconds; 0: there is none.
-
-    def __post_init__(self) -> None:
-        periods = (MIN_PERIOD_S, MAX_PERIOD_S)
-        ranges = {
-            "startup_period_s": periods,
-            "steady_period_s": periods,
-            "startup_s": (0, _MAX_STARTUP_S),
-        }
-        for name, (low, high) in ranges.items():
-            if not low <= (given := getattr(self, name)) <= high:
-                raise InvalidValueError(
-                    f"heartbeat schedule, {name}", given, f"seconds from {low} to {high}"
-                )
+    #: Period in the startup phase, seconds.
+    startup_period_s: float = between(1.0, MIN_PERIOD_S, MAX_PERIOD_S)
+    steady_period_s: float = between(
+        5.0, MIN_PERIOD_S, MAX_PERIOD_S
+    )  #: Period afterwards, seconds.
+    startup_s: float = between(
+        10.0, 0, 3600
+    )  #: Duration of the startup phase, seconds; 0: there is none.
 
     def phase(self, elapsed_ns: int) -> Phase:
         """Return the phase at a time since the start, nanoseconds."""

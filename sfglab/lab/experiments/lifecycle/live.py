@@ -16,7 +16,6 @@ from sfglab.bus.address import BusAddress
 from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Announced, Input, State
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
-from sfglab.fleet.discovery.validation import Limits
 from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
 from sfglab.fleet.status.heartbeat import (
@@ -227,7 +226,7 @@ async def lead_discoverer(bench: Bench[Config]) -> None:
             max_queries=32,
             use_published_descriptions=False,
             timing=config.timing,
-            limits=Limits(max_agents=PLACES),
+            max_agents=PLACES,
             query_timeout_s=config.query_timeout_s,
         )
         discovery = DiscoveryConfig(
