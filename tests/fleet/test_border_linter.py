@@ -49,7 +49,7 @@ def test_every_mistake_of_the_broken_fleet_is_found_at_its_line_the_worst_first_
     }
     report = lint(load_fleet(BROKEN))
     assert marked <= {(f.place.line, f.code) for f in report.findings}
-    assert len({code for _, code in marked}) >= 20
+    assert len({code for _, code in marked}) >= 19
     assert report.exit_code == 1
     assert list(report.findings) == sorted(
         report.findings, key=lambda f: list(Severity).index(f.severity)
@@ -91,7 +91,6 @@ AT_ODDS = (
             for name in ("/chatter", "/local/a1/x", "/tf2")
             for said in ("a2.subscribes[0]:", "/global/a1/")
         ),
-        ("nearly-global", "warning", ("publishes: [/global_x/a1/state]",), "/global/a1/state$"),
         ("nobody-speaks", "warning", ("", "subscribes: [/global/a11/pose]"), "a2.subscribes[0]:"),
         (
             "no-server",
@@ -107,13 +106,13 @@ AT_ODDS = (
             "frame-clash",
             "error",
             (bare("base", "map"), bare("base", "odom")),
-            "with two parents: map, odom",
+            "below map, odom",
         ),
         ("frame-clash", "error", (PLACING, PLACING), "out of shared_frames"),
         ("frame-clash", "error", (tree(edge("a1/base", "map")), bare("a1/base", "map")), "a1/base"),
         ("frame-own-roots", "error", (HALVES,), "odom, a1/torso"),
         ("frame-no-common-root", "warning", (ALONE, ALONE), "a1/map, a2/map"),
-        ("frame-no-common-root", "warning", (BASE, ALONE), "map is shared by some agents only"),
+        ("frame-no-common-root", "warning", (BASE, ALONE), "a2/map, map"),
         ("frame-no-common-root", "warning", (PLACED, bare("a1/markers", "map")), "roots"),
     ],
 )
@@ -127,7 +126,6 @@ def test_a_mistake_is_found_with_its_place_and_what_follows(code, severity, uses
     ("code", "uses"),
     [
         ("does-not-cross", 2 * ("publishes: [/chatter], subscribes: [/chatter]",)),
-        ("nearly-global", ("publishes: [/global/a1/odd_name_x, /scan]",)),
         ("does-not-cross", ("calls: [/global/a2/set_mode]", "serves: [/global/a2/set_mode]")),
         ("two-servers", 2 * ("serves: [/local/a1/reset]",)),
         ("type-mismatch", tuple(text.replace("/global/", "/local/") for text in AT_ODDS)),

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, field
+from collections import Counter, defaultdict
 from typing import TYPE_CHECKING
 
 from sfglab.fleet.lint.report import Announcements, Discovery
@@ -12,10 +11,9 @@ from sfglab.names import DdsRole, dds_names, ros_name_from_dds
 from sfglab.qos import Durability
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator
 
     from sfglab.fleet.lint.uses import Use, View
-    from sfglab.fleet.policy import Policy
 
 ROS_ENDPOINTS = 17
 """Endpoints of each ROS 2 process: a writer of rosout, a writer and a reader each of parameter events and
@@ -30,43 +28,33 @@ full load, repeated messages increased the traffic up to six times.
 """
 
 
-@dataclass(slots=True)
-class _Endpoints:
-    """Numbers of DDS endpoints of one agent by topic; transient-local writers are also counted separately."""
-
-    writers: Counter[str] = field(default_factory=Counter)
-    readers: Counter[str] = field(default_factory=Counter)
-    latched: Counter[str] = field(default_factory=Counter)
-
-    def __len__(self) -> int:
-        return self.writers.total() + self.readers.total()
-
-
-def _endpoints(uses: Iterable[Use]) -> _Endpoints:
-    found = _Endpoints()
-    for use in uses:
-        is_latched = use.qos is not None and use.qos.durability is Durability.TRANSIENT_LOCAL
-        for dds in dds_names(use.name, use.kind):
-            wire = ros_name_from_dds(dds)
-            assert wire is not None, "made from a ROS name"
-            if use.speaks is (wire.role is DdsRole.REQUEST):
-                found.readers[dds] += use.count
-                continue
-            found.writers[dds] += use.count
-            if is_latched:
-                found.latched[dds] += use.count
-    return found
-
-
 def discovery(view: View) -> Discovery:
     """Return the estimated traffic of discovery with one domain for all agents, and through routers."""
-    ends, local, shown = {}, {}, {}
-    for agent in view.fleet.agents:
-        ends[agent.name] = _endpoints(use for use in view.uses if use.agent == agent.name)
-        endpoints = agent.processes * ROS_ENDPOINTS + len(ends[agent.name])
-        local[agent.name] = (agent.processes, endpoints)
-    for name in ends:
-        shown[name] = _shown(view.fleet.policy, name, ends)
+    readers: dict[str, set[str]] = defaultdict(set)  # agents with a reader, by DDS topic
+    writers: Counter[tuple[str, str]] = Counter()  # transient-local writers by agent and DDS topic
+    endpoints: Counter[str] = Counter()
+    for use in view.uses:
+        is_latched = use.qos is not None and use.qos.durability is Durability.TRANSIENT_LOCAL
+        for dds, is_writer in _endpoints(use):
+            endpoints[use.agent] += use.count
+            if is_writer:
+                writers[use.agent, dds] += use.count if is_latched else 0
+            else:
+                readers[dds].add(use.agent)
+    # Each router opens a reader per topic, and one writer, or one per transient-local writer behind it.
+    shown = dict.fromkeys((agent.name for agent in view.fleet.agents), 0)
+    crosses = view.fleet.policy.crosses
+    for dds, agents in readers.items():
+        if crosses(dds, Direction.INWARD):
+            for agent in agents:
+                shown[agent] += 1
+    for (agent, dds), latched in writers.items():
+        if readers.get(dds, set()) - {agent} and all(crosses(dds, way) for way in Direction):
+            shown[agent] += max(1, latched)
+    local = {
+        agent.name: (agent.processes, agent.processes * ROS_ENDPOINTS + endpoints[agent.name])
+        for agent in view.fleet.agents
+    }
     return Discovery(
         standard=_announcements(local.values()),
         routed=_announcements((1, count) for count in shown.values()),
@@ -75,16 +63,12 @@ def discovery(view: View) -> Discovery:
     )
 
 
-def _shown(policy: Policy, agent: str, ends: Mapping[str, _Endpoints]) -> int:
-    """Return the number of endpoints of an agent's router in the global domain."""
-    own = ends[agent]
-    others = [end.readers for name, end in ends.items() if name != agent]
-    count = sum(policy.crosses(dds, Direction.INWARD) for dds in own.readers)
-    for dds in own.writers:
-        crosses = all(policy.crosses(dds, direction) for direction in Direction)
-        if crosses and any(dds in readers for readers in others):
-            count += max(1, own.latched[dds])
-    return count
+def _endpoints(use: Use) -> Iterator[tuple[str, bool]]:
+    """Yield the DDS topic of each endpoint, and whether it is a writer."""
+    for dds in dds_names(use.name, use.kind):
+        wire = ros_name_from_dds(dds)
+        assert wire is not None, "made from a ROS name"
+        yield dds, use.speaks is not (wire.role is DdsRole.REQUEST)
 
 
 def _announcements(hosts: Iterable[tuple[int, int]]) -> Announcements:

@@ -1,132 +1,65 @@
-"""Checks of domains and names: forwarded names, QoS, types, and static transforms."""
+"""Checks of names: what reaches whom, with which type and QoS, and services whose halves do not cross together."""
 
 from __future__ import annotations
 
-from itertools import product
+from collections import defaultdict
 from typing import TYPE_CHECKING
 
 from sfglab.fleet.lint.report import Finding, a_remark, a_warning, an_error
-from sfglab.fleet.policy import Crossing
-from sfglab.fleet.status.description import DescriptionError
-from sfglab.names import TF, TF_STATIC, FqnError, ResourceKind, Scope, parse
+from sfglab.fleet.policy import Crossing, Direction
+from sfglab.names import TF, TF_STATIC, FqnError, ResourceKind, dds_names, parse, router_hazards
 from sfglab.qos import Durability, incompatibilities
-from sfglab.validation import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sfglab.fleet.lint.uses import Meeting, Use, View
 
-
-def check_qos(view: View) -> Iterator[Finding]:
-    """Find subscriptions that request more than a matching publisher offers."""
-    for publisher, subscriber in _pairs(view, ResourceKind.TOPIC):
-        offered, requested = publisher.qos, subscriber.qos
-        if offered is None or requested is None or publisher.name == TF_STATIC:
-            continue
-        reasons = incompatibilities(offered=offered, requested=requested)
-        if reasons:
-            name = f"{subscriber.name} of {publisher.agent}"
-            yield an_error(
-                "qos-mismatch",
-                subscriber.place,
-                what=f"{subscriber.agent} never receives {name}: QoS does not match",
-                why="; ".join(reasons),
-                remedy="request what the publisher offers, or offer more",
-            )
-
-
-def check_types(view: View) -> Iterator[Finding]:
-    """Find endpoints of one name that reach each other and have different types."""
-    for kind in ResourceKind:
-        for one, other in _pairs(view, kind):
-            if one.type and other.type and one.type != other.type:
-                types = f"{one.agent} has type {one.type}, {other.agent} has {other.type}"
-                yield an_error(
-                    "type-mismatch",
-                    other.place,
-                    what=f"{other.name}: {types}",
-                    why="endpoints of different types never match",
-                    remedy="use one type",
-                )
-
-
-def check_static_transforms(view: View) -> Iterator[Finding]:
-    """Find endpoints of /tf_static that are not transient local: static transforms are sent only once."""
-    meeting = view.meetings.get((ResourceKind.TOPIC, TF_STATIC))
-    if meeting is None:
-        return
-    for use in meeting.speakers + meeting.hearers:
-        if use.qos is None or use.qos.durability is Durability.TRANSIENT_LOCAL:
-            continue
-        doing, late = "subscribes to", "it"
-        if use.speaks:
-            doing, late = "publishes", "a late joiner"
-        yield an_error(
-            "static-not-latched",
-            use.place,
-            what=f"{use.agent} {doing} {TF_STATIC} as VOLATILE",
-            why=f"static transforms are sent once: {late} misses them, across a router always",
-            remedy="use qos: latched (TRANSIENT_LOCAL)",
-        )
-
-
-def _pairs(view: View, kind: ResourceKind) -> Iterator[tuple[Use, Use]]:
-    """Yield each publisher or server with each subscriber or client of its name that it reaches."""
-    for (found, _), meeting in view.meetings.items():
-        if found is not kind:
-            continue
-        for pair in product(meeting.speakers, meeting.hearers):
-            if view.reaches(*pair):
-                yield pair
-
-
-#: Highest domain whose ports are below Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
-LAST_SAFE_DOMAIN = 101
-
 ROS_OWN = frozenset({TF, TF_STATIC, "/rosout", "/parameter_events", "/clock", "/diagnostics"})
 """Names that ROS 2 gives itself; they are outside the schema on purpose."""
 
 
-def check_domains(view: View) -> Iterator[Finding]:
-    """Find agents that share a domain, with each other or with the routers."""
-    first_of: dict[int, str] = {}
-    for agent in view.fleet.agents:
-        first = first_of.setdefault(agent.domain, agent.name)
-        if agent.domain == view.fleet.global_domain:
-            yield an_error(
-                "domain-global",
-                agent.place,
-                what=f"{agent.name} uses domain {agent.domain}, the global one",
-                why="all agents receive its local topics (paper A, 4.1: D_i != 0)",
-                remedy=f"give it a domain of its own, 1 to {LAST_SAFE_DOMAIN}",
-            )
-        elif first != agent.name:
-            yield an_error(
-                "domain-shared",
-                agent.place,
-                what=f"{agent.name} and {first} both use domain {agent.domain}",
-                why="on one network their local topics mix, and both routers serve both agents",
-                remedy="give every agent a domain of its own",
-            )
-        if agent.domain > LAST_SAFE_DOMAIN:
-            yield a_warning(
-                "domain-high",
-                agent.place,
-                what=f"{agent.name} uses domain {agent.domain}, above {LAST_SAFE_DOMAIN}",
-                why="its ports are in the range of outgoing connections: some starts will fail",
-                remedy=f"use 1 to {LAST_SAFE_DOMAIN}",
-            )
-
-
-def check_topics_cross(view: View) -> Iterator[Finding]:
-    """Find topics that their subscriber cannot receive, and forwarded topics without a subscriber."""
-    for (kind, name), meeting in view.meetings.items():
-        if kind is not ResourceKind.TOPIC:
+def check_rule_pairs(view: View) -> Iterator[Finding]:
+    """Find rules that forward one endpoint of services without the other, or only in one direction."""
+    other = {"rq/": "rr/", "rr/": "rq/"}
+    rules = view.fleet.policy.rules
+    places = view.fleet.rule_places or (view.fleet.place,) * len(rules)
+    opened: dict[str, set[Direction]] = defaultdict(set)
+    for rule in rules:
+        opened[rule.pattern] |= rule.directions
+    for rule, place in zip(rules, places, strict=True):
+        half = rule.pattern[:3]
+        if half not in other:
             continue
-        crosses = view.crossing(name, kind) is Crossing.WHOLE
-        yield from _without_publisher(name, meeting, crosses=crosses)
-        if crosses and not meeting.hearers and not meeting.implied:
+        mirror = other[half] + rule.pattern[3:]
+        if opened.get(mirror) == rule.directions == set(Direction):
+            continue
+        yield an_error(
+            "half-open-rule",
+            place,
+            what=f"rule {rule.pattern} opens one half of services; {mirror} is not open in the same "
+            "directions",
+            why="a call needs its request and its reply, each out at one router and in at the other; "
+            "without them no agent can query another one's get_metadata",
+            remedy=f"have both {rule.pattern} and {mirror}, in both directions, or neither",
+        )
+
+
+def check_reach(view: View) -> Iterator[Finding]:
+    """Find subscriptions and clients that nothing reaches, and forwarded topics without a subscription."""
+    for (kind, name), meeting in view.meetings.items():
+        crossing = view.crossing(name, kind)
+        for use in meeting.hearers:
+            if use.agent in meeting.senders or (meeting.senders and crossing is not Crossing.NONE):
+                continue
+            if meeting.senders:
+                yield _does_not_cross(use, meeting.senders)
+            elif kind is not ResourceKind.TOPIC:
+                yield _without_server(use)
+            elif crossing is Crossing.WHOLE and not use.implied and name not in ROS_OWN:
+                yield _without_publisher(use)
+        is_forwarded = kind is ResourceKind.TOPIC and crossing is Crossing.WHOLE
+        if is_forwarded and not meeting.hearers and not meeting.implied:
             yield a_remark(
                 "unheard",
                 meeting.first.place,
@@ -135,83 +68,143 @@ def check_topics_cross(view: View) -> Iterator[Finding]:
             )
 
 
-def _without_publisher(name: str, meeting: Meeting, *, crosses: bool) -> Iterator[Finding]:
-    publishers = sorted({use.agent for use in meeting.speakers})
-    for use in meeting.hearers:
-        if use.agent in publishers or (crosses and publishers):
+def _does_not_cross(use: Use, senders: list[str]) -> Finding:
+    is_topic = use.kind is ResourceKind.TOPIC
+    doing = "subscribes to" if is_topic else f"calls {use.kind.value}"
+    below = use.name.removeprefix("/local").removeprefix(f"/{senders[0]}")
+    return an_error(
+        "does-not-cross",
+        use.place,
+        what=f"{use.agent} {doing} {use.name} of {', '.join(senders)}, which does not reach it",
+        why="no forwarding rule lets it cross (paper A, Table 1)",
+        remedy=f"name it below /global/, as /global/{senders[0]}{below}",
+    )
+
+
+def _without_server(use: Use) -> Finding:
+    finding = a_warning if use.implied else an_error
+    return finding(
+        "no-server",
+        use.place,
+        what=f"{use.agent} calls {use.kind.value} {use.name}, which no agent in this file serves",
+        why="its clients wait indefinitely",
+        remedy="add the server to the file, or correct the name",
+    )
+
+
+def _without_publisher(use: Use) -> Finding:
+    return a_warning(
+        "nobody-speaks",
+        use.place,
+        what=f"{use.agent} subscribes to {use.name}, which no agent in this file publishes",
+        why="the publisher may spell the name differently",
+        remedy="add the publisher to the file, or correct the name",
+    )
+
+
+def check_services(view: View) -> Iterator[Finding]:
+    """Find services and actions that cross in part, have several servers, or confuse a DDS Router."""
+    for (kind, name), meeting in view.meetings.items():
+        crossing = view.crossing(name, kind)
+        if kind is ResourceKind.TOPIC or crossing is Crossing.NONE:
             continue
-        if publishers:
+        # Names that only the file implies are not reported here, because the rule itself is reported.
+        if crossing is Crossing.PARTIAL and not meeting.implied:
+            topics = dds_names(name, kind)
+            policy = view.fleet.policy
+            blocked = [t for t in topics if not all(policy.crosses(t, way) for way in Direction)]
             yield an_error(
-                "does-not-cross",
-                use.place,
-                what=f"{use.agent} subscribes to {name} of {', '.join(publishers)}, and receives nothing",
-                why="no forwarding rule lets it cross (paper A, Table 1)",
-                remedy=f"publish it below /global/, as {_global_form(name, publishers[0])}",
+                "half-open",
+                meeting.first.place,
+                what=f"{kind.value} {name} is half open: {len(topics) - len(blocked)} of its {len(topics)} "
+                "DDS topics cross",
+                why=f"clients of other agents wait indefinitely: {blocked[0]} does not cross both ways",
+                remedy="allow requests and replies (rq/ and rr/) with the same pattern; an action needs rt/ too",
             )
-        elif crosses and not use.implied and name not in ROS_OWN:
-            yield a_warning(
-                "nobody-speaks",
+        if crossing is Crossing.WHOLE and len(meeting.senders) > 1:
+            yield an_error(
+                "two-servers",
+                meeting.speakers[-1].place,
+                what=f"{', '.join(meeting.senders)} all serve {kind.value} {name}, which crosses",
+                why="each call reaches all of them; the client takes the first reply",
+                remedy="put the agent into the name, /global/<agent>/...",
+            )
+        hazards = router_hazards(name, kind)
+        if hazards:
+            yield an_error(
+                "router-hazard",
+                meeting.first.place,
+                what=f"{kind.value} {name}: a DDS Router breaks {', '.join(map(repr, hazards))}",
+                why="it finds the reply by replacing every 'rq/' by 'rr/' and every 'Request' by 'Reply'",
+                remedy="rename so that no part ends in rq or rr before a slash or contains Request or Reply",
+            )
+
+
+def check_matches(view: View) -> Iterator[Finding]:
+    """Find endpoints that reach each other and do not match, because of their types or QoS."""
+    for (kind, name), meeting in view.meetings.items():
+        for one, other in _pairs(meeting, crosses=view.crossing(name, kind) is Crossing.WHOLE):
+            if one.type and other.type and one.type != other.type:
+                types = f"{one.agent} has type {one.type}, {other.agent} has {other.type}"
+                yield an_error(
+                    "type-mismatch",
+                    other.place,
+                    what=f"{name}: {types}",
+                    why="endpoints of different types never match",
+                    remedy="use one type",
+                )
+            if one.qos is None or other.qos is None or name == TF_STATIC:
+                continue
+            reasons = incompatibilities(offered=one.qos, requested=other.qos)
+            if reasons:
+                yield an_error(
+                    "qos-mismatch",
+                    other.place,
+                    what=f"{other.agent} never receives {name} of {one.agent}: QoS does not match",
+                    why="; ".join(reasons),
+                    remedy="request what the publisher offers, or offer more",
+                )
+
+
+def _pairs(meeting: Meeting, *, crosses: bool) -> Iterator[tuple[Use, Use]]:
+    """Yield each subscriber or client with the publishers or servers that it reaches, the first of equal ones."""
+    groups: dict[str, dict[object, Use]] = defaultdict(dict)
+    for speaker in meeting.speakers:
+        group = groups["" if crosses else speaker.agent]
+        group.setdefault((speaker.type, speaker.qos), speaker)
+    for hearer in meeting.hearers:
+        for speaker in groups["" if crosses else hearer.agent].values():
+            yield speaker, hearer
+
+
+def check_static_transforms(view: View) -> Iterator[Finding]:
+    """Find endpoints of /tf_static that are not transient local: static transforms are sent only once."""
+    for use in view.uses:
+        is_static = use.kind is ResourceKind.TOPIC and use.name == TF_STATIC
+        if is_static and use.qos is not None and use.qos.durability is Durability.VOLATILE:
+            doing = "publishes" if use.speaks else "subscribes to"
+            yield an_error(
+                "static-not-latched",
                 use.place,
-                what=f"{use.agent} subscribes to {name}, which no agent in this file publishes",
-                why="the publisher may spell the name differently",
-                remedy="add the publisher to the file, or correct the name",
+                what=f"{use.agent} {doing} {TF_STATIC} as VOLATILE",
+                why="static transforms are sent once: late joiners miss them, across a router always",
+                remedy="use qos: latched (TRANSIENT_LOCAL)",
             )
 
 
 def check_schema(view: View) -> Iterator[Finding]:
-    """Find forwarded names outside the schema, and names that are not forwarded but nearly global."""
+    """Find forwarded names outside the schema."""
     for (kind, name), meeting in view.meetings.items():
-        if name in ROS_OWN or any(part.startswith("_") for part in name.split("/")):
+        is_hidden = any(part.startswith("_") for part in name.split("/"))
+        if name in ROS_OWN or is_hidden or view.crossing(name, kind) is Crossing.NONE:
             continue
         try:
             parse(name, kind)
         except FqnError as error:
-            if view.crossing(name, kind) is not Crossing.NONE:
-                yield a_warning(
-                    "not-in-schema",
-                    meeting.first.place,
-                    what=f"{name} crosses, but is not a name of the schema",
-                    why=str(error),
-                    remedy="build names with RosFqnBuilder; Custom(...) is for other segments",
-                )
-            elif _is_nearly_global(name.split("/")[1]):
-                yield a_warning(
-                    "nearly-global",
-                    meeting.first.place,
-                    what=f"{name} stays local, although it begins almost like /global/",
-                    why="a rule such as rt/global/* needs the slash (paper A, Table 1)",
-                    remedy=f"if it shall cross, name it {_global_form(name, meeting.first.agent)}",
-                )
-
-
-def _is_nearly_global(segment: str) -> bool:
-    is_similar = suggestion(segment, (Scope.GLOBAL.value,))
-    return segment.startswith(Scope.GLOBAL.value) or bool(is_similar)
-
-
-def check_descriptions(view: View) -> Iterator[Finding]:
-    """Find sensors that the agent's metadata could not announce."""
-    for agent in view.fleet.agents:
-        try:
-            agent.description.check(agent.name)
-        except DescriptionError as error:
-            place = agent.sensors[0].place if agent.sensors else agent.place
-            yield an_error(
-                "description",
-                place,
-                what=f"{agent.name} cannot announce its sensors: {error}",
-                why="its status provider does not start: no agent discovers it (paper A, section 4.2)",
-                remedy=f"name streams /global/{agent.name}/<component>/<stream>/<resource>",
+            yield a_warning(
+                "not-in-schema",
+                meeting.first.place,
+                what=f"{name} crosses, but is not a name of the schema",
+                why=str(error),
+                remedy="build names with RosFqnBuilder; Custom(...) is for other segments",
             )
-
-
-def _global_form(name: str, agent: str) -> str:
-    """Return a similar name in the global scope, as a hint; the name is not parsed."""
-    first, *rest = name.split("/")[1:]
-    is_local = first == Scope.LOCAL.value
-    tail = [agent, first, *rest]
-    if is_local and rest[:1] == [Scope.GLOBAL.value]:
-        tail = rest[1:]
-    elif rest and (is_local or _is_nearly_global(first)):
-        tail = rest
-    return "/".join(["", Scope.GLOBAL.value, *tail])

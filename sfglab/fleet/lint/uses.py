@@ -60,6 +60,11 @@ class Meeting:
         return (self.speakers + self.hearers)[0]
 
     @property
+    def senders(self) -> list[str]:
+        """Agents that publish or serve it."""
+        return list(dict.fromkeys(use.agent for use in self.speakers))
+
+    @property
     def implied(self) -> bool:
         """Whether the file only implies the name."""
         return all(use.implied for use in self.speakers + self.hearers)
@@ -89,26 +94,18 @@ class View:
             return ways.pop()
         return Crossing.NONE if kind is ResourceKind.TOPIC else Crossing.PARTIAL
 
-    def reaches(self, speaker: Use, hearer: Use) -> bool:
-        """Return whether one use's samples or requests reach the other."""
-        return (
-            speaker.agent == hearer.agent
-            or self.crossing(speaker.name, speaker.kind) is Crossing.WHOLE
-        )
-
     def hearings(self) -> tuple[Hearing, ...]:
         """Return senders and receivers of each name that is forwarded or that several agents use."""
         rows = []
         for kind, name in sorted(self.meetings, key=lambda key: (key[1], key[0].value)):
             meeting = self.meetings[kind, name]
-            speakers = dict.fromkeys(use.agent for use in meeting.speakers)
-            hearers = dict.fromkeys(use.agent for use in meeting.hearers)
+            hearers = list(dict.fromkeys(use.agent for use in meeting.hearers))
             crosses = self.crossing(name, kind) is Crossing.WHOLE
-            if crosses or len(speakers | hearers) > 1:
+            if crosses or len({*meeting.senders, *hearers}) > 1:
                 row = Hearing(
                     name=name,
                     kind=kind,
-                    speakers=tuple(speakers),
+                    speakers=tuple(meeting.senders),
                     hearers=tuple(hearers),
                     crosses=crosses,
                     rules=self._rules_of(name, kind),

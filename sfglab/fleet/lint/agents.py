@@ -1,17 +1,67 @@
-"""Checks of target hosts and routers: what a fleet file says of them must make sense together."""
+"""Checks of agents: their domains, descriptions, target hosts and routers must make sense together."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from sfglab.fleet.fleet_file import ContainerNetwork, RouterSoftware
-from sfglab.fleet.lint.report import Finding, an_error
+from sfglab.fleet.lint.report import Finding, a_warning, an_error
+from sfglab.fleet.status.description import DescriptionError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sfglab.fleet.fleet_file import AgentSpec, HostSpec
     from sfglab.fleet.lint.uses import View
+
+#: Highest domain whose ports are below Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
+LAST_SAFE_DOMAIN = 101
+
+
+def check_domains(view: View) -> Iterator[Finding]:
+    """Find agents that share a domain, with each other or with the routers."""
+    first_of: dict[int, str] = {}
+    for agent in view.fleet.agents:
+        first = first_of.setdefault(agent.domain, agent.name)
+        if agent.domain == view.fleet.global_domain:
+            yield an_error(
+                "domain-global",
+                agent.place,
+                what=f"{agent.name} uses domain {agent.domain}, the global one",
+                why="all agents receive its local topics (paper A, 4.1: D_i != 0)",
+                remedy=f"give it a domain of its own, 1 to {LAST_SAFE_DOMAIN}",
+            )
+        elif first != agent.name:
+            yield an_error(
+                "domain-shared",
+                agent.place,
+                what=f"{agent.name} and {first} both use domain {agent.domain}",
+                why="on one network their local topics mix, and both routers serve both agents",
+                remedy="give every agent a domain of its own",
+            )
+        if agent.domain > LAST_SAFE_DOMAIN:
+            yield a_warning(
+                "domain-high",
+                agent.place,
+                what=f"{agent.name} uses domain {agent.domain}, above {LAST_SAFE_DOMAIN}",
+                why="its ports are in the range of outgoing connections: some starts will fail",
+                remedy=f"use 1 to {LAST_SAFE_DOMAIN}",
+            )
+
+
+def check_descriptions(view: View) -> Iterator[Finding]:
+    """Find sensors that the agent's metadata could not announce."""
+    for agent in view.fleet.agents:
+        try:
+            agent.description.check(agent.name)
+        except DescriptionError as error:
+            yield an_error(
+                "description",
+                agent.sensors[0].place,
+                what=f"{agent.name} cannot announce its sensors: {error}",
+                why="its status provider does not start: no agent discovers it (paper A, section 4.2)",
+                remedy=f"name streams /global/{agent.name}/<component>/<stream>/<resource>",
+            )
 
 
 def check_hosts(view: View) -> Iterator[Finding]:
