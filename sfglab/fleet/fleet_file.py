@@ -9,8 +9,9 @@ from __future__ import annotations
 import re
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from sfglab.documents import (
     NOWHERE,
@@ -45,6 +46,9 @@ from sfglab.tables import html_table
 from sfglab.units import NS_PER_S
 from sfglab.validation import suggestion
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 PROFILES = {
     "default": DEFAULT,
     "sensor_data": SENSOR_DATA,
@@ -70,12 +74,21 @@ PACKAGE = re.compile(r"[a-z0-9][a-z0-9+.-]+")  # Debian Policy 5.6.7
 FOLDER = re.compile(r"[\w][\w./ -]*", re.ASCII)
 
 
-def _ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str:
-    """Return a ROS name, or raise an `InvalidValueError`."""
-    try:
-        return validate_ros_name(name, kind)
-    except FqnError as error:
-        raise InvalidValueError((), name, error.allowed) from error
+def _named(check: Callable[[str], str]) -> ReadAs:
+    """Return the reading of a text that a function of `sfglab.names` checks."""
+
+    def checked(text: str) -> str:
+        try:
+            return check(text)
+        except FqnError as error:
+            raise InvalidValueError((), text, error.allowed) from error
+
+    return ReadAs(str, checked)
+
+
+_TOPIC = _named(validate_ros_name)
+_SERVICE = _named(partial(validate_ros_name, kind=ResourceKind.SERVICE))
+_ACTION = _named(partial(validate_ros_name, kind=ResourceKind.ACTION))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,10 +132,9 @@ def _folder(folder: str) -> str:
 
 
 def _optional(name: str | None) -> str:
-    return _ros_name(name) if name else ""
+    return str(_TOPIC.make(name)) if name else ""
 
 
-Topic = Annotated[str, ReadAs(str, _ros_name)]  #: Absolute name of a topic.
 OptionalTopic = Annotated[str, ReadAs(Annotated[str | None, OR_NULL], _optional)]
 
 
@@ -221,7 +233,7 @@ class DeploymentSpec(_Part):
 class TopicUse(_Part):
     """A topic that an agent's nodes publish or subscribe."""
 
-    name: Topic  #: Absolute ROS name.
+    name: Annotated[str, _TOPIC]  #: Absolute ROS name.
     type: str = ""  #: ROS type; empty if the file does not give it.
     #: QoS that its endpoints offer or request; None if not given.
     qos: Annotated[
@@ -232,35 +244,30 @@ class TopicUse(_Part):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NameUse(_Part):
-    """A service or an action that an agent serves or calls."""
+class ServiceUse(_Part):
+    """A service that an agent serves or calls."""
 
-    name: str  #: Absolute ROS name.
+    name: Annotated[str, _SERVICE]  #: Absolute ROS name.
     type: str = ""  #: ROS type; empty if the file does not give it.
 
 
-def _named(kind: ResourceKind) -> ReadAs:
-    """Return the check of the name of a service or an action."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActionUse(_Part):
+    """An action that an agent serves or calls."""
 
-    def checked(use: NameUse) -> NameUse:
-        try:
-            _ros_name(use.name, kind)
-        except InvalidValueError as error:
-            raise InvalidValueError("name", error.given, error.allowed) from error
-        return use
-
-    return ReadAs(Annotated[NameUse, ShortFor("name")], checked)
+    name: Annotated[str, _ACTION]  #: Absolute ROS name.
+    type: str = ""  #: ROS type; empty if the file does not give it.
 
 
-Service = Annotated[NameUse, _named(ResourceKind.SERVICE)]
-Action = Annotated[NameUse, _named(ResourceKind.ACTION)]
+Services = tuple[Annotated[ServiceUse, ShortFor("name")], ...]
+Actions = tuple[Annotated[ActionUse, ShortFor("name")], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamSpec(_Part):
     """A sensor's compressed stream, as the agent's metadata announces it (sfglab_interfaces/msg/StreamInfo)."""
 
-    topic: Topic  #: Global topic of the stream.
+    topic: Annotated[str, _TOPIC]  #: Global topic of the stream.
     type: str  #: ROS type of its messages.
     codec: Literal["h264", "rvl", "png", "jpeg"]  #: Codec of the messages.
     width: int = field(metadata=bounds(1))  #: Width of the images, pixels.
@@ -310,7 +317,7 @@ class FrameTree(_Part):
 class AgentSpec(_Part):
     """One agent: one or several computers behind one router."""
 
-    name: str  #: The agent segment of its names.
+    name: Annotated[str, _named(validate_agent)]  #: The agent segment of its names.
     domain: int = field(metadata=bounds(0, MAX_DOMAIN))  #: Its own DDS domain, D_i in the paper.
     #: Interface to the other agents; None leaves the choice to DDS.
     global_interface: str | None = None
@@ -324,10 +331,10 @@ class AgentSpec(_Part):
     #: Published topics, without those of `sensors`, `tf` and `lifecycle`.
     publishes: tuple[Annotated[TopicUse, ShortFor("name")], ...] = ()
     subscribes: tuple[Annotated[TopicUse, ShortFor("name")], ...] = ()  #: Subscribed topics.
-    serves: tuple[Service, ...] = ()  #: Services that it serves.
-    calls: tuple[Service, ...] = ()  #: Services that it calls.
-    action_servers: tuple[Action, ...] = ()  #: Actions that it serves.
-    action_clients: tuple[Action, ...] = ()  #: Actions that it calls.
+    serves: Services = ()  #: Services that it serves.
+    calls: Services = ()  #: Services that it calls.
+    action_servers: Actions = ()  #: Actions that it serves.
+    action_clients: Actions = ()  #: Actions that it calls.
     #: Target host; None: not given, and the agent cannot be deployed.
     host: HostSpec | None = None
 
@@ -430,8 +437,6 @@ def _read(document: Document) -> Fleet:
     file = document.read(FleetFile)
     if not file.agents:
         raise document.refusal(("agents",), None, "at least one agent")
-    for agent in file.agents:
-        _check_name(agent, document)
     policy, places = _policy(document, file)
     return Fleet(
         place=file.place,
@@ -444,14 +449,6 @@ def _read(document: Document) -> Fleet:
         deployment=_deployment(document, file),
         rule_places=places,
     )
-
-
-def _check_name(agent: AgentSpec, document: Document) -> None:
-    try:
-        validate_agent(agent.name)
-    except FqnError as error:
-        path = ("agents", agent.name)
-        raise document.refusal(path, agent.name, error.allowed) from error
 
 
 def _agent(agent: AgentSpec, interface: str | None) -> AgentSpec:
