@@ -8,7 +8,7 @@ key frame at once, all but the newest with `FLAG_DISCARD`. Every later packet fo
 the reader has reached the live stream and leaves.
 
 As a process (``python -m sfglab.fleet.gop_cache CONFIG``; see `sfglab.component`) it reports, beside
-``ready``, every replay, ``{"is": "replayed", "topic", "packets", "size_bytes", "gaps", "overflows"}``.
+``ready``, every replay, ``{"is": "replayed", "topic", "packets", "size_bytes"}``.
 """
 
 from __future__ import annotations
@@ -49,8 +49,6 @@ class GopCache:
 
     def __init__(self, max_packets: int = REPLAY_DEPTH, max_bytes: int = MAX_GROUP_BYTES) -> None:
         self.size_bytes = 0  #: Size of the kept packets.
-        self.gaps = 0  #: Number of gaps in the stream.
-        self.overflows = 0  #: Number of groups that exceeded the limits.
         self._max_packets = max_packets
         self._max_bytes = max_bytes
         self._packets: list[Any] = []
@@ -71,13 +69,8 @@ class GopCache:
             self._clear()
         elif not self._packets:
             return False
-        elif is_missing:
-            self.gaps += 1
-            self._clear()
-            return False
         is_full = len(self._packets) >= self._max_packets
-        if is_full or self.size_bytes + size_bytes > self._max_bytes:
-            self.overflows += 1
+        if is_full or self.size_bytes + size_bytes > self._max_bytes or (is_missing and not is_key):
             self._clear()
             return False
         self._packets.append(packet)
@@ -96,8 +89,6 @@ class Replayed:
     topic: str  #: Topic of the stream.
     packets: int  #: Number of packets since the last key frame.
     size_bytes: int  #: Size of these packets.
-    gaps: int  #: Number of gaps in the stream so far.
-    overflows: int  #: Number of groups that exceeded the limits so far.
 
 
 class GopCacheNode:
@@ -186,15 +177,8 @@ class _Stream:
             self._publisher.publish(replace(packet, flags=packet.flags | FLAG_DISCARD))
         if newest is not None:
             self._publisher.publish(newest)
-        cache = self._cache
-        sent = Replayed(
-            topic=self._topic,
-            packets=len(cache),
-            size_bytes=cache.size_bytes,
-            gaps=cache.gaps,
-            overflows=cache.overflows,
-        )
-        self._on_replay(sent)
+        packets, size_bytes = len(self._cache), self._cache.size_bytes
+        self._on_replay(Replayed(topic=self._topic, packets=packets, size_bytes=size_bytes))
 
     def _stop(self) -> None:
         self._cancel_timer()

@@ -123,7 +123,7 @@ def test_one_that_served_long_enough_starts_over_with_the_short_wait_and_that_co
 )
 def test_a_component_that_exits_before_it_ever_served_is_given_up_else_tried_again(inputs, action):
     life = Walk("component", inputs).machine
-    assert life.ended(willingly=True, now_ns=0).name == action
+    assert life.feed(life.end(willingly=True), now_ns=0).name == action
     assert (life.state is supervision.State.FAILED) == (action == "GIVE_UP")
 
 

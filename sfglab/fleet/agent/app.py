@@ -178,22 +178,12 @@ class Agent:
     async def _ended(self, unit: _Unit, status: int) -> None:
         why = unit.failure or _reason(status)
         unit.process, unit.failure = None, ""
-        before = unit.life.state
-        action = unit.life.ended(willingly=status >= 0, now_ns=steady_ns())
-        if unit.life.state is not before:
-            self._report_change(unit, why)
-        await self._carry_out(unit, action, why)
+        await self._feed(unit, unit.life.end(willingly=status >= 0), why)
 
-    async def _feed(self, unit: _Unit, given: Input) -> None:
+    async def _feed(self, unit: _Unit, given: Input, why: str = "") -> None:
         before = unit.life.state
-        await self._carry_out(unit, unit.life.feed(given, now_ns=steady_ns()), "")
+        action = unit.life.feed(given, now_ns=steady_ns())
         after = unit.life.state
-        if after is not before:
-            self._report_change(
-                unit, "it took too long to start" if after is State.REPLACING else ""
-            )
-
-    async def _carry_out(self, unit: _Unit, action: Action | None, why: str) -> None:
         if action is Action.START:
             await self._start(unit)
         elif action is Action.GIVE_UP:
@@ -203,6 +193,9 @@ class Agent:
             unit.process.signal(signal.SIGTERM)
         elif unit.process is not None and action is Action.KILL:
             unit.process.kill()
+        if after is not before:
+            late = "it took too long to start" if after is State.REPLACING else ""
+            self._report_change(unit, why or late)
 
     async def _start(self, unit: _Unit) -> None:
         def on_report(report: Report) -> None:

@@ -117,10 +117,10 @@ class Supervision(ProcessLife[State, Input, Action]):
         waits_ns = {Action.START: timing.start_ns, Action.TERMINATE: timing.stop_ns}
         super().__init__(name, TRANSITIONS, State.NEW, waits_ns=waits_ns, timing=timing)
 
-    def ended(self, *, willingly: bool, now_ns: int) -> Action | None:
-        """Process the end of a process as `Input.ENDED`, or as `REFUSED` where a restart would not help."""
+    def end(self, *, willingly: bool) -> Input:
+        """Return the input that the end of a process is: `REFUSED` where a restart would not help."""
         hopeless = willingly and self.state is State.STARTING and not self.was_ready
-        return self.feed(Input.REFUSED if hopeless else Input.ENDED, now_ns=now_ns)
+        return Input.REFUSED if hopeless else Input.ENDED
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,8 +138,8 @@ GROUP_GRACE_S = 1.0
 class ComponentProcess(LineProcess):
     """A running component, which leads a POSIX session of its own.
 
-    It also reports ``{"is": "line", "line": ...}`` for a line on standard error, and for a line on standard
-    output that is no report. Its end is reported after the end of all its descendants.
+    It also reports ``{"is": "line", "line": ...}`` for a line on standard error. Its end is reported after the
+    end of all its descendants.
     """
 
     buffers_reports = False
@@ -187,17 +187,8 @@ class ComponentProcess(LineProcess):
         assert self._process.stderr is not None
         try:
             while line := await self._process.stderr.readline():
-                self._take(_line_report(line))
+                text = line.decode(errors="replace").rstrip()
+                self._take({"is": "line", "line": text})
         except ValueError as error:  # a line that exceeds the limit
             self._take({"is": "failed", "why": str(error)})
             self.kill()
-
-    def _report_of(self, line: bytes) -> Report:
-        try:
-            return super()._report_of(line)
-        except ValueError:
-            return _line_report(line)
-
-
-def _line_report(line: bytes) -> Report:
-    return {"is": "line", "line": line.decode(errors="replace").rstrip()}

@@ -44,7 +44,7 @@ from sfglab.fleet.decoder.streams import (
     routes_of_agent,
     routes_of_topic,
 )
-from sfglab.fleet.discovery.listener import Change, Withdrawn, agent_changes
+from sfglab.fleet.discovery.listener import Offered, agent_changes
 from sfglab.fleet.narration import StreamNarrator
 from sfglab.processes import CHECK_PERIOD_S, Watchdog
 
@@ -124,16 +124,6 @@ class AgentDecoder:
         """Decode exactly these streams of a remote agent on demand; an empty sequence withdraws the agent."""
         self._events.put_nowait(partial(self._know, agent, tuple(routes)))
 
-    def hear(self, change: Change) -> None:
-        """Process a change of a remote agent's streams."""
-        if isinstance(change, Withdrawn):
-            self.offer(change.agent, ())
-            return
-        routes, errors = routes_of_agent(change.metadata)
-        for error in errors:
-            _LOG.warning("decoder: %s", error)
-        self.offer(change.agent, routes)
-
     def status(self) -> tuple[PipelineStatus, ...]:
         """Return the state of all streams, ordered by local topic."""
         return tuple(self._status(p) for _, p in sorted(self._pipelines.items()))
@@ -173,7 +163,12 @@ class AgentDecoder:
 
     async def _watch_agents(self, topic: str) -> None:
         async for change in agent_changes(self._local, topic):
-            self.hear(change)
+            routes: tuple[Route, ...] = ()
+            if isinstance(change, Offered):
+                routes, errors = routes_of_agent(change.metadata)
+                for error in errors:
+                    _LOG.warning("decoder: %s", error)
+            self.offer(change.agent, routes)
 
     async def _step(self) -> None:
         """Handle the expired timers, or the next event that comes before them."""
@@ -270,7 +265,13 @@ class AgentDecoder:
     async def _feed(self, pipeline: _Pipeline, given: Input) -> None:
         if not pipeline.life.allows(given):
             return  # such as demand for a stream that was withdrawn
-        await self._carry_out(pipeline, pipeline.life.feed(given, now_ns=steady_ns()))
+        action = pipeline.life.feed(given, now_ns=steady_ns())
+        if action is Action.START:
+            await self._start(pipeline)
+        elif pipeline.worker is not None and action is Action.STOP:
+            pipeline.worker.order(do="close")
+        elif pipeline.worker is not None and action is Action.KILL:
+            pipeline.worker.signal(SIGKILL)
         pipeline.seen &= pipeline.life.state is not State.IDLE
         self._on_status(self._status(pipeline))
         if pipeline.life.state is State.GONE:
@@ -278,14 +279,6 @@ class AgentDecoder:
             if pipeline.offer is not None:
                 pipeline.offer.close()
             await self._settle(pipeline.route.local_topic)
-
-    async def _carry_out(self, pipeline: _Pipeline, action: Action | None) -> None:
-        if action is Action.START:
-            await self._start(pipeline)
-        elif pipeline.worker is not None and action is Action.STOP:
-            pipeline.worker.order(do="close")
-        elif pipeline.worker is not None and action is Action.KILL:
-            pipeline.worker.signal(SIGKILL)
 
     async def _start(self, pipeline: _Pipeline) -> None:
         route = pipeline.route

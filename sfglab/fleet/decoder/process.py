@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import FFMPEG_PACKET, CodecError, image_decoder
-from sfglab.component import Orders, Report, Reporter, is_set_before, run_component
+from sfglab.component import Orders, Report, Reporter, beside, is_set_before, run_component
 from sfglab.fields import from_json
 from sfglab.fleet.decoder.pipeline import Outputs, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import IMAGE_TYPE, Route
@@ -86,16 +86,13 @@ class PipelineWorker:
 
     async def _run_one(self, route: Route, outputs: Outputs) -> None:
         counts = Statistics()
-        reports: asyncio.Task[None] | None = None
         try:
             self._report({"is": "opened"})
-            reports = asyncio.create_task(self._report_counts(counts))
-            await run_pipeline(route, remote=self._remote, outputs=outputs, counts=counts)
+            async with beside(self._report_counts(counts)):
+                await run_pipeline(route, remote=self._remote, outputs=outputs, counts=counts)
         except Exception as error:  # noqa: BLE001  # the decoder must know of any failure
             self._report({"is": "broken", "why": f"{type(error).__name__}: {error}"})
         finally:
-            if reports is not None:
-                reports.cancel()
             outputs.close()
             self._outputs = None
             self._report({"is": "statistics", **asdict(counts)})

@@ -62,22 +62,16 @@ class StreamDescription:
         if self.decoded_topic:
             _check_local(place, self.decoded_topic, agent)
         if not (_TYPE.fullmatch(self.type) and len(self.type) <= MAX_TEXT):
-            raise DescriptionError(
-                place, f"given the type {_short(self.type)}, allowed are names of messages"
-            )
+            why = f"given the type {_short(self.type)}, allowed are names of messages"
+            raise DescriptionError(place, why)
         if self.codec not in CODECS:
-            raise DescriptionError(
-                place, f"given the codec {_short(self.codec)}, allowed are {CODECS}"
-            )
-        if not (
-            0 <= self.width <= MAX_EDGE
-            and 0 <= self.height <= MAX_EDGE
-            and 0 <= self.rate_hz <= MAX_RATE_HZ
-        ):
+            why = f"given the codec {_short(self.codec)}, allowed are {CODECS}"
+            raise DescriptionError(place, why)
+        is_size = min(self.width, self.height) >= 0 and max(self.width, self.height) <= MAX_EDGE
+        if not (is_size and 0 <= self.rate_hz <= MAX_RATE_HZ):
             given = f"{self.width} x {self.height} pixels at {self.rate_hz} Hz"
-            raise DescriptionError(
-                place, f"given {given}, allowed are {MAX_EDGE} and {MAX_RATE_HZ:g}"
-            )
+            why = f"given {given}, allowed are {MAX_EDGE} and {MAX_RATE_HZ:g}"
+            raise DescriptionError(place, why)
 
     def to_message(self) -> Any:
         """Return the ``StreamInfo``."""
