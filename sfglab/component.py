@@ -141,8 +141,8 @@ async def next_before(items: asyncio.Queue[T], times_ns: Iterable[int | None]) -
         return None
 
 
-async def is_set_before(event: asyncio.Event, time_s: float) -> bool:
-    """Wait for an event until a time of the loop's clock; return whether it came."""
+async def is_set_before(event: asyncio.Event, time_s: float | None) -> bool:
+    """Wait for an event until a time of the loop's clock, None for no limit; return whether it came."""
     try:
         async with asyncio.timeout_at(time_s):
             await event.wait()

@@ -60,14 +60,14 @@ async def test_an_agent_returns_after_a_partition_restarts_after_an_end_and_is_f
             await sleep_until(61)
             sim.connect("go2")
             await sleep_until(120)
-        assert found.status().counts["asked"] == 1
+        assert found.counts["asked"] == 1
         await sleep_until(140)
         async with status(sim, "go2"):
             await sleep_until(141)
         await sleep_until(740)
-        assert [agent.state.name for agent in found.status().agents] == ["LOST"]
+        assert [agent.state.name for agent in found.agents] == ["LOST"]
         await sleep_until(760)
-        assert found.status().agents == ()
+        assert found.agents == ()
     times_s, _, kinds = zip(*events, strict=True)
     assert kinds == ("DISCOVERED", "LOST", "RETURNED", "LOST", "RESTARTED", "LOST")
     assert times_s[:2] == pytest.approx((0, 45.5), abs=0.1)
@@ -84,7 +84,7 @@ async def test_bytes_are_no_heartbeat_and_a_description_that_comes_late_answers_
         await sleep_until(1)
         beats.publish(replace(BEAT, period_s=30.0).to_message(0))
         await sleep_until(6)
-        assert found.status().counts["dropped_malformed"] == 1
+        assert found.counts["dropped_malformed"] == 1
         topic = heartbeat.metadata_topic()
         publisher = node.create_publisher(heartbeat.AGENT_METADATA, topic, LATCHED)
         publisher.publish(
@@ -127,7 +127,7 @@ async def test_queries_are_limited_and_untried_agents_go_first(sim):
         may_answer.set()
         await sleep_until(30)
         assert Counter(event for _, _, event in events) == {"DISCOVERED": 6}
-        counts = found.status().counts
+        counts = found.counts
         assert counts["asked"] == len(asked) == counts["failed"] + 6, "one at a time"
 
 
@@ -145,7 +145,7 @@ async def test_a_service_is_called_where_two_published_descriptions_disagree(sim
         provider.update(AgentDescription(software=("new",)))
         await sleep_until(10)
         assert [event for _, _, event in events] == ["DISCOVERED", "UPDATED"]
-        assert found.status().counts["published"] == 1
+        assert found.counts["published"] == 1
 
 
 async def test_a_consumer_that_comes_after_many_events_still_hears_of_everybody(sim, monkeypatch):

@@ -291,7 +291,7 @@ async def test_a_static_transform_that_was_refused_is_read_again_when_its_rival_
         await heard.take(10)
         two.create_publisher(TF_TYPE, "/tf_static", LATCHED).publish_raw(tf(("world", "map")))
         await asyncio.sleep(5)
-        assert router.status.clashed == 1
+        assert router.clashed == 1
         rival.close()
         assert (await heard.take(20)).transforms[0].header.frame_id == "world"
 
@@ -381,7 +381,7 @@ async def test_a_real_agent_is_discovered_at_once_beside_made_up_ones(sim, made_
         provider = StatusProvider(real, StatusSettings(agent="go2", publish_description=published))
         async with beside(discoverer.run()):
             await asyncio.sleep(3)
-            assert len(discoverer.status().agents) == made_up
+            assert len(discoverer.agents) == made_up
             started_s = asyncio.get_running_loop().time()
             async with beside(provider.run()), asyncio.timeout(30):
                 await found.wait()
@@ -419,6 +419,6 @@ async def test_a_description_that_is_too_large_is_not_read(sim, monkeypatch):
         discoverer = AgentDiscoverer(node, DiscoverySettings(agent="pc"))
         async with beside(discoverer.run(), StatusProvider(real, settings).run()):
             await asyncio.sleep(10)
-        counts = discoverer.status().counts
+        counts = discoverer.counts
     assert (counts["dropped_description_malformed"], counts["failed"] > 1) == (1, True)
     assert max(read, default=0) < 1000

@@ -3,18 +3,16 @@
 The node is an I/O wrapper of `registry`, and publishes discovery events in the agent's own domain. As a process
 (``python -m sfglab.fleet.discovery.node CONFIG``; see `sfglab.component`) it reports ``ready``, each event as
 ``{"is": "event", "agent", "event", "incarnation", "t_ns"}`` and, if configured, each transition as
-``{"is": "move", "agent", "before", "given", "after", "actions", "t_ns"}``. The order ``{"report": true}`` is
-answered with the current status, ``{"is": "status", "agents": [...], "counts": {...}}``.
+``{"is": "move", "agent", "before", "given", "after", "actions", "t_ns"}``.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections import deque
+from collections import Counter, deque
 from contextlib import asynccontextmanager
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.component import (
@@ -97,16 +95,6 @@ class QueryLimit:
                 granted.set_result(None)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiscoveryStatus:
-    """Status of a discoverer."""
-
-    agents: tuple[AgentStatus, ...]  #: The remote agents, sorted by name.
-    #: Numbers of events, see `Registry.counts`. ``event_<name>`` counts discovery events, ``published`` the
-    #: queries that a published description answered, ``dropped_description_<reason>`` the dropped ones.
-    counts: dict[str, int]
-
-
 class AgentDiscoverer:
     """Node that announces which other agents are present."""
 
@@ -144,11 +132,20 @@ class AgentDiscoverer:
         self._queries: dict[int, asyncio.Task[None]] = {}
         self._deadline_changed = asyncio.Event()
         self._events: Publisher | None = None
-        self._broken: asyncio.Future[None]
 
-    def status(self) -> DiscoveryStatus:
-        """Return the current status."""
-        return DiscoveryStatus(agents=self._registry.agents(), counts=dict(self._registry.counts))
+    @property
+    def agents(self) -> tuple[AgentStatus, ...]:
+        """Status of the remote agents, sorted by name."""
+        return self._registry.agents()
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Numbers of events, see `Registry.counts`.
+
+        ``event_<name>`` counts discovery events, ``published`` the queries that a published description answered,
+        ``dropped_description_<reason>`` the dropped ones.
+        """
+        return self._registry.counts
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Run until cancelled, then close everything. `on_ready` is called before the first heartbeat."""
@@ -166,17 +163,13 @@ class AgentDiscoverer:
             subscriptions.append(descriptions)
             bodies.append(self._receive_descriptions(descriptions))
         on_ready()
-        self._broken = asyncio.get_running_loop().create_future()
         try:
             async with beside(*bodies) as tasks:
-                done, _ = await asyncio.wait(
-                    [self._broken, *tasks], return_when=asyncio.FIRST_COMPLETED
-                )
-                for future in done:
-                    future.result()
+                done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+                for task in done:
+                    task.result()
         finally:
             await end_tasks(*self._queries.values())
-            self._broken.cancel()
             for subscription in subscriptions:
                 subscription.close()
             self._events.close()
@@ -207,6 +200,7 @@ class AgentDiscoverer:
         now_ns = steady_ns()
         while True:
             self._deadline_changed.clear()
+            self._forget_queries()
             since_ns = now_ns
             wake_ns = since_ns + _TICK_NS
             deadline_ns = self._registry.deadline_ns
@@ -227,18 +221,18 @@ class AgentDiscoverer:
             elif order.action is Action.QUERY:
                 task = asyncio.create_task(self._query(order, query))
                 self._queries[query] = task
-                task.add_done_callback(partial(self._query_ended, query))
+                # The next query of the agent may be due before other deadlines.
+                task.add_done_callback(lambda _: self._deadline_changed.set())
             elif query in self._queries:
                 self._queries[query].cancel()
 
-    def _query_ended(self, query: int, task: asyncio.Task[None]) -> None:
-        del self._queries[query]
-        self._deadline_changed.set()  # the next query of the agent may be due before other deadlines
-        if task.cancelled() or self._broken.done():
-            return
-        error = task.exception()
-        if error is not None:
-            self._broken.set_exception(error)
+    def _forget_queries(self) -> None:
+        """Forget the queries that have ended, and raise the error of one that failed unexpectedly."""
+        ended = {query: task for query, task in self._queries.items() if task.done()}
+        for query, task in ended.items():
+            del self._queries[query]
+            if not task.cancelled():
+                task.result()
 
     async def _query(self, order: Order, query: int) -> None:
         """Get an agent's description and pass it to the registry."""
@@ -325,7 +319,7 @@ class AgentDiscoverer:
         self._events.publish(message)
 
 
-async def run_discoverer(config: DiscoveryConfig, report: Reporter, orders: Orders) -> None:
+async def run_discoverer(config: DiscoveryConfig, report: Reporter, _orders: Orders) -> None:
     """Run a discoverer until cancelled.
 
     Raises:
@@ -362,17 +356,7 @@ async def run_discoverer(config: DiscoveryConfig, report: Reporter, orders: Orde
             on_event=report_event,
             on_move=report_move if config.report_moves else None,
         )
-        async with beside(_report_status(discoverer, report, orders)):
-            await discoverer.run(on_ready=lambda: report({"is": "ready"}))
-
-
-async def _report_status(discoverer: AgentDiscoverer, report: Reporter, orders: Orders) -> None:
-    """Report the status at each order."""
-    while True:
-        await orders.get()
-        status = discoverer.status()
-        agents = [{**asdict(agent), "state": agent.state.name} for agent in status.agents]
-        report({"is": "status", "agents": agents, "counts": status.counts})
+        await discoverer.run(on_ready=lambda: report({"is": "ready"}))
 
 
 def main() -> None:

@@ -6,8 +6,8 @@ which a forwarded sample does not keep: in the agent's domain a program of ROS 2
 and answers its services and actions. Without such a program they are not forwarded.
 
 As a process (`sfglab router`, or ``python -m sfglab.fleet.router.node CONFIG``; see `sfglab.component`) it
-reports, beside ``ready``, ``{"is": "status", "paths": [...], "clashed": n}`` whenever paths change and every
-five seconds; a path is a `PathStatus`. The process has no other task: a busy thread would cost milliseconds.
+reports, beside ``ready``, ``{"is": "status", "paths": [...]}`` whenever paths change; a path is a
+`PathStatus`. The process has no other task: a busy thread would cost milliseconds.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import deque
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -79,18 +79,8 @@ def domain_lock(domain_id: int) -> Iterator[None]:
 
 #: Maximum size of a message that a router's process forwards.
 MAX_SAMPLE_BYTES = 64 << 20
-STATUS_PERIOD_S = 5.0  #: Period of status reports while nothing changes, s.
 
-# Event loops count time in floats or milliseconds: a deadline counts as reached this much earlier.
 _RESOLUTION_NS = 1_000_000
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RouterStatus:
-    """Current state of a router."""
-
-    paths: tuple[PathStatus, ...] = ()  #: All open paths.
-    clashed: int = 0  #: Number of transforms that were dropped because of clashing frames.
 
 
 class Router:
@@ -102,7 +92,7 @@ class Router:
         settings: Settings.
         tag: Name of the agent's domain among all hosts. Routers of one domain ignore each other's endpoints.
             By default the agent's name.
-        on_status: Called with the status whenever paths change, and every `STATUS_PERIOD_S`.
+        on_paths: Called with all open paths whenever they change.
     """
 
     def __init__(
@@ -112,10 +102,10 @@ class Router:
         settings: RouterSettings,
         *,
         tag: str = "",
-        on_status: Callable[[RouterStatus], None] = lambda _: None,
+        on_paths: Callable[[tuple[PathStatus, ...]], None] = lambda _: None,
     ) -> None:
         self._nodes = {Side.LOCAL: local, Side.GLOBAL: remote}
-        self._on_status = on_status
+        self._on_paths = on_paths
         policy, tag = Policy(rules=settings.rules), tag or settings.agent
         self._advertises = settings.advertise_unused_topics
         self._ros = RosHalves(local.backend.ros, policy, self._add_event)
@@ -132,10 +122,9 @@ class Router:
         self._woken = asyncio.Event()
 
     @property
-    def status(self) -> RouterStatus:
-        """Current state."""
-        clashed = 0 if self._gate is None else self._gate.clashed
-        return RouterStatus(paths=self._table.paths, clashed=clashed)
+    def clashed(self) -> int:
+        """Number of transforms that were dropped because of clashing frames."""
+        return 0 if self._gate is None else self._gate.clashed
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Route until cancelled, from `on_ready` on; everything it opened is closed when this returns."""
@@ -171,24 +160,17 @@ class Router:
         self._woken.set()
 
     async def _route(self) -> None:
-        report_ns = _now_ns()
         while True:
             self._woken.clear()
-            now_ns = _now_ns()
-            if self._catch_up(now_ns) or now_ns >= report_ns:
-                report_ns = now_ns + round(STATUS_PERIOD_S * 1e9)
-                self._on_status(self.status)
+            events = list(self._events)
+            self._events.clear()
+            # Event loops count time in floats or milliseconds: a deadline counts as reached a bit earlier.
+            actions = self._plan.feed(events, now_ns=steady_ns() + _RESOLUTION_NS)
+            if actions:
+                self._table.apply(actions)
+                self._on_paths(self._table.paths)
             deadline_ns = self._plan.deadline_ns
-            due_ns = report_ns if deadline_ns is None else min(report_ns, deadline_ns)
-            await is_set_before(self._woken, due_ns / 1e9)
-
-    def _catch_up(self, now_ns: int) -> bool:
-        """Apply all events and timeouts; return whether paths changed."""
-        events = list(self._events)
-        self._events.clear()
-        actions = self._plan.feed(events, now_ns=now_ns)
-        self._table.apply(actions)
-        return bool(actions)
+            await is_set_before(self._woken, None if deadline_ns is None else deadline_ns / 1e9)
 
 
 def _frames(settings: RouterSettings) -> Frames:
@@ -198,10 +180,6 @@ def _frames(settings: RouterSettings) -> Frames:
 
 def _is_topic(event: EndpointEvent, kind: EndpointKind) -> bool:
     return event.endpoint.kind is kind and not event.endpoint.dds_topic.startswith(("rq/", "rr/"))
-
-
-def _now_ns() -> int:
-    return steady_ns() + _RESOLUTION_NS
 
 
 async def run_router(config: RouterConfig, report: Reporter) -> None:
@@ -218,13 +196,13 @@ async def run_router(config: RouterConfig, report: Reporter) -> None:
     far = config.remote.options() | {"max_sample_bytes": MAX_SAMPLE_BYTES}
     far["namespace"] = f"/{config.agent}"
 
-    def on_status(status: RouterStatus) -> None:
-        report({"is": "status", **asdict(status)})
+    def on_paths(paths: tuple[PathStatus, ...]) -> None:
+        report({"is": "status", "paths": [asdict(path) for path in paths]})
 
     with domain_lock(config.local.domain_id):
         async with Node("router", **near) as local, Node("router", **far) as remote:
             tag = f"{host_id()}/{config.local.domain_id}"
-            router = Router(local, remote, config, tag=tag, on_status=on_status)
+            router = Router(local, remote, config, tag=tag, on_paths=on_paths)
             if config.parameters is not None:
                 Parameters(local, config, config.parameters)
             await router.run(on_ready=lambda: report({"is": "ready"}))

@@ -19,7 +19,6 @@ from sfglab.bus.api import (
     user_data,
 )
 from sfglab.bus.errors import BusError
-from sfglab.bus.forwarding import ForwardCounts
 from sfglab.fleet.policy import Direction, ReaderSpec, WriterSpec
 from sfglab.fleet.router.frames import TF_TYPE
 from sfglab.fleet.router.plan import ROUTER_KEY, AssignRoute, Close, Open, RemoveSource
@@ -111,39 +110,27 @@ class PathStatus:
     direction: str  #: "outward" or "inward".
     readers: int  #: Number of the router's readers.
     writers: int  #: Number of the router's writers.
-    forwarded: int  #: Number of forwarded samples since the path was opened.
-    dropped: int  #: Number of samples that were not forwarded.
-    bytes: int  #: Size of the forwarded CDR.
 
 
 @dataclass(slots=True)
 class _OpenPath:
     readers: dict[ReaderSpec, Forward[Any, Any]] = field(default_factory=dict)
     writers: dict[WriterSpec, RawWriter] = field(default_factory=dict)
-    past: ForwardCounts = field(default_factory=ForwardCounts)  # of readers that were closed
 
     def close_reader(self, spec: ReaderSpec) -> bool:
-        """Close a reader and keep its counts; return whether it was open."""
+        """Close a reader; return whether it was open."""
         forward = self.readers.pop(spec, None)
-        if forward is None:
-            return False
-        forward.close()
-        self.past.forwarded += forward.counts.forwarded
-        self.past.dropped += forward.counts.dropped
-        self.past.bytes += forward.counts.bytes
-        return True
+        if forward is not None:
+            forward.close()
+        return forward is not None
 
     def status(self, path: Path) -> PathStatus:
-        counts = [self.past, *(forward.counts for forward in self.readers.values())]
         return PathStatus(
             topic=path.dds_topic,
             type=path.type,
             direction=path.direction.value,
             readers=len(self.readers),
             writers=len(self.writers),
-            forwarded=sum(c.forwarded for c in counts),
-            dropped=sum(c.dropped for c in counts),
-            bytes=sum(c.bytes for c in counts),
         )
 
 
