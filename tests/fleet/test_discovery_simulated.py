@@ -65,9 +65,9 @@ async def test_an_agent_returns_after_a_partition_restarts_after_an_end_and_is_f
         async with status(sim, "go2"):
             await sleep_until(141)
         await sleep_until(740)
-        assert [agent.state.name for agent in found.agents] == ["LOST"]
+        assert [state.name for state in found.states.values()] == ["LOST"]
         await sleep_until(760)
-        assert found.agents == ()
+        assert found.states == {}
     times_s, _, kinds = zip(*events, strict=True)
     assert kinds == ("DISCOVERED", "LOST", "RETURNED", "LOST", "RESTARTED", "LOST")
     assert times_s[:2] == pytest.approx((0, 45.5), abs=0.1)

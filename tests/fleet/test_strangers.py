@@ -381,7 +381,7 @@ async def test_a_real_agent_is_discovered_at_once_beside_made_up_ones(sim, made_
         provider = StatusProvider(real, StatusSettings(agent="go2", publish_description=published))
         async with beside(discoverer.run()):
             await asyncio.sleep(3)
-            assert len(discoverer.agents) == made_up
+            assert len(discoverer.states) == made_up
             started_s = asyncio.get_running_loop().time()
             async with beside(provider.run()), asyncio.timeout(30):
                 await found.wait()

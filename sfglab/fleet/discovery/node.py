@@ -26,10 +26,10 @@ from sfglab.component import (
 )
 from sfglab.errors import SfglabError
 from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
-from sfglab.fleet.discovery.lifecycle import Action
+from sfglab.fleet.discovery.lifecycle import Action, State
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
 from sfglab.fleet.discovery.published import PublishedDescriptions
-from sfglab.fleet.discovery.registry import AgentStatus, Move, Order, Registry
+from sfglab.fleet.discovery.registry import Move, Order, Registry
 from sfglab.fleet.discovery.validation import MAX_METADATA_BYTES, Refusal, validated_metadata
 from sfglab.fleet.refusals import WarnOnce
 from sfglab.fleet.status.heartbeat import (
@@ -134,16 +134,16 @@ class AgentDiscoverer:
         self._events: Publisher | None = None
 
     @property
-    def agents(self) -> tuple[AgentStatus, ...]:
-        """Status of the remote agents, sorted by name."""
-        return self._registry.agents()
+    def states(self) -> dict[str, State]:
+        """States of the remote agents, sorted by name."""
+        return self._registry.states
 
     @property
     def counts(self) -> Counter[str]:
         """Numbers of events, see `Registry.counts`.
 
-        ``event_<name>`` counts discovery events, ``published`` the queries that a published description answered,
-        ``dropped_description_<reason>`` the dropped ones.
+        ``published`` counts the queries that a published description answered, ``dropped_description_<reason>``
+        the descriptions that were dropped.
         """
         return self._registry.counts
 
@@ -290,7 +290,6 @@ class AgentDiscoverer:
     def _validated(self, agent: str, metadata: Any) -> Any:
         """Return the valid parts of a description, and warn about the others."""
         metadata, errors = validated_metadata(metadata)
-        self._registry.counts["refused_parts"] += len(errors)
         for error in errors:
             self._warn_once((agent, error.place), f"discoverer: {agent}: {error}")
         return metadata
@@ -299,7 +298,6 @@ class AgentDiscoverer:
         """Publish an event, and repeat the events of other agents that late joiners would miss."""
         while event is not None:
             self._publish(event)
-            self._registry.counts[f"event_{event.event.lower()}"] += 1
             self._on_event(event)
             is_full = len(self._announced) == self._announced.maxlen
             oldest = self._announced[0] if is_full else event.agent

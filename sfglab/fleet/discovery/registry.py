@@ -71,18 +71,6 @@ class Move:
     actions: tuple[Action, ...]  #: Actions.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AgentStatus:
-    """Status of one remote agent."""
-
-    agent: str  #: Name of the agent.
-    state: State  #: State of its life cycle.
-    incarnation: int  #: Incarnation of the last heartbeat.
-    revision: int  #: Revision of the description in the last heartbeat.
-    failures: int  #: Failed queries since the last answer.
-    heard_ns: int  #: Time of the last heartbeat on the caller's clock.
-
-
 @dataclass(slots=True)
 class _Remote:
     """Data about one remote agent."""
@@ -143,10 +131,9 @@ class Registry:
             on_move: Called after each transition.
             on_alarm: Called with a warning and a key that equal warnings share.
         """
-        #: Numbers of events: ``heard``, ``dropped_<reason>``, ``asked``, ``answered``, ``failed`` (among them
-        #: ``mismatched``: another agent or incarnation answered), ``abandoned``, ``ignored_answers`` (to
-        #: abandoned queries), ``evicted``, ``refused_parts`` (of descriptions), ``twins`` (heartbeats of a
-        #: duplicate agent name).
+        #: Numbers of events: ``heard``, ``dropped_<reason>``, ``asked``, ``failed`` (among them ``mismatched``:
+        #: another agent or incarnation answered), ``ignored_answers`` (to abandoned queries), ``twins``
+        #: (heartbeats of a duplicate agent name).
         self.counts: Counter[str] = Counter()
         self._agent = agent
         self._own_speakers = Speakers()
@@ -207,7 +194,6 @@ class Registry:
         if metadata.agent != agent or not remote.speakers.is_claimed(*version):
             self.counts["mismatched"] += 1
             return self.failed(agent, query, now_ns=now_ns)
-        self.counts["answered"] += 1
         before = remote.held
         remote.speakers.confirm(*version)
         remote.held = remote.wanted = version
@@ -260,19 +246,10 @@ class Registry:
         deadlines = [at_ns for r in self._remotes.values() for at_ns, _ in r.deadlines()]
         return min(deadlines, default=None)
 
-    def agents(self) -> tuple[AgentStatus, ...]:
-        """Return the status of all agents in the table, sorted by name."""
-        return tuple(
-            AgentStatus(
-                agent=agent,
-                state=remote.life.state,
-                incarnation=remote.wanted[0],
-                revision=remote.wanted[1],
-                failures=remote.backoff.failures,
-                heard_ns=remote.heard_ns,
-            )
-            for agent, remote in sorted(self._remotes.items())
-        )
+    @property
+    def states(self) -> dict[str, State]:
+        """States of all agents in the table, sorted by name."""
+        return {agent: remote.life.state for agent, remote in sorted(self._remotes.items())}
 
     def announcement(self, agent: str) -> Order | None:
         """Return the event that announces an agent to late joiners; None if it is not present."""
@@ -319,7 +296,6 @@ class Registry:
             if not useless:
                 return False
             oldest = min(useless, key=lambda agent: self._remotes[agent].heard_ns)
-            self.counts["evicted"] += 1
             self._feed(oldest, Input.EXPIRED, now_ns)
         self._remotes[heartbeat.agent] = _Remote(
             life=Lifecycle(heartbeat.agent),
@@ -365,7 +341,6 @@ class Registry:
         if action in ANNOUNCEMENTS:
             return _announcement(action, agent, remote)
         if action is Action.ABANDON:
-            self.counts["abandoned"] += 1
             abandoned, remote.query = remote.query, None
             return Order(action=action, agent=agent, query=abandoned)
         self.counts["asked"] += 1
