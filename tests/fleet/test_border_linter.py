@@ -6,7 +6,7 @@ import pytest
 
 from sfglab.fleet.fleet_file import load_fleet, read_fleet
 from sfglab.fleet.lint import Severity, lint, lint_file, render
-from sfglab.fleet.lint.discovery import ENDPOINT_BYTES, PAIR_BYTES, ROS_ENDPOINTS
+from sfglab.fleet.lint.discovery import ROS_ENDPOINTS
 from sfglab.names import ResourceKind
 
 ROOT = Path(__file__).parents[2]
@@ -87,19 +87,9 @@ AT_ODDS = (
     ("code", "severity", "uses", "said"),
     [
         *(
-            ("does-not-cross", "error", (f"publishes: [{name}]", f"subscribes: [{name}]"), said)
-            for name in ("/chatter", "/local/a1/x", "/tf2")
-            for said in ("a2.subscribes[0]:", "/global/a1/")
+            ("does-not-cross", "error", (f"publishes: [{name}]", f"subscribes: [{name}]"), better)
+            for name, better in (("/tf2", "/global/a1/tf2$"), ("/local/a1/x", "/global/a1/x$"))
         ),
-        ("nobody-speaks", "warning", ("", "subscribes: [/global/a11/pose]"), "a2.subscribes[0]:"),
-        (
-            "no-server",
-            "error",
-            ("calls: [/global/a2/reset]", "serves: [/local/a2/set_mode]"),
-            "agents.a1",
-        ),
-        ("type-mismatch", "error", AT_ODDS, "a2.subscribes[0]:"),
-        ("qos-mismatch", "error", AT_ODDS, "RELIABLE"),
         ("qos-mismatch", "error", AT_ODDS, "TRANSIENT_LOCAL"),
         ("frame-clash", "error", (bare("base", "map"), bare("base", "map")), "prefix_frames: true"),
         (
@@ -171,11 +161,8 @@ def test_hosts_and_a_router_that_do_not_fit_together_are_errors(code, head, uses
 @pytest.mark.parametrize(
     ("head", "uses"),
     [
-        ("", ("",)),  # without a host, no interface is asked for
-        (NAMED, 2 * ("host: {address: a@m}",)),
-        (NAMED, ("host: {network: host}, local_interface: lo",)),
-        (DDS_ROUTER % ":1", ("",)),
-        (DDS_ROUTER % f"@sha256:{64 * 'a'}", ("",)),
+        (NAMED, ("host: {network: host, address: a@m}, local_interface: lo",)),
+        (DDS_ROUTER % f"@sha256:{64 * 'a'}", ("",)),  # without a host, no interface is asked for
     ],
 )
 def test_hosts_and_a_router_that_fit_together_are_none(head, uses):
@@ -250,15 +237,6 @@ def test_a_publisher_nobody_wants_is_not_shown_latched_ones_each_and_a_service_a
     ):
         report = report_of(agents(*(f"lifecycle: false, {use}" for use in uses)))
         assert report.discovery.shown == {"a1": shown, "a2": 2}
-
-
-def test_the_estimate_lies_among_what_was_measured_on_two_hosts():
-    one = 400 * (PAIR_BYTES + 1 * ENDPOINT_BYTES)
-    ros = 400 * (PAIR_BYTES + 18 * ENDPOINT_BYTES)
-    router = PAIR_BYTES + 20 * ENDPOINT_BYTES
-    assert 0.64e6 < one < 0.76e6  # 20 participants a host with one endpoint each
-    assert 3.4e6 < ros < 4.2e6  # with 18 each, as a ROS node has
-    assert 9_800 < router < 10_510  # routers that show 20 topics
 
 
 def test_nothing_clashes_where_transforms_do_not_cross():

@@ -34,14 +34,11 @@ agents:
 
 def test_the_labs_file_is_a_fleet_whose_sensors_are_what_the_status_provider_announces():
     fleet = fleet_file.load_fleet(LAB)
-    assert {"go2", "pi1", "steamdeck", "workstation"} < {agent.name for agent in fleet.agents}
     assert fleet.policy.rules == TABLE_1
     go2 = fleet.agent("go2")
     assert (fleet.global_domain, fleet.agent("workstation").global_interface) == (0, "eth0")
-    assert (go2.domain, go2.local_interface) == (1, "lo")
     go2.description.check("go2")
     color, depth = go2.description.sensors[0].streams
-    assert [stream.topic for stream in go2.streams] == [color.topic, depth.topic]
     assert (color.codec, color.width, color.height, color.rate_hz) == ("h264", 640, 360, 30.0)
     assert depth.camera_info_topic == "/global/go2/camera_front/aligned_depth/camera_info"
 

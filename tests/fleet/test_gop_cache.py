@@ -1,19 +1,20 @@
 """GOP cache: it keeps a decodable group, and writes nothing without a reader."""
 
 import asyncio
+import itertools
 
 import pytest
-from cameras import FFMPEG, STREAM, Camera
+from cameras import FFMPEG, STREAM
 from foreign_video import CLOCKS
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.bus import Node
 from sfglab.bus.sim import run_simulated
 from sfglab.component import beside
 from sfglab.errors import InvalidValueError
 from sfglab.fleet import gop_cache, gop_config
-from sfglab.qos import SENSOR_DATA
+from sfglab.messages import default_message
+from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
 REPLAY = gop_config.replay_topic(STREAM)
 
@@ -77,63 +78,61 @@ def test_what_is_no_numbered_stream_has_no_replay(topic):
         gop_config.GopCacheSettings(streams=(topic,))
 
 
-@pytest.mark.parametrize("stays_s", [0.4, 2.0], ids=["leaves before the replay", "stays"])
-def test_a_replay_waits_until_connections_settle_and_is_not_sent_to_a_reader_that_left(stays_s):
-    settings = gop_config.GopCacheSettings(streams=(STREAM,), settle_s=0.5)
+def served(read, **settings):
+    """Run a GOP cache beside a camera that numbers its packets, 20 a group; return the replays."""
     replayed = []
 
+    async def shoot(node):
+        publisher = node.create_publisher(FFMPEG, STREAM, COMPRESSED_STREAM)
+        for number in itertools.count():
+            flags = gop_config.FLAG_KEY if number % 20 == 0 else 0
+            publisher.publish(default_message(FFMPEG, pts=number, flags=flags))
+            await asyncio.sleep(0.02)
+
     async def main(world):
-        cache = gop_cache.GopCacheNode(world.node("cache"), settings, on_replay=replayed.append)
-        reader = world.node("reader")
-        async with beside(cache.run()):
+        told = gop_config.GopCacheSettings(streams=(STREAM,), **settings)
+        cache = gop_cache.GopCacheNode(world.node("cache"), told, on_replay=replayed.append)
+        async with beside(cache.run(), shoot(world.node("camera"))):
             await asyncio.sleep(1)
-            subscription = reader.create_subscription(FFMPEG, REPLAY, qos=gop_config.REPLAY_QOS)
-            await asyncio.sleep(0.4)
-            assert not replayed
-            await asyncio.sleep(stays_s - 0.4)
-            subscription.close()
+            assert not replayed, "nothing is written while nobody reads"
+            await read(world.node("reader"))
             await asyncio.sleep(1)
 
     run_simulated(main, seed=1, limit_s=60)
-    assert len(replayed) == (stays_s > 1)
+    return replayed
 
 
-@pytest.mark.live
-async def test_each_late_reader_gets_the_group_under_way_and_what_follows_and_nothing_from_before(
-    domains,
-):
-    address, replayed = domains[0].options(), []
-    async with (
-        Node("camera", **address) as far,
-        Node("keeper", **address) as here,
-        Node("reader", **address) as near,
-    ):
-        told = gop_config.GopCacheSettings(streams=(STREAM,))
-        keeper = gop_cache.GopCacheNode(here, told, on_replay=replayed.append)
-        camera = Camera(far)
-        camera.gop = 20
+@pytest.mark.parametrize("stays_s", [0.4, 2.0], ids=["leaves before the replay", "stays"])
+def test_a_replay_waits_until_connections_settle_and_is_not_sent_to_a_reader_that_left(stays_s):
+    async def read(node):
+        subscription = node.create_subscription(FFMPEG, REPLAY, qos=gop_config.REPLAY_QOS)
+        await asyncio.sleep(stays_s)
+        subscription.close()
 
-        async def read(count, qos):
-            await camera.shot(2 * camera.gop)
-            subscription = near.create_subscription(FFMPEG, REPLAY, qos=qos)
-            packets = [await subscription.take(timeout_s=60) for _ in range(count)]
+    assert len(served(read, settle_s=0.5)) == (stays_s > 1)
+
+
+def test_each_late_reader_gets_the_group_under_way_and_what_follows_and_nothing_from_before():
+    read = []
+
+    async def take(node):
+        for count, qos in (
+            (60, gop_config.REPLAY_QOS),
+            (3, gop_config.REPLAY_QOS),
+            (1, SENSOR_DATA),
+        ):
+            subscription = node.create_subscription(FFMPEG, REPLAY, qos=qos)
+            read.append([await subscription.take(timeout_s=60) for _ in range(count)])
             subscription.close()
-            return packets
+            await asyncio.sleep(1)
 
-        async with beside(keeper.run()), camera.running():
-            await camera.publisher.wait_for_subscriptions(1, 15)
-            await camera.shot(1)
-            assert replayed == [], "nothing is written while nobody reads"
-            packets = await read(60, gop_config.REPLAY_QOS)
-            (report,) = replayed
-            first = packets[0].pts
-            assert packets[0].flags & gop_config.FLAG_KEY
-            assert [p.pts for p in packets] == [*range(first, first + 60)]
-            assert report.packets <= camera.gop
-            discarded = [bool(p.flags & gop_config.FLAG_DISCARD) for p in packets]
-            assert discarded == [n < report.packets - 1 for n in range(60)]
-            second, *_ = await read(3, gop_config.REPLAY_QOS)
-            assert second.flags & gop_config.FLAG_KEY
-            assert second.pts > packets[-1].pts
-            await read(1, SENSOR_DATA)
-            assert len(replayed) == 3, "who asks for best effort is served too"
+    replayed = served(take)
+    assert len(replayed) == 3, "who asks for best effort is served too"
+    packets, (second, *_), _ = read
+    first = packets[0].pts
+    assert packets[0].flags & second.flags & gop_config.FLAG_KEY
+    assert [packet.pts for packet in packets] == [*range(first, first + 60)]
+    assert replayed[0].packets <= 20
+    discarded = [bool(packet.flags & gop_config.FLAG_DISCARD) for packet in packets]
+    assert discarded == [number < replayed[0].packets - 1 for number in range(60)]
+    assert second.pts > packets[-1].pts

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved, user_data
-from sfglab.fleet.policy import TABLE_1, Direction, Policy, ReaderSpec, Side, WriterSpec
+from sfglab.fleet.policy import Direction, Policy, ReaderSpec, Side, WriterSpec
 from sfglab.fleet.router.plan import (
     REPLY_READER_TIMEOUT_NS,
     ROUTER_KEY,
@@ -446,16 +446,6 @@ def test_a_request_does_not_wait_for_ever_and_a_client_that_left_is_forgotten():
     assert (services.passes(silent), services.passes(gone)) == (True, None)
     assert [a.source for a in one.done if isinstance(a, RemoveSource)] == [gone.gid]
     assert one.plan.deadline_ns is None
-
-
-@pytest.mark.parametrize(
-    ("name", "leaves"), [("rt/tf", True), (REQUESTS, True), ("rt/local/go2/scan", False)]
-)
-def test_a_rule_of_one_direction_lets_nothing_cross_against_it(name, leaves):
-    outward = tuple(replace(rule, directions=frozenset({Direction.OUTWARD})) for rule in TABLE_1)
-    policy = Policy(rules=outward)
-    assert policy.crosses(name, Direction.OUTWARD) is leaves
-    assert policy.domains(name, Side.GLOBAL) == {Side.GLOBAL}
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from sfglab.names import Resource, RosFqnBuilder, Scope
 from sfglab.qos import Durability, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Mapping
+    from collections.abc import AsyncIterator
 
     from sfglab.bus import Node
 
@@ -77,11 +77,6 @@ class KnownAgents:
         self._predecessors: set[bytes] = set()
         self._metadata: dict[str, Any] = {}
         self._unconfirmed: set[str] = set()
-
-    @property
-    def agents(self) -> Mapping[str, Any]:
-        """Descriptions of the present agents by name."""
-        return dict(self._metadata)
 
     def feed(self, event: Any, publisher_gid: bytes, *, now_ns: int) -> Change | None:
         """Process an ``AgentDiscoveryEvent`` and return the change.
