@@ -125,7 +125,8 @@ def agent_up(
 
     place = (domain, interface)
     config = _agent_config(agent, fleet, place, (global_domain, global_interface))
-    config = replace(reduced(config, without or ()), parameters=parameters)
+    with_parameters = replace(config.router, parameters=parameters)
+    config = replace(reduced(config, without or ()), router=with_parameters)
     run(serve_agent(config, typer.echo, as_json=as_json))
 
 
@@ -147,19 +148,18 @@ def router(
       sfglab router --domain 7 --interface lo --global-interface wlan0
       sfglab router --fleet data/fleets/lab.yaml --agent go2
     """
-    from sfglab.fleet.agent.plan import router_config
     from sfglab.fleet.router.node import serve_terminal
 
     place = (domain, interface)
     config = _agent_config(agent, fleet, place, (global_domain, global_interface))
-    run(serve_terminal(router_config(config), typer.echo))
+    run(serve_terminal(config.router, typer.echo))
 
 
 def _agent_config(
     agent: str | None, fleet: Path | None, local: Place, remote: Place
 ) -> AgentConfig:
     """Return an agent as the command line and the fleet file describe it."""
-    from sfglab.fleet.agent.plan import config_from_options
+    from sfglab.fleet.agent.plan import config_of
     from sfglab.fleet.fleet_file import load_fleet
     from sfglab.names import default_agent
 
@@ -168,7 +168,7 @@ def _agent_config(
         domain = usual_domain_id()
     described = None if fleet is None else load_fleet(fleet)
     own = (domain, interface)
-    return config_from_options(agent or default_agent(), described, local=own, remote=remote)
+    return config_of(agent or default_agent(), described, local=own, remote=remote)
 
 
 def decoder(

@@ -16,11 +16,7 @@ from sfglab.fleet.gop_config import GopCacheConfig
 from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig
 
-CONFIG = plans.AgentConfig(
-    agent="go2",
-    local=BusAddress(domain_id=7, interface="lo"),
-    remote=BusAddress(domain_id=0, interface="eth0"),
-)
+CONFIG = plans.config_of("go2", None, local=(7, "lo"), remote=(None, "eth0"))
 FLEET = read_fleet("""
 fleet: pair
 global: {domain: 3, interface: wlan0}
@@ -52,26 +48,29 @@ def test_every_component_is_told_where_it_stands_and_the_decoder_stays_inside():
     given = arguments(CONFIG)
     assert tuple(given) == ("router", "status", "discoverer", "decoder")
     router = config_from_argument(RouterConfig, given["router"])
-    assert (router.agent, router.local, router.remote) == ("go2", CONFIG.local, CONFIG.remote)
+    assert router == CONFIG.router
+    assert router.local == BusAddress(domain_id=7, interface="lo")
+    assert router.remote == BusAddress(domain_id=0, interface="eth0")
     for kind, name in ((StatusConfig, "status"), (DiscoveryConfig, "discoverer")):
         config = config_from_argument(kind, given[name])
-        assert (config.settings.agent, config.address) == ("go2", CONFIG.local)
+        assert (config.settings.agent, config.address) == ("go2", router.local)
     decoder = config_from_argument(DecoderConfig, given["decoder"])
-    assert decoder.remote == decoder.local == CONFIG.local
+    assert decoder.remote == decoder.local == router.local
     assert decoder.discovery_topic == "/local/go2/agent_discovery_event"
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("agent", "domain", "words"),
     [
-        ({"agent": "global"}, "global"),
-        ({"local": BusAddress(domain_id=233)}, "domain: given 233, allowed: 0 to 232"),
-        ({"local": BusAddress(domain_id=0)}, "given 0, allowed: two"),
+        ("global", 7, "global"),
+        ("go2", 233, "domain: given 233, allowed: 0 to 232"),
+        ("go2", 0, "given 0, allowed: two"),
+        ("go2", None, "its own domain: nothing is given, allowed: 1 to 232 or a"),
     ],
 )
-def test_what_could_not_be_run_is_refused_before_anything_is_started(changes, words):
+def test_what_could_not_be_run_is_refused_before_anything_is_started(agent, domain, words):
     with pytest.raises(SfglabError, match=words):
-        plans.plan(replace(CONFIG, **changes))
+        plans.plan(plans.config_of(agent, None, local=(domain, None)))
 
 
 def test_components_can_be_left_out():
@@ -83,7 +82,7 @@ def test_components_can_be_left_out():
 
 
 def test_a_fleet_file_says_everything():
-    config = plans.config_from_fleet(FLEET, "go2")
+    config = plans.config_of("go2", FLEET)
     given = arguments(config)
     assert tuple(given) == plans.COMPONENTS
     router = config_from_argument(RouterConfig, given["router"])
@@ -104,25 +103,19 @@ def test_a_fleet_file_says_everything():
 
 
 def test_descriptions_are_queried_if_the_file_says_so_and_without_lifecycle_there_are_none():
-    given = arguments(plans.config_from_fleet(replace(FLEET, descriptions="queried"), "go2"))
+    given = arguments(plans.config_of("go2", replace(FLEET, descriptions="queried")))
     status = config_from_argument(StatusConfig, given["status"]).settings
     discoverer = config_from_argument(DiscoveryConfig, given["discoverer"]).settings
     assert not status.publish_description
     assert not discoverer.use_published_descriptions
-    bare = arguments(plans.config_from_fleet(FLEET, "bare"))
+    bare = arguments(plans.config_of("bare", FLEET))
     assert {"status", "discoverer"} & bare.keys() == set()
 
 
-def test_options_alone_need_a_domain_and_go_before_the_fleet_file():
-    config = plans.config_from_options("go2", None, local=(7, None))
-    assert (config.local, config.remote) == (BusAddress(domain_id=7), BusAddress(domain_id=0))
-    with pytest.raises(
-        InvalidValueError, match="its own domain: nothing is given, allowed: 1 to 232 or a"
-    ):
-        plans.config_from_options("go2", None)
-    config = plans.config_from_options("go2", FLEET, remote=(None, "eth1"))
-    assert config.local == BusAddress(domain_id=1, interface="lo")
-    assert config.remote == BusAddress(domain_id=3, interface="eth1")
+def test_options_go_before_the_fleet_file():
+    router = plans.config_of("go2", FLEET, local=(9, None), remote=(None, "eth1")).router
+    assert router.local == BusAddress(domain_id=9, interface="lo")
+    assert router.remote == BusAddress(domain_id=3, interface="eth1")
 
 
 def path(topic: str, direction: str = "inward", readers: int = 1) -> dict[str, str | int]:

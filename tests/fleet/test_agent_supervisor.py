@@ -13,6 +13,7 @@ from sfglab.component import beside
 from sfglab.fleet.agent import app
 from sfglab.fleet.agent.plan import AgentConfig
 from sfglab.fleet.agent.supervision import Component, State
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.machine import ProcessTiming
 
 pytestmark = [pytest.mark.live]
@@ -184,9 +185,11 @@ import sys
 from sfglab.bus.address import BusAddress
 from sfglab.fleet.agent.app import serve_agent
 from sfglab.fleet.agent.plan import AgentConfig
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.component import run
 local, remote = (BusAddress(domain_id=int(domain), interface="lo") for domain in sys.argv[1:])
-config = AgentConfig(agent="go2", local=local, remote=remote, components=("router",))
+router = RouterConfig(agent="go2", local=local, remote=remote)
+config = AgentConfig(router=router, components=("router",))
 run(serve_agent(config, lambda line: print(line, flush=True)))
 """
 
@@ -194,7 +197,8 @@ run(serve_agent(config, lambda line: print(line, flush=True)))
 def test_two_interrupts_end_an_agent_in_order_and_a_second_one_on_its_domains_is_refused(domains):
     remote, local = domains
     numbers = (f"{address.domain_id}" for address in (local, remote))
-    said, config = [], AgentConfig(agent="go2", local=local, remote=remote, components=("router",))
+    router = RouterConfig(agent="go2", local=local, remote=remote)
+    said, config = [], AgentConfig(router=router, components=("router",))
     with program(sys.executable, "-c", TERMINAL, *numbers) as process:
         lines = [process.stdout.readline() for _ in range(3)]
         assert lines[1:] == ["router: ready\n", "agent go2: ready, end it with Ctrl-C\n"]

@@ -14,6 +14,7 @@ from sfglab.component import argument_of
 from sfglab.fleet.agent.app import SupervisorConfig
 from sfglab.fleet.agent.plan import AgentConfig, plan
 from sfglab.fleet.discovery.config import Timing as DiscoveryTiming
+from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.lab.testbed import Testbed
 from sfglab.machine import ProcessTiming
@@ -41,10 +42,14 @@ class Agent(LineProcess):
 
     @classmethod
     async def begin(cls, testbed: Testbed, name: str, remote: int, local: int):
-        config = AgentConfig(
+        router = RouterConfig(
             agent=name,
             local=BusAddress(domain_id=local, interface="lo"),
             remote=BusAddress(domain_id=remote, interface=testbed.interface(name)),
+            advertise_unused_topics=True,
+        )
+        config = AgentConfig(
+            router=router,
             components=AGENTS[name],
             schedule=SCHEDULE,
             discovery=DISCOVERY,

@@ -237,24 +237,24 @@ class Narrator:
     """Description of an agent's reports for a person."""
 
     def __init__(self, config: AgentConfig) -> None:
-        self._config = config
+        self._router = config.router
         self._paths = PathNarrator()
         self._streams = StreamNarrator()
 
     def beginning(self) -> str:
         """Return the first line."""
-        local, remote = _place(self._config.local), _place(self._config.remote)
-        return f"agent {self._config.agent}: its own {local}, the global {remote}; starting"
+        local, remote = _place(self._router.local), _place(self._router.remote)
+        return f"agent {self._router.agent}: its own {local}, the global {remote}; starting"
 
     def end(self) -> str:
         """Return the last line."""
-        return f"agent {self._config.agent}: everything has ended"
+        return f"agent {self._router.agent}: everything has ended"
 
     def lines(self, report: Report) -> list[str]:
         """Return the lines that describe a report, one sentence each; none for details."""
         match report["is"]:
             case "ready":
-                return [f"agent {self._config.agent}: ready, end it with Ctrl-C"]
+                return [f"agent {self._router.agent}: ready, end it with Ctrl-C"]
             case "line":
                 words = [report["line"]]
             case "report":

@@ -106,9 +106,7 @@ REPLAY_TIMEOUT_S = 3.0
 class Statistics:
     """Counts of a pipeline since it was opened."""
 
-    received: int = 0  #: Messages from the remote stream.
     replayed: int = 0  #: Messages from its replay.
-    published: int = 0  #: Messages published to local subscribers.
     newest: int = -1  #: Number of the latest frame; -1 if there is none or frames have no numbers.
     broken: int = 0  #: Messages that could not be decoded.
     last_error: str = ""  #: Latest decoding error; empty without one.
@@ -173,12 +171,12 @@ async def run_pipeline(route: Route, *, remote: Node, outputs: Outputs, counts: 
         CodecError: There is no decoder for this type and codec.
     """
     if route.codec == RELAY:
-        await _relay(route, remote, outputs, counts)
+        await _relay(route, remote, outputs)
     else:
         await _decode(route, remote, outputs, counts)
 
 
-async def _relay(route: Route, remote: Node, outputs: Outputs, counts: Statistics) -> None:
+async def _relay(route: Route, remote: Node, outputs: Outputs) -> None:
     with closing(
         remote.create_subscription(
             route.source_type, route.source_topic, qos=COMPRESSED_STREAM, raw=True
@@ -186,9 +184,7 @@ async def _relay(route: Route, remote: Node, outputs: Outputs, counts: Statistic
     ) as subscription:
         outputs.open()
         async for cdr in subscription:
-            counts.received += 1
             outputs.publish_raw(cdr)
-            counts.published += 1
 
 
 async def _decode(route: Route, remote: Node, outputs: Outputs, counts: Statistics) -> None:
@@ -245,7 +241,6 @@ class _Decoding:
             self._take(await anext(messages), Source.LIVE)
             await self._drain()
         async for message in messages:
-            self._counts.received += 1
             await self._decode(message, show=not (self._numbered and message.flags & FLAG_DISCARD))
 
     async def _pump(self, subscription: Subscription, source: Source) -> None:
@@ -257,9 +252,7 @@ class _Decoding:
             self._arrived.set()
 
     def _take(self, message: Any, source: Source) -> None:
-        if source is Source.LIVE:
-            self._counts.received += 1
-        else:
+        if source is Source.REPLAY:
             self._counts.replayed += 1
         pts, flags = (message.pts, message.flags) if self._numbered else (0, FLAG_KEY)
         is_key, shown = bool(flags & FLAG_KEY), not flags & FLAG_DISCARD
@@ -300,5 +293,4 @@ class _Decoding:
     def _show(self, message: Any) -> None:
         for decoded in self._decoder.feed(message):
             self._outputs.publish(*self._codec.parts(message.header, decoded))
-            self._counts.published += 1
             self._counts.newest = message.pts if self._numbered else -1
