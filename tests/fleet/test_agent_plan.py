@@ -44,21 +44,6 @@ def arguments(config: plans.AgentConfig) -> dict[str, str]:
     return {component.name: component.argv[-1] for component in plans.plan(config)}
 
 
-def test_every_component_is_told_where_it_stands_and_the_decoder_stays_inside():
-    given = arguments(CONFIG)
-    assert tuple(given) == ("router", "status", "discoverer", "decoder")
-    router = config_from_argument(RouterConfig, given["router"])
-    assert router == CONFIG.router
-    assert router.local == BusAddress(domain_id=7, interface="lo")
-    assert router.remote == BusAddress(domain_id=0, interface="eth0")
-    for kind, name in ((StatusConfig, "status"), (DiscoveryConfig, "discoverer")):
-        config = config_from_argument(kind, given[name])
-        assert (config.settings.agent, config.address) == ("go2", router.local)
-    decoder = config_from_argument(DecoderConfig, given["decoder"])
-    assert decoder.remote == decoder.local == router.local
-    assert decoder.discovery_topic == "/local/go2/agent_discovery_event"
-
-
 @pytest.mark.parametrize(
     ("agent", "domain", "words"),
     [
@@ -86,20 +71,26 @@ def test_a_fleet_file_says_everything():
     given = arguments(config)
     assert tuple(given) == plans.COMPONENTS
     router = config_from_argument(RouterConfig, given["router"])
+    assert router == config.router
     assert router.local == BusAddress(domain_id=1, interface="lo")
     assert router.remote == BusAddress(domain_id=3, interface="wlan0")
     assert router.rules == FLEET.policy.rules
     assert not router.prefix_frames
     assert (router.shared_frames, router.placed_by_others) == (("hall",), ("base",))
-    status = config_from_argument(StatusConfig, given["status"]).settings
-    (sensor,) = status.description.sensors
+    status = config_from_argument(StatusConfig, given["status"])
+    (sensor,) = status.settings.description.sensors
     assert (sensor.name, sensor.streams[0].rate_hz) == ("camera_front", 30)
     keeper = config_from_argument(GopCacheConfig, given["keeper"])
     assert keeper.streams == (sensor.streams[0].topic,)
-    assert keeper.address == router.local
-    discoverer = config_from_argument(DiscoveryConfig, given["discoverer"]).settings
-    assert status.publish_description
-    assert discoverer.use_published_descriptions
+    discoverer = config_from_argument(DiscoveryConfig, given["discoverer"])
+    assert status.settings.agent == discoverer.settings.agent == "go2"
+    assert status.settings.publish_description
+    assert discoverer.settings.use_published_descriptions
+    decoder = config_from_argument(DecoderConfig, given["decoder"])
+    assert decoder.discovery_topic == "/local/go2/agent_discovery_event"
+    # All components stay in the agent's own domain, the decoder with both sides.
+    addresses = {status.address, discoverer.address, keeper.address, decoder.remote, decoder.local}
+    assert addresses == {router.local}
 
 
 def test_descriptions_are_queried_if_the_file_says_so_and_without_lifecycle_there_are_none():

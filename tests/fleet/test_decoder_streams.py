@@ -22,13 +22,14 @@ from sfglab.fleet.decoder.pipeline import (
 )
 from sfglab.fleet.decoder.process import PipelineWorker
 from sfglab.fleet.decoder.streams import (
+    CAMERA_INFO,
     RELAY,
     StreamError,
     StreamKind,
     routes_of_agent,
     routes_of_topic,
 )
-from sfglab.messages import default_message, deserialize
+from sfglab.messages import default_message, deserialize, serialize
 from sfglab.names import Resource
 from sfglab.qos import SENSOR_DATA
 from sfglab.spatial.poses import header_msg
@@ -113,21 +114,29 @@ def test_a_new_kind_of_stream_is_one_entry_and_one_codec(monkeypatch):
     assert [scan for _, scan in shown] == [b"scan"]
 
 
-def test_transports_that_change_before_a_pipeline_has_begun_are_served():
+def test_camera_info_is_relayed_unchanged_over_the_transports_that_are_served():
+    received = []
+
     async def main(world):
-        orders, local = Orders(), world.node("local")
-        worker = PipelineWorker(world.node("remote"), local, lambda _: None)
+        orders, local, remote = Orders(), world.node("local"), world.node("remote")
+        worker = PipelineWorker(remote, local, lambda _: None)
         _, route = routes_of_topic(STREAM)
         orders.put_nowait({"do": "open", "stream": asdict(route), "transports": []})
+        # The transports change before the pipeline has begun.
         orders.put_nowait({"do": "serve", "transports": ["dds"]})
+        local.create_subscription(CAMERA_INFO, LOCAL_INFO, received.append)
+        publisher = world.node("camera").create_publisher(CAMERA_INFO, INFO, SENSOR_DATA)
         async with beside(worker.run(orders)):
             await asyncio.sleep(1)
-            assert len(local.graph.publishers(LOCAL_INFO)) == 1
+            publisher.publish(info)
+            await asyncio.sleep(1)
             orders.put_nowait({"do": "serve", "transports": []})
             await asyncio.sleep(1)
             assert not local.graph.publishers(LOCAL_INFO)
 
+    info = default_message(CAMERA_INFO, width=640, d=np.array([0.1, 0.2]))
     run_simulated(main, seed=1, limit_s=60)
+    assert [serialize(message) for message in received] == [serialize(info)]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """The same router in the simulated world: many agents, late ones too, and every message where it belongs."""
 
 import asyncio
-from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
@@ -25,17 +24,8 @@ from sfglab.spatial.mocap.synthetic import (
     synthetic_captures,
 )
 
-STRING, METADATA = "std_msgs/msg/String", "sfglab_interfaces/srv/GetMetadata"
-AGENTS = ("a", "b", "c", "d")
+STRING = "std_msgs/msg/String"
 sim = pytest.fixture(lambda: {"limit_s": 1000})
-
-
-@asynccontextmanager
-async def fleet(world):
-    """One node of each agent in its own domain, behind the agent's router to the network's domain 0."""
-    places = {agent: behind_router(world, agent) for agent in AGENTS}
-    async with beside(*(router.run() for _, router in places.values())):
-        yield {agent: node for agent, (node, _) in places.items()}
 
 
 async def test_paths_are_reported_when_they_change(sim):
@@ -48,20 +38,6 @@ async def test_paths_are_reported_when_they_change(sim):
         await asyncio.sleep(2)
     ((path,),) = told
     assert (path.topic, path.readers, path.writers) == ("rt/global/x", 1, 0)
-
-
-async def test_nothing_local_is_seen_on_the_network(sim):
-    async with fleet(sim) as nodes:
-        watcher = sim.node("watcher", host="w")
-        for node in nodes.values():
-            for topic in ("/local/x", "/scan", "/global/unwanted", "/global/wanted"):
-                node.create_publisher(STRING, topic)
-                node.create_subscription(STRING, topic.replace("un", ""))
-        watcher.create_subscription(STRING, "/scan")
-        await asyncio.sleep(20)
-        assert {e.dds_topic for e in watcher.graph.endpoints() if e.user_data} == {
-            "rt/global/wanted"
-        }
 
 
 async def test_motion_capture_and_a_robot_behind_two_routers_have_one_tree_with_one_root(sim):

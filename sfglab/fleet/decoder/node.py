@@ -70,10 +70,8 @@ class PipelineStatus:
     """Current state of one stream in the decoder."""
 
     local_topic: str  #: The local topic.
-    source_topic: str  #: The remote topic.
     state: str  #: Name of the life cycle's state.
     subscribers: int  #: Local subscriptions.
-    crashes: int  #: Number of crashes of its pipeline.
     statistics: Statistics | None  #: Its latest counts; None before the first.
 
 
@@ -299,10 +297,8 @@ class AgentDecoder:
     def _status(self, pipeline: _Pipeline) -> PipelineStatus:
         return PipelineStatus(
             local_topic=pipeline.route.local_topic,
-            source_topic=pipeline.route.source_topic,
             state=pipeline.life.state.name,
             subscribers=len(self._subscribed(pipeline.route)),
-            crashes=pipeline.life.crashes,
             statistics=pipeline.statistics,
         )
 

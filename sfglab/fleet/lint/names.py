@@ -32,7 +32,7 @@ def check_rule_pairs(view: View) -> Iterator[Finding]:
         if half not in other:
             continue
         mirror = other[half] + rule.pattern[3:]
-        if opened.get(mirror) == rule.directions == set(Direction):
+        if opened.get(mirror, set()) == set(rule.directions) == set(Direction):
             continue
         yield an_error(
             "half-open-rule",

@@ -69,12 +69,11 @@ def domain_lock(domain_id: int) -> Iterator[None]:
         RouterRunningError: Another router holds the lock.
         InvalidValueError: There is no home, and others can write to the folder in its place.
     """
-    with contextlib.ExitStack() as held:
-        try:
-            held.enter_context(user_lock(f"router-{domain_id}"))
-        except LockedError as error:
-            raise RouterRunningError(domain_id, error.pid) from error
-        yield
+    try:
+        with user_lock(f"router-{domain_id}"):
+            yield
+    except LockedError as error:
+        raise RouterRunningError(domain_id, error.pid) from error
 
 
 #: Maximum size of a message that a router's process forwards.

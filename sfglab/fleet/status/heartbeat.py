@@ -17,18 +17,15 @@ GET_METADATA = "sfglab_interfaces/srv/GetMetadata"
 
 def heartbeat_topic() -> str:
     """Return ``/global/agent_heartbeat``, the topic of all agents' heartbeats: paper A, section 4.2."""
-    return str(
-        RosFqnBuilder()
-        .scope(Scope.GLOBAL)
-        .without_agent()
-        .resource(Resource.AGENT_HEARTBEAT)
-        .build()
-    )
+    return _shared_topic(Resource.AGENT_HEARTBEAT)
 
 
 def metadata_topic() -> str:
     """Return ``/global/agent_heartbeat_metadata``, the topic of all agents' published descriptions."""
-    resource = Suffixed(base=Resource.AGENT_HEARTBEAT, suffix="metadata")
+    return _shared_topic(Suffixed(base=Resource.AGENT_HEARTBEAT, suffix="metadata"))
+
+
+def _shared_topic(resource: Resource | Suffixed) -> str:
     return str(RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(resource).build())
 
 
