@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,7 +14,7 @@ from typer import Argument, Option
 from sfglab.cli.buses import Place, print_json, write_text
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import Domain, Fleet, FleetFile, Interface, Json, OutputFile, domain_option
-from sfglab.component import run, run_until_interrupted
+from sfglab.component import Orders, run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
 
 if TYPE_CHECKING:
@@ -148,11 +149,13 @@ def router(
       sfglab router --domain 7 --interface lo --global-interface wlan0
       sfglab router --fleet data/fleets/lab.yaml --agent go2
     """
-    from sfglab.fleet.router.node import serve_terminal
+    from sfglab.fleet.narration import PathNarrator, serve_terminal
+    from sfglab.fleet.router.node import run_router
 
     place = (domain, interface)
     config = _agent_config(agent, fleet, place, (global_domain, global_interface))
-    run(serve_terminal(config.router, typer.echo))
+    body = partial(run_router, config.router)
+    run(serve_terminal("router", body, PathNarrator(), typer.echo))
 
 
 def _agent_config(
@@ -195,8 +198,9 @@ def decoder(
     """
     from sfglab.bus.address import BusAddress
     from sfglab.fleet.decoder.config import DecoderConfig
-    from sfglab.fleet.decoder.node import serve_terminal
+    from sfglab.fleet.decoder.node import serve
     from sfglab.fleet.discovery.listener import discovery_topic
+    from sfglab.fleet.narration import StreamNarrator, serve_terminal
     from sfglab.names import default_agent
 
     own = usual_domain_id() if domain is None else domain
@@ -211,7 +215,8 @@ def decoder(
         streams=tuple(streams or ()),
         discovery_topic=discovery_topic(default_agent()),
     )
-    run(serve_terminal(config, typer.echo))
+    body = partial(serve, config, orders=Orders())
+    run(serve_terminal("decoder", body, StreamNarrator(), typer.echo))
 
 
 def camera(

@@ -6,6 +6,7 @@ import signal
 import tempfile
 from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,12 +18,13 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.component import beside
 from sfglab.errors import InvalidValueError
+from sfglab.fleet.narration import PathNarrator, serve_terminal
 from sfglab.fleet.router.config import RouterConfig, RouterSettings
 from sfglab.fleet.router.node import (
     Router,
     RouterRunningError,
     domain_lock,
-    serve_terminal,
+    run_router,
 )
 from sfglab.messages import message_type, serialize
 from sfglab.messages.dds import opaque_idl_struct
@@ -197,7 +199,8 @@ async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_
 
 async def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
     said = []
-    serving = asyncio.create_task(serve_terminal(config_of(ids), said.append))
+    body = partial(run_router, config_of(ids))
+    serving = asyncio.create_task(serve_terminal("router", body, PathNarrator(), said.append))
     async with (
         Node("one", domain_id=ids[1], interface="lo") as one,
         Node("everybody", domain_id=ids[0], interface="lo") as everybody,

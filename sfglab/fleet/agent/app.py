@@ -267,7 +267,7 @@ class Narrator:
         if report["is"] == "event":
             return [f"{report['agent']} {report['event'].lower()}"]
         if report["is"] == "status" and "paths" in report:
-            return self._paths.lines(report["paths"])
+            return self._paths.lines(report)
         if report["is"] == "status" and "local_topic" in report:
             return self._streams.lines(report)
         return []

@@ -27,7 +27,6 @@ from sfglab.component import (
     beside,
     next_before,
     run_component,
-    run_until_interrupted,
     steady_ns,
 )
 from sfglab.fields import from_json
@@ -45,7 +44,6 @@ from sfglab.fleet.decoder.streams import (
     routes_of_topic,
 )
 from sfglab.fleet.discovery.listener import Offered, agent_changes
-from sfglab.fleet.narration import StreamNarrator
 from sfglab.processes import CHECK_PERIOD_S, Watchdog
 
 if TYPE_CHECKING:
@@ -347,8 +345,8 @@ async def run_decoder(
             await pool.close()
 
 
-async def _serve(config: DecoderConfig, report: Reporter, orders: Orders) -> None:
-    """Run a decoder that reports to its parent process; once it is ready, follow the parent's orders."""
+async def serve(config: DecoderConfig, report: Reporter, orders: Orders) -> None:
+    """Run a decoder that reports; once it is ready, answer each order with its processes."""
     serving: asyncio.Future[WorkerPool] = asyncio.get_running_loop().create_future()
 
     def ready(pool: WorkerPool) -> None:
@@ -367,18 +365,5 @@ async def _serve(config: DecoderConfig, report: Reporter, orders: Orders) -> Non
         )
 
 
-async def serve_terminal(config: DecoderConfig, say: Callable[[str], None]) -> None:
-    """Run a decoder for a person at a terminal; print a line for each change of a stream's state."""
-    narrator = StreamNarrator()
-
-    def note(status: PipelineStatus) -> None:
-        for line in narrator.lines(asdict(status)):
-            say(f"decoder: {line}")
-
-    ready = "decoder: ready, end it with Ctrl-C"
-    await run_until_interrupted(run_decoder(config, on_status=note, on_ready=lambda _: say(ready)))
-    say("decoder: everything is released")
-
-
 if __name__ == "__main__":
-    run_component(DecoderConfig, _serve)
+    run_component(DecoderConfig, serve)

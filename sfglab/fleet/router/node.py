@@ -23,15 +23,12 @@ from sfglab.bus.api import EndpointEvent, EndpointKind, host_id
 from sfglab.bus.locks import LockedError, user_lock
 from sfglab.bus.parameters import Parameters
 from sfglab.component import (
-    Report,
     Reporter,
     is_set_before,
     run_component,
-    run_until_interrupted,
     steady_ns,
 )
 from sfglab.errors import SfglabError
-from sfglab.fleet.narration import PathNarrator
 from sfglab.fleet.policy import Policy, Side
 from sfglab.fleet.router.config import RouterConfig, RouterSettings
 from sfglab.fleet.router.frames import Frames, TransformGate
@@ -205,26 +202,6 @@ async def run_router(config: RouterConfig, report: Reporter) -> None:
             if config.parameters is not None:
                 Parameters(local, config, config.parameters)
             await router.run(on_ready=lambda: report({"is": "ready"}))
-
-
-async def serve_terminal(config: RouterConfig, say: Callable[[str], None]) -> None:
-    """Run a router for a person at a terminal; print a line for each path that is opened or closed.
-
-    Raises:
-        RouterRunningError: This host has a router of the agent's domain.
-        BusError: A domain cannot be joined.
-    """
-    narrator = PathNarrator()
-
-    def note(report: Report) -> None:
-        if report["is"] == "ready":
-            say("router: ready, end it with Ctrl-C")
-            return
-        for line in narrator.lines(report["paths"]):
-            say(f"router: {line}")
-
-    await run_until_interrupted(run_router(config, note))
-    say("router: everything is released")
 
 
 def main() -> None:

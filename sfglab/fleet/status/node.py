@@ -80,22 +80,21 @@ class StatusProvider:
         service = self._node.create_service(
             GET_METADATA, metadata_service(self._settings.agent), lambda _: self._answer()
         )
-        publishers = []
+        closing = [service.close]
         if self._settings.publish_description:
             description = self._node.create_publisher(AGENT_METADATA, metadata_topic(), LATCHED)
             description.publish(self._metadata())
             self._metadata_publisher = description
-            publishers.append(description)
+            closing.append(description.close)
         heartbeats = self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
-        publishers.append(heartbeats)
+        closing.append(heartbeats.close)
         try:
             on_ready()
             await self._beat(heartbeats)
         finally:
             self._metadata_publisher = None
-            for publisher in publishers:
-                publisher.close()
-            service.close()
+            for close in reversed(closing):
+                close()
 
     async def _beat(self, publisher: Publisher) -> None:
         start_s = asyncio.get_running_loop().time()
