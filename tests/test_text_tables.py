@@ -1,9 +1,8 @@
 """Objects as notebooks show them: one table each, texts escaped, and a line for a terminal."""
 
 import pytest
-from made_logs import CLAIMS, DATA, reference
+from made_logs import CLAIMS, reference
 
-from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.claims import Ledger, entry_for
 from sfglab.lab.experiments import experiment
 from sfglab.qos import QoSProfile
@@ -18,7 +17,6 @@ def shown():
             "<QoS reliable, volatile, keep_last 10, deadline 10 ms>",
             "Samples",
         ),
-        (load_fleet(DATA / "fleets/lab.yaml"), "<fleet lab: 6 agents around domain 0>", "go2"),
         (experiment("naming").config(), "Config(samples=2000", "Random names"),
         (reference(experiment("naming")), "<run of naming: naming.mcap>", "check"),
         (Ledger([entry_for(claim, None)]), "<ledger: 1 not yet>", "share of checks"),

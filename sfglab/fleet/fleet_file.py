@@ -42,7 +42,6 @@ from sfglab.qos import (
     QoSProfile,
     Reliability,
 )
-from sfglab.tables import html_table
 from sfglab.units import NS_PER_S
 from sfglab.validation import suggestion
 
@@ -396,10 +395,6 @@ class Fleet(_Shared):
     def __repr__(self) -> str:
         return f"<fleet {self.name}: {len(self.agents)} agents around domain {self.global_domain}>"
 
-    def _repr_html_(self) -> str:
-        head = "agent", "domain", "machine", "streams", "publishes", "subscribes"
-        return html_table([head, *map(_agent_row, self.agents)], repr(self)[1:-1])
-
     def agent(self, name: str) -> AgentSpec:
         """Return an agent by its name; `InvalidValueError` if there is no such agent."""
         agents = {agent.name: agent for agent in self.agents}
@@ -407,13 +402,6 @@ class Fleet(_Shared):
             allowed = ", ".join(agents) + suggestion(name, agents)
             raise InvalidValueError(f"fleet {self.name}: agent", name, allowed)
         return agents[name]
-
-
-def _agent_row(agent: AgentSpec) -> tuple[object, ...]:
-    machine = agent.host.architecture.value if agent.host else ""
-    streams = ", ".join(f"{s.topic} ({s.codec}, {s.rate_hz:g} Hz)" for s in agent.streams)
-    topics = (", ".join(use.name for use in uses) for uses in (agent.publishes, agent.subscribes))
-    return agent.name, agent.domain, machine, streams, *topics
 
 
 def load_fleet(path: Path | str) -> Fleet:
@@ -426,14 +414,7 @@ def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
     return _read(Document(text, file, one_line=True))
 
 
-_FORMER_DESCRIPTIONS = {"asked": "queried", "offered": "published"}
-
-
 def _read(document: Document) -> Fleet:
-    given = document.value.get("descriptions") if isinstance(document.value, dict) else None
-    if isinstance(given, str) and given in _FORMER_DESCRIPTIONS:
-        allowed = f"{_FORMER_DESCRIPTIONS[given]}, its new name"
-        raise document.refusal(("descriptions",), given, allowed)
     file = document.read(FleetFile)
     if not file.agents:
         raise document.refusal(("agents",), None, "at least one agent")

@@ -41,24 +41,14 @@ def replay_topic(stream_topic: str) -> str | None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GopCacheSettings:
-    """Settings of a GOP cache."""
+class GopCacheConfig:
+    """Configuration of a GOP cache's process."""
 
+    address: BusAddress  #: The agent's domain.
     streams: tuple[str, ...] = ()  #: Topics of the compressed streams.
-    #: Time between the discovery of the first reader and the replay, s. A router opens both its sides at
-    #: once. Packets that are sent before its other side is matched are retransmitted later. Over two
-    #: routers a replay took 0.11 s without this wait and 0.02 s with it.
-    settle_s: float = 0.01
 
     def __post_init__(self) -> None:
         for topic in self.streams:
             if replay_topic(topic) is None:
                 allowed = "topics of the schema that end in 'ffmpeg'"
                 raise InvalidValueError("stream", topic, allowed)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GopCacheConfig(GopCacheSettings):
-    """Configuration of a GOP cache's process."""
-
-    address: BusAddress  #: The agent's domain.

@@ -12,7 +12,6 @@ from sfglab.component import beside
 from sfglab.fleet.decoder.pipeline import Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.gop_cache import GopCacheNode
-from sfglab.fleet.gop_config import GopCacheSettings
 from sfglab.lab.workers import camera
 from sfglab.names import dds_topic
 from sfglab.qos import Durability, Reliability
@@ -43,7 +42,7 @@ def test_camera_gop_cache_and_decoder_ask_for_best_effort(monkeypatch):
         observer = world.node("observer")
         for kind in (EndpointKind.PUBLISHER, EndpointKind.SUBSCRIPTION):
             observer.graph.watch(dds_topic(STREAM), kind, note)
-        keeper = GopCacheNode(world.node("keeper"), GopCacheSettings(streams=(STREAM,)))
+        keeper = GopCacheNode(world.node("keeper"), (STREAM,))
         decoding = run_pipeline(
             route, remote=world.node("decoder"), outputs=Outputs(), counts=Statistics()
         )

@@ -11,7 +11,7 @@ from waiting import until
 from sfglab.codecs import H264Decoder
 from sfglab.component import beside
 from sfglab.fleet.gop_cache import GopCacheNode
-from sfglab.fleet.gop_config import GopCacheSettings, replay_topic
+from sfglab.fleet.gop_config import replay_topic
 from sfglab.messages import default_message, ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
@@ -109,7 +109,7 @@ class NoisyCamera(Camera):
 
 def kept(node):
     """A keeper beside the camera."""
-    return beside(GopCacheNode(node, GopCacheSettings(streams=(STREAM,))).run())
+    return beside(GopCacheNode(node, (STREAM,)).run())
 
 
 async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding_and_the_replay_is_left(

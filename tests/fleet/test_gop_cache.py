@@ -9,6 +9,7 @@ from foreign_video import CLOCKS
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfglab.bus.address import BusAddress
 from sfglab.bus.sim import run_simulated
 from sfglab.component import beside
 from sfglab.errors import InvalidValueError
@@ -75,10 +76,10 @@ def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_li
 def test_what_is_no_numbered_stream_has_no_replay(topic):
     assert gop_config.replay_topic(topic) is None
     with pytest.raises(InvalidValueError, match="ffmpeg"):
-        gop_config.GopCacheSettings(streams=(topic,))
+        gop_config.GopCacheConfig(address=BusAddress(domain_id=1), streams=(topic,))
 
 
-def served(read, **settings):
+def served(read):
     """Run a GOP cache beside a camera that numbers its packets, 20 a group; return the replays."""
     replayed = []
 
@@ -90,8 +91,7 @@ def served(read, **settings):
             await asyncio.sleep(0.02)
 
     async def main(world):
-        told = gop_config.GopCacheSettings(streams=(STREAM,), **settings)
-        cache = gop_cache.GopCacheNode(world.node("cache"), told, on_replay=replayed.append)
+        cache = gop_cache.GopCacheNode(world.node("cache"), (STREAM,), on_replay=replayed.append)
         async with beside(cache.run(), shoot(world.node("camera"))):
             await asyncio.sleep(1)
             assert not replayed, "nothing is written while nobody reads"
@@ -103,13 +103,17 @@ def served(read, **settings):
 
 
 @pytest.mark.parametrize("stays_s", [0.4, 2.0], ids=["leaves before the replay", "stays"])
-def test_a_replay_waits_until_connections_settle_and_is_not_sent_to_a_reader_that_left(stays_s):
+def test_a_replay_waits_until_connections_settle_and_is_not_sent_to_a_reader_that_left(
+    monkeypatch, stays_s
+):
+    monkeypatch.setattr(gop_cache, "SETTLE_S", 0.5)
+
     async def read(node):
         subscription = node.create_subscription(FFMPEG, REPLAY, qos=gop_config.REPLAY_QOS)
         await asyncio.sleep(stays_s)
         subscription.close()
 
-    assert len(served(read, settle_s=0.5)) == (stays_s > 1)
+    assert len(served(read)) == (stays_s > 1)
 
 
 def test_each_late_reader_gets_the_group_under_way_and_what_follows_and_nothing_from_before():

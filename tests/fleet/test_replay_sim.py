@@ -12,7 +12,7 @@ from sfglab.component import beside
 from sfglab.fleet.decoder.pipeline import REPLAY_TIMEOUT_S, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.gop_cache import GopCacheNode
-from sfglab.fleet.gop_config import FFMPEG_PACKET, GopCacheSettings
+from sfglab.fleet.gop_config import FFMPEG_PACKET
 from sfglab.messages import default_message
 from sfglab.qos import COMPRESSED_STREAM
 
@@ -65,7 +65,7 @@ def first_picture(
         await asyncio.Event().wait()
 
     async def keep(node):
-        await GopCacheNode(node, GopCacheSettings(streams=(STREAM,))).run()
+        await GopCacheNode(node, (STREAM,)).run()
 
     async def main(world):
         async with (
