@@ -18,7 +18,7 @@ class Joining:
     """A splicer whose packets are their numbers; a key frame every `gop`."""
 
     def __init__(self, *, replay: bool = True, after: int = -1, gop: int = GOP) -> None:
-        self.splicer: Splicer[int] = Splicer(replay=replay, after=after)
+        self.splicer = Splicer(replay=replay, after=after)
         self.gop = gop
         self.decoded: list[int] = []
         self.shown: list[int] = []
@@ -124,7 +124,7 @@ def test_without_a_replay_all_passes_and_what_waits_in_vain_for_one_is_bounded()
 def test_a_stream_without_numbers_is_joined_at_a_live_key_frame_and_then_shown_whole(
     clock, replayed
 ):
-    splicer: Splicer[int] = Splicer(replay=True)
+    splicer = Splicer(replay=True)
     decoded = []
     for number in range(3 - replayed, 40):
         source = REPLAY if number < 3 else LIVE

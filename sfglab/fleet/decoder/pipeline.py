@@ -214,7 +214,7 @@ class _Decoding:
         self._codec = CODECS[route.decoded_type]
         self._decoder = self._codec.decoder(route)
         self._numbered = bool(route.replay_topic)
-        self._splicer: Splicer[Any] = Splicer(replay=self._numbered, after=route.after)
+        self._splicer = Splicer(replay=self._numbered, after=route.after)
         self._outputs = outputs
         self._counts = counts
         self._arrived = asyncio.Event()

@@ -12,11 +12,9 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Generic, TypeVar
+from typing import Any
 
 from sfglab.messages.packets import PacketOrder
-
-M = TypeVar("M")
 
 #: Maximum number of packets that wait for a missing one; beyond it, the missing one is given up.
 MOST_AHEAD = 512
@@ -38,23 +36,23 @@ class Phase(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Step(Generic[M]):
+class Step:
     """The next packet to decode."""
 
-    packet: M  #: The packet, or a value that represents it.
+    packet: Any  #: The packet, or a value that represents it.
     #: Whether its frame is shown; otherwise it is decoded for the frames that follow.
     show: bool
 
 
 @dataclass(frozen=True, slots=True)
-class _Packet(Generic[M]):
+class _Packet:
     pts: int
     is_key: bool
     shown: bool
-    content: M
+    content: Any
 
 
-class Splicer(Generic[M]):
+class Splicer:
     """Splicer of one stream; without a replay, packets of the live stream pass as they arrive from the start.
 
     Subscribers may have seen frames up to the number `after`.
@@ -62,8 +60,8 @@ class Splicer(Generic[M]):
 
     def __init__(self, *, replay: bool, after: int = -1) -> None:
         self.phase = Phase.JOINING if replay else Phase.FOLLOWING  #: Current phase.
-        self._chain: deque[_Packet[M]] = deque()  # contiguous, not decoded yet
-        self._ahead: dict[int, _Packet[M]] = {}  # beyond the chain's end
+        self._chain: deque[_Packet] = deque()  # contiguous, not decoded yet
+        self._ahead: dict[int, _Packet] = {}  # beyond the chain's end
         self._start: int | None = None  # of the chain, decoded part included
         self._end = -1
         self._newest_live: int | None = None
@@ -83,7 +81,7 @@ class Splicer(Generic[M]):
         return self.phase is Phase.JOINING
 
     def take(
-        self, packet: M, source: Source, *, pts: int, is_key: bool, shown: bool = True
+        self, packet: Any, source: Source, *, pts: int, is_key: bool, shown: bool = True
     ) -> None:
         """Process a packet of a source, numbered by `pts` without gaps; a decoder may start where `is_key`.
 
@@ -108,7 +106,7 @@ class Splicer(Generic[M]):
             self._key_needed = True
             self.phase = Phase.FOLLOWING
 
-    def next(self) -> Step[M] | None:
+    def next(self) -> Step | None:
         """Return the next packet to decode; None if no packet is ready.
 
         Until the first frame is shown, only the newest available one is worth showing, because the others
@@ -128,7 +126,7 @@ class Splicer(Generic[M]):
         self._shown_one |= show
         return Step(packet.content, show)
 
-    def _take_joining(self, packet: _Packet[M], source: Source) -> None:
+    def _take_joining(self, packet: _Packet, source: Source) -> None:
         beyond = self._start is None or packet.pts > self._end
         if packet.is_key and beyond:
             self._begin(packet)
@@ -143,7 +141,7 @@ class Splicer(Generic[M]):
             self._newest_live = packet.pts
         self._extend()
 
-    def _take_following(self, packet: _Packet[M]) -> None:
+    def _take_following(self, packet: _Packet) -> None:
         if self._key_needed and not packet.is_key:
             return
         if self._is_past(packet):
@@ -156,12 +154,12 @@ class Splicer(Generic[M]):
     def _holds(self, pts: int) -> bool:
         return self._start is not None and self._start <= pts <= self._end
 
-    def _is_past(self, packet: _Packet[M]) -> bool:
+    def _is_past(self, packet: _Packet) -> bool:
         # A key frame from before the chain is not outdated: the sender has restarted.
         before = self._start is not None and packet.pts < self._start
         return self._holds(packet.pts) or (before and not packet.is_key)
 
-    def _begin(self, packet: _Packet[M]) -> None:
+    def _begin(self, packet: _Packet) -> None:
         self._chain.clear()
         self._chain.append(packet)
         self._start = self._end = packet.pts

@@ -90,9 +90,8 @@ class View:
     def crossing(self, name: str, kind: ResourceKind) -> Crossing:
         """Return how much of a name is forwarded from one agent to another, over the routers of both."""
         ways = {self.fleet.policy.crossing(name, kind, way) for way in Direction}
-        if len(ways) == 1:
-            return ways.pop()
-        return Crossing.NONE if kind is ResourceKind.TOPIC else Crossing.PARTIAL
+        # Only topics can cross in one direction alone, which does not lead to another agent.
+        return ways.pop() if len(ways) == 1 else Crossing.NONE
 
     def hearings(self) -> tuple[Hearing, ...]:
         """Return senders and receivers of each name that is forwarded or that several agents use."""

@@ -61,17 +61,17 @@ class StreamDescription:
         place = f"stream {_short(self.topic)}"
         if self.decoded_topic:
             _check_local(place, self.decoded_topic, agent)
-        if not (_TYPE.fullmatch(self.type) and len(self.type) <= MAX_TEXT):
-            why = f"given the type {_short(self.type)}, allowed are names of messages"
-            raise DescriptionError(place, why)
-        if self.codec not in CODECS:
-            why = f"given the codec {_short(self.codec)}, allowed are {CODECS}"
-            raise DescriptionError(place, why)
-        is_size = min(self.width, self.height) >= 0 and max(self.width, self.height) <= MAX_EDGE
-        if not (is_size and 0 <= self.rate_hz <= MAX_RATE_HZ):
-            given = f"{self.width} x {self.height} pixels at {self.rate_hz} Hz"
-            why = f"given {given}, allowed are {MAX_EDGE} and {MAX_RATE_HZ:g}"
-            raise DescriptionError(place, why)
+        is_type = _TYPE.fullmatch(self.type) is not None and len(self.type) <= MAX_TEXT
+        parts = (
+            (is_type, f"type {_short(self.type)}", "names of messages"),
+            (self.codec in CODECS, f"codec {_short(self.codec)}", ", ".join(CODECS[1:])),
+            (0 <= self.width <= MAX_EDGE, f"width {self.width}", f"up to {MAX_EDGE} pixels"),
+            (0 <= self.height <= MAX_EDGE, f"height {self.height}", f"up to {MAX_EDGE} pixels"),
+            (0 <= self.rate_hz <= MAX_RATE_HZ, f"rate {self.rate_hz}", f"up to {MAX_RATE_HZ:g} Hz"),
+        )
+        for is_allowed, given, allowed in parts:
+            if not is_allowed:
+                raise DescriptionError(place, f"given the {given}, allowed are {allowed}")
 
     def to_message(self) -> Any:
         """Return the ``StreamInfo``."""
