@@ -120,10 +120,8 @@ class Policy:
         Raises:
             FqnError: The name is not valid for its kind.
         """
-        if kind is ResourceKind.TOPIC:
-            passes = [self.crosses(dds, direction) for dds in dds_names(name, kind)]
-        else:
-            passes = [self.crosses(dds, way) for dds in dds_names(name, kind) for way in Direction]
+        ways = (direction,) if kind is ResourceKind.TOPIC else tuple(Direction)
+        passes = [self.crosses(dds, way) for dds in dds_names(name, kind) for way in ways]
         if all(passes):
             return Crossing.WHOLE
         return Crossing.PARTIAL if any(passes) else Crossing.NONE

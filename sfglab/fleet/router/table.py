@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import (
@@ -43,13 +42,6 @@ _OTHER = {
 _Topic = tuple[str, EndpointKind]
 
 
-@dataclass(slots=True)
-class _Watch:
-    end: Callable[[], None]
-    here: set[bytes] = field(default_factory=set)
-    there: dict[bytes, EndpointInfo] = field(default_factory=dict)
-
-
 class CounterpartWatcher:
     """Watches, in the domain of a graph, the counterparts of another domain's endpoints.
 
@@ -60,45 +52,35 @@ class CounterpartWatcher:
     def __init__(self, graph: Graph, on_event: Callable[[EndpointEvent], None]) -> None:
         self._graph = graph
         self._on_event = on_event
-        self._watches: dict[_Topic, _Watch] = {}
+        self._here: dict[_Topic, set[bytes]] = {}  # endpoints of the other domain
+        self._ends: dict[_Topic, Callable[[], None]] = {}
 
     def feed(self, event: EndpointEvent) -> None:
         """Process an event of the other domain: begin or end the watch for counterparts of an endpoint."""
         endpoint = event.endpoint
         topic = (endpoint.dds_topic, _OTHER[endpoint.kind])
         if isinstance(event, EndpointAdded):
-            self._watch(topic).here.add(endpoint.gid)
-        elif (watch := self._watches.get(topic)) is not None:
-            watch.here.discard(endpoint.gid)
-            if not watch.here:
-                self._forget(topic, watch)
+            self._here.setdefault(topic, set()).add(endpoint.gid)
+            if topic not in self._ends:
+                self._ends[topic] = self._graph.watch(*topic, self._on_event)
+        elif topic in self._here:
+            self._here[topic].discard(endpoint.gid)
+            if not self._here[topic]:
+                self._forget(topic)
 
     def close(self) -> None:
         """End all watches; idempotent."""
-        for watch in self._watches.values():
-            watch.end()
-        self._watches.clear()
+        for end in self._ends.values():
+            end()
+        self._here.clear()
+        self._ends.clear()
 
-    def _watch(self, topic: _Topic) -> _Watch:
-        if topic not in self._watches:
-            watch = self._watches[topic] = _Watch(end=lambda: None)
-            watch.end = self._graph.watch(*topic, partial(self._on_counterpart, topic))
-        return self._watches[topic]
-
-    def _on_counterpart(self, topic: _Topic, event: EndpointEvent) -> None:
-        if (watch := self._watches.get(topic)) is None:
-            return
-        if isinstance(event, EndpointAdded):
-            watch.there[event.endpoint.gid] = event.endpoint
-        else:
-            watch.there.pop(event.endpoint.gid, None)
-        self._on_event(event)
-
-    def _forget(self, topic: _Topic, watch: _Watch) -> None:
-        del self._watches[topic]
-        watch.end()
-        for endpoint in watch.there.values():
-            self._on_event(EndpointRemoved(endpoint=endpoint))
+    def _forget(self, topic: _Topic) -> None:
+        del self._here[topic]
+        self._ends.pop(topic)()
+        for endpoint in self._graph.endpoints():
+            if (endpoint.dds_topic, endpoint.kind) == topic:
+                self._on_event(EndpointRemoved(endpoint=endpoint))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
