@@ -6,7 +6,8 @@ The table knows which paths are open; `plan` decides which ones have to be.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import (
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus import EndpointEvent, EndpointInfo, Graph, Node
     from sfglab.bus.forwarding import Forward, RawWriter, Transform
-    from sfglab.fleet.policy import Path, Side
+    from sfglab.fleet.policy import Side
     from sfglab.fleet.router.frames import TransformGate
     from sfglab.fleet.router.plan import Action
 
@@ -94,28 +95,6 @@ class PathStatus:
     writers: int  #: Number of the router's writers.
 
 
-@dataclass(slots=True)
-class _OpenPath:
-    readers: dict[ReaderSpec, Forward[Any, Any]] = field(default_factory=dict)
-    writers: dict[WriterSpec, RawWriter] = field(default_factory=dict)
-
-    def close_reader(self, spec: ReaderSpec) -> bool:
-        """Close a reader; return whether it was open."""
-        forward = self.readers.pop(spec, None)
-        if forward is not None:
-            forward.close()
-        return forward is not None
-
-    def status(self, path: Path) -> PathStatus:
-        return PathStatus(
-            topic=path.dds_topic,
-            type=path.type,
-            direction=path.direction.value,
-            readers=len(self.readers),
-            writers=len(self.writers),
-        )
-
-
 class ForwardingTable:
     """Open paths of a router.
 
@@ -132,7 +111,8 @@ class ForwardingTable:
             direction: nodes[direction.source].open_forwarder(nodes[direction.target])
             for direction in Direction
         }
-        self._open: dict[Path, _OpenPath] = {}
+        self._readers: dict[ReaderSpec, Forward[Any, Any]] = {}
+        self._writers: dict[WriterSpec, RawWriter] = {}
         # Publishers of transforms by reader and source, and the routes of readers of other agents' transforms.
         self._owners: dict[ReaderSpec, dict[bytes, str]] = {}
         self._routes: dict[ReaderSpec, dict[bytes, AssignRoute]] = {}
@@ -140,7 +120,18 @@ class ForwardingTable:
     @property
     def paths(self) -> tuple[PathStatus, ...]:
         """All open paths, sorted by topic, type and direction."""
-        return tuple(self._open[path].status(path) for path in sorted(self._open))
+        readers = Counter(spec.path for spec in self._readers)
+        writers = Counter(spec.path for spec in self._writers)
+        return tuple(
+            PathStatus(
+                topic=path.dds_topic,
+                type=path.type,
+                direction=path.direction.value,
+                readers=readers[path],
+                writers=writers[path],
+            )
+            for path in sorted(readers.keys() | writers.keys())
+        )
 
     def apply(self, actions: Iterable[Action]) -> None:
         """Carry out the actions of a plan in their order."""
@@ -157,12 +148,10 @@ class ForwardingTable:
 
     def close(self) -> None:
         """Close all paths."""
-        for opened in self._open.values():
-            for forward in opened.readers.values():
-                forward.close()
-            for writer in opened.writers.values():
-                writer.close()
-        self._open.clear()
+        for opened in (*self._readers.values(), *self._writers.values()):
+            opened.close()
+        self._readers.clear()
+        self._writers.clear()
 
     def _open_one(self, spec: ReaderSpec | WriterSpec) -> None:
         path, qos = spec.path, spec.qos
@@ -174,48 +163,44 @@ class ForwardingTable:
             user_data=self._user_data,
             transport=spec.transport,
         )
-        opened = self._open.setdefault(path, _OpenPath())
         try:
             if isinstance(spec, ReaderSpec):
-                opened.readers[spec] = forwarder.open(endpoint)
+                self._readers[spec] = forwarder.open(endpoint)
                 return
             if qos.liveliness is Liveliness.MANUAL_BY_TOPIC and qos.lease_ns is not None:
                 _log.warning(
                     "%s: MANUAL_BY_TOPIC liveliness assertions are not forwarded; only samples renew it",
                     path.dds_topic,
                 )
-            opened.writers[spec] = forwarder.open_writer(endpoint)
+            self._writers[spec] = forwarder.open_writer(endpoint)
         except BusError:
             # A topic that cannot be served must not end the others.
             _log.exception("%s %s cannot be forwarded", path.direction.value, path.dds_topic)
 
     def _close(self, spec: ReaderSpec | WriterSpec) -> None:
-        opened = self._open[spec.path]
         if isinstance(spec, WriterSpec):
-            if (writer := opened.writers.pop(spec, None)) is not None:
+            if (writer := self._writers.pop(spec, None)) is not None:
                 writer.close()
-        elif opened.close_reader(spec):
+        elif (forward := self._readers.pop(spec, None)) is not None:
+            forward.close()
             self._routes.pop(spec, None)
             self._release_frames(self._owners.pop(spec, {}))
-        if not opened.readers and not opened.writers:
-            del self._open[spec.path]
 
     def _assign(self, route: AssignRoute) -> None:
         reader, source = route.reader, route.source
-        opened = self._open[reader.path]
         is_tf = reader.path.dds_topic in _TF_TOPICS
         if self._gate is not None and is_tf and not reader.path.outward:
             self._routes.setdefault(reader, {})[source.gid] = route
-        if (forward := opened.readers.get(reader)) is None:
+        if (forward := self._readers.get(reader)) is None:
             return
-        writer = None if route.writer is None else opened.writers.get(route.writer)
+        writer = None if route.writer is None else self._writers.get(route.writer)
         if writer is None:
             forward.refuse(source.gid)
         else:
             forward.admit(source.gid, writer, self._transform(reader, source))
 
     def _remove_source(self, reader: ReaderSpec, gid: bytes) -> None:
-        if (forward := self._open[reader.path].readers.get(reader)) is not None:
+        if (forward := self._readers.get(reader)) is not None:
             forward.forget(gid)
         self._routes.get(reader, {}).pop(gid, None)
         if (owner := self._owners.get(reader, {}).pop(gid, None)) is not None:
@@ -235,7 +220,8 @@ class ForwardingTable:
 
     def _read_again(self, reader: ReaderSpec) -> None:
         """Read latched transforms again: those that were refused because of another publisher are not repeated."""
-        if self._open[reader.path].close_reader(reader):
+        if (forward := self._readers.pop(reader, None)) is not None:
+            forward.close()
             self._open_one(reader)
             for route in list(self._routes[reader].values()):
                 self._assign(route)

@@ -25,7 +25,7 @@ def metadata_topic() -> str:
     return _shared_topic(Suffixed(base=Resource.AGENT_HEARTBEAT, suffix="metadata"))
 
 
-def _shared_topic(resource: Resource | Suffixed) -> str:
+def _shared_topic(resource: Resource | Suffixed[Resource]) -> str:
     return str(RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(resource).build())
 
 
