@@ -47,23 +47,24 @@ def check_rule_pairs(view: View) -> Iterator[Finding]:
 
 def check_reach(view: View) -> Iterator[Finding]:
     """Find subscriptions and clients that nothing reaches, and forwarded topics without a subscription."""
-    for (kind, name), meeting in view.meetings.items():
-        crossing = view.crossing(name, kind)
+    for meeting in view.meetings:
+        is_topic = meeting.kind is ResourceKind.TOPIC
+        is_whole = meeting.crossing is Crossing.WHOLE
+        reaches_some = meeting.senders and meeting.crossing is not Crossing.NONE
         for use in meeting.hearers:
-            if use.agent in meeting.senders or (meeting.senders and crossing is not Crossing.NONE):
+            if use.agent in meeting.senders or reaches_some:
                 continue
             if meeting.senders:
                 yield _does_not_cross(use, meeting.senders)
-            elif kind is not ResourceKind.TOPIC:
+            elif not is_topic:
                 yield _without_server(use)
-            elif crossing is Crossing.WHOLE and not use.implied and name not in ROS_OWN:
+            elif is_whole and not use.implied and use.name not in ROS_OWN:
                 yield _without_publisher(use)
-        is_forwarded = kind is ResourceKind.TOPIC and crossing is Crossing.WHOLE
-        if is_forwarded and not meeting.hearers and not meeting.implied:
+        if is_topic and is_whole and not meeting.hearers and not meeting.implied:
             yield a_remark(
                 "unheard",
                 meeting.first.place,
-                what=f"{name} may cross, but no agent in this file subscribes to it",
+                what=f"{meeting.name} may cross, but no agent in this file subscribes to it",
                 why="it costs nothing meanwhile: routers forward a topic only on demand",
             )
 
@@ -104,12 +105,12 @@ def _without_publisher(use: Use) -> Finding:
 
 def check_services(view: View) -> Iterator[Finding]:
     """Find services and actions that cross in part, have several servers, or confuse a DDS Router."""
-    for (kind, name), meeting in view.meetings.items():
-        crossing = view.crossing(name, kind)
-        if kind is ResourceKind.TOPIC or crossing is Crossing.NONE:
+    for meeting in view.meetings:
+        kind, name = meeting.kind, meeting.name
+        if kind is ResourceKind.TOPIC or meeting.crossing is Crossing.NONE:
             continue
         # Names that only the file implies are not reported here, because the rule itself is reported.
-        if crossing is Crossing.PARTIAL and not meeting.implied:
+        if meeting.crossing is Crossing.PARTIAL and not meeting.implied:
             topics = dds_names(name, kind)
             policy = view.fleet.policy
             blocked = [t for t in topics if not all(policy.crosses(t, way) for way in Direction)]
@@ -121,7 +122,7 @@ def check_services(view: View) -> Iterator[Finding]:
                 why=f"clients of other agents wait indefinitely: {blocked[0]} does not cross both ways",
                 remedy="allow requests and replies (rq/ and rr/) with the same pattern; an action needs rt/ too",
             )
-        if crossing is Crossing.WHOLE and len(meeting.senders) > 1:
+        if meeting.crossing is Crossing.WHOLE and len(meeting.senders) > 1:
             yield an_error(
                 "two-servers",
                 meeting.speakers[-1].place,
@@ -142,8 +143,9 @@ def check_services(view: View) -> Iterator[Finding]:
 
 def check_matches(view: View) -> Iterator[Finding]:
     """Find endpoints that reach each other and do not match, because of their types or QoS."""
-    for (kind, name), meeting in view.meetings.items():
-        for one, other in _pairs(meeting, crosses=view.crossing(name, kind) is Crossing.WHOLE):
+    for meeting in view.meetings:
+        name = meeting.name
+        for one, other in _pairs(meeting):
             if one.type and other.type and one.type != other.type:
                 types = f"{one.agent} has type {one.type}, {other.agent} has {other.type}"
                 yield an_error(
@@ -166,8 +168,9 @@ def check_matches(view: View) -> Iterator[Finding]:
                 )
 
 
-def _pairs(meeting: Meeting, *, crosses: bool) -> Iterator[tuple[Use, Use]]:
+def _pairs(meeting: Meeting) -> Iterator[tuple[Use, Use]]:
     """Yield each subscriber or client with the publishers or servers that it reaches, the first of equal ones."""
+    crosses = meeting.crossing is Crossing.WHOLE
     groups: dict[str, dict[object, Use]] = defaultdict(dict)
     for speaker in meeting.speakers:
         group = groups["" if crosses else speaker.agent]
@@ -194,12 +197,13 @@ def check_static_transforms(view: View) -> Iterator[Finding]:
 
 def check_schema(view: View) -> Iterator[Finding]:
     """Find forwarded names outside the schema."""
-    for (kind, name), meeting in view.meetings.items():
+    for meeting in view.meetings:
+        name = meeting.name
         is_hidden = any(part.startswith("_") for part in name.split("/"))
-        if name in ROS_OWN or is_hidden or view.crossing(name, kind) is Crossing.NONE:
+        if name in ROS_OWN or is_hidden or meeting.crossing is Crossing.NONE:
             continue
         try:
-            parse(name, kind)
+            parse(name, meeting.kind)
         except FqnError as error:
             yield a_warning(
                 "not-in-schema",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -51,6 +50,9 @@ class Use:
 class Meeting:
     """All uses of one name."""
 
+    kind: ResourceKind  #: Topic, service or action.
+    name: str  #: ROS name.
+    crossing: Crossing  #: How much of it is forwarded from one agent to another.
     speakers: list[Use] = field(default_factory=list)  #: Uses that publish or serve.
     hearers: list[Use] = field(default_factory=list)  #: Uses that subscribe or call.
 
@@ -79,13 +81,15 @@ class View:
         self.uses = tuple(use for agent in fleet.agents for use in _uses_of(agent, fleet))
 
     @cached_property
-    def meetings(self) -> dict[tuple[ResourceKind, str], Meeting]:
-        """Uses by kind and name."""
-        found: dict[tuple[ResourceKind, str], Meeting] = defaultdict(Meeting)
+    def meetings(self) -> tuple[Meeting, ...]:
+        """Uses by kind and name, in the order of the file."""
+        found: dict[tuple[ResourceKind, str], Meeting] = {}
         for use in self.uses:
-            meeting = found[use.kind, use.name]
-            (meeting.speakers if use.speaks else meeting.hearers).append(use)
-        return dict(found)
+            key = use.kind, use.name
+            if key not in found:
+                found[key] = Meeting(*key, self.crossing(use.name, use.kind))
+            (found[key].speakers if use.speaks else found[key].hearers).append(use)
+        return tuple(found.values())
 
     def crossing(self, name: str, kind: ResourceKind) -> Crossing:
         """Return how much of a name is forwarded from one agent to another, over the routers of both."""
@@ -96,18 +100,19 @@ class View:
     def hearings(self) -> tuple[Hearing, ...]:
         """Return senders and receivers of each name that is forwarded or that several agents use."""
         rows = []
-        for kind, name in sorted(self.meetings, key=lambda key: (key[1], key[0].value)):
-            meeting = self.meetings[kind, name]
+        for meeting in sorted(
+            self.meetings, key=lambda meeting: (meeting.name, meeting.kind.value)
+        ):
             hearers = list(dict.fromkeys(use.agent for use in meeting.hearers))
-            crosses = self.crossing(name, kind) is Crossing.WHOLE
+            crosses = meeting.crossing is Crossing.WHOLE
             if crosses or len({*meeting.senders, *hearers}) > 1:
                 row = Hearing(
-                    name=name,
-                    kind=kind,
+                    name=meeting.name,
+                    kind=meeting.kind,
                     speakers=tuple(meeting.senders),
                     hearers=tuple(hearers),
                     crosses=crosses,
-                    rules=self._rules_of(name, kind),
+                    rules=self._rules_of(meeting.name, meeting.kind),
                 )
                 rows.append(row)
         return tuple(rows)
