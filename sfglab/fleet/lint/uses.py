@@ -52,7 +52,7 @@ class Meeting:
 
     kind: ResourceKind  #: Topic, service or action.
     name: str  #: ROS name.
-    crossing: Crossing  #: How much of it is forwarded from one agent to another.
+    crossing: Crossing  #: Part of it that is forwarded from one agent to another.
     speakers: list[Use] = field(default_factory=list)  #: Uses that publish or serve.
     hearers: list[Use] = field(default_factory=list)  #: Uses that subscribe or call.
 

@@ -148,8 +148,10 @@ class ForwardingTable:
 
     def close(self) -> None:
         """Close all paths."""
-        for opened in (*self._readers.values(), *self._writers.values()):
-            opened.close()
+        for forward in self._readers.values():
+            forward.close()
+        for writer in self._writers.values():
+            writer.close()
         self._readers.clear()
         self._writers.clear()
 
