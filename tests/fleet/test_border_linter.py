@@ -227,16 +227,24 @@ def test_with_one_domain_all_are_told_of_all_and_through_routers_only_what_is_wa
     assert report.discovery.routed == fleet_of(3, talk, processes=1).discovery.routed
 
 
-def test_a_publisher_nobody_wants_is_not_shown_latched_ones_each_and_a_service_as_two_topics():
-    assert fleet_of(2, "publishes: [/global/shared/map]").discovery.shown == {"a1": 0, "a2": 0}
-    three = "publishes: [{name: /tf_static, qos: latched, count: 3}, {name: /tf, count: 3}]"
-    heard = "subscribes: [{name: /tf_static, qos: latched}, /tf]"
-    for uses, shown in (
-        ((three, heard), 3 + 1),
-        (("serves: [/global/a1/reset]", "calls: [/global/a1/reset]"), 2),
-    ):
-        report = report_of(agents(*(f"lifecycle: false, {use}" for use in uses)))
-        assert report.discovery.shown == {"a1": shown, "a2": 2}
+@pytest.mark.parametrize(
+    ("uses", "shown"),
+    [
+        (2 * ["publishes: [/global/shared/map]"], {"a1": 0, "a2": 0}),
+        (
+            [
+                "publishes: [{name: /tf_static, qos: latched, count: 3}, {name: /tf, count: 3}]",
+                "subscribes: [{name: /tf_static, qos: latched}, /tf]",
+            ],
+            {"a1": 3 + 1, "a2": 2},
+        ),
+        (["serves: [/global/a1/reset]", "calls: [/global/a1/reset]"], {"a1": 2, "a2": 2}),
+    ],
+    ids=["nobody wants it", "each latched publisher", "a service is two topics"],
+)
+def test_a_router_shows_what_others_want(uses, shown):
+    report = report_of(agents(*(f"lifecycle: false, {use}" for use in uses)))
+    assert report.discovery.shown == shown
 
 
 def test_nothing_clashes_where_transforms_do_not_cross():

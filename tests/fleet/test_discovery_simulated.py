@@ -11,12 +11,12 @@ from test_discovery_registry import BEAT
 from sfglab.component import beside
 from sfglab.fleet.discovery import listener
 from sfglab.fleet.discovery.config import DiscoverySettings
-from sfglab.fleet.discovery.node import AgentDiscoverer
+from sfglab.fleet.discovery.node import AgentDiscoverer, QueryLimit
 from sfglab.fleet.status import heartbeat
 from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.node import StatusProvider
-from sfglab.messages import serialize, service_type
+from sfglab.messages import serialize
 from sfglab.qos import LATCHED
 
 sim = pytest.fixture(lambda: {"seed": 1, "limit_s": 800})
@@ -94,41 +94,22 @@ async def test_bytes_are_no_heartbeat_and_a_description_that_comes_late_answers_
         assert [event for _, _, event in events] == ["DISCOVERED"]
 
 
-async def test_queries_are_limited_and_untried_agents_go_first(sim):
-    asked, may_answer = [], asyncio.Event()
-    names = [f"agent{number}x" for number in range(6)]
-    response = service_type(heartbeat.GET_METADATA).response
+async def test_queries_are_limited_untried_agents_go_first_and_a_cancelled_one_returns_its_place():
+    limit, began = QueryLimit(2), []
 
-    def answer_as(agent):
-        async def answer(_request):
-            asked.append(agent)
-            await may_answer.wait()
-            known = AgentDescription().to_message(agent, incarnation=7, revision=0, stamp_ns=0)
-            return response(success=True, message="", metadata=known)
+    async def query(failures, number):
+        async with limit.place(failures, number):
+            began.append(number)
+            await asyncio.sleep(0.01)
 
-        return answer
-
-    settings = {"max_queries": 2, "use_published_descriptions": False}
-    async with discoverer(sim, **settings) as (found, events), sim.node("x", host="x") as node:
-        for agent in names:
-            node.create_service(
-                heartbeat.GET_METADATA, heartbeat.metadata_service(agent), answer_as(agent)
-            )
-            beats = node.create_publisher(
-                heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), LATCHED
-            )
-            for _ in range(3):  # heartbeats while a query is outstanding ask nothing
-                beats.publish(replace(BEAT, agent=agent, period_s=30.0).to_message(0))
-            await asyncio.sleep(0.1)
-        await sleep_until(1)
-        assert asked == names[:2]
-        await sleep_until(9)
-        assert asked[:6] == names, "those whose query failed wait"
-        may_answer.set()
-        await sleep_until(30)
-        assert Counter(event for _, _, event in events) == {"DISCOVERED": 6}
-        counts = found.counts
-        assert counts["asked"] == len(asked) == counts["failed"] + 6, "one at a time"
+    waiting = [(0, 1), (0, 2), (3, 3), (1, 4), (0, 5), (0, 6)]
+    queries = [asyncio.create_task(query(*each)) for each in waiting]
+    await asyncio.sleep(0)
+    assert began == [1, 2]
+    queries[0].cancel()
+    queries[5].cancel()
+    await asyncio.gather(*queries, return_exceptions=True)
+    assert began == [1, 2, 5, 4, 3]
 
 
 async def test_a_service_is_called_where_two_published_descriptions_disagree(sim):
