@@ -30,8 +30,8 @@ FAULTS = {
     ),
     "LOST is never announced": (
         "fleet/discovery/lifecycle.py",
-        "(_S.ACTIVE, _I.SILENT): (_S.LOST, (_A.LOST,))",
-        "(_S.ACTIVE, _I.SILENT): (_S.LOST, ())",
+        "    ACTIVE            SILENT         LOST              LOST\n",
+        "    ACTIVE            SILENT         LOST\n",
         "rules/discovery",
     ),
 }
