@@ -7,38 +7,20 @@ from sfglab.fleet.decoder import streams as pipelines
 from sfglab.machine import ProcessTiming
 
 WAITS = {"start_ns": 100, "stop_ns": 50, "backoff_ns": 4, "backoff_max_ns": 20, "stable_ns": 1000}
-MODULES = {"component": supervision, "pipeline": pipelines}
-ENDS = {"component": supervision.REST, "pipeline": {pipelines.State.GONE}}
+INPUTS = {"component": supervision.Input, "pipeline": pipelines.Input}
+NEW = {
+    "component": lambda: supervision.Supervision("router", ProcessTiming(**WAITS)),
+    "pipeline": lambda: pipelines.Lifecycle(pipelines.Timing(**WAITS, linger_ns=10)),
+}
+ENDS = {*supervision.REST, pipelines.State.GONE}
 LINGERED = "START CANCEL_TIMER LINGER"
 
 
-class Walk:
-    """A machine that is fed its inputs by their names."""
-
-    def __init__(self, name: str, inputs: str = "") -> None:
-        self.module = MODULES[name]
-        self.machine = {
-            "component": lambda: supervision.Supervision(name, ProcessTiming(**WAITS)),
-            "pipeline": lambda: pipelines.Lifecycle(pipelines.Timing(**WAITS, linger_ns=10)),
-        }[name]()
-        self.actions = []
-        for given_input in inputs.split():
-            self.feed(given_input)
-
-    def feed(self, given_input: str, now_ns: int = 0) -> list[str]:
-        """Feed an input; return the names of the actions."""
-        action = self.machine.feed(self.module.Input[given_input], now_ns=now_ns)
-        names = [] if action is None else [action.name]
-        self.actions += names
-        return names
-
-    @property
-    def state(self) -> str:
-        return self.machine.state.name
-
-    @property
-    def deadline_ns(self) -> int | None:
-        return self.machine.deadline_ns
+def walk(name: str, inputs: str, machine=None, now_ns: int = 0):
+    """Return a machine, by default a new one, after inputs that are given by name, and its actions."""
+    machine = machine or NEW[name]()
+    actions = [machine.feed(INPUTS[name][each], now_ns=now_ns) for each in inputs.split()]
+    return machine, [action.name for action in actions if action]
 
 
 @pytest.mark.parametrize(
@@ -81,10 +63,10 @@ class Walk:
     ],
 )
 def test_a_path_acts_as_wanted(name, inputs, actions, state):
-    walk = Walk(name, inputs)
-    assert (walk.actions, walk.state) == (actions.split(), state)
+    machine, done = walk(name, inputs)
+    assert (done, machine.state.name) == (actions.split(), state)
     if state in ("STOPPED", "IDLE", "RUNNING"):
-        assert walk.deadline_ns is None
+        assert machine.deadline_ns is None
 
 
 @pytest.mark.parametrize(
@@ -92,14 +74,14 @@ def test_a_path_acts_as_wanted(name, inputs, actions, state):
     [("component", "BEGIN", "READY ENDED"), ("pipeline", "WANTED", "ENDED")],
 )
 def test_crashes_are_tried_again_with_doubling_waits_up_to_the_limit(name, prefix, life):
-    walk, waits = Walk(name, prefix), []
+    machine, _ = walk(name, prefix)
+    waits = []
     for _ in range(5):
-        for given_input in life.split():
-            walk.feed(given_input)
-        waits.append(walk.deadline_ns)
-        walk.feed("TIMER")
+        walk(name, life, machine)
+        waits.append(machine.deadline_ns)
+        walk(name, "TIMER", machine)
     assert waits == [4, 8, 16, 20, 20]
-    assert walk.machine.crashes == 5
+    assert machine.crashes == 5
 
 
 @pytest.mark.parametrize(
@@ -108,13 +90,13 @@ def test_crashes_are_tried_again_with_doubling_waits_up_to_the_limit(name, prefi
 def test_one_that_served_long_enough_starts_over_with_the_short_wait_and_that_counts_once(
     name, begin, ready
 ):
-    walk = Walk(name, f"{begin} ENDED TIMER ENDED TIMER")
-    walk.feed(ready, 10)
+    machine, _ = walk(name, f"{begin} ENDED TIMER ENDED TIMER")
+    walk(name, ready, machine, 10)
     waits = []
     for now_ns in (1010, 2010):  # the second one never served, however long ago the first one did
-        walk.feed("ENDED", now_ns)
-        waits.append(walk.deadline_ns - now_ns)
-        walk.feed("TIMER", now_ns)
+        walk(name, "ENDED", machine, now_ns)
+        waits.append(machine.deadline_ns - now_ns)
+        walk(name, "TIMER", machine, now_ns)
     assert waits == [4, 8]
 
 
@@ -122,7 +104,7 @@ def test_one_that_served_long_enough_starts_over_with_the_short_wait_and_that_co
     ("inputs", "action"), [("BEGIN", "GIVE_UP"), ("BEGIN READY ENDED TIMER", "BACK_OFF")]
 )
 def test_a_component_that_exits_before_it_ever_served_is_given_up_else_tried_again(inputs, action):
-    life = Walk("component", inputs).machine
+    life, _ = walk("component", inputs)
     assert life.feed(life.end(willingly=True), now_ns=0).name == action
     assert (life.state is supervision.State.FAILED) == (action == "GIVE_UP")
 
@@ -136,13 +118,13 @@ def test_a_component_that_exits_before_it_ever_served_is_given_up_else_tried_aga
 )
 def test_told_to_end_one_does_wherever_it_stands(name, prefix):
     told = {"component": "TOLD_TO_STOP", "pipeline": "WITHDRAWN"}[name]
-    walk = Walk(name, f"{prefix} {told}")
-    if walk.state in ("STOPPING", "LEAVING"):
-        walk.feed("ENDED")
-    assert walk.machine.state in ENDS[name]
-    assert walk.deadline_ns is None
+    machine, _ = walk(name, f"{prefix} {told}")
+    if machine.state.name in ("STOPPING", "LEAVING"):
+        walk(name, "ENDED", machine)
+    assert machine.state in ENDS
+    assert machine.deadline_ns is None
 
 
 def test_told_to_stop_while_it_is_replaced_a_component_keeps_the_deadline_of_its_end():
-    walk = Walk("component", "BEGIN TIMER TOLD_TO_STOP")
-    assert (walk.state, walk.deadline_ns) == ("STOPPING", WAITS["stop_ns"])
+    machine, _ = walk("component", "BEGIN TIMER TOLD_TO_STOP")
+    assert (machine.state.name, machine.deadline_ns) == ("STOPPING", WAITS["stop_ns"])
