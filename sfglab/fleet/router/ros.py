@@ -21,6 +21,7 @@ from sfglab.bus.api import (
 )
 from sfglab.bus.ros.services import RosServices, ros_gid, service_of
 from sfglab.fleet.policy import Direction, Policy, Side
+from sfglab.fleet.refusals import WarnOnce
 from sfglab.fleet.router.plan import ROUTER_KEY
 from sfglab.qos import History, QoSProfile
 
@@ -42,7 +43,7 @@ class RosHalves:
     ) -> None:
         self._services, self._policy, self._hear = services, policy, hear
         self._known: dict[bytes, set[bytes]] = {}
-        self._refused: set[bytes] = set()
+        self._warn = WarnOnce(_log)
 
     def feed(self, side: Side, event: EndpointEvent) -> None:
         """Take an event of an endpoint."""
@@ -83,17 +84,15 @@ class RosHalves:
         else:
             known.discard(endpoint.gid)
             if not known:
+                del self._known[half]
                 self._hear(side, EndpointRemoved(endpoint=one))
 
     def _judge(self, one: EndpointInfo, why: str) -> None:
         if not why:
             self._hear(Side.LOCAL, EndpointAdded(endpoint=one))
-        elif one.participant not in self._refused:
-            self._refused.add(one.participant)
-            name = service_of(one.dds_topic)
-            _log.warning(
-                "service %s of rmw_fastrtps stays here: only ROS 2 can serve it, and %s", name, why
-            )
+        else:
+            service = f"service {service_of(one.dds_topic)} of rmw_fastrtps"
+            self._warn(one.participant, f"{service} stays here: only ROS 2 can serve it, and {why}")
 
 
 def _asks(endpoint: EndpointInfo) -> bool:
