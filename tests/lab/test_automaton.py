@@ -59,7 +59,7 @@ def test_every_transition_and_state_of_the_life_cycle_is_drawn_and_says_what_it_
 def test_a_recorded_run_is_stepped_left_by_hand_and_undone():
     run = reference(lifecycle.exp)
     machine = lifecycle.press_states(run)
-    machine.choice.value = "walker, seen by station"
+    machine.choice.value = "walker"
     moves = run["move"].query("agent == 'walker'").sort_values("t_ns")
     assert machine.at.max == len(moves)
     for at, after in enumerate(moves["after"], start=1):

@@ -66,7 +66,6 @@ def mistaken(way, other):
     [
         ("naming", "parse", nothing, "parses back to the tuple", 0),
         ("routing", "Policy.crosses", lambda *_: True, "a name crosses exactly", 0.9),
-        ("routing", "Policy.crosses", lambda *_: True, "what a rule opens one way", 0.9),
         ("trees", "join_trees", mistaken("direct", "proxy"), "direct: what is published", 0),
         ("trees", "join_trees", mistaken("renamed", "proxy"), "renamed: the markers", 0),
         ("trees", "join_trees", mistaken("proxy", "direct"), "proxy: nothing is", 0),

@@ -5,10 +5,9 @@ import json
 import os
 import subprocess
 import sys
-from statistics import mean
 
 import pytest
-from made_logs import CLAIMS, made_run, reference
+from made_logs import CLAIMS, made_run
 
 from sfglab.bus.address import BusAddress
 from sfglab.errors import InvalidValueError
@@ -119,7 +118,6 @@ def test_the_claims_are_those_of_the_largest_fleets_at_a_pace_with_the_papers_no
     table = results.fleet_table(run).set_index(["method", "agents", "time between starts (s)"])
     standard = table.loc[("plain ROS 2", 6, 1.0)]
     assert standard["discovery time, median (s)"] == 62.5
-    assert (standard["lowest (s)"], standard["highest (s)"]) == (60, 65)
     assert standard["cores busy, mean"] == pytest.approx(0.6)
     at_once = table.loc[("paper's method", 6, 0.0)]
     assert at_once["discovery time, median (s)"] == pytest.approx(14.4)
@@ -140,9 +138,17 @@ def test_a_fleet_of_one_agent_or_without_nodes_is_refused(change):
 
 
 def test_agents_that_were_given_up_are_counted(made):
+    pairs = [fleet(3, LAUNCHED, 2), fleet(4, ROUTED, 2)]
     fleets = [fleet(0, STANDARD, 6), fleet(1, LAUNCHED, 6, censored=True), fleet(2, ROUTED, 6)]
-    run = made(*fleets)
-    assert results.fleet_table(run)["agents given up"].tolist() == [0, 6, 0]
+    run = made(*fleets, *pairs)
+    table = results.fleet_table(run).set_index(["method", "agents"])["agents given up"]
+    assert table.to_dict() == {
+        ("paper's method", 2): 0,
+        ("paper's method", 6): 6,
+        ("plain ROS 2", 6): 0,
+        ("sfglab variant", 2): 0,
+        ("sfglab variant", 6): 0,
+    }
     claims = exp.measure(run)
     assert "6 of 6 agents were given up" in claims["A-DISC-TIME"].reason
     assert "given up" not in claims["A-DISC-TIME-OURS"].reason
@@ -153,13 +159,10 @@ def test_fleets_of_two_or_started_at_once_do_not_answer_claims_about_six(made):
     assert exp.measure(made(*(fleet(i, *one) for i, one in enumerate(fleets)))) == {}
 
 
-def test_simulated_fleets_answer_no_claim_and_have_their_table(made):
-    modes = (STANDARD, QUERYING, PUBLISHING)
+def test_simulated_fleets_answer_no_claim(made):
+    modes = (QUERYING, PUBLISHING)
     run = made(*(simulated(mode, agents, 0) for mode in modes for agents in (2, 4)))
     assert exp.measure(run) == {}
-    table = results.simulated_table(run)
-    assert [*table] == ["agents", "plain ROS 2", "paper's method", "sfglab variant"]
-    assert table["plain ROS 2"].tolist() == [20.5, 41.5]
 
 
 def test_standard_and_routed_fleets_of_one_size_are_run_side_by_side():
@@ -175,15 +178,11 @@ def test_standard_and_routed_fleets_of_one_size_are_run_side_by_side():
     assert sorted(runs) == [(2, 1), (2, 10), (3, 10), (5, 10)]
 
 
-def test_profiles_reach_their_sizes_and_fleets_are_named_the_largest_last():
-    assert (
-        max(exp.config("quick").simulated.agents)
-        == max(exp.config("paper").simulated.agents)
-        == world.MOST_AGENTS[QUERYING]
-        == 25
-    )
-    fleets = world.fleets_of(exp.config(simulated=Scale(agents=(26, 10, 2), talkers=2)))
-    wanted = [(STANDARD, 2), (QUERYING, 2), (PUBLISHING, 2), (QUERYING, 10), (PUBLISHING, 10)]
+def test_profiles_simulate_the_same_largest_fleet_and_fleets_are_named_the_largest_last():
+    profiles = [exp.config(profile).simulated.agents for profile in ("quick", "paper")]
+    assert [max(agents) for agents in profiles] == [25, 25]
+    fleets = world.fleets_of(exp.config(simulated=Scale(agents=(10, 2))))
+    wanted = [(QUERYING, 2), (PUBLISHING, 2), (QUERYING, 10), (PUBLISHING, 10)]
     assert [(one.mode, one.agents) for one in fleets] == wanted
 
 
@@ -286,22 +285,10 @@ def test_every_routed_agent_finds_all_others_over_endpoints_by_formula(mode, age
     fleet = Fleet(mode=mode, agents=agents)
     rows = world.simulate_fleet(fleet, 0)
     assert [row["host"] for row in rows] == list(range(agents))
-    assert not any(row["censored"] for row in rows)
     assert all(0.03 < row["resolved_s"] < 5 for row in rows)
     assert {row["endpoints"] for row in rows} == {results.endpoints(mode, agents, 20)}
     assert world.simulate_fleet(fleet, 0) == rows
 
 
-def test_a_standard_fleet_has_the_endpoints_of_all_nodes_and_takes_longer_with_more_agents():
-    few, more = (
-        world.simulate_fleet(Fleet(mode=STANDARD, agents=agents, talkers=4, listeners=4), 0)
-        for agents in (2, 4)
-    )
-    assert few[0]["endpoints"] == results.endpoints(STANDARD, 2, 8) == 2 * 8 * 18
-    assert mean(row["resolved_s"] for row in few) < mean(row["resolved_s"] for row in more)
-
-
-def test_the_table_of_the_committed_log_leaves_out_fleets_that_were_computed():
-    table = results.simulated_table(reference(exp)).set_index("agents")
-    assert table["paper's method"].dropna().index.tolist() == [2, 4, 6, 12, 25]
-    assert table["plain ROS 2"].dropna().index.tolist() == [2, 4]
+def test_the_formula_counts_the_endpoints_of_all_nodes_of_a_standard_fleet():
+    assert results.endpoints(STANDARD, 2, 8) == 2 * 8 * 18

@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from made_logs import broken, made_run
 
-from sfglab.bus.api import MessageInfo
 from sfglab.lab.checks.routing import NEAR_MISSES, in_table_1, random_dds_names
 from sfglab.lab.experiments.routing import checks, exp
 from sfglab.lab.experiments.routing.experiment import PartyRow, parties_of
 from sfglab.lab.experiments.routing.live import service_names, topics
 from sfglab.lab.experiments.routing.results import FORBIDDEN, HEARD, MISSING, SILENT, reached
-from sfglab.lab.workers.peer import ReceiveStatistics
 from sfglab.names import dds_topic
 
 DOMAINS = {"agent_1": 1, "agent_2": 2, "ground_1": 0, "ground_2": 0}
@@ -57,7 +55,6 @@ def made(
     *,
     heard=lambda r: r,
     call=lambda r: r,
-    latched=1,
     endpoints=(("rt/tf", "h/1"),),
     policy_held=9,
 ):
@@ -66,9 +63,6 @@ def made(
         "party": map(asdict, PARTIES),
         "heard": map(heard, heard_rows()),
         "call": map(call, call_rows()),
-        "latched": [
-            {"source": s, "hearer": h, "received": latched} for s in DOMAINS for h in DOMAINS
-        ],
         "endpoint": [
             {"seen_by": "ground_1", "dds_topic": t, "kind": "publisher", "router": r}
             for t, r in endpoints
@@ -76,9 +70,6 @@ def made(
         "policy": [{"check": "exact", "checked": 9, "held": policy_held}],
     }
     return made_run(exp, path, tables, config=exp.config("smoke"))
-
-
-TF_OF_1 = {"name": "/tf", "source": "agent_1"}
 
 
 def spoiled(places, **changes):
@@ -104,15 +95,6 @@ FAULTS = {
     "every topic is heard in its own domain": {
         "heard": spoiled({"name": "/chatter", "source": "agent_1", "hearer": "agent_1"}, received=0)
     },
-    "no sample arrives twice or comes back": {
-        "heard": spoiled({"name": "/tf", "source": "agent_1", "hearer": "agent_1"}, repeated=1)
-    },
-    "samples of one source keep their order": {"heard": spoiled(TF_OF_1, disordered=1)},
-    "samples keep their source time stamps": {"heard": spoiled(TF_OF_1, restamped=1)},
-    "transforms bear their agent's prefix, outside it only": {
-        "heard": spoiled({"name": "/tf", "hearer": "ground_2"}, misnamed=1)
-    },
-    "a late joiner hears each static transform once": {"latched": 2},
     "an endpoint seen in the global domain is of Table 1": {"endpoints": (("rt/local/x", "h/1"),)},
     "an endpoint seen in the global domain is a router's": {"endpoints": (("rt/tf", ""),)},
     "any other service does not": {"call": spoiled({}, answered=True)},
@@ -165,18 +147,6 @@ def test_the_figure_shows_what_is_heard_what_leaks_and_what_is_missing(tmp_path)
     figure, _ = exp.figures(run)["routing_border"]
     drawn = {text.get_text() for axes in figure.axes for text in axes.texts}
     assert {"100", "30"} <= drawn
-
-
-def test_a_tally_counts_repeated_late_restamped_and_missing_messages():
-    tally = ReceiveStatistics()
-    for number, stamp_ns in ((3, 30), (4, 40), (7, 70), (5, 50), (7, 71)):
-        info = MessageInfo(
-            source_timestamp_ns=10 * number, received_timestamp_ns=100, publisher_gid=b""
-        )
-        tally.note(number, stamp_ns, info)
-    report = tally.report()
-    assert (report["received"], report["repeated"], report["disordered"]) == (5, 1, 1)
-    assert (report["restamped"], report["missing"]) == (1, 1)
 
 
 def test_near_misses_are_not_of_table_1_and_some_random_names_are():

@@ -14,7 +14,6 @@ from sfglab.names import (
     Custom,
     FqnError,
     Resource,
-    ResourceKind,
     RosFqn,
     RosFqnBuilder,
     Scope,
@@ -120,39 +119,6 @@ def _refuses(_: Sample) -> Iterator[Case]:
             if flag not in resource.after:
                 said = refusal(prefix.resource(resource).build, FqnError)
                 yield said or f"{resource.value} after {flag.name}", bool(said)
-
-
-_LONGEST = {ResourceKind.TOPIC: 247, ResourceKind.SERVICE: 246, ResourceKind.ACTION: 226}
-_NO_NAMES = (
-    "",
-    "/",
-    "a",
-    "/a/",
-    "/a//b",
-    "/1a",
-    "/a/1",
-    "/a__b",
-    "/a-b",
-    "/ä",
-    "/{a}",
-    "/a b",
-    "/a.b",
-)
-
-
-def _is_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> bool:
-    try:
-        return validate_ros_name(name, kind) == name
-    except FqnError:
-        return False
-
-
-@checks.cases("ROS 2's names end at their longest, and what is none is refused")
-def _limits(_: Sample) -> Iterator[Case]:
-    for kind, longest in _LONGEST.items():
-        yield f"{longest} for a {kind.value}", _is_name("/" + "a" * (longest - 1), kind)
-        yield f"{longest + 1} for a {kind.value}", not _is_name("/" + "a" * longest, kind)
-    yield from ((name, not _is_name(name)) for name in _NO_NAMES)
 
 
 @checks.cases("a segment without the one that it is part of is refused")

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.fleet.policy import Crossing, Direction, ForwardRule, Policy, Side
+from sfglab.fleet.policy import Crossing, Direction, Policy, Side
 from sfglab.lab.checks import Checks
-from sfglab.names import ResourceKind, RosFqn, all_standard_fqns, dds_topic
+from sfglab.names import RosFqn, all_standard_fqns, dds_topic
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -84,29 +84,6 @@ def _as_eq_1(name: str) -> bool:
     return all(
         Policy().domains(name, side) == (frozenset(Side) if is_in else {side}) for side in Side
     )
-
-
-@checks.each(
-    "what a rule opens one way crosses from that side alone, services by half",
-    lambda *_: tuple(Direction),
-)
-def _one_way(way: Direction) -> bool:
-    policy = Policy(rules=(ForwardRule(pattern="*/global/*", directions=frozenset({way})),))
-    here, there = Side if way is Direction.OUTWARD else reversed(Side)
-    other = Direction.INWARD if way is Direction.OUTWARD else Direction.OUTWARD
-    kinds = (ResourceKind.TOPIC, way), (ResourceKind.TOPIC, other), (ResourceKind.SERVICE, way)
-    crosses = [policy.crossing("/global/a", *kind) for kind in kinds]
-    heard = [policy.domains("rt/global/a", side) for side in (here, there)]
-    ends, parts = (
-        (way.source, way.target) == (here, there),
-        [Crossing.WHOLE, Crossing.NONE, Crossing.PARTIAL],
-    )
-    return ends and heard == [{here, there}, {there}] and crosses == parts
-
-
-@checks.each("near misses of Table 1 stay", lambda *_: map(dds_topic, NEAR_MISSES))
-def _near_misses_stay(name: str) -> bool:
-    return not any(Policy().crosses(name, way) for way in Direction)
 
 
 @checks.each(

@@ -13,7 +13,7 @@ from sfglab.lab.experiments.decode_once.results import (
     frame_checks,
     residual_table,
     slopes,
-    stream_table,
+    stream_of_table_two,
 )
 
 __all__ = [
@@ -23,5 +23,5 @@ __all__ = [
     "frame_checks",
     "residual_table",
     "slopes",
-    "stream_table",
+    "stream_of_table_two",
 ]

@@ -62,10 +62,6 @@ class Config(Profiled):
     multicast: Literal["spdp", "default"] = "spdp"
     seed: int = 0  #: Seed of the frames' path and of the order of cells.
 
-    def __post_init__(self) -> None:
-        filled = tuple(replace(stage, source=stage.source or self.source) for stage in self.stages)
-        object.__setattr__(self, "stages", filled)
-
 
 exp = Experiment(
     "decode_once",

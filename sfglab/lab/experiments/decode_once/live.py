@@ -70,7 +70,7 @@ class StageProcesses(StreamProcesses):
         camera = CameraConfig(
             places=((self.shared("edge"), self.topic),),
             codec=stage.codec,
-            source=stage.source,
+            source=stage.source or self._config.source,
             seed=self._config.seed,
             encoder=self._config.encoder,
         )
@@ -187,7 +187,7 @@ async def record_streams(bench: Bench[Config]) -> None:
                 "topic": processes.topic,
                 "type": routes_of_topic(processes.topic)[0].source_type,
                 "encoder": processes.encoder,
-                "source": stage.source,
+                "source": stage.source or bench.config.source,
             }
             bench.metadata(f"stream_{stage.codec}", facts)
             await processes.look(1, mode="network", path=str(path))

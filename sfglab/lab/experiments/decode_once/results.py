@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import pandas as pd
 
-from sfglab.codecs import TABLE_2
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.decode_once.experiment import HANDED_ON, Config, exp
-from sfglab.lab.figures import PAPER_STYLE, default_sidecar, note, series
+from sfglab.lab.figures import PAPER_STYLE, note, series
 from sfglab.lab.paper import paper
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import Run, derived, lines_of
@@ -81,13 +80,6 @@ def cells(run: Run[Config]) -> pd.DataFrame:
     return run["cell"].merge(medians.assign(paced=paced), left_on="cell", right_index=True)
 
 
-def modes_of(run: Run[Config], codec: str) -> list[str]:
-    """Return the modes that send pictures and were measured with two numbers of subscribers or more."""
-    table = run["cell"]
-    counts = table[table["codec"] == codec].groupby("mode")["subscribers"].nunique()
-    return [mode for mode in LABELS if counts.get(mode, 0) > 1]
-
-
 def points(run: Run[Config], codec: str, mode: str, column: str) -> Floats:
     """Return the number of subscribers and the CPU load of each measured cell of a mode, shape (cells, 2)."""
     table = cells(run)
@@ -108,26 +100,23 @@ def slope(run: Run[Config], codec: str, mode: str, load: str) -> Estimate:
 
 
 @derived
-def reduction(run: Run[Config], codec: str, mode: str) -> Estimate | None:
-    """Estimate how much less CPU a subscriber takes than in standard; None if a load does not grow."""
+def reduction(run: Run[Config], codec: str, mode: str) -> Estimate:
+    """Estimate how much less CPU a subscriber takes than in standard."""
 
     def less(drawn: Sequence[Floats]) -> float:
         return 100 * (1 - slope_of(drawn[1]) / slope_of(drawn[0]))
 
     both = [points(run, codec, each, "cpu") for each in ("standard", mode)]
-    if min(map(slope_of, both)) <= 0:
-        return None
     return bootstrap(both, less, unit="% less CPU per subscriber")
 
 
 def slopes(run: Run[Config], codec: str = H264) -> pd.DataFrame:
     """Return CPU and received data per subscriber, and the reduction of the CPU, by mode."""
     rows = []
-    for mode in modes_of(run, codec):
+    for mode, label in LABELS.items():
         less = reduction(run, codec, mode) if mode in HANDED_ON else ""
-        shown = "not measurable" if less is None else str(less)
         cpu, received = slope(run, codec, mode, "cpu"), slope(run, codec, mode, "rx")
-        rows.append((LABELS[mode], str(cpu), str(received), shown))
+        rows.append((label, str(cpu), str(received), str(less)))
     columns = ["mode", "CPU", "received over the network", "reduction of the CPU"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -154,7 +143,8 @@ class CostModel:
     residual: Estimate  #: Root mean square of the residuals relative to the mean load, per cent.
     #: Test for lack of fit, with errors relative to the load; None without repetitions.
     lack: LackOfFit | None
-    residuals: pd.DataFrame  #: One row per cell: mode, subscribers, measured, fitted.
+    #: One row per cell: mode, subscribers, and ``above``, by how much the load is above the fitted one, %.
+    residuals: pd.DataFrame
 
 
 def design(mode: str, count: float) -> tuple[float, float, float]:
@@ -197,9 +187,7 @@ def cost_rows(table: pd.DataFrame) -> Floats:
 
 def residual_table(run: Run[Config]) -> pd.DataFrame:
     """Return by how much measured loads are above the fitted ones, in % of these, as means over repetitions."""
-    table = cost_model(run).residuals
-    above = table.assign(above=100 * table["error"] / table["fitted"])
-    wide = above.pivot_table("above", "subscribers", "mode")
+    wide = cost_model(run).residuals.pivot_table("above", "subscribers", "mode")
     return wide.round(1).rename(columns=NAMES).reset_index()
 
 
@@ -218,18 +206,18 @@ def cost_model(run: Run[Config], way: str = PAPERS) -> CostModel:
         return bootstrap([rows], lambda drawn: fit_terms(drawn[0])[place], unit="% of one core")
 
     fitted = rows[:, :3] @ fit_terms(rows)
+    errors = errors_of(rows)
     # Repetitions differ in proportion to their load.
-    relative = rows / fitted[:, None]
+    relative = errors_of(rows / fitted[:, None])
     setting = table.groupby(["mode", "subscribers"]).ngroup().to_numpy()
-    residuals = table[["mode", "subscribers"]].assign(measured=rows[:, 3], fitted=fitted)
     return CostModel(
         net=term(0),
         dec=term(1),
         ipc=term(2),
-        explained=float(1 - np.mean(errors_of(rows) ** 2) / np.var(rows[:, 3])),
+        explained=float(1 - np.mean(errors**2) / np.var(rows[:, 3])),
         residual=bootstrap([rows], lambda drawn: residual_percent(drawn[0]), unit="%"),
-        lack=lack_of_fit(errors_of(relative), setting, parameters=3),
-        residuals=residuals.assign(error=rows[:, 3] - fitted).reset_index(drop=True),
+        lack=lack_of_fit(relative, setting, parameters=3),
+        residuals=table[["mode", "subscribers"]].assign(above=100 * errors / fitted),
     )
 
 
@@ -239,31 +227,23 @@ def cost_model(run: Run[Config], way: str = PAPERS) -> CostModel:
 @exp.claim("A-CPU-BASE", how=How.LIVE)
 def base_cost(run: Run[Config]) -> Finding:
     """Return the CPU load of each subscriber that decodes the stream for itself."""
-    return Finding(estimate=slope(run, H264, "standard", "cpu"), details=hosts_of(run))
+    return Finding(estimate=slope(run, H264, "standard", "cpu"))
 
 
 @exp.claim("A-CPU-SFG", how=How.LIVE)
-def reduction_by_dds(run: Run[Config]) -> Finding | None:
+def reduction_by_dds(run: Run[Config]) -> Finding:
     """Return how much less CPU a subscriber costs that gets its pictures over DDS."""
     return reduction_by(run, PAPERS)
 
 
 @exp.claim("A-CPU-OURS", how=How.LIVE)
-def reduction_by_shared_memory(run: Run[Config]) -> Finding | None:
+def reduction_by_shared_memory(run: Run[Config]) -> Finding:
     """Return how much less CPU a subscriber costs that gets its pictures over shared memory."""
     return reduction_by(run, "proxy")
 
 
-def hosts_of(run: Run[Config]) -> dict[str, str]:
-    """Return the detail that names the hosts of a run."""
-    return {"hosts": str(run.metadata("hosts")["description"])}
-
-
-def reduction_by(run: Run[Config], way: str) -> Finding | None:
-    """Return the finding on a mode of the decoder; None if it was not measured, or a load does not grow."""
-    less = reduction(run, H264, way) if way in modes_of(run, H264) else None
-    if less is None:
-        return None
+def reduction_by(run: Run[Config], way: str) -> Finding:
+    """Return the finding on a mode of the decoder."""
     costs = []
     for mode, number in (("standard", paper("A-CPU-BASE")), (way, paper("A-CPU-SFG", THROUGH))):
         cost = slope(run, H264, mode, "cpu").value
@@ -272,18 +252,15 @@ def reduction_by(run: Run[Config], way: str) -> Finding | None:
     arrived = checks["frames"] / (checks["frames"] + checks["missed"])
     least = float(min(arrived["standard"], arrived[way]))
     return Finding(
-        estimate=less,
-        details=hosts_of(run),
+        estimate=reduction(run, H264, way),
         reason=f"of a core, a subscriber costs {', '.join(costs)}",
         ends={"share of pictures that arrive, least of both modes": least},
     )
 
 
 @exp.claim("A-BW", how=How.LIVE)
-def bandwidth(run: Run[Config]) -> Finding | None:
+def bandwidth(run: Run[Config]) -> Finding:
     """Return what the consumer receives through the decoder with the most subscribers, and both slopes."""
-    if PAPERS not in modes_of(run, H264):
-        return None
     table = readings(run).query("label == 'consumer' and codec == @H264 and mode == @PAPERS")
     most = table["subscribers"].max()
     received = table[table["subscribers"] == most]["rx_mbit_s"].to_numpy(dtype=np.float64)
@@ -294,38 +271,24 @@ def bandwidth(run: Run[Config]) -> Finding | None:
         "share of variance on a line, standard": float(np.corrcoef(*standard.T).flat[1] ** 2),
         "Mbit/s per further subscriber, through the decoder by DDS": through.value,
     }
-    details = {**hosts_of(run), "multicast": run.config.multicast}
-    return Finding(estimate=median_of(received, unit="Mbit/s"), details=details, ends=ends)
+    return Finding(estimate=median_of(received, unit="Mbit/s"), ends=ends)
 
 
 @exp.claim("A-COST", how=How.LIVE)
 def fit_residual(run: Run[Config]) -> Finding | None:
-    """Return the fit's residual and its test for lack of fit."""
-    if PAPERS not in modes_of(run, H264):
-        return None
-    fit = cost_model(run, PAPERS)
-    details = {
-        "c_net": str(fit.net),
-        "c_dec": str(fit.dec),
-        "c_ipc over DDS": str(fit.ipc),
-        "c_ipc over shared memory": str(cost_model(run, "proxy").ipc),
-    }
+    """Return the fit's residual and its test for lack of fit; None without repetitions."""
+    fit = cost_model(run)
     if fit.lack is None:
-        return Finding(estimate=fit.residual, details=details)
-    relative = fit.residuals["error"] / fit.residuals["fitted"]
-    off = 100 * relative.groupby(fit.residuals["subscribers"]).mean()
-    reason = (
-        f"lack of fit {fit.lack}: measured loads are {beside(off.iloc[0])} the fitted ones with the fewest "
-        f"subscribers, {beside(off.iloc[-1])} them with the most; the equations explain "
-        f"{100 * fit.explained:.1f} % of the variance"
+        return None
+    off = fit.residuals.groupby("subscribers")["above"].mean()
+    return Finding(
+        estimate=fit.residual,
+        details={"c_net": str(fit.net), "c_dec": str(fit.dec), "c_ipc over DDS": str(fit.ipc)},
+        reason=f"lack of fit {fit.lack}: measured loads are {off.iloc[0]:+.1f} % off the fitted ones with "
+        f"the fewest subscribers and {off.iloc[-1]:+.1f} % with the most; the equations explain "
+        f"{100 * fit.explained:.1f} % of the variance",
+        ends={"p of the F test for lack of fit": fit.lack.p},
     )
-    ends = {"p of the F test for lack of fit": fit.lack.p}
-    return Finding(estimate=fit.residual, details=details, reason=reason, ends=ends)
-
-
-def beside(percent: float) -> str:
-    """Return a signed percentage in words."""
-    return f"{abs(percent):.1f} % {'above' if percent >= 0 else 'below'}"
 
 
 @derived
@@ -352,100 +315,69 @@ def stream_of_table_two(run: Run[Config]) -> Finding:
     table = packets(run)
     duration_s = (table["stamp_ns"].iloc[-1] - table["stamp_ns"].iloc[0]) / NS_PER_S
     fps = (len(table) - 1) / duration_s
+    gaps = table[table["is_key"]]["number"].diff().dropna()
     ends = {
         "pixels in a row": float(table["width"].iloc[0]),
         "rows": float(table["height"].iloc[0]),
         "frames a second": float(fps),
+        "frames from key frame to key frame": float(gaps.max())
+        if gaps.min() == gaps.max()
+        else 0.0,
     }
-    gaps = table[table["is_key"]]["number"].diff().dropna().unique()
-    if len(gaps):
-        ends["frames from key frame to key frame"] = float(gaps[0]) if len(gaps) == 1 else 0.0
     mbit = table["size_bytes"].to_numpy() * BITS_PER_BYTE / BITS_PER_MBIT
     bitrate = bootstrap([mbit], lambda drawn: float(np.mean(drawn[0])) * fps, unit="Mbit/s")
     encoder = str(run.metadata("stream_h264")["encoder"])
     return Finding(estimate=bitrate, details={"encoder": encoder}, ends=ends)
 
 
-def stream_table(run: Run[Config]) -> pd.DataFrame:
-    """Return the values of Table 2 and those of the stream."""
-    found = stream_of_table_two(run)
-    stated = {
-        "encoder": "h264_nvmpi (hardware)",
-        "Mbit/s": paper("A-H264"),
-        "pixels in a row": TABLE_2.width,
-        "rows": TABLE_2.height,
-        "frames a second": TABLE_2.fps,
-        "frames from key frame to key frame": TABLE_2.gop,
-    }
-    measured = {**found.details, "Mbit/s": found.estimate.value, **found.ends}
-    rows = [(name, measured.get(name, "not measured"), value) for name, value in stated.items()]
-    return pd.DataFrame(rows, columns=["quantity", "this run", "paper, Table 2"])
-
-
 # --- Figures ----------------------------------------------------------------------------------
 
 
 @exp.figure("decode_once_h264", size=(10, 4.3))
-def draw_colour(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+def draw_colour(figure: Figure, run: Run[Config]) -> None:
     """Draw CPU and network load of the colour stream over the number of subscribers."""
     cpu, net = figure.subplots(1, 2)
-    draw_load(cpu, run, "cpu_percent")
-    draw_load(net, run, "rx_mbit_s")
-    draw_paper(cpu, net, means(run, "cpu_percent"))
+    each_mbit_s = paper("A-BW")
+    each_percent = {"standard": paper("A-CPU-BASE"), PAPERS: paper("A-CPU-SFG", THROUGH)}
+    draw_load(cpu, run, "cpu_percent", each_percent)
+    draw_load(net, run, "rx_mbit_s", {"standard": each_mbit_s, PAPERS: 0.0}, first=each_mbit_s)
     cpu.set(title="CPU of the consumer", ylabel="% of one core", ylim=(0, None))
     net.set(title="network: received by the consumer", ylabel="Mbit/s", ylim=(0, None))
     cpu.legend(loc="upper left")
-    saved = [saving(run, mode) for mode in modes_of(run, H264)[1:]]
+    saved = [f"{reduction(run, H264, mode).value:.0f} % less {WAYS[mode]}" for mode in HANDED_ON]
     figure.suptitle(f"CPU of an added subscriber: {', '.join(saved)} than in standard")
-    repeats = int(run["cell"].groupby("codec")["repeat"].nunique()[H264])
-    text = "dashed: slopes of the paper; bands: one standard deviation of the readings"
-    note(figure, f"{repeats} repetitions; {text}", run)
-    return default_sidecar(run) | {"repetitions": repeats}
+    note(figure, "dashed: slopes of the paper; bands: one standard deviation of the readings", run)
 
 
-def saving(run: Run[Config], mode: str) -> str:
-    """Return in words how much less CPU a further subscriber takes than in standard."""
-    less = reduction(run, H264, mode)
-    if less is None:
-        return f"{WAYS[mode]} not measurable"
-    word = "less" if less.value >= 0 else "more"
-    return f"{abs(less.value):.0f} % {word} {WAYS[mode]}"
+def draw_load(
+    axes: Axes, run: Run[Config], column: str, stated: dict[str, float], first: float | None = None
+) -> None:
+    """Draw a load over the number of subscribers with one standard deviation, one line per mode.
 
-
-def means(run: Run[Config], column: str) -> pd.DataFrame:
-    """Return means and standard deviations of the consumer's readings by mode and subscribers."""
+    Args:
+        axes: Axes to draw into.
+        run: The run.
+        column: Column of the readings.
+        stated: The paper's slopes by mode.
+        first: The paper's load of the first subscriber; None: the paper's lines begin at our first points.
+    """
     table = readings(run)
     chosen = table[(table["label"] == "consumer") & (table["codec"] == H264)]
-    return chosen.groupby(["mode", "subscribers"])[column].agg(["mean", "std"]).fillna(0)
-
-
-def draw_load(axes: Axes, run: Run[Config], column: str) -> None:
-    """Draw a load over the number of subscribers with one standard deviation, one line per mode."""
-    for mode in modes_of(run, H264):
-        load = means(run, column).loc[mode]
+    loads = chosen.groupby(["mode", "subscribers"])[column].agg(["mean", "std"])
+    for mode, label in LABELS.items():
+        load = loads.loc[mode]
         # The decoder's modes receive the same, so that one line is a frame of the other.
         size = 9 if column == "rx_mbit_s" and mode == PAPERS else 4.5
-        axes.plot(load["mean"], label=LABELS[mode], markersize=size, **STYLES[mode])
+        axes.plot(load["mean"], label=label, markersize=size, **STYLES[mode])
+        color = STYLES[mode]["color"]
         low, high = load["mean"] - load["std"], load["mean"] + load["std"]
-        axes.fill_between(load.index, low, high, color=STYLES[mode]["color"], alpha=0.18, lw=0)
+        axes.fill_between(load.index, low, high, color=color, alpha=0.18, lw=0)
+        if mode in stated:
+            begin = load["mean"].iloc[0] if first is None else first
+            line = begin + stated[mode] * (load.index - load.index[0])
+            axes.plot(load.index, line, color=color, **PAPER_STYLE)
         axes.set_xticks(load.index)
     axes.set_xlabel("local subscribers")
-
-
-def draw_paper(cpu: Axes, net: Axes, loads: pd.DataFrame) -> None:
-    """Draw the paper's slopes from the first of our points, and what it states of the network."""
-    received = paper("A-BW")
-    for mode, each, mbit_s in (
-        ("standard", paper("A-CPU-BASE"), received),
-        (PAPERS, paper("A-CPU-SFG", THROUGH), 0),
-    ):
-        if mode not in loads.index:
-            continue
-        load = loads.loc[mode]["mean"]
-        further = load.index - load.index[0]
-        style = {"color": STYLES[mode]["color"], **PAPER_STYLE}
-        cpu.plot(load.index, load.iloc[0] + each * further, **style)
-        net.plot(load.index, received + mbit_s * further, **style)
 
 
 # --- Explorer ---------------------------------------------------------------------------------
@@ -495,7 +427,7 @@ def decoding_costs(
     factor = width * height * rate_hz / (_PIXELS * _FPS)
     cpu = pd.DataFrame(index=[*COUNTS, subscribers])
     net = pd.DataFrame(index=cpu.index)
-    costs, shares = [], []
+    costs = []
     for mode in LABELS:
         own = terms[PAPERS if mode == "standard" else mode].copy()
         if hardware_decoding:
@@ -503,14 +435,13 @@ def decoding_costs(
         cpu[mode] = [float(factor * own @ design(mode, count)) for count in cpu.index]
         net[mode] = factor * mbit_s * (cpu.index if mode == "standard" else 1)
         costs.append(f"{cpu[mode].iloc[-1]:.1f} % {WAYS[mode]}")
-        shares.append(f"{WAYS[mode].split()[-1]} {cpu[mode].iloc[-1]:.1f}")
     decoder = "hardware" if hardware_decoding else "software"
     said = (
         f"CPU and network of a device with {subscribers} subscribers to a stream of {picture_size} "
         f"at {rate_hz:g} Hz and a {decoder} decoder. Of one core: {', '.join(costs)}."
     )
     panels = (
-        curves("CPU", _CPU, cpu, f"with {subscribers}: {', '.join(shares)} %"),
+        curves("CPU", _CPU, cpu, f"with {subscribers}: {', '.join(costs)}"),
         curves("network", _NET, net, "decode once: equal over DDS and shared memory"),
     )
     return pictures.Picture(said=said, panels=panels)

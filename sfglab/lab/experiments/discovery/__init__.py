@@ -9,22 +9,16 @@ from sfglab.lab.experiments.discovery import live, simulated  # they declare par
 from sfglab.lab.experiments.discovery.experiment import Fleet, exp
 from sfglab.lab.experiments.discovery.results import (
     PAPERS_LARGEST,
-    SIMULATED_NAMES,
-    extrapolation,
     fleet_table,
     main_nodes,
-    simulated_table,
 )
 
 __all__ = [
     "PAPERS_LARGEST",
-    "SIMULATED_NAMES",
     "Fleet",
     "exp",
-    "extrapolation",
     "fleet_table",
     "live",
     "main_nodes",
     "simulated",
-    "simulated_table",
 ]

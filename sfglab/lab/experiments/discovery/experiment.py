@@ -52,37 +52,18 @@ _FEW = tuple(
 )
 
 
-def _former_fleet(mode: str, agents: tuple[int, ...], nodes: int, repeats: int) -> dict[str, Any]:
-    """Return a fleet of the former part ``ros2`` as logs have it."""
-    return {
-        "mode": mode,
-        "agents": [*agents],
-        "talkers": nodes,
-        "listeners": nodes,
-        "repeats": repeats,
-        "pace_s": 0.0,
-    }
+_FORMER_FLEETS = (
+    *(("standard ROS 2", 2, 10, 2), (STANDARD, 2, 10, 2), (ROUTED, 2, 10, 1)),
+    *(("standard ROS 2", 4, 3, 2), (STANDARD, 4, 3, 2), (ROUTED, 4, 3, 1)),
+    ("standard ROS 2, composed", 6, 10, 1),
+)
+"""The removed field ``ros2`` of the profile ``quick``: mode, agents, nodes of a role, and repetitions."""
 
 
-def _former_fleets(repeats: int, *sizes: tuple[int, int]) -> list[dict[str, Any]]:
-    """Return the fleets of each mode that the part compared; a size is agents and nodes of a role."""
-    fleets = []
-    for agents, nodes in sizes:
-        fleets.append(_former_fleet("standard ROS 2", (agents,), nodes, repeats))
-        fleets.append(_former_fleet(STANDARD, (agents,), nodes, repeats))
-        fleets.append(_former_fleet(ROUTED, (agents,), nodes, 1))
-    return fleets
-
-
-_COMPOSED = "standard ROS 2, composed"
-_FORMER_ROS2 = {
-    "quick": [*_former_fleets(2, (2, 10), (4, 3)), _former_fleet(_COMPOSED, (6,), 10, 1)],
-    "paper": [
-        *_former_fleets(20, (2, 10), (3, 6), (4, 3), (6, 2)),
-        _former_fleet(_COMPOSED, _FLEETS, 10, 20),
-    ],
-}
-"""The removed field ``ros2``, by profile."""
+def _former_fleet(mode: str, agents: int, nodes: int, repeats: int) -> dict[str, Any]:
+    """Return a fleet of the removed field ``ros2`` as logs have it."""
+    size = {"agents": [agents], "talkers": nodes, "listeners": nodes}
+    return {"mode": mode, **size, "repeats": repeats, "pace_s": 0.0}
 
 
 def paced(repeats: int, sizes: tuple[int, ...]) -> tuple[Stage, ...]:
@@ -219,7 +200,7 @@ exp = Experiment(
         Link("router", "discoverer", "peers' heartbeats, descriptions"),
         Link("router", "peers", "with routers: heartbeats, description", boundary="the network"),
     ),
-    removed={"ros2": _FORMER_ROS2},
+    removed={"ros2": {"quick": [_former_fleet(*fleet) for fleet in _FORMER_FLEETS]}},
 )
 
 
@@ -251,7 +232,7 @@ class HostRow(TableRow):
 
 @exp.table("simulated")
 class SimulatedRow(Fleet, TableRow):
-    """An agent of a simulated fleet of mode ``standard``, ``routed`` or ``published``.
+    """An agent of a simulated fleet of mode ``routed`` or ``published``.
 
     Agents of mode ``routed`` query each other's metadata service, those of ``published`` publish
     their descriptions.
@@ -260,6 +241,5 @@ class SimulatedRow(Fleet, TableRow):
     seed: int  #: Seed of the run.
     host: int  #: Number of the agent, from 0.
     resolved_s: float  #: Time from the start until it had discovered its peers, simulated s.
-    censored: bool  #: Whether it was given up.
     #: Number of endpoints in the global domain when the last agent was complete.
     endpoints: int

@@ -11,12 +11,14 @@ import asyncio
 import math
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.bus.address import BusAddress
+from sfglab.component import beside
 from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
@@ -61,75 +63,21 @@ async def start_fleets(bench: Bench[Config]) -> None:
         return
     for number, cell in enumerate(cells_of(bench.config.stages, bench.config.seed)):
         async with LiveFleet(cell, bench.testbed, multicast=bench.config.multicast) as fleet:
-            outcome = await start(fleet, bench.config.timeout_s)
-        for host, end_ns in enumerate(outcome.ends_ns):
-            bench.write("host", outcome.host_row(number, host), at_ns=end_ns)
-        nodes, components = outcome.meters["nodes"], outcome.meters["components"]
+            hosts, meters = await fleet.measure(bench.config.timeout_s, cell=number)
+        bench.write_all("host", hosts)
+        nodes, components = meters["nodes"], meters["components"]
         row = FleetRow(
             cell=number,
             **asdict(cell),
-            resolved_s=outcome.seconds(max(outcome.ends_ns)),
-            censored=None in outcome.resolved_ns,
+            resolved_s=max(host.resolved_s for host in hosts),
+            censored=any(host.censored for host in hosts),
             window_s=nodes.window_s,
             nodes_cpu_s=cpu_s(nodes),
             components_cpu_s=cpu_s(components),
         )
         # Last, so that a cell that is in the log is complete.
-        bench.write("cell", row, at_ns=max(outcome.ends_ns))
+        bench.write(row)
         bench.advance(f"{cell.mode} {cell.agents}")
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Measurements of one start. Times are ns since the epoch."""
-
-    begin_ns: int  #: Time of the first start order.
-    ordered_ns: int  #: Time of the last start order.
-    resolved_ns: list[int | None]  #: Time at which each agent was complete; None: not in time.
-    given_up_ns: int  #: Time at which incomplete agents were given up.
-    ingress: Ingress  #: Received bytes.
-    meters: dict[str, MeterRow]  #: Reading of the meters by label.
-
-    @property
-    def ends_ns(self) -> list[int]:
-        """Time at which each agent was complete or given up."""
-        return [self.given_up_ns if at_ns is None else at_ns for at_ns in self.resolved_ns]
-
-    def seconds(self, at_ns: int) -> float:
-        """Return a time as seconds since the last start order."""
-        return (at_ns - self.ordered_ns) / NS_PER_S
-
-    def host_row(self, cell: int, host: int) -> HostRow:
-        """Return the row of an agent."""
-        end_ns = self.ends_ns[host]
-        return HostRow(
-            cell=cell,
-            host=host,
-            resolved_s=self.seconds(end_ns),
-            censored=self.resolved_ns[host] is None,
-            own_bytes=self.ingress.between(host, self.begin_ns, end_ns),
-        )
-
-
-async def start(fleet: LiveFleet, timeout_s: float) -> Outcome:
-    """Start a fleet and measure until it is complete, or given up some seconds after the last order."""
-    ingress = Ingress(fleet.meters())
-    pids = {"nodes": fleet.node_pids, "components": fleet.component_pids}
-    window = Window(cpu=pids, interfaces={})
-    ingress.read()
-    window.sample(time.time_ns())
-    begin_ns = time.time_ns()
-    reading = asyncio.create_task(ingress.run())
-    try:
-        ordered_ns, resolved_ns = await fleet.discover(timeout_s)
-    finally:
-        reading.cancel()
-        with suppress(asyncio.CancelledError):
-            await reading
-    ingress.read()
-    end_ns = time.time_ns()
-    meters = {row.label: row for row in window.sample(end_ns)}
-    return Outcome(begin_ns, ordered_ns, resolved_ns, end_ns, ingress, meters)
 
 
 def cpu_s(meter: MeterRow) -> float:
@@ -164,17 +112,48 @@ class LiveFleet(ProcessGroup):
             "listeners": self._cell.listeners,
         }
 
-    def meters(self) -> list[CountsBytes]:
-        """Return the counters of its hosts' interfaces."""
-        return [self._testbed.meter(host) for host in self.hosts]
+    def pids(self, *, nodes: bool) -> list[int]:
+        """Return the process ids of the ROS 2 nodes, or of routers, status providers and discoverers."""
+        return [self[name].pid for name in self if name.endswith(NODES) is nodes]
 
-    def node_pids(self) -> list[int]:
-        """Return the process ids of the ROS 2 nodes."""
-        return [self[name].pid for name in self if name.endswith(NODES)]
+    async def measure(
+        self, timeout_s: float, *, cell: int = 0
+    ) -> tuple[list[HostRow], dict[str, MeterRow]]:
+        """Start the fleet, and measure until it is complete, or given up some seconds after the last order.
 
-    def component_pids(self) -> list[int]:
-        """Return the process ids of routers, status providers and discoverers."""
-        return [self[name].pid for name in self if not name.endswith(NODES)]
+        Returns:
+            One row per agent with the counter of the cell, and the reading of the meters by label.
+
+        Raises:
+            ProcessFailedError: A process failed.
+        """
+        ingress = Ingress([self._testbed.meter(host) for host in self.hosts])
+        pids = {
+            "nodes": partial(self.pids, nodes=True),
+            "components": partial(self.pids, nodes=False),
+        }
+        window = Window(cpu=pids, interfaces={})
+        ingress.read()
+        window.sample(time.time_ns())
+        begin_ns = time.time_ns()
+        async with beside(ingress.run()):
+            ordered_ns, resolved_ns = await self.discover(timeout_s)
+        self.check()
+        ingress.read()
+        given_up_ns = time.time_ns()
+        meters = {row.label: row for row in window.sample(given_up_ns)}
+        rows = []
+        for host, at_ns in enumerate(resolved_ns):
+            end_ns = given_up_ns if at_ns is None else at_ns
+            row = HostRow(
+                cell=cell,
+                host=host,
+                resolved_s=(end_ns - ordered_ns) / NS_PER_S,
+                censored=at_ns is None,
+                own_bytes=ingress.between(host, begin_ns, end_ns),
+            )
+            rows.append(row)
+        return rows, meters
 
     async def discover(self, timeout_s: float) -> tuple[int, list[int | None]]:
         """Order all starts, and wait until each agent has discovered its peers.
@@ -185,9 +164,6 @@ class LiveFleet(ProcessGroup):
         Returns:
             Time of the last order, and the time at which each agent was complete, ns since the epoch;
             None for an agent that was not complete in time.
-
-        Raises:
-            ProcessFailedError: A process failed.
         """
         orders_ns, starts = [], []
         begin_s = time.monotonic()
@@ -218,22 +194,14 @@ class LiveFleet(ProcessGroup):
         nodes, *components = self._agents[host]
         with suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
-                if not components:
-                    report = await self[nodes.name].expect("resolved", timeout_s=None)
-                    return int(report["t_ns"])
-                return await self._wait_routed([member.name for member in components])
+                if components:
+                    return await self._announced(components[-1].name)
+                report = await self[nodes.name].expect("resolved", timeout_s=None)
+                return int(report["t_ns"])
         return None
 
-    async def _wait_routed(self, components: list[str]) -> int:
-        """Return the time at which the discoverer had announced each peer; a component's failure is raised."""
-        *others, discoverer = components
-        if self._is_launched:  # all were ready before
-            return await self._announced(discoverer)
-        ready = self.expect("ready", others, timeout_s=None)
-        announced_ns, _ = await asyncio.gather(self._announced(discoverer), ready)
-        return announced_ns
-
     async def _announced(self, discoverer: str) -> int:
+        """Return the time at which a discoverer had announced each peer."""
         found: set[str] = set()
         while True:
             event = await self[discoverer].expect("event", timeout_s=None)

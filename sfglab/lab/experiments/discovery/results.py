@@ -23,11 +23,11 @@ from sfglab.lab.experiments.discovery.experiment import (
     Config,
     exp,
 )
-from sfglab.lab.experiments.discovery.simulated import ENDPOINTS_PER_NODE, MOST_AGENTS
+from sfglab.lab.experiments.discovery.simulated import ENDPOINTS_PER_NODE
 from sfglab.lab.figures import default_sidecar, note, series
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.stats import Estimate, Floats, bootstrap, rounded
+from sfglab.lab.stats import Estimate, Floats, bootstrap
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,13 +41,8 @@ PAPERS_LARGEST = 6  #: Number of agents that the claims are about.
 SLOWER = "at two thirds of the pace"
 NAMES = {STANDARD: "plain ROS 2", LAUNCHED: "paper's method", ROUTED: "sfglab variant"}
 """Name for readers by live mode."""
-SIMULATED_NAMES = {
-    STANDARD: NAMES[STANDARD],
-    QUERYING: NAMES[LAUNCHED],
-    PUBLISHING: NAMES[ROUTED],
-}
-"""Name for readers by simulated mode."""
 TIME, BYTES = "resolved_s", "own_bytes"
+STANDARD_MB = "MB at 6 agents, standard"  #: Key of the paper's bytes of the standard fleet.
 
 
 # --- Fleets -----------------------------------------------------------------------------------
@@ -66,22 +61,15 @@ def agents_of(run: Run[Config]) -> pd.DataFrame:
 
 @derived
 def main_nodes(run: Run[Config]) -> int:
-    """Return the number of nodes per agent with which standard and routed fleets were measured.
-
-    If there are several such numbers, it is the largest; if there is none, the largest of all.
-    """
-    table = agents_of(run)
-    is_standard = table["mode"] == STANDARD
-    standard: set[int] = set(table.loc[is_standard, "nodes"].tolist())
-    routed: set[int] = set(table.loc[~is_standard, "nodes"].tolist())
-    return max((standard & routed) or (standard | routed))
+    """Return the largest number of nodes per agent, with which the methods are compared."""
+    return int(agents_of(run)["nodes"].max())
 
 
 @derived
 def main_fleets(run: Run[Config]) -> pd.DataFrame:
-    """Return the rows of `agents_of` of fleets with `main_nodes`."""
+    """Return the rows of `agents_of` of fleets with the most nodes per agent."""
     table = agents_of(run)
-    return table[table["nodes"] == main_nodes(run)] if len(table) else table
+    return table[table["nodes"] == table["nodes"].max()]
 
 
 def samples(rows: pd.DataFrame, column: str) -> Floats:
@@ -100,62 +88,28 @@ def by_pace(run: Run[Config], mode: str, agents: int, column: str) -> list[Float
 def by_nodes(run: Run[Config]) -> list[Few]:
     """Return what agents of standard fleets with fewer nodes received, by their number of nodes."""
     table = agents_of(run)
-    table = table[(table["mode"] == STANDARD) & (table["agents"] == PAPERS_LARGEST)]
-    few: Any = table[table["nodes"] < main_nodes(run)].groupby("nodes")
+    of_size = table[(table["mode"] == STANDARD) & (table["agents"] == PAPERS_LARGEST)]
+    few: Any = of_size[of_size["nodes"] < table["nodes"].max()].groupby("nodes")
     return [(int(nodes), samples(rows, BYTES)) for nodes, rows in few]
 
 
 def fleet_table(run: Run[Config]) -> pd.DataFrame:
     """Return medians over agents and fleets, and busy cores, by method, size, nodes and pace."""
-    table = agents_of(run)
-    modes = pd.CategoricalDtype([*NAMES.values()], ordered=True)
-    table = table.assign(mode=table["mode"].map(NAMES).astype(modes))
-    names = {
-        "mode": "method",
-        "agents": "agents",
-        "nodes": "nodes per agent",
-        "pace_s": "time between starts (s)",
-    }
-    table = table.rename(columns=names)
-    agents = table.groupby([*names.values()], observed=True)
-    fleets = table.drop_duplicates("cell").groupby([*names.values()], observed=True)
+    table = agents_of(run).rename(
+        columns={"nodes": "nodes per agent", "pace_s": "time between starts (s)"}
+    )
+    table = table.assign(method=table["mode"].map(NAMES))
+    by = ["method", "agents", "nodes per agent", "time between starts (s)"]
+    agents, fleets = table.groupby(by), table.drop_duplicates("cell").groupby(by)
     columns = {
         "starts of the fleet": fleets.size(),
         "agents given up": agents["censored"].sum(),
         "discovery time, median (s)": agents[TIME].median(),
-        "lowest (s)": agents[TIME].min(),
-        "highest (s)": agents[TIME].max(),
         "received per agent, median (kB)": agents[BYTES].median() / 1e3,
         "CPU time of the fleet (s)": fleets["cpu_s"].median(),
         "cores busy, mean": fleets["cpu_s"].sum() / fleets["window_s"].sum(),
     }
     return pd.DataFrame(columns).reset_index()
-
-
-def extrapolation(run: Run[Config]) -> pd.DataFrame:
-    """Return received bytes of the paper's largest fleet with plain ROS 2, measured and extrapolated.
-
-    The claims use the first extrapolation.
-    """
-    known = medians_of(by_nodes(run)) if len(agents_of(run)) else []
-    rows = [(nodes, received / 1e6, "measured") for nodes, received in known]
-    for less, more in pairwise(known):
-        received = at_nodes(main_nodes(run), less, more)
-        origin = f"extrapolated from {less[0]} and {more[0]} nodes"
-        rows.append((main_nodes(run), received / 1e6, origin))
-    return pd.DataFrame(rows, columns=["nodes per agent", "received per agent (MB)", "origin"])
-
-
-def simulated_table(run: Run[Config]) -> pd.DataFrame:
-    """Return the median discovery time of simulated fleets, s, by number of agents and method.
-
-    The log of an earlier version also has larger fleets, which were computed.
-    """
-    table = run["simulated"]
-    table = table[table["agents"] <= table["mode"].map(MOST_AGENTS)]
-    wide = table.pivot_table(TIME, "agents", "mode", aggfunc="median")
-    columns = [mode for mode in SIMULATED_NAMES if mode in wide]
-    return wide[columns].rename(columns=SIMULATED_NAMES).reset_index()
 
 
 def endpoints(mode: str, agents: Any, nodes: int) -> Any:
@@ -184,16 +138,17 @@ def draws(table: Floats) -> Floats:
     return table if len(table) > 1 else table.reshape(-1, 1)
 
 
-def medians_of(few: Sequence[Few]) -> list[tuple[int, float]]:
-    """Return numbers of nodes with the median of the bytes."""
-    return [(nodes, float(np.median(received))) for nodes, received in few]
-
-
 def at_nodes(wanted: int, less: tuple[int, float], more: tuple[int, float]) -> float:
     """Return the bytes of agents with a number of nodes; bytes per node are on the line through two known ones."""
     (few, low), (many, high) = less, more
     slope = (high / many - low / few) / (many - few)
     return wanted * (low / few + slope * (wanted - few))
+
+
+def standard_bytes(run: Run[Config]) -> float:
+    """Return the bytes of agents of the paper's largest standard fleet by those with the fewest nodes."""
+    known = [(nodes, float(np.median(received))) for nodes, received in by_nodes(run)[:2]]
+    return at_nodes(main_nodes(run), *known)
 
 
 def fewer_bytes(less: Few, more: Few, wanted: int, routed: Floats) -> Estimate:
@@ -207,9 +162,10 @@ def fewer_bytes(less: Few, more: Few, wanted: int, routed: Floats) -> Estimate:
     return bootstrap(groups, orders, unit="orders of magnitude fewer bytes")
 
 
-def standard_bytes(run: Run[Config]) -> float:
-    """Return the bytes of agents of the paper's largest standard fleet by those with the fewest nodes."""
-    return at_nodes(main_nodes(run), *medians_of(by_nodes(run)[:2]))
+def median_time(table: Floats) -> Estimate:
+    """Estimate the median discovery time of fleets of the paper's largest size."""
+    unit = f"s at {PAPERS_LARGEST} agents"
+    return bootstrap([draws(table)], lambda drawn: float(np.median(drawn[0])), unit=unit)
 
 
 def time_of(run: Run[Config], mode: str) -> Finding | None:
@@ -217,17 +173,11 @@ def time_of(run: Run[Config], mode: str) -> Finding | None:
     times = by_pace(run, mode, PAPERS_LARGEST, TIME)
     if not times:
         return None
-    estimates = []
-    for each in times:
-        unit = f"s at {PAPERS_LARGEST} agents"
-        estimates.append(bootstrap([draws(each)], lambda drawn: np.median(drawn[0]), unit=unit))
-    ends = {}
-    if few := by_pace(run, mode, 2, TIME):
-        few_s = float(np.median(few[0]))
-        ends["s at 2 agents"] = few_s
-        ends["times as long at 6 agents as at 2"] = estimates[0].value / few_s
-    agents = main_fleets(run).query("agents == 6 and pace_s > 0")
-    agents = agents[agents["mode"] == mode]
+    estimates = [median_time(each) for each in times]
+    few_s = float(np.median(by_pace(run, mode, 2, TIME)[0]))
+    table = main_fleets(run)
+    paced = table[(table["agents"] == PAPERS_LARGEST) & (table["pace_s"] > 0)]
+    agents = paced[paced["mode"] == mode]
     cpu_s = agents.drop_duplicates("cell")["cpu_s"].median() / PAPERS_LARGEST
     reason = (
         f"starting one agent takes {cpu_s:.1f} s of CPU on this machine, which all agents share"
@@ -239,7 +189,10 @@ def time_of(run: Run[Config], mode: str) -> Finding | None:
     return Finding(
         estimate=estimates[0],
         under=dict(zip([SLOWER], estimates[1:], strict=False)),
-        ends=ends,
+        ends={
+            "s at 2 agents": few_s,
+            "times as long at 6 agents as at 2": estimates[0].value / few_s,
+        },
         reason=reason,
     )
 
@@ -247,10 +200,8 @@ def time_of(run: Run[Config], mode: str) -> Finding | None:
 def bytes_of(run: Run[Config], mode: str) -> Finding | None:
     """Return how much less an agent receives than in the standard fleet; None without such fleets."""
     routed = by_pace(run, mode, PAPERS_LARGEST, BYTES)
-    if not routed:
-        return None
     few = by_nodes(run)
-    if len(few) < 2:
+    if not routed or len(few) < 2:
         return None
     wanted = main_nodes(run)
     under = {}
@@ -259,14 +210,12 @@ def bytes_of(run: Run[Config], mode: str) -> Finding | None:
     for name, received in zip([SLOWER], routed[1:], strict=False):
         under[name] = fewer_bytes(few[0], few[1], wanted, received)
     own_kb, standard_mb = float(np.median(routed[0])) / 1e3, standard_bytes(run) / 1e6
-    paper_mb = paper("A-DISC-BYTES", "MB at 6 agents, standard")
-    paper_kb = 1e3 * paper_mb / 10 ** paper("A-DISC-BYTES")
     return Finding(
         estimate=fewer_bytes(few[0], few[1], wanted, routed[0]),
         under=under,
         ends={"MB received by standard": standard_mb},
-        reason=f"with routers an agent receives {own_kb:.0f} kB (paper: about {paper_kb:.0f} kB), with "
-        f"plain ROS 2 {standard_mb:.0f} MB, extrapolated (paper: {paper_mb} MB)",
+        reason=f"with routers an agent receives {own_kb:.0f} kB, with plain ROS 2 {standard_mb:.0f} MB, "
+        f"extrapolated (paper: {paper('A-DISC-BYTES', STANDARD_MB)} MB)",
     )
 
 
@@ -313,32 +262,40 @@ def drawn_fleets(run: Run[Config]) -> pd.DataFrame:
 @exp.figure("discovery_fleet", size=(10, 5), when=lambda run: not run["cell"].empty)
 def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the discovery time and received bytes of each agent of the live fleets, and the paper's values."""
+    fleets = drawn_fleets(run)
     time_axes, bytes_axes = figure.subplots(1, 2)
-    draw_agents(time_axes, drawn_fleets(run), TIME, "s")
-    draw_agents(bytes_axes, drawn_fleets(run), BYTES, "B")
+    draw_agents(time_axes, fleets, TIME, "s")
+    draw_agents(bytes_axes, fleets, BYTES, "B")
     time_axes.set_ylabel("discovery time per agent (s)")
     bytes_axes.set_ylabel("received per agent during discovery")
-    standard_bytes = 1e6 * paper("A-DISC-BYTES", "MB at 6 agents, standard")
+    standard = 1e6 * paper("A-DISC-BYTES", STANDARD_MB)
     stars = (
         (time_axes, STANDARD, PAPERS_LARGEST, paper("A-DISC-TIME", "s at 6 agents, standard")),
         (time_axes, LAUNCHED, 2, paper("A-DISC-TIME", "s at 2 agents")),
         (time_axes, LAUNCHED, PAPERS_LARGEST, paper("A-DISC-TIME")),
-        (bytes_axes, STANDARD, PAPERS_LARGEST, standard_bytes),
-        (bytes_axes, LAUNCHED, PAPERS_LARGEST, standard_bytes / 10 ** paper("A-DISC-BYTES")),
+        (bytes_axes, STANDARD, PAPERS_LARGEST, standard),
+        (bytes_axes, LAUNCHED, PAPERS_LARGEST, standard / 10 ** paper("A-DISC-BYTES")),
     )
     for axes, mode, agents, value in stars:
         axes.plot(agents, value, color=STYLES[mode]["color"], **_STAR)
     time_axes.plot([], [], color="black", label="paper A, Fig. 9", **_STAR)
-    if len(by_nodes(run)) > 1:
-        draw_extrapolated(bytes_axes, run)
     time_axes.legend(loc="upper left")
-    figure.suptitle(fleet_title(run))
+    title = "Discovery in small live fleets"
+    findings = {mode: bytes_of(run, mode) for mode in (ROUTED, LAUNCHED)}
+    saved = []
+    for mode, finding in findings.items():
+        if finding is not None:
+            saved.append(f"{float(f'{10**finding.estimate.value:.2g}'):g} times ({NAMES[mode]})")
+    if saved:
+        draw_extrapolated(bytes_axes, run)
+        title = f"Six agents receive {' and '.join(saved)} fewer bytes than with plain ROS 2"
+    figure.suptitle(title)
     started = "plain ROS 2 started at once, the others agent after agent"
-    text = (
-        f"live, {main_nodes(run)} nodes per agent; {started}; one marker per agent; bars: medians"
+    note(
+        figure,
+        f"live, {main_nodes(run)} nodes per agent; {started}; one marker per agent; bars: medians",
     )
-    note(figure, text)
-    return {**default_sidecar(run), "repetitions": int(drawn_fleets(run)["repeat"].nunique())}
+    return {**default_sidecar(run), "repetitions": int(fleets["repeat"].nunique())}
 
 
 def draw_agents(axes: Axes, table: pd.DataFrame, column: str, unit: str) -> None:
@@ -351,8 +308,7 @@ def draw_agents(axes: Axes, table: pd.DataFrame, column: str, unit: str) -> None
         axes.plot(places, rows[column], linestyle="", markersize=4, label=NAMES[mode], **style)
         medians = rows.groupby(places)[column].median()
         axes.plot(medians, "_", color=style["color"], markersize=11, markeredgewidth=2)
-    sizes = sorted(table["agents"].unique())
-    axes.set_xticks(sizes, [str(size) for size in sizes])
+    axes.set_xticks(sorted(table["agents"].unique()))
     axes.set(xlabel="number of agents", yscale="log")
     axes.yaxis.set_major_formatter(EngFormatter(unit=unit))
     axes.yaxis.set_minor_locator(NullLocator())
@@ -368,21 +324,9 @@ def draw_extrapolated(axes: Axes, run: Run[Config]) -> None:
     axes.annotate(text, (place, whole), (-8, 0), fontsize=9, **side)
 
 
-def fleet_title(run: Run[Config]) -> str:
-    """Return how much less the agents of the paper's largest fleet receive than with plain ROS 2."""
-    saved = []
-    for mode in (ROUTED, LAUNCHED):
-        finding = bytes_of(run, mode)
-        if finding is not None:
-            factor = rounded(float(f"{10**finding.estimate.value:.2g}"))
-            saved.append(f"{factor} times ({NAMES[mode]})")
-    if not saved:
-        return "Discovery in small live fleets"
-    return f"Six agents receive {' and '.join(saved)} fewer bytes than with plain ROS 2"
-
-
 LARGEST = 1000  #: Number of agents up to which the formula is drawn.
-SCALE_STYLES = {STANDARD: STYLES[STANDARD], QUERYING: STYLES[LAUNCHED], PUBLISHING: STYLES[ROUTED]}
+#: Style and name for readers by simulated mode; standard fleets are not simulated.
+SCALES = {STANDARD: STANDARD, QUERYING: LAUNCHED, PUBLISHING: ROUTED}
 
 
 @exp.figure("discovery_scale", size=(7, 4.4))
@@ -392,13 +336,15 @@ def draw_scale(figure: Figure, run: Run[Config]) -> None:
     table = run["simulated"]
     nodes = int((table["talkers"] + table["listeners"]).max())
     many = np.geomspace(2, LARGEST, 60)
-    for mode, style in SCALE_STYLES.items():
-        axes.plot(
-            many, endpoints(mode, many, nodes), label=SIMULATED_NAMES[mode], color=style["color"]
-        )
-        if "endpoints" in table:
+    text = f"lines: formula for {nodes} nodes per agent"
+    # The committed log is from before the endpoints were counted.
+    is_counted = "endpoints" in table
+    for mode, method in SCALES.items():
+        color = STYLES[method]["color"]
+        axes.plot(many, endpoints(mode, many, nodes), label=NAMES[method], color=color)
+        if is_counted:
             counted = table[table["mode"] == mode].groupby("agents")["endpoints"].max()
-            axes.plot(counted, style["marker"], color=style["color"], markersize=6)
+            axes.plot(counted, STYLES[method]["marker"], color=color, markersize=6)
     axes.set(xscale="log", yscale="log", xlabel="number of agents")
     axes.set_ylabel("endpoints in the global domain")
     axes.set_xticks([2, 6, 25, 100, LARGEST], ["2", "6", "25", "100", f"{LARGEST:,}"])
@@ -408,5 +354,4 @@ def draw_scale(figure: Figure, run: Run[Config]) -> None:
         f"Queries, not routers, cause the quadratic growth: {querying:,} endpoints at\n"
         f"{LARGEST:,} agents, and {publishing:,} where descriptions are published"
     )
-    text = f"lines: formula for {nodes} nodes per agent"
-    note(figure, f"{text}; markers: simulated" if "endpoints" in table else text)
+    note(figure, f"{text}; markers: simulated" if is_counted else text)

@@ -9,7 +9,6 @@ from sfglab.lab.experiments.lifecycle import live  # noqa: F401 - declares its p
 from sfglab.lab.experiments.lifecycle.experiment import exp
 from sfglab.lab.experiments.lifecycle.results import (
     heartbeat_checks,
-    heartbeat_table,
     intervals,
     press_lifecycle,
     press_states,
@@ -19,7 +18,6 @@ from sfglab.lab.experiments.lifecycle.results import (
 __all__ = [
     "exp",
     "heartbeat_checks",
-    "heartbeat_table",
     "intervals",
     "press_lifecycle",
     "press_states",

@@ -46,13 +46,6 @@ class Config(Profiled):
     attempts: int = 3
     seed: int = 0  #: Without effect; nothing is random.
 
-    @property
-    def at_paper_periods(self) -> bool:
-        """Whether heartbeats have the paper's periods of 1 s and 5 s."""
-        paper = Schedule()
-        own = (self.schedule.startup_period_s, self.schedule.steady_period_s)
-        return own == (paper.startup_period_s, paper.steady_period_s)
-
 
 exp = Experiment(
     "lifecycle",

@@ -61,19 +61,19 @@ CALL_S = 10.0  #: Time limit of a call of a metadata service, s.
 LONG_S = 30.0  #: Announced period of a made-up agent whose silence must not be noticed, s.
 _PEER = "sfglab.lab.workers.peer"
 _IDLE = "sfglab.lab.workers.idle"
-Step = tuple[State, Input]
+_ROUTER = "sfglab.fleet.router.node"
 
 
 class Stage(ProcessGroup):
     """Processes whose reports go into the log."""
 
-    def __init__(self, bench: Bench[Config], *members: Member) -> None:
-        super().__init__(members, wrap_command=bench.testbed.argv, on_report=self._take)
+    def __init__(self, bench: Bench[Config]) -> None:
+        super().__init__(wrap_command=bench.testbed.argv, on_report=self._take)
         self.bench = bench  #: Context of the run.
         #: Number of heartbeats of the steady state that ``first`` received, by agent.
         self.steady: Counter[str] = Counter()
-        self.moves: defaultdict[str, list[Step]] = defaultdict(list)  #: Transitions by agent.
-        self.states: dict[str, State] = {}  #: Last state by agent.
+        self.moves: defaultdict[str, list[Input]] = defaultdict(list)  #: Inputs by agent.
+        self.taken: set[tuple[State, Input]] = set()  #: Transitions that were taken.
         self._changed = asyncio.Event()
 
     def address(self, host: str) -> BusAddress:
@@ -110,26 +110,20 @@ class Stage(ProcessGroup):
         except TimeoutError:
             raise ProcessFailedError(f"{what}: not within {timeout_s:g} s") from None
 
-    def taken(self) -> set[Step]:
-        """Return the transitions that were taken."""
-        return set().union(*self.moves.values())
-
     def _take(self, name: str, report: Report) -> None:
         match report["is"]:
             case "heard":
                 self._record(name, report)
             case "move":
-                self._move(name, report)
+                own = {"discoverer": name, "actions": ";".join(report["actions"])}
+                move = as_row(MoveRow, own, report)
+                self.bench.write(move, at_ns=move.t_ns)
+                given = Input[move.given]
+                self.moves[move.agent].append(given)
+                self.taken.add((State[move.before], given))
             case "asked":
                 self.bench.write(as_row(QueryRow, {}, report), at_ns=report["t_ns"])
         self._changed.set()
-
-    def _move(self, discoverer: str, report: Report) -> None:
-        own = {"discoverer": discoverer, "actions": ";".join(report["actions"])}
-        row = as_row(MoveRow, own, report)
-        self.bench.write(row, at_ns=row.t_ns)
-        self.moves[row.agent].append((State[row.before], Input[row.given]))
-        self.states[row.agent] = State[row.after]
 
     def _record(self, listener: str, report: Report) -> None:
         """Record a message of a listener; those of ``first`` go into the log as they are."""
@@ -168,7 +162,9 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
         routers, providers = [], []
         for domain_id, agent in enumerate(agents, start=FIRST_LOCAL_DOMAIN):
             local = BusAddress(domain_id=domain_id, interface="lo")
-            routers.append(router(agent, local, shared))
+            router = RouterConfig(agent=agent, local=local, remote=shared)
+            name = f"router of {agent}"
+            routers.append(Member(name=name, host=ROBOT, module=_ROUTER, config=router))
             providers.append(status_provider(agent, config.schedule, local))
         await stage.start(*routers)
         await stage.start(*providers)
@@ -180,13 +176,6 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
         await call_services(stage, agents)
         bench.advance("steady state")
         await steady_beats(stage, config.steady_beats + 1)
-
-
-def router(agent: str, local: BusAddress, remote: BusAddress) -> Member:
-    """Return the router of an agent."""
-    config = RouterConfig(agent=agent, local=local, remote=remote)
-    module = "sfglab.fleet.router.node"
-    return Member(name=f"router of {agent}", host=ROBOT, module=module, config=config)
 
 
 async def steady_beats(stage: Stage, count: int) -> None:
@@ -250,56 +239,40 @@ async def lead_discoverer(bench: Bench[Config]) -> None:
         await overfill(stage)
 
 
-class Track:
-    """The transitions of one agent, read on from the last one that was waited for."""
+class Agent:
+    """A remote agent, followed through its transitions; a made-up one is also told what to do."""
 
-    def __init__(self, agent: str, stage: Stage) -> None:
-        self.agent = agent  #: Name of the agent.
-        self.stage = stage  #: Processes of the part.
-        self._read = 0
-
-    async def sees(self, *given: Input, before: State | None = None) -> None:
-        """Wait for a transition with one of some inputs, from a state if one is given."""
-        moves = self.stage.moves[self.agent]
-
-        def place() -> int:
-            """Return how many transitions there are up to that one; 0: there is none."""
-            for number in range(self._read, len(moves)):
-                state, taken = moves[number]
-                if taken in given and before in (None, state):
-                    return number + 1
-            return 0
-
-        names = " or ".join(each.name for each in given)
-        await self.stage.until(f"{self.agent}: {names}", lambda: place() > 0)
-        self._read = place()
-
-    async def reaches(self, state: State) -> None:
-        """Wait until the agent is in a state."""
-        what = f"{self.agent}: {state.name}"
-        await self.stage.until(what, lambda: self.stage.states.get(self.agent) is state)
-        self._read = len(self.stage.moves[self.agent])
-
-
-class Puppet(Track):
-    """A made-up agent."""
-
-    def __init__(self, agent: str, stage: Stage) -> None:
-        super().__init__(agent, stage)
+    def __init__(self, name: str, stage: Stage) -> None:
+        self.name = name  #: Name of the agent.
+        self._stage = stage
+        self._read = 0  # number of its transitions up to the last one that was waited for
         self._incarnation = 1000
         self._revision = 1
 
+    async def sees(self, *given: Input) -> None:
+        """Wait for a transition with one of some inputs."""
+        moves = self._stage.moves[self.name]
+        names = " or ".join(each.name for each in given)
+
+        def is_taken() -> bool:
+            return not set(given).isdisjoint(moves[self._read :])
+
+        await self._stage.until(f"{self.name}: {names}", is_taken)
+        while moves[self._read] not in given:
+            self._read += 1
+        self._read += 1
+
     def mode(self, mode: str) -> None:
         """Set how it answers from now on."""
-        self.stage[MADE_UP].order(do="mode", agent=self.agent, mode=mode)
+        self._stage[MADE_UP].order(do="mode", agent=self.name, mode=mode)
 
     def beat(self, given: Input = Input.HEARD, *, period_s: float = LONG_S) -> None:
         """Send a heartbeat that is an input for the discoverer: plain, a change or a restart."""
         self._revision += given is Input.CHANGED
         self._incarnation += given is Input.RESTARTED
-        self.stage[MADE_UP].order(
+        self._stage[MADE_UP].order(
             do="beat",
-            agent=self.agent,
+            agent=self.name,
             incarnation=self._incarnation,
             revision=self._revision,
             period_s=period_s,
@@ -320,9 +293,8 @@ class Puppet(Track):
         """Bring the agent to a row of the table: what local consumers were told about it."""
         if announced is Announced.NOTHING:
             return
-        self.mode("answer")
-        await self.beats(Input.HEARD)
-        await self.reaches(State.ACTIVE)
+        await self.is_queried(Announced.NOTHING, "answer")
+        await self.sees(Input.ANSWERED)
         if announced is Announced.LOST:
             await self.falls_silent()
 
@@ -332,7 +304,7 @@ class Puppet(Track):
         await self.beats(Input.HEARD if announced is Announced.NOTHING else Input.CHANGED)
 
 
-async def whole_row(puppet: Puppet, announced: Announced) -> None:
+async def whole_row(puppet: Agent, announced: Announced) -> None:
     """Visit the three states of a row."""
     await puppet.is_queried(announced, "mute")
     await puppet.beats(Input.HEARD, Input.CHANGED, Input.RESTARTED)
@@ -346,26 +318,26 @@ async def whole_row(puppet: Puppet, announced: Announced) -> None:
     await puppet.sees(Input.ANSWERED if is_new else Input.ANSWERED_ANEW)
 
 
-async def same_start_answers(puppet: Puppet, announced: Announced) -> None:
+async def same_start_answers(puppet: Agent, announced: Announced) -> None:
     """Answer a query at once."""
     await puppet.is_queried(announced, "answer")
     await puppet.sees(Input.ANSWERED)
 
 
-async def silent_when_queried(puppet: Puppet, announced: Announced) -> None:
+async def silent_when_queried(puppet: Agent, announced: Announced) -> None:
     """Fall silent during a query."""
     await puppet.is_queried(announced, "mute")
     await puppet.falls_silent()
 
 
-async def silent_after_failure(puppet: Puppet, announced: Announced) -> None:
+async def silent_after_failure(puppet: Agent, announced: Announced) -> None:
     """Fall silent after an answer that came too late."""
     await puppet.is_queried(announced, "late")
     await puppet.sees(Input.FAILED)
     await puppet.falls_silent()
 
 
-async def comes_and_goes(puppet: Puppet, _: Announced) -> None:
+async def comes_and_goes(puppet: Agent, _: Announced) -> None:
     """Restart, fall silent and return, and at last stay away."""
     await puppet.beats(Input.HEARD, Input.RESTARTED)
     await puppet.sees(Input.ANSWERED_ANEW)
@@ -391,19 +363,19 @@ FULL_TABLE = (State.BACKING_OFF, Input.EXPIRED)
 async def play_scripts(stage: Stage) -> None:
     """Play all scripts at once, and again while a transition is missing."""
 
-    async def play(puppet: Puppet, script: Any, announced: Announced) -> None:
+    async def play(puppet: Agent, script: Any, announced: Announced) -> None:
         await puppet.is_announced(announced)
         await script(puppet, announced)
 
     for attempt in range(stage.bench.config.attempts):
         plays = []
         for number, (script, announced) in enumerate(SCRIPTS):
-            puppet = Puppet(f"puppet{number}_{attempt}", stage)
+            puppet = Agent(f"puppet{number}_{attempt}", stage)
             plays.append(play(puppet, script, announced))
         for outcome in await asyncio.gather(*plays, return_exceptions=True):
             if isinstance(outcome, BaseException) and not isinstance(outcome, ProcessFailedError):
                 raise outcome
-        if TRANSITIONS.keys() - stage.taken() <= {FULL_TABLE}:
+        if TRANSITIONS.keys() - stage.taken <= {FULL_TABLE}:
             return
 
 
@@ -412,7 +384,7 @@ async def walk(stage: Stage) -> None:
     period_s = stage.bench.config.walker_period_s
     schedule = Schedule(startup_period_s=period_s, steady_period_s=period_s, startup_s=0)
     member = status_provider(WALKER, schedule, stage.address(ROBOT))
-    track = Track(WALKER, stage)
+    track = Agent(WALKER, stage)
     await stage.start(member)
     await track.sees(Input.ANSWERED)
     stage[WALKER].order(description={"software": ["changed at run time"]})
@@ -420,11 +392,11 @@ async def walk(stage: Stage) -> None:
     stage[WALKER].signal(signal.SIGSTOP)
     await track.sees(Input.SILENT)
     stage[WALKER].signal(signal.SIGCONT)
-    await track.sees(Input.HEARD, before=State.LOST)
+    await track.sees(Input.HEARD)
     for waits in (False, True):
         await stage.kill(WALKER)
         if waits:
-            await track.reaches(State.LOST)
+            await track.sees(Input.SILENT)
         await stage.start(member)
         # On a machine that stalls, the agent may have been forgotten before it is back.
         await track.sees(Input.ANSWERED_ANEW, Input.ANSWERED)
@@ -435,9 +407,9 @@ async def walk(stage: Stage) -> None:
 async def overfill(stage: Stage) -> None:
     """Let agents that refuse to answer come until one of them loses its place in the table."""
     for number in range(2 * PLACES):
-        if FULL_TABLE in stage.taken():
+        if FULL_TABLE in stage.taken:
             return
-        puppet = Puppet(f"refusing{number}", stage)
+        puppet = Agent(f"refusing{number}", stage)
         await puppet.is_queried(Announced.NOTHING, "refuse")
         await puppet.sees(Input.FAILED)
     raise ProcessFailedError("no agent lost its place in the full table")

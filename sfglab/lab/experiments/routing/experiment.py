@@ -97,12 +97,7 @@ class HeardRow(TableRow):
     source_domain: int  #: DDS domain of the publishing party.
     hearer_domain: int  #: DDS domain of the subscribing party.
     sent: int  #: Messages that the source published.
-    received: int  #: Messages that arrived, repeated ones counted again.
-    repeated: int  #: Messages that arrived more than once.
-    disordered: int  #: Messages that arrived after a later one.
-    restamped: int  #: Messages whose source time stamp is not the publisher's.
-    missing: int  #: Messages missing between the first and the last that arrived.
-    misnamed: int  #: Transforms whose frame does not bear its source's prefix.
+    received: int  #: Messages that arrived.
 
 
 @exp.table("endpoint")
@@ -125,15 +120,6 @@ class CallRow(TableRow):
     caller_domain: int  #: DDS domain of the calling party.
     server_domain: int  #: DDS domain of the serving party.
     answered: bool  #: Whether an answer of that server came.
-
-
-@exp.table("latched")
-class LatchedRow(TableRow):
-    """Static transforms that a late subscriber received from a party that had published once."""
-
-    source: str  #: Party that publishes.
-    hearer: str  #: Party that subscribes late.
-    received: int  #: Messages that arrived.
 
 
 @exp.part("policy", timed=False)

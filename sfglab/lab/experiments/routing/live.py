@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
+from itertools import permutations, product
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
@@ -18,7 +19,6 @@ from sfglab.lab.experiments.routing.experiment import (
     Config,
     EndpointRow,
     HeardRow,
-    LatchedRow,
     PartyRow,
     exp,
     may_cross,
@@ -39,10 +39,8 @@ STRING = "std_msgs/msg/String"
 DEEP = "/global/deeper/than/the/schema/goes/x"
 """Crosses by ``rt/global/*``, whose ``*`` stands for slashes too."""
 ANSWER_S = 90.0  #: Longest time until a report comes.
-LATE_S = 5.0  #: Time of a late subscriber for static transforms, s.
 PATIENCE_S = 15.0  #: Longest wait for messages that may cross, s.
 POLL_S = 0.5  #: Time between two looks at what was heard.
-_COUNTS = ("received", "repeated", "disordered", "restamped", "missing", "misnamed")
 _ROUTER = "sfglab.fleet.router.node"
 _PEER = "sfglab.lab.workers.peer"
 
@@ -56,6 +54,11 @@ class Topic:
     publishers: tuple[str, ...]  #: Parties that publish it.
     subscribers: tuple[str, ...]  #: Parties that subscribe it.
     latched: bool = False  #: Published once, transient local.
+
+    def passages(self) -> Iterator[tuple[str, str, str]]:
+        """Yield its subscribers with its name and each publisher."""
+        for source, hearer in product(self.publishers, self.subscribers):
+            yield hearer, self.name, source
 
 
 def topics(agents: Sequence[str], others: Sequence[str], *, busy: int) -> Iterator[Topic]:
@@ -96,31 +99,27 @@ class Fleet(ProcessGroup):
 
     def __init__(self, config: Config, testbed: Testbed) -> None:
         self.parties = parties_of(config.agents)  #: All parties.
-        self._testbed = testbed
-        self._rate_hz = config.rate_hz
-        agents = [party for party in self.parties if party.domain != GLOBAL_DOMAIN]
-        names = [agent.party for agent in agents]
-        self.topics = tuple(topics(names, OTHERS, busy=config.busy))  #: Topics of all parties.
-        routers = [self._router(agent) for agent in agents]
-        peers = [self._peer(party) for party in self.parties]
+        agents = [party.party for party in self.parties if party.domain != GLOBAL_DOMAIN]
+        self.topics = tuple(topics(agents, OTHERS, busy=config.busy))  #: Topics of all parties.
+        routers, peers = [], []
+        for party in self.parties:
+            interface = testbed.interface(party.host)
+            own = shared = BusAddress(domain_id=GLOBAL_DOMAIN, interface=interface)
+            if party.party in agents:
+                own = BusAddress(domain_id=party.domain, interface="lo")
+                router = RouterConfig(agent=party.party, local=own, remote=shared)
+                name = f"router of {party.party}"
+                routers.append(Member(name=name, host=party.host, module=_ROUTER, config=router))
+            peer = PeerConfig(
+                name=party.party,
+                address=own,
+                behind_router=party.party in agents,
+                topics=tuple(self._uses(party.party)),
+                serves=service_names(party.party),
+                rate_hz=config.rate_hz,
+            )
+            peers.append(Member(name=party.party, host=party.host, module=_PEER, config=peer))
         super().__init__((*routers, *peers), wrap_command=testbed.argv)
-
-    def _router(self, agent: PartyRow) -> Member:
-        config = RouterConfig(agent=agent.party, local=_local(agent), remote=self._global(agent))
-        name = f"router of {agent.party}"
-        return Member(name=name, host=agent.host, module=_ROUTER, config=config)
-
-    def _peer(self, party: PartyRow) -> Member:
-        is_behind = party.domain != GLOBAL_DOMAIN
-        config = PeerConfig(
-            name=party.party,
-            address=_local(party) if is_behind else self._global(party),
-            behind_router=is_behind,
-            topics=tuple(self._uses(party.party)),
-            serves=service_names(party.party),
-            rate_hz=self._rate_hz,
-        )
-        return Member(name=party.party, host=party.host, module=_PEER, config=config)
 
     def _uses(self, party: str) -> Iterator[TopicUse]:
         for topic in self.topics:
@@ -133,10 +132,6 @@ class Fleet(ProcessGroup):
                     publish=publish,
                     subscribe=subscribe,
                 )
-
-    def _global(self, party: PartyRow) -> BusAddress:
-        interface = self._testbed.interface(party.host)
-        return BusAddress(domain_id=GLOBAL_DOMAIN, interface=interface)
 
     async def ask_all(self, answer: str, **order: Any) -> dict[str, Report]:
         """Give all parties the same order and return their reports by party."""
@@ -160,44 +155,32 @@ class Fleet(ProcessGroup):
         return {party: report["sent"] for party, report in reports.items()}
 
     def _is_all_heard(self, told: dict[str, Report]) -> bool:
-        heard = entries_heard(told)
-        for topic in self.topics:
-            if in_table_1(dds_topic(topic.name)):
-                for source in topic.publishers:
-                    for hearer in topic.subscribers:
-                        if (hearer, topic.name, source) not in heard:
-                            return False
-        return True
+        crossing = [topic for topic in self.topics if in_table_1(dds_topic(topic.name))]
+        wanted = {key for topic in crossing for key in topic.passages()}
+        return wanted <= messages_heard(told).keys()
 
 
-def _local(party: PartyRow) -> BusAddress:
-    return BusAddress(domain_id=party.domain, interface="lo")
-
-
-def entries_heard(told: dict[str, Report]) -> dict[tuple[str, str, str], Report]:
-    """Return what parties report to have heard, by hearer, ROS name and source."""
+def messages_heard(told: dict[str, Report]) -> dict[tuple[str, str, str], int]:
+    """Return how many messages parties report to have heard, by hearer, ROS name and source."""
     found = {}
     for hearer, report in told.items():
         for entry in report["heard"]:
-            found[hearer, entry["name"], entry["source"]] = entry
+            found[hearer, entry["name"], entry["source"]] = entry["received"]
     return found
 
 
 @exp.part("fleet", total=3)
 async def observe(bench: Bench[Config]) -> None:
-    """Let all parties publish, subscribe late, call services, and report what they heard."""
+    """Let all parties publish, subscribe, call services, and report what they heard."""
     config = bench.config
     async with Fleet(config, bench.testbed) as fleet:
         bench.write_all("party", fleet.parties)
         sent = await fleet.talk(config.seconds)
         bench.advance("talked")
-        count = len(fleet.parties)
-        late = await fleet.ask_all("late", do="late", expected=count, timeout_s=LATE_S)
         answers = await call_all(fleet, config.call_s)
         bench.advance("called")
         told = await fleet.ask_all("told", do="tell")
         bench.write_all("call", call_rows(fleet.parties, answers))
-        bench.write_all("latched", latched_rows(fleet.parties, late))
         bench.write_all("heard", heard_rows(fleet, sent, told))
         bench.write_all("endpoint", endpoint_rows(fleet.parties, told))
         bench.advance("told")
@@ -221,48 +204,34 @@ async def call_all(fleet: Fleet, call_s: float) -> dict[str, dict[str, str]]:
 
 def call_rows(parties: Sequence[PartyRow], answers: dict[str, dict[str, str]]) -> Iterator[CallRow]:
     """Yield one row for each caller and each service that another party offers."""
-    for caller in parties:
-        for server in parties:
-            if caller == server:
-                continue
-            for name in service_names(server.party):
-                yield CallRow(
-                    name=name,
-                    caller=caller.party,
-                    server=server.party,
-                    caller_domain=caller.domain,
-                    server_domain=server.domain,
-                    answered=answers[caller.party][name] == server.party,
-                )
-
-
-def latched_rows(parties: Sequence[PartyRow], late: dict[str, Report]) -> Iterator[LatchedRow]:
-    """Yield how many static transforms of each party each late subscriber received."""
-    for hearer, report in late.items():
-        for party in parties:
-            received = report["received"].get(party.party, 0)
-            yield LatchedRow(source=party.party, hearer=hearer, received=received)
+    for caller, server in permutations(parties, 2):
+        for name in service_names(server.party):
+            yield CallRow(
+                name=name,
+                caller=caller.party,
+                server=server.party,
+                caller_domain=caller.domain,
+                server_domain=server.domain,
+                answered=answers[caller.party][name] == server.party,
+            )
 
 
 def heard_rows(fleet: Fleet, sent: dict[str, int], told: dict[str, Report]) -> Iterator[HeardRow]:
     """Yield one row per topic, publisher and subscriber."""
     domains = {party.party: party.domain for party in fleet.parties}
-    heard = entries_heard(told)
+    heard = messages_heard(told)
     for topic in fleet.topics:
-        for source in topic.publishers:
-            for hearer in topic.subscribers:
-                entry = heard.get((hearer, topic.name, source), {})
-                counts: dict[str, Any] = {name: entry.get(name, 0) for name in _COUNTS}
-                yield HeardRow(
-                    name=topic.name,
-                    dds_topic=dds_topic(topic.name),
-                    source=source,
-                    hearer=hearer,
-                    source_domain=domains[source],
-                    hearer_domain=domains[hearer],
-                    sent=1 if topic.latched else sent[source],
-                    **counts,
-                )
+        for hearer, name, source in topic.passages():
+            yield HeardRow(
+                name=name,
+                dds_topic=dds_topic(name),
+                source=source,
+                hearer=hearer,
+                source_domain=domains[source],
+                hearer_domain=domains[hearer],
+                sent=1 if topic.latched else sent[source],
+                received=heard.get((hearer, name, source), 0),
+            )
 
 
 def endpoint_rows(parties: Sequence[PartyRow], told: dict[str, Report]) -> Iterator[EndpointRow]:
