@@ -2,12 +2,13 @@
 
 import asyncio
 
+import pandas as pd
 import pytest
 from made_logs import made_run
 
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments import ros2
-from sfglab.lab.experiments.ros2.experiment import REAL, STAND_IN, TABLE, Raw
+from sfglab.lab.experiments.ros2.experiment import REAL, STAND_IN, TABLE
 from sfglab.lab.ros2 import RosMissingError, distribution, distributions
 
 
@@ -17,24 +18,20 @@ def rows(kind, factor):
     return [of | {"repeat": r, "value": factor * v} for r in range(3) for v in (r + 1, r + 3)]
 
 
-def test_a_ratio_is_the_stand_in_s_median_over_the_real_one_s(tmp_path):
+def test_a_ratio_is_the_stand_in_s_median_over_the_real_one_s():
     alone = {"setting": "2", "quantity": "time (s)", "kind": REAL, "repeat": 0, "value": 1.0}
-    made = {TABLE: [*rows(REAL, 2.0), *rows(STAND_IN, 1.0), alone]}
-    run = made_run(ros2.exp, tmp_path / "made.mcap", made)
-    (line,) = ros2.compared(ros2.baseline("latency", run)).to_dict("records")
+    table = pd.DataFrame([*rows(REAL, 2.0), *rows(STAND_IN, 1.0), alone])
+    (line,) = ros2.compared(table).to_dict("records")
     assert (line["setting"], line[REAL], line[STAND_IN]) == ("1", 6.0, 3.0)
     assert line["stand-in / ROS 2"].startswith("0.5 times [")
-    _, shown = ros2.exp.draw("latency_ros2", run)
-    assert shown["log"] == "made.mcap"
-    assert shown["compared"]["quantity"] == ["time (s)"]
 
 
 @pytest.mark.parametrize("name", ros2.BASELINES)
-def test_a_run_of_another_part_shows_the_committed_baseline(name, tmp_path):
-    run = made_run(ros2.exp, tmp_path / "made.mcap", {})
-    table = ros2.baseline(name, run)
+def test_the_figures_show_the_committed_baselines(name, tmp_path):
+    table = ros2.baseline(name)
     assert {REAL, STAND_IN} <= set(table["kind"])
     assert not ros2.compared(table).empty
+    run = made_run(ros2.exp, tmp_path / "made.mcap", {})
     assert ros2.exp.draw(f"{name}_ros2", run)[1]["log"] == f"{name}_ros2.mcap"
 
 
@@ -81,16 +78,6 @@ def test_a_smoke_run_measures_both_sides(tmp_path, part):
     assert set(table["kind"]) == {REAL, STAND_IN} | behind_routers
     assert (table["value"] > 0).all()
     assert set(ros2.compared(table)["quantity"]) == set(table["quantity"])
-    assert ros2.exp.draw(f"{part}_ros2", run)[1]["log"] == "smoke.mcap"
-
-
-@pytest.mark.live
-def test_who_asks_for_no_subscriber_is_told_so(tmp_path):
-    options = Options(only=frozenset({"latency"}))
-    none = {"latency": Raw(repeats=0, look_s=0.4)}
-    path = tmp_path / "smoke.mcap"
-    run = asyncio.run(ros2.exp.run("smoke", path=path, options=options, **none))
-    assert run.skipped("latency") == "ros2: none was asked for"
 
 
 def test_what_is_there_is_found_and_named(root, monkeypatch):

@@ -72,10 +72,10 @@ def judged(claim, run):
 def test_slopes_reduction_and_terms_of_known_costs_are_found_and_explain_everything(made):
     streams = {"standard": 4, "dds": 0, "proxy": 0}
     for mode, each in {"standard": NET + DEC, **IPC}.items():
-        assert results.slope(made, "h264", mode, "cpu").value == pytest.approx(each)
-        assert results.slope(made, "h264", mode, "rx").value == pytest.approx(streams[mode])
+        assert results.slope(made, mode, "cpu").value == pytest.approx(each)
+        assert results.slope(made, mode, "rx").value == pytest.approx(streams[mode])
     for way, ipc in IPC.items():
-        less = results.reduction(made, "h264", way)
+        less = results.reduction(made, way)
         assert less.value == pytest.approx(100 * (1 - ipc / (NET + DEC)))
         model = cost_model(made, way=way)
         terms = [term.value for term in (model.net, model.dec, model.ipc)]
@@ -205,7 +205,7 @@ async def test_the_stamp_of_a_received_picture_is_that_of_the_frame_in_its_pixel
     assert (seen["unreadable"], seen["disordered"], seen["broken"]) == (0, 0, 0)
     assert len(seen["sightings"]) == seen["frames"] > 10
     numbers = {stamp_ns: number for number, stamp_ns, _ in processes.sent}
-    with closing(open_source(stage.source, seed=config.seed)) as source:
+    with closing(open_source(config.source, seed=config.seed)) as source:
         frames = [source.frame().bgr.astype(int) for _ in range(max(numbers.values()) + 3)]
     for mode, pictures in received.items():
         assert len(pictures) > 10, mode

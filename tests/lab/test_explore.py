@@ -10,7 +10,7 @@ import pytest
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between
-from sfglab.lab.experiments import EXPERIMENTS, depth_codecs, experiment, gateways, transmission
+from sfglab.lab.experiments import EXPERIMENTS, experiment, gateways, transmission
 from sfglab.lab.explore import explore
 from sfglab.lab.explore.form import Form, unit_of
 from sfglab.lab.notebook import draw_setup
@@ -105,18 +105,6 @@ def test_a_field_or_an_explorer_that_does_not_exist_is_refused_by_name():
         explore(transmission.exp, "nothing")
     with pytest.raises(InvalidValueError, match="allowed: none: it has no explorer"):
         explore(gateways.exp)
-
-
-def test_codecs_are_measured_on_more_and_more_frames():
-    first, last = depth_codecs.codec_times(png_level=1, noise_mm=5.0, frames=2)
-    for picture, frames in ((first, 1), (last, 2)):
-        for panel in picture.panels:
-            assert [len(series.x) for series in panel.series] == [frames] * 3
-            assert all(panel.y.low < y < panel.y.high for one in panel.series for y in one.y)
-    encode, _, size = last.panels
-    rvl, png, _ = encode.series
-    assert max(rvl.y) < min(png.y)
-    assert size.title == "size"
 
 
 @pytest.mark.parametrize("name", [name for name in EXPERIMENTS if experiment(name).setup.actors])

@@ -149,7 +149,7 @@ def pictures_are_present(run):
     """No picture on any way is a wrong one, and keepers are asked where they should be."""
     table = latency.checks(run).set_index("path")
     assert set(table.index) == set(PATHS)
-    assert (table[["unreadable", "disordered", "broken", "unknown"]] == 0).all(axis=None)
+    assert (table[["unreadable", "disordered", "broken"]] == 0).all(axis=None)
     assert (table["pictures"] > 0).all()
     assert (table.loc[["decoder", "agent"], "replay_packets"] > 0).all(), "keepers were asked"
     assert (table.loc[["standard", "container", "on_demand"], "replay_packets"] == 0).all()

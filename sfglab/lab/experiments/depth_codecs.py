@@ -8,16 +8,14 @@ all codecs. Times are CPU times of one thread.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator  # noqa: TC003 - read by the explorer's form
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from sfglab.codecs import decode_depth, encode_depth
-from sfglab.fields import Bounds, between
-from sfglab.lab import pictures
+from sfglab.fields import between
 from sfglab.lab.bench import TableRow
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Experiment
@@ -35,23 +33,28 @@ if TYPE_CHECKING:
 
 CODECS = {"rvl": "proxy", "png": "standard", "png_fast": "network"}
 """Codecs that are compared, with their colours: PNG at the configured level and at its fastest one."""
-_FASTEST, _DEFAULT = 1, 9  # levels of PNG
+_FASTEST = 1  # level of PNG
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Shown):
-    """Frames, level of PNG and noise of the run."""
+    """Frames and level of PNG of the run."""
 
     frames: int = between(40, 1, 1200, log=True)  #: Depth frames, each coded by all codecs.
     #: Level of PNG beside its fastest, 1; the transport plug-in's is 9.
     png_level: int = between(9, 0, 9)
-    #: Standard deviation of noise that is added to depth [mm].
-    noise_mm: float = between(0.0, 0.0, 50.0)
     source: str = "stereo"  #: Source of frames with depth.
     seed: int = 0  #: Seed of the view's path and of the codecs' order.
 
 
-exp = Experiment("depth_codecs", Config, where="A 4.3", smoke={"frames": 6}, paper={"frames": 1200})
+exp = Experiment(
+    "depth_codecs",
+    Config,
+    where="A 4.3",
+    smoke={"frames": 6},
+    paper={"frames": 1200},
+    removed={"noise_mm": {"quick": 0.0}},
+)
 
 
 @exp.table("coding")
@@ -86,39 +89,21 @@ def code(frame: int, depth_mm: NDArray[np.uint16], codec: str, png_level: int) -
     )
 
 
-def noisy(
-    depth_mm: NDArray[np.uint16], noise_mm: float, rng: np.random.Generator
-) -> NDArray[np.uint16]:
-    """Return depth with noise where it is known, shape (H, W), mm."""
-    if not noise_mm:
-        return depth_mm
-    drawn = np.rint(depth_mm + rng.normal(0.0, noise_mm, depth_mm.shape)).clip(1, 65535)
-    return np.where(depth_mm > 0, drawn, 0).astype(np.uint16)
-
-
 @exp.part("frames", total=lambda config: config.frames)
 def code_frames(bench: Bench[Config]) -> None:
     """Encode each frame with each codec, and write one row per frame and codec."""
-    for number, rows in enumerate(coded_frames(bench.config), start=1):
-        for row in rows:
-            bench.write(row)
-        bench.advance(f"frame {number}")
-
-
-def coded_frames(config: Config) -> Iterator[list[CodingRow]]:
-    """Yield the rows of each frame, one per codec."""
+    config = bench.config
     rng = np.random.default_rng(config.seed)
-    noise = np.random.default_rng((config.seed, 1))
     source = open_source(config.source, seed=config.seed)
     # Compiled code must not be timed cold. A corner is enough: the whole takes its time at level 9.
     first: Any = source.frame().depth_mm
     for codec in CODECS:
         code(0, np.ascontiguousarray(first[:32, :32]), codec, config.png_level)
     for number in range(1, config.frames + 1):
-        depth: Any = source.frame().depth_mm
-        depth_mm = noisy(depth, config.noise_mm, noise)
-        order = rng.permutation(list(CODECS))
-        yield [code(number, depth_mm, str(codec), config.png_level) for codec in order]
+        depth_mm: Any = source.frame().depth_mm
+        for codec in rng.permutation(list(CODECS)):
+            bench.write(code(number, depth_mm, str(codec), config.png_level))
+        bench.advance(f"frame {number}")
     source.close()
 
 
@@ -161,13 +146,7 @@ def encoding_speed(run: Run[Config]) -> Finding:
     if codings(run, "exact")["rvl"].mean() < 1:
         reason = "not every frame came back exactly"
         return Finding(estimate=exactly(0.0, speed.unit), reason=reason)
-    details = {
-        "decoding": str(ratio(run, "decode_ms", "png_fast")),
-        "encoding against PNG as the plug-in has it by default": str(
-            ratio(run, "encode_ms", "png")
-        ),
-    }
-    return Finding(estimate=speed, details=details)
+    return Finding(estimate=speed)
 
 
 @exp.figure("depth_codecs", size=(11, 3.6))
@@ -179,81 +158,29 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> None:
         "decode": (codings(run, "decode_ms"), "CPU time per frame (ms)"),
         "size": (codings(run, "coded_bytes") / 1000, "compressed size (kB)"),
     }
-    for axes, (title, (table, quantity)) in zip(
-        figure.subplots(1, len(panels)), panels.items(), strict=True
-    ):
+    all_axes = figure.subplots(1, len(panels))
+    for axes, (title, (table, quantity)) in zip(all_axes, panels.items(), strict=True):
         boxes = axes.boxplot(
-            table.to_numpy(), tick_labels=labels, showfliers=False, patch_artist=True, widths=0.5
+            table.to_numpy(),
+            tick_labels=labels,
+            showfliers=False,
+            patch_artist=True,
+            widths=0.5,
+            medianprops={"color": "black"},
         )
-        for box, median, color in zip(
-            boxes["boxes"], boxes["medians"], CODECS.values(), strict=True
-        ):
+        for box, color in zip(boxes["boxes"], CODECS.values(), strict=True):
             box.set_facecolor(COLORS[color])
-            median.set_color("black")
         axes.set(title=title, ylabel=quantity)
         if title == "encode":
             axes.set_yscale("log")
         else:
             axes.set_ylim(0, None)
-    figure.suptitle(
-        "Depth 640 x 360, lossless: RVL encodes "
-        f"{ratio(run, 'encode_ms', 'png_fast').value:.1f} times and decodes "
-        f"{ratio(run, 'decode_ms', 'png_fast').value:.1f} times as fast as the fastest PNG "
-        "(paper: faster)"
+    encoding, decoding = (
+        ratio(run, column, "png_fast").value for column in ("encode_ms", "decode_ms")
     )
-    frames = len(codings(run, "exact"))
+    figure.suptitle(
+        f"Depth 640 x 360, lossless: RVL encodes {encoding:.1f} times and decodes {decoding:.1f} times as "
+        "fast as the fastest PNG (paper: faster)"
+    )
     text = "boxes: quartiles and median, whiskers: up to 1.5 x IQR, outliers not drawn"
-    note(figure, f"measured on {frames} frames; {text}")
-
-
-# --- Explorer ---------------------------------------------------------------------------------
-
-Level = Annotated[int, Bounds(0, 9)]
-Noise = Annotated[float, Bounds(0.0, 50.0)]
-Frames = Annotated[int, Bounds(1, 10)]
-_FRAME = pictures.Axis("frame", "", 0, 11)
-_PANELS = {
-    "encode": pictures.Axis("CPU time per frame", "ms", 0.3, 3000.0, log=True),
-    "decode": pictures.Axis("CPU time per frame", "ms", 0.0, 10.0),
-    "size": pictures.Axis("compressed size", "kB", 0.0, 500.0),
-}
-
-
-@exp.explorer
-def codec_times(
-    *, png_level: Level = _DEFAULT, noise_mm: Noise = 0.0, frames: Frames = 4
-) -> Iterator[pictures.Picture]:
-    """Yield times and sizes of the codecs, measured here on more and more frames of the stereo pair's depth.
-
-    Args:
-        png_level: Level of PNG beside its fastest, 1.
-        noise_mm: Standard deviation of noise that is added to depth [mm].
-        frames: Number of frames.
-    """
-    rows: list[CodingRow] = []
-    for coded in coded_frames(Config(frames=frames, png_level=png_level, noise_mm=noise_mm)):
-        rows += coded
-        yield _measured(rows, png_level)
-
-
-def _measured(rows: list[CodingRow], png_level: int) -> pictures.Picture:
-    """Return the picture of what is measured up to now."""
-    values = {
-        "encode": lambda row: row.encode_ms,
-        "decode": lambda row: row.decode_ms,
-        "size": lambda row: row.coded_bytes / 1000,
-    }
-    names = {**codec_names(png_level), "png": "PNG"}
-    panels = []
-    for title, axis in _PANELS.items():
-        series = []
-        for codec, color in CODECS.items():
-            own = [row for row in rows if row.codec == codec]
-            x = [row.frame for row in own]
-            y = [values[title](row) for row in own]
-            one = pictures.Series(name=names[codec], color=COLORS[color], kind="dot", x=x, y=y)
-            series.append(one)
-        panels.append(pictures.Panel(title=title, x=_FRAME, y=axis, series=tuple(series)))
-    count = rows[-1].frame
-    said = f"Times and sizes of {count} depth frames with RVL, PNG of level {png_level} and level 1"
-    return pictures.Picture(said=said, panels=tuple(panels))
+    note(figure, f"measured on {len(codings(run, 'exact'))} frames; {text}")

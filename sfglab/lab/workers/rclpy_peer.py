@@ -225,16 +225,14 @@ class Peer:
         self.free_ns.clear()
         report("closed")
 
-    def start(self, fleet: list[str], talkers: int, listeners: int, *, composed: bool) -> None:
+    def start(self, fleet: list[str], talkers: int, listeners: int) -> None:
         """Make the nodes of the agent with this name, and report when the first of them knows those of the fleet.
 
-        Each node has a context of its own, which is one participant as in a process, unless the nodes are
-        composed.
+        Each node has a context of its own, which is one participant as in a process.
         """
         text, nodes = interface("std_msgs/msg/String"), []
         for number in range(talkers + listeners):
-            if number == 0 or not composed:
-                rclpy.init(context=(context := Context()))
+            rclpy.init(context=(context := Context()))
             role, topic = ("talker", number) if number < talkers else ("listener", number - talkers)
             node = rclpy.create_node(f"{role}_{topic}", namespace=self.name, context=context)
             if role == "talker":

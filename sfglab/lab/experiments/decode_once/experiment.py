@@ -6,7 +6,7 @@ machine that slows down slows all of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -37,9 +37,6 @@ class Stage:
 _COLOUR = Stage(
     codec="h264", counts=_ALL, dds_counts=(1, 4, 7, 10), network_counts=(1, 4, 7, 10), repeats=2
 )
-_DEPTH = Stage(
-    codec="rvl", source="stereo", counts=(1, 4, 7), dds_counts=(1, 7), network_counts=(4,)
-)
 # Twice, so that repetitions give the pure error.
 _WHOLE = Stage(codec="h264", counts=_ALL, dds_counts=_ALL, network_counts=_ALL, repeats=2)
 
@@ -48,8 +45,8 @@ _WHOLE = Stage(codec="h264", counts=_ALL, dds_counts=_ALL, network_counts=_ALL, 
 class Config(Profiled):
     """Streams, numbers of subscribers and times of the run."""
 
-    source: str = "photos"  #: Source of the colour stream; depth comes from the stereo pair.
-    stages: tuple[Stage, ...] = (_COLOUR, _DEPTH)  #: Streams, one after the other.
+    source: str = "photos"  #: Source of the frames.
+    stages: tuple[Stage, ...] = (_COLOUR,)  #: Streams, one after the other.
     samples: int = 3  #: Number of meter readings in a cell.
     period_s: float = 0.7  #: Time between readings, s.
     #: Time between the last subscriber's first frame and the first reading of a cell, s.
@@ -76,7 +73,7 @@ exp = Experiment(
         "raw_s": 1.2,
     },
     paper={
-        "stages": (_WHOLE, replace(_WHOLE, codec="rvl", source="stereo")),
+        "stages": (_WHOLE,),
         "samples": 60,
         "period_s": 1.0,
         "settle_s": 2.0,

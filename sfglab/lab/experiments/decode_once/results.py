@@ -80,10 +80,10 @@ def cells(run: Run[Config]) -> pd.DataFrame:
     return run["cell"].merge(medians.assign(paced=paced), left_on="cell", right_index=True)
 
 
-def points(run: Run[Config], codec: str, mode: str, column: str) -> Floats:
-    """Return the number of subscribers and the CPU load of each measured cell of a mode, shape (cells, 2)."""
+def points(run: Run[Config], mode: str, column: str) -> Floats:
+    """Return the number of subscribers and a load of each cell of the colour stream, shape (cells, 2)."""
     table = cells(run)
-    chosen = table[(table["codec"] == codec) & (table["mode"] == mode)]
+    chosen = table[(table["codec"] == H264) & (table["mode"] == mode)]
     return chosen[["subscribers", column]].to_numpy(dtype=np.float64)
 
 
@@ -93,30 +93,29 @@ def slope_of(values: Floats) -> float:
 
 
 @derived
-def slope(run: Run[Config], codec: str, mode: str, load: str) -> Estimate:
+def slope(run: Run[Config], mode: str, load: str) -> Estimate:
     """Estimate how a load, ``cpu`` or ``rx``, grows per subscriber; the interval resamples cells."""
-    measured = points(run, codec, mode, load)
+    measured = points(run, mode, load)
     return bootstrap([measured], lambda drawn: slope_of(drawn[0]), unit=UNITS[load])
 
 
 @derived
-def reduction(run: Run[Config], codec: str, mode: str) -> Estimate:
+def reduction(run: Run[Config], mode: str) -> Estimate:
     """Estimate how much less CPU a subscriber takes than in standard."""
 
     def less(drawn: Sequence[Floats]) -> float:
         return 100 * (1 - slope_of(drawn[1]) / slope_of(drawn[0]))
 
-    both = [points(run, codec, each, "cpu") for each in ("standard", mode)]
+    both = [points(run, "standard", "cpu"), points(run, mode, "cpu")]
     return bootstrap(both, less, unit="% less CPU per subscriber")
 
 
-def slopes(run: Run[Config], codec: str = H264) -> pd.DataFrame:
+def slopes(run: Run[Config]) -> pd.DataFrame:
     """Return CPU and received data per subscriber, and the reduction of the CPU, by mode."""
     rows = []
     for mode, label in LABELS.items():
-        less = reduction(run, codec, mode) if mode in HANDED_ON else ""
-        cpu, received = slope(run, codec, mode, "cpu"), slope(run, codec, mode, "rx")
-        rows.append((label, str(cpu), str(received), str(less)))
+        less = str(reduction(run, mode)) if mode in HANDED_ON else ""
+        rows.append((label, str(slope(run, mode, "cpu")), str(slope(run, mode, "rx")), less))
     columns = ["mode", "CPU", "received over the network", "reduction of the CPU"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -227,7 +226,7 @@ def cost_model(run: Run[Config], way: str = PAPERS) -> CostModel:
 @exp.claim("A-CPU-BASE", how=How.LIVE)
 def base_cost(run: Run[Config]) -> Finding:
     """Return the CPU load of each subscriber that decodes the stream for itself."""
-    return Finding(estimate=slope(run, H264, "standard", "cpu"))
+    return Finding(estimate=slope(run, "standard", "cpu"))
 
 
 @exp.claim("A-CPU-SFG", how=How.LIVE)
@@ -246,13 +245,13 @@ def reduction_by(run: Run[Config], way: str) -> Finding:
     """Return the finding on a mode of the decoder."""
     costs = []
     for mode, number in (("standard", paper("A-CPU-BASE")), (way, paper("A-CPU-SFG", THROUGH))):
-        cost = slope(run, H264, mode, "cpu").value
+        cost = slope(run, mode, "cpu").value
         costs.append(f"{cost:.2f} % {WAYS[mode]} (paper {number:g})")
     checks = frame_checks(run).query("codec == @H264").set_index("mode")
     arrived = checks["frames"] / (checks["frames"] + checks["missed"])
     least = float(min(arrived["standard"], arrived[way]))
     return Finding(
-        estimate=reduction(run, H264, way),
+        estimate=reduction(run, way),
         reason=f"of a core, a subscriber costs {', '.join(costs)}",
         ends={"share of pictures that arrive, least of both modes": least},
     )
@@ -264,8 +263,8 @@ def bandwidth(run: Run[Config]) -> Finding:
     table = readings(run).query("label == 'consumer' and codec == @H264 and mode == @PAPERS")
     most = table["subscribers"].max()
     received = table[table["subscribers"] == most]["rx_mbit_s"].to_numpy(dtype=np.float64)
-    standard = points(run, H264, "standard", "rx")
-    through = slope(run, H264, PAPERS, "rx")
+    standard = points(run, "standard", "rx")
+    through = slope(run, PAPERS, "rx")
     ends = {
         "Mbit/s per further subscriber, standard": slope_of(standard),
         "share of variance on a line, standard": float(np.corrcoef(*standard.T).flat[1] ** 2),
@@ -284,11 +283,16 @@ def fit_residual(run: Run[Config]) -> Finding | None:
     return Finding(
         estimate=fit.residual,
         details={"c_net": str(fit.net), "c_dec": str(fit.dec), "c_ipc over DDS": str(fit.ipc)},
-        reason=f"lack of fit {fit.lack}: measured loads are {off.iloc[0]:+.1f} % off the fitted ones with "
-        f"the fewest subscribers and {off.iloc[-1]:+.1f} % with the most; the equations explain "
+        reason=f"lack of fit {fit.lack}: measured loads are {beside(off.iloc[0])} the fitted ones with the fewest "
+        f"subscribers, {beside(off.iloc[-1])} them with the most; the equations explain "
         f"{100 * fit.explained:.1f} % of the variance",
         ends={"p of the F test for lack of fit": fit.lack.p},
     )
+
+
+def beside(percent: float) -> str:
+    """Return a signed percentage in words."""
+    return f"{abs(percent):.1f} % {'above' if percent >= 0 else 'below'}"
 
 
 @derived
@@ -344,7 +348,7 @@ def draw_colour(figure: Figure, run: Run[Config]) -> None:
     cpu.set(title="CPU of the consumer", ylabel="% of one core", ylim=(0, None))
     net.set(title="network: received by the consumer", ylabel="Mbit/s", ylim=(0, None))
     cpu.legend(loc="upper left")
-    saved = [f"{reduction(run, H264, mode).value:.0f} % less {WAYS[mode]}" for mode in HANDED_ON]
+    saved = [f"{reduction(run, mode).value:.0f} % less {WAYS[mode]}" for mode in HANDED_ON]
     figure.suptitle(f"CPU of an added subscriber: {', '.join(saved)} than in standard")
     note(figure, "dashed: slopes of the paper; bands: one standard deviation of the readings", run)
 
@@ -399,7 +403,7 @@ def reference_terms() -> tuple[dict[str, Floats], float]:
     """Return (c_net, c_dec, c_ipc) by mode, % of one core, and the stream's Mbit/s in the reference run."""
     run = exp.load(find_project().reference_logs / f"{exp.name}.mcap")
     terms = {way: fit_terms(cost_rows(cost_cells(run, way))) for way in HANDED_ON}
-    return terms, slope_of(points(run, H264, "standard", "rx"))
+    return terms, slope_of(points(run, "standard", "rx"))
 
 
 @exp.explorer
@@ -427,21 +431,22 @@ def decoding_costs(
     factor = width * height * rate_hz / (_PIXELS * _FPS)
     cpu = pd.DataFrame(index=[*COUNTS, subscribers])
     net = pd.DataFrame(index=cpu.index)
-    costs = []
+    costs = {}
     for mode in LABELS:
         own = terms[PAPERS if mode == "standard" else mode].copy()
         if hardware_decoding:
             own[1] = terms["proxy"][2]
         cpu[mode] = [float(factor * own @ design(mode, count)) for count in cpu.index]
         net[mode] = factor * mbit_s * (cpu.index if mode == "standard" else 1)
-        costs.append(f"{cpu[mode].iloc[-1]:.1f} % {WAYS[mode]}")
+        costs[WAYS[mode]] = f"{cpu[mode].iloc[-1]:.1f}"
     decoder = "hardware" if hardware_decoding else "software"
+    text = ", ".join(f"{percent} % {way}" for way, percent in costs.items())
     said = (
         f"CPU and network of a device with {subscribers} subscribers to a stream of {picture_size} "
-        f"at {rate_hz:g} Hz and a {decoder} decoder. Of one core: {', '.join(costs)}."
+        f"at {rate_hz:g} Hz and a {decoder} decoder. Of one core: {text}."
     )
     panels = (
-        curves("CPU", _CPU, cpu, f"with {subscribers}: {', '.join(costs)}"),
+        curves("CPU", _CPU, cpu, f"with {subscribers}: {', '.join(costs.values())} %"),
         curves("network", _NET, net, "decode once: equal over DDS and shared memory"),
     )
     return pictures.Picture(said=said, panels=panels)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -128,25 +129,16 @@ def cells_of(stages: tuple[Stage, ...], seed: int) -> list[Cell]:
     """
     groups: dict[tuple[int, int, int], list[Cell]] = {}
     for stage in stages:
-        for agents in stage.agents:
-            group = groups.setdefault((agents, stage.talkers, stage.listeners), [])
-            for repeat in range(stage.repeats):
-                cell = Cell(
-                    mode=stage.mode,
-                    agents=agents,
-                    talkers=stage.talkers,
-                    listeners=stage.listeners,
-                    repeat=repeat,
-                    pace_s=stage.pace_s,
-                )
-                group.append(cell)
+        nodes = {"talkers": stage.talkers, "listeners": stage.listeners}
+        for agents, repeat in product(stage.agents, range(stage.repeats)):
+            cell = Cell(mode=stage.mode, agents=agents, repeat=repeat, pace_s=stage.pace_s, **nodes)
+            groups.setdefault((agents, stage.talkers, stage.listeners), []).append(cell)
     rng = np.random.default_rng(seed)
     ordered = list(groups.values())
-    cells = []
-    for place in rng.permutation(len(ordered)):
-        group = ordered[place]
-        cells += [group[i] for i in rng.permutation(len(group))]
-    return cells
+    rng.shuffle(ordered)
+    for group in ordered:
+        rng.shuffle(group)
+    return [cell for group in ordered for cell in group]
 
 
 def hosts_of(config: Config) -> list[str]:

@@ -6,11 +6,6 @@ picture. Compared are standard ROS 2, the paper's decoder behind two routers, an
 
 from sfglab.lab.experiments.latency import live  # noqa: F401 - declares its part
 from sfglab.lab.experiments.latency.experiment import exp
-from sfglab.lab.experiments.latency.results import (
-    added_table,
-    checks,
-    first_frame,
-    first_table,
-)
+from sfglab.lab.experiments.latency.results import added, checks, first_ratio
 
-__all__ = ["added_table", "checks", "exp", "first_frame", "first_table"]
+__all__ = ["added", "checks", "exp", "first_ratio"]

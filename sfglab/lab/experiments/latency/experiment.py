@@ -95,7 +95,6 @@ class LookRow(TableRow):
     disordered: int  #: Pictures that were not newer than the one before.
     broken: int  #: Messages that could not be decoded.
     replay_packets: int  #: Packets that the GOP caches sent for this subscription.
-    replay_bytes: int  #: Size of these packets.
 
 
 @exp.table("sight")

@@ -77,8 +77,7 @@ class Processes(StreamProcesses):
 
     def __init__(self, config: Config, testbed: Testbed) -> None:
         self._open_paths: dict[str, int] = {}  # number of open paths of the camera, by router
-        #: Packets and bytes of each replay that a GOP cache reported.
-        self.replays: list[tuple[int, int]] = []
+        self.replayed = 0  #: Number of packets that the GOP caches replayed in this subscription.
         super().__init__(config, testbed)
 
     def first_members(self) -> list[Member]:
@@ -144,7 +143,7 @@ class Processes(StreamProcesses):
         """Take frames, replays and open paths from a report."""
         super().note(name, report)
         if report["is"] == "replayed":
-            self.replays.append((report["packets"], report["size_bytes"]))
+            self.replayed += report["packets"]
         elif report["is"] == "status" and name in ROUTERS:
             _, direction = ROUTERS[name]
             ways = [path["direction"] for path in report["paths"] if "camera_" in path["topic"]]
@@ -204,7 +203,7 @@ class Processes(StreamProcesses):
         newest = 0
         for place, path in enumerate(group.paths):
             await self.wait_for_phase(group.phase)
-            self.replays.clear()
+            self.replayed = 0
             first = await self.subscribe(path)
             if path in STEADY_PATHS:
                 await asyncio.sleep(self._config.look_s)
@@ -222,8 +221,7 @@ class Processes(StreamProcesses):
                 ordered_ns=first["ordered_ns"],
                 first_ns=first["seen_ns"],
                 pictures=seen["frames"],
-                replay_packets=sum(packets for packets, _ in self.replays),
-                replay_bytes=sum(size for _, size in self.replays),
+                replay_packets=self.replayed,
                 **counts,
             )
             rows["look"].append(row)
@@ -237,14 +235,13 @@ class Processes(StreamProcesses):
 async def measure_groups(bench: Bench[Config]) -> None:
     """Measure all repetitions, one after the other on the same processes."""
     config = bench.config
-    encoders: dict[str, None] = {}
+    encoders = set()
 
     async def play(processes: Processes, group: Group, _: int) -> dict[str, list[Any]]:
-        rows = await processes.measure(group)
-        return {"encoder": [processes.encoder], **rows}
+        encoders.add(processes.encoder)
+        return await processes.measure(group)
 
     def write(rows: dict[str, list[Any]]) -> None:
-        encoders.update(dict.fromkeys(rows.pop("encoder")))
         for table, measured in rows.items():
             bench.write_all(table, measured)
 
@@ -258,5 +255,4 @@ async def measure_groups(bench: Bench[Config]) -> None:
         write=write,
         at_once=1,
     )
-    stream = {"encoder": ", ".join(encoders), "gop_s": GOP_S}
-    bench.metadata("stream", stream)
+    bench.metadata("stream", {"encoder": ", ".join(sorted(encoders)), "gop_s": GOP_S})

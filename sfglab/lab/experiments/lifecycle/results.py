@@ -259,8 +259,9 @@ def draw_states(figure: Figure, run: Run[Config]) -> None:
     stated = sum(taken[key] > 0 for key in STATED)
     reached = sum(count > 0 for count in taken.values())
     figure.suptitle(
-        f"Life cycle of a remote agent (after paper A, Fig. 3): the run took {stated} of {len(STATED)} "
-        f"transitions\nof the paper and {reached - stated} of {len(taken) - len(STATED)} that sfglab adds",
+        "Life cycle of a remote agent (after paper A, Fig. 3): the run took\n"
+        f"{stated} of {len(STATED)} transitions of the paper and {reached - stated} of "
+        f"{len(taken) - len(STATED)} that sfglab adds",
         fontsize="medium",
     )
 

@@ -11,8 +11,6 @@ from sfglab.lab.ros2 import TESTED
 
 REAL, STAND_IN = "standard ROS 2", "stand-in"
 """Kinds of a baseline: nodes of rclpy, and the nodes of sfglab that stand for them."""
-COMPOSED = f"{REAL}, composed"
-"""Kind with all nodes of an agent in one process, which is one participant of DDS."""
 TABLE = "ros2"
 """Table of the baselines."""
 BASELINES = {
@@ -41,7 +39,7 @@ class Fleets:
     agents: int  #: Number of agents.
     nodes: int = 10  #: Number of publishing nodes of an agent, and of subscribing ones.
     repeats: int  #: Number of starts of each kind.
-    #: `REAL`, `STAND_IN`, `COMPOSED` or ``routed``.
+    #: `REAL`, `STAND_IN` or ``routed``.
     kinds: tuple[str, ...] = (REAL, STAND_IN, ROUTED)
 
 
@@ -54,12 +52,10 @@ class Config(Profiled):
     only: str = ""
     decode_once: Raw = Raw(counts=(1, 3), repeats=3, look_s=1.4)  #: Baseline of decoding once.
     latency: Raw = Raw(repeats=6, look_s=0.5)  #: Baseline of latency.
-    #: Baseline of discovery: at most 40 participants, which two cores suffice for, and the paper's largest
-    #: fleet, composed.
+    #: Baseline of discovery: at most 40 participants, which two cores suffice for.
     fleets: tuple[Fleets, ...] = (
         Fleets(agents=2, repeats=2),
         Fleets(agents=4, nodes=3, repeats=2),
-        Fleets(agents=6, repeats=1, kinds=(COMPOSED,)),
     )
     #: Time after which a fleet is given up, s.
     timeout_s: float = 120.0
@@ -88,7 +84,6 @@ exp = Experiment(
             Fleets(agents=3, nodes=6, repeats=20),
             Fleets(agents=4, nodes=3, repeats=20),
             Fleets(agents=6, nodes=2, repeats=20),
-            *(Fleets(agents=count, repeats=20, kinds=(COMPOSED,)) for count in range(2, 7)),
         ),
         "timeout_s": 300.0,
     },

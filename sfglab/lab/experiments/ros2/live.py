@@ -15,7 +15,7 @@ import time
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,9 +23,8 @@ from sfglab.bus.address import BusAddress
 from sfglab.codecs import COMPRESSED_IMAGE
 from sfglab.lab.experiment import SkippedPartError
 from sfglab.lab.experiments.discovery.experiment import STANDARD, Cell, host_names
-from sfglab.lab.experiments.discovery.live import NODES, LiveFleet, start
+from sfglab.lab.experiments.discovery.live import NODES, LiveFleet
 from sfglab.lab.experiments.ros2.experiment import (
-    COMPOSED,
     REAL,
     STAND_IN,
     TABLE,
@@ -36,7 +35,7 @@ from sfglab.lab.experiments.ros2.experiment import (
     exp,
 )
 from sfglab.lab.meters import measure
-from sfglab.lab.ros2 import RosMember, RosMissingError
+from sfglab.lab.ros2 import RosMember, RosMissingError, distribution
 from sfglab.lab.streams import FIRST_PICTURE_S, GLOBAL_DOMAIN
 from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.viewer import ViewerConfig
@@ -184,11 +183,9 @@ async def measure_raw(bench: Bench[Config], raw: Raw, quantities: Sequence[str])
     """Measure quantities of subscribers, of rclpy and of sfglab in random order.
 
     Raises:
-        SkippedPartError: No measurement is asked for, or hosts are not separate.
+        SkippedPartError: Hosts are not separate.
         RosMissingError: There is no ROS 2.
     """
-    if not raw.counts or not raw.repeats:
-        raise SkippedPartError("ros2: none was asked for")
     rng = np.random.default_rng(bench.config.seed)
     testbed = separate_hosts(bench, "edge", "consumer")
     async with RawStream(testbed, max(raw.counts)) as stream:
@@ -234,11 +231,6 @@ async def measure_latency(bench: Bench[Config]) -> None:
 class RosFleet(LiveFleet):
     """A fleet whose nodes are of rclpy."""
 
-    @property
-    def start_order(self) -> dict[str, Any]:
-        """The order that starts its processes."""
-        return {**super().start_order, "composed": self._cell.mode == COMPOSED}
-
     def processes_of(self, _: int, host: str) -> list[Member]:
         """Return the only process of an agent."""
         return [peer_on(host, host + NODES, host, "crowd")]
@@ -264,24 +256,16 @@ async def measure_discovery(bench: Bench[Config]) -> None:
     cells = cells_of(config)
     agents = max(cell.agents for cell in cells)
     testbed = separate_hosts(bench, *host_names(agents))
-    # All are made before one is started, so that a missing ROS 2 is noticed at once.
-    fleets: list[LiveFleet] = []
+    distribution()  # so that a missing ROS 2 is noticed at once
     for cell in cells:
-        kind = RosFleet if cell.mode in (REAL, COMPOSED) else LiveFleet
+        kind = RosFleet if cell.mode == REAL else LiveFleet
         mode = STANDARD if cell.mode == STAND_IN else cell.mode
-        fleets.append(kind(replace(cell, mode=mode), testbed, multicast=config.multicast))
-    for cell, each in zip(cells, fleets, strict=True):
-        async with each as fleet:
-            outcome = await start(fleet, config.timeout_s)
-        times_s, received_mb = [], []
-        for host, end_ns in enumerate(outcome.ends_ns):
-            received = outcome.ingress.between(host, outcome.begin_ns, end_ns)
-            received_mb.append(received / 1e6)
-            times_s.append(outcome.seconds(end_ns))
-        cpu_percent = sum(meter.cpu_percent or 0.0 for meter in outcome.meters.values())
+        async with kind(replace(cell, mode=mode), testbed, multicast=config.multicast) as fleet:
+            hosts, meters = await fleet.measure(config.timeout_s)
+        cpu_percent = sum(meter.cpu_percent or 0.0 for meter in meters.values())
         values = {
-            "until an agent knows its peers (s)": times_s,
-            "received until then (MB)": received_mb,
+            "until an agent knows its peers (s)": [host.resolved_s for host in hosts],
+            "received until then (MB)": [host.own_bytes / 1e6 for host in hosts],
             "cores busy": [cpu_percent / 100],
         }
         setting = f"{cell.agents} x {cell.talkers + cell.listeners}"

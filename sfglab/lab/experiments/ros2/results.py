@@ -23,8 +23,6 @@ from sfglab.lab.stats import Estimate, paired_ratios
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -70,31 +68,17 @@ def compatibility(tests: pd.DataFrame) -> pd.DataFrame:
 def feature_table(tests: pd.DataFrame | None = None) -> pd.DataFrame:
     """Return the table of outcomes, those of the committed log if None, and what no test covers."""
     if tests is None:
-        tests = committed("ros2")["test"]
+        tests = exp.load(find_project().reference_logs / "ros2.mcap")["test"]
     untested = pd.DataFrame({"feature": ELSEWHERE} | dict.fromkeys(TESTED, UNTESTED))
     return pd.concat([compatibility(tests), untested], ignore_index=True)
-
-
-def committed(log: str) -> Run[Config]:
-    """Return the run of a committed log."""
-    return exp.load(find_project().reference_logs / f"{log}.mcap")
 
 
 # --- Baselines --------------------------------------------------------------------------------
 
 
-def log_of(name: str) -> Path:
-    """Return the committed log of a baseline, which is also that of an earlier version."""
-    return find_project().reference_logs / f"{name}_{TABLE}.mcap"
-
-
-def baseline(name: str, run: Run[Config] | None = None) -> pd.DataFrame:
-    """Return the rows of a baseline: those of a run of this part, otherwise those of the committed log."""
-    if run is not None and len(run[TABLE]):
-        return run[TABLE]
-    if not log_of(name).is_file():
-        return pd.DataFrame()
-    with LogReader(log_of(name)) as reader:
+def baseline(name: str) -> pd.DataFrame:
+    """Return the rows of a baseline from its committed log, which is also that of an earlier version."""
+    with LogReader(find_project().reference_logs / f"{name}_{TABLE}.mcap") as reader:
         return reader.table(TABLE)
 
 
@@ -113,39 +97,38 @@ def compared(rows: pd.DataFrame) -> pd.DataFrame:
     return table[[*by, REAL, STAND_IN]].assign(**{"stand-in / ROS 2": ratios})
 
 
-@exp.figure("discovery_ros2", size=(11.5, 3.6), when=lambda _: log_of("discovery").is_file())
-def draw_discovery(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+@exp.figure("discovery_ros2", size=(11.5, 3.6))
+def draw_discovery(figure: Figure, _: Run[Config]) -> dict[str, Any]:
     """Draw discovery times and received bytes of fleets of ROS 2 nodes and of their stand-ins."""
-    return draw_baseline(figure, run, "discovery")
+    return draw_baseline(figure, "discovery")
 
 
-@exp.figure("decode_once_ros2", size=(11.5, 3.6), when=lambda _: log_of("decode_once").is_file())
-def draw_decode_once(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+@exp.figure("decode_once_ros2", size=(11.5, 3.6))
+def draw_decode_once(figure: Figure, _: Run[Config]) -> dict[str, Any]:
     """Draw CPU and received pictures of subscribers of raw images, of rclpy and of sfglab."""
-    return draw_baseline(figure, run, "decode_once")
+    return draw_baseline(figure, "decode_once")
 
 
-@exp.figure("latency_ros2", size=(11.5, 3.6), when=lambda _: log_of("latency").is_file())
-def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+@exp.figure("latency_ros2", size=(11.5, 3.6))
+def draw_latency(figure: Figure, _: Run[Config]) -> dict[str, Any]:
     """Draw ages of raw images and times to the first one, of rclpy and of sfglab."""
-    return draw_baseline(figure, run, "latency")
+    return draw_baseline(figure, "latency")
 
 
-def draw_baseline(figure: Figure, run: Run[Config], name: str) -> dict[str, Any]:
-    """Draw the values of a baseline over the settings, with medians; return the sidecar."""
-    rows = baseline(name, run)
-    quantities = rows["quantity"].unique()
-    panels = figure.subplots(1, len(quantities), squeeze=False)[0]
-    for axes, quantity in zip(panels, quantities, strict=True):
-        draw_quantity(axes, rows[rows["quantity"] == quantity])
+def draw_baseline(figure: Figure, name: str) -> dict[str, Any]:
+    """Draw the values of a committed baseline over the settings, with medians; return the sidecar."""
+    rows = baseline(name)
+    quantities = rows.groupby("quantity", sort=False)
+    panels = figure.subplots(1, quantities.ngroups)
+    for axes, (quantity, of_quantity) in zip(panels, quantities, strict=True):
+        draw_quantity(axes, of_quantity)
         axes.set_title(quantity, fontsize=9)
         axes.set_xlabel(SETTINGS[name])
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower right", ncols=len(labels))
     figure.suptitle(BASELINES[name])
     note(figure, f"one dot per value, lines: medians; {rows['repeat'].nunique()} repetitions")
-    log = run.log if len(run[TABLE]) else log_of(name)
-    return {"log": log.name, "compared": compared(rows)}
+    return {"log": f"{name}_{TABLE}.mcap", "compared": compared(rows)}
 
 
 def draw_quantity(axes: Axes, rows: pd.DataFrame) -> None:
@@ -155,14 +138,10 @@ def draw_quantity(axes: Axes, rows: pd.DataFrame) -> None:
     for place, kind in enumerate(kinds):
         style = series(STYLES[place])
         of_kind = rows[rows["kind"] == kind]
-        shift = 0.2 * (place - (len(kinds) - 1) / 2)
-        x = of_kind["setting"].map(settings.index) + shift
+        x = of_kind["setting"].map(settings.index) + 0.2 * (place - (len(kinds) - 1) / 2)
         dots = {"linestyle": "", "markersize": 4, "alpha": 0.6, **style}
         axes.plot(x, of_kind["value"], label=kind, **dots)
         medians = of_kind["value"].groupby(x).median()
         axes.hlines(medians, medians.index - 0.08, medians.index + 0.08, color=style["color"])
-    axes.set_xticks(range(len(settings)), settings)
-    if len(settings) > 5:
-        axes.tick_params(axis="x", labelrotation=60, labelsize=8)
-    axes.set_xlim(-0.5, len(settings) - 0.5)
-    axes.set_ylim(0, 1.1 * rows["value"].max() or 1.0)
+    axes.set_xticks(range(len(settings)), settings, rotation=60 if len(settings) > 5 else 0)
+    axes.set(xlim=(-0.5, len(settings) - 0.5), ylim=(0, 1.1 * rows["value"].max()))
