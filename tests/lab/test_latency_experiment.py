@@ -18,7 +18,6 @@ def looked(look, repeat, path, ordered_ns):
         "look": look,
         "repeat": repeat,
         "path": path,
-        "phase": 0.5,
         "pictures": 6,
         "ordered_ns": ordered_ns,
     }

@@ -17,7 +17,7 @@ INSTANTS = (0, 1, 2, 3, 4, 5, 10, 15, 20)
 def move(before, given, after, actions, at_s):
     """Return a transition that the discoverer took."""
     row = {"before": before, "given": given, "after": after, "actions": actions}
-    return {"discoverer": "station", "agent": "go2", **row, "t_ns": START_NS + round(at_s * S)}
+    return {"agent": "go2", **row, "t_ns": START_NS + round(at_s * S)}
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from sfglab.lab.experiments.routing.results import FORBIDDEN, HEARD, MISSING, SI
 from sfglab.names import dds_topic
 
 DOMAINS = {"agent_1": 1, "agent_2": 2, "ground_1": 0, "ground_2": 0}
-PARTIES = tuple(PartyRow(party=name, domain=domain, host=name) for name, domain in DOMAINS.items())
+PARTIES = tuple(PartyRow(party=name, domain=domain) for name, domain in DOMAINS.items())
 
 
 def heard_rows():

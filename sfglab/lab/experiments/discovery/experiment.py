@@ -201,10 +201,6 @@ class FleetRow(Cell, TableRow):
     """A live fleet that was started once."""
 
     cell: int  #: Counter from 0.
-    #: Time from the last start order until the last agent had discovered its peers, s.
-    resolved_s: float
-    #: Whether the fleet was given up; `resolved_s` is then the time that was waited.
-    censored: bool
     window_s: float  #: Time from the first start order to the last reading of the meters, s.
     nodes_cpu_s: float  #: CPU time of the ROS 2 nodes in that window, s.
     components_cpu_s: float  #: CPU time of routers, status providers and discoverers, s.

@@ -69,8 +69,6 @@ async def start_fleets(bench: Bench[Config]) -> None:
         row = FleetRow(
             cell=number,
             **asdict(cell),
-            resolved_s=max(host.resolved_s for host in hosts),
-            censored=any(host.censored for host in hosts),
             window_s=nodes.window_s,
             nodes_cpu_s=cpu_s(nodes),
             components_cpu_s=cpu_s(components),

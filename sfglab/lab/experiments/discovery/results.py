@@ -43,6 +43,7 @@ NAMES = {STANDARD: "plain ROS 2", LAUNCHED: "paper's method", ROUTED: "sfglab va
 """Name for readers by live mode."""
 TIME, BYTES = "resolved_s", "own_bytes"
 STANDARD_MB = "MB at 6 agents, standard"  #: Key of the paper's bytes of the standard fleet.
+RECEIVED_MB = "MB received by standard"  #: Key of ours.
 
 
 # --- Fleets -----------------------------------------------------------------------------------
@@ -51,7 +52,8 @@ STANDARD_MB = "MB at 6 agents, standard"  #: Key of the paper's bytes of the sta
 @derived
 def agents_of(run: Run[Config]) -> pd.DataFrame:
     """Return one row per agent of the live fleets, with its fleet's columns, `nodes` and `cpu_s`."""
-    cells = run["cell"].drop(columns=[TIME, "censored"])
+    # Earlier logs have further columns with the names of those of agents.
+    cells = run["cell"].drop(columns=[TIME, "censored"], errors="ignore")
     fleets = cells.assign(
         nodes=cells["talkers"] + cells["listeners"],
         cpu_s=cells["nodes_cpu_s"] + cells["components_cpu_s"],
@@ -145,12 +147,6 @@ def at_nodes(wanted: int, less: tuple[int, float], more: tuple[int, float]) -> f
     return wanted * (low / few + slope * (wanted - few))
 
 
-def standard_bytes(run: Run[Config]) -> float:
-    """Return the bytes of agents of the paper's largest standard fleet by those with the fewest nodes."""
-    known = [(nodes, float(np.median(received))) for nodes, received in by_nodes(run)[:2]]
-    return at_nodes(main_nodes(run), *known)
-
-
 def fewer_bytes(less: Few, more: Few, wanted: int, routed: Floats) -> Estimate:
     """Estimate how much less routed agents receive than standard ones with a number of nodes."""
 
@@ -209,13 +205,15 @@ def bytes_of(run: Run[Config], mode: str) -> Finding | None:
         under[f"with {less[0]} and {more[0]} nodes"] = fewer_bytes(less, more, wanted, routed[0])
     for name, received in zip([SLOWER], routed[1:], strict=False):
         under[name] = fewer_bytes(few[0], few[1], wanted, received)
-    own_kb, standard_mb = float(np.median(routed[0])) / 1e3, standard_bytes(run) / 1e6
+    estimate = fewer_bytes(few[0], few[1], wanted, routed[0])
+    own_kb = float(np.median(routed[0])) / 1e3
+    standard_mb = own_kb / 1e3 * 10**estimate.value
     paper_mb = paper("A-DISC-BYTES", STANDARD_MB)
     paper_kb = 1e3 * paper_mb / 10 ** paper("A-DISC-BYTES")
     return Finding(
-        estimate=fewer_bytes(few[0], few[1], wanted, routed[0]),
+        estimate=estimate,
         under=under,
-        ends={"MB received by standard": standard_mb},
+        ends={RECEIVED_MB: standard_mb},
         reason=f"with routers an agent receives {own_kb:.0f} kB (paper: about {paper_kb:.0f} kB), with "
         f"plain ROS 2 {standard_mb:.0f} MB, extrapolated (paper: {paper_mb} MB)",
     )
@@ -283,13 +281,13 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     time_axes.plot([], [], color="black", label="paper A, Fig. 9", **_STAR)
     time_axes.legend(loc="upper left")
     title = "Discovery in small live fleets"
-    findings = {mode: bytes_of(run, mode) for mode in (ROUTED, LAUNCHED)}
     saved = []
-    for mode, finding in findings.items():
-        if finding is not None:
+    for mode in (ROUTED, LAUNCHED):
+        if finding := bytes_of(run, mode):
             saved.append(f"{float(f'{10**finding.estimate.value:.2g}'):g} times ({NAMES[mode]})")
+            received_mb = finding.ends[RECEIVED_MB]
     if saved:
-        draw_extrapolated(bytes_axes, run)
+        draw_extrapolated(bytes_axes, received_mb, by_nodes(run))
         title = f"Six agents receive {' and '.join(saved)} fewer bytes than with plain ROS 2"
     figure.suptitle(title)
     started = "plain ROS 2 started at once, the others agent after agent"
@@ -316,14 +314,14 @@ def draw_agents(axes: Axes, table: pd.DataFrame, column: str, unit: str) -> None
     axes.yaxis.set_minor_locator(NullLocator())
 
 
-def draw_extrapolated(axes: Axes, run: Run[Config]) -> None:
+def draw_extrapolated(axes: Axes, received_mb: float, few: Sequence[Few]) -> None:
     """Draw the bytes of the standard fleet that the claims use."""
-    place, whole = PAPERS_LARGEST + SHIFTS[STANDARD], standard_bytes(run)
-    axes.plot(place, whole, "o", color=STYLES[STANDARD]["color"], markersize=8, fillstyle="none")
-    few = " and ".join(str(nodes) for nodes, _ in by_nodes(run)[:2])
-    text = f"{whole / 1e6:.0f} MB, extrapolated\nfrom {few} nodes"
+    place = PAPERS_LARGEST + SHIFTS[STANDARD]
+    at = (place, 1e6 * received_mb)
+    axes.plot(*at, "o", color=STYLES[STANDARD]["color"], markersize=8, fillstyle="none")
+    text = f"{received_mb:.0f} MB, extrapolated\nfrom {few[0][0]} and {few[1][0]} nodes"
     side: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center"}
-    axes.annotate(text, (place, whole), (-8, 0), fontsize=9, **side)
+    axes.annotate(text, at, (-8, 0), fontsize=9, **side)
 
 
 LARGEST = 1000  #: Number of agents up to which the formula is drawn.

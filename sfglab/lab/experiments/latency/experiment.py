@@ -85,8 +85,6 @@ class LookRow(TableRow):
     look: int  #: Counter from 0.
     repeat: int  #: Number of the repetition.
     path: str  #: One of `PATHS`.
-    #: Time of the order to subscribe, as a share of the GOP; 0 is the key frame.
-    phase: float
     ordered_ns: int  #: Time at which the viewer received the order to subscribe (Unix time), ns.
     first_ns: int  #: Time at which it held its first picture (Unix time), ns.
     pictures: int  #: Pictures that it received.
@@ -112,7 +110,6 @@ class ShotRow(TableRow):
 
     number: int  #: Number of the frame, plus `NUMBERS` for each repetition before.
     stamp_ns: int  #: Capture stamp (Unix time), ns.
-    size_bytes: int  #: Compressed size.
 
 
 NUMBERS = 10**6

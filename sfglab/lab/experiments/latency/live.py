@@ -217,7 +217,6 @@ class Processes(StreamProcesses):
                 look=look,
                 repeat=group.repeat,
                 path=path,
-                phase=group.phase,
                 ordered_ns=first["ordered_ns"],
                 first_ns=first["seen_ns"],
                 pictures=seen["frames"],
@@ -225,9 +224,8 @@ class Processes(StreamProcesses):
                 **counts,
             )
             rows["look"].append(row)
-        for number, stamp_ns, size_bytes in await self.frames_until(newest):
-            frame = ShotRow(number=base + number, stamp_ns=stamp_ns, size_bytes=size_bytes)
-            rows["camera"].append(frame)
+        for number, stamp_ns, _ in await self.frames_until(newest):
+            rows["camera"].append(ShotRow(number=base + number, stamp_ns=stamp_ns))
         return rows
 
 

@@ -131,7 +131,6 @@ class AnswerRow(TableRow):
 class MoveRow(TableRow):
     """A transition that a discoverer took."""
 
-    discoverer: str  #: Agent that the discoverer belongs to.
     agent: str  #: Remote agent.
     before: str  #: State before.
     given: str  #: Input.

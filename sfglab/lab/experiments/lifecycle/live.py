@@ -115,8 +115,7 @@ class Stage(ProcessGroup):
             case "heard":
                 self._record(name, report)
             case "move":
-                own = {"discoverer": name, "actions": ";".join(report["actions"])}
-                move = as_row(MoveRow, own, report)
+                move = as_row(MoveRow, {"actions": ";".join(report["actions"])}, report)
                 self.bench.write(move, at_ns=move.t_ns)
                 given = Input[move.given]
                 self.moves[move.agent].append(given)

@@ -49,34 +49,15 @@ HALF_WIDTH, HALF_HEIGHT = 1.75, 0.85
 LANE = 0.3  #: Distance of an arrow from the middle of its row.
 LEFT = -3.7  #: Place of the arrow along the left side.
 LINE = 0.4  #: Distance of two lines of text.
-TOP = {announced: y + HALF_HEIGHT for announced, y in Y.items()}
-BOTTOM = {announced: y - HALF_HEIGHT for announced, y in Y.items()}
-_NEW, _PRESENT, _LOST = Announced
 
-#: Arrows between rows: their corners, and the place of the first line of their text.
-BETWEEN_ROWS: dict[tuple[State, State], tuple[Sequence[Point], Point]] = {
-    (State.QUERYING, State.ACTIVE): (
-        [(6.0, BOTTOM[_NEW]), (6.0, 7.3), (0.6, 7.3), (0.6, TOP[_PRESENT])],
-        (1.7, 7.55),
-    ),
-    (State.ACTIVE, State.LOST): ([(-0.6, BOTTOM[_PRESENT]), (-0.6, TOP[_LOST])], (-3.2, 2.4)),
-    (State.LOST, State.ACTIVE): ([(-0.2, TOP[_LOST]), (-0.2, BOTTOM[_PRESENT])], (-0.1, 3.12)),
-    (State.LOST, State.UNKNOWN): (
-        [(-HALF_WIDTH, Y[_LOST]), (LEFT, Y[_LOST]), (LEFT, Y[_NEW]), (-HALF_WIDTH, Y[_NEW])],
-        (LEFT + 0.1, 7.3),
-    ),
-    (State.REFRESHING, State.LOST): (
-        [(6.3, BOTTOM[_PRESENT]), (6.3, 2.7), (0.3, 2.7), (0.3, TOP[_LOST])],
-        (2.7, 2.94),
-    ),
-    (State.REJOINING, State.ACTIVE): (
-        [(6.8, TOP[_LOST]), (6.8, 3.4), (1.2, 3.4), (1.2, BOTTOM[_PRESENT])],
-        (6.9, 1.55),
-    ),
-    (State.REFRESH_BACK_OFF, State.LOST): (
-        [(12.8, BOTTOM[_PRESENT]), (12.8, 2.1), (1, 2.1), (1, TOP[_LOST])],
-        (9.2, 2.34),
-    ),
+#: Arrows between rows: places of their start, their end, their horizontal part, and their text.
+BETWEEN_ROWS: dict[tuple[State, State], tuple[float, float, float, Point]] = {
+    (State.QUERYING, State.ACTIVE): (6.0, 0.6, 7.3, (1.7, 7.55)),
+    (State.ACTIVE, State.LOST): (-0.6, -0.6, 2.4, (-3.2, 2.4)),
+    (State.LOST, State.ACTIVE): (-0.2, -0.2, 2.4, (-0.1, 3.12)),
+    (State.REFRESHING, State.LOST): (6.3, 0.3, 2.7, (2.7, 2.94)),
+    (State.REJOINING, State.ACTIVE): (6.8, 1.2, 3.4, (6.9, 1.55)),
+    (State.REFRESH_BACK_OFF, State.LOST): (12.8, 1.0, 2.1, (9.2, 2.34)),
 }
 KEY = "\u21ba: the state stays. CAPITALS: discovery event. Bold: stated by the paper.\n"
 KEY_OF_RUN = f"input / actions \u00d7 number in this run. {KEY}Orange: not taken in this run."
@@ -108,9 +89,10 @@ class _Table:
         """Draw states, transitions and the key, and return the artists of each part."""
         axes = self._axes
         for announced, text in ROWS.items():
-            ends = (BOTTOM[announced] - 0.25, TOP[announced] + 0.25)
-            axes.axhspan(*ends, color=COLORS_OF_ROWS[announced], alpha=0.07, linewidth=0)
-            axes.text(-5.8, Y[announced], text, va="center", fontsize=9, style="italic")
+            y, half = Y[announced], HALF_HEIGHT + 0.25
+            color = COLORS_OF_ROWS[announced]
+            axes.axhspan(y - half, y + half, color=color, alpha=0.07, linewidth=0)
+            axes.text(-5.8, y, text, va="center", fontsize=9, style="italic")
         for query, text in COLUMNS.items():
             axes.text(X[query], 12.2, text, ha="center", fontsize=9, style="italic")
         axes.text(X[QueryState.QUERYING], -2.6, key, ha="center", va="center", fontsize=8.5)
@@ -200,10 +182,16 @@ class _Table:
 
 def _route(source: State, target: State) -> tuple[Sequence[Point], Point, bool]:
     """Return an arrow's corners, the place of its first line of text, and whether further lines go up."""
-    if source.announced is not target.announced:
-        return *BETWEEN_ROWS[source, target], False
-    row = Y[source.announced]
+    row, to_row = Y[source.announced], Y[target.announced]
     x, to_x = X[source.query], X[target.query]
+    if source is State.LOST and target is State.UNKNOWN:
+        corners = [(x - HALF_WIDTH, row), (LEFT, row), (LEFT, to_row), (x - HALF_WIDTH, to_row)]
+        return corners, (LEFT + 0.1, 7.3), False
+    if row != to_row:
+        start, end, level, at = BETWEEN_ROWS[source, target]
+        edge = HALF_HEIGHT if row < to_row else -HALF_HEIGHT
+        corners = [(start, row + edge), (start, level), (end, level), (end, to_row - edge)]
+        return corners, at, False
     is_right = x < to_x
     if abs(to_x - x) > X[QueryState.QUERYING]:  # around the state between them
         way = 1 if source.announced is Announced.NOTHING else -1

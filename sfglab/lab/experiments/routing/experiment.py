@@ -26,16 +26,15 @@ OTHERS = ("ground_1", "ground_2")  #: Parties in the global domain.
 class PartyRow:
     """A process that uses every topic and service, in both roles."""
 
-    party: str  #: Its name.
+    party: str  #: Its name, which is also that of its host.
     domain: int  #: Its DDS domain; 0 is the global one.
-    host: str  #: Host on which it runs.
 
 
 def parties_of(agents: int) -> tuple[PartyRow, ...]:
     """Return who takes part: agents in domains of their own, then the others in the global one."""
     domains = {f"agent_{number}": number for number in range(1, agents + 1)}
     domains |= dict.fromkeys(OTHERS, GLOBAL_DOMAIN)
-    rows = (PartyRow(party=name, domain=domain, host=name) for name, domain in domains.items())
+    rows = (PartyRow(party=name, domain=domain) for name, domain in domains.items())
     return tuple(rows)
 
 
@@ -59,7 +58,7 @@ exp = Experiment(
     where="A 4.1",
     smoke={"agents": 2, "seconds": 2.5, "busy": 3, "random_names": 500, "call_s": 0.5},
     paper={"agents": 6, "seconds": 20.0, "busy": 50, "random_names": 200_000},
-    hosts=lambda config: [party.host for party in parties_of(config.agents)],
+    hosts=lambda config: [party.party for party in parties_of(config.agents)],
     actors=(
         Actor("router", "agent_i", "at the border of D_i and D_0", count="one per agent"),
         Actor(

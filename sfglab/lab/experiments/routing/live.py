@@ -103,13 +103,13 @@ class Fleet(ProcessGroup):
         self.topics = tuple(topics(agents, OTHERS, busy=config.busy))  #: Topics of all parties.
         routers, peers = [], []
         for party in self.parties:
-            interface = testbed.interface(party.host)
+            interface = testbed.interface(party.party)
             own = shared = BusAddress(domain_id=GLOBAL_DOMAIN, interface=interface)
             if party.party in agents:
                 own = BusAddress(domain_id=party.domain, interface="lo")
                 router = RouterConfig(agent=party.party, local=own, remote=shared)
                 name = f"router of {party.party}"
-                routers.append(Member(name=name, host=party.host, module=_ROUTER, config=router))
+                routers.append(Member(name=name, host=party.party, module=_ROUTER, config=router))
             peer = PeerConfig(
                 name=party.party,
                 address=own,
@@ -118,7 +118,7 @@ class Fleet(ProcessGroup):
                 serves=service_names(party.party),
                 rate_hz=config.rate_hz,
             )
-            peers.append(Member(name=party.party, host=party.host, module=_PEER, config=peer))
+            peers.append(Member(name=party.party, host=party.party, module=_PEER, config=peer))
         super().__init__((*routers, *peers), wrap_command=testbed.argv)
 
     def _uses(self, party: str) -> Iterator[TopicUse]:
