@@ -71,7 +71,8 @@ def main_nodes(run: Run[Config]) -> int:
 def main_fleets(run: Run[Config]) -> pd.DataFrame:
     """Return the rows of `agents_of` of fleets with the most nodes per agent."""
     table = agents_of(run)
-    return table[table["nodes"] == table["nodes"].max()]
+    is_largest: pd.Series[bool] = table["nodes"] == table["nodes"].max()
+    return table[is_largest]
 
 
 def samples(rows: pd.DataFrame, column: str) -> Floats:
@@ -207,7 +208,8 @@ def bytes_of(run: Run[Config], mode: str) -> Finding | None:
         under[name] = fewer_bytes(few[0], few[1], wanted, received)
     estimate = fewer_bytes(few[0], few[1], wanted, routed[0])
     own_kb = float(np.median(routed[0])) / 1e3
-    standard_mb = own_kb / 1e3 * 10**estimate.value
+    known = [(nodes, float(np.median(received))) for nodes, received in few[:2]]
+    standard_mb = at_nodes(wanted, *known) / 1e6
     paper_mb = paper("A-DISC-BYTES", STANDARD_MB)
     paper_kb = 1e3 * paper_mb / 10 ** paper("A-DISC-BYTES")
     return Finding(

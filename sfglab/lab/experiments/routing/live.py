@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
@@ -177,43 +177,39 @@ async def observe(bench: Bench[Config]) -> None:
         bench.write_all("party", fleet.parties)
         sent = await fleet.talk(config.seconds)
         bench.advance("talked")
-        answers = await call_all(fleet, config.call_s)
+        bench.write_all("call", await call_all(fleet, config.call_s))
         bench.advance("called")
         told = await fleet.ask_all("told", do="tell")
-        bench.write_all("call", call_rows(fleet.parties, answers))
         bench.write_all("heard", heard_rows(fleet, sent, told))
         bench.write_all("endpoint", endpoint_rows(fleet.parties, told))
         bench.advance("told")
 
 
-async def call_all(fleet: Fleet, call_s: float) -> dict[str, dict[str, str]]:
-    """Let all parties call all services; return which server answered, by caller and service.
+async def call_all(fleet: Fleet, call_s: float) -> list[CallRow]:
+    """Let all parties call all services; return one row for each caller and each service of another party.
 
     Services that must answer come first, and may take long.
     """
-    services = [name for party in fleet.parties for name in service_names(party.party)]
-    answers: dict[str, dict[str, str]] = {party.party: {} for party in fleet.parties}
+    servers = {name: party for party in fleet.parties for name in service_names(party.party)}
+    rows = []
     for must_answer, timeout_s in ((True, ANSWER_S / 2), (False, call_s)):
-        names = [name for name in services if may_cross(name) is must_answer]
+        names = [name for name in servers if may_cross(name) is must_answer]
         reports = await fleet.ask_all("called", do="call", names=names, timeout_s=timeout_s)
-        for caller, report in reports.items():
-            servers = [answer["message"] for answer in report["answers"]]
-            answers[caller].update(zip(names, servers, strict=True))
-    return answers
-
-
-def call_rows(parties: Sequence[PartyRow], answers: dict[str, dict[str, str]]) -> Iterator[CallRow]:
-    """Yield one row for each caller and each service that another party offers."""
-    for caller, server in permutations(parties, 2):
-        for name in service_names(server.party):
-            yield CallRow(
+        for caller, name in product(fleet.parties, names):
+            server = servers[name]
+            if caller == server:
+                continue
+            answer = reports[caller.party]["answers"][names.index(name)]
+            row = CallRow(
                 name=name,
                 caller=caller.party,
                 server=server.party,
                 caller_domain=caller.domain,
                 server_domain=server.domain,
-                answered=answers[caller.party][name] == server.party,
+                answered=answer["message"] == server.party,
             )
+            rows.append(row)
+    return rows
 
 
 def heard_rows(fleet: Fleet, sent: dict[str, int], told: dict[str, Report]) -> Iterator[HeardRow]:
