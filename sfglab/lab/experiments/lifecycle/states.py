@@ -53,8 +53,8 @@ LINE = 0.4  #: Distance of two lines of text.
 #: Arrows between rows: places of their start, their end, their horizontal part, and their text.
 BETWEEN_ROWS: dict[tuple[State, State], tuple[float, float, float, Point]] = {
     (State.QUERYING, State.ACTIVE): (6.0, 0.6, 7.3, (1.7, 7.55)),
-    (State.ACTIVE, State.LOST): (-0.6, -0.6, 2.4, (-3.2, 2.4)),
-    (State.LOST, State.ACTIVE): (-0.2, -0.2, 2.4, (-0.1, 3.12)),
+    (State.ACTIVE, State.LOST): (-0.6, -0.6, 3.95, (-3.2, 2.4)),
+    (State.LOST, State.ACTIVE): (-0.2, -0.2, 0.85, (-0.1, 3.12)),
     (State.REFRESHING, State.LOST): (6.3, 0.3, 2.7, (2.7, 2.94)),
     (State.REJOINING, State.ACTIVE): (6.8, 1.2, 3.4, (6.9, 1.55)),
     (State.REFRESH_BACK_OFF, State.LOST): (12.8, 1.0, 2.1, (9.2, 2.34)),
