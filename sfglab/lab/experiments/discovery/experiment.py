@@ -53,18 +53,28 @@ _FEW = tuple(
 )
 
 
-_FORMER_FLEETS = (
-    *(("standard ROS 2", 2, 10, 2), (STANDARD, 2, 10, 2), (ROUTED, 2, 10, 1)),
-    *(("standard ROS 2", 4, 3, 2), (STANDARD, 4, 3, 2), (ROUTED, 4, 3, 1)),
-    ("standard ROS 2, composed", 6, 10, 1),
-)
-"""The removed field ``ros2`` of the profile ``quick``: mode, agents, nodes of a role, and repetitions."""
-
-
-def _former_fleet(mode: str, agents: int, nodes: int, repeats: int) -> dict[str, Any]:
-    """Return a fleet of the removed field ``ros2`` as logs have it."""
-    size = {"agents": [agents], "talkers": nodes, "listeners": nodes}
+def _former_fleet(mode: str, agents: list[int], nodes: int, repeats: int) -> dict[str, Any]:
+    """Return fleets of one mode of the removed field ``ros2`` as logs have it."""
+    size = {"agents": agents, "talkers": nodes, "listeners": nodes}
     return {"mode": mode, **size, "repeats": repeats, "pace_s": 0.0}
+
+
+def _former_fleets(repeats: int, *sizes: tuple[int, int]) -> list[dict[str, Any]]:
+    """Return the fleets of each mode that the field compared; a size is agents and nodes of a role."""
+    counts = {"standard ROS 2": repeats, STANDARD: repeats, ROUTED: 1}
+    pairs = product(sizes, counts.items())
+    return [_former_fleet(mode, [size[0]], size[1], count) for size, (mode, count) in pairs]
+
+
+_COMPOSED = "standard ROS 2, composed"
+_FORMER_ROS2 = {
+    "quick": [*_former_fleets(2, (2, 10), (4, 3)), _former_fleet(_COMPOSED, [6], 10, 1)],
+    "paper": [
+        *_former_fleets(20, (2, 10), (3, 6), (4, 3), (6, 2)),
+        _former_fleet(_COMPOSED, [*_FLEETS], 10, 20),
+    ],
+}
+"""The removed field ``ros2``, by profile."""
 
 
 def paced(repeats: int, sizes: tuple[int, ...]) -> tuple[Stage, ...]:
@@ -192,7 +202,7 @@ exp = Experiment(
         Link("router", "discoverer", "peers' heartbeats, descriptions"),
         Link("router", "peers", "with routers: heartbeats, description", boundary="the network"),
     ),
-    removed={"ros2": {"quick": [_former_fleet(*fleet) for fleet in _FORMER_FLEETS]}},
+    removed={"ros2": _FORMER_ROS2},
 )
 
 
