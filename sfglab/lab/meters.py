@@ -1,4 +1,4 @@
-"""Meters: CPU time of process trees and bytes at interfaces, together with the machine's own load.
+"""Meters: CPU time of process trees and bytes at interfaces.
 
 CPU time is read from the processes' own clocks in nanoseconds (clock_getcpuclockid(3)); 100 % is one core.
 One sample costs about 12 us for each process on the machine. The kernel charges soft interrupts to the
@@ -16,13 +16,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-import psutil
-
 from sfglab.errors import InvalidValueError
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:
-    from sfglab.lab.hosts import InterfaceBytes
     from sfglab.lab.testbed import CountsBytes
 
 
@@ -139,21 +136,10 @@ _CPUCLOCK_SCHED = 2  # linux/posix-timers.h: the precise clock of a process
 class MeterRow:
     """CPU time and traffic of one label during one window; None if they were not measured."""
 
-    t_ns: int  #: End of the window on the run's clock.
     window_s: float  #: Length of the window, s.
     label: str  #: Name of the measured processes or interface.
     cpu_percent: float | None  #: CPU time of its processes, %; 100 is one core.
     rx_bps: float | None  #: Bits per second received at its interface.
-    tx_bps: float | None  #: Bits per second sent there.
-    #: CPU time of all other work on the machine, on all cores together, %: busy time without everything
-    #: labelled. The kernel gives busy time in steps of 10 ms for each core.
-    machine_cpu_percent: float
-    steal_percent: float  #: Time that the hypervisor gave to other machines, %.
-
-
-def counted(before: int, after: int) -> int:
-    """Return the increase of a counter. A smaller value means a restart, because 64 bits do not overflow."""
-    return after - before if after >= before else after
 
 
 def _stat_from(line: bytes) -> ProcessStat:
@@ -202,23 +188,22 @@ class CpuMeter:
         self._pids = pids
         self._ledger = CpuLedger()
 
-    def sample(self, table: Mapping[int, ProcessStat] | None = None) -> int:
-        """Return the CPU time since the first sample, ns.
-
-        Args:
-            table: A `process_table`; None: it is read.
-        """
+    def sample(self, table: Mapping[int, ProcessStat]) -> int:
+        """Return the CPU time since the first sample, ns, from a `process_table`."""
         clock_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // _TICK_NS * _TICK_NS
-        table = process_table() if table is None else table
-        roots, self._pids = (self._pids(), self._pids) if callable(self._pids) else (self._pids, ())
-        known = self._ledger.started_ns
-        wanted = {pid for pid in known if pid in table and table[pid].started_ns == known[pid]} | {
-            *roots
+        wanted = {
+            pid
+            for pid, started_ns in self._ledger.started_ns.items()
+            if pid in table and table[pid].started_ns == started_ns
         }
-        wanted = tree({pid: stat.parent for pid, stat in table.items()}, wanted)
-        return self._ledger.update(
-            {pid: _read(pid, table[pid]) for pid in wanted}, clock_ns=clock_ns
-        )
+        if callable(self._pids):
+            wanted.update(self._pids())
+        else:
+            wanted.update(self._pids)
+            self._pids = ()  # from now on the ledger knows them
+        found = tree({pid: stat.parent for pid, stat in table.items()}, wanted)
+        readings = {pid: _read(pid, table[pid]) for pid in found}
+        return self._ledger.update(readings, clock_ns=clock_ns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,39 +212,26 @@ class _Reading:
 
     t_ns: int
     cpu_ns: Mapping[str, int]
-    traffic: Mapping[str, InterfaceBytes]
-    labelled_ns: int
-    busy_ns: int
-    steal_ns: int
+    received_bytes: Mapping[str, int]
 
 
 class Window:
     """Several meters, by label, that are read together; each sample closes one window and opens the next."""
 
     def __init__(self, *, cpu: Mapping[str, Pids], interfaces: Mapping[str, CountsBytes]) -> None:
-        roots = [pids if callable(pids) else tuple(pids) for pids in cpu.values()]
-        self._cpu = {label: CpuMeter(pids) for label, pids in zip(cpu, roots, strict=True)}
-        # A process may have several labels, but its time is subtracted from the machine's load once.
-        self._union = CpuMeter(
-            lambda: {pid for pids in roots for pid in (pids() if callable(pids) else pids)}
-        )
+        self._cpu = {label: CpuMeter(pids) for label, pids in cpu.items()}
         self._interfaces = interfaces
         self._before: _Reading | None = None
 
     def sample(self, now_ns: int) -> list[MeterRow]:
         """Read all meters; return a row for each label, in order. The first call returns none: it opens a window."""
-        # These are read first, because they have no time stamp, and reading the table takes long on a busy
-        # machine.
-        times = psutil.cpu_times()  # guest time is contained in user and nice
         table = process_table()
-        busy_s = times.user + times.nice + times.system + times.irq + times.softirq
         now = _Reading(
             t_ns=now_ns,
             cpu_ns={label: meter.sample(table) for label, meter in self._cpu.items()},
-            traffic={label: host.interface_bytes() for label, host in self._interfaces.items()},
-            labelled_ns=self._union.sample(table),
-            busy_ns=round(busy_s * NS_PER_S),
-            steal_ns=round(times.steal * NS_PER_S),
+            received_bytes={
+                label: host.interface_bytes().rx_bytes for label, host in self._interfaces.items()
+            },
         )
         before, self._before = self._before, now
         if before is None:
@@ -271,25 +243,14 @@ def _row(label: str, before: _Reading, after: _Reading) -> MeterRow:
     """Turn the readings at both ends of a window into one label's row."""
     window_ns = max(1, after.t_ns - before.t_ns)
     window_s = window_ns / NS_PER_S
-    used_ns = after.cpu_ns[label] - before.cpu_ns[label] if label in after.cpu_ns else None
-    rx_bps = tx_bps = None
-    if label in after.traffic:
-        old, new = before.traffic[label], after.traffic[label]
-        rx_bps = BITS_PER_BYTE * counted(old.rx_bytes, new.rx_bytes) / window_s
-        tx_bps = BITS_PER_BYTE * counted(old.tx_bytes, new.tx_bytes) / window_s
-    busy_ns = after.busy_ns - before.busy_ns
-    return MeterRow(
-        t_ns=after.t_ns,
-        window_s=window_s,
-        label=label,
-        cpu_percent=None if used_ns is None else 100 * used_ns / window_ns,
-        rx_bps=rx_bps,
-        tx_bps=tx_bps,
-        machine_cpu_percent=100
-        * max(0, busy_ns - after.labelled_ns + before.labelled_ns)
-        / window_ns,
-        steal_percent=100 * (after.steal_ns - before.steal_ns) / window_ns,
-    )
+    cpu_percent = rx_bps = None
+    if label in after.cpu_ns:
+        used_ns = after.cpu_ns[label] - before.cpu_ns[label]
+        cpu_percent = 100 * used_ns / window_ns
+    if label in after.received_bytes:
+        received_bytes = after.received_bytes[label] - before.received_bytes[label]
+        rx_bps = BITS_PER_BYTE * received_bytes / window_s
+    return MeterRow(window_s=window_s, label=label, cpu_percent=cpu_percent, rx_bps=rx_bps)
 
 
 async def measure(
@@ -298,20 +259,19 @@ async def measure(
     *,
     cpu: Mapping[str, Pids] | None = None,
     interfaces: Mapping[str, CountsBytes] | None = None,
-    clock_ns: Callable[[], int] = time.monotonic_ns,
 ) -> list[MeterRow]:
-    """Measure for a duration; return one row for each window of `period_s` and each label, by a real clock.
+    """Measure for a duration; return one row for each window of `period_s` and each label.
 
     Raises `InvalidValueError` if the duration is shorter than one period.
     """
     if not 0 < period_s <= duration_s:
         raise InvalidValueError("period_s", period_s, f"above 0, up to duration_s ({duration_s})")
     window = Window(cpu=cpu or {}, interfaces=interfaces or {})
-    start_ns = clock_ns()
+    start_ns = time.monotonic_ns()
     window.sample(start_ns)
     rows = []
     for number in range(1, round(duration_s / period_s) + 1):
         due_ns = start_ns + round(number * period_s * NS_PER_S)
-        await asyncio.sleep(max(0, due_ns - clock_ns()) / NS_PER_S)
-        rows += window.sample(clock_ns())
+        await asyncio.sleep(max(0, due_ns - time.monotonic_ns()) / NS_PER_S)
+        rows += window.sample(time.monotonic_ns())
     return rows
