@@ -97,7 +97,7 @@ WORKERS = [
     *("sfglab.fleet.router.node", "sfglab.fleet.status.node", "sfglab.fleet.discovery.node"),
     *("sfglab.fleet.decoder.node", "sfglab.fleet.decoder.process", "sfglab.fleet.gop_cache"),
     *("sfglab.fleet.agent.app", "sfglab.lab.hosts.hub"),
-    *("sfglab.lab.hosts.enter", "sfglab.lab.hosts.radio_relay", "sfglab.lab.sweep.run"),
+    *("sfglab.lab.hosts.enter", "sfglab.lab.sweep.run"),
     *(f"sfglab.lab.workers.{name}" for name in ("camera", "container", "crossing", "driving")),
     *(f"sfglab.lab.workers.{name}" for name in ("hallway", "idle", "mocap")),
     *(

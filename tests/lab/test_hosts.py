@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sfglab.errors import InvalidValueError
-from sfglab.lab.hosts import HostsError, LinkControlError, Network
+from sfglab.lab.hosts import HostsError, Network
 from sfglab.rtps import Medium
 
 pytestmark = pytest.mark.netns
@@ -204,7 +204,7 @@ def test_a_kernel_that_cannot_shape_gets_one_clear_error(network, monkeypatch):
     monkeypatch.setattr(
         network._running, "_receive", lambda: (_ for _ in ()).throw(PermissionError("no htb"))
     )
-    with pytest.raises(LinkControlError, match=r"edge.*no htb.*sch_htb"):
+    with pytest.raises(HostsError, match=r"edge.*no htb.*sch_htb"):
         network.set_radio(Medium(shared=False, queue_rule="block"))
 
 

@@ -13,7 +13,6 @@ from sfglab.lab.hosts.host import (
     HostsError,
     HostsUnavailableError,
     InterfaceBytes,
-    LinkControlError,
 )
 from sfglab.lab.hosts.network import Capability, Network
 from sfglab.lab.hosts.radio import RadioCounters, RadioHost
@@ -24,7 +23,6 @@ __all__ = [
     "HostsError",
     "HostsUnavailableError",
     "InterfaceBytes",
-    "LinkControlError",
     "Network",
     "RadioCounters",
     "RadioHost",

@@ -44,16 +44,6 @@ class HostsError(SfglabError, RuntimeError):
     """A network of test hosts is closed, lost its hub, or failed to execute a request."""
 
 
-class LinkControlError(SfglabError, OSError):
-    """The kernel refuses the queue in which a host's frames would wait."""
-
-    def __init__(self, host: str, reason: str) -> None:
-        super().__init__(
-            f"link of host {host!r}: the kernel refused it: {reason}. A medium whose queue blocks needs "
-            "the htb queueing discipline (module sch_htb)"
-        )
-
-
 # A killed process is gone within milliseconds, unless a device driver blocks it.
 _KILL_TIMEOUT_S = 5.0
 
@@ -170,9 +160,6 @@ class Host:
         self.inode = os.fstat(self._namespace).st_ino
         self._started: list[subprocess.Popen[Any]] = []
         self._closed = False
-
-    def __repr__(self) -> str:
-        return f"Host({self.name!r}, address={self.address!r})"
 
     def argv(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
         """Return a command line that runs a command inside this host.

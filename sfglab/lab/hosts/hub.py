@@ -1,6 +1,6 @@
 """Process that owns a network of hosts; it starts inside its own namespace, see `network`.
 
-It answers requests on a `Channel` and forks one *holder* per host, a process whose only purpose is to keep
+It answers requests on a `Channel`, relays the frames of a radio, and forks one *holder* per host, a process whose only purpose is to keep
 the host's namespace alive. When the processes end, the kernel itself removes namespaces, cables and
 addresses. The hub and every holder watch a pidfd of the creator; holders also watch one of the hub. The
 first process that wakes up kills all processes in the hosts. A parent-death signal (prctl(2),
@@ -17,16 +17,15 @@ import signal
 import socket
 import sys
 import traceback
+from dataclasses import asdict
 from typing import Any, NoReturn
 
-from sfglab.lab.hosts.channel import Channel, answer
+from sfglab.lab.hosts.channel import answer
 from sfglab.lab.hosts.enter import CLONE_NEWNET, unshare
 from sfglab.lab.hosts.host import end_members
+from sfglab.lab.hosts.radio_relay import Relay
 from sfglab.lab.hosts.wiring import Port, Wiring
 from sfglab.rtps import Medium
-
-_RELAY = (sys.executable, "-P", "-m", "sfglab.lab.hosts.radio_relay")
-_RELAY_LIMIT_S = 10.0
 
 
 def _close_all_but(kept: set[int]) -> None:
@@ -81,7 +80,7 @@ class _Hub:
         self._wiring = Wiring()
         self._ports: dict[str, Port] = {}
         self._holders: list[int] = []
-        self._relay: Channel | None = None
+        self._relay: Relay | None = None
 
     def how(self) -> str:
         return self._how
@@ -96,30 +95,22 @@ class _Hub:
         self._wiring.set_connected(self._ports[name], connected=connected)
 
     def set_radio(self, *, medium: dict[str, Any], seed: int) -> None:
+        given = Medium(**medium)
         for port in self._ports.values():
-            self._wiring.set_air(port, Medium(**medium))
+            self._wiring.set_air(port, given)
         if self._relay is None:
-            self._relay = self._start_relay()
-        self._relay.request("set", medium=medium, seed=seed)
+            self._relay = self._start_relay(given)
+        self._relay.set(given, seed=seed)
 
-    def _start_relay(self) -> Channel:
+    def _start_relay(self, medium: Medium) -> Relay:
         """Replace the bridge by a relay."""
-        ports = []
-        for name, port in self._ports.items():
+        for port in self._ports.values():
             self._wiring.take_over(port)
-            ports.append((name, port.outer, port.mac))
-        relay = Channel("the relay of the radio", _RELAY, limit_s=_RELAY_LIMIT_S)
-        try:
-            relay.request("start", ports=ports)
-        except BaseException:
-            relay.close()
-            raise
-        return relay
+        return Relay(self._ports, medium)
 
     def radio_counters(self) -> dict[str, Any]:
         assert self._relay is not None
-        counters: dict[str, Any] = self._relay.request("counters")
-        return counters
+        return asdict(self._relay.counters())
 
     def serve(self, control: socket.socket) -> None:
         operations = (
@@ -129,17 +120,20 @@ class _Hub:
             self.set_radio,
             self.radio_counters,
         )
-        poll = select.poll()
-        poll.register(self._creator, select.POLLIN)
-        poll.register(control, select.POLLIN)
-        while not any(fd == self._creator for fd, _ in poll.poll()):
-            if not answer(control, *operations):
+        while True:
+            relay = self._relay
+            frames = relay.sockets if relay else []
+            pause_s = relay.pause_s() if relay else None
+            ready, _, _ = select.select([self._creator, control, *frames], (), (), pause_s)
+            if self._creator in ready:
                 return
+            if control in ready and not answer(control, *operations):
+                return
+            if relay:
+                relay.relay(ready)
 
     def close(self) -> None:
         """End the holders, and then all processes inside; open descriptors keep the namespaces distinct."""
-        if self._relay is not None:
-            self._relay.close()
         for pid in self._holders:
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)

@@ -21,7 +21,6 @@ from sfglab.lab.hosts.host import (
     Host,
     HostsError,
     HostsUnavailableError,
-    LinkControlError,
     end_members,
 )
 from sfglab.lab.hosts.radio import RadioCounters
@@ -46,6 +45,7 @@ class Capability:
     reason: str = ""  #: Reason why it cannot; empty if it can.
 
 
+_HTB = "A medium whose queue blocks needs the htb queueing discipline (module sch_htb)"
 _CLOSED = "this network is closed: use it inside its `with` block"
 
 
@@ -187,7 +187,7 @@ class Network:
         Raises:
             InvalidValueError: The queue blocks, and the medium is shared: a host's kernel does not know which
                 other hosts send. Or the overhead of a frame exceeds the range of the kernel's queue.
-            LinkControlError: The kernel refuses.
+            HostsError: The kernel refuses.
         """
         if not self._hosts:
             raise HostsError("a radio needs hosts: add them before `set_radio`")
@@ -200,7 +200,8 @@ class Network:
         try:
             self._channel.request("set_radio", medium=asdict(medium), seed=seed)
         except PermissionError as error:
-            raise LinkControlError(", ".join(self._hosts), str(error)) from error
+            hosts = ", ".join(self._hosts)
+            raise HostsError(f"link of {hosts}: the kernel refused it: {error}. {_HTB}") from error
         self._on_radio = True
 
     def radio_counters(self) -> RadioCounters:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sfglab.units import NS_PER_MS, NS_PER_S
+from sfglab.units import NS_PER_S
 
 LATE_AFTER_S = 0.002  #: Delay beyond the due time from which a frame is late.
 
@@ -19,11 +19,6 @@ class RadioHost:
     queue_full: int = 0  #: Number of its frames that found its queue full.
     lost: int = 0  #: Number of its frames that a receiver did not get, counted per receiver.
 
-    @property
-    def airtime_s(self) -> float:
-        """`airtime_ns` in seconds."""
-        return self.airtime_ns / NS_PER_S
-
 
 @dataclass(slots=True, kw_only=True)
 class RadioCounters:
@@ -33,28 +28,18 @@ class RadioCounters:
     delivered: int = 0  #: Number of frames that reached a receiver, counted per receiver.
     #: Number of delivered frames that arrived more than `LATE_AFTER_S` after they were due.
     late: int = 0
-    late_sum_ns: int = 0  #: Sum of the delays beyond the due time, of all frames, ns.
-    late_most_ns: int = 0  #: The longest of these delays, ns.
     #: Number of frames that the kernel dropped on their way to the relay or from it.
     overrun: int = 0
 
     def note(self, due_ns: int, now_ns: int) -> None:
         """Count a frame that is delivered now, given its due time."""
-        delay_ns = max(0, now_ns - due_ns)
         self.delivered += 1
-        self.late += delay_ns > LATE_AFTER_S * NS_PER_S
-        self.late_sum_ns += delay_ns
-        self.late_most_ns = max(self.late_most_ns, delay_ns)
+        self.late += now_ns - due_ns > LATE_AFTER_S * NS_PER_S
 
     @property
     def lost(self) -> int:
         """Number of frames that a receiver did not get, counted per receiver."""
         return sum(host.lost for host in self.hosts.values())
-
-    @property
-    def queue_full(self) -> int:
-        """Number of frames that found their sender's queue full."""
-        return sum(host.queue_full for host in self.hosts.values())
 
     @property
     def kept_up(self) -> bool:
@@ -63,9 +48,5 @@ class RadioCounters:
 
     def said(self) -> str:
         """Return a line of text about the relay's speed."""
-        mean_ms = self.late_sum_ns / max(1, self.delivered) / NS_PER_MS
-        return (
-            f"{self.delivered} frames delivered, {self.late} of them more than {LATE_AFTER_S * 1e3:g} ms "
-            f"late (mean {mean_ms:.2f} ms, most {self.late_most_ns / NS_PER_MS:.1f} ms), "
-            f"{self.overrun} overrun"
-        )
+        late = f"{self.late} of them more than {LATE_AFTER_S * 1e3:g} ms late"
+        return f"{self.delivered} frames delivered, {late}, {self.overrun} overrun"

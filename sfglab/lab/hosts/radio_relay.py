@@ -1,8 +1,8 @@
-"""Relay of a radio, a process between the hosts' cables: ``python -m sfglab.lab.hosts.radio_relay FD``.
+"""Relay of a radio between the hosts' cables, which the hub runs.
 
 The relay receives every frame that a host sends (packet(7)). The medium determines its time of arrival, at
 which the relay hands it to its receivers. A frame to a group reaches all other hosts and is sent once; a
-loss is drawn for each receiver. The process ends with its control socket.
+loss is drawn for each receiver.
 
 The medium is a pure state machine of frames at times, in nanoseconds of the caller's clock. Its rules are
 the functions of `sfglab.rtps.channel`, which the model of RTPS uses as well. A blocking queue is in the
@@ -12,21 +12,17 @@ end follows from the end of the previous frame.
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
+import gc
 import random
-import select
 import socket
 import struct
-import sys
 import time
 from collections import deque
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sfglab.lab.hosts.channel import answer
 from sfglab.lab.hosts.radio import RadioCounters, RadioHost
-from sfglab.rtps import Medium
 from sfglab.rtps.channel import (
     BLOCK,
     DISPLACES,
@@ -41,38 +37,39 @@ from sfglab.rtps.channel import (
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-F = TypeVar("F")
+    from sfglab.lab.hosts.wiring import Port
+    from sfglab.rtps import Medium
 
 
-class Sent(NamedTuple, Generic[F]):
+class Sent(NamedTuple):
     """A frame with its time of arrival."""
 
     due_ns: int  #: Time of arrival.
     host: int  #: Host that sent it.
-    frame: F  #: The frame.
+    frame: Any  #: The frame.
 
 
 @dataclass(slots=True)
-class _Transmitter(Generic[F]):
+class _Transmitter:
     """Transmitter of one frame at a time; its hosts take turns."""
 
     hosts: tuple[int, ...]
     next_: int = 0
     free_ns: int = 0
-    on_air: Sent[F] | None = None
-    relayed: _Waiting[F] | None = None  #: Frame that the access point sends next.
+    on_air: Sent | None = None
+    relayed: _Waiting | None = None  #: Frame that the access point sends next.
 
 
-class _Waiting(NamedTuple, Generic[F]):
+class _Waiting(NamedTuple):
     since_ns: int
     size_bytes: int
-    frame: F
+    frame: Any
     sender: int
 
 
-class Air(Generic[F]):
+class Air:
     """State of the medium; `lose` decides on losses before the access point, `chance` on the next sender."""
 
     def __init__(
@@ -88,9 +85,9 @@ class Air(Generic[F]):
         self.use = [RadioHost() for _ in hosts]
         # the last place, which is unused if the medium has no access point
         self._access_point = len(self.use)
-        self._queues: list[deque[_Waiting[F]]] = [deque() for _ in range(len(hosts) + 1)]
-        self._transmitters: list[_Transmitter[F]] = []
-        self._flight: deque[Sent[F]] = deque()
+        self._queues: list[deque[_Waiting]] = [deque() for _ in range(len(hosts) + 1)]
+        self._transmitters: list[_Transmitter] = []
+        self._flight: deque[Sent] = deque()
         self.change(medium)
 
     def change(self, medium: Medium) -> None:
@@ -105,7 +102,7 @@ class Air(Generic[F]):
         for transmitter in self._transmitters:
             self._start(transmitter)
 
-    def offer(self, host: int, frame: F, *, size_bytes: int, now_ns: int) -> bool:
+    def offer(self, host: int, frame: Any, *, size_bytes: int, now_ns: int) -> bool:
         """Put a frame into a host's queue now; return False if a frame is dropped."""
         took = self._queue(host, _Waiting(now_ns, size_bytes, frame, host))
         for transmitter in self._transmitters:
@@ -114,7 +111,7 @@ class Air(Generic[F]):
                 self._start(transmitter)
         return took
 
-    def _queue(self, host: int, waiting: _Waiting[F]) -> bool:
+    def _queue(self, host: int, waiting: _Waiting) -> bool:
         queue, medium = self._queues[host], self._medium
         result = admission(medium.rule, len(queue), medium.queue_frames)
         if result != JOINS:
@@ -126,7 +123,7 @@ class Air(Generic[F]):
             queue.append(waiting)
         return result == JOINS
 
-    def advance(self, until_ns: int) -> list[Sent[F]]:
+    def advance(self, until_ns: int) -> list[Sent]:
         """Return the frames that have arrived until a time, inclusive, in order."""
         for transmitter in self._transmitters:
             while transmitter.on_air is not None and transmitter.free_ns <= until_ns:
@@ -149,7 +146,7 @@ class Air(Generic[F]):
         times += [sent.due_ns for sent in self._flight]
         return min(times, default=None)
 
-    def _start(self, transmitter: _Transmitter[F]) -> None:
+    def _start(self, transmitter: _Transmitter) -> None:
         """Send the next frame: the first of the host whose turn it is among the hosts that wait by then."""
         queues, medium = self._queues, self._medium
         waiting = [host for host in transmitter.hosts if queues[host]]
@@ -225,80 +222,69 @@ def _take(sock: socket.socket, host: int) -> list[_Arrival]:
     return arrivals
 
 
-class _Relay:
-    def __init__(self) -> None:
-        self._names: list[str] = []
-        self._sockets: list[socket.socket] = []
+class Relay:
+    """Relay between the cables of hosts, which are given by name."""
+
+    def __init__(self, ports: Mapping[str, Port], medium: Medium) -> None:
+        self._names = list(ports)
         self._host_of: dict[bytes, int] = {}
-        self._others: list[tuple[int, ...]] = []
-        self._air: Air[bytes] | None = None
-        self._medium: Medium
+        #: Sockets with the frames of the hosts.
+        self.sockets: list[socket.socket] = []
+        for host, port in enumerate(ports.values()):
+            self.sockets.append(_open(port.outer))
+            self._host_of[bytes.fromhex(port.mac.replace(":", ""))] = host
+        self._medium = medium
         self._random = random.Random()
-        self._bad: dict[
-            tuple[int, int | None], bool
-        ] = {}  # whether the last frame from a host to a receiver was lost
+        # whether the last frame from a host to a receiver was lost
+        self._bad: dict[tuple[int, int | None], bool] = {}
         self._counters = RadioCounters()
+        self._air = Air(self._names, medium, lose=self._lost, chance=self._random)
+        # By default, the kernel may wake a process up to 50 us late (prctl(2)), which is longer than a frame
+        # takes. A garbage collection would take longer as well, if it visited the objects of the hub.
+        ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+        gc.freeze()
 
-    def start(self, *, ports: list[list[str]]) -> None:
-        for host, (name, interface, mac) in enumerate(ports):
-            self._names.append(name)
-            self._sockets.append(_open(interface))
-            self._host_of[bytes.fromhex(mac.replace(":", ""))] = host
-            others = [other for other in range(len(ports)) if other != host]
-            self._others.append(tuple(others))
-
-    def set(self, *, medium: dict[str, Any], seed: int) -> None:
-        self._medium = Medium(**medium)
-        if self._air is None:
-            self._air = Air(self._names, self._medium, lose=self._lost, chance=self._random)
-        else:
-            self._air.change(self._medium)
+    def set(self, medium: Medium, *, seed: int) -> None:
+        """Change the medium, and reset the counters."""
+        self._medium = medium
+        self._air.change(medium)
         self._random.seed(seed)
         self._bad.clear()
         self._overrun()  # reading resets the kernel's counters
         self._counters = RadioCounters()
 
-    def counters(self) -> dict[str, Any]:
-        assert self._air is not None
+    def counters(self) -> RadioCounters:
+        """Return the counters since the medium was set."""
         self._counters.overrun += self._overrun()
         names = [*self._names, "access point"] if self._medium.access_point else self._names
         self._counters.hosts = dict(zip(names, self._air.use, strict=False))
-        return asdict(self._counters)
+        return self._counters
 
-    def relay(self, control: socket.socket) -> None:
-        """Relay frames until the control socket closes."""
-        while True:
-            watched = [control, *self._sockets]
-            ready, _, _ = select.select(watched, (), (), self._pause_s())
-            if control in ready and not answer(control, self.start, self.set, self.counters):
-                return
-            arrivals = [
-                a for i, sock in enumerate(self._sockets) if sock in ready for a in _take(sock, i)
-            ]
-            self._go_on(sorted(arrivals))
-
-    def _pause_s(self) -> float | None:
-        next_ns = self._air.next_ns() if self._air is not None else None
+    def pause_s(self) -> float | None:
+        """Return the time until the next frame arrives, s; None: no frame is sent."""
+        next_ns = self._air.next_ns()
         return None if next_ns is None else max(0, next_ns - time.time_ns()) / NS_PER_S
 
-    def _go_on(self, arrivals: list[_Arrival]) -> None:
-        air = self._air
-        if air is None:
-            return  # no medium is set yet
-        for arrival in arrivals:
-            self._deliver(air, air.advance(arrival.t_ns))
+    def relay(self, ready: Iterable[Any]) -> None:
+        """Take frames from the sockets that are ready, and deliver those that have arrived."""
+        arrivals = []
+        for host, sock in enumerate(self.sockets):
+            if sock in ready:
+                arrivals += _take(sock, host)
+        for arrival in sorted(arrivals):
+            self._deliver(self._air.advance(arrival.t_ns))
             size_bytes = len(arrival.frame)
-            air.offer(arrival.host, arrival.frame, size_bytes=size_bytes, now_ns=arrival.t_ns)
-        self._deliver(air, air.advance(time.time_ns()))
+            self._air.offer(arrival.host, arrival.frame, size_bytes=size_bytes, now_ns=arrival.t_ns)
+        self._deliver(self._air.advance(time.time_ns()))
 
-    def _deliver(self, air: Air[bytes], sent: list[Sent[bytes]]) -> None:
+    def _deliver(self, sent: list[Sent]) -> None:
         for due_ns, host, frame in sent:
             for receiver in self._receivers(host, frame):
                 if self._lost(host, receiver):
-                    air.use[host].lost += 1
+                    self._air.use[host].lost += 1
                     continue
                 try:
-                    self._sockets[receiver].send(frame)
+                    self.sockets[receiver].send(frame)
                 except OSError:  # the host's queue is full, or the host is being removed
                     self._counters.overrun += 1
                 self._counters.note(due_ns, time.time_ns())
@@ -310,27 +296,16 @@ class _Relay:
         self._bad[way] = is_lost(self._bad.get(way, False), draw, medium.loss, medium.burst_frames)
         return self._bad[way]
 
-    def _receivers(self, host: int, frame: bytes) -> tuple[int, ...]:
+    def _receivers(self, host: int, frame: bytes) -> list[int]:
         if frame[0] & _GROUP_BIT:
-            return self._others[host]
+            return [other for other in range(len(self.sockets)) if other != host]
         receiver = self._host_of.get(frame[:6], host)
-        return () if receiver == host else (receiver,)
+        return [] if receiver == host else [receiver]
 
     def _overrun(self) -> int:
         """Return the number of frames that the kernel dropped since the last call (packet(7), PACKET_STATISTICS)."""
-        told = (sock.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8) for sock in self._sockets)
-        return sum(drops for _packets, drops in (struct.unpack("@II", counts) for counts in told))
-
-
-def main(control_fd: str) -> None:
-    """Run the relay."""
-    # By default, the kernel may wake a process up to 50 us late (prctl(2)), which is longer than a frame
-    # takes.
-    ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
-    hub_is_gone = contextlib.suppress(BrokenPipeError, ConnectionResetError)
-    with hub_is_gone, socket.socket(fileno=int(control_fd)) as control:
-        _Relay().relay(control)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+        dropped = 0
+        for sock in self.sockets:
+            counts = sock.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8)
+            dropped += struct.unpack("@II", counts)[1]
+        return dropped
