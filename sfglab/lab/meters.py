@@ -2,8 +2,7 @@
 
 CPU time is read from the processes' own clocks in nanoseconds (clock_getcpuclockid(3)); 100 % is one core.
 One sample costs about 12 us for each process on the machine. The kernel charges soft interrupts to the
-process that they interrupt. The CPU time of a process that ends between two readings is counted. Its last
-reading stays in the sum, and the rest is in the time of reaped children that its parent reports (proc(5)).
+process that they interrupt. The last reading of a process that ended stays in the sum.
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 from sfglab.errors import InvalidValueError
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
@@ -23,16 +22,12 @@ if TYPE_CHECKING:
     from sfglab.lab.testbed import CountsBytes
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProcessStat:
-    """CPU time of one process since its start, from ``/proc/PID/stat`` (proc(5)) or a more precise clock."""
+class ProcessStat(NamedTuple):
+    """Parent and start of one process, from ``/proc/PID/stat`` (proc(5))."""
 
     parent: int  #: Parent process at the time of reading.
     #: Time from the start of the machine to that of the process; distinguishes processes with the same pid.
     started_ns: int
-    own_ns: int  #: CPU time of all its threads, nanoseconds.
-    #: CPU time of its children that ended and were waited for, with their descendants, nanoseconds.
-    reaped_ns: int = 0
 
 
 def tree(parents: Mapping[int, int], roots: Iterable[int]) -> set[int]:
@@ -48,81 +43,6 @@ def tree(parents: Mapping[int, int], roots: Iterable[int]) -> set[int]:
             found.add(pid)
             waiting += children.get(pid, ())
     return found
-
-
-@dataclass(slots=True)
-class _Account:
-    """Readings of one process, and the last readings of its children that ended."""
-
-    last: ProcessStat
-    own_before_ns: int
-    reaped_before_ns: int
-    ended_children_ns: int = 0
-    parent: _Account | None = field(default=None, repr=False)
-
-    @property
-    def own_ns(self) -> int:
-        return self.last.own_ns - self.own_before_ns
-
-    @property
-    def total_ns(self) -> int:
-        # Both values count the same children. The first includes those never read, the second those never
-        # waited for.
-        return self.own_ns + max(
-            self.last.reaped_ns - self.reaped_before_ns, self.ended_children_ns
-        )
-
-    def depth(self) -> int:
-        return 0 if self.parent is None else 1 + self.parent.depth()
-
-
-class CpuLedger:
-    """Sum of the readings of a tree of processes."""
-
-    def __init__(self) -> None:
-        self._accounts: dict[int, _Account] = {}
-        self._settled_ns = 0
-        self._total_ns = 0
-        self._last_ns: int | None = None
-
-    @property
-    def started_ns(self) -> Mapping[int, int]:
-        """Return the start of each living process, including those that their parent left behind (daemons)."""
-        return {pid: account.last.started_ns for pid, account in self._accounts.items()}
-
-    def update(self, readings: Mapping[int, ProcessStat], *, clock_ns: int) -> int:
-        """Add all processes' readings; return the tree's CPU time since the first ones, ns. It never decreases."""
-        started_ns = {pid: reading.started_ns for pid, reading in readings.items()}
-        gone = [pid for pid, began_ns in self.started_ns.items() if started_ns.get(pid) != began_ns]
-        ended = [self._accounts.pop(pid) for pid in gone]
-        for pid, reading in readings.items():
-            self._enter(pid, reading)
-        # Children come before parents, so that the time of an ended family is passed on to the root step by
-        # step.
-        for account in sorted(ended, key=_Account.depth, reverse=True):
-            if account.parent is None:
-                self._settled_ns += account.total_ns
-            else:
-                account.parent.ended_children_ns += account.total_ns
-        for pid, reading in readings.items():
-            self._accounts[pid].parent = self._accounts.get(reading.parent)
-        living_ns = sum(account.total_ns for account in self._accounts.values())
-        # Reaped times have steps of 10 ms and are rounded down. Without this line the sum could decrease by
-        # one step.
-        self._total_ns = max(self._total_ns, self._settled_ns + living_ns)
-        self._last_ns = clock_ns
-        return self._total_ns
-
-    def _enter(self, pid: int, reading: ProcessStat) -> None:
-        account = self._accounts.get(pid)
-        if account is not None:
-            account.last = reading
-            return
-        # If a process started after the last sample, all its CPU time counts, otherwise only later CPU
-        # time.
-        newborn = self._last_ns is not None and reading.started_ns >= self._last_ns
-        own_ns, reaped_ns = (0, 0) if newborn else (reading.own_ns, reading.reaped_ns)
-        self._accounts[pid] = _Account(reading, own_before_ns=own_ns, reaped_before_ns=reaped_ns)
 
 
 #: Processes, or a function that returns the processes at each sample.
@@ -146,13 +66,7 @@ def _stat_from(line: bytes) -> ProcessStat:
     # The name may contain blanks and parentheses, so fields are counted from the last one; the parent is
     # field 4.
     fields = line[line.rindex(b")") + 2 :].split()
-    user, system, reaped_user, reaped_system = (int(field) for field in fields[11:15])
-    return ProcessStat(
-        parent=int(fields[1]),
-        started_ns=int(fields[19]) * _TICK_NS,
-        own_ns=(user + system) * _TICK_NS,
-        reaped_ns=(reaped_user + reaped_system) * _TICK_NS,
-    )
+    return ProcessStat(parent=int(fields[1]), started_ns=int(fields[19]) * _TICK_NS)
 
 
 def process_table() -> dict[int, ProcessStat]:
@@ -170,40 +84,42 @@ def process_table() -> dict[int, ProcessStat]:
     return table
 
 
-def _read(pid: int, stat: ProcessStat) -> ProcessStat:
-    """Return a process's CPU time from its own clock, or in ticks if it ended after the table was read."""
-    with contextlib.suppress(OSError):
-        return replace(stat, own_ns=time.clock_gettime_ns(~pid << 3 | _CPUCLOCK_SCHED))
-    return stat
-
-
 class CpuMeter:
     """CPU time of processes with all their descendants; a function may name the processes at each sample.
 
-    Each process is followed from the first sample that finds it to its end. A later process with the same
-    pid is not included.
+    Each process is followed from the first sample that finds it to its end. If it started after the sample
+    before, all its CPU time counts, otherwise only later CPU time. A later process with the same pid is
+    not included.
     """
 
     def __init__(self, pids: Pids) -> None:
         self._pids = pids
-        self._ledger = CpuLedger()
+        self._last_ns: int | None = None  # time of the last sample since the start of the machine
+        # Pid and start of each process, with its CPU time before the measurement and until now.
+        self._before_ns: dict[tuple[int, int], int] = {}
+        self._until_ns: dict[tuple[int, int], int] = {}
 
     def sample(self, table: Mapping[int, ProcessStat]) -> int:
         """Return the CPU time since the first sample, ns, from a `process_table`."""
         clock_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // _TICK_NS * _TICK_NS
-        wanted = {
-            pid
-            for pid, started_ns in self._ledger.started_ns.items()
-            if pid in table and table[pid].started_ns == started_ns
-        }
+        known = {pid for pid, started_ns in self._until_ns if _is_there(pid, started_ns, table)}
         if callable(self._pids):
-            wanted.update(self._pids())
-        else:
-            wanted.update(self._pids)
-            self._pids = ()  # from now on the ledger knows them
-        found = tree({pid: stat.parent for pid, stat in table.items()}, wanted)
-        readings = {pid: _read(pid, table[pid]) for pid in found}
-        return self._ledger.update(readings, clock_ns=clock_ns)
+            known.update(self._pids())
+        elif self._last_ns is None:
+            known.update(self._pids)
+        for pid in tree({pid: stat.parent for pid, stat in table.items()}, known):
+            key = pid, table[pid].started_ns
+            with contextlib.suppress(OSError):  # the process ended after the table was read
+                own_ns = time.clock_gettime_ns(~pid << 3 | _CPUCLOCK_SCHED)
+                is_new = self._last_ns is not None and key[1] >= self._last_ns
+                self._before_ns.setdefault(key, 0 if is_new else own_ns)
+                self._until_ns[key] = own_ns
+        self._last_ns = clock_ns
+        return sum(self._until_ns.values()) - sum(self._before_ns.values())
+
+
+def _is_there(pid: int, started_ns: int, table: Mapping[int, ProcessStat]) -> bool:
+    return pid in table and table[pid].started_ns == started_ns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

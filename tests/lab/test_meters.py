@@ -8,16 +8,12 @@ import time
 from subprocess import PIPE
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from waiting import program
 
 from sfglab.errors import InvalidValueError
 from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
 from sfglab.lab.meters import (
-    CpuLedger,
     CpuMeter,
-    ProcessStat,
     Window,
     measure,
     process_table,
@@ -37,96 +33,6 @@ for line in sys.stdin:
         pass
     print(time.process_time() - start, flush=True)
 """
-# Has children burn CPU time and waits for them.
-PARENT = """
-import os, sys, time
-print("ready", flush=True)
-for line in sys.stdin:
-    for _ in range(3):
-        if os.fork() == 0:
-            while time.process_time() < float(line):
-                pass
-            os._exit(0)
-        os.wait()
-    print("done", flush=True)
-"""
-
-
-def used(own_ns, parent=0, reaped_ns=0, started_ns=0):
-    return ProcessStat(parent=parent, started_ns=started_ns, own_ns=own_ns, reaped_ns=reaped_ns)
-
-
-FAMILY = {1: used(10), 2: used(20, parent=1), 3: used(30, parent=2)}
-
-LEDGERS = {
-    "a sum starts at zero": (
-        [{1: used(700, reaped_ns=500)}, {1: used(900, reaped_ns=560)}],
-        [0, 260],
-    ),
-    "an old process that joins counts from when it was first seen": (
-        [{1: used(0)}, {1: used(0)}, {1: used(0), 2: used(900)}, {1: used(0), 2: used(950)}],
-        [0, 0, 0, 50],
-    ),
-    "the last reading of an ended child is kept": (
-        [{1: used(0), 2: used(0, 1)}, {1: used(0), 2: used(30, 1)}, {1: used(0)}],
-        [0, 30, 30],
-    ),
-    "a whole family that ends keeps its sum": (
-        [{pid: used(0, stat.parent) for pid, stat in FAMILY.items()}, FAMILY, {}],
-        [0, 60, 60],
-    ),
-    "a reused pid is another process": (
-        [{1: used(0)}, {1: used(50)}, {1: used(7, started_ns=2)}],
-        [0, 50, 57],
-    ),
-    "a sum never falls when ticks round down": (
-        [
-            {1: used(0), 2: used(0, 1)},
-            {1: used(0, reaped_ns=40), 2: used(19, 1)},
-            {1: used(0, reaped_ns=50)},
-        ],
-        [0, 59, 59],
-    ),
-}
-
-
-@pytest.mark.parametrize(("steps", "totals"), LEDGERS.values(), ids=LEDGERS)
-def test_the_ledger_adds_up_what_a_tree_has_used(steps, totals):
-    """Step n happens at n on the processes' clock."""
-    ledger = CpuLedger()
-    assert [ledger.update(step, clock_ns=number) for number, step in enumerate(steps)] == totals
-    assert set(ledger.started_ns) == set(steps[-1])
-
-
-@given(st.data())
-def test_the_ledger_is_exact_for_any_tree_whose_parents_wait(data):
-    """Against a kernel in miniature: processes start, work, end and are waited for, at random."""
-    parents, own, reaped, started = {1: 0}, {1: 0}, {1: 0}, {1: 0}
-    ledger, truth, clock, next_pid = CpuLedger(), 0, 0, 2
-
-    def sample():
-        readings = {p: used(own[p], parents[p], reaped[p], started[p]) for p in parents}
-        return ledger.update(readings, clock_ns=clock)
-
-    assert sample() == 0
-    for action in data.draw(
-        st.lists(st.sampled_from(["fork", "work", "end", "sample"]), max_size=60)
-    ):
-        clock += 1
-        pid = data.draw(st.sampled_from(sorted(parents)))
-        if action == "fork":
-            parents[next_pid], own[next_pid], reaped[next_pid], started[next_pid] = pid, 0, 0, clock
-            next_pid += 1
-        elif action == "work":
-            amount = data.draw(st.integers(1, 1000))
-            own[pid] += amount
-            truth += amount
-        elif action == "end" and pid != 1 and pid not in parents.values():
-            reaped[parents[pid]] += own.pop(pid) + reaped.pop(pid)
-            del parents[pid]
-        elif action == "sample":
-            assert sample() == truth
-    assert sample() == truth
 
 
 def test_a_tree_holds_roots_and_all_descendants_that_exist():
@@ -176,15 +82,20 @@ def test_a_known_cpu_time_is_measured_below_both_labels_of_a_process(burner):
 
 
 @pytest.mark.live
-def test_children_that_live_and_die_between_samples_are_counted():
-    with program(*PYTHON, PARENT, stdin=PIPE) as parent:
-        parent.stdout.readline()
-        meter = CpuMeter([parent.pid])
-        meter.sample(process_table())
-        burn(parent, 0.1)
-        total_ns = meter.sample(process_table())
-    # The kernel tells of them in ticks of 10 ms.
-    assert total_ns == pytest.approx(300 * MS, rel=0.1, abs=20 * MS)
+def test_a_process_that_starts_between_samples_counts_whole_and_an_old_one_from_then_on(burner):
+    burn(burner, 0.1)
+    pids = []
+    meter = CpuMeter(lambda: pids)
+    assert meter.sample(process_table()) == 0
+    with program(*PYTHON, BURNER, stdin=PIPE) as young:
+        young.stdout.readline()
+        burn(young, 0.1)
+        pids += [burner.pid, young.pid]
+        whole_ns = meter.sample(process_table())
+        burn(burner, 0.1)
+        more_ns = meter.sample(process_table())
+    assert 100 * MS <= whole_ns < 200 * MS
+    assert whole_ns + 100 * MS <= more_ns < whole_ns + 200 * MS
 
 
 @pytest.mark.live
@@ -196,7 +107,6 @@ def test_a_process_that_dies_keeps_what_it_used(burner):
     burner.kill()
     burner.wait()
     assert meter.sample(process_table()) == alive_ns >= 100 * MS
-    assert meter._ledger.started_ns == {}
 
 
 @pytest.mark.live
@@ -220,14 +130,11 @@ time.sleep(1000)  # standard input is the grandchild's alone
         grandchild, middle = map(int, process.stdout.readline().split())
         meter = CpuMeter([process.pid])
         meter.sample(process_table())
-        assert {grandchild, middle} < set(meter._ledger.started_ns)
+        assert {grandchild, middle} < {pid for pid, _ in meter._until_ns}
         os.kill(middle, signal.SIGKILL)
         assert burn(process, "go") == "done\n", "orphaned, hence a daemon"
         total_ns = meter.sample(process_table())
-        followed = set(meter._ledger.started_ns)
         process.stdin.close()
-    assert grandchild in followed
-    assert middle not in followed
     assert total_ns >= 90 * MS
 
 
