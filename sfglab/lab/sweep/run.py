@@ -43,7 +43,11 @@ _QUEUED = 2  # Batches per worker: one runs, one waits, so that no worker is idl
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workers:
-    """Workers of a sweep."""
+    """Local workers of a sweep.
+
+    If the environment variable ``SFGLAB_SCHEDULER`` is set, the workers of the dask scheduler at this
+    address, ``tcp://host:port``, run the sweep instead.
+    """
 
     #: Number of local workers; None: one for each core that this process may use.
     count: int | None = None
@@ -52,13 +56,6 @@ class Workers:
     #: as two processes there, and they start in 0.05 s, where processes need 2 s to start, import
     #: and end. An interrupted sweep waits for running tasks in threads, and kills processes.
     threads: bool = False
-    #: Address of a running dask scheduler, ``tcp://host:port``, instead of local workers; None: the
-    #: value of the environment variable ``SFGLAB_SCHEDULER``, if it is set.
-    scheduler: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.count is not None and self.count < 1:
-            raise SweepError(f"workers: count: given {self.count}, allowed are 1 and more")
 
 
 _LOCAL = Workers()
@@ -82,8 +79,8 @@ def sweep(
     Args:
         task: A function at the top of a module. It returns a row or a tuple of rows: dataclasses or
             dicts of bool, int, float and str. Its result depends on its arguments alone.
-        points: Frozen dataclasses, all different.
-        seeds: Seeds, all different.
+        points: Frozen dataclasses.
+        seeds: Seeds.
         journal: Path of the journal. Progress shows its name.
         workers: Workers. Processes need a script that starts under ``if __name__ == "__main__"``.
 
@@ -96,11 +93,7 @@ def sweep(
         JournalError: The journal cannot be used.
         MissingExtraError: A scheduler is given, and the extra ``cluster`` is not installed.
     """
-    seeds = [int(seed) for seed in seeds]
-    for name, given in {"points": points, "seeds": seeds}.items():
-        if len(set(map(repr, given))) < len(given):
-            raise SweepError(f"{name}: given one several times; give each once")
-    pairs = list(product(range(len(points)), seeds))
+    pairs = list(product(range(len(points)), map(int, seeds)))
     with open_journal(journal, identity_of(task, points)) as log:
         jobs = [Job(i, points[i], seed) for i, seed in pairs if (i, seed) not in log.finished]
         if jobs:
@@ -220,7 +213,7 @@ def connected(workers: Workers, jobs: int) -> Iterator[tuple[Executor, int]]:
         SweepError: There is no scheduler at the address, or it has no workers.
         MissingExtraError: The extra ``cluster`` is not installed.
     """
-    address = workers.scheduler or os.environ.get("SFGLAB_SCHEDULER")
+    address = os.environ.get("SFGLAB_SCHEDULER")
     if address:
         with _client(address) as client:
             slots = sum(client.nthreads().values())
