@@ -2,13 +2,12 @@
 
 The cache is in ``runs/cache``. A file holds the findings of one log. Its key is a hash of what the
 findings depend on: the log, the YAML files in ``data`` (``claims.yaml`` among them), and sizes and times of the
-committed logs. The modules that the experiment imports count as well, and the versions of Python and of the
-libraries that compute. Damaged files and those with another key are ignored.
+committed logs. The modules that were loaded count as well, and the versions of Python and of the libraries
+that compute. Damaged files and those with another key are ignored.
 """
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import json
 import sys
@@ -28,7 +27,7 @@ from sfglab.lab.runs import COMPLETION
 from sfglab.record.metadata import library_versions
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from sfglab.lab.paths import Project
     from sfglab.lab.runs import Run
@@ -103,7 +102,7 @@ class FindingsCache:
                 findings: Findings = from_json(Findings, kept["findings"])
                 return findings
         found = findings_of(name, log)
-        modules = modules_of(f"sfglab.lab.experiments.{name}", __name__)
+        modules = loaded_modules()
         kept = {"key": self._key(log, modules), "modules": modules, "findings": to_json(found)}
         # If the folder cannot be written, the findings are only computed again.
         with suppress(OSError):
@@ -115,55 +114,23 @@ class FindingsCache:
 
     def _key(self, log: Path, modules: Sequence[str]) -> str:
         digest = hashlib.sha256()
-        for content in (*self._inputs, *map(_source_of, modules), log.read_bytes()):
+        for content in (*self._inputs, log.read_bytes()):
             digest.update(hashlib.sha256(content).digest())
+        for module in modules:
+            digest.update(_digest_of(module))
         return digest.hexdigest()
 
 
-def modules_of(*names: str) -> list[str]:
-    """Return modules of sfglab with all modules of sfglab that they import, directly or through others.
-
-    Imports in functions count, and those for type checkers do not. A module that is imported by a
-    computed name is not found.
-    """
-    found: set[str] = set()
-    waiting = set(names)
-    while waiting:
-        module = waiting.pop()
-        if _source_of(module):
-            found.add(module)
-            waiting |= _imports_of(module) - found
-    return sorted(found)
+def loaded_modules() -> list[str]:
+    """Return the modules of sfglab that are loaded, among them all that computed the findings."""
+    return sorted(name for name in sys.modules if name.partition(".")[0] == "sfglab")
 
 
 @cache
-def _imports_of(module: str) -> set[str]:
-    """Return the names that a module imports from sfglab, and the package that it is in."""
-    names = {module.rpartition(".")[0]}
-    for node in _run_time_nodes(ast.parse(_source_of(module))):
-        if isinstance(node, ast.Import):
-            names.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names.add(node.module)
-            names.update(f"{node.module}.{alias.name}" for alias in node.names)
-    return {name for name in names if name.partition(".")[0] == "sfglab"}
-
-
-def _run_time_nodes(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield the nodes of a syntax tree, without what is imported for type checkers."""
-    yield tree
-    children = ast.iter_child_nodes(tree)
-    if isinstance(tree, ast.If) and ast.unparse(tree.test) == "TYPE_CHECKING":
-        children = iter(tree.orelse)
-    for node in children:
-        yield from _run_time_nodes(node)
-
-
-@cache
-def _source_of(module: str) -> bytes:
-    """Return the source of a module of sfglab; empty if there is no such module."""
+def _digest_of(module: str) -> bytes:
+    """Return the hash of a module's source; of nothing if there is no such module."""
     path = Path(__file__).parents[2].joinpath(*module.split("."))
     for file in (path / "__init__.py", path.with_suffix(".py")):
         if file.is_file():
-            return file.read_bytes()
+            return hashlib.sha256(file.read_bytes()).digest()
     return b""
