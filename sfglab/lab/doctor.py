@@ -32,6 +32,7 @@ _BUSY_SHARE = 0.25
 _RECEIVE_BUFFER_BYTES = 4 * _MIB
 _SHARED_MEMORY_BYTES = 256 * _MIB
 _DDS_TIMEOUT_S = 15.0
+_ROS = "ROS 2 (optional)"
 _NO_VIDEO = "experiments with compressed video do not run"
 
 
@@ -59,16 +60,6 @@ class Finding:
 
 
 _Verdict = tuple[Level, str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class _Check:
-    """One line of the table of checks; `without` is the consequence of an expected error."""
-
-    topic: str
-    run: Callable[[], _Verdict]
-    expected: tuple[type[Exception], ...]
-    without: str
 
 
 def _namespaces() -> _Verdict:
@@ -222,45 +213,29 @@ def _ros() -> _Verdict:
     )
 
 
-_CHECKS = (
-    _Check(
-        "network namespaces",
+#: Each check by its topic, and the consequence if it fails with an error.
+_CHECKS: dict[str, tuple[Callable[[], _Verdict], str]] = {
+    "network namespaces": (
         _namespaces,
-        (SfglabError,),
         "experiments with several hosts run on this machine's loopback or are simulated, and say so",
     ),
-    _Check(
-        "cores, memory, load", _capacity, (OSError,), "nobody can say how steady the numbers are"
-    ),
-    _Check(
-        "UDP receive buffer", _receive_buffer, (OSError,), "live experiments over UDP do not run"
-    ),
-    _Check(
-        "shared memory",
+    "cores, memory, load": (_capacity, "how steady the numbers are is unknown"),
+    "UDP receive buffer": (_receive_buffer, "live experiments over UDP do not run"),
+    "shared memory": (
         _shared_memory,
-        (OSError,),
         "messages between processes of one host go through DDS on the loopback, which costs copies",
     ),
-    _Check(
-        "multicast on the loopback",
+    "multicast on the loopback": (
         _multicast,
-        (OSError,),
         "DDS on one host finds its peers only when they are listed in its configuration",
     ),
-    _Check(
-        "DDS",
-        _dds,
-        (subprocess.SubprocessError, OSError),
-        "live experiments do not run; simulated ones do",
-    ),
-    _Check("H.264", _h264, (ImportError,), _NO_VIDEO),
-    _Check(
-        "ROS 2 (optional)",
+    "DDS": (_dds, "live experiments do not run; simulated ones do"),
+    "H.264": (_h264, _NO_VIDEO),
+    _ROS: (
         _ros,
-        (SfglabError,),
         "nothing is tested beside rclpy, and services of rmw_fastrtps cross no router; nothing else needs ROS",
     ),
-)
+}
 
 
 def _tame(text: str) -> str:
@@ -271,30 +246,25 @@ def _tame(text: str) -> str:
 
 
 def _words(error: Exception) -> str:
-    if isinstance(error, subprocess.CalledProcessError):
-        lines = (error.stderr or "").strip().splitlines()
-        return _tame(lines[-1]) if lines else f"it ended with status {error.returncode}"
-    if isinstance(error, subprocess.TimeoutExpired):
-        return f"it did not end within {error.timeout:.0f} s"
-    return _tame(str(error)) or type(error).__name__
+    """Return what an error says: of a failed program its last line."""
+    printed = getattr(error, "stderr", None) or str(error)
+    lines = printed.strip().splitlines()
+    return _tame(lines[-1]) if lines else type(error).__name__
 
 
-def _examine(check: _Check) -> Finding:
+def _examine(topic: str) -> Finding:
+    check, without = _CHECKS[topic]
     try:
-        level, said, consequence = check.run()
-    except check.expected as error:
-        level = Level.LIMITED if "optional" in check.topic else Level.MISSING
-        said, consequence = _words(error), check.without
-    except Exception as error:  # noqa: BLE001 - one broken check must not hide the others
-        level = Level.MISSING
-        said = f"the check itself failed with {type(error).__name__}: {_words(error)}"
-        consequence = f"treated as missing: {check.without}; please report it"
-    return Finding(topic=check.topic, level=level, said=said, consequence=consequence)
+        level, said, consequence = check()
+    except Exception as error:  # noqa: BLE001 - one failed check must not hide the others
+        level = Level.LIMITED if topic == _ROS else Level.MISSING
+        said, consequence = _words(error), without
+    return Finding(topic=topic, level=level, said=said, consequence=consequence)
 
 
 def diagnose() -> list[Finding]:
     """Check everything that experiments depend on; takes a few seconds and leaves nothing behind."""
-    return [_examine(check) for check in _CHECKS]
+    return [_examine(topic) for topic in _CHECKS]
 
 
 def render(findings: list[Finding]) -> str:
