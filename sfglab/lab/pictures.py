@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """An axis. Its limits are fixed, so that plots of different settings can be compared.
-
-    Raises:
-        InvalidValueError: The limits are not in order, or not above zero on a logarithmic axis.
-    """
+    """An axis. Its limits are fixed, so that plots of different settings can be compared."""
 
     quantity: str  #: Name of the quantity.
     unit: str  #: Unit of the quantity; empty: none.
@@ -32,13 +28,6 @@ class Axis:
     log: bool = False  #: Whether the axis is logarithmic.
     ticks: tuple[float, ...] = ()  #: Values with a label; empty: Vega chooses them.
     si: bool = False  #: Whether labels have SI prefixes, as ``10k``.
-
-    def __post_init__(self) -> None:
-        if self.low >= self.high or (self.log and self.low <= 0):
-            limits = (self.low, self.high)
-            raise InvalidValueError(
-                f"limits of {self.quantity}", limits, "low < high; log: above 0"
-            )
 
     @property
     def label(self) -> str:

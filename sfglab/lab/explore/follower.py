@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
 from sfglab.lab.pictures import Picture
@@ -18,16 +18,6 @@ _log = logging.getLogger(__name__)
 _PAUSE_S = 0.12  #: Time for a newer setting before a simulation refines its picture, s.
 
 
-class Screen(Protocol):
-    """Receiver of pictures; called in the thread of a `Follower`."""
-
-    def show(self, request: int, setting: Any, picture: Picture, *, final: bool) -> None:
-        """Show a picture of a request's setting; `final`: it is the whole one."""
-
-    def refuse(self, request: int, reason: str) -> None:
-        """Report why a request has no picture."""
-
-
 class Follower:
     """A thread that computes pictures. Errors are reported and do not end it.
 
@@ -38,12 +28,19 @@ class Follower:
 
     Args:
         compute: Returns the picture, or the pictures, of a setting.
-        screen: Receiver of the pictures.
+        show: Takes the number of a request, its setting, a picture, and whether this is the whole one.
+        refuse: Takes the number of a request, and the reason why it has no picture.
     """
 
-    def __init__(self, compute: Callable[[Any], Computed], screen: Screen) -> None:
+    def __init__(
+        self,
+        compute: Callable[[Any], Computed],
+        show: Callable[[int, Any, Picture, bool], None],
+        refuse: Callable[[int, str], None],
+    ) -> None:
         self._compute = compute
-        self._screen = screen
+        self._show = show
+        self._refuse = refuse
         self._wanted: list[tuple[int, Any]] = []
         self._request = 0
         self._closed = False
@@ -84,26 +81,26 @@ class Follower:
             try:
                 self._answer(request, setting)
             except SfglabError as error:
-                self._screen.refuse(request, str(error))
+                self._refuse(request, str(error))
             except Exception as error:  # noqa: BLE001  # what cannot be drawn must not end what comes after it
                 _log.exception("an explorer")
-                self._screen.refuse(request, f"it cannot be drawn: {error!r}")
+                self._refuse(request, f"it cannot be drawn: {error!r}")
 
     def _answer(self, request: int, setting: Any) -> None:
         computed = self._compute(setting)
         if isinstance(computed, Picture):
-            self._screen.show(request, setting, computed, final=True)
+            self._show(request, setting, computed, True)
             return
         last = None
         for picture in computed:
             if picture is not None:
                 last = picture
-                self._screen.show(request, setting, picture, final=False)
+                self._show(request, setting, picture, False)
                 self._pause()
             if last is not None and (self._wanted or self._closed):
                 return
         if last is not None:
-            self._screen.show(request, setting, last, final=True)
+            self._show(request, setting, last, True)
 
     def _pause(self) -> None:
         """Give a drag the time to change the setting again."""

@@ -12,33 +12,23 @@ from dataclasses import fields
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.errors import SfglabError
 from sfglab.fields import bounds_of, choices_of, field_docs, types_of
 from sfglab.validation import read
 from sfglab.view.widgets import refusal_html, widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from sfglab.fields import Bounds
 
-_UNITS = {
-    "hz": "Hz",
-    "s": "s",
-    "ms": "ms",
-    "ns": "ns",
-    "m": "m",
-    "bytes": "B",
-    "mm": "mm",
-    "deg": "°",
-}
 _STEPS = 200
 
 
-def unit_of(name: str, text: str) -> str:
-    """Return a field's unit, from its documentation in brackets or from its name's end; empty: it has none."""
+def unit_of(text: str) -> str:
+    """Return the unit that a field's documentation has in brackets; empty: none."""
     named = re.search(r"\[([^\]]+)\]", text)
-    return named[1] if named else _UNITS.get(name.rpartition("_")[2], "")
+    return named[1] if named else ""
 
 
 class Form:
@@ -46,20 +36,17 @@ class Form:
 
     Args:
         setting: Values at the start.
-        first: Names of the fields that are shown first; the others are in a fold below.
         on_change: Called after each change.
         texts: Documentation of fields, if the class has none.
 
     Raises:
         MissingExtraError: ipywidgets is not installed.
-        InvalidValueError: There is no such field.
     """
 
     def __init__(
         self,
         setting: Any,
-        first: Sequence[str],
-        on_change: Callable[[], None] = lambda: None,
+        on_change: Callable[[], None],
         texts: Mapping[str, str] | None = None,
     ) -> None:
         kit = self._kit = widgets()
@@ -69,18 +56,10 @@ class Form:
         of: Any = type(setting)
         docs = {**field_docs(of), **(texts or {})}
         bounds = bounds_of(of)
-        rows = {}
+        rows = []
         for name, hint in types_of(of).items():
-            rows[name] = self._row(name, hint, bounds.get(name), docs.get(name, ""))
-        for name in first:
-            if name not in rows:
-                raise InvalidValueError("field", name, ", ".join(rows))
-        others = [row for name, row in rows.items() if name not in first]
-        shown = [*(rows[name] for name in first), self._said]
-        if others:
-            titles = ("Everything else",)
-            shown.append(kit.Accordion([kit.VBox(others)], titles=titles, selected_index=None))
-        self.widget = kit.VBox(shown)
+            rows.append(self._row(name, hint, bounds.get(name), docs.get(name, "")))
+        self.widget = kit.VBox([*rows, self._said])
 
     def reset(self) -> None:
         """Set every field to its value at the start."""
@@ -94,7 +73,7 @@ class Form:
     def _row(self, name: str, hint: Any, bounds: Bounds | None, text: str) -> Any:
         """Return a field's widget with its unit and text."""
         control = self._control(hint, bounds, getattr(self.config, name))
-        unit = unit_of(name, text)
+        unit = unit_of(text)
         words = name.removesuffix(f"_{unit.lower().replace('µ', 'u')}") if unit else name
         control.description = words.replace("_", " ")
         control.tooltip = text

@@ -77,7 +77,7 @@ class Interactive:
         self._function = function
         self._default = self._setting = setting_of(function)
         texts = argument_texts(function)
-        self.form = Form(self._default, [*vars(self._default)], self._ask, texts=texts)
+        self.form = Form(self._default, self._ask, texts)
         self.picture = self._whole(self._default)  #: The picture that is shown.
         self._is_whole = True
         self._changed_at = time.monotonic()
@@ -85,7 +85,7 @@ class Interactive:
         self._figure = figure_widget(self.picture)
         self._figure.on_msg(self._press)
         self._printed = widgets().HTML()
-        self._follower = Follower(self._compute, self)
+        self._follower = Follower(self._compute, self._show, self._refuse)
         reset = button("Reset", self.form.reset, "Every parameter as at the start")
         row = widgets().HBox([reset, widgets().HTML(escape(_HINT))])
         self.widget = widgets().VBox([self.form.widget, row, self._figure, self._printed])
@@ -141,7 +141,7 @@ class Interactive:
 
     # The follower's side.
 
-    def show(self, request: int, setting: Any, picture: Picture, *, final: bool) -> None:
+    def _show(self, request: int, setting: Any, picture: Picture, final: bool) -> None:  # noqa: FBT001
         """Send a picture to the page."""
         with self._lock, self._figure.hold_sync():
             self._setting = setting
@@ -151,7 +151,7 @@ class Interactive:
             self._figure.rows = rows_of(picture)
             self._figure.answer = {"of": request, "is": "whole" if final else "coarse"}
 
-    def refuse(self, request: int, reason: str) -> None:
+    def _refuse(self, request: int, reason: str) -> None:
         """Show why the newest setting has no picture; what is shown is dimmed."""
         with self._lock:
             if request == self._figure.asked:

@@ -43,7 +43,7 @@ class Exchange:
     """One writer with its reader, and the air between them."""
 
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing.
-    rate_hz: float = between(20.0, 1.0, 200.0, log=True)  #: How often a sample is published.
+    rate_hz: float = between(20.0, 1.0, 200.0, log=True)  #: Rate of the samples [Hz].
     depth: int = between(8, 1, 50)  #: Samples of each history.
     #: Share of frames that the air loses beside those that are pressed.
     loss: float = between(0.0, 0.0, 0.5)
@@ -77,8 +77,7 @@ class Timeline(Pressed):
         kit = widgets()
         #: Frames that were made to be lost, False: to pass, by name.
         self.lost = dict.fromkeys(lost, True)
-        first = ["vendor", "rate_hz", "depth", "loss"]
-        self.form = Form(Exchange(**exchange), first, lambda: self.answer(self._simulate))
+        self.form = Form(Exchange(**exchange), lambda: self.answer(self._simulate))
         self._shown = kit.FloatRangeSlider(
             value=(0, 100), description="shown (%)", layout={"width": "40em"}
         )
