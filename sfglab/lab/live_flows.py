@@ -32,7 +32,7 @@ from sfglab.rtps.frames import data_bytes
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Sequence
+    from collections.abc import AsyncIterator
 
     from sfglab.component import Report
 
@@ -72,8 +72,7 @@ class Played:
     #: applications. That time is measured with one topic alone on a calm medium.
     scenario: Scenario
     #: Outcome in the form of the model's. A sample that never arrived has the fate UNDERWAY, because its
-    #: cause is unknown. Counts are ``held``, ``compared`` and ``missed``. The last one counts samples that
-    #: were due while a process of rclpy did not run.
+    #: cause is unknown. It has no counts.
     outcome: Outcome
     radio: RadioCounters  #: Counters of the medium.
     #: 95th percentile of the delay of publication on the host with the largest one, s.
@@ -166,7 +165,7 @@ class LiveHosts:
         latency_s = scenario.medium.latency_s + delay_s
         return Played(
             scenario=replace(scenario, medium=replace(scenario.medium, latency_s=latency_s)),
-            outcome=_outcome(scenario, arrays, reports, start_ns),
+            outcome=_outcome(scenario, arrays, start_ns),
             radio=radio,
             late_p95_s=max(report["late_p95_s"] for report in reports),
         )
@@ -207,17 +206,12 @@ def _delay_s(probe: Played) -> float:
     )
 
 
-def _outcome(
-    scenario: Scenario, arrays: dict[str, Arrays], reports: Sequence[Report], start_ns: int
-) -> Outcome:
+def _outcome(scenario: Scenario, arrays: dict[str, Arrays], start_ns: int) -> Outcome:
     flows = {}
     for flow in scenario.flows:
         source, target = arrays[flow.source], arrays[flow.target]
         flows[flow.name] = _flow_outcome(flow, source, target, start_ns)
-    counts = dict.fromkeys(("held", "compared", "missed"), 0)
-    for name in counts:
-        counts[name] = sum(report.get(name, 0) for report in reports)
-    return Outcome(flows=flows, counts=counts)
+    return Outcome(flows=flows, counts={})
 
 
 def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> FlowOutcome:

@@ -91,7 +91,10 @@ def open_source(
     is_bag = spec.startswith("bag:") or (not spec.startswith("camera:") and is_log(Path(spec)))
     images_of = _bag_images if is_bag else _video_images
     rate_hz, images = images_of(spec)
-    rate_hz = fps if abs(rate_hz - fps) <= _SAME_RATE * fps else rate_hz * (rate_hz < _MOST_HZ)
+    if abs(rate_hz - fps) <= _SAME_RATE * fps:
+        rate_hz = fps
+    elif rate_hz >= _MOST_HZ:
+        rate_hz = 0.0  # unknown
     step = rate_hz / fps if rate_hz else 1.0
     first = next(images, None)
     if first is None:
@@ -124,11 +127,16 @@ def absolute(spec: str) -> str:
 def _said(
     spec: str, shape: tuple[int, ...], size: tuple[int, int], rate_hz: float, fps: float
 ) -> str:
-    (height, width), rate = shape[:2], f" at {rate_hz:.4g} Hz" if rate_hz else ""
-    bars = "" if abs(width * size[1] - height * size[0]) < max(size) else " between black bars"
-    speed = f": pictures are {'repeated' if rate_hz < fps else 'passed over'}, its speed is kept"
-    speed = "" if rate_hz in (0, fps) else speed
-    return f"{spec}: {width} x {height}{rate}, shown as {size[0]} x {size[1]}{bars} at {fps:g} Hz{speed}"
+    height, width = shape[:2]
+    rate = f" at {rate_hz:.4g} Hz" if rate_hz else ""
+    has_bars = abs(width * size[1] - height * size[0]) >= max(size)
+    shown = f"{size[0]} x {size[1]}{' between black bars' if has_bars else ''} at {fps:g} Hz"
+    said = f"{spec}: {width} x {height}{rate}, shown as {shown}"
+    if rate_hz in (0, fps):
+        return said
+    return (
+        f"{said}: pictures are {'repeated' if rate_hz < fps else 'passed over'}, its speed is kept"
+    )
 
 
 def _panned(
@@ -294,23 +302,23 @@ def _bgr_reader(type_name: str, spec: str) -> Callable[[Any], list[Image]]:
     return lambda message: [i.array for i in decoder.feed(message) if i.encoding == "bgr8"]
 
 
-# Positions of blue, green and red in a pixel, and number of its channels.
-_CHANNELS = {
-    "bgr8": ((0, 1, 2), 3),
-    "rgb8": ((2, 1, 0), 3),
-    "bgra8": ((0, 1, 2), 4),
-    "rgba8": ((2, 1, 0), 4),
-    "mono8": ((0, 0, 0), 1),
+#: Positions of blue, green and red in a pixel, by encoding.
+_ORDERS = {
+    "bgr8": [0, 1, 2],
+    "rgb8": [2, 1, 0],
+    "bgra8": [0, 1, 2],
+    "rgba8": [2, 1, 0],
+    "mono8": [0, 0, 0],
 }
 
 
 def _bgr_of_image(message: Any, spec: str) -> Image:
-    if message.encoding not in _CHANNELS:
-        known = ", ".join(_CHANNELS)
+    from sfglab.view.geometry import pixels
+
+    if message.encoding not in _ORDERS:
+        known = ", ".join(_ORDERS)
         raise SourceError(
             f"source {spec!r}: given encoding {message.encoding!r}, allowed are {known}"
         )
-    places, count = _CHANNELS[message.encoding]
-    rows = np.asarray(message.data).reshape(message.height, message.step)
-    pixels = rows[:, : message.width * count].reshape(message.height, message.width, count)
-    return np.ascontiguousarray(pixels[..., places])
+    channels = pixels(message).reshape(message.height, message.width, -1)
+    return np.ascontiguousarray(channels[..., _ORDERS[message.encoding]])

@@ -46,10 +46,8 @@ def test_camera_gop_cache_and_decoder_ask_for_best_effort(monkeypatch):
         decoding = run_pipeline(
             route, remote=world.node("decoder"), outputs=Outputs(), counts=Statistics()
         )
-        async with camera._camera(config, lambda _: None) as shooting:
-            async with beside(keeper.run(), decoding):
-                await asyncio.sleep(2)
-            shooting.shoot.close()
+        async with beside(keeper.run(), decoding, camera.run_camera(config)):
+            await asyncio.sleep(2)
 
     run_simulated(main, seed=1, limit_s=60)
     kinds = [endpoint.kind for endpoint in seen]

@@ -226,8 +226,7 @@ async def test_ros_nodes_of_two_agents_find_each_other_completely():
 
     async with ProcessGroup(map(member, "ab")) as group:
         for found in (await group.ask("resolved", timeout_s=60, do="start")).values():
-            assert found["endpoints"] == found["expected"] == 3 * 18
-            assert (found["participants"], found["announcements"]) == (3, 6)
+            assert (found["endpoints"], found["announcements"]) == (3 * 18, 6)
 
 
 def test_an_idle_component_is_loaded_before_it_starts_and_keeps_its_orders(tmp_path):

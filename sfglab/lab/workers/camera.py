@@ -9,14 +9,15 @@ from __future__ import annotations
 import asyncio
 import itertools
 import time
-from contextlib import AsyncExitStack, asynccontextmanager, closing
+from collections.abc import Callable
+from contextlib import AsyncExitStack, closing
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab import codecs
-from sfglab.bus import Node, Publisher
+from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, run_component
 from sfglab.lab.sources import Frame, SourceError, open_source
@@ -25,18 +26,10 @@ from sfglab.qos import COMPRESSED_STREAM
 from sfglab.spatial.poses import header_msg
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Coroutine
-
     from _typeshed import DataclassInstance
 
 _REPORT_S = 0.2  #: Time between two reports, s.
 _Sent = tuple[int, int, int]  #: Number, capture stamp (ns) and compressed size of a frame.
-
-
-class _Shooting(NamedTuple):
-    encoder: _ColourEncoder | _DepthEncoder
-    shoot: Coroutine[Any, Any, None]
-    said: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,13 +50,13 @@ class CameraConfig:
     frame_id: str = "camera_front"  #: TF frame of the camera.
 
 
-class _ColourEncoder:
-    """Encoder of frames to FFMPEGPacket messages."""
+_Encode = Callable[[Frame], "list[DataclassInstance]"]
 
-    type = codecs.FFMPEG_PACKET
 
-    def __init__(self, config: CameraConfig) -> None:
-        self._settings = codecs.H264Settings(
+def _open_encoder(config: CameraConfig) -> tuple[str, str, _Encode]:
+    """Return the encoder's name, the type of its messages, and a function from a frame to their fields."""
+    if config.codec == "h264":
+        settings = codecs.H264Settings(
             width=config.width,
             height=config.height,
             fps=config.fps,
@@ -71,68 +64,42 @@ class _ColourEncoder:
             gop=config.gop,
             encoder=config.encoder,
         )
-        self._encoder = codecs.H264Encoder(self._settings)
-        self.name = self._encoder.encoder_name
+        encoder = codecs.H264Encoder(settings)
 
-    def messages(self, frame: Frame, header: Any) -> list[Any]:
-        packets = self._encoder.encode(frame.bgr)
-        fields = (codecs.ffmpeg_packet_fields(packet, self._settings) for packet in packets)
-        return [_message(codecs.FFMPEG_PACKET, header, f) for f in fields]
+        def encode(frame: Frame) -> list[DataclassInstance]:
+            packets = encoder.encode(frame.bgr)
+            return [codecs.ffmpeg_packet_fields(packet, settings) for packet in packets]
 
+        return encoder.encoder_name, codecs.FFMPEG_PACKET, encode
 
-class _DepthEncoder:
-    """Encoder of depth frames to CompressedImage messages."""
-
-    type = codecs.COMPRESSED_IMAGE
-
-    def __init__(self, config: CameraConfig) -> None:
-        self.name = config.codec
-
-    def messages(self, frame: Frame, header: Any) -> list[Any]:
+    def encode_depth(frame: Frame) -> list[DataclassInstance]:
         if frame.depth_mm is None:
             raise SourceError(
-                f"codec {self.name!r} codes depth, and the source has none: 'stereo' has"
+                f"codec {config.codec!r} codes depth, and the source has none: 'stereo' has"
             )
-        fields = codecs.compressed_depth_fields(frame.depth_mm, codec=self.name)
-        return [_message(codecs.COMPRESSED_IMAGE, header, fields)]
+        return [codecs.compressed_depth_fields(frame.depth_mm, codec=config.codec)]
 
-
-def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
-    values = asdict(fields)
-    return message_type(type_)(
-        header=header, **{**values, "data": np.frombuffer(values["data"], np.uint8)}
-    )
-
-
-@asynccontextmanager
-async def _camera(
-    config: CameraConfig, sent: Callable[[list[_Sent]], None]
-) -> AsyncIterator[_Shooting]:
-    """Open source, encoder and publishers; the caller awaits the task that publishes."""
-    source = open_source(
-        config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed
-    )
-    with closing(source):
-        encoder = _ColourEncoder(config) if config.codec == "h264" else _DepthEncoder(config)
-        async with AsyncExitStack() as stack:
-            publishers = []
-            for address, topic in config.places:
-                node = await stack.enter_async_context(Node("camera_front", **address.options()))
-                publishers.append(node.create_publisher(encoder.type, topic, COMPRESSED_STREAM))
-            yield _Shooting(encoder, _shoot(config, source, encoder, publishers, sent), source.said)
+    return config.codec, codecs.COMPRESSED_IMAGE, encode_depth
 
 
 async def serve(config: CameraConfig, report: Reporter, _: Orders) -> None:
     """Publish for an experiment until told to end."""
-    async with _camera(config, lambda frames: report({"is": "sent", "frames": frames})) as camera:
-        report({"is": "running", "encoder": camera.encoder.name, "type": camera.encoder.type})
-        await camera.shoot
+
+    def start(encoder: str, type_: str, _said: str) -> None:
+        report({"is": "running", "encoder": encoder, "type": type_})
+
+    await _shoot(config, start, lambda frames: report({"is": "sent", "frames": frames}))
 
 
 async def run_camera(config: CameraConfig, say: Callable[[str], None] = lambda _: None) -> None:
     """Publish until cancelled, and print once per second what was sent."""
     _, topic = config.places[0]
     second: list[_Sent] = []
+
+    def start(encoder: str, type_: str, said: str) -> None:
+        if said:
+            say(said)
+        say(f"{topic}: {encoder}, {type_}; end it with Ctrl-C")
 
     def count(frames: list[_Sent]) -> None:
         second.extend(frames)
@@ -141,40 +108,60 @@ async def run_camera(config: CameraConfig, say: Callable[[str], None] = lambda _
             say(f"{topic}: {second[-1][0] + 1} frames, {rate:.2f} Mbit/s")
             second.clear()
 
-    async with _camera(config, count) as camera:
-        if camera.said:
-            say(camera.said)
-        say(f"{topic}: {camera.encoder.name}, {camera.encoder.type}; end it with Ctrl-C")
-        await camera.shoot
+    await _shoot(config, start, count)
 
 
 async def _shoot(
     config: CameraConfig,
-    source: Any,
-    encoder: _ColourEncoder | _DepthEncoder,
-    publishers: list[Publisher],
-    sent: Callable[[list[_Sent]], None],
+    start: Callable[[str, str, str], None],
+    send: Callable[[list[_Sent]], None],
 ) -> None:
-    """Read, encode and publish frames indefinitely, each at its due time."""
-    started = time.monotonic()
+    """Read, encode and publish frames indefinitely, each at its due time.
+
+    Args:
+        config: The camera.
+        start: Takes the encoder's name, the type of messages, and the sentence about the source.
+        send: Takes the frames that were sent, several times per second.
+    """
+    source = open_source(
+        config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed
+    )
     unreported: list[_Sent] = []
-    try:
-        for number in itertools.count():
-            frame = source.frame()
-            due = started + number / config.fps
-            await asyncio.sleep(max(0.0, due - time.monotonic()))
-            stamp_ns = time.time_ns()
-            for message in encoder.messages(frame, header_msg(config.frame_id, stamp_ns)):
-                first = number % len(publishers)  # the first destination changes with each frame
-                for publisher in publishers[first:] + publishers[:first]:
-                    publisher.publish(message)
-                unreported.append((number, stamp_ns, len(message.data)))
-            if len(unreported) >= config.fps * _REPORT_S:
-                sent(unreported)
-                unreported = []
-    finally:
-        if unreported:
-            sent(unreported)
+    async with AsyncExitStack() as stack:
+        stack.enter_context(closing(source))
+        encoder, type_, encode = _open_encoder(config)
+        publishers = []
+        for address, topic in config.places:
+            node = await stack.enter_async_context(Node("camera_front", **address.options()))
+            publishers.append(node.create_publisher(type_, topic, COMPRESSED_STREAM))
+        start(encoder, type_, source.said)
+        started_s = time.monotonic()
+        try:
+            for number in itertools.count():
+                frame = source.frame()
+                due_s = started_s + number / config.fps
+                await asyncio.sleep(max(0.0, due_s - time.monotonic()))
+                stamp_ns = time.time_ns()
+                for fields in encode(frame):
+                    message = _message(type_, header_msg(config.frame_id, stamp_ns), fields)
+                    first = number % len(
+                        publishers
+                    )  # the first destination changes with each frame
+                    for publisher in publishers[first:] + publishers[:first]:
+                        publisher.publish(message)
+                    unreported.append((number, stamp_ns, len(message.data)))
+                if len(unreported) >= config.fps * _REPORT_S:
+                    send(unreported)
+                    unreported = []
+        finally:
+            if unreported:
+                send(unreported)
+
+
+def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
+    values = asdict(fields)
+    values["data"] = np.frombuffer(values["data"], np.uint8)
+    return message_type(type_)(header=header, **values)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ import base64
 import contextlib
 import time
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import Node, Publisher, Subscription
@@ -113,15 +113,10 @@ class ReceiveStatistics:
 
     def report(self) -> Report:
         """Return the counts as JSON values."""
-        span = max(self.numbers) - min(self.numbers) + 1 if self.numbers else 0
-        return {
-            "received": self.received,
-            "repeated": self.repeated,
-            "disordered": self.disordered,
-            "restamped": self.restamped,
-            "missing": span - len(self.numbers),
-            "misnamed": self.misnamed,
-        }
+        counts = asdict(self)
+        numbers = counts.pop("numbers")
+        span = max(numbers) - min(numbers) + 1 if numbers else 0
+        return {**counts, "missing": span - len(numbers)}
 
 
 @dataclass(slots=True)
@@ -337,12 +332,9 @@ class _Peer:
             await client.wait_for_service(timeout_s=timeout_s)
             request = service_type(GET_METADATA).request()
             response = await client.call(request, timeout_s=max(timeout_s, 5.0))
-            incarnation = int(response.metadata.incarnation)
-            answer = {
-                "answered": bool(response.success),
-                "message": str(response.message),
-                "incarnation": incarnation,
-            }
+            answer["answered"] = bool(response.success)
+            answer["message"] = str(response.message)
+            answer["incarnation"] = int(response.metadata.incarnation)
         client.close()
         return {**answer, "took_s": time.monotonic() - start_s}
 

@@ -63,6 +63,11 @@ def sample_of(value: int, size_bytes: int) -> bytes:
     return b"\x00\x01\x00\x00" + (letters + 1).to_bytes(4, "little") + text + b"\x00"
 
 
+def columns_of(rows: list[tuple[int, int]]) -> Any:
+    """Return pairs of times and values as two columns."""
+    return np.array(rows, np.int64).reshape(-1, 2).T
+
+
 class Peer:
     """Node with its publishers, subscriptions and counts."""
 
@@ -141,11 +146,8 @@ class Peer:
     def hearing(self, name: str) -> Any:
         """Return a callback that records a flow's samples with the time at which its simulated executor is done."""
         flow, received = self.flows[name], self.received.setdefault(name, [])
-        executor, then, cost_ns = (
-            flow["executor"] or name,
-            flow["then"],
-            round(flow["service_s"] * 1e9),
-        )
+        executor, then = flow["executor"] or name, flow["then"]
+        cost_ns = round(flow["service_s"] * 1e9)
 
         def heard(cdr: bytes) -> None:
             now_ns, text = time.time_ns(), cdr[8 : 7 + int.from_bytes(cdr[4:8], "little")]
@@ -182,13 +184,11 @@ class Peer:
 
     def play(self, start_ns: int, duration_s: float, drain_s: float, result: str) -> None:
         """Publish on schedule, wait for late samples, and write both into a file."""
-        last_ns, agenda, held = start_ns + round(duration_s * 1e9), [], 0
+        last_ns = start_ns + round(duration_s * 1e9)
+        agenda = []
         for name in self.publishers:
             dues = self.agenda(name, start_ns, last_ns)
-            if self.flows[name]["change_s"]:
-                held += round(duration_s * self.flows[name]["rate_hz"]) - len(dues)
             agenda += [(due_ns, value, name) for value, due_ns in enumerate(dues, 1)]
-        due = len(agenda)
         # A host without flows to send measures wake-ups instead: their delay shows whether it could receive
         # in time.
         agenda = agenda or [(due_ns, 0, "") for due_ns in range(start_ns, last_ns, 5_000_000)]
@@ -200,20 +200,16 @@ class Peer:
                 break
             if name and late_ns[-1] < _MISSED_NS:
                 self.send(name, value)
-                due -= 1
         time.sleep(max(0, last_ns + round(drain_s * 1e9) - time.time_ns()) / 1e9)
         # Samples may still arrive, in the executor's thread.
         received = {name: rows.copy() for name, rows in self.received.items()}
-        tables = {"written sent_ns": (self.written, 0), "written value": (self.written, 1)}
-        tables |= {"received value": (received, 0), "received done_ns": (received, 1)}
-        arrays: dict[str, Any] = {
-            f"{name} {column}": np.array([row[place] for row in rows], np.int64)
-            for column, (of_flows, place) in tables.items()
-            for name, rows in of_flows.items()
-        }
+        arrays: dict[str, Any] = {}
+        for name, rows in self.written.items():
+            arrays[f"{name} written sent_ns"], arrays[f"{name} written value"] = columns_of(rows)
+        for name, rows in received.items():
+            arrays[f"{name} received value"], arrays[f"{name} received done_ns"] = columns_of(rows)
         np.savez(result, **arrays)
-        late_s = sorted(late_ns)[len(late_ns) * 95 // 100] / 1e9
-        report("done", late_p95_s=late_s, held=held, missed=due)
+        report("done", late_p95_s=sorted(late_ns)[len(late_ns) * 95 // 100] / 1e9)
 
     def close(self) -> None:
         """Destroy the endpoints of flows."""

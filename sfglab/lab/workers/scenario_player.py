@@ -8,7 +8,7 @@ endpoints, in one thread, but not on hosts and measurements.
 
 Orders, one scenario after the other: ``{"do": "open", "flows", "seed"}`` is answered by ``matched`` when
 every endpoint has its peer. ``{"do": "play", "start_ns", "duration_s", "drain_s", "result"}`` is answered
-by ``done`` with the delays of its schedule, after its arrays are in the file ``result`` (NumPy's npz).
+by ``done`` with the delay of its schedule, after its arrays are in the file ``result`` (NumPy's npz).
 ``{"do": "close"}`` is answered by ``closed``.
 """
 
@@ -19,7 +19,8 @@ import ctypes as ct
 import heapq
 import random
 import time
-from dataclasses import dataclass, replace
+from collections import defaultdict, deque
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,7 +50,6 @@ _LOOK_S = 0.02
 # slowed down, and their frames would take the medium from the samples.
 _LEASE_S = 1200.0
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
-_DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz-_"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,21 +61,15 @@ class PartsConfig:
 
 
 def text_of(value: int, size_bytes: int) -> bytes:
-    """Return the CDR of a text of a given size: a number's lowest digits to base 64, five of them in "Hello"."""
+    """Return the CDR of a text of a given size that ends with a number: five digits in "Hello"."""
     letters = size_bytes - _FRAME_BYTES
-    text = bytearray(letters)
-    for place in range(letters - 1, -1, -1):
-        text[place] = ord(_DIGITS[value & 63])
-        value >>= 6
-    return _HEADER + (letters + 1).to_bytes(4, "little") + bytes(text) + b"\x00"
+    length = (letters + 1).to_bytes(4, "little")
+    return _HEADER + length + f"{value:>{letters}}".encode() + b"\x00"
 
 
 def value_of(cdr: bytes) -> int:
     """Return the number that `text_of` wrote."""
-    value = 0
-    for letter in cdr[8 : 7 + int.from_bytes(cdr[4:8], "little")]:
-        value = value << 6 | _DIGITS.index(chr(letter))
-    return value
+    return int(cdr[8 : 7 + int.from_bytes(cdr[4:8], "little")])
 
 
 def _reader_qos(flow: Flow) -> QoSProfile:
@@ -90,10 +84,9 @@ class _Sensor:
 
     def __init__(self, flow: Flow, participant: DdsParticipant, idl: type[Any], seed: int) -> None:
         self.flow = flow
-        self.due_ns: list[int] = []  # due times of samples, Unix time, ns
+        self.late_ns: list[int] = []  # delays of samples beyond their due times
         self.sent_ns: list[int] = []  # times of publication, which are also the source time stamps
         self.value: list[int] = []
-        self.held = 0  # number of values that the local cache held back
         self.handle = participant.create_writer(f"rt/{flow.name}", idl, flow.qos)
         self._sertype = sertype_of(self.handle)
         self._random = random.Random(f"{seed} {flow.name}")
@@ -110,18 +103,14 @@ class _Sensor:
         self._change_ns = self._change_ns or now_ns
         while now_ns >= self._change_ns:
             self._latest += 1
-            self._change_ns += max(
-                1, round(self._random.expovariate(1 / self.flow.change_s) * NS_PER_S)
-            )
+            pause_s = self._random.expovariate(1 / self.flow.change_s)
+            self._change_ns += max(1, round(pause_s * NS_PER_S))
         return self._latest
 
     def offer(self, value: int, due_ns: int) -> None:
         """Publish a value unless the local cache holds it back."""
-        if (
-            self._cache is not None
-            and not self._cache.offer(self.flow.name, value, now_ns=due_ns).passes
-        ):
-            self.held += 1
+        name, cache = self.flow.name, self._cache
+        if cache is not None and not cache.offer(name, value, now_ns=due_ns).passes:
             return
         serdata = serdata_from_bytes(self._sertype, text_of(value, self.flow.size_bytes))
         assert serdata, "a text that Cyclone DDS cannot parse"
@@ -129,7 +118,7 @@ class _Sensor:
         stamp(serdata, now_ns)
         if library().dds_forwardcdr(self.handle, serdata) < 0:
             return  # DDS refused it
-        self.due_ns.append(due_ns)
+        self.late_ns.append(now_ns - due_ns)
         self.sent_ns.append(now_ns)
         self.value.append(value)
 
@@ -141,7 +130,6 @@ class _Inlet:
         self.flow = flow
         self.sent_ns: list[int] = []  # source time stamps of the samples
         self.done_ns: list[int] = []  # times at which the executor was done with them
-        self.compared = 0  # number of samples that cache control discarded
         # time since which samples are known to wait; None if none wait
         self.since_ns: int | None = None
         self.handle = participant.create_reader(f"rt/{flow.name}", idl, _reader_qos(flow))
@@ -162,20 +150,15 @@ class _Inlet:
 
     def cost_ns(self, value: int, now_ns: int) -> int:
         """Return the service time of a value, ns: that of a comparison or the full one."""
-        flow = self.flow
-        if (
-            self._cache is not None
-            and not self._cache.offer(flow.name, value, now_ns=now_ns).passes
-        ):
-            self.compared += 1
+        flow, cache = self.flow, self._cache
+        if cache is not None and not cache.offer(flow.name, value, now_ns=now_ns).passes:
             return round((flow.compare_s or 0.0) * NS_PER_S)
         return round(flow.service_s * NS_PER_S)
 
 
 @dataclass(slots=True)
 class _Executor:
-    inlets: list[_Inlet]
-    next_: int = 0
+    inlets: deque[_Inlet] = field(default_factory=deque)
     free_ns: int = 0
 
     def waiting(self) -> bool:
@@ -183,10 +166,10 @@ class _Executor:
 
     def turn(self) -> _Inlet | None:
         """Return the next flow, in turn, with samples that are known to wait."""
-        for i in range(self.next_, self.next_ + len(self.inlets)):
-            inlet = self.inlets[i % len(self.inlets)]
+        for _ in range(len(self.inlets)):
+            inlet = self.inlets[0]
+            self.inlets.rotate(-1)
             if inlet.since_ns is not None:
-                self.next_ = (i + 1) % len(self.inlets)
                 return inlet
         return None
 
@@ -204,20 +187,17 @@ class Player:
             f.name: _Sensor(f, participant, idl, seed) for f in flows if f.source == host
         }
         self._inlets = [_Inlet(f, participant, idl) for f in flows if f.target == host]
-        by_name: dict[str, _Executor] = {}
+        executors: defaultdict[str, _Executor] = defaultdict(_Executor)
         for inlet in self._inlets:
-            executor = inlet.flow.executor or f"{inlet.flow.name}\0"
-            by_name.setdefault(executor, _Executor([])).inlets.append(inlet)
-        self._executors = list(by_name.values())
+            executors[inlet.flow.executor or f"{inlet.flow.name}\0"].inlets.append(inlet)
+        self._executors = list(executors.values())
         lib = library()
         self._waitset: int = lib.dds_create_waitset(participant.handle)
         for key, inlet in enumerate(self._inlets):
             lib.dds_waitset_attach(self._waitset, inlet.condition, key)
         self._keys: Any = (ct.c_ssize_t * _MAX_TRIGGERED)()
-        self._agenda: list[
-            tuple[int, int, str, int]
-        ] = []  # time, number, flow, and the value of a processing chain or -1
-        self._entries = 0
+        # due time, flow, and the value of a processing chain or -1
+        self._agenda: list[tuple[int, str, int]] = []
 
     def matched(self) -> bool:
         """Return whether every endpoint has its peer."""
@@ -233,35 +213,25 @@ class Player:
 
     def arrays(self) -> dict[str, Any]:
         """Return published and received samples, as columns of times or values by flow."""
-        sensors, inlets = self._sensors.items(), self._inlets
-        written = {
-            f"{n} written {c}": getattr(s, c) for n, s in sensors for c in ("sent_ns", "value")
-        }
-        heard = {inlet.flow.name: inlet for inlet in inlets}.items()
-        received = {
-            f"{n} received {c}": getattr(i, c) for n, i in heard for c in ("sent_ns", "done_ns")
-        }
-        return {name: np.array(column, np.int64) for name, column in (written | received).items()}
+        columns = {}
+        for name, sensor in self._sensors.items():
+            columns[f"{name} written sent_ns"] = sensor.sent_ns
+            columns[f"{name} written value"] = sensor.value
+        for inlet in self._inlets:
+            columns[f"{inlet.flow.name} received sent_ns"] = inlet.sent_ns
+            columns[f"{inlet.flow.name} received done_ns"] = inlet.done_ns
+        return {name: np.array(column, np.int64) for name, column in columns.items()}
 
-    def kept(self) -> dict[str, Any]:
-        """Return the delays of the schedule, and the counts of the caches."""
-        sensors = self._sensors.values()
-        delays = [
-            sent - due for s in sensors for sent, due in zip(s.sent_ns, s.due_ns, strict=True)
-        ]
-        return {
-            "late_p95_s": float(np.percentile(delays, 95)) / NS_PER_S if delays else 0.0,
-            "held": sum(sensor.held for sensor in sensors),
-            "compared": sum(inlet.compared for inlet in self._inlets),
-        }
+    def late_p95_s(self) -> float:
+        """Return the 95th percentile of the delays of the schedule, s."""
+        late_ns = [late for sensor in self._sensors.values() for late in sensor.late_ns]
+        return float(np.percentile(late_ns, 95)) / NS_PER_S if late_ns else 0.0
 
     def close(self) -> None:
         """Destroy the endpoints."""
-        ends = [sensor.handle for sensor in self._sensors.values()] + [
-            inlet.handle for inlet in self._inlets
-        ]
-        for handle in (self._waitset, *ends):
-            library().dds_delete(handle)
+        library().dds_delete(self._waitset)
+        for end in (*self._sensors.values(), *self._inlets):
+            library().dds_delete(end.handle)
 
     def play(self, *, start_ns: int, duration_s: float, drain_s: float) -> None:
         """Publish for a duration from `start_ns`, Unix time, and receive for `drain_s` beyond that."""
@@ -278,12 +248,11 @@ class Player:
             self._wait(end_ns)
 
     def _note(self, due_ns: int, name: str, value: int) -> None:
-        self._entries += 1
-        heapq.heappush(self._agenda, (due_ns, self._entries, name, value))
+        heapq.heappush(self._agenda, (due_ns, name, value))
 
     def _publish_due(self, now_ns: int, last_ns: int) -> None:
         while self._agenda and self._agenda[0][0] <= now_ns:
-            due_ns, _, name, value = heapq.heappop(self._agenda)
+            due_ns, name, value = heapq.heappop(self._agenda)
             sensor = self._sensors[name]
             if value >= 0:
                 sensor.offer(value, due_ns)
@@ -345,7 +314,7 @@ async def serve(config: PartsConfig, report: Reporter, orders: Orders) -> None:
             times = {name: order[name] for name in ("start_ns", "duration_s", "drain_s")}
             await asyncio.to_thread(player.play, **times)
             np.savez(order["result"], **player.arrays())
-            report({"is": "done", **player.kept()})
+            report({"is": "done", "late_p95_s": player.late_p95_s()})
             # the order to close: endpoints stay matched until all hosts are done
             await orders.get()
             await asyncio.to_thread(player.close)

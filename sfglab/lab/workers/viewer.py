@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sfglab.bus.api import Transport
+    from sfglab.codecs.carriers import ImageDecoder
 
 _AGES_KEPT = 300
 IMAGE = "sensor_msgs/msg/Image"
@@ -58,7 +58,6 @@ class Seen:
 
     frames: int = 0  #: Number of messages or images.
     broken: int = 0  #: Number of messages that could not be decoded.
-    checksum: int = 0  #: Exclusive or of all pixels, as 64-bit words.
     #: Capture stamp and time of arrival in this process (Unix time, ns) of each image.
     sightings: list[tuple[int, int]] = field(default_factory=list)
 
@@ -66,7 +65,7 @@ class Seen:
         """Read every pixel of an image, whose size is a multiple of 8 bytes."""
         self.sightings.append((stamp_ns, time.time_ns()))
         self.frames += 1
-        self.checksum ^= int(np.bitwise_xor.reduce(items.view(np.uint64)))
+        np.bitwise_xor.reduce(items.view(np.uint64))
 
     def report(self) -> dict[str, Any]:
         """Return the counts as JSON values, with the ages of the latest images, ns."""
@@ -125,21 +124,52 @@ class _Viewer:
             self._looking = None
 
     async def _look(self, order: Report) -> None:
-        raw: Any = partial(self._share, side="remote", transport="dds")
-        ways = {
-            "standard": self._decode,
-            "proxy": self._share,
-            "raw": raw,
-            "network": self._discard,
-        }
-        ways["dds"] = partial(self._share, transport="dds")
-        mode, path, config = order["mode"], order.get("path"), self._config
-        usual = config.local_topic if mode in ("proxy", "dds") else config.remote_topic
+        config, mode = self._config, order["mode"]
+        side = "local" if mode in ("proxy", "dds") else "remote"
+        usual = config.local_topic if side == "local" else config.remote_topic
         topic = order.get("topic") or usual
         try:
-            await (self._record(topic, Path(path)) if path else ways[mode](topic))
+            async with self._node("recorder" if "path" in order else "viewer", side) as node:
+                if "path" in order:
+                    await self._record(node, topic, Path(order["path"]))
+                else:
+                    await self._receive(node, topic, mode)
         except Exception as error:  # noqa: BLE001  # the experiment must learn why a viewer failed
             self._report({"is": "failed", "why": f"{type(error).__name__}: {error}"})
+
+    async def _receive(self, node: Node, topic: str, mode: str) -> None:
+        """Hold a subscription until cancelled."""
+        type_, qos = self._config.remote_type, COMPRESSED_STREAM
+        options: dict[str, Any] = {"threaded": True}
+        see = self._see_image
+        if mode == "standard":
+            see = partial(self._decode, image_decoder(type_, self._config.codec))
+        elif mode == "network":
+            see = self._discard
+            options["raw"] = True
+        else:
+            type_, qos = IMAGE, SENSOR_DATA
+            options["transport"] = "shm" if mode == "proxy" else "dds"
+        with contextlib.closing(node.create_subscription(type_, topic, see, qos, **options)):
+            await asyncio.Event().wait()
+
+    def _decode(self, decoder: ImageDecoder, message: Any) -> None:
+        try:
+            images = decoder.feed(message)
+        except CodecError:
+            self._seen.broken += 1
+            return
+        for image in images:
+            self._seen.look(image.array.reshape(-1), ns_from_stamp(message.header.stamp))
+            self._saw_one()
+
+    def _see_image(self, image: Any) -> None:
+        self._seen.look(image.data, ns_from_stamp(image.header.stamp))
+        self._saw_one()
+
+    def _discard(self, _: bytes) -> None:
+        self._seen.frames += 1
+        self._saw_one()
 
     def _saw_one(self) -> None:
         if self._seen.frames == 1:
@@ -147,68 +177,24 @@ class _Viewer:
             seen_ns = sightings[0][1] if sightings else time.time_ns()
             self._report({"is": "first", "ordered_ns": self._ordered_ns, "seen_ns": seen_ns})
 
-    async def _decode(self, topic: str) -> None:
-        decoder = image_decoder(self._config.remote_type, self._config.codec)
-
-        def see(message: Any) -> None:
-            try:
-                images = decoder.feed(message)
-            except CodecError:
-                self._seen.broken += 1
-                return
-            for image in images:
-                stamp_ns = ns_from_stamp(message.header.stamp)
-                self._seen.look(image.array.reshape(-1), stamp_ns)
-                self._saw_one()
-
-        await self._receive("remote", self._config.remote_type, topic, see, COMPRESSED_STREAM)
-
-    async def _discard(self, topic: str) -> None:
-        def see(_: bytes) -> None:
-            self._seen.frames += 1
-            self._saw_one()
-
-        await self._receive(
-            "remote", self._config.remote_type, topic, see, COMPRESSED_STREAM, raw=True
-        )
-
-    async def _receive(self, side: str, *subscribed: Any, **options: Any) -> None:
-        """Hold a subscription on a side until cancelled."""
-        async with self._node("viewer", side) as node:
-            with contextlib.closing(
-                node.create_subscription(*subscribed, **options, threaded=True)
-            ):
-                await asyncio.Event().wait()
-
-    async def _share(self, topic: str, side: str = "local", transport: Transport = "shm") -> None:
-        """Receive images until cancelled: decoded ones, by default from shared memory."""
-
-        def see(image: Any) -> None:
-            self._seen.look(image.data, ns_from_stamp(image.header.stamp))
-            self._saw_one()
-
-        await self._receive(side, IMAGE, topic, see, SENSOR_DATA, transport=transport)
-
-    async def _record(self, topic: str, path: Path) -> None:
+    async def _record(self, node: Node, topic: str, path: Path) -> None:
         """Write the stream's messages unchanged into a log of their own as they arrive."""
         from sfglab.record import LogWriter
 
         type_ = self._config.remote_type
-        async with self._node("recorder", "remote") as node:
-            subscription = node.create_subscription(type_, topic, qos=COMPRESSED_STREAM, raw=True)
-            with contextlib.closing(subscription), LogWriter(path) as log:
-                while True:
-                    cdr, info = await subscription.take_with_info()
-                    log.write_raw(
-                        topic,
-                        type_,
-                        cdr,
-                        qos=COMPRESSED_STREAM,
-                        log_time_ns=info.received_timestamp_ns,
-                        publish_time_ns=info.source_timestamp_ns,
-                    )
-                    self._seen.frames += 1
-                    self._saw_one()
+        subscription = node.create_subscription(type_, topic, qos=COMPRESSED_STREAM, raw=True)
+        with contextlib.closing(subscription), LogWriter(path) as log:
+            while True:
+                cdr, info = await subscription.take_with_info()
+                log.write_raw(
+                    topic,
+                    type_,
+                    cdr,
+                    qos=COMPRESSED_STREAM,
+                    log_time_ns=info.received_timestamp_ns,
+                    publish_time_ns=info.source_timestamp_ns,
+                )
+                self._discard(cdr)
 
 
 async def serve(config: ViewerConfig, report: Reporter, orders: Orders) -> None:
