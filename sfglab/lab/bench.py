@@ -10,8 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, dataclass_transform
 
-from sfglab.errors import InvalidValueError
-
 if TYPE_CHECKING:
     from contextlib import ExitStack
 
@@ -103,16 +101,12 @@ class Bench(Generic[C]):
                 number of rows before it in its table.
 
         Raises:
-            InvalidValueError: There is no such table, or not exactly one table has the row's class.
+            KeyError: There is no such table.
+            ValueError: Not exactly one table has the row's class.
         """
         if row is None:
             row = table
-            names = [name for name, known in self.row_classes.items() if known is type(row)]
-            if len(names) != 1:
-                raise InvalidValueError("table of the row", names, "one; otherwise give its name")
-            table = names[0]
-        if table not in self.row_classes:
-            raise InvalidValueError("table", table, ", ".join(sorted(self.row_classes)))
+            [table] = [name for name, known in self.row_classes.items() if known is type(row)]
         if at_ns is None:
             at_ns = time.time_ns() if self.timed else self._places[table]
         self._places[table] += 1

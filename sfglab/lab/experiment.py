@@ -89,13 +89,6 @@ class Setup:
     actors: tuple[Actor, ...] = ()  #: Processes and nodes.
     links: tuple[Link, ...] = ()  #: Links for messages between the actors.
 
-    def __post_init__(self) -> None:
-        names = {actor.name for actor in self.actors}
-        for link in self.links:
-            for end in (link.source, link.target):
-                if end not in names:
-                    raise InvalidValueError("link", end, ", ".join(sorted(names)))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sweep:
@@ -525,7 +518,6 @@ class Experiment(Generic[C]):
         """Return the names of the figures that a run has."""
         return tuple(name for name, drawing in self._drawings.items() if drawing.when(run))
 
-    def figures(self, log: Path | Run[C]) -> dict[str, tuple[Figure, dict[str, Any]]]:
+    def figures(self, run: Run[C]) -> dict[str, tuple[Figure, dict[str, Any]]]:
         """Draw every figure that a run has, by name."""
-        run = log if isinstance(log, Run) else self.load(log)
         return {name: self.draw(name, run) for name in self.drawings_of(run)}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import few_colors
 from sfglab.lab.ledger_page import PAPERS, citation, verdict_html
-from sfglab.lab.notebooks import INDEX, experiments_of, find_notebooks, notebook_of, read_notebook
+from sfglab.lab.notebooks import INDEX, cells_of, experiments_of, find_notebooks, notebook_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -89,7 +89,7 @@ def _line(cells: Iterable[str]) -> str:
 
 def _rows(project: Project, path: Path, ledger: Ledger) -> list[tuple[str, str]]:
     """Return paper with section and the table line of each experiment of a notebook."""
-    title = read_notebook(path).cells[0].source.splitlines()[0].removeprefix("# ")
+    title = cells_of(path)[0]["source"].splitlines()[0].removeprefix("# ")
     experiments = map(experiment, experiments_of(path))
     return [_row(project, path, title, exp, ledger) for exp in experiments]
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from nbformat import NotebookNode
-
     from sfglab.lab.paths import Project
 
 INDEX = "00_index"
@@ -130,7 +128,7 @@ def fit_parameters(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         NotebookError: The notebook declares no such parameter, or its experiment no such field.
     """
-    declared = _declared(path, read_notebook(path))
+    declared = _declared(path)
     experiments = experiments_of(path)
     fitted = {name: value for name, value in given.items() if name in declared}
     others = {name: value for name, value in given.items() if name not in declared}
@@ -152,14 +150,14 @@ def settings_name(name: str, declared: Collection[str]) -> str:
     return SETTINGS if SETTINGS in declared else f"{SETTINGS}_{name}"
 
 
-def _declared(path: Path, notebook: NotebookNode) -> set[str]:
+def _declared(path: Path) -> set[str]:
     """Return the names that a notebook's parameters cell assigns."""
-    tagged = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", ())]
+    tagged = [cell for cell in cells_of(path) if "parameters" in cell["metadata"].get("tags", ())]
     if len(tagged) != 1:
         raise NotebookError(
             f"{path.name}: {len(tagged)} cells are tagged 'parameters', needed is exactly one"
         )
-    return set(_PARAMETER.findall(tagged[0].source))
+    return set(_PARAMETER.findall(tagged[0]["source"]))
 
 
 def _check_fields(path: Path, name: str, fitted: Mapping[str, Any]) -> None:
@@ -177,20 +175,9 @@ def _check_fields(path: Path, name: str, fitted: Mapping[str, Any]) -> None:
 
 
 def experiments_of(path: Path) -> tuple[str, ...]:
-    """Return the names of the experiments that a notebook runs, in order.
-
-    The header of every notebook needs them, and `nbformat`, which `read_notebook` uses, takes seconds to
-    import.
-
-    Raises:
-        NotebookError: The file is no notebook.
-    """
-    try:
-        cells = json.loads(path.read_text("utf-8"))["cells"]
-    except (ValueError, KeyError) as error:
-        raise NotebookError(f"{path.name}: not a notebook: {error}") from error
-    source = "\n".join("".join(cell["source"]) for cell in cells)
-    return tuple(dict.fromkeys(_EXPERIMENT.findall(source)))
+    """Return the names of the experiments that a notebook runs, in order; raises as `cells_of`."""
+    sources = "\n".join(cell["source"] for cell in cells_of(path))
+    return tuple(dict.fromkeys(_EXPERIMENT.findall(sources)))
 
 
 def notebook_of(project: Project, experiment: str) -> str:
@@ -201,18 +188,21 @@ def notebook_of(project: Project, experiment: str) -> str:
     return ""
 
 
-def read_notebook(path: Path) -> NotebookNode:
-    """Return a notebook; raises `NotebookError` if there is none, or the file is no notebook."""
-    with without_iri_grammars():
-        import nbformat
+def cells_of(path: Path) -> list[dict[str, Any]]:
+    """Return the cells of a notebook, each with its source as one text.
 
+    The header of every notebook needs them, and `nbformat` takes seconds to import.
+
+    Raises:
+        NotebookError: The file is no notebook.
+    """
     try:
-        notebook: NotebookNode = nbformat.read(path, as_version=4)
-    except FileNotFoundError:
-        raise NotebookError(f"{path.name}: no such notebook") from None
-    except Exception as error:  # nbformat has no class for its errors
-        raise NotebookError(f"{path.name}: not a notebook: {str(error)[:200]}") from error
-    return notebook
+        cells: list[dict[str, Any]] = json.loads(path.read_text("utf-8"))["cells"]
+    except (ValueError, KeyError) as error:
+        raise NotebookError(f"{path.name}: not a notebook: {error}") from error
+    for cell in cells:
+        cell["source"] = "".join(cell["source"])
+    return cells
 
 
 def run_notebooks(
@@ -266,7 +256,7 @@ def try_experiment(
     profile = fields.pop("profile")
     experiment(name).config(profile, **fields)
     [path] = find_notebooks(project, [name])
-    settings = settings_name(name, _declared(path, read_notebook(path)))
+    settings = settings_name(name, _declared(path))
     fields["path"] = project.relative(folder / f"{name}.mcap")
     fitted = {"profile": profile, settings: fields} | _reference_logs(path, project, [name])
     task = _Task(path, folder / path.name, fitted)
@@ -374,7 +364,8 @@ class _Runner:
 
         from sfglab.lab.notebook_outputs import normalise
 
-        nbformat.write(normalise(read_notebook(task.copy), self._project), task.path)
+        executed = nbformat.read(task.copy, as_version=4)
+        nbformat.write(normalise(executed, self._project), task.path)
 
     def _logs(self, name: str) -> set[Path]:
         """Return the logs in the folder of an experiment."""

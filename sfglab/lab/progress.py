@@ -7,7 +7,6 @@ import re
 import sys
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from importlib.util import find_spec
@@ -17,16 +16,6 @@ from tqdm import tqdm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """A step that is done."""
-
-    what: str  #: Name of the task, and the step.
-    done: int  #: Number of steps that are done.
-    total: int  #: Number of all steps.
-    left_s: float  #: Time left at the pace until now, s.
 
 
 #: Shortest time between two updates of a bar, s.
@@ -48,7 +37,9 @@ def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
         ) as bar:
             yield partial(_move, bar)
     else:
-        yield _reporter(total, what, _print_line, _LINES_S)
+        # In a notebook a line goes to standard output, because errors have a red box.
+        stream = sys.stdout if _in_kernel() else sys.stderr
+        yield _reporter(total, what, lambda _, line: print(line, file=stream, flush=True), _LINES_S)
 
 
 def _move(bar: Any, step: str) -> None:
@@ -57,9 +48,12 @@ def _move(bar: Any, step: str) -> None:
 
 
 def _reporter(
-    total: int, what: str, listener: Callable[[Step], None], period_s: float
+    total: int, what: str, show: Callable[[int, str], None], period_s: float
 ) -> Callable[[str], None]:
-    """Return a function that reports at most one step per period, and the last one."""
+    """Return a function that shows at most one step per period, and the last one.
+
+    `show` takes the number of steps that are done, and a line that `is_line` recognises.
+    """
     start_s = reported_s = time.monotonic()
     done = 0
 
@@ -70,19 +64,9 @@ def _reporter(
         if done == total or now_s - reported_s >= period_s:
             reported_s = now_s
             left_s = (now_s - start_s) / done * max(total - done, 0)
-            listener(Step(f"{what}, {step}", done, total, left_s))
+            show(done, f"{what}, {step}: {done}/{total} steps, {left_s:.0f} s left")
 
     return advance
-
-
-def _print_line(step: Step) -> None:
-    """Print a step. In a notebook it goes to standard output, because errors have a red box."""
-    print(line_of(step), file=sys.stdout if _in_kernel() else sys.stderr, flush=True)
-
-
-def line_of(step: Step) -> str:
-    """Return a step as a line that `is_line` recognises."""
-    return f"{step.what}: {step.done}/{step.total} steps, {step.left_s:.0f} s left"
 
 
 def is_line(text: str) -> bool:
@@ -101,7 +85,7 @@ def _in_jupyterlab() -> bool:
 
 
 @contextmanager
-def _widget(total: int, what: str) -> Iterator[Callable[[Step], None]]:
+def _widget(total: int, what: str) -> Iterator[Callable[[int, str], None]]:
     """Show a widget. At the end a plain line replaces it, which needs no kernel."""
     from IPython.display import display
 
@@ -111,8 +95,9 @@ def _widget(total: int, what: str) -> Iterator[Callable[[Step], None]]:
     bar, text = kit.IntProgress(max=total), kit.HTML(escape(what))
     handle = display(kit.HBox([bar, text]), display_id=True)
 
-    def show(step: Step) -> None:
-        bar.value, text.value = step.done, escape(line_of(step))
+    def show(done: int, line: str) -> None:
+        bar.value = done
+        text.value = escape(line)
 
     try:
         yield show

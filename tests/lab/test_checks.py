@@ -38,12 +38,8 @@ def test_every_property_holds_on_a_few_cases(name, check):
 def test_what_fails_is_counted_and_shown():
     checks = Checks("some")
     checks.cases("even")(lambda sample: ((str(n), n % 2 == 0) for n in range(sample.count)))
-    checks.cases("small")(lambda sample: (("large", x < 0.5) for x in sample.rng.random(10)))
-    even, small = checks.rows(10, 0)
+    [even] = checks.rows(10, 0)
     assert (even.checked, even.held, even.example) == (10, 5, "1")
-    assert (small.checked, small.example) == (10, "large")
-    assert 0 < small.held < 10
-    assert checks.row("small", count=10, seed=0) == small, "as among the others"
 
 
 def nothing(*_, **__):

@@ -11,8 +11,6 @@ from dataclasses import asdict, dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from sfglab.lab.stats import Estimate, exactly
 
 if TYPE_CHECKING:
@@ -99,7 +97,6 @@ class Sample:
 
     count: int  #: How many cases are wanted, where they are drawn.
     seed: int  #: The run's seed, for what several checks share.
-    rng: np.random.Generator  #: The check's own.
 
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -140,20 +137,19 @@ class Checks:
         return declare
 
     def rows(self, count: int, seed: int) -> Iterator[CheckRow]:
-        """Yield a row for every property: `count` cases where they are drawn, by a generator of its own."""
+        """Yield a row for every property: `count` cases where they are drawn."""
         return (self.row(name, count=count, seed=seed) for name in self._cases)
 
     def row(self, name: str, *, count: int, seed: int) -> CheckRow:
-        """Return one property's row, as it is among the others."""
-        rng = np.random.default_rng([seed, self.names.index(name)])
-        return check_row(name, self._cases[name](Sample(count=count, seed=seed, rng=rng)))
+        """Return one property's row."""
+        return check_row(name, self._cases[name](Sample(count=count, seed=seed)))
 
 
-def check_row(check: str, cases: Iterable[Case], *, shown: int = 0) -> CheckRow:
-    """Return what a property's cases came to, none: not held; the example is the first to fail or `shown`."""
+def check_row(check: str, cases: Iterable[Case]) -> CheckRow:
+    """Return what a property's cases came to, none: not held; the example is the first to fail or to hold."""
     tried = list(cases) or [(NOTHING, False)]
     failed = [text for text, held in tried if not held]
-    example = failed[0] if failed else tried[shown][0]
+    example = failed[0] if failed else tried[0][0]
     return CheckRow(check=check, checked=len(tried), held=len(tried) - len(failed), example=example)
 
 
