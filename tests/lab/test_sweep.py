@@ -32,15 +32,14 @@ from sweep_tasks import (
     obeying,
     quick,
     several,
-    slow,
     uneven,
 )
 
 from sfglab.errors import MissingExtraError
 from sfglab.lab import progress
-from sfglab.lab.sweep import JournalError, SweepError, Workers, sweep
+from sfglab.lab.sweep import SweepError, Workers, sweep
 from sfglab.lab.sweep.journal import code_digest, identity_of, open_journal, text_from_result
-from sfglab.lab.sweep.run import Job, connected, run_batch
+from sfglab.lab.sweep.run import connected
 
 POINTS = [SpotPoint(number=number) for number in range(5)]
 SEEDS = range(6)
@@ -149,14 +148,6 @@ async def test_it_runs_beside_an_event_loop_as_in_a_notebook(swept):
     assert bits(swept(quick, POINTS, SEEDS)) == bits(expected())
 
 
-def test_a_batch_ends_after_a_good_tenth_of_a_second_and_leaves_the_rest():
-    jobs = [Job(0, POINTS[0], seed) for seed in range(200)]
-    texts, error = run_batch(quick, code_digest(), jobs)
-    assert (len(texts), error) == (200, None)
-    texts, error = run_batch(slow, code_digest(), jobs)
-    assert (0 < len(texts) < 20, error) == (True, None)
-
-
 def test_thousands_of_short_tasks_are_all_run_and_in_order_whatever_finished_first(swept):
     points, seeds = (
         [SpotPoint(number=number) for number in (0, *range(2, 202))],
@@ -253,17 +244,18 @@ def test_another_version_of_the_code_is_another_sweep(tmp_path):
     assert (tmp_path / "journal.1").exists()
 
 
-def test_a_file_that_is_no_journal_is_refused_and_kept_and_one_serves_one_sweep_at_a_time(tmp_path):
-    path = tmp_path / "thesis.txt"
-    for content in ("precious\n", "precious", '{"a": 1}\n'):
-        path.write_text(content)
-        with pytest.raises(JournalError, match="is no journal of a sweep"):
-            sweep(quick, POINTS, SEEDS, journal=path)
-        assert path.read_text() == content
+def test_a_file_that_is_no_journal_is_set_aside(tmp_path):
+    for number, content in enumerate(("precious\n", "precious", '{"a": 1}\n'), 1):
+        (tmp_path / "journal").write_text(content)
+        sweep(quick, POINTS, SEEDS, journal=tmp_path / "journal")
+        assert (tmp_path / f"journal.{number}").read_text() == content
+
+
+def test_a_journal_serves_one_sweep_at_a_time(tmp_path):
     path = tmp_path / "journal"
     with (
         open_journal(path, {}),
-        pytest.raises(JournalError, match="another sweep is writing this journal"),
+        pytest.raises(SweepError, match="another sweep is writing this journal"),
         open_journal(path, {}),
     ):
         pass
@@ -376,12 +368,12 @@ def test_ctrl_c_in_a_terminal_ends_a_sweep_quietly_with_all_its_processes(tmp_pa
     resumed(tmp_path)
 
 
-def test_ctrl_c_is_heard_between_batches_so_that_no_lock_of_the_pool_stays_closed(swept, on_step):
+def test_ctrl_c_is_heard_between_jobs_so_that_no_lock_of_the_pool_stays_closed(swept, on_step):
     steps = []
 
-    def interrupted(step):
+    def interrupted(done, _line):
         signal.raise_signal(signal.SIGINT)
-        steps.append(step.done)
+        steps.append(done)
 
     points = [SpotPoint(number=number) for number in range(200)]
     on_step(interrupted)
@@ -391,7 +383,7 @@ def test_ctrl_c_is_heard_between_batches_so_that_no_lock_of_the_pool_stays_close
 
 
 def test_ctrl_c_while_processes_write_large_results_leaves_no_process(swept, on_step):
-    def interrupted(_step):
+    def interrupted(*_):
         signal.raise_signal(signal.SIGINT)
 
     on_step(interrupted)
@@ -406,10 +398,10 @@ def test_one_ctrl_c_ends_a_sweep_within_an_event_loop(swept, on_step):
 
     steps = []
 
-    def interrupted(step):
+    def interrupted(done, _line):
         if not steps:
             signal.raise_signal(signal.SIGINT)
-        steps.append(step.done)
+        steps.append(done)
 
     on_step(interrupted)
     with pytest.raises(KeyboardInterrupt):

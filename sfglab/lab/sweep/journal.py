@@ -36,13 +36,8 @@ class SweepError(SfglabError, RuntimeError):
     """A sweep that cannot run, or whose task failed."""
 
 
-class JournalError(SfglabError, OSError):
-    """A file that cannot be the journal of a sweep."""
-
-
 _log = logging.getLogger(__name__)
 
-_START = b'{"sfglab_sweep": 1'
 _NUMERIC = ("llvmlite", "numba", "numpy", "scipy")  # Each can change the last bit of a float.
 
 
@@ -132,8 +127,6 @@ class Journal:
     def resume(self, identity: Mapping[str, str]) -> None:
         """Read the results of the file. The journal of another sweep is copied, and begun again."""
         first, *lines = self.file.readall().splitlines(keepends=True) or [b""]
-        if first[: len(_START)] != _START[: len(first)]:
-            raise JournalError(f"{self.path} is no journal of a sweep; name another file")
         found = _entry(first)
         header = {"sfglab_sweep": 1, **identity}
         differs = [key for key in header if found.get(key) != header[key]]
@@ -162,14 +155,14 @@ def open_journal(path: Path, identity: Mapping[str, str]) -> Iterator[Journal]:
     """Open the journal of a sweep for this process alone.
 
     Raises:
-        JournalError: The file is no journal, or another process writes it.
+        SweepError: Another process writes it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a+b", buffering=0) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise JournalError(
+            raise SweepError(
                 f"{path}: another sweep is writing this journal; wait for it, or name another file"
             ) from None
         file.seek(0)

@@ -1,4 +1,4 @@
-"""A sweep: it runs a task for points and seeds in batches, and returns the results in order.
+"""A sweep: it runs a task for points and seeds, and returns the results in order.
 
 Threads, processes and workers of a dask scheduler are executors of `concurrent.futures`, so that
 they share one code path.
@@ -10,12 +10,11 @@ import multiprocessing
 import os
 import signal
 import threading
-import time
 import traceback
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import product
+from itertools import islice, product
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -36,9 +35,7 @@ if TYPE_CHECKING:
     from sfglab.lab.sweep.journal import Journal
 
 _CONNECT_S = 10.0
-_BATCH_S = 0.15  # Transport of a batch takes about a hundredth of this.
-_BATCH_JOBS = 256
-_QUEUED = 2  # Batches per worker: one runs, one waits, so that no worker is idle.
+_QUEUED = 2  # Jobs per worker: one runs, one waits, so that no worker is idle.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,8 +86,7 @@ def sweep(
 
     Raises:
         SweepError: The task failed (the message has the point and the seed), a worker ended, or
-            there are no workers.
-        JournalError: The journal cannot be used.
+            there are no workers. Or another process uses the journal.
         MissingExtraError: A scheduler is given, and the extra ``cluster`` is not installed.
     """
     pairs = list(product(range(len(points)), map(int, seeds)))
@@ -102,7 +98,7 @@ def sweep(
     return [log.finished[pair] for pair in pairs]
 
 
-# --- Batches --------------------------------------------------------------------------------------
+# --- Jobs -----------------------------------------------------------------------------------------
 
 
 class Job(NamedTuple):
@@ -113,50 +109,36 @@ class Job(NamedTuple):
     seed: int  #: The seed.
 
 
-#: Results of the first jobs of a batch in order, and the error of the next job. The other jobs did
-#: not run.
-Outcome = tuple[list[str], SweepError | None]
-
-
-def run_batch(task: Callable[..., object], code: str, jobs: Sequence[Job]) -> Outcome:
-    """Run jobs until the time of a batch is over. `code` is the `code_digest` of the sweep."""
+def run_job(task: Callable[..., object], code: str, job: Job) -> str:
+    """Run a job on a worker; return its result as JSON. `code` is the `code_digest` of the sweep."""
     if code_digest() != code:
-        message = "sweep: a worker has another version of the code; install the same version"
-        return [], SweepError(message)
-    texts: list[str] = []
-    end_s = time.monotonic() + _BATCH_S
-    for job in jobs:
-        try:
-            result = task(job.point, job.seed)
-            texts.append(text_from_result(result))
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - the sweep's process raises it
-            # Another process may be unable to import the class of the error.
-            failure = SweepError(
-                f"sweep: the task failed at {job.point} with seed {job.seed}: "
-                f"{type(error).__name__}: {error}"
-            )
-            failure.add_note(traceback.format_exc())
-            return texts, failure
-        if time.monotonic() > end_s:
-            break
-    return texts, None
+        raise SweepError(
+            "sweep: a worker has another version of the code; install the same version"
+        )
+    try:
+        return text_from_result(task(job.point, job.seed))
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - raised again, with the point
+        # Another process may be unable to import the class of the error.
+        failure = SweepError(
+            f"sweep: the task failed at {job.point} with seed {job.seed}: "
+            f"{type(error).__name__}: {error}"
+        )
+        failure.add_note(traceback.format_exc())
+        raise failure from None
 
 
 def _run_jobs(
-    pool: Executor, slots: int, task: Callable[..., object], jobs: list[Job], log: Journal
+    pool: Executor, slots: int, task: Callable[..., object], jobs: Sequence[Job], log: Journal
 ) -> None:
     code = code_digest()
-    under_way: dict[Future[Outcome], list[Job]] = {}
-    events: SimpleQueue[Future[Outcome] | None] = SimpleQueue()  # None is Ctrl-C.
+    waiting = iter(jobs)
+    under_way: dict[Future[str], Job] = {}
+    events: SimpleQueue[Future[str] | None] = SimpleQueue()  # None is Ctrl-C.
 
     def submit() -> None:
-        while jobs and len(under_way) < _QUEUED * slots:
-            # Batches become smaller towards the end.
-            size = max(1, min(len(jobs) // (2 * slots), _BATCH_JOBS))
-            batch = jobs[:size]
-            del jobs[:size]
-            future = pool.submit(run_batch, task, code, batch)
-            under_way[future] = batch
+        for job in islice(waiting, _QUEUED * slots - len(under_way)):
+            future = pool.submit(run_job, task, code, job)
+            under_way[future] = job
             future.add_done_callback(events.put)
 
     # Ctrl-C waits for its turn: a KeyboardInterrupt within an executor could leave a lock closed.
@@ -164,25 +146,25 @@ def _run_jobs(
         progress_bar(len(jobs), log.path.stem) as advance,
         on_interrupt(lambda *_: events.put(None)),
     ):
-        while jobs or under_way or not events.empty():
+        for _ in jobs:
             try:
                 submit()
                 future = events.get()
                 if future is None:
                     raise KeyboardInterrupt  # noqa: TRY301 - it is not caught here
-                texts, error = future.result()
+                text = future.result()
+            except SweepError:
+                raise
             except Exception as lost:
                 raise SweepError(
                     f"sweep: a worker ended or could not load the task ({lost!r}); "
                     "run the sweep again to continue"
                 ) from lost
-            batch = under_way.pop(future)
-            for job, text in zip(batch, texts, strict=False):
-                log.add(job.number, job.seed, text)
-                advance(f"seed {job.seed}")
-            if error:
-                raise error
-            jobs += batch[len(texts) :]
+            job = under_way.pop(future)
+            log.add(job.number, job.seed, text)
+            advance(f"seed {job.seed}")
+        if not events.empty():
+            raise KeyboardInterrupt
 
 
 @contextmanager

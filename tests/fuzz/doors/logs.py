@@ -8,7 +8,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, Schema
 
 from doors import FOLDER, Door
-from sfglab.lab.sweep.journal import JournalError, open_journal
+from sfglab.lab.sweep.journal import SweepError, open_journal
 from sfglab.messages import MessageError, message_type
 from sfglab.record import LogError, LogReader, LogWriter
 
@@ -60,7 +60,7 @@ def record(cdr):
 
 DOORS = {
     "log": Door(log, (LogError, MessageError), (written_log(), log_of(record(bytes(8))))),
-    "journal": Door(journal, JournalError, (JOURNAL + POINT,)),
+    "journal": Door(journal, SweepError, (JOURNAL + POINT,)),
 }
 ZEROS, EMPTY, ONE = bytes(2**26), record(b"") * 10**6, record(bytes(8))
 FRAMED = lz4.frame.compress(ONE)
