@@ -112,12 +112,11 @@ async def live_hosts(*names: str, ros: RosMode | None = None) -> AsyncIterator[L
 
 def _member(host: Host, ros: RosMode | None) -> Member:
     if ros:
-        libraries = ("FASTDDS", "FASTRTPS")  # versions 3.x and 2.x of Fast DDS
-        profiles = [f"{library}_DEFAULT_PROFILES_FILE" for library in libraries]
-        environment = (
-            ("RMW_FASTRTPS_PUBLICATION_MODE", str(ros)),
-            *((n, str(_SELDOM)) for n in profiles),
-        )
+        environment = {
+            "RMW_FASTRTPS_PUBLICATION_MODE": str(ros),
+            "FASTDDS_DEFAULT_PROFILES_FILE": str(_SELDOM),  # Fast DDS 3.x
+            "FASTRTPS_DEFAULT_PROFILES_FILE": str(_SELDOM),  # Fast DDS 2.x
+        }
         return RosMember(
             name=host.name, host=host.name, config=(host.name,), environment=environment
         )

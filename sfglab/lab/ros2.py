@@ -13,7 +13,7 @@ from sfglab.lab.paths import find_project
 from sfglab.processes import Member
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
 #: Script of a node of rclpy that follows orders.
 PEER = Path(__file__).parent / "workers" / "rclpy_peer.py"
@@ -69,15 +69,12 @@ class RosMember(Member):
     module: str = str(PEER)
     #: Distribution in which it runs; by default the first one that is installed.
     distribution: Distribution = field(default_factory=distribution)
-    environment: tuple[tuple[str, str], ...] = ()  #: Additional environment variables.
+    #: Additional environment variables.
+    environment: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def command(self) -> tuple[str, ...]:
         """Program and arguments."""
         # Test hosts share /dev/shm, over which Fast DDS would bypass the network.
-        values = {
-            "ROS_DOMAIN_ID": "0",
-            "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
-            **dict(self.environment),
-        }
+        values = {"ROS_DOMAIN_ID": "0", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **self.environment}
         return tuple(self.distribution.argv(self.module, *self.config, **values))

@@ -38,7 +38,7 @@ def test_a_machine_without_namespaces_gets_one_clear_error_and_is_told_what_is_d
 ):
     # Stands for the refusing kernel: the script that makes namespaces fails as it does under seccomp.
     refusal = "import sys; sys.exit('unshare: Operation not permitted')"
-    monkeypatch.setattr("sfglab.lab.hosts.network.ENTER", (sys.executable, "-c", refusal))
+    monkeypatch.setattr("sfglab.lab.hosts.channel.ENTER", (sys.executable, "-c", refusal))
     with (
         pytest.raises(HostsUnavailableError, match=r"unshare: Operation not permitted.*Try one of"),
         Network(),

@@ -1,4 +1,4 @@
-"""Requests to a child process over a socket pair, one JSON datagram for each request and answer."""
+"""Requests to the hub over a socket pair, one JSON datagram for each request and answer."""
 
 from __future__ import annotations
 
@@ -16,57 +16,56 @@ from typing import TYPE_CHECKING, Any
 
 from pyroute2.netlink.exceptions import NetlinkError
 
-from sfglab.lab.hosts.host import HostsError
+from sfglab.lab.hosts.host import ENTER, HostsError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
 MAX_BYTES = 65536  #: Size of the largest request and answer.
+_NAME = "the hub of the test hosts"
+_HUB = (sys.executable, "-P", "-m", "sfglab.lab.hosts.hub")
+_LIMIT_S = 20.0  #: Time for an answer, and for its end when the channel is closed, s.
 
 
 class Channel:
-    """A running child process that answers requests; it can be used from several threads.
+    """A running hub that answers requests; it can be used from several threads.
 
-    Args:
-        name: Name of the process, for errors.
-        command: Its command line. The number of its end of the socket pair is appended, and then
-            those of `descriptors`.
-        descriptors: Further file descriptors that it inherits.
-        limit_s: Time for an answer, and for its end when the channel is closed, s.
+    `how` is the way in which it obtains its namespace: ``auto``, ``root`` or ``rootless``.
     """
 
-    def __init__(
-        self, name: str, command: Sequence[str], *, descriptors: Sequence[int] = (), limit_s: float
-    ) -> None:
-        self._name = name
-        self._limit_s = limit_s
+    def __init__(self, how: str) -> None:
         self._lock = threading.Lock()
         self._control, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._control.settimeout(limit_s)
+        self._control.settimeout(_LIMIT_S)
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
-        # The child must find the same modules.
+        # The hub must find the same modules.
         modules = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
-        numbers = (other.fileno(), *descriptors)
+        creator = os.pidfd_open(os.getpid())
+        numbers = (other.fileno(), creator)
         with other, contextlib.ExitStack() as failed:
             failed.callback(self._log.close)
             failed.callback(self._control.close)
-            self._process = subprocess.Popen(
-                [*command, *map(str, numbers)],
-                env=os.environ | {"PYTHONPATH": modules},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=self._log,
-                pass_fds=numbers,
-                # Ctrl-C in a terminal must reach the creator first, which then ends the processes in order.
-                start_new_session=True,
-            )
+            try:
+                self._process = subprocess.Popen(
+                    [*ENTER, "new", how, *_HUB, *map(str, numbers)],
+                    env=os.environ | {"PYTHONPATH": modules},
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=self._log,
+                    pass_fds=numbers,
+                    # Ctrl-C in a terminal must reach the creator first, which then ends the processes in
+                    # order.
+                    start_new_session=True,
+                )
+            finally:
+                os.close(creator)
             failed.pop_all()
 
     def request(self, operation: str, /, **arguments: Any) -> Any:
-        """Request one of the process's operations, and return what the operation returns.
+        """Request one of the hub's operations, and return what the operation returns.
 
         Raises:
-            HostsError: The process has ended, is late, or failed.
+            HostsError: The hub has ended, is late, or failed.
             PermissionError: The kernel refused.
         """
         with self._lock:
@@ -78,14 +77,14 @@ class Channel:
         try:
             data = self._control.recv(MAX_BYTES)
         except TimeoutError:
-            raise HostsError(f"{self._name} gave no answer for {self._limit_s:.0f} s") from None
+            raise HostsError(f"{_NAME} gave no answer for {_LIMIT_S:.0f} s") from None
         except OSError:
             data = b""
         if not data:
-            raise HostsError(f"{self._name} has ended: {self._last_line()}")
+            raise HostsError(f"{_NAME} has ended: {self._last_line()}")
         answer: dict[str, Any] = json.loads(data)
         if "failed" in answer:
-            raise HostsError(f"{self._name} failed:\n{answer['failed']}")
+            raise HostsError(f"{_NAME} failed:\n{answer['failed']}")
         if "refused" in answer:
             raise PermissionError(answer["refused"])
         return answer["ok"]
@@ -106,7 +105,7 @@ class Channel:
         with contextlib.suppress(OSError):
             self._control.shutdown(socket.SHUT_RDWR)
         try:
-            self._process.wait(self._limit_s)
+            self._process.wait(_LIMIT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

@@ -1,11 +1,11 @@
 """Process that owns a network of hosts; it starts inside its own namespace, see `network`.
 
-It answers requests on a `Channel`, relays the frames of a radio, and forks one *holder* per host, a process whose only purpose is to keep
-the host's namespace alive. When the processes end, the kernel itself removes namespaces, cables and
-addresses. The hub and every holder watch a pidfd of the creator; holders also watch one of the hub. The
-first process that wakes up kills all processes in the hosts. A parent-death signal (prctl(2),
-PR_SET_PDEATHSIG) would not suffice: it depends on the parent *thread*, reaches only direct children, and
-does not survive its owner.
+It answers requests on a `Channel`, relays the frames of a radio, and forks one *holder* per host, a process
+whose only purpose is to keep the host's namespace alive. When the processes end, the kernel itself removes
+namespaces, cables and addresses. The hub and every holder watch a pidfd of the creator; holders also watch
+one of the hub. The first process that wakes up kills all processes in the hosts. A parent-death signal
+(prctl(2), PR_SET_PDEATHSIG) would not suffice: it depends on the parent *thread*, reaches only direct
+children, and does not survive its owner.
 """
 
 from __future__ import annotations
@@ -122,9 +122,12 @@ class _Hub:
         )
         while True:
             relay = self._relay
-            frames = relay.sockets if relay else []
-            pause_s = relay.pause_s() if relay else None
-            ready, _, _ = select.select([self._creator, control, *frames], (), (), pause_s)
+            watched: list[Any] = [self._creator, control]
+            pause_s = None
+            if relay:
+                watched += relay.sockets
+                pause_s = relay.pause_s()
+            ready, _, _ = select.select(watched, (), (), pause_s)
             if self._creator in ready:
                 return
             if control in ready and not answer(control, *operations):

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _BRIDGE = "br0"
 _SUBNET = "10.77.0."
-_FIRST, _LAST = 2, 254
+_FIRST = 2
 _LO = 1
 # IN6_ADDR_GEN_MODE_NONE (linux/if_link.h): no link-local address, and thus no neighbour discovery.
 _NO_IPV6 = {"attrs": [("AF_INET6", {"attrs": [("IFLA_INET6_ADDR_GEN_MODE", 1)]})]}
@@ -114,11 +114,8 @@ class Wiring:
 
         Raises:
             NetlinkError: The kernel refuses.
-            OSError: All addresses are in use.
         """
         number = self._next
-        if number > _LAST:
-            raise OSError(f"a network has room for {_LAST - _FIRST + 1} hosts")
         self._next += 1
         outer = f"p{number}"
         single = {"IFLA_GSO_MAX_SEGS": _NO_OFFLOAD}
