@@ -198,7 +198,7 @@ def cells_of(path: Path) -> list[dict[str, Any]]:
     """
     try:
         cells: list[dict[str, Any]] = json.loads(path.read_text("utf-8"))["cells"]
-    except (ValueError, KeyError) as error:
+    except (ValueError, LookupError, TypeError) as error:
         raise NotebookError(f"{path.name}: not a notebook: {error}") from error
     for cell in cells:
         cell["source"] = "".join(cell["source"])

@@ -37,14 +37,17 @@ def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
         ) as bar:
             yield partial(_move, bar)
     else:
-        # In a notebook a line goes to standard output, because errors have a red box.
-        stream = sys.stdout if _in_kernel() else sys.stderr
-        yield _reporter(total, what, lambda _, line: print(line, file=stream, flush=True), _LINES_S)
+        yield _reporter(total, what, _print_line, _LINES_S)
 
 
 def _move(bar: Any, step: str) -> None:
     bar.set_postfix_str(step, refresh=False)
     bar.update()
+
+
+def _print_line(_done: int, line: str) -> None:
+    """Print a line. In a notebook it goes to standard output, because errors have a red box."""
+    print(line, file=sys.stdout if _in_kernel() else sys.stderr, flush=True)
 
 
 def _reporter(

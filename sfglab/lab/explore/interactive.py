@@ -18,7 +18,7 @@ from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.experiment import Experiment
 from sfglab.lab.explore.follower import Follower
 from sfglab.lab.explore.form import Form
-from sfglab.lab.explore.press import still_bundle
+from sfglab.lab.explore.press import Bundle, still_bundle
 from sfglab.lab.explore.vega import (
     LAST,
     figure_widget,
@@ -91,7 +91,7 @@ class Interactive:
         self.widget = widgets().VBox([self.form.widget, row, self._figure, self._printed])
         self._open[name] = self
 
-    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _repr_mimebundle_(self, **_: object) -> Bundle:
         """Show form and figure, and a still with its sentence where no kernel runs."""
         self.wait()
         png = still_png(self._figure.spec, self._figure.ghosts | self._figure.rows)

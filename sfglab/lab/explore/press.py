@@ -25,13 +25,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+#: Data and metadata of a cell's output, by MIME type.
+Bundle: TypeAlias = tuple[dict[str, Any], dict[str, Any]]
+
+
 def part(name: str, *artists: Artist) -> None:
     """Make artists a part of the figure that can be pressed under a name; it is in the SVG alone."""
     for artist in artists:
         artist.set_gid(f"press:{name}")
 
 
-def still_bundle(widget: Any, png: bytes, about: object) -> tuple[dict[str, Any], dict[str, Any]]:
+def still_bundle(widget: Any, png: bytes, about: object) -> Bundle:
     """Return what a cell shows: the widget, and a picture for those without a kernel, with its alt text.
 
     The alt text is `about` if it is a text, or the first paragraph of its documentation.
@@ -92,7 +96,7 @@ class Pressed:
         """The sentence below the figure, as HTML; empty: nothing was refused."""
         return str(self._said.value)
 
-    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _repr_mimebundle_(self, **_: object) -> Bundle:
         return still_bundle(
             self.widget, few_colors(png_of(drawn(self._size, self._draw))), type(self)
         )

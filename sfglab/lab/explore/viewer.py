@@ -14,7 +14,7 @@ from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.component import beside, is_set_before
 from sfglab.errors import InvalidValueError
-from sfglab.lab.explore.press import still_bundle
+from sfglab.lab.explore.press import Bundle, still_bundle
 from sfglab.lab.figures import COLORS, drawn, png_of
 from sfglab.lab.testbed import held_domains
 from sfglab.record import LogReader
@@ -78,7 +78,7 @@ class LogViewer:
         self.viewer = CellViewer(still=self.still, on_page=self._show, on_time=self._shown)
         self.widget = kit.VBox([kit.HBox([self.slider, self.said]), space, self.viewer.widget])
 
-    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _repr_mimebundle_(self, **_: object) -> Bundle:
         return still_bundle(self.widget, self.still, type(self))
 
     @cached_property
@@ -195,7 +195,7 @@ class LiveView:
                 self._shows.set()
             await asyncio.sleep(_PERIOD_S)
 
-    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _repr_mimebundle_(self, **_: object) -> Bundle:
         displays = self.session.displays
         figure = drawn((9.6, 1.4 + 0.4 * len(displays)), _draw_counts, displays)
         return still_bundle(self.widget, png_of(figure), _draw_counts)

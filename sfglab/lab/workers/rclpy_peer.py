@@ -19,6 +19,7 @@ import time
 from collections import Counter
 from contextlib import suppress
 from operator import attrgetter
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -136,7 +137,8 @@ class Peer:
         while not all(publisher.get_subscription_count() for publisher in self.publishers.values()):
             time.sleep(0.01)
         self.written = {name: [] for name in self.publishers}
-        for name, publisher in list(self.publishers.items())[: not self.warm]:
+        if self.publishers and not self.warm:
+            name, publisher = next(iter(self.publishers.items()))
             for _ in range(_WARM):
                 publisher.publish(sample_of(-1, self.flows[name]["size_bytes"]))
                 time.sleep(2e-4)
@@ -174,13 +176,18 @@ class Peer:
         if not flow["rate_hz"]:
             return []  # the flow of a processing chain has no times
         first_ns = start_ns + round(flow["phase_s"] * 1e9)
-        dues: Any = np.arange(first_ns, last_ns, round(1e9 / flow["rate_hz"]))
+        dues = range(first_ns, last_ns, round(1e9 / flow["rate_hz"]))
         if not flow["cached"] or not flow["change_s"]:
-            return list(map(int, dues))
-        random = np.random.default_rng([self.seed, *name.encode()])
-        most = 20 + round(2 * (last_ns - first_ns) / 1e9 / flow["change_s"])
-        changes = first_ns + np.cumsum(random.exponential(flow["change_s"] * 1e9, most))
-        return list(map(int, dues[np.diff(np.searchsorted(changes, dues), prepend=-1) > 0]))
+            return list(dues)
+        random = Random(f"{self.seed} {name}")
+        change_ns: float = first_ns
+        changed = []
+        for due_ns in dues:
+            if due_ns >= change_ns:
+                changed.append(due_ns)
+            while due_ns >= change_ns:
+                change_ns += 1e9 * random.expovariate(1 / flow["change_s"])
+        return changed
 
     def play(self, start_ns: int, duration_s: float, drain_s: float, result: str) -> None:
         """Publish on schedule, wait for late samples, and write both into a file."""

@@ -230,8 +230,10 @@ class Player:
     def close(self) -> None:
         """Destroy the endpoints."""
         library().dds_delete(self._waitset)
-        for end in (*self._sensors.values(), *self._inlets):
-            library().dds_delete(end.handle)
+        ends = [sensor.handle for sensor in self._sensors.values()]
+        ends += [inlet.handle for inlet in self._inlets]
+        for handle in ends:
+            library().dds_delete(handle)
 
     def play(self, *, start_ns: int, duration_s: float, drain_s: float) -> None:
         """Publish for a duration from `start_ns`, Unix time, and receive for `drain_s` beyond that."""

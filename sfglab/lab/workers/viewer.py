@@ -27,7 +27,7 @@ from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
+    from collections.abc import AsyncIterator, Callable
 
     from numpy.typing import NDArray
 
@@ -141,7 +141,7 @@ class _Viewer:
         """Hold a subscription until cancelled."""
         type_, qos = self._config.remote_type, COMPRESSED_STREAM
         options: dict[str, Any] = {"threaded": True}
-        see = self._see_image
+        see: Callable[[Any], None] = self._see_image
         if mode == "standard":
             see = partial(self._decode, image_decoder(type_, self._config.codec))
         elif mode == "network":
