@@ -152,10 +152,9 @@ def rows(side: Side, name: str) -> None:
     """Run the seeded parts of an experiment in the profile smoke."""
     from sfglab.lab.bench import Options
     from sfglab.lab.experiments import experiment
-    from sfglab.lab.sweep import Workers
 
     exp = experiment(name)
-    options = Options(only=frozenset(SEEDED[name]), workers=Workers(threads=True), separate=False)
+    options = Options(only=frozenset(SEEDED[name]), separate=False)
     with tempfile.TemporaryDirectory() as folder:
         run = asyncio.run(exp.run("smoke", path=Path(folder) / "a.mcap", options=options))
         for table in exp.tables:

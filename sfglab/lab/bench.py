@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from contextlib import ExitStack
 
     from sfglab.lab.checks import Case
-    from sfglab.lab.sweep import Workers
     from sfglab.lab.testbed import Testbed
     from sfglab.record import LogWriter
 
@@ -35,7 +34,6 @@ class Options:
 
     #: Whether hosts are separate; None: they are where the machine can do that.
     separate: bool | None = None
-    workers: Workers | None = None  #: Workers of the sweeps; None: each sweep has its own.
     #: Tables of sweeps and names of parts that run; None: all.
     only: frozenset[str] | None = None
 

@@ -389,7 +389,7 @@ class Experiment(Generic[C]):
         with journals(path, f"{self.name}-{profile}") as journal:
             sweeps = [one for one in self.sweeps if options.wants(one.table)]
             # In a smoke test, sweeps take less time than starting processes would.
-            usual = options.workers or (Workers(threads=True) if profile == SMOKE else None)
+            usual = Workers(threads=True) if profile == SMOKE else None
             rows = {
                 one.table: self._swept(one, config, journal(one.table), usual) for one in sweeps
             }

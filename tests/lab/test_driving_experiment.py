@@ -16,7 +16,6 @@ from sfglab.lab.experiments.driving.results import (
     parts_ms,
     stops,
 )
-from sfglab.lab.sweep import Workers
 from sfglab.lab.workers.driving import GATEWAY, SOFTWARE
 from sfglab.soc.driving import run_lap
 from sfglab.view.app import ViewOptions, view_log
@@ -29,7 +28,7 @@ CHAIN = "compensation /A gaussian_blur /blurred lane_planner /lane_mask polyfit 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     path = tmp_path_factory.mktemp("driving") / "small.mcap"
-    return ran(exp, path, options=Options(workers=Workers(count=1, threads=True)), **SMALL)
+    return ran(exp, path, **SMALL)
 
 
 def test_a_row_is_its_lap(run):

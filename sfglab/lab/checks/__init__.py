@@ -1,6 +1,6 @@
 """The registry of checks: a property is written once, tests run a few cases of it, an experiment many.
 
-A group of checks is a module of this package with a `Checks` named `checks`; `GROUPS` is the one list of them.
+A group of checks is a module of this package with a `Checks` named `checks`.
 A check gives cases, each with what was tried and whether the property held; what it draws comes from a seed.
 """
 
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.lab.stats import Estimate, exactly
@@ -17,14 +16,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sfglab.lab.runs import Run
-
-GROUPS = (
-    "naming",
-    "routing",
-    "trees",
-    "lifecycle",
-)
-"""Modules of this package, each a group."""
 
 NOTHING = "nothing to check"  #: The example of a property without a case, which has not held.
 #: What was tried, as a reader wants to see it, and whether the property held.
@@ -167,9 +158,3 @@ def refusal(act: Callable[[], object], kind: type[Exception]) -> str:
     except kind as error:
         return str(error)
     return ""
-
-
-def group(name: str) -> Checks:
-    """Return a group of checks by its name in `GROUPS`."""
-    found: Checks = import_module(f"sfglab.lab.checks.{name}").checks
-    return found
