@@ -11,7 +11,7 @@ import itertools
 import time
 from collections.abc import Callable
 from contextlib import AsyncExitStack, closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ import numpy as np
 from sfglab import codecs
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
+from sfglab.codecs import TABLE_2
 from sfglab.component import Orders, Reporter, run_component
 from sfglab.lab.sources import Frame, SourceError, open_source
 from sfglab.messages import message_type
@@ -28,6 +29,7 @@ from sfglab.spatial.poses import header_msg
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+_FRAME = "camera_front"  #: TF frame of the camera.
 _REPORT_S = 0.2  #: Time between two reports, s.
 _Sent = tuple[int, int, int]  #: Number, capture stamp (ns) and compressed size of a frame.
 
@@ -41,13 +43,7 @@ class CameraConfig:
     codec: str = "h264"  #: Codec: ``h264`` for colour or ``rvl`` for depth.
     source: str = "photos"  #: Source of frames, in the form of `open_source`.
     seed: int = 0  #: Seed of the source.
-    width: int = 640  #: Width of the frames, pixels.
-    height: int = 360  #: Height of the frames, pixels.
-    fps: float = 30.0  #: Frame rate, frames per second.
-    bitrate_bps: int = 4_000_000  #: Bit rate of H.264, bits per second.
-    gop: int = 30  #: Number of frames from one key frame to the next.
     encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
-    frame_id: str = "camera_front"  #: TF frame of the camera.
 
 
 _Encode = Callable[[Frame], "list[DataclassInstance]"]
@@ -56,14 +52,7 @@ _Encode = Callable[[Frame], "list[DataclassInstance]"]
 def _open_encoder(config: CameraConfig) -> tuple[str, str, _Encode]:
     """Return the encoder's name, the type of its messages, and a function from a frame to their fields."""
     if config.codec == "h264":
-        settings = codecs.H264Settings(
-            width=config.width,
-            height=config.height,
-            fps=config.fps,
-            bitrate_bps=config.bitrate_bps,
-            gop=config.gop,
-            encoder=config.encoder,
-        )
+        settings = replace(TABLE_2, encoder=config.encoder)
         encoder = codecs.H264Encoder(settings)
 
         def encode(frame: Frame) -> list[DataclassInstance]:
@@ -103,8 +92,8 @@ async def run_camera(config: CameraConfig, say: Callable[[str], None] = lambda _
 
     def count(frames: list[_Sent]) -> None:
         second.extend(frames)
-        if len(second) >= config.fps:
-            rate = sum(size for _, _, size in second) * 8 * config.fps / len(second) / 1e6
+        if len(second) >= TABLE_2.fps:
+            rate = sum(size for _, _, size in second) * 8 * TABLE_2.fps / len(second) / 1e6
             say(f"{topic}: {second[-1][0] + 1} frames, {rate:.2f} Mbit/s")
             second.clear()
 
@@ -124,7 +113,7 @@ async def _shoot(
         send: Takes the frames that were sent, several times per second.
     """
     source = open_source(
-        config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed
+        config.source, width=TABLE_2.width, height=TABLE_2.height, fps=TABLE_2.fps, seed=config.seed
     )
     unreported: list[_Sent] = []
     async with AsyncExitStack() as stack:
@@ -139,18 +128,18 @@ async def _shoot(
         try:
             for number in itertools.count():
                 frame = source.frame()
-                due_s = started_s + number / config.fps
+                due_s = started_s + number / TABLE_2.fps
                 await asyncio.sleep(max(0.0, due_s - time.monotonic()))
                 stamp_ns = time.time_ns()
                 for fields in encode(frame):
-                    message = _message(type_, header_msg(config.frame_id, stamp_ns), fields)
+                    message = _message(type_, header_msg(_FRAME, stamp_ns), fields)
                     first = number % len(
                         publishers
                     )  # the first destination changes with each frame
                     for publisher in publishers[first:] + publishers[:first]:
                         publisher.publish(message)
                     unreported.append((number, stamp_ns, len(message.data)))
-                if len(unreported) >= config.fps * _REPORT_S:
+                if len(unreported) >= TABLE_2.fps * _REPORT_S:
                     send(unreported)
                     unreported = []
         finally:
