@@ -68,14 +68,14 @@ class Project:
         return path.name
 
 
-def find_project(start: Path | None = None) -> Project:
-    """Return the checkout of a command or a notebook, searched upwards from a folder, or raise `SfglabError`."""
+def find_project() -> Project:
+    """Return the checkout, searched upwards from the working directory, or raise `SfglabError`."""
     named = os.environ.get("SFGLAB_ROOT")
     if named:
         if not (Path(named) / _MARK).is_file():
             raise InvalidValueError("SFGLAB_ROOT", named, f"a folder that holds {_MARK.as_posix()}")
         return Project(root=Path(named))
-    here = (start or Path.cwd()).resolve()
+    here = Path.cwd().resolve()
     for folder in (here, *here.parents, Path(__file__).resolve().parents[2]):
         if (folder / _MARK).is_file():
             return Project(root=folder)

@@ -57,27 +57,25 @@ def bootstrap(
     statistic: Callable[[Sequence[Floats]], float],
     *,
     unit: str,
-    seed: int = 0,
 ) -> Estimate:
     """Estimate a statistic of several groups of samples, shape (n, ...), resampling the rows of each group.
 
     Resamples for which the statistic is NaN are left out. Raises `InvalidValueError` if a group is empty,
     or if no resample gave a number.
     """
-    return _bootstrap(samples, lambda drawn: [statistic([group[0] for group in drawn])], unit, seed)
+    return _bootstrap(samples, lambda drawn: [statistic([group[0] for group in drawn])], unit)
 
 
 def _bootstrap(
     samples: Sequence[Floats],
     statistics: Callable[[Sequence[Floats]], Sequence[float] | Floats],
     unit: str,
-    seed: int,
     at_once: int = 1,
 ) -> Estimate:
     """Estimate as `bootstrap`; `statistics` returns shape (m,) for m resamples at once, each shape (m, n, ...)."""
     if any(len(group) == 0 for group in samples):
         raise InvalidValueError("bootstrap", "a group of no samples", "groups of samples")
-    rng, found = np.random.default_rng(seed), list[float]()
+    rng, found = np.random.default_rng(0), list[float]()
     for begin in range(0, RESAMPLES, at_once):
         many = min(at_once, RESAMPLES - begin)
         found.extend(statistics([g[rng.integers(0, len(g), (many, len(g)))] for g in samples]))
@@ -96,11 +94,11 @@ def _rows_at_once(rows: Floats) -> int:
     return 1 + _AT_ONCE // max(1, len(rows))
 
 
-def median_of(samples: Floats | Sequence[float], *, unit: str, seed: int = 0) -> Estimate:
+def median_of(samples: Floats | Sequence[float], *, unit: str) -> Estimate:
     """Estimate the median of samples, shape (n,), n at least 1."""
     group = np.asarray(samples, dtype=np.float64)
     return _bootstrap(
-        [group], lambda drawn: np.median(drawn[0], axis=1), unit, seed, _rows_at_once(group)
+        [group], lambda drawn: np.median(drawn[0], axis=1), unit, _rows_at_once(group)
     )
 
 
@@ -114,7 +112,7 @@ def ratio_of(pairs: Floats, middle: Callable[..., Any], *, unit: str) -> Estimat
         first, second = middle(drawn[0], axis=1).T
         return first / second  # type: ignore[no-any-return]
 
-    return _bootstrap([pairs], ratios, unit, 0, _rows_at_once(pairs))
+    return _bootstrap([pairs], ratios, unit, _rows_at_once(pairs))
 
 
 def paired_ratios(

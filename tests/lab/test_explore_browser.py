@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from contextlib import closing, suppress
-from pathlib import Path
 from urllib.request import Request, urlopen
 
 import cv2
@@ -107,7 +106,7 @@ def lab(tmp_path_factory):
     argv += ["--ServerApp.disable_check_xsrf=True", "--KernelManager.transport=ipc"]
     (folder / "tmp").mkdir()
     for name in ("data", "figures"):
-        (folder / name).symlink_to(find_project(Path(__file__)).root / name)
+        (folder / name).symlink_to(find_project().root / name)
     places = {
         "JUPYTER_CONFIG_DIR": "config",
         "IPYTHONDIR": "ipython",

@@ -375,7 +375,8 @@ def test_a_file_that_is_no_notebook_is_named(project, text):
 
 def test_the_project_is_found_from_below_and_by_its_variable(project, monkeypatch, tmp_path):
     monkeypatch.delenv("SFGLAB_ROOT", raising=False)
-    assert find_project(project.notebooks).root == project.root.resolve()
+    monkeypatch.chdir(project.notebooks)
+    assert find_project().root == project.root.resolve()
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     assert find_project().root == tmp_path
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path / "nowhere"))

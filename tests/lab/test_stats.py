@@ -27,20 +27,20 @@ def test_a_line_is_fitted_exactly_and_one_through_one_place_is_undefined():
 def test_the_interval_of_a_median_covers_the_truth_about_95_times_of_100():
     rng = np.random.default_rng(0)
     covered = 0
-    for trial in range(200):
-        estimate = median_of(rng.normal(5, 1, 60), unit="x", seed=trial)
+    for _ in range(200):
+        estimate = median_of(rng.normal(5, 1, 60), unit="x")
         covered += estimate.low <= 5 <= estimate.high
     assert 180 <= covered <= 200
 
 
-def test_the_same_seed_gives_the_same_interval_and_groups_are_resampled_apart():
+def test_an_interval_is_repeated_and_groups_are_resampled_apart():
     groups = [np.arange(5.0), np.arange(10.0, 30.0)]
 
     def ratio(g):
         return float(g[0].mean() / g[1].mean())
 
-    first = bootstrap(groups, ratio, unit="1", seed=3)
-    assert first == bootstrap(groups, ratio, unit="1", seed=3)
+    first = bootstrap(groups, ratio, unit="1")
+    assert first == bootstrap(groups, ratio, unit="1")
     assert first.low < first.value < first.high
     assert str(first).startswith("0.103 1 [")
 

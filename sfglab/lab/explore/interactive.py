@@ -175,23 +175,21 @@ class Interactive:
         return f"{values}\n\n{self.code()}.at({panel!r}, {x!r})"
 
 
-def explore(what: Experiment[Any] | Callable[..., Any], name: str = "") -> Interactive:
+def explore(what: Experiment[Any] | Callable[..., Any]) -> Interactive:
     """Show sliders, and a figure that follows them.
 
         explore(transfer.exp)
 
     Args:
         what: Experiment, or a function that returns a `Picture` (see `Experiment.explorer`).
-        name: Name of the experiment's explorer. [default: the first]
 
     Raises:
-        InvalidValueError: The experiment has no such explorer.
+        InvalidValueError: The experiment has no explorer.
         MissingExtraError: The extra ``view`` is not installed.
     """
     if not isinstance(what, Experiment):
         return Interactive(what)
-    chosen = name or next(iter(what.explorers), "")
-    if chosen not in what.explorers:
-        allowed = ", ".join(what.explorers) or "none: it has no explorer"
-        raise InvalidValueError(f"{what.name}: explorer", name, allowed)
-    return Interactive(what.explorers[chosen])
+    if not what.explorers:
+        raise InvalidValueError("experiment", what.name, "one with an explorer")
+    [function] = what.explorers.values()
+    return Interactive(function)
