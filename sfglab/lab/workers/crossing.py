@@ -88,13 +88,7 @@ class Process:
 
     def serve(self) -> None:
         """Execute orders until the parent ends, which closes standard input."""
-        transfer = {
-            "software": self._be_software,
-            "publisher": self._be_publisher,
-            "gateway": self._be_gateway,
-            "reader": self._be_reader,
-            "subscriber": self._be_subscriber,
-        }[self._role]
+        transfer = getattr(self, f"_be_{self._role}")
         self.report("ready")
         while line := sys.stdin.buffer.readline():
             order: dict[str, Any] = json.loads(line)

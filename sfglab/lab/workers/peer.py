@@ -4,7 +4,7 @@ A peer publishes numbered messages and counts those of others. It reports messag
 arrive, serves and calls metadata services, and simulates agents that do not run. Reports are JSON lines.
 The report ``ready`` has the time of its subscriptions as ``t_ns``, ns since the epoch.
 
-Orders, each ``{"do": ...}``:
+Orders, each ``{"do": ...}`` with the name of a method of `_Peer` and its arguments:
 
 - ``talk``, ``hush``: begins or ends to publish. Report ``hushed`` with the number ``sent``.
 - ``tell``: reports ``told``, with the messages ``heard`` from each source and all ``endpoints`` ever seen.
@@ -154,7 +154,8 @@ class _Peer:
             self._open()
             self._report({"is": "ready", "t_ns": t_ns})
             while True:
-                await self._obey(await orders.get())
+                order = await orders.get()
+                await getattr(self, order.pop("do"))(**order)
         finally:
             await end_tasks(*self._tasks)
 
@@ -176,30 +177,6 @@ class _Peer:
             self._node.create_service(GET_METADATA, name, self._answer)
         self._publish(latched=True)
 
-    async def _obey(self, order: Report) -> None:
-        match order["do"]:
-            case "talk":
-                self._talking = self._spawn(self._talk())
-            case "hush":
-                assert self._talking is not None, "it talks"
-                self._talking.cancel()
-                await self._quiet()
-                self._report({"is": "hushed", "sent": self._sent})
-            case "tell":
-                self._report(self._told())
-            case "late":
-                counts = await self._come_late(order["expected"], order["timeout_s"])
-                self._report({"is": "late", "received": counts})
-            case "call":
-                calls = [self._call(name, order["timeout_s"]) for name in order["names"]]
-                self._report({"is": "called", "answers": await asyncio.gather(*calls)})
-            case "look":
-                self._report({"is": "publishers", "publishers": self._look()})
-            case "mode":
-                self._set_mode(self._agent(order["agent"]), order["mode"])
-            case "beat":
-                self._beat(self._agent(order["agent"]), order)
-
     def _spawn(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.create_task(coroutine)
         self._tasks.append(task)
@@ -214,7 +191,8 @@ class _Peer:
                 owner, tag = end.participant.hex(), end.user_data.decode(errors="replace")
                 self._endpoints[end.gid.hex()] = (end.dds_topic, end.kind.value, owner, tag)
 
-    def _look(self) -> list[Report]:
+    async def look(self) -> None:
+        """Report the publishers of the topics whose messages it reports."""
         found = []
         for topic in self._config.reports:
             for publisher in self._node.graph.publishers(topic):
@@ -225,7 +203,7 @@ class _Peer:
                     "durability": publisher.qos.durability.value,
                 }
                 found.append(row)
-        return found
+        self._report({"is": "publishers", "publishers": found})
 
     async def _forward(self, subscription: Subscription) -> None:
         while True:
@@ -241,7 +219,19 @@ class _Peer:
 
     # Numbered messages.
 
-    async def _talk(self) -> None:
+    async def talk(self) -> None:
+        """Begin to publish."""
+        self._talking = self._spawn(self._publish_all())
+
+    async def hush(self) -> None:
+        """End publishing, and report the number of messages when no message has arrived for a while."""
+        assert self._talking is not None, "it talks"
+        self._talking.cancel()
+        while (left_s := self._last_s + QUIET_S - time.monotonic()) > 0:  # noqa: ASYNC110 - there is no event for silence
+            await asyncio.sleep(left_s)
+        self._report({"is": "hushed", "sent": self._sent})
+
+    async def _publish_all(self) -> None:
         while True:
             self._sent += 1
             self._publish(latched=False)
@@ -289,13 +279,8 @@ class _Peer:
         number = int(transform.transform.translation.x)
         return source, number, ns_from_stamp(transform.header.stamp), is_named
 
-    async def _quiet(self) -> None:
-        """Wait until no message has arrived for a while."""
-        while (left_s := self._last_s + QUIET_S - time.monotonic()) > 0:  # noqa: ASYNC110 - there is no event for silence
-            await asyncio.sleep(left_s)
-
-    async def _come_late(self, expected: int, timeout_s: float) -> dict[str, int]:
-        """Subscribe to static transforms; return the number of messages by source."""
+    async def late(self, expected: int, timeout_s: float) -> None:
+        """Subscribe to static transforms, and report the number of messages by source."""
         counts: dict[str, int] = defaultdict(int)
         subscription = self._node.create_subscription(TRANSFORMS, TF_STATIC, qos=LATE)
         deadline_s = time.monotonic() + timeout_s
@@ -306,15 +291,17 @@ class _Peer:
                 if len(counts) == expected:  # only repeated messages can arrive from now on
                     deadline_s = min(deadline_s, time.monotonic() + QUIET_S)
         subscription.close()
-        return counts
+        self._report({"is": "late", "received": counts})
 
-    def _told(self) -> Report:
+    async def tell(self) -> None:
+        """Report the messages of each source, and all endpoints ever seen."""
         heard = []
         for (name, source), statistics in sorted(self._heard.items()):
             heard.append({"name": name, "source": source, **statistics.report()})
         endpoints: Sequence[tuple[str, ...]] = sorted(self._endpoints.values())
         participant = self._node.guid.hex()
-        return {"is": "told", "heard": heard, "endpoints": endpoints, "participant": participant}
+        told = {"heard": heard, "endpoints": endpoints, "participant": participant}
+        self._report({"is": "told", **told})
 
     # Metadata services.
 
@@ -322,6 +309,11 @@ class _Peer:
         metadata = default_message("sfglab_interfaces/msg/AgentMetadata")
         response = service_type(GET_METADATA).response
         return response(success=True, message=self._config.name, metadata=metadata)
+
+    async def call(self, names: Sequence[str], timeout_s: float) -> None:
+        """Call metadata services at the same time, and report their answers in the order of the names."""
+        answers = await asyncio.gather(*(self._call(name, timeout_s) for name in names))
+        self._report({"is": "called", "answers": answers})
 
     async def _call(self, name: str, timeout_s: float) -> Report:
         """Call a metadata service; return whether it answered, its text, incarnation and time, s."""
@@ -353,22 +345,27 @@ class _Peer:
             self._agents[name] = agent
         return self._agents[name]
 
-    def _set_mode(self, agent: _Agent, mode: str) -> None:
-        agent.mode = mode
-        agent.changed.set()
-        agent.changed = asyncio.Event()
+    async def mode(self, agent: str, mode: str) -> None:
+        """Change the way in which a simulated agent answers."""
+        changed = self._agent(agent)
+        changed.mode = mode
+        changed.changed.set()
+        changed.changed = asyncio.Event()
 
-    def _beat(self, agent: _Agent, order: Report) -> None:
-        agent.incarnation, agent.revision = order["incarnation"], order["revision"]
+    async def beat(self, agent: str, incarnation: int, revision: int, period_s: float) -> None:
+        """Send a heartbeat of a simulated agent."""
+        beating = self._agent(agent)
+        beating.incarnation = incarnation
+        beating.revision = revision
         heartbeat = Heartbeat(
-            agent=order["agent"],
-            incarnation=agent.incarnation,
-            revision=agent.revision,
+            agent=agent,
+            incarnation=incarnation,
+            revision=revision,
             phase=Phase.STARTUP,
-            period_s=order["period_s"],
+            period_s=period_s,
             version="made up",
         )
-        agent.publisher.publish(heartbeat.to_message(self._node.get_clock().now_ns()))
+        beating.publisher.publish(heartbeat.to_message(self._node.get_clock().now_ns()))
 
     async def _answer_for(self, name: str, agent: _Agent) -> Any:
         clock = self._node.get_clock()
