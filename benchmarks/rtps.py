@@ -86,7 +86,6 @@ class Channel:
     value: int = 0
     change_at: float = 0
     sent_value: int = -1
-    sent_at: float = 0
     repair_base: int = 0
     repair_bits: int = 0
     # The reader.
@@ -175,13 +174,11 @@ class SimpyModel:
 
     def publish(self, channel: Channel) -> None:
         """Publish now, if the local cache lets it."""
-        flow, now, value = channel.flow, self.env.now, self.sensed(channel)
-        if flow.cached and value == channel.sent_value:
-            silence = flow.max_silence_s
-            if not silence or now - channel.sent_at < silence * NS:
-                self.counts["held"] += 1
-                return
-        channel.sent_value, channel.sent_at = value, now
+        value = self.sensed(channel)
+        if channel.flow.cached and value == channel.sent_value:
+            self.counts["held"] += 1
+            return
+        channel.sent_value = value
         channel.last += 1
         channel.values.append(value)
         channel.arrived.append(0)

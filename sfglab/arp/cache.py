@@ -54,21 +54,6 @@ class Decision(Enum):
 
 
 @dataclass(slots=True)
-class CacheCounters:
-    """Counts of a cache's decisions."""
-
-    changed: int = 0  #: Values that passed because they differed.
-    refreshed: int = 0  #: Values that passed because the silence had lasted long enough.
-    held: int = 0  #: Values that were suppressed.
-    held_bytes: int = 0  #: Their size, where the caller gives it.
-
-    @property
-    def offered(self) -> int:
-        """All values that were offered."""
-        return self.changed + self.refreshed + self.held
-
-
-@dataclass(slots=True)
 class _Entry:
     value: Any
     passed_ns: int
@@ -80,8 +65,7 @@ class _ChangeFilter:
 
     #: After this long without passing anything a topic's value passes anyway; None: never, as in the paper.
     max_silence_ns: int | None = None
-    #: Counts of all topics together.
-    counters: CacheCounters = field(default_factory=CacheCounters)
+    held_bytes: int = 0  #: Size of all values that were suppressed, where the caller gives it.
     _entries: dict[str, _Entry] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -95,17 +79,11 @@ class _ChangeFilter:
 
         The caller must not change the value afterwards. `size_bytes` is only counted in `held_bytes`.
         """
-        entry = self._entries.get(topic)
-        decision = self._decide(entry, value, now_ns)
-        if decision is Decision.HELD:
-            self.counters.held += 1
-            self.counters.held_bytes += size_bytes
-            return decision
-        self._entries[topic] = _Entry(value, now_ns)
-        if decision is Decision.CHANGED:
-            self.counters.changed += 1
+        decision = self._decide(self._entries.get(topic), value, now_ns)
+        if decision.passes:
+            self._entries[topic] = _Entry(value, now_ns)
         else:
-            self.counters.refreshed += 1
+            self.held_bytes += size_bytes
         return decision
 
     def _decide(self, entry: _Entry | None, value: Any, now_ns: int) -> Decision:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from sfglab.rtps.channel import Medium
 from sfglab.rtps.model import Flow, Scenario
 from sfglab.rtps.session import AirFrame, FlowOutcome, Outcome, Session, run, trace
-from sfglab.rtps.state import Drop, Fate, Frame
+from sfglab.rtps.state import Drop, Fate, Frame, Watch
 from sfglab.rtps.vendors import (
     CYCLONE_DDS,
     FAST_DDS,
@@ -37,6 +37,7 @@ __all__ = [
     "Scenario",
     "Session",
     "Vendor",
+    "Watch",
     "run",
     "trace",
 ]

@@ -1,4 +1,4 @@
-"""RELIABLE and BEST_EFFORT writers and readers with KEEP_LAST or KEEP_ALL, compiled: RTPS 2.5, clause 8.4.
+"""RELIABLE and BEST_EFFORT writers and readers with KEEP_LAST, compiled: RTPS 2.5, clause 8.4.
 
 One event after the other: publications, frames, heartbeats, requests, retransmissions, and executors that
 take samples.
@@ -43,8 +43,8 @@ def _serve(world: Any, now: int, number: int) -> None:
     sample = world.order[flow, reader.head]
     value = world.value[flow, sample]
     server.same = value == reader.value
-    server.skips = server.same and settings.compare_ns >= 0
-    world.counts[Count.COMPARED if server.skips else Count.PROCESSED] += 1
+    skips = server.same and settings.compare_ns >= 0
+    world.counts[Count.COMPARED if skips else Count.PROCESSED] += 1
     reader.head += 1
     reader.value = value
     server.waiting -= 1
@@ -52,7 +52,7 @@ def _serve(world: Any, now: int, number: int) -> None:
     server.flow = flow
     server.sample = sample
     server.next = flow + 1
-    cost = settings.compare_ns if server.skips else settings.service_ns
+    cost = settings.compare_ns if skips else settings.service_ns
     push(world.heap, world.heap_sizes, now + cost, Event.SERVED, number)
 
 
@@ -64,11 +64,10 @@ def _served(world: Any, now: int, number: int) -> None:
     server.busy = 0
     world.fate[flow, sample] = Fate.DELIVERED
     world.received_ns[flow, sample] = now
-    if world.watched[flow] > server.same:
+    if world.delivery.watch > server.same:
         world.delivery.fresh = 1
         world.delivery.flow = flow
         world.delivery.sample = sample
-        world.delivery.skipped = server.skips
     chain = world.flows[flow].chain
     if chain >= 0:
         world.writer[chain].value = world.value[flow, sample] - 1
@@ -143,12 +142,3 @@ def advance(world: Any, until: int) -> int:
             world.delivery.fresh = 0
             return int(now)
     return -1
-
-
-@compiled
-def publish(world: Any, now: int, flow: int, value: int) -> bool:
-    """Publish a value, by its number, at `now` ns, and return whether the local cache let it pass."""
-    held = world.counts[Count.HELD]
-    world.writer[flow].value = value
-    write(world, now, flow)
-    return bool(world.counts[Count.HELD] == held)

@@ -49,9 +49,9 @@ class Flow:
     #: Samples per second, a nanosecond apart at least; 0: published only when a chain publishes it.
     rate_hz: float = between(0.0, 0, 1e9)
     phase_s: float = between(0.0, 0, _LONGEST_S)  #: Time of the first publication, seconds.
-    qos: QoSProfile = DEFAULT  #: QoS of the writer. The model has no deadline.
-    #: History of the reader; 0: KEEP_ALL; None: as the writer's.
-    reader_depth: int | None = between(None)
+    qos: QoSProfile = DEFAULT  #: QoS of the writer. The model has no deadline and no KEEP_ALL.
+    #: Depth of the reader's history; None: as the writer's.
+    reader_depth: int | None = between(None, 1)
     #: Name of the executor that takes the samples, one at a time; None: one for this flow only.
     executor: str | None = None
     #: Time of the executor that one sample costs, seconds.
@@ -63,14 +63,15 @@ class Flow:
     change_s: float = between(0.0, 0, _LONGEST_S)
     #: Whether a local cache suppresses repeated values (paper B, section 2.2).
     cached: bool = False
-    #: Maximum silence of the local cache, seconds; None: none.
-    max_silence_s: float | None = between(None, 0, _LONGEST_S)
     #: Name of the flow that is published, with the same value, when a sample was processed. Its own value does
     #: not change with time (`change_s`).
     then: str | None = None
 
     def __post_init__(self) -> None:
         check_bounds(self, f"flow {self.name!r}: ")
+        if self.qos.history is not History.KEEP_LAST:
+            place = f"flow {self.name!r}: qos.history"
+            raise InvalidValueError(place, self.qos.history.value, History.KEEP_LAST.value)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +89,6 @@ class Scenario:
     #: Time of publishing, seconds.
     duration_s: float = between(60.0, 0, _LONGEST_S, without=(0,))
     drain_s: float = between(10.0, 0, _LONGEST_S)  #: Time of retransmissions afterwards, seconds.
-    unacked_most: int = 5000  #: Unacknowledged samples at which a KEEP_ALL writer refuses more.
 
     def __post_init__(self) -> None:
         names = [flow.name for flow in self.flows]
@@ -155,15 +155,11 @@ def _executor(flow: Flow) -> str:
     return flow.executor or f"{flow.name}\0"
 
 
-def _depth(qos: QoSProfile) -> int:
-    return 0 if qos.history is History.KEEP_ALL else qos.depth
-
-
 def _flow_table(scenario: Scenario, hosts: dict[str, int], executors: dict[str, int]) -> np.ndarray:
     numbers = _numbers(flow.name for flow in scenario.flows)
     rows = []
     for flow in scenario.flows:
-        depth = _depth(flow.qos)
+        depth = flow.qos.depth
         row = FlowFields(
             source=hosts[flow.source],
             target=hosts[flow.target],
@@ -177,7 +173,6 @@ def _flow_table(scenario: Scenario, hosts: dict[str, int], executors: dict[str, 
             chain=-1 if flow.then is None else numbers[flow.then],
             change_ns=_ns(flow.change_s),
             cached=flow.cached,
-            silence_ns=_ns(flow.max_silence_s or 0.0),
             service_ns=_ns(flow.service_s),
             compare_ns=-1 if flow.compare_s is None else _ns(flow.compare_s),
             keeps_acked=flow.qos.durability is Durability.TRANSIENT_LOCAL,
@@ -215,19 +210,16 @@ def end_ns(scenario: Scenario) -> int:
 
 def most_samples(scenario: Scenario) -> int:
     """Return how many samples one flow can have at most; a chain publishes once for each that it follows."""
-    own = {flow.name: scheduled_samples(scenario, flow) for flow in scenario.flows}
-    most = own
-    for _ in scenario.flows:  # a chain is as long as there are flows, at most
-        before, most = most, dict(own)
-        for flow in scenario.flows:
-            if flow.then:
-                most[flow.then] += before[flow.name]
+    then = {flow.name: flow.then for flow in scenario.flows}
+    most = dict.fromkeys(then, 0)
+    for flow in scenario.flows:
+        if flow.rate_hz:
+            own = _ns(scenario.duration_s) // _ns(1 / flow.rate_hz) + 2
+            name: str | None = flow.name
+            while name is not None:
+                most[name] += own
+                name = then[name]
     return max(most.values())
-
-
-def scheduled_samples(scenario: Scenario, flow: Flow) -> int:
-    """Return how many samples a flow publishes by itself at most."""
-    return _ns(scenario.duration_s) // _ns(1 / flow.rate_hz) + 2 if flow.rate_hz else 0
 
 
 def _ns(seconds: float) -> int:

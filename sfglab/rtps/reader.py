@@ -37,7 +37,7 @@ def _make_room(world: Any, flow: int) -> None:
     reader = world.reader[flow]
     depth = world.flows[flow].reader_depth
     held = reader.tail - reader.head
-    if depth == 0 or held + reader.behind_gap <= depth:
+    if held + reader.behind_gap <= depth:
         return
     if held > 0:
         _drop_oldest(world, flow)
@@ -55,7 +55,7 @@ def _make_room(world: Any, flow: int) -> None:
 def drop_overflow(world: Any, flow: int) -> None:
     """Drop the oldest samples of a history over its depth, after a gap has closed and all behind it came."""
     reader, depth = world.reader[flow], world.flows[flow].reader_depth
-    while depth and reader.tail - reader.head > depth:
+    while reader.tail - reader.head > depth:
         _drop_oldest(world, flow)
 
 

@@ -21,9 +21,8 @@ from sfglab.rtps.model import (
     compile_scenario,
     end_ns,
     most_samples,
-    scheduled_samples,
 )
-from sfglab.rtps.state import BITMAP, SET, Count, Drop, Fate, Frame
+from sfglab.rtps.state import BITMAP, SET, Count, Drop, Fate, Frame, Watch
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
 
     from sfglab.rtps.state import State
 
-_ANSWERS_MOST = 200_000
 _TRACE_FRAMES = 1024
 
 
@@ -123,44 +121,33 @@ class Delivery:
 
     flow: str  #: Name of the flow.
     value: int  #: Number of its value.
-    published_ns: int  #: Time of publication.
     now_ns: int  #: Time when the executor was done with it.
-    repeated: bool  #: Whether cache control found it equal to the sample before, and discarded it.
 
 
 class Session:
     """A run in steps.
 
     Args:
-        scenario: Flows with a rate publish by themselves, the others when told to. Values change only from
-            outside.
+        scenario: Flows, whose values change only from outside.
         seed: Seed of losses; the same seed and the same calls give the same run to the bit.
-        watched: Flows whose deliveries are returned; None: all.
-        news_only: Whether a delivery of the same value as the one before in its flow is not returned.
+        watch: Deliveries that are returned.
 
     Raises:
         InvalidValueError: A flow does not exist, or time would run backwards.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        *,
-        seed: int,
-        watched: Sequence[str] | None = None,
-        news_only: bool = False,
-    ) -> None:
+    def __init__(self, scenario: Scenario, *, seed: int, watch: Watch = Watch.EACH) -> None:
         from sfglab.rtps.world import World
 
         self._flows = scenario.flows
         self._names = [flow.name for flow in scenario.flows]
-        params, self._state = compile_scenario(scenario, samples=_room(scenario), seed=seed)
+        samples = most_samples(scenario)
+        params, self._state = compile_scenario(scenario, samples=samples, seed=seed)
         followed = {flow.then for flow in scenario.flows}
         for number, name in enumerate(self._names):
             if name not in followed:
                 params.flows["change_ns"][number] = SET
-        for name in self._names if watched is None else watched:
-            self._state.watched[self._number(name)] = 1 if news_only else 2
+        self._state.delivery["watch"] = watch
         self._world = World(params, self._state)
         self._now_ns = 0
 
@@ -171,13 +158,9 @@ class Session:
 
     def set_value(self, flow: str, value: int) -> None:
         """Set the value, by its number from 0, that a flow with a rate publishes from now on."""
-        self._state.writer["value"][self._number(flow)] = value
-
-    def publish(self, flow: str, value: int) -> bool:
-        """Publish a value, by its number from 0, in a flow without a rate; False if a local cache holds it."""
-        from sfglab.rtps.engine import publish
-
-        return bool(publish(self._world, self._now_ns, self._number(flow), value))
+        if flow not in self._names:
+            raise InvalidValueError("session: flow", flow, ", ".join(self._names))
+        self._state.writer["value"][self._names.index(flow)] = value
 
     def advance(self, until_ns: int) -> Delivery | None:
         """Run to the next watched delivery and return it, or to `until_ns`, and return None."""
@@ -190,29 +173,16 @@ class Session:
             self._now_ns = until_ns
             return None
         self._now_ns = reached
-        _fresh, flow, sample, skipped = self._state.delivery.item()
+        _watch, _fresh, flow, sample = self._state.delivery.item()
         return Delivery(
             flow=self._names[flow],
             value=int(self._state.value[flow, sample]),
-            published_ns=int(self._state.published_ns[flow, sample]),
             now_ns=reached,
-            repeated=bool(skipped),
         )
 
     def outcome(self) -> Outcome:
         """Return what has become of every sample so far."""
         return outcome_of(self._flows, self._state)
-
-    def _number(self, flow: str) -> int:
-        if flow not in self._names:
-            raise InvalidValueError("session: flow", flow, ", ".join(self._names))
-        return self._names.index(flow)
-
-
-def _room(scenario: Scenario) -> int:
-    """Return how many samples a flow can have: its own schedule's, or answers to what others deliver."""
-    scheduled = [scheduled_samples(scenario, flow) for flow in scenario.flows]
-    return max(2, *scheduled, min(sum(scheduled), _ANSWERS_MOST))
 
 
 # --- With a trace ------------------------------------------------------------------------------

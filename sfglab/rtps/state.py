@@ -96,14 +96,13 @@ class FlowFields(NamedTuple):
     period_ns: int  #: 0: published by a chain only.
     phase_ns: int
     size_bytes: int  #: CDR size of a sample.
-    depth: int  #: History of the writer; 0: KEEP_ALL.
-    reader_depth: int  #: History of the reader; 0: KEEP_ALL.
+    depth: int  #: History of the writer.
+    reader_depth: int  #: History of the reader.
     reliable: int
     chain: int  #: Flow that is published when a sample of this one was processed; -1: none.
     #: Mean time between changes of the value; 0: every sample differs; `SET`: set from outside.
     change_ns: int
     cached: int  #: 1: a local cache suppresses repeated values.
-    silence_ns: int  #: Maximum silence of the local cache; 0: none.
     service_ns: int
     compare_ns: int  #: Time that a repeated value costs the server; -1: as much as any.
     keeps_acked: int  #: 1: acknowledged samples stay in the writer's history, for late joiners.
@@ -139,7 +138,6 @@ class TimingFields(NamedTuple):
     access_point: int  #: Its number among the hosts; -1: there is none.
     duration_ns: int
     drain_ns: int
-    unacked_most: int
 
 
 class Rates(NamedTuple):
@@ -188,7 +186,6 @@ class Writer(NamedTuple):
     value: int  #: Number of the value that the sensor has now.
     next_change_ns: int  #: Time of the value's next change.
     sent_value: int  #: Value that was published last.
-    sent_ns: int  #: Time of the last publication.
     data_ns: int  #: Time of the last DATA frame.
     last_queued: int  #: Newest sample that has left the history for the host's queue.
     bytes_since_heartbeat: int  #: Bytes since the last heartbeat.
@@ -226,7 +223,6 @@ class Server(NamedTuple):
     sample: int
     next: int  #: Flow whose turn is next.
     waiting: int  #: Samples in the histories that it serves.
-    skips: int  #: 1: cache control discards the sample.
     same: int  #: 1: the sample's value is that of the sample before.
 
 
@@ -241,13 +237,21 @@ class Transmitter(NamedTuple):
     in_flight: int
 
 
+class Watch(IntEnum):
+    """Deliveries at which `engine.advance` returns."""
+
+    NONE = 0
+    NEWS = 1  #: Those of another value than the flow's delivery before.
+    EACH = 2
+
+
 class Delivery(NamedTuple):
     """The last delivery that is watched."""
 
+    watch: int  #: A `Watch`.
     fresh: int  #: 1: not yet returned.
     flow: int
     sample: int
-    skipped: int  #: 1: cache control discarded it.
 
 
 BITMAP_WORDS = 4
@@ -303,7 +307,6 @@ class State(NamedTuple):
     traced: Any  # (K,) of FrameFields
     trace_end: Any  # (1,) number of frames in the trace
     server: Any  # (S,) of Server
-    watched: Any  # (F,) `advance` returns at: 0 none of the flow's deliveries, 1 those of a new value, 2 each
     delivery: Any  # () of Delivery
     scratch: Any  # (4,) of FrameFields: the frame that is received, the one that is made, a fragment, an empty one
 
@@ -372,7 +375,6 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         traced=np.zeros(sizes.trace, frame),
         trace_end=np.zeros(1, np.int64),
         server=np.zeros(sizes.servers, record(Server)),
-        watched=np.zeros(flows, np.int8),
         delivery=np.zeros((), record(Delivery)),
         scratch=np.zeros(4, frame),
     )

@@ -30,10 +30,7 @@ from sfglab.rtps.world import compiled, push
 @compiled
 def _first_kept(world: Any, flow: int) -> int:
     """Return the oldest sample in the writer's history."""
-    writer, depth = world.writer[flow], world.flows[flow].depth
-    if depth == 0:
-        return int(writer.acked + 1)
-    return int(max(1, writer.last - depth + 1))
+    return int(max(1, world.writer[flow].last - world.flows[flow].depth + 1))
 
 
 # --- Samples -----------------------------------------------------------------------------------
@@ -55,12 +52,9 @@ def _sample_value(world: Any, now: int, flow: int) -> int:
 
 
 @compiled
-def _is_suppressed(world: Any, now: int, flow: int, value: int) -> bool:
+def _is_suppressed(world: Any, flow: int, value: int) -> bool:
     """Return whether the local cache suppresses a value (paper B, section 2.2)."""
-    settings, writer = world.flows[flow], world.writer[flow]
-    if not settings.cached or value != writer.sent_value:
-        return False
-    return bool(settings.silence_ns == 0 or now - writer.sent_ns < settings.silence_ns)
+    return bool(world.flows[flow].cached and value == world.writer[flow].sent_value)
 
 
 @compiled
@@ -68,7 +62,7 @@ def _is_full(world: Any, flow: int) -> bool:
     """Return whether one more sample would overwrite one that is not acknowledged, or with BEST_EFFORT not sent."""
     settings, writer = world.flows[flow], world.writer[flow]
     kept = writer.last - (writer.acked if settings.reliable else writer.last_queued)
-    return bool(0 < settings.depth <= kept)
+    return bool(settings.depth <= kept)
 
 
 @compiled
@@ -76,17 +70,11 @@ def _is_refused(world: Any, flow: int, room: bool, sends: bool) -> bool:  # noqa
     """Return whether a publication is skipped, because the real writer would still wait in its last one.
 
     A synchronous writer waits until its last sample has left the history. An asynchronous one waits for the
-    sending thread, but only if its history is full, since only then the oldest sample must go. With KEEP_ALL
-    both wait for acknowledgements.
+    sending thread, but only if its history is full, since only then the oldest sample must go.
     """
-    settings, writer = world.flows[flow], world.writer[flow]
     if not sends and not world.timing.asynchronous:
         return True
-    if not room and _is_full(world, flow):
-        return True
-    unacked = writer.last - writer.acked
-    keeps_all = settings.reliable and settings.depth == 0
-    return bool(keeps_all and unacked >= world.timing.unacked_most)
+    return bool(not room and _is_full(world, flow))
 
 
 @compiled
@@ -94,7 +82,7 @@ def write(world: Any, now: int, flow: int) -> None:
     """Publish the sensor's value, unless the local cache suppresses it or the writer cannot publish."""
     writer, reliable = world.writer[flow], world.flows[flow].reliable
     value = _sample_value(world, now, flow)
-    if _is_suppressed(world, now, flow, value):
+    if _is_suppressed(world, flow, value):
         world.counts[Count.HELD] += 1
         return
     room = has_room(world, world.flows[flow].source)
@@ -107,7 +95,6 @@ def write(world: Any, now: int, flow: int) -> None:
         raise IndexError("more samples than the state has room for")
     writer.last = sample
     writer.sent_value = value
-    writer.sent_ns = now
     world.published_ns[flow, sample] = now
     world.value[flow, sample] = value
     if sends:
@@ -189,8 +176,6 @@ def _shows_each(world: Any, flow: int) -> bool:
         return True
     if not timing.piggyback_when_full:
         return False
-    if settings.depth == 0:
-        return bool(writer.last - writer.acked >= timing.unacked_most)
     # Without late joiners to keep it for, what is acknowledged leaves the history.
     gone = 0 if settings.keeps_acked else writer.acked
     return bool(writer.last - gone >= settings.depth)

@@ -26,7 +26,7 @@ from sfglab.arp.hallway.nodes import (
 from sfglab.arp.hallway.station import Manoeuvre, Station
 from sfglab.arp.hallway.world import LIMIT_S, SCAN_STEPS, STEP_NS, End, Verdict, World, judge
 from sfglab.arp.robots import METHODS, PLAN_S, TAKE_S, topic_qos
-from sfglab.rtps import PRESETS, Flow, Medium, Outcome, Scenario, Session
+from sfglab.rtps import PRESETS, Flow, Medium, Outcome, Scenario, Session, Watch
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -184,9 +184,7 @@ class SimulatedLap:
         self._commands = {command_flow(name): robot for robot, name in enumerate(ROBOTS)}
         self._published = [command_flow(robot) for robot in ROBOTS]
         # A node that receives the same value again does nothing.
-        watched = (*self._beams, *self._commands)
-        scenario = scenario_of(settings, seed=seed)
-        self._session = Session(scenario, seed=seed, watched=watched, news_only=True)
+        self._session = Session(scenario_of(settings, seed=seed), seed=seed, watch=Watch.NEWS)
         for flow in self._published:
             self._session.set_value(flow, STOP.number)
         self._steps = 0

@@ -32,12 +32,13 @@ from sfglab.bus.dds.domain import DdsParticipant, DomainConfig
 from sfglab.bus.dds.endpoints import bytes_from_serdata, serdata_from_bytes, sertype_of, stamp
 from sfglab.component import Orders, Reporter, run_component
 from sfglab.fields import from_json
-from sfglab.qos import History, QoSProfile
 from sfglab.rtps import Flow
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from sfglab.qos import QoSProfile
 
 _TYPE = "std_msgs/msg/String"
 # CDR of a text: header, length, characters, a final zero (RTPS 2.5, clause 10).
@@ -75,8 +76,7 @@ def value_of(cdr: bytes) -> int:
 def _reader_qos(flow: Flow) -> QoSProfile:
     if flow.reader_depth is None:
         return flow.qos
-    history = History.KEEP_LAST if flow.reader_depth else History.KEEP_ALL
-    return replace(flow.qos, history=history, depth=flow.reader_depth or 1)
+    return replace(flow.qos, depth=flow.reader_depth)
 
 
 class _Sensor:
@@ -92,8 +92,7 @@ class _Sensor:
         self._random = random.Random(f"{seed} {flow.name}")
         self._latest = 0
         self._change_ns = 0
-        silence_ns = None if flow.max_silence_s is None else round(flow.max_silence_s * NS_PER_S)
-        self._cache = LocalCache(max_silence_ns=silence_ns) if flow.cached else None
+        self._cache = LocalCache() if flow.cached else None
 
     def read(self, now_ns: int) -> int:
         """Return the number of the sensor's current value."""

@@ -29,7 +29,7 @@ from sfglab.fields import Bounds, between
 from sfglab.lab.bench import TableRow
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.rtps import Flow, FlowOutcome, Medium, Scenario, Session
+from sfglab.rtps import Flow, FlowOutcome, Medium, Scenario, Session, Watch
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -281,7 +281,7 @@ def pass_through(sensor: Sensor, values: list[Any], *, rate_hz: float, silence_s
         is_new = sent and behind.offer(sensor.name, value, now_ns=now_ns) is Decision.CHANGED
         passage.planned_after.append(is_new)
         passage.known.append(behind.current(sensor.name))
-    passage.held_bytes = local.counters.held_bytes
+    passage.held_bytes = local.held_bytes
     return passage
 
 
@@ -334,7 +334,7 @@ def _simulated(values: list[Any], rate_hz: float, *, loss: float, cached: bool) 
     flow = Flow(name="a", source="robot", target="station", rate_hz=rate_hz, cached=cached)
     duration_s = len(values) / rate_hz
     scenario = Scenario(flows=(flow,), medium=Medium(loss=loss), duration_s=duration_s)
-    session = Session(scenario, seed=0, watched=())
+    session = Session(scenario, seed=0, watch=Watch.NONE)
     period_ns = round(NS_PER_S / rate_hz)
     for place, number in enumerate(np.cumsum(changes_of(values)), 1):
         session.set_value("a", int(number))
