@@ -1,17 +1,16 @@
 """Paper B: aggregated robot processing, its caches (2.2, 2.3) and its balanced QoS (2.4).
 
 Robots sense and act, a station localises and plans; caches suppress values that repeat between them. The QoS
-problem as published is in `balancing`. Our own (`programme.plan`) includes the link.
+problem as published is in `balancing`. Our own (`programme`) includes the link.
 """
 
 from sfglab.arp.cache import CacheControl, LocalCache
 from sfglab.arp.plan import Plan, plan_as_printed
 from sfglab.arp.programme import pareto_front, plan_file
-from sfglab.arp.topics import Limits, Topic, TopicFile, load_topics
+from sfglab.arp.topics import Topic, TopicFile, load_topics
 
 __all__ = [
     "CacheControl",
-    "Limits",
     "LocalCache",
     "Plan",
     "Topic",

@@ -52,11 +52,6 @@ class Balance:
 class InfeasibleBalanceError(SfglabError, ValueError):
     """No rate and depth satisfy the published constraints."""
 
-    def __init__(self, constraint: str, lacking: float, *, advice: str) -> None:
-        self.constraint = constraint  #: The equation that fails.
-        self.lacking = lacking  #: Amount that is lacking, in the constraint's unit.
-        super().__init__(f"QoS balancing has no solution: {constraint} lacks {lacking:g}; {advice}")
-
 
 def average_topics(topics: Sequence[int]) -> float:
     """Return T_avg of Eq. 2 for the topics of each agent (Eq. 1)."""
@@ -75,24 +70,22 @@ def balance_closed_form(given: BalanceInput) -> Balance:
     if rate_hz < given.rate_min_hz:
         needed_hz = 2 * given.rate_min_hz * average_topics(given.topics)
         raise InfeasibleBalanceError(
-            "Eq. 4, Rmax / T_avg - R >= Rmin with R >= Rmin, in Hz,",
-            given.rate_min_hz - rate_hz,
-            advice=f"raise Rmax to {needed_hz:g} Hz, lower Rmin or use fewer topics",
+            "QoS balancing has no solution: Eq. 4, Rmax / T_avg - R >= Rmin with R >= Rmin, in Hz, lacks "
+            f"{given.rate_min_hz - rate_hz:g}; raise Rmax to {needed_hz:g} Hz, lower Rmin or use fewer topics"
         )
     depth = min(given.depth_max * rate_hz / given.rate_max_hz - given.depth_min, given.depth_max)
     if depth < given.depth_min:
         raise InfeasibleBalanceError(
-            "Eq. 5, Dmax R / Rmax - D >= Dmin with D >= Dmin, in samples,",
-            given.depth_min - depth,
-            advice="raise Dmax, lower Dmin or use fewer topics",
+            "QoS balancing has no solution: Eq. 5, Dmax R / Rmax - D >= Dmin with D >= Dmin, in samples, lacks "
+            f"{given.depth_min - depth:g}; raise Dmax, lower Dmin or use fewer topics"
         )
     return Balance(rate_hz=rate_hz, depth=depth)
 
 
-def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL") -> Balance:
+def balance(given: BalanceInput, *, weight: float = 0.5) -> Balance:
     """Solve Eq. 6 with CVXPY, as the paper does.
 
-    R and D are weighted (0 to 1) by their largest values, which leaves the optimum where it is.
+    R and D are weighted (between 0 and 1) by their largest values, which leaves the optimum where it is.
 
     Raises:
         InfeasibleBalanceError: No rate and depth satisfy the constraints; names the one that fails, and by how much.
@@ -100,8 +93,6 @@ def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL
     """
     import cvxpy as cp
 
-    if not 0 < weight < 1:
-        raise InvalidValueError("weight", weight, "between 0 and 1, both excluded")
     rate, depth = cp.Variable(name="R"), cp.Variable(name="D")
     constraints = [
         given.rate_max_hz / average_topics(given.topics) - rate >= given.rate_min_hz,
@@ -114,7 +105,7 @@ def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL
     rate_share, depth_share = rate / given.rate_max_hz, depth / given.depth_max
     objective = cp.Maximize(weight * rate_share + (1 - weight) * depth_share)
     try:
-        solve_problem(cp.Problem(objective, constraints), "QoS balancing", solver)
+        solve_problem(cp.Problem(objective, constraints), "QoS balancing")
     except SfglabError:
         balance_closed_form(given)  # raises with the constraint that fails, and by how much
         raise
@@ -122,7 +113,7 @@ def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL
     return Balance(rate_hz=float(found[0]), depth=float(found[1]))
 
 
-def solve_problem(problem: Any, about: str, solver: str, **settings: Any) -> None:
+def solve_problem(problem: Any, about: str, **settings: Any) -> None:
     """Solve a CVXPY problem; an SfglabError says that the solver ended without an optimum."""
     from cvxpy import SolverError
 
@@ -130,10 +121,10 @@ def solve_problem(problem: Any, about: str, solver: str, **settings: Any) -> Non
         with warnings.catch_warnings():
             # What CVXPY warns of is refused below.
             warnings.filterwarnings("ignore", message="Solution may be inaccurate")
-            problem.solve(solver=solver, **settings)
+            problem.solve(solver="CLARABEL", **settings)
         ended = f"with status {problem.status!r}"
     except SolverError as error:
         ended = f"without an answer ({error})"
     if problem.status != "optimal":
         advice = "values that differ by less from each other may have a solution"
-        raise SfglabError(f"{about}: solver {solver} ended {ended}; {advice}")
+        raise SfglabError(f"{about}: solver CLARABEL ended {ended}; {advice}")

@@ -18,21 +18,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree import ElementTree as ET
 
-from sfglab.errors import InvalidValueError
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Vendor
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from sfglab.arp.plan import Plan, TopicPlan
     from sfglab.qos import QoSProfile
-
-
-def _require_vendor(plan: Plan, vendor: Vendor) -> None:
-    if not plan.vendor.name.startswith(vendor.name):
-        allowed = f"a plan with the timing of {vendor.name}: plan again for it"
-        raise InvalidValueError("export: the plan's timing", plan.vendor.name, allowed)
 
 
 def _summary(plan: Plan) -> str:
@@ -54,15 +47,14 @@ def _new_comment(text: str) -> Any:
     return ET.Comment(f" {re.sub('-(?=-)', '- ', text)} ")
 
 
-def _child(parent: ET.Element, path: str, text: str | None = None, **attributes: str) -> ET.Element:
-    """Add an element, with those of its path that do not exist yet, and return it."""
-    *holders, last = path.split("/")
-    for name in holders:
-        found = parent.find(name)
-        parent = ET.SubElement(parent, name) if found is None else found
-    element = ET.SubElement(parent, last, attributes)
-    element.text = text
-    return element
+def _fill(parent: ET.Element, values: Mapping[str, Any]) -> None:
+    """Add an element for each value: a mapping's with elements for its own values, any other one's with a text."""
+    for name, value in values.items():
+        element = ET.SubElement(parent, name)
+        if isinstance(value, dict):
+            _fill(element, value)
+        else:
+            element.text = str(value)
 
 
 def _render(root: ET.Element) -> str:
@@ -70,14 +62,24 @@ def _render(root: ET.Element) -> str:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
-_NAMESPACES = {
-    2: "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles",
-    3: "http://www.eprosima.com",
-}
-_TIMES = {
-    2: ("heartbeatPeriod", "nackResponseDelay", "heartbeatResponseDelay"),
-    3: ("heartbeat_period", "nack_response_delay", "heartbeat_response_delay"),
-}
+class Generation(NamedTuple):
+    """Names in the profiles of a generation of Fast DDS."""
+
+    namespace: str  #: Namespace of all elements.
+    heartbeat: str  #: Element with the period of heartbeats.
+    response: str  #: Element with the writer's delay before a retransmission.
+    delay: str  #: Element with the reader's delay before an answer.
+
+
+GENERATION_2 = Generation(
+    "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles",
+    "heartbeatPeriod",
+    "nackResponseDelay",
+    "heartbeatResponseDelay",
+)
+GENERATION_3 = Generation(
+    "http://www.eprosima.com", "heartbeat_period", "nack_response_delay", "heartbeat_response_delay"
+)
 _SAMPLES_PER_INSTANCE = 400  #: Default limit before Fast DDS 3.5; a deeper history must raise it.
 
 _FAST_HOW = (
@@ -89,15 +91,15 @@ _FAST_HOW = (
 )
 
 
-def fast_dds_xml(plan: Plan, *, generation: int = 2) -> str:
-    """Return a plan as XML for Fast DDS 2 or 3; InvalidValueError with another, or another vendor's timing."""
-    _require_vendor(plan, FAST_DDS)
-    if generation not in _NAMESPACES:
-        raise InvalidValueError("Fast DDS generation", generation, "2 and 3")
-    heartbeat, response, delay = _TIMES[generation]
+def fast_dds_xml(plan: Plan, generation: Generation = GENERATION_2) -> str:
+    """Return a plan with the timing of Fast DDS as XML for one of its generations."""
     vendor = plan.vendor
-    writer_times = {heartbeat: vendor.heartbeat_ns, response: vendor.nack_response_ns}
-    root = ET.Element("dds", xmlns=_NAMESPACES[generation])
+    writer_times = {
+        generation.heartbeat: vendor.heartbeat_ns,
+        generation.response: vendor.nack_response_ns,
+    }
+    reader_times = {generation.delay: vendor.nack_delay_ns}
+    root = ET.Element("dds", xmlns=generation.namespace)
     root.append(_new_comment(_summary(plan)))
     root.append(_new_comment(_FAST_HOW))
     if vendor.piggyback_bytes:
@@ -105,39 +107,38 @@ def fast_dds_xml(plan: Plan, *, generation: int = 2) -> str:
         root.append(_new_comment(f"Planned for RMW_FASTRTPS_PUBLICATION_MODE={mode}: set it, too."))
     profiles = ET.SubElement(root, "profiles")
     for part in plan.topics:
-        profiles.append(_new_comment(f"{part.topic.name}: {_rate_text(part)}"))
-        _add_profile(profiles, "data_writer", part, writer_times)
-        _add_profile(profiles, "data_reader", part, {delay: vendor.nack_delay_ns})
+        name = part.topic.name
+        profiles.append(_new_comment(f"{name}: {_rate_text(part)}"))
+        for kind, times in (("data_writer", writer_times), ("data_reader", reader_times)):
+            _fill(ET.SubElement(profiles, kind, profile_name=name), _profile(part, times))
     return _render(root)
 
 
-def _add_profile(profiles: ET.Element, kind: str, part: TopicPlan, times: dict[str, int]) -> None:
-    profile = ET.SubElement(profiles, kind, profile_name=part.topic.name)
-    _child(profile, "topic/historyQos/kind", part.qos.history.name)
-    _child(profile, "topic/historyQos/depth", str(part.depth))
+def _profile(part: TopicPlan, times: Mapping[str, int]) -> dict[str, Any]:
+    """Return the elements of a topic's writer or reader, which has these times, ns."""
+    qos = part.qos
+    topic: dict[str, Any] = {"historyQos": {"kind": qos.history.name, "depth": part.depth}}
     if part.depth > _SAMPLES_PER_INSTANCE:
-        limits = {
+        topic["resourceLimitsQos"] = {
             "max_samples": part.depth,
             "max_instances": 1,
             "max_samples_per_instance": part.depth,
         }
-        for limit, value in limits.items():
-            _child(profile, f"topic/resourceLimitsQos/{limit}", str(value))
-    if part.deadline_ns is not None:
-        _add_duration(_child(profile, "qos/deadline/period"), part.deadline_ns)
-    _child(profile, "qos/durability/kind", part.qos.durability.name)
-    _child(profile, "qos/reliability/kind", part.qos.reliability.name)
+    policies: dict[str, Any] = {}
+    if qos.deadline_ns is not None:
+        policies["deadline"] = {"period": _seconds(qos.deadline_ns)}
+    policies["durability"] = {"kind": qos.durability.name}
+    policies["reliability"] = {"kind": qos.reliability.name}
+    profile = {"topic": topic, "qos": policies}
     if part.topic.reliable:
-        for name, duration_ns in times.items():
-            _add_duration(_child(profile, f"times/{name}"), duration_ns)
+        profile["times"] = {name: _seconds(time_ns) for name, time_ns in times.items()}
     # Fast DDS's default would refuse messages that grow, such as texts; this is rmw_fastrtps's own choice.
-    _child(profile, "historyMemoryPolicy", "PREALLOCATED_WITH_REALLOC")
+    return {**profile, "historyMemoryPolicy": "PREALLOCATED_WITH_REALLOC"}
 
 
-def _add_duration(parent: ET.Element, duration_ns: int) -> None:
+def _seconds(duration_ns: int) -> dict[str, int]:
     seconds, nanoseconds = divmod(duration_ns, NS_PER_S)
-    _child(parent, "sec", str(seconds))
-    _child(parent, "nanosec", str(nanoseconds))
+    return {"sec": seconds, "nanosec": nanoseconds}
 
 
 _NAMESPACE = "https://cdds.io/config"
@@ -154,23 +155,26 @@ _CYCLONE_HOW = (
 
 
 def cyclone_xml(plan: Plan) -> str:
-    """Return a plan's timing as a Cyclone DDS configuration; InvalidValueError with another vendor's timing."""
-    _require_vendor(plan, CYCLONE_DDS)
+    """Return the timing of a plan for Cyclone DDS as its configuration."""
     vendor = plan.vendor
     root = ET.Element("CycloneDDS", xmlns=_NAMESPACE)
     root.append(_new_comment(_summary(plan)))
     root.append(_new_comment(_CYCLONE_HOW))
-    _child(root, "Domain", Id="any")
-    _child(
-        root,
-        "Domain/Internal/HeartbeatInterval",
-        _duration(vendor.heartbeat_ns),
+    domain = ET.SubElement(root, "Domain", Id="any")
+    internal = ET.SubElement(domain, "Internal")
+    interval = ET.SubElement(
+        internal,
+        "HeartbeatInterval",
         min=_duration(min(_LEAST_NS, vendor.heartbeat_ns)),
         minsched=_duration(min(_SCHEDULED_LEAST_NS, vendor.heartbeat_ns)),
         max=_duration(vendor.heartbeat_max_ns),
     )
-    _child(root, "Domain/Internal/NackDelay", _duration(vendor.nack_delay_ns))
-    _child(root, "Domain/Internal/AckDelay", _duration(vendor.ack_delay_ns))
+    interval.text = _duration(vendor.heartbeat_ns)
+    delays = {
+        "NackDelay": _duration(vendor.nack_delay_ns),
+        "AckDelay": _duration(vendor.ack_delay_ns),
+    }
+    _fill(internal, delays)
     return _render(root)
 
 
@@ -223,7 +227,7 @@ class Export(NamedTuple):
 
 EXPORTS = {
     "fastdds": Export("fastdds.xml", fast_dds_xml, FAST_DDS),
-    "fastdds3": Export("fastdds3.xml", partial(fast_dds_xml, generation=3), FAST_DDS),
+    "fastdds3": Export("fastdds3.xml", partial(fast_dds_xml, generation=GENERATION_3), FAST_DDS),
     "cyclone": Export("cyclonedds.xml", cyclone_xml, CYCLONE_DDS),
     "ros2": Export("qos_overrides.yaml", ros2_parameters, None),
 }

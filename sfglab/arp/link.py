@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sfglab.arp.topics import Topic
-    from sfglab.rtps import Medium, Vendor
+    from sfglab.arp.topics import Topic, TopicFile
+    from sfglab.rtps import Medium
 
     Floats = NDArray[np.float64]
 
@@ -104,12 +104,13 @@ class Link:
         return np.where(cached, rates_hz * new, rates_hz)
 
 
-def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
-    """Return what topics cost on a medium with a vendor's timing, with histories of one sample (`at_depths`).
+def link_of(given: TopicFile) -> Link:
+    """Return what topics cost on their link with their vendor's timing, with histories of one sample (`at_depths`).
 
     On a shared medium every further host that contends stretches each frame (`Medium.contention`). Capacity is
     reckoned with all hosts contending, as they do when the medium is nearly full, which is when it decides.
     """
+    topics, medium, vendor = given.topics, given.medium, given.vendor
     hosts = sorted({host for topic in topics for host in _sending_hosts(topic)})
     senders = ("the medium",) if medium.shared else tuple(hosts)
     contention = medium.contention * (len(hosts) - 1) if medium.shared else 0.0

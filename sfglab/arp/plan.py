@@ -16,12 +16,9 @@ import numpy as np
 from sfglab.arp.balancing import BalanceInput, balance_closed_form
 from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s, waits_s
 from sfglab.arp.repairs import failing_share
-from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.qos import SENSOR_DATA, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from sfglab.arp.topics import Topic, TopicFile
@@ -41,33 +38,6 @@ _WAITS_PER_ROUND = 2  #: Waits in queues on the ways of a request and its retran
 _SLACK = 4.0
 _RATE_MARGIN = 0.99  #: Share of the highest rate that is used, as depths and waits differ a little.
 _HALVINGS = 40  #: Steps of a bisection over a share.
-
-
-class InfeasiblePlanError(SfglabError, ValueError):
-    """The topics' minimal rates alone take more airtime than there is."""
-
-    def __init__(
-        self, sender: str, needed: float, allowed: float, largest: tuple[str, ...]
-    ) -> None:
-        #: Sender whose time is lacking: the medium where it is shared, otherwise a host.
-        self.sender = sender
-        self.needed = needed  #: Share of its time that the minimal rates take.
-        self.allowed = allowed  #: Share that may be planned.
-        self.largest = largest  #: Names of the topics that take most, the most first.
-        super().__init__(sender, needed, allowed, largest)
-
-    @property
-    def lacking(self) -> float:
-        """By how much the share exceeds what is allowed."""
-        return self.needed - self.allowed
-
-    def __str__(self) -> str:
-        return (
-            f"QoS plan has no solution: the minimal rates take {self.needed:.3g} of the time of {self.sender}, "
-            f"allowed is {self.allowed:.3g}, so {self.lacking:.3g} is lacking; most is taken by "
-            f"{', '.join(self.largest)}: lower minimal rates (to {self.allowed / self.needed:.2g} of them if "
-            "all alike), send fewer topics, or use a faster link"
-        )
 
 
 def depths_for(link: Link, rates_hz: Floats, *, residual_loss: float) -> Depths:
@@ -213,33 +183,12 @@ class Plan:
     #: programme was solved.
     airtime_price: float | None = None
 
-    def __getitem__(self, name: str) -> TopicPlan:
-        """Return a topic's part; the InvalidValueError for one that is not there says which there are."""
-        parts = {part.topic.name: part for part in self.topics}
-        if name not in parts:
-            raise InvalidValueError("topic of the plan", name, ", ".join(parts))
-        return parts[name]
 
-    @property
-    def rates_hz(self) -> NDArray[np.float64]:
-        """Rates in the order of the topics, shape (n,)."""
-        return np.array([part.rate_hz for part in self.topics])
-
-
-def assess(  # noqa: PLR0913 - a plan's parts, by keyword
-    topics: Sequence[Topic],
-    medium: Medium,
-    vendor: Vendor,
-    *,
-    rates_hz: NDArray[np.float64],
-    depths: NDArray[np.int64],
-    method: str,
-) -> Plan:
+def assess(given: TopicFile, rates_hz: Floats, depths: Depths, *, method: str) -> Plan:
     """Return rates and depths, which a method found, with what the link's arithmetic expects of them."""
-    rates_hz = np.asarray(rates_hz, float)
-    link = at_depths(link_of(topics, medium, vendor), depths, rates_hz)
-    change_s = np.array([topic.change_s for topic in topics])
-    weights = np.array([topic.weight for topic in topics])
+    link = at_depths(link_of(given), depths, rates_hz)
+    change_s = np.array([topic.change_s for topic in given.topics])
+    weights = np.array([topic.weight for topic in given.topics])
     latency_s = _latency_s(link, depths, rates_hz)
     losses = expected_losses(link, depths, rates_hz)
     per_change = rates_hz * link.arriving * change_s
@@ -249,7 +198,7 @@ def assess(  # noqa: PLR0913 - a plan's parts, by keyword
     up_to_date = true_when_sent * np.exp(-latency_s / change_s)
     columns = [column.tolist() for column in (rates_hz, depths, latency_s, up_to_date, losses)]
     parts = []
-    for topic, rate, depth, latency, share, loss in zip(topics, *columns, strict=True):
+    for topic, rate, depth, latency, share, loss in zip(given.topics, *columns, strict=True):
         part = TopicPlan(
             topic=topic,
             rate_hz=rate,
@@ -262,8 +211,8 @@ def assess(  # noqa: PLR0913 - a plan's parts, by keyword
     return Plan(
         topics=tuple(parts),
         method=method,
-        medium=medium,
-        vendor=vendor,
+        medium=given.medium,
+        vendor=given.vendor,
         utilisation=float(link.utilisation(rates_hz).max()),
         freshness=float(np.average(per_change / (1 + per_change), weights=weights)),
         latency_s=float(np.average(latency_s, weights=weights)),
@@ -281,22 +230,14 @@ def plan_as_printed(given: TopicFile) -> Plan:
         InvalidValueError: The link loses too many of a topic's samples.
     """
     rate_max_hz = max(t.rate_max_hz for t in given.topics)
-    found = balance_closed_form(
-        BalanceInput(topics=given.topics_of_agents(), rate_max_hz=rate_max_hz)
-    )
-    return assess(
-        given.topics,
-        given.medium,
-        given.vendor,
-        rates_hz=np.full(len(given.topics), found.rate_hz),
-        depths=np.full(len(given.topics), int(found.depth)),
-        method="paper",
-    )
+    topics = given.topics_of_agents()
+    found = balance_closed_form(BalanceInput(topics=topics, rate_max_hz=rate_max_hz))
+    count = len(given.topics)
+    rates_hz, depths = np.full(count, found.rate_hz), np.full(count, int(found.depth))
+    return assess(given, rates_hz, depths, method="paper")
 
 
-def _latency_s(
-    link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _latency_s(link: Link, depths: Depths, rates_hz: Floats) -> Floats:
     sent_hz = link.sent_hz(rates_hz)
     repairs = repair_delay_s(link, sent_hz, inverse=np.reciprocal)
     # A request names only so many samples; where a period brings more, the reader falls behind until what it

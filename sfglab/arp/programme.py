@@ -21,32 +21,22 @@ optimum; of the rounds, the best is kept. That need not be the best of all pairs
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.arp.balancing import solve_problem
 from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s
-from sfglab.arp.plan import (
-    BATCH_DEPTH,
-    InfeasiblePlanError,
-    Plan,
-    assess,
-    depths_for,
-    rates_most_hz,
-)
-from sfglab.arp.topics import Limits
-from sfglab.errors import InvalidValueError
+from sfglab.arp.plan import BATCH_DEPTH, Plan, assess, depths_for, rates_most_hz
+from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
-    from sfglab.arp.topics import Topic, TopicFile
-    from sfglab.rtps import Medium, Vendor
+    from sfglab.arp.link import Floats
+    from sfglab.arp.plan import Depths
+    from sfglab.arp.topics import TopicFile
 
 PRICES_HZ = tuple(float(price) for price in np.geomspace(0.1, 1000, 13))
 """Prices of latency that the front is drawn with: from a second costing a tenth of the freshness to a
@@ -58,91 +48,52 @@ _TAKEN_MORE = 1e-6  # a solver's tolerance
 _LOWERINGS = 51  # shares of the way from the lowest rates that are tried
 
 
-def plan(
-    topics: Sequence[Topic],
-    medium: Medium,
-    vendor: Vendor,
-    *,
-    latency_price_hz: float | None = None,
-    limits: Limits | None = None,
-) -> Plan:
-    """Return rates and depths for topics on a link, with a vendor's timing; raises what `pareto_front` does.
+def plan_file(given: TopicFile, *, latency_price_hz: float | None = None) -> Plan:
+    """Return rates and depths for topics on their link, with their vendor's timing; raises what `pareto_front` does.
 
     The price is what a second of mean latency costs, in freshness; None: the point of the Pareto front at which
-    readers are expected to be up to date for the largest share of time. Without limits the usual ones are kept.
+    readers are expected to be up to date for the largest share of time.
     """
     if latency_price_hz is None:
-        return max(
-            pareto_front(topics, medium, vendor, limits=limits), key=lambda point: point.up_to_date
-        )
-    return pareto_front(topics, medium, vendor, limits=limits, prices_hz=(latency_price_hz,))[0]
+        return max(pareto_front(given), key=lambda point: point.up_to_date)
+    return _Planner(given).plan(latency_price_hz)
 
 
-def pareto_front(
-    topics: Sequence[Topic],
-    medium: Medium,
-    vendor: Vendor,
-    *,
-    limits: Limits | None = None,
-    prices_hz: Sequence[float] = PRICES_HZ,
-) -> tuple[Plan, ...]:
-    """Return plans of which none is better in both freshness and latency: one for each price of latency.
-
-    Arguments are those of `plan`; prices are at least 0: with higher ones, latency and freshness both fall.
+def pareto_front(given: TopicFile) -> tuple[Plan, ...]:
+    """Return plans of which none is better in both freshness and latency: one for each of `PRICES_HZ`.
 
     Raises:
-        InfeasiblePlanError: The minimal rates alone exceed the capacity; says by how much.
-        InvalidValueError: There are no topics or no prices, a price is below 0, or the link loses too many of a
-            topic's samples.
-        SfglabError: The solver ended without an optimum.
+        InvalidValueError: The link loses too many of a topic's samples.
+        SfglabError: The minimal rates alone exceed the capacity, or the solver ended without an optimum.
     """
-    if not topics or not prices_hz or not all(0 <= price < math.inf for price in prices_hz):
-        given = f"{len(topics)} topics and prices {tuple(prices_hz)}"
-        allowed = "at least one of each, prices finite and from 0"
-        raise InvalidValueError("topics, prices of latency", given, allowed)
-    planner = _Planner(tuple(topics), medium, vendor, limits or Limits())
-    return tuple(planner.plan(float(price)) for price in prices_hz)
-
-
-def plan_file(given: TopicFile, *, latency_price_hz: float | None = None) -> Plan:
-    """Return the plan for what a file of topics says; raises what `plan` does."""
-    price_hz = latency_price_hz
-    return plan(given.topics, given.medium, given.vendor, latency_price_hz=price_hz, limits=given)
+    planner = _Planner(given)
+    return tuple(planner.plan(price) for price in PRICES_HZ)
 
 
 class _Planner:
     """Finds the plans of one front; keeps its programmes, as prices share them where depths are the same."""
 
-    def __init__(
-        self, topics: tuple[Topic, ...], medium: Medium, vendor: Vendor, limits: Limits
-    ) -> None:
-        self._topics, self._medium, self._vendor, self._limits = topics, medium, vendor, limits
-        self._bare = link_of(topics, medium, vendor)
-        self._lowest = np.array([topic.rate_min_hz for topic in topics])
-        highest = np.array([topic.rate_max_hz for topic in topics])
-        in_batches = at_depths(self._bare, np.full(len(topics), BATCH_DEPTH), highest)
-        most_hz = rates_most_hz(in_batches, highest, utilisation_max=limits.utilisation_max)
+    def __init__(self, given: TopicFile) -> None:
+        self._given = given
+        self._bare = link_of(given)
+        self._lowest = np.array([topic.rate_min_hz for topic in given.topics])
+        highest = np.array([topic.rate_max_hz for topic in given.topics])
+        in_batches = at_depths(self._bare, np.full(len(highest), BATCH_DEPTH), highest)
+        most_hz = rates_most_hz(in_batches, highest, utilisation_max=given.utilisation_max)
         self._highest = np.maximum(most_hz, self._lowest)
-        self._programmes: dict[bytes, Programme] = {}
+        self._programmes: dict[bytes, _Programme] = {}
         middle_hz = np.sqrt(self._lowest * self._highest)
         self._first = at_depths(self._bare, self._depths(self._bare, middle_hz), middle_hz)
-        _check_feasible(topics, self._first, limits)
+        _check_feasible(given, self._first)
 
     def plan(self, price: float) -> Plan:
         """Return the plan at a price of latency: the best of the rounds."""
         link, best = self._first, None
         for _ in range(_ALTERNATIONS_MOST):
             programme = self._programme(link)
-            rates_hz, airtime_price = solve(programme, link, price)
+            rates_hz, airtime_price = programme.solve(link, price)
             rates_hz, depths = self._within_capacity(link, rates_hz)
-            found = assess(
-                self._topics,
-                self._medium,
-                self._vendor,
-                rates_hz=rates_hz,
-                depths=depths,
-                method="ours",
-            )
+            found = assess(self._given, rates_hz, depths, method="ours")
             found = replace(found, latency_price_hz=price, airtime_price=airtime_price)
             if best is not None and _worth(found) <= _worth(best) + _GAIN_LEAST:
                 break
@@ -153,28 +104,26 @@ class _Planner:
         assert best is not None
         return best
 
-    def _within_capacity(
-        self, link: Link, rates_hz: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def _within_capacity(self, link: Link, rates_hz: Floats) -> tuple[Floats, Depths]:
         """Return rates with their depths, lowered where they take more than was reckoned with."""
         for share in np.linspace(1, 0, _LOWERINGS):
             lowered_hz = self._lowest + share * (rates_hz - self._lowest)
             depths = self._depths(link, lowered_hz)
             taken = at_depths(self._bare, depths, lowered_hz).utilisation(lowered_hz)
-            if taken.max() <= self._limits.utilisation_max + _TAKEN_MORE:
+            if taken.max() <= self._given.utilisation_max + _TAKEN_MORE:
                 break
         return lowered_hz, depths
 
-    def _depths(self, link: Link, rates_hz: NDArray[np.float64]) -> NDArray[np.int64]:
-        return depths_for(link, rates_hz, residual_loss=self._limits.residual_loss)
+    def _depths(self, link: Link, rates_hz: Floats) -> Depths:
+        return depths_for(link, rates_hz, residual_loss=self._given.residual_loss)
 
-    def _programme(self, link: Link) -> Programme:
+    def _programme(self, link: Link) -> _Programme:
         """Return the programme for a link, which depends on its depths only by three arrays."""
         parts = link.held.round(9), link.acknack_share, link.acknack_most_hz
         key = b"".join(part.tobytes() for part in parts)
         if key not in self._programmes:
             bounds_hz = self._lowest, self._highest
-            self._programmes[key] = build_programme(self._topics, link, bounds_hz, self._limits)
+            self._programmes[key] = _Programme(self._given, link, bounds_hz)
         return self._programmes[key]
 
 
@@ -182,18 +131,21 @@ def _worth(found: Plan) -> float:
     return found.freshness - (found.latency_price_hz or 0.0) * found.latency_s
 
 
-def _check_feasible(topics: Sequence[Topic], link: Link, limits: Limits) -> None:
-    """Raise an InfeasiblePlanError if the minimal rates take more of a sender's time than is allowed."""
-    sent_hz = np.minimum([topic.rate_min_hz for topic in topics], link.change_most_hz)
-    needed = link.load(sent_hz)
-    worst = int(needed.argmax())
-    if needed[worst] <= limits.utilisation_max:
+def _check_feasible(given: TopicFile, link: Link) -> None:
+    """Raise an SfglabError if the minimal rates take more of a sender's time than is allowed."""
+    sent_hz = np.minimum([topic.rate_min_hz for topic in given.topics], link.change_most_hz)
+    allowed, needs = given.utilisation_max, link.load(sent_hz)
+    worst = int(needs.argmax())
+    needed = float(needs[worst])
+    if needed <= allowed:
         return
-    acknacks_s = link.acknack_s[worst] * link.acknacks_hz(sent_hz)
-    taken = link.data_s[worst] * sent_hz + acknacks_s
-    largest = tuple(topics[i].name for i in np.argsort(-taken, kind="stable")[:3])
-    raise InfeasiblePlanError(
-        link.senders[worst], float(needed[worst]), limits.utilisation_max, largest
+    taken = link.data_s[worst] * sent_hz + link.acknack_s[worst] * link.acknacks_hz(sent_hz)
+    largest = [given.topics[i].name for i in np.argsort(-taken, kind="stable")[:3]]
+    raise SfglabError(
+        f"QoS plan has no solution: the minimal rates take {needed:.3g} of the time of {link.senders[worst]}, "
+        f"allowed is {allowed:.3g}, so {needed - allowed:.3g} is lacking; most is taken by "
+        f"{', '.join(largest)}: lower minimal rates (to {allowed / needed:.2g} of them if "
+        "all alike), send fewer topics, or use a faster link"
     )
 
 
@@ -202,74 +154,86 @@ _BRANCHINGS_MOST = 12
 _TOLERANCES = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7)
 """Ten times the solver's own: where a topic is worth next to nothing more, it would not come closer."""
 
-Bounds = tuple["NDArray[np.float64]", "NDArray[np.float64]"]
-"""Least and largest rates, Hz, each of shape (n,)."""
+
+class _Programme:
+    """The convex programme; its parameters change between solutions, the problem does not: DCP, and DPP in them.
+
+    `link` is what the topics cost, from `at_depths`. The bounds are the least and largest rates, shape (n,) each;
+    a solver keeps to them within its tolerance.
+    """
+
+    def __init__(self, given: TopicFile, link: Link, bounds_hz: tuple[Floats, Floats]) -> None:
+        import cvxpy as cp
+        from cvxpy.atoms.affine.binary_operators import multiply
+
+        n = len(given.topics)
+        lowest, highest = self._bounds_hz = bounds_hz
+        change_s = np.array([topic.change_s for topic in given.topics])
+        weights = np.array([topic.weight for topic in given.topics])
+        weights = weights / weights.sum()
+        middle = np.sqrt(lowest * highest)
+        sent_most = np.minimum(highest, link.change_most_hz)
+        shares = cp.Variable(n, name="rate_share")
+        # A variable of its own, as a product of parameters would not do (DPP).
+        sent_shares = cp.Variable(n, name="sent_share")
+        busy = cp.Variable(len(link.senders), name="utilisation")
+        #: What a second of mean latency costs.
+        self._price = cp.Parameter(nonneg=True)
+        #: Of samples that travel, how many per reading and how many per second, in the branch that bounds them;
+        #: then the same of acknowledgements; each of shape (n,).
+        self._branches = [cp.Parameter(n, nonneg=True) for _ in range(4)]
+        per_reading, per_second, acknacks_per_reading, acknacks_per_second = self._branches
+        # Shares of the largest rates: numbers of one size suit the solver.
+        self._rates = multiply(highest, shares)
+        sent = multiply(sent_most, sent_shares)
+        read_shares = multiply(per_reading, multiply(highest / sent_most, shares))
+        acknacks = multiply(acknacks_per_reading, self._rates) + acknacks_per_second
+        stale = _inverse_at(1 + change_s * middle)(
+            1 + multiply(change_s * link.arriving, self._rates)
+        )
+        usual_sent = np.minimum(middle, sent_most)
+        latency_s = _mean_latency_s(link, sent, busy, weights, usual_sent)
+        self._capacity = link.data_s @ sent + link.acknack_s @ acknacks <= busy
+        constraints = [
+            self._capacity,
+            busy <= given.utilisation_max,
+            shares >= lowest / highest,
+            shares <= 1,
+            sent_shares == read_shares + multiply(1 / sent_most, per_second),
+        ]
+        objective = cp.Maximize(1 - weights @ stale - self._price * latency_s)
+        self._problem = cp.Problem(objective, constraints)
+
+    def solve(self, link: Link, price: float) -> tuple[Floats, float]:
+        """Return rates and the capacity's dual value at a price of latency, after the branches have settled.
+
+        Samples and acknowledgements that travel grow with the readings up to a bound: in one branch they are a
+        share of the readings, in the other the bound. `link` is what the programme was built with.
+
+        Raises:
+            SfglabError: The solver ended without an optimum.
+        """
+        self._price.value = price
+        rates_hz, before = self._bounds_hz[0], None
+        shares = np.ones_like(link.acknack_share), link.acknack_share
+        changes_hz = link.change_most_hz
+        most_hz = changes_hz, link.acknacks_hz(changes_hz)
+        for _ in range(_BRANCHINGS_MOST):
+            is_bound = [
+                share * rates_hz > most for share, most in zip(shares, most_hz, strict=True)
+            ]
+            if before is not None and np.array_equal(is_bound, before):
+                break
+            before = is_bound
+            for i, bound in enumerate(is_bound):
+                self._branches[2 * i].value = np.where(bound, 0.0, shares[i])
+                self._branches[2 * i + 1].value = np.where(bound, most_hz[i], 0.0)
+            solve_problem(self._problem, "QoS plan", **_TOLERANCES)
+            rates_hz = np.clip(self._rates.value, *self._bounds_hz)
+        return rates_hz, float(np.max(self._capacity.dual_value))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Programme:
-    """The convex programme with its handles; parameters change between solutions, the problem does not."""
-
-    problem: Any  #: CVXPY's problem; DCP, and DPP in its parameters.
-    rates: Any  #: Expression, shape (n,), Hz.
-    bounds_hz: Bounds  #: Least and largest rates; a solver keeps to them within its tolerance.
-    price: Any  #: Parameter: what a second of mean latency costs.
-    #: Parameters, each of shape (n,): of samples that travel, how many per reading and how many per second, in
-    #: the branch that bounds them; then the same of acknowledgements.
-    branches: tuple[Any, ...]
-    capacity: Any  #: The constraint whose dual value is the price of airtime.
-
-
-def build_programme(
-    topics: Sequence[Topic], link: Link, bounds_hz: Bounds, limits: Limits
-) -> Programme:
-    """Return the programme, unsolved; `link` is what the topics cost, from `at_depths`."""
-    import cvxpy as cp
-    from cvxpy.atoms.affine.binary_operators import multiply
-
-    n = len(topics)
-    lowest, highest = bounds_hz
-    change_s = np.array([topic.change_s for topic in topics])
-    weights = np.array([topic.weight for topic in topics])
-    weights = weights / weights.sum()
-    middle = np.sqrt(lowest * highest)
-    sent_most = np.minimum(highest, link.change_most_hz)
-    shares = cp.Variable(n, name="rate_share")
-    # A variable of its own, as a product of parameters would not do (DPP).
-    sent_shares = cp.Variable(n, name="sent_share")
-    busy = cp.Variable(len(link.senders), name="utilisation")
-    price = cp.Parameter(nonneg=True)
-    branches = [cp.Parameter(n, nonneg=True) for _ in range(4)]
-    per_reading, per_second, acknacks_per_reading, acknacks_per_second = branches
-    rates = multiply(highest, shares)  # of the largest rates: numbers of one size suit the solver
-    sent = multiply(sent_most, sent_shares)
-    read_shares = multiply(per_reading, multiply(highest / sent_most, shares))
-    acknacks = multiply(acknacks_per_reading, rates) + acknacks_per_second
-    stale = _inverse_at(1 + change_s * middle)(1 + multiply(change_s * link.arriving, rates))
-    usual_sent = np.minimum(middle, sent_most)
-    latency_s = _mean_latency_s(link, sent, busy, weights, usual_sent)
-    capacity = link.data_s @ sent + link.acknack_s @ acknacks <= busy
-    constraints = [
-        capacity,
-        busy <= limits.utilisation_max,
-        shares >= lowest / highest,
-        shares <= 1,
-        sent_shares == read_shares + multiply(1 / sent_most, per_second),
-    ]
-    problem = cp.Problem(cp.Maximize(1 - weights @ stale - price * latency_s), constraints)
-    return Programme(
-        problem=problem,
-        rates=rates,
-        bounds_hz=bounds_hz,
-        price=price,
-        branches=tuple(branches),
-        capacity=capacity,
-    )
-
-
-def _mean_latency_s(
-    link: Link, sent: Any, busy: Any, weights: NDArray[np.float64], usual: NDArray[np.float64]
-) -> Any:
+def _mean_latency_s(link: Link, sent: Any, busy: Any, weights: Floats, usual: Floats) -> Any:
     """Return the mean by weight of the topics' latencies, as an expression."""
     carried = np.bincount(link.sender, weights, minlength=len(link.senders))
     waits = carried @ queue_wait_s(busy, link, inverse=_inverse_at(np.ones(len(link.senders))))
@@ -277,36 +241,9 @@ def _mean_latency_s(
     return waits + repairs + weights @ link.way_s
 
 
-def _inverse_at(usual: NDArray[np.float64]) -> Callable[[Any], Any]:
+def _inverse_at(usual: Floats) -> Callable[[Any], Any]:
     """Return 1 / x, written so that the solver sees numbers near 1 where x is near its usual value."""
     from cvxpy.atoms.affine.binary_operators import multiply
     from cvxpy.atoms.elementwise.inv_pos import inv_pos
 
     return lambda x: multiply(1 / usual, inv_pos(multiply(1 / usual, x)))  # type: ignore[no-untyped-call]
-
-
-def solve(programme: Programme, link: Link, price: float) -> tuple[NDArray[np.float64], float]:
-    """Return rates and the capacity's dual value at a price of latency, after the branches have settled.
-
-    Samples and acknowledgements that travel grow with the readings up to a bound: in one branch they are a
-    share of the readings, in the other the bound. `link` is what the programme was built with.
-
-    Raises:
-        SfglabError: The solver ended without an optimum.
-    """
-    programme.price.value = price
-    rates_hz, before = programme.bounds_hz[0], None
-    shares = np.ones_like(link.acknack_share), link.acknack_share
-    changes_hz = link.change_most_hz
-    most_hz = changes_hz, link.acknacks_hz(changes_hz)
-    for _ in range(_BRANCHINGS_MOST):
-        is_bound = [share * rates_hz > most for share, most in zip(shares, most_hz, strict=True)]
-        if before is not None and np.array_equal(is_bound, before):
-            break
-        before = is_bound
-        for i, bound in enumerate(is_bound):
-            programme.branches[2 * i].value = np.where(bound, 0.0, shares[i])
-            programme.branches[2 * i + 1].value = np.where(bound, most_hz[i], 0.0)
-        solve_problem(programme.problem, "QoS plan", "CLARABEL", **_TOLERANCES)
-        rates_hz = np.clip(programme.rates.value, *programme.bounds_hz)
-    return rates_hz, float(np.max(programme.capacity.dual_value))

@@ -111,23 +111,14 @@ class _Timing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """Limits of a plan."""
+class _Shared:
+    """Fields that a file of topics and its values have in common."""
 
     #: The most of a sender's time that may be planned.
     utilisation_max: float = between(0.9, 0.01, 1, without=(1,))
     #: Share of samples that may stay lost after repairs, where a history can keep it; a plan says what it
     #: expects (`TopicPlan.loss`).
     residual_loss: float = between(1e-4, 1e-9, 1, without=(1,))
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Shared(Limits):
-    """Fields that a file of topics and its values have in common."""
-
     topics: Annotated[tuple[Topic, ...], ByName("name")]  #: In the file's order.
     #: Hosts that the paper's problem counts as agents; by default all that publish.
     agents: tuple[str, ...] = ()

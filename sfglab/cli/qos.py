@@ -216,7 +216,7 @@ def _front_text(given: TopicFile) -> str:
 
     head = "latency weight Hz, freshness %, latency ms, up to date %, utilisation %, shadow price"
     rows = [tuple(head.split(", "))]
-    for plan in pareto_front(given.topics, given.medium, given.vendor, limits=given):
+    for plan in pareto_front(given):
         row = (
             f"{plan.latency_price_hz:.2f}",
             f"{100 * plan.freshness:.2f}",

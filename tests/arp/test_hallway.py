@@ -98,12 +98,9 @@ def test_between_two_walls_heading_and_offset_are_known_and_corrected(x, aside, 
         assert command_for(Manoeuvre.FORWARD, view).turn_mrad_s * wanted_rad_s > 0
 
 
-def test_before_its_first_turn_sensing_has_no_value_nor_has_localisation_before_its_last_beam():
-    node, sensing = LocalisationNode(), hallway.SensingNode()
+def test_localisation_has_no_view_before_its_last_beam():
+    node = LocalisationNode()
     assert [node.hear(beam, 1000) for beam in range(8)] == [False] * 7 + [True]
-    assert sensing.value(7) is None
-    sensing.turned(range(8))
-    assert sensing.value(7) == 7
 
 
 def station_that_heard(robots):

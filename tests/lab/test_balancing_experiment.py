@@ -85,7 +85,7 @@ def test_the_demand_has_a_cache_for_sensors_and_none_for_hello():
     hellos = {"/hello", "/robot3/localisation"}
     given = load_topics(DATA / "qos" / "paper_b.yaml")
     cached = [replace(topic, cached=topic.name not in hellos) for topic in given.topics]
-    link = link_of(cached, given.medium, given.vendor)
+    link = link_of(replace(given, topics=tuple(cached)))
     assert len(hellos) == len(cached) - sum(map(len, ROBOTS.values()))
     rates_hz, depths = np.full(len(cached), 165.667), np.full(len(cached), 827)
     expected = at_depths(link, depths, rates_hz).utilisation(rates_hz).max()

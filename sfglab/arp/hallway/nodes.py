@@ -1,6 +1,7 @@
-"""Nodes of Fig. 15 that belong to one robot: LIDAR, sensing and actuation on it, localisation at the station.
+"""What belongs to one robot in Fig. 15: the values of its LIDAR, its commands, and its localisation at the station.
 
-Cores only: values in, values out. The simulated shell and the live one give them messages and take theirs.
+Cores only: values in, values out. Sensing publishes the last value of each beam, and actuation executes the last
+command. The simulated shell and the live one do that.
 
 The LIDAR is a SLAMTEC RPLIDAR A2M8 (section 3.1), as its data sheet has it: eight beams, 10 turns a second,
 range 0.15 to 12 m, resolution 0.5 mm, and 1 % of the distance beyond 1.5 m. The steps are why a beam along a
@@ -12,12 +13,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from sfglab.arp.hallway.course import HALF_WIDTH_M
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 BEAMS_DEG = (0, 45, 90, 135, 180, 225, 270, 315)
 """Directions, counter-clockwise from ahead: paper B, section 3.2."""
@@ -95,32 +92,6 @@ class Command:
 
 
 STOP = Command(moving=False)
-
-
-class SensingNode:
-    """Split a LIDAR scan, on the robot, into one value for each beam's publisher."""
-
-    def __init__(self) -> None:
-        self._steps: tuple[int, ...] = ()
-
-    def turned(self, steps: Sequence[int]) -> None:
-        """Take what the LIDAR measured in one turn."""
-        self._steps = tuple(steps)
-
-    def value(self, beam: int) -> int | None:
-        """Return what a beam's publisher sends now; None before the LIDAR's first turn."""
-        return self._steps[beam] if self._steps else None
-
-
-class ActuationNode:
-    """On the robot: executes the last command until another one arrives."""
-
-    def __init__(self) -> None:
-        self.command = STOP
-
-    def hear(self, command: Command) -> None:
-        """Take a command."""
-        self.command = command
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,14 +15,7 @@ import numpy as np
 
 from sfglab.arp.balancing import Balance, BalanceInput, balance
 from sfglab.arp.hallway.course import AREAS, ROBOTS
-from sfglab.arp.hallway.nodes import (
-    BEAMS_DEG,
-    STOP,
-    ActuationNode,
-    Command,
-    SensingNode,
-    range_from_step,
-)
+from sfglab.arp.hallway.nodes import BEAMS_DEG, STOP, Command, range_from_step
 from sfglab.arp.hallway.station import Manoeuvre, Station
 from sfglab.arp.hallway.world import LIMIT_S, SCAN_STEPS, STEP_NS, End, Verdict, World, judge
 from sfglab.arp.robots import METHODS, PLAN_S, TAKE_S, topic_qos
@@ -173,22 +166,21 @@ class SimulatedLap:
     def __init__(self, settings: LapSettings, seed: int, *, record: bool = False) -> None:
         self._world = World(seed=seed)
         self._station = Station(len(ROBOTS))
-        self._sensing = [SensingNode() for _ in ROBOTS]
-        self._actuation = [ActuationNode() for _ in ROBOTS]
+        self._measured: list[list[int]] = []  # of each robot's LIDAR, in its last turn
+        self._executed = [STOP] * len(ROBOTS)  # last command that each robot received
         #: Index of robot and beam by topic.
         self._beams = {
             beam_flow(name, beam): (robot, beam)
             for robot, name in enumerate(ROBOTS)
             for beam in range(len(BEAMS_DEG))
         }
+        #: Index of the robot by topic.
         self._commands = {command_flow(name): robot for robot, name in enumerate(ROBOTS)}
-        self._published = [command_flow(robot) for robot in ROBOTS]
         # A node that receives the same value again does nothing.
         self._session = Session(scenario_of(settings, seed=seed), seed=seed, watch=Watch.NEWS)
-        for flow in self._published:
-            self._session.set_value(flow, STOP.number)
+        self._publish_commands()
         self._steps = 0
-        self._verdict: Verdict | None = None
+        self.verdict: Verdict | None = None  #: How the lap ended; None before.
         self._record = record
         self.snapshots: list[Snapshot] = []  #: One per turn of the LIDARs and one at the end.
 
@@ -196,11 +188,6 @@ class SimulatedLap:
     def time_s(self) -> float:
         """Time since the start, s."""
         return self._steps * STEP_NS / NS_PER_S
-
-    @property
-    def verdict(self) -> Verdict | None:
-        """How the lap ended; None before."""
-        return self._verdict
 
     def run(self, limit_s: float = LIMIT_S) -> LapResult:
         """Drive until the lap ends or is given up at a limit, s, and return its result."""
@@ -214,16 +201,16 @@ class SimulatedLap:
             until_s: Time at which driving pauses. A later call continues at this time.
             limit_s: Time at which the lap is given up.
         """
-        while self._verdict is None and self.time_s < until_s:
+        while self.verdict is None and self.time_s < until_s:
             self._step(limit_s)
-        return self._verdict is not None
+        return self.verdict is not None
 
     def result(self) -> LapResult:
         """Return the result of a lap that has ended."""
-        assert self._verdict is not None, "the lap has ended"
-        robot = self._verdict.robot
+        assert self.verdict is not None, "the lap has ended"
+        robot = self.verdict.robot
         return LapResult(
-            end=self._verdict.end,
+            end=self.verdict.end,
             robot="" if robot < 0 else ROBOTS[robot],
             ended_ns=self._steps * STEP_NS,
             outcome=self._session.outcome(),
@@ -235,25 +222,22 @@ class SimulatedLap:
             self._scan()
         self._steps += 1
         self._exchange(self._steps * STEP_NS)
-        self._world.step([node.command for node in self._actuation])
-        self._verdict = judge(
+        self._world.step(self._executed)
+        self.verdict = judge(
             self._world.clearance_m.tolist(),
             self._world.wound_rad(),
             stopped_by=self._station.stopped_by,
             now_s=self.time_s,
             limit_s=limit_s,
         )
-        if self._verdict is not None:
+        if self.verdict is not None:
             self._scan()
 
     def _scan(self) -> None:
         """Measure with the LIDARs, and give each beam's topic its new value."""
-        for robot, node in enumerate(self._sensing):
-            node.turned(self._world.scan(robot))
+        self._measured = [self._world.scan(robot) for robot in range(len(ROBOTS))]
         for flow, (robot, beam) in self._beams.items():
-            value = self._sensing[robot].value(beam)
-            assert value is not None, "the LIDAR has turned"
-            self._session.set_value(flow, value)
+            self._session.set_value(flow, self._measured[robot][beam])
         self._take_snapshot()
 
     def _exchange(self, until_ns: int) -> None:
@@ -262,18 +246,18 @@ class SimulatedLap:
             beam = self._beams.get(delivery.flow)
             if beam is None:
                 robot = self._commands[delivery.flow]
-                self._actuation[robot].hear(Command.from_number(delivery.value))
+                self._executed[robot] = Command.from_number(delivery.value)
             elif self._station.hear(*beam, delivery.value):
                 self._publish_commands()
 
     def _publish_commands(self) -> None:
-        for flow, command in zip(self._published, self._station.commands, strict=True):
+        for flow, command in zip(self._commands, self._station.commands, strict=True):
             self._session.set_value(flow, command.number)
 
     def _take_snapshot(self) -> None:
         if not self._record:
             return
-        measured_m = [_ranges_m(node) for node in self._sensing]
+        measured_m = [[range_from_step(step) for step in steps] for steps in self._measured]
         believed_m = [node.ranges_m for node in self._station.localisations]
         self.snapshots.append(
             Snapshot(
@@ -284,9 +268,3 @@ class SimulatedLap:
                 believed_m=np.array(believed_m),
             )
         )
-
-
-def _ranges_m(node: SensingNode) -> list[float]:
-    """Return the ranges of a robot's beams, infinity without an echo."""
-    steps = [node.value(beam) or 0 for beam in range(len(BEAMS_DEG))]
-    return [range_from_step(step) for step in steps]

@@ -19,7 +19,7 @@ from sfglab.arp.hallway.course import AREAS, HOME, Area, clearances, drive, scan
 from sfglab.arp.hallway.nodes import BEAMS_DEG, SCAN_HZ, Command, step_from_range
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -51,21 +51,20 @@ class World:
         put = self._random.normal(size=(robots, 3)) * (_PUT_SIGMA_M, _PUT_SIGMA_M, _PUT_SIGMA_RAD)
         #: x, y (metres) and heading (radians) of each robot, shape (robots, 3).
         self.poses: NDArray[np.float64] = np.array(HOME) + put
+        #: How much faster than told each wheel is, shape (robots, 2).
         self._scale = 1.0 + self._random.normal(size=(robots, 2)) * _WHEEL_SIGMA
         #: Distance from each robot's middle to the nearest wall, metres, shape (robots,).
         self.clearance_m = np.empty(robots)
         self._ranges = np.empty(len(_ANGLES))
         self._wound = [winding_rad(x, y) for x, y, _ in self.poses.tolist()]
-        self._commands, self._told = list[Command](), np.empty(0)  # wheels' speeds, left and right
-        self._factors = self._drawn_factors()
         clearances(self._walls, self.poses, self.clearance_m)
 
     def step(self, commands: Sequence[Command]) -> None:
         """Let every robot execute its command for `STEP_NS`."""
-        if commands != self._commands:
-            speeds = np.array([(c.speed_m_s, c.turn_rad_s * _BASE_M / 2) for c in commands])
-            self._commands, self._told = list(commands), speeds[:, :1] + speeds[:, 1:] * (-1.0, 1.0)
-        drive(self.poses, self._told * next(self._factors), _BASE_M, STEP_NS / 1e9)
+        speeds = np.array([(c.speed_m_s, c.turn_rad_s * _BASE_M / 2) for c in commands])
+        wheels = speeds[:, :1] + speeds[:, 1:] * (-1.0, 1.0)  # left and right
+        slips = self._random.normal(size=self._scale.shape) * _SLIP_SIGMA
+        drive(self.poses, wheels * (self._scale + slips), _BASE_M, STEP_NS / 1e9)
         clearances(self._walls, self.poses, self.clearance_m)
 
     def scan(self, robot: int) -> list[int]:
@@ -78,13 +77,6 @@ class World:
         for robot, (x, y, _) in enumerate(self.poses.tolist()):
             self._wound[robot] += math.remainder(winding_rad(x, y) - self._wound[robot], math.tau)
         return self._wound.copy()
-
-    def _drawn_factors(self) -> Iterator[NDArray[np.float64]]:
-        """Yield by how much each wheel is faster than told in a step, shape (robots, 2); drawn many at once."""
-        while True:
-            yield from (
-                self._scale + self._random.normal(size=(512, *self._scale.shape)) * _SLIP_SIGMA
-            )
 
 
 LIMIT_S = 120.0  #: Time limit of a run; the lap takes 77 s at the constant velocity.

@@ -64,7 +64,8 @@ class _Robot:
         self._number = hallway.ROBOTS.index(config.role)
         # It is the whole world, in which only this robot moves. Its slips are those of the simulated run.
         self._world = hallway.World(seed=config.seed)
-        self._sensing, self._actuation = hallway.SensingNode(), hallway.ActuationNode()
+        self._measured: list[int] = []  # in the last turn of the LIDAR
+        self._command = hallway.STOP
         self._cache = LocalCache()
         self.publishers = [
             node.create_publisher(BEAM, beam_topic(config.role, beam), config.qos)
@@ -75,17 +76,17 @@ class _Robot:
     async def run(self) -> None:
         """Drive until cancelled."""
         clock, start_ns, steps = self._node.get_clock(), self._node.get_clock().now_ns(), 0
-        self._sensing.turned(self._world.scan(self._number))
+        self._measured = self._world.scan(self._number)
         for beam in range(len(hallway.BEAMS_DEG)):
             self._node.create_timer(1 / self._config.rate_hz, partial(self._publish, beam))
         while True:
             commands = [hallway.STOP] * len(hallway.ROBOTS)
-            commands[self._number] = self._actuation.command
+            commands[self._number] = self._command
             self._world.step(commands)
             steps += 1
             wound = self._world.wound_rad()
             if steps % hallway.SCAN_STEPS == 0:
-                self._sensing.turned(self._world.scan(self._number))
+                self._measured = self._world.scan(self._number)
                 self._tell(steps * hallway.STEP_NS, float(wound[self._number]))
             early_ns = start_ns + steps * hallway.STEP_NS - clock.now_ns()
             # Sleep also if the step is late, so that messages are processed.
@@ -97,8 +98,7 @@ class _Robot:
         self._report({"is": "pose", "t_s": now_ns / 1e9, **pose})
 
     def _publish(self, beam: int) -> None:
-        step = self._sensing.value(beam)
-        assert step is not None, "timers begin after the first turn"
+        step = self._measured[beam]
         if self._config.local_cache:
             now_ns = self._node.get_clock().now_ns()
             if not self._cache.offer(
@@ -110,7 +110,7 @@ class _Robot:
         )
 
     def _hear(self, twist: Any) -> None:
-        self._actuation.hear(hallway.Command.from_velocities(twist.linear.x, twist.angular.z))
+        self._command = hallway.Command.from_velocities(twist.linear.x, twist.angular.z)
 
 
 class _Station:

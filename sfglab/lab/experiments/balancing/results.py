@@ -102,8 +102,7 @@ def channel_loads(run: Run[Config]) -> pd.DataFrame:
     for topic in given.topics:
         is_sensor = topic.name.rpartition("/")[2] in SENSORS
         cached.append(replace(topic, cached=is_sensor))
-    plain = link_of(given.topics, given.medium, given.vendor)
-    with_cache = link_of(cached, given.medium, given.vendor)
+    plain, with_cache = link_of(given), link_of(replace(given, topics=tuple(cached)))
     topics = given.topics_of_agents()
     rows = {}
     for rate_max_hz in run.config.rates_hz:
