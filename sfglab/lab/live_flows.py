@@ -226,12 +226,10 @@ def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> 
     fate = np.full(len(sent_ns), Fate.UNDERWAY, np.int8)
     fate[place] = Fate.DELIVERED
     return FlowOutcome(
-        name=flow.name,
         published_ns=sent_ns - start_ns,
         received_ns=received_ns,
         value=source[f"{flow.name} written value"].astype(np.int32),
         fate=fate,
-        dropped=np.zeros(len(sent_ns), np.int8),
     )
 
 

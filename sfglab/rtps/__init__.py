@@ -10,7 +10,7 @@ from __future__ import annotations
 from sfglab.rtps.channel import Medium
 from sfglab.rtps.model import Flow, Scenario
 from sfglab.rtps.session import AirFrame, FlowOutcome, Outcome, Session, run, trace
-from sfglab.rtps.state import Drop, Fate, Frame, Watch
+from sfglab.rtps.state import Fate, Frame, Watch
 from sfglab.rtps.vendors import (
     CYCLONE_DDS,
     FAST_DDS,
@@ -27,7 +27,6 @@ __all__ = [
     "FAST_DDS_SYNC",
     "PRESETS",
     "AirFrame",
-    "Drop",
     "Fate",
     "Flow",
     "FlowOutcome",

@@ -22,7 +22,7 @@ from sfglab.rtps.channel import (
     next_sender,
 )
 from sfglab.rtps.frames import INFO_DST_BYTES, NETWORK_BYTES, fragments, frame_bytes
-from sfglab.rtps.state import BITMAP, BITMAP_WORDS, Count, Drop, Event, Frame
+from sfglab.rtps.state import BITMAP_WORDS, Count, Event, Frame
 from sfglab.rtps.world import compiled, push
 
 _airtime_ns = compiled(airtime_ns)
@@ -98,24 +98,6 @@ def set_bit(bits: Any, place: int) -> None:
 
 
 @compiled
-def note_drop(world: Any, flow: int, sample: int, where: int) -> None:
-    """Note where a sample was lost, if it never was lost before and has not arrived."""
-    if world.dropped[flow, sample] == 0 and world.arrived[flow, sample] == 0:
-        world.dropped[flow, sample] = where
-
-
-@compiled
-def note_drops(world: Any, frame: Any, where: int) -> None:
-    """Note where a frame's samples were lost; only an asynchronous writer's BURST has samples of first use."""
-    if frame.kind == Frame.DATA:
-        note_drop(world, frame.flow, frame.sample, where)
-    elif frame.kind == Frame.BURST and world.timing.asynchronous:
-        for place in range(BITMAP):
-            if has_bit(frame.bits, place):
-                note_drop(world, frame.flow, frame.sample + place, where)
-
-
-@compiled
 def has_room(world: Any, host: int) -> bool:
     """Return whether a host's queue lets its writers send."""
     if world.timing.queue_rule != BLOCK:
@@ -138,9 +120,7 @@ def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
     if result != JOINS:
         world.counts[Count.QUEUE_FULL] += 1
         if result != DISPLACES:
-            note_drops(world, frame, Drop.QUEUE)
             return
-        note_drops(world, world.queue[host, world.head[host]], Drop.QUEUE)
         _remove_oldest(world, host)
     place = world.head[host] + world.waiting[host]
     if place >= capacity:
@@ -189,7 +169,6 @@ def _send_next(world: Any, now: int, transmitter: int) -> None:
     )
     size += timing.extra_bytes
     airtime = _airtime_ns(size, contenders, timing.overhead_ns, rates.rate_bps, rates.contention)
-    world.counts[Count.BYTES] += size
     world.counts[Count.AIRTIME_NS] += airtime
     sender.busy = 1
     sender.host = host
@@ -227,7 +206,6 @@ def sent_frame(world: Any, now: int, transmitter: int) -> bool:
         lost = _traced(world, now, transmitter, lost)
     if lost:
         world.counts[Count.LOST] += 1
-        note_drops(world, frame, Drop.MEDIUM)
     elif is_first_hop:
         enqueue(world, now, world.timing.access_point, frame)
     elif world.timing.latency_ns == 0:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from sfglab.rtps.medium import enqueue, fragment_count, has_bit, new_frame, note_drops, set_bit
-from sfglab.rtps.state import BITMAP, Arrival, Count, Drop, Event, Fate, Frame
+from sfglab.rtps.medium import enqueue, fragment_count, has_bit, new_frame, set_bit
+from sfglab.rtps.state import BITMAP, Arrival, Count, Event, Fate, Frame
 from sfglab.rtps.world import compiled, push
 
 
@@ -71,7 +71,7 @@ def _advance(world: Any, flow: int) -> None:
             reader.behind_gap -= 1
             _keep(world, flow, sample)
         elif arrived == Arrival.GONE or sample < reader.writer_oldest:
-            if world.fate[flow, sample] == Fate.NEVER_SENT:
+            if world.fate[flow, sample] == Fate.UNDERWAY:
                 world.fate[flow, sample] = Fate.OVERWRITTEN
         else:
             break
@@ -102,7 +102,6 @@ def _hear_sample(world: Any, flow: int, sample: int) -> None:
     reader = world.reader[flow]
     apart = world.timing.reorder_most != 0
     if world.arrived[flow, sample] != Arrival.MISSING or sample < reader.next:
-        world.counts[Count.DUPLICATE] += 1
         return
     if apart and not _make_room_behind_gap(world, flow, sample):
         return
@@ -131,10 +130,7 @@ def is_whole(world: Any, frame: Any) -> bool:
         reader.fragments = frame.sample + 1 if follows else -1
         return False
     before = fragment_count(world.flows[flow].size_bytes, frame.samples, frame.heartbeats)
-    if before and reader.fragments != before:
-        note_drops(world, frame, Drop.MEDIUM)
-        return False
-    return True
+    return bool(before in (0, reader.fragments))
 
 
 @compiled

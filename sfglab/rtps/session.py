@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import InvalidValueError
-from sfglab.qos import Reliability
 from sfglab.rtps.model import (
     Flow,
     Scenario,
@@ -22,7 +21,7 @@ from sfglab.rtps.model import (
     end_ns,
     most_samples,
 )
-from sfglab.rtps.state import BITMAP, SET, Count, Drop, Fate, Frame, Watch
+from sfglab.rtps.state import BITMAP, SET, Count, Fate, Frame, Watch
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -39,13 +38,11 @@ _TRACE_FRAMES = 1024
 class FlowOutcome:
     """One flow's samples, in the order of their sequence numbers."""
 
-    name: str  #: The flow.
     published_ns: NDArray[np.int64]  #: Time of publication, shape (n,).
     #: Time when the application was done with a sample, 0 where it never was, shape (n,).
     received_ns: NDArray[np.int64]
     value: NDArray[np.int32]  #: Number of the value that a sample carries, shape (n,).
     fate: NDArray[np.int8]  #: A `Fate` per sample, shape (n,).
-    dropped: NDArray[np.int8]  #: A `Drop` per sample: where its first frame was lost, shape (n,).
 
     @property
     def delivered(self) -> NDArray[np.bool_]:
@@ -73,23 +70,15 @@ class Outcome:
 
 
 def outcome_of(flows: Sequence[Flow], state: State) -> Outcome:
-    """Return the outcome of a state; a best-effort sample that was lost is never retransmitted."""
+    """Return the outcome of a state."""
     results = {}
     for i, flow in enumerate(flows):
         samples = slice(1, int(state.writer[i].last) + 1)
-        dropped = state.dropped[i, samples]
-        fate = state.fate[i, samples].copy()
-        is_open = fate == Fate.NEVER_SENT
-        fate[is_open] = Fate.UNDERWAY
-        if flow.qos.reliability is Reliability.BEST_EFFORT:
-            fate[is_open & (dropped != Drop.NOT)] = Fate.NOT_REPAIRED
         results[flow.name] = FlowOutcome(
-            name=flow.name,
             published_ns=state.published_ns[i, samples],
             received_ns=state.received_ns[i, samples],
             value=state.value[i, samples],
-            fate=fate,
-            dropped=dropped,
+            fate=state.fate[i, samples],
         )
     return Outcome(flows=results, counts={c.name.lower(): int(state.counts[c]) for c in Count})
 
@@ -121,7 +110,6 @@ class Delivery:
 
     flow: str  #: Name of the flow.
     value: int  #: Number of its value.
-    now_ns: int  #: Time when the executor was done with it.
 
 
 class Session:
@@ -131,54 +119,39 @@ class Session:
         scenario: Flows, whose values change only from outside.
         seed: Seed of losses; the same seed and the same calls give the same run to the bit.
         watch: Deliveries that are returned.
-
-    Raises:
-        InvalidValueError: A flow does not exist, or time would run backwards.
     """
 
     def __init__(self, scenario: Scenario, *, seed: int, watch: Watch = Watch.EACH) -> None:
         from sfglab.rtps.world import World
 
         self._flows = scenario.flows
-        self._names = [flow.name for flow in scenario.flows]
+        self._numbers = {flow.name: number for number, flow in enumerate(scenario.flows)}
         samples = most_samples(scenario)
         params, self._state = compile_scenario(scenario, samples=samples, seed=seed)
         followed = {flow.then for flow in scenario.flows}
-        for number, name in enumerate(self._names):
+        for name, number in self._numbers.items():
             if name not in followed:
                 params.flows["change_ns"][number] = SET
         self._state.delivery["watch"] = watch
         self._world = World(params, self._state)
-        self._now_ns = 0
-
-    @property
-    def now_ns(self) -> int:
-        """Time that the run has reached."""
-        return self._now_ns
+        self.now_ns = 0  #: Time that the run has reached.
 
     def set_value(self, flow: str, value: int) -> None:
         """Set the value, by its number from 0, that a flow with a rate publishes from now on."""
-        if flow not in self._names:
-            raise InvalidValueError("session: flow", flow, ", ".join(self._names))
-        self._state.writer["value"][self._names.index(flow)] = value
+        self._state.writer["value"][self._numbers[flow]] = value
 
     def advance(self, until_ns: int) -> Delivery | None:
-        """Run to the next watched delivery and return it, or to `until_ns`, and return None."""
+        """Run to the next watched delivery, whose time is `now_ns` then, or to `until_ns`, and return None."""
         from sfglab.rtps.engine import advance
 
-        if until_ns < self._now_ns:
-            raise InvalidValueError("session: until_ns", until_ns, f"{self._now_ns} and later")
-        reached = int(advance(self._world, until_ns))
-        if reached < 0:
-            self._now_ns = until_ns
+        reached_ns = int(advance(self._world, until_ns))
+        if reached_ns < 0:
+            self.now_ns = until_ns
             return None
-        self._now_ns = reached
+        self.now_ns = reached_ns
         _watch, _fresh, flow, sample = self._state.delivery.item()
-        return Delivery(
-            flow=self._names[flow],
-            value=int(self._state.value[flow, sample]),
-            now_ns=reached,
-        )
+        value = int(self._state.value[flow, sample])
+        return Delivery(flow=self._flows[flow].name, value=value)
 
     def outcome(self) -> Outcome:
         """Return what has become of every sample so far."""

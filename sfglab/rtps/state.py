@@ -49,21 +49,11 @@ class Arrival(IntEnum):
 class Fate(IntEnum):
     """Delivery outcome of a sample."""
 
-    NEVER_SENT = 0
+    UNDERWAY = 0  #: Neither delivered nor given up.
     DELIVERED = 1
-    #: Lost on the way, and overwritten in the writer's history before it could be repaired.
+    #: Lost on the way, and overwritten in the writer's history before it could be retransmitted.
     OVERWRITTEN = 2
     LATE = 3  #: Arrived, and overwritten in the reader's history before the application took it.
-    UNDERWAY = 4  #: Neither delivered nor given up at the end of the run.
-    NOT_REPAIRED = 5  #: Lost on the way, best effort.
-
-
-class Drop(IntEnum):
-    """Place where a sample's first frame was lost."""
-
-    NOT = 0
-    MEDIUM = 1
-    QUEUE = 2
 
 
 class Count(IntEnum):
@@ -74,17 +64,14 @@ class Count(IntEnum):
     ACKNACK = 2
     GAP = 3
     REPEATED = 4  #: Samples that were retransmitted.
-    DUPLICATE = 5  #: Samples that the reader had already.
-    LOST = 6  #: Frames that the medium lost.
-    QUEUE_FULL = 7  #: Frames that found the sender's queue full.
-    BYTES = 8
-    AIRTIME_NS = 9
-    HELD = 10  #: Values that the local cache suppressed.
+    LOST = 5  #: Frames that the medium lost.
+    QUEUE_FULL = 6  #: Frames that found the sender's queue full.
+    AIRTIME_NS = 7
+    HELD = 8  #: Values that the local cache suppressed.
     #: Publications that a writer refused because its history or the host's queue was full.
-    THROTTLED = 11
-    EVENTS = 12
-    PROCESSED = 13  #: Samples that cost the application its full time.
-    COMPARED = 14  #: Samples that cache control discarded after a comparison.
+    THROTTLED = 9
+    EVENTS = 10
+    COMPARED = 11  #: Samples that cache control discarded after a comparison.
 
 
 class FlowFields(NamedTuple):
@@ -284,12 +271,11 @@ class State(NamedTuple):
     heap: Any
     heap_sizes: Any
     random: Any  # (1,) state of the generator
-    counts: Any  # (15,) see Count
+    counts: Any  # see Count
     published_ns: Any  # (F, N + 1)
     received_ns: Any  # (F, N + 1), 0 while not delivered
     value: Any  # (F, N + 1) number of the value that a sample carries
     fate: Any  # (F, N + 1)
-    dropped: Any  # (F, N + 1) see Drop
     arrived: Any  # (F, N + 1) of Arrival
     order: Any  # (F, N + 1) samples as the reader's history received them
     writer: Any  # (F,) of Writer
@@ -357,7 +343,6 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         received_ns=np.zeros(per_sample, np.int64),
         value=np.zeros(per_sample, np.int32),
         fate=np.zeros(per_sample, np.int8),
-        dropped=np.zeros(per_sample, np.int8),
         arrived=np.zeros(per_sample, np.int8),
         order=np.zeros(per_sample, np.int32),
         writer=np.zeros(flows, record(Writer)),

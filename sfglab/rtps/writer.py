@@ -19,11 +19,10 @@ from sfglab.rtps.medium import (
     has_room,
     message_bytes,
     new_frame,
-    note_drop,
     set_bit,
     uniform,
 )
-from sfglab.rtps.state import BITMAP, SET, Count, Drop, Event, Frame
+from sfglab.rtps.state import BITMAP, SET, Count, Event, Frame
 from sfglab.rtps.world import compiled, push
 
 
@@ -135,8 +134,6 @@ def send_unsent(world: Any, now: int, host: int) -> None:
         return
     writer, timing = world.writer[flow], world.timing
     first = max(writer.last_queued + 1, _first_kept(world, flow))
-    for sample in range(writer.last_queued + 1, first):
-        note_drop(world, flow, sample, Drop.QUEUE)
     most = burst_most(world.flows[flow].size_bytes, timing.burst_bytes)
     count = min(writer.last - first + 1, most, BITMAP)
     writer.last_queued = first + count - 1

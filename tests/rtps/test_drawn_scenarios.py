@@ -16,8 +16,6 @@ from sfglab.lab.experiments.transmission.experiment import exp, simulate_cell
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.rtps import (
     PRESETS,
-    Drop,
-    Fate,
     Flow,
     Medium,
     Scenario,
@@ -31,7 +29,7 @@ from sfglab.rtps import (
     writer,
 )
 
-FIELDS = ("published_ns", "received_ns", "value", "fate", "dropped")
+FIELDS = ("published_ns", "received_ns", "value", "fate")
 QOS = {
     "depth": [1, 2, 5, 10, 100, 1000],
     "reliability": [Reliability.RELIABLE, Reliability.RELIABLE, Reliability.BEST_EFFORT],
@@ -153,7 +151,7 @@ def test_no_run_leaves_its_arrays_and_compiled_code_does_the_same(scenario):
 
 
 @pytest.mark.parametrize("number", range(100, 200))
-def test_samples_come_in_order_after_their_publication_and_every_loss_has_a_place(number):
+def test_samples_come_in_order_after_their_publication(number):
     scenario = drawn(number, duration_s=3.0)
     done = run(scenario, seed=number)
     for asked in scenario.flows:
@@ -161,10 +159,6 @@ def test_samples_come_in_order_after_their_publication_and_every_loss_has_a_plac
         assert (np.diff(flow.received_ns[flow.delivered]) >= 0).all(), "one executor, in order"
         assert (flow.latency_ns >= 0).all()
         assert ((flow.received_ns > 0) == flow.delivered).all()
-        assert (flow.fate != Fate.NEVER_SENT).all()
-        # A reader that waits apart from its history drops what waits behind a gap.
-        if not 0 < scenario.vendor.reorder_most < asked.qos.depth:
-            assert (flow.dropped[flow.fate == Fate.OVERWRITTEN] != Drop.NOT).all()
 
 
 # --- Outcomes: the committed logs were made by this model, so it must not change ----------------
@@ -182,11 +176,11 @@ def digest(preset: str) -> str:
 
 
 DIGESTS = {
-    "fast_dds": "329876c60146caaf",
-    "cyclone_dds": "5dbf470a9623a7a0",
-    "fast_dds_sync": "677125cbc3102c02",
-    "fast_dds_async": "95f463cff4db7386",
-    "fast_dds_foxy": "2781ca5f4ab5a8f8",
+    "fast_dds": "3ac5e5cacff8cc09",
+    "cyclone_dds": "f23e29fb6f5caa4c",
+    "fast_dds_sync": "18fbe98c38002c96",
+    "fast_dds_async": "99c6e873b780345f",
+    "fast_dds_foxy": "c6f1af8e0719db40",
 }
 
 
