@@ -36,10 +36,10 @@ HELLO_BYTES = len("Hello") + 1 + 4 + 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GridCell:
-    """One cell of Table 2's grid, over one air.
+    """One cell of Table 2's grid, over one channel.
 
     Raises:
-        InvalidValueError: There is no such method or depth.
+        InvalidValueError: There is no such depth.
     """
 
     rate_max_hz: int  #: Rmax.
@@ -52,8 +52,6 @@ class GridCell:
     hop: bool = False
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InvalidValueError("method", self.method, ", ".join(METHODS))
         if self.depth != OPT_DEPTH and not (self.depth.isdecimal() and int(self.depth) > 0):
             raise InvalidValueError("depth", self.depth, f"whole numbers from 1 and {OPT_DEPTH!r}")
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from sfglab.fields import Bounds
 from sfglab.messages import message_type, serialize
@@ -97,6 +97,7 @@ METHODS = {
 
 BEST = "OPT+LC"  #: Method with the lowest latency and loss by the paper, and with which the lap is completed.
 
+MethodName = Literal["none", "OPT", "CC", "LC", "OPT+CC", "OPT+LC", "OPT+LC+CC"]
 Rate = Annotated[int, Bounds(10, 1000, log=True)]  #: A value of Rmax.
 Depth = Annotated[int, Bounds(1, 5000, log=True)]  #: A depth of a history.
 RATES_HZ = (100, 200, 500, 1000)  #: Table 2, DEADLINE: the values of Rmax.

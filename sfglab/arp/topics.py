@@ -7,13 +7,13 @@ what is allowed. Refuses to know how rates are found.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from sfglab.documents import ByName, Document, Matching, named
 from sfglab.fields import between, bounds, check_bounds
 from sfglab.names.grammar import ROS_NAME
 from sfglab.qos import Durability, Reliability
-from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
+from sfglab.rtps import FAST_DDS, PRESETS, Medium, PresetName, Vendor
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
@@ -132,9 +132,7 @@ class TopicKeys(_Shared):
     rate_max_hz: float = between(1000.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
     link: _Link = field(default_factory=_Link)  #: The link that all topics share.
     #: The DDS implementation, a preset of `sfglab.rtps`.
-    vendor: Literal[
-        "fast_dds", "cyclone_dds", "fast_dds_sync", "fast_dds_async", "fast_dds_foxy"
-    ] = "fast_dds"
+    vendor: PresetName = "fast_dds"
     timing: _Timing = field(default_factory=_Timing)  #: Its times, where they are not its own.
 
 

@@ -17,6 +17,7 @@ from sfglab.rtps.vendors import (
     FAST_DDS_ASYNC,
     FAST_DDS_SYNC,
     PRESETS,
+    PresetName,
     Vendor,
 )
 
@@ -33,6 +34,7 @@ __all__ = [
     "Frame",
     "Medium",
     "Outcome",
+    "PresetName",
     "Scenario",
     "Session",
     "Vendor",

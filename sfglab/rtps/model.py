@@ -115,14 +115,11 @@ def check_chains(flows: Sequence[Flow]) -> None:
             after = named[after].then
 
 
-def compile_scenario(
-    scenario: Scenario, *, samples: int, seed: int, trace: int = 0
-) -> tuple[Params, State]:
+def compile_scenario(scenario: Scenario, *, seed: int, trace: int = 0) -> tuple[Params, State]:
     """Return a scenario as the engine's arrays.
 
     Args:
         scenario: Flows, medium, vendor and times.
-        samples: Most samples of one flow.
         seed: Seed of losses, values and random turns.
         trace: Frames of which a trace is kept.
     """
@@ -139,7 +136,7 @@ def compile_scenario(
     sizes = Sizes(
         hosts=len(hosts) + medium.access_point,
         servers=len(executors),
-        samples=samples,
+        samples=most_samples(scenario),
         queue=medium.queue_frames + (_BLOCKED_ROOM if medium.rule == BLOCK else 0),
         flight=int(medium.latency_s / shortest_s) + 2,
         trace=trace,
@@ -185,7 +182,6 @@ def _timing(scenario: Scenario, access_point: int) -> np.ndarray:
     before = scenario.vendor.sent_before_bytes
     timing = _filled(TimingFields, scenario, scenario.medium, scenario.vendor)
     timing["duration_ns"] = _ns(scenario.duration_s)
-    timing["drain_ns"] = _ns(scenario.drain_s)
     timing["queue_rule"] = scenario.medium.rule
     timing["access_point"] = access_point
     timing["sent_before"] = -1 if before is None else before

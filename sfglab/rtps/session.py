@@ -19,7 +19,6 @@ from sfglab.rtps.model import (
     Scenario,
     compile_scenario,
     end_ns,
-    most_samples,
 )
 from sfglab.rtps.state import BITMAP, SET, Count, Fate, Frame, Watch
 from sfglab.units import NS_PER_S
@@ -93,8 +92,7 @@ def _state_at_end(scenario: Scenario, seed: int, room: int, wishes: Mapping[int,
     from sfglab.rtps.engine import advance
     from sfglab.rtps.world import World
 
-    samples = most_samples(scenario)
-    params, state = compile_scenario(scenario, samples=samples, seed=seed, trace=room)
+    params, state = compile_scenario(scenario, seed=seed, trace=room)
     for number, is_lost in wishes.items():
         state.trace["wish"][number] = 1 if is_lost else 2
     advance(World(params, state), end_ns(scenario))
@@ -126,8 +124,7 @@ class Session:
 
         self._flows = scenario.flows
         self._numbers = {flow.name: number for number, flow in enumerate(scenario.flows)}
-        samples = most_samples(scenario)
-        params, self._state = compile_scenario(scenario, samples=samples, seed=seed)
+        params, self._state = compile_scenario(scenario, seed=seed)
         followed = {flow.then for flow in scenario.flows}
         for name, number in self._numbers.items():
             if name not in followed:

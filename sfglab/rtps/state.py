@@ -124,7 +124,6 @@ class TimingFields(NamedTuple):
     stall_ns: int
     access_point: int  #: Its number among the hosts; -1: there is none.
     duration_ns: int
-    drain_ns: int
 
 
 class Rates(NamedTuple):

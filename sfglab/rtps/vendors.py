@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, bounds, check_bounds
@@ -154,6 +155,7 @@ FAST_DDS_FOXY = replace(
     extra_bytes=16,
 )
 
+PresetName = Literal["fast_dds", "cyclone_dds", "fast_dds_sync", "fast_dds_async", "fast_dds_foxy"]
 PRESETS = {
     "fast_dds": FAST_DDS,
     "cyclone_dds": CYCLONE_DDS,

@@ -174,8 +174,6 @@ def test_along_the_front_latency_costs_freshness_and_the_default_is_its_best_poi
 def test_behind_a_local_cache_slow_values_are_read_often_and_sent_seldom():
     topics = [replace(asked, cached=True) for asked in PAPER_B.topics]
     plain, cached = (plan(each, PAPER_B.medium, FAST_DDS) for each in (PAPER_B.topics, topics))
-    [place] = [i for i, one in enumerate(topics) if one.name == "/robot1/dht11"]
-    assert rates_of(cached)[place] > 10 * rates_of(plain)[place]
     assert cached.up_to_date > plain.up_to_date
     sent = sum(len(flow.fate) for flow in simulated(cached).flows.values())
     change_hz = 1 / np.array([asked.change_s for asked in topics])
@@ -260,13 +258,6 @@ def test_the_planned_loss_counts_all_rounds_that_a_history_holds_and_readers_kno
         found.append((-loss, planned.up_to_date))
     assert (np.diff(found, axis=0) > 0).all()
     assert found[0][0] < -0.2
-
-
-def test_the_papers_depth_is_a_whole_number_where_the_problem_has_one():
-    """T_a = 2, Rmax = 1000: R = 1000 / 2 - 1 and D = 5000 R / 1000 - 1 = 2494."""
-    file = TopicFile(topics=tuple(equal_topics(2)), agents=("robot",))
-    (first, _) = plan_as_printed(file).topics
-    assert (first.rate_hz, first.depth) == (499, 2494)
 
 
 def test_the_planned_depth_repairs_and_what_no_depth_can_keep_is_in_the_planned_loss():

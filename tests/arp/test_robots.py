@@ -2,7 +2,7 @@
 
 import pytest
 
-from sfglab.arp.robots import ROBOTS, SENSORS, cdr_bytes, object_bytes
+from sfglab.arp.robots import SENSORS, cdr_bytes, object_bytes
 from sfglab.lab.experiments.balancing.results import TABLE_1
 
 
@@ -16,12 +16,3 @@ def test_a_message_has_the_size_of_its_cdr(name):
     """A header of 4 bytes, then a number, a byte, or length and text with its end, in whole words."""
     expected = {"pir": 4 + 16, "light": 4 + 12}
     assert cdr_bytes(SENSORS[name]) == expected.get(name, 8)
-
-
-def test_each_robot_has_the_sensors_of_section_3_1_once():
-    shared = ["dht11", "flame", "light", "pir"]
-    assert {name: sorted(sensors) for name, sensors in ROBOTS.items()} == {
-        "robot1": sorted([*shared, "lidar", "imu"]),
-        "robot2": [*shared, "ultrasonic"],
-        "robot3": [*shared, "ultrasonic"],
-    }

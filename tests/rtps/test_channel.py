@@ -1,7 +1,6 @@
 """The rules of the wireless channel, each by itself."""
 
 import math
-from dataclasses import fields
 from itertools import accumulate
 
 import numpy as np
@@ -76,16 +75,13 @@ def test_sizes_of_frames_are_those_of_rtps():
     assert [fragments(24, samples, 0) for samples in (1, 23, 24, 256)] == [0, 0, 1, 10]
 
 
-QUANTITIES = [field.name for field in fields(Medium) if field.type == "float"]
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [
         ({"loss": 1.0}, "loss"),
         ({"latency_s": -1.0}, "latency_s: given -1.0, allowed: from 0"),
-        *(({name: math.nan}, f"{name}: given nan") for name in QUANTITIES),
-        *(({name: math.inf}, f"{name}: given inf") for name in QUANTITIES),
+        ({"overhead_s": math.nan}, "overhead_s: given nan"),
+        ({"rate_bps": math.inf}, "rate_bps: given inf"),
         ({"queue_rule": "middle"}, "queue_rule: given 'middle', allowed: tail, head, block"),
         ({"access_point": True, "shared": False}, "access_point"),
         ({"stall_s": 0.2, "stall_every_s": 0.1}, "stall_s < stall_every_s"),

@@ -95,13 +95,6 @@ def test_a_history_that_keeps_all_loses_nothing(vendor):
     assert outcome(medium, vendor=vendor, qos=DEEP, duration_s=2.0, drain_s=300.0).loss == 0
 
 
-def test_the_local_cache_publishes_changes_only():
-    changes = played(change_s=0.1, cached=True, duration_s=20, qos=DEEP)
-    kept = changes.flows["a"].value
-    assert (np.diff(kept) != 0).all()
-    assert changes.counts["held"] + len(kept) == 2000
-
-
 @pytest.mark.parametrize("rides", [False, True])
 def test_delivery_stalls_until_the_next_heartbeat_only_without_one_that_rides(rides):
     """Fast-DDS issue 19: a reliable writer flat out, a history of about 100, heartbeats every 3 s."""
@@ -202,13 +195,9 @@ def test_a_chain_publishes_the_value_that_was_processed():
     ("build", "message"),
     [
         (lambda: Scenario(flows=(A_FLOW, A_FLOW)), "different names"),
-        (lambda: Scenario(flows=(A_FLOW,), duration_s=0), "duration_s"),
         (lambda: Scenario(flows=(A_FLOW,), drain_s=math.nan), "drain_s: given nan"),
-        (lambda: chain("a", "b"), "flow 'a': then: given 'b'"),
-        (lambda: chain("a", "a"), "flow 'a': then: given 'a', .* not lead back"),
         (lambda: chain("a", "b", "c", "b"), "flow 'c': then: given 'b'"),
         (lambda: chain("a", "b", None, b={"change_s": 1.0}), "without change_s: a$"),
-        (lambda: replace(A_FLOW, rate_hz=2e9), "flow 'a': rate_hz: given 2e9|2000000000"),
         (lambda: replace(A_FLOW, compare_s=-1), "compare_s: given -1"),
         (lambda: replace(A_FLOW, qos=KEEP_ALL), "history: given 'keep_all', allowed: keep_last"),
         (lambda: replace(FAST_DDS, heartbeat_ns=0), "heartbeat"),

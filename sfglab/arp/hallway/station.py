@@ -26,29 +26,6 @@ class Manoeuvre(Enum):
     STOP = "stop"
 
 
-class Sight(Enum):
-    """Features of the leader's view that change the manoeuvre."""
-
-    CORNER_LEFT = "corner to the left"
-    CORNER_RIGHT = "corner to the right"
-    ALONG_LEFT = "along the next wall on the left"
-    ALONG_RIGHT = "along the next wall on the right"
-    OPEN = "a corridor ahead"
-    HOME = "home"
-    NOTHING = "nothing new"
-
-
-TRANSITIONS: dict[tuple[Manoeuvre, Sight], Manoeuvre] = {
-    (Manoeuvre.FORWARD, Sight.CORNER_LEFT): Manoeuvre.TURN_LEFT,
-    (Manoeuvre.FORWARD, Sight.CORNER_RIGHT): Manoeuvre.TURN_RIGHT,
-    (Manoeuvre.FORWARD, Sight.HOME): Manoeuvre.STOP,
-    (Manoeuvre.TURN_LEFT, Sight.ALONG_RIGHT): Manoeuvre.FORWARD,
-    (Manoeuvre.TURN_RIGHT, Sight.ALONG_LEFT): Manoeuvre.FORWARD,
-    (Manoeuvre.TURN_LEFT, Sight.OPEN): Manoeuvre.FORWARD,
-    (Manoeuvre.TURN_RIGHT, Sight.OPEN): Manoeuvre.FORWARD,
-}
-"""Changes of the manoeuvre by a sight; any other pair changes nothing."""
-
 # An arc begins half a corridor before the corner's middle, and the wall is half a corridor behind it.
 _CORNER_M = 2 * HALF_WIDTH_M
 _SIDE_MORE_M = 0.1  # by which the open side must be longer; at the arc's begin it is 0.7 m
@@ -75,33 +52,34 @@ class PlanningNode:
     _home_m: float | None = field(default=None, repr=False)
 
     def decide(self, view: View) -> Manoeuvre:
-        """Return the manoeuvre that the leader's view asks for."""
+        """Return the manoeuvre that the leader's view asks for; after a stop at home none follows."""
         if self._home_m is None:
             self._home_m = view.ahead_m
-        before = self.manoeuvre
-        self.manoeuvre = TRANSITIONS.get((before, self._sight(view)), before)
-        if before is Manoeuvre.FORWARD:
-            self._turns += {Manoeuvre.TURN_RIGHT: 1, Manoeuvre.TURN_LEFT: -1}.get(self.manoeuvre, 0)
+        if self.manoeuvre is Manoeuvre.FORWARD:
+            self.manoeuvre = self._at_corner_or_home(view)
+        elif self.manoeuvre is not Manoeuvre.STOP and self._has_turned(view):
+            self.manoeuvre = Manoeuvre.FORWARD
         return self.manoeuvre
 
-    def _sight(self, view: View) -> Sight:
-        if self.manoeuvre is Manoeuvre.FORWARD:
-            return self._sight_ahead(view)
-        if view.ahead_m >= _OPEN_M:
-            return Sight.OPEN
-        turns_right = self.manoeuvre is Manoeuvre.TURN_RIGHT
-        heading = view.heading_left_rad if turns_right else view.heading_right_rad
-        if heading is None or abs(heading) > _ALONG_RAD or view.ahead_m < _PAST_M:
-            return Sight.NOTHING
-        return Sight.ALONG_LEFT if turns_right else Sight.ALONG_RIGHT
-
-    def _sight_ahead(self, view: View) -> Sight:
+    def _at_corner_or_home(self, view: View) -> Manoeuvre:
         if self._turns >= _ROUND and self._at_home(view):
-            return Sight.HOME
+            return Manoeuvre.STOP
         more_left = view.left_m - view.right_m
         if view.ahead_m > _CORNER_M or abs(more_left) < _SIDE_MORE_M:
-            return Sight.NOTHING
-        return Sight.CORNER_LEFT if more_left > 0 else Sight.CORNER_RIGHT
+            return Manoeuvre.FORWARD
+        if more_left > 0:
+            self._turns -= 1
+            return Manoeuvre.TURN_LEFT
+        self._turns += 1
+        return Manoeuvre.TURN_RIGHT
+
+    def _has_turned(self, view: View) -> bool:
+        """Return whether a corridor is ahead, or the robot is along the next corridor's outer wall."""
+        if view.ahead_m >= _OPEN_M:
+            return True
+        turns_right = self.manoeuvre is Manoeuvre.TURN_RIGHT
+        heading = view.heading_left_rad if turns_right else view.heading_right_rad
+        return heading is not None and abs(heading) <= _ALONG_RAD and view.ahead_m >= _PAST_M
 
     def _at_home(self, view: View) -> bool:
         # Askew, as after the last corner, the wall ahead seems nearer than it is.

@@ -19,7 +19,7 @@ from sfglab.arp.hallway.simulation import (
     Snapshot,
     rate_and_depth,
 )
-from sfglab.arp.robots import METHODS, RATES_HZ, Depth, Rate
+from sfglab.arp.robots import METHODS, RATES_HZ, Depth, MethodName, Rate
 from sfglab.fields import between
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
@@ -27,9 +27,8 @@ from sfglab.rtps import Medium
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
-MethodName = Literal["none", "OPT", "CC", "LC", "OPT+CC", "OPT+LC", "OPT+LC+CC"]
 NONE = "none"  #: Name of a lap without any method.
 
 _MEDIUM = Medium()
@@ -155,21 +154,27 @@ def course_row(settings: LapSettings, seed: int, lap: LapResult) -> CourseRow:
     )
 
 
+def track_row(name: str, robot: str, t_s: float, pose: Sequence[float], manoeuvre: str) -> TrackRow:
+    """Return the pose of a robot, x (m), y (m) and heading (rad), in the lap that is drawn under a name."""
+    x_m, y_m, heading_rad = pose
+    return TrackRow(
+        run=name,
+        robot=robot,
+        t_s=t_s,
+        x_m=x_m,
+        y_m=y_m,
+        heading_rad=heading_rad,
+        manoeuvre=manoeuvre,
+    )
+
+
 def track_rows(name: str, snapshots: Iterable[Snapshot]) -> list[TrackRow]:
     """Return the poses of a lap's robots, with the name under which it is drawn."""
     rows = []
     for snapshot in snapshots:
-        for robot, (x_m, y_m, heading_rad) in zip(ROBOTS, snapshot.poses.tolist(), strict=True):
-            row = TrackRow(
-                run=name,
-                robot=robot,
-                t_s=snapshot.time_s,
-                x_m=x_m,
-                y_m=y_m,
-                heading_rad=heading_rad,
-                manoeuvre=snapshot.manoeuvre.value,
-            )
-            rows.append(row)
+        for robot, pose in zip(ROBOTS, snapshot.poses.tolist(), strict=True):
+            manoeuvre = snapshot.manoeuvre.value
+            rows.append(track_row(name, robot, snapshot.time_s, pose, manoeuvre))
     return rows
 
 

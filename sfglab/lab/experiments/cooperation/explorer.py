@@ -10,19 +10,19 @@ import time
 from collections.abc import Iterator  # noqa: TC003  # read at run time
 from functools import lru_cache
 from threading import Lock
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from sfglab.arp.hallway import AREAS, BEAMS_DEG, LIMIT_S, ROBOTS, SCAN_HZ, Area
 from sfglab.arp.hallway.simulation import OPTIMUM, LapSettings, SimulatedLap
-from sfglab.arp.robots import METHODS
+from sfglab.arp.robots import METHODS, MethodName
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
-from sfglab.lab.experiments.cooperation.experiment import MethodName, exp
+from sfglab.lab.experiments.cooperation.experiment import exp
 from sfglab.lab.experiments.cooperation.results import ROBOT_COLORS, ending_text, setting_text
 from sfglab.lab.figures import COLORS
-from sfglab.rtps import Medium
+from sfglab.rtps import Medium, PresetName
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 WRONG_M = 0.1
 """Error from which a range at the station counts as wrong; in a turn of the LIDAR a robot drives 0.022 m."""
 
-Preset = Literal["fast_dds", "fast_dds_sync", "fast_dds_async", "fast_dds_foxy", "cyclone_dds"]
 MaximumRate = Annotated[int, Bounds(100, 1000, log=True)]
 HistoryDepth = Annotated[int, Bounds(1, 1000, log=True)]
 Percent = Annotated[float, Bounds(0, 5)]
@@ -65,7 +64,7 @@ def hallway_lap(  # noqa: PLR0913  # one control for each
     rate_max_hz: MaximumRate = 100,
     depth: HistoryDepth = 10,
     loss_percent: Percent = 1.0,
-    preset: Preset = "fast_dds",
+    preset: PresetName = "fast_dds",
     seed: Seed = 0,
     shown_s: Seconds = 10.0,
 ) -> Iterator[pictures.Picture | None]:

@@ -21,7 +21,13 @@ from sfglab.arp.robots import BEST, METHODS
 from sfglab.bus.address import BusAddress
 from sfglab.lab.experiment import SkippedPartError
 from sfglab.lab.experiments.cooperation.drawn import write_tracks
-from sfglab.lab.experiments.cooperation.experiment import Config, TrackRow, exp, track_rows
+from sfglab.lab.experiments.cooperation.experiment import (
+    Config,
+    TrackRow,
+    exp,
+    track_row,
+    track_rows,
+)
 from sfglab.lab.hosts import Host, HostsError, Network, RadioCounters
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
@@ -84,17 +90,8 @@ class LiveLap:
             self._manoeuvre = report["manoeuvre"]
         elif report["is"] == "pose":
             self._last[name] = report
-            x_m, y_m, heading_rad = report["pose"]
-            track = TrackRow(
-                run=LIVE,
-                robot=name,
-                t_s=report["t_s"],
-                x_m=x_m,
-                y_m=y_m,
-                heading_rad=heading_rad,
-                manoeuvre=self._manoeuvre,
-            )
-            self.tracks.append(track)
+            pose = report["pose"]
+            self.tracks.append(track_row(LIVE, name, report["t_s"], pose, self._manoeuvre))
 
     def has_ended(self) -> bool:
         """Judge the lap, and return whether it has ended."""

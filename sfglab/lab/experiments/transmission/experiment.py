@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from sfglab.arp.hello import (
     rate_and_depth,
     scenario_of,
 )
-from sfglab.arp.robots import DEPTHS, METHODS, RATES_HZ, ROBOTS, Depth, Rate
+from sfglab.arp.robots import DEPTHS, RATES_HZ, ROBOTS, Depth, MethodName, Rate
 from sfglab.fields import between
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
@@ -34,14 +34,14 @@ class Config(Profiled):
     duration_s: float = 60.0  #: Duration of a simulated cell, seconds.
     rates_hz: tuple[Rate, ...] = RATES_HZ  #: Values of Rmax.
     depths: tuple[Depth, ...] = DEPTHS  #: Values of DEPTH besides Eq. 6's.
-    methods: tuple[str, ...] = tuple(METHODS)  #: Names of methods.
+    methods: tuple[MethodName, ...] = get_args(MethodName)  #: Names of methods.
     loss: float = between(Medium().loss, 0.0, 0.3)  #: Share of frames that the channel loses.
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Timing; the paper used Fast DDS.
     live_s: float = 8.0  #: Duration of a live cell, seconds; 0: no live cells.
     live_rates_hz: tuple[int, ...] = (100, 200)  #: Values of Rmax of live cells.
     #: Values of DEPTH of live cells; optimised methods have Eq. 6's as well.
     live_depths: tuple[str, ...] = ("1", "10", "1000")
-    live_methods: tuple[str, ...] = ("none", "OPT+LC")  #: Methods of live cells.
+    live_methods: tuple[MethodName, ...] = ("none", "OPT+LC")  #: Methods of live cells.
     validation_s: float = 30.0  #: Duration of a cell of the validation, seconds.
     validation_repeats: int = 0  #: Number of its repetitions; 0: no validation.
     seed: int = 0  #: First seed.
