@@ -177,10 +177,10 @@ class _Programme:
         # A variable of its own, as a product of parameters would not do (DPP).
         sent_shares = cp.Variable(n, name="sent_share")
         busy = cp.Variable(len(link.senders), name="utilisation")
-        #: What a second of mean latency costs.
+        #: Cost of a second of mean latency.
         self._price = cp.Parameter(nonneg=True)
-        #: Of samples that travel, how many per reading and how many per second, in the branch that bounds them;
-        #: then the same of acknowledgements; each of shape (n,).
+        #: Samples that travel, per reading and per second, in the branch that bounds them; then the same of
+        #: acknowledgements; each of shape (n,).
         self._branches = [cp.Parameter(n, nonneg=True) for _ in range(4)]
         per_reading, per_second, acknacks_per_reading, acknacks_per_second = self._branches
         # Shares of the largest rates: numbers of one size suit the solver.

@@ -1,4 +1,4 @@
-"""What belongs to one robot in Fig. 15: the values of its LIDAR, its commands, and its localisation at the station.
+"""One robot's part in Fig. 15: the values of its LIDAR, its commands, and its localisation at the station.
 
 Cores only: values in, values out. Sensing publishes the last value of each beam, and actuation executes the last
 command. The simulated shell and the live one do that.

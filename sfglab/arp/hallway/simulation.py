@@ -180,7 +180,7 @@ class SimulatedLap:
         self._session = Session(scenario_of(settings, seed=seed), seed=seed, watch=Watch.NEWS)
         self._publish_commands()
         self._steps = 0
-        self.verdict: Verdict | None = None  #: How the lap ended; None before.
+        self.verdict: Verdict | None = None  #: End of the lap; None before.
         self._record = record
         self.snapshots: list[Snapshot] = []  #: One per turn of the LIDARs and one at the end.
 

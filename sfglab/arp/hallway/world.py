@@ -51,7 +51,7 @@ class World:
         put = self._random.normal(size=(robots, 3)) * (_PUT_SIGMA_M, _PUT_SIGMA_M, _PUT_SIGMA_RAD)
         #: x, y (metres) and heading (radians) of each robot, shape (robots, 3).
         self.poses: NDArray[np.float64] = np.array(HOME) + put
-        #: How much faster than told each wheel is, shape (robots, 2).
+        #: Speed of each wheel as a share of the commanded one, shape (robots, 2).
         self._scale = 1.0 + self._random.normal(size=(robots, 2)) * _WHEEL_SIGMA
         #: Distance from each robot's middle to the nearest wall, metres, shape (robots,).
         self.clearance_m = np.empty(robots)

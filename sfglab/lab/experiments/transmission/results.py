@@ -526,7 +526,7 @@ def hello_over_depth(
     for duration_s in (COARSE_S, WHOLE_S):
         config = Config(
             rates_hz=(rate_max_hz,),
-            methods=(*LABELS,),
+            methods=("none", "LC", "OPT", "OPT+LC"),
             duration_s=duration_s,
             loss=loss,
             vendor=vendor,
