@@ -16,12 +16,12 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
-from zstandard import ZstdDecompressor
+from zstandard import ZstdDecompressor, ZstdError
 
 from sfglab.documents import Document
 from sfglab.errors import InvalidValueError
 from sfglab.record.mcap_file import McapFile
-from sfglab.record.parts import Channel, LogError, LogMessage, damage_named
+from sfglab.record.parts import Channel, LogError, LogMessage, damage_named, most_bytes
 from sfglab.schema import Source
 from sfglab.validation import read
 
@@ -145,15 +145,23 @@ def _opened(path: Path, stack: ExitStack) -> McapFile | SqliteFile:
     plain = path
     if path.suffix == _COMPRESSED:
         plain = Path(stack.enter_context(tempfile.TemporaryDirectory())) / path.stem
-        with damage_named(path), path.open("rb") as source, plain.open("wb") as target:
-            content = ZstdDecompressor().stream_reader(source, read_across_frames=True)
-            shutil.copyfileobj(content, target)
+        _decompress_file(path, plain)
     if plain.suffix == ".bag":
         said = "a bag of ROS 1: convert it with rosbags-convert --src FILE.bag --dst FOLDER"
         raise LogError(f"log {path}: {said}")
     if plain.suffix == ".db3":
         return SqliteFile(plain, path, stack)
     return McapFile(plain, path, stack)
+
+
+def _decompress_file(source: Path, target: Path) -> None:
+    most = most_bytes(source.stat().st_size)
+    with damage_named(source), source.open("rb") as compressed, target.open("wb") as plain:
+        content = ZstdDecompressor().stream_reader(compressed, read_across_frames=True)
+        while part := content.read(2**20):
+            if plain.tell() > most:
+                raise ZstdError("it holds far more than its size allows")
+            plain.write(part)
 
 
 class SqliteFile:
