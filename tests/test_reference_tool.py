@@ -22,7 +22,7 @@ def project(tmp_path):
     (tmp_path / "data").mkdir()
     shutil.copy(ROOT / "data" / "claims.yaml", tmp_path / "data")
     (tmp_path / "notebooks").mkdir()
-    shutil.copy(ROOT / "notebooks" / "01_names_and_border.ipynb", tmp_path / "notebooks")
+    shutil.copy(ROOT / "notebooks" / "11_names_and_border.ipynb", tmp_path / "notebooks")
     (tmp_path / ".gitignore").write_text("runs/\n")
     for words in (["init", "-q"], ["add", "-A"], ["commit", "-qm", "x"]):
         who = ["-c", "user.name=x", "-c", "user.email=x"]
@@ -46,7 +46,7 @@ def logged(project, profile, **changes):
 def test_a_run_becomes_the_committed_log_with_its_figures(project):
     done = tool(project, "naming", "--dirty")
     assert done.returncode == 0, done.stderr
-    assert "naming: execute 01_names_and_border and 00_index again" in done.stdout
+    assert "naming: execute 11_names_and_border and 00_start again" in done.stdout
     first = (project.reference_logs / "naming.mcap").read_bytes()
     assert {path.suffix for path in project.figures.iterdir()} == {".svg", ".png", ".json"}
     log = logged(project, "quick", seed=1)

@@ -108,7 +108,7 @@ def make_reference(project: Project, name: str, given: argparse.Namespace) -> No
     if all((project.reference_logs / f"{b.experiment}.mcap").is_file() for b in BOUNDARIES):
         files += save_summary(project)
     print(f"{name}: copied to {project.relative(reference)}, {len(files)} files of figures drawn")
-    print(f"{name}: execute {notebook_of(project, name)} and 00_index again with this log")
+    print(f"{name}: execute {notebook_of(project, name)} and 00_start again with this log")
 
 
 def keep_findings(project: Project, name: str, log: Path) -> Path:

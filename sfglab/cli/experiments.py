@@ -63,7 +63,7 @@ def reproduce(
 
     Examples:
       sfglab reproduce
-      sfglab reproduce 03_decode_once --profile smoke
+      sfglab reproduce 13_decode_once --profile smoke
       sfglab reproduce transmission
     """
     from sfglab.lab.experiments import EXPERIMENTS
@@ -231,7 +231,7 @@ def lab(
     ]
     if os.getuid() == 0:  # in a container every user is root
         argv.append("--allow-root")
-    argv += ["--LabApp.default_url=/lab/tree/notebooks/00_index.ipynb", *(options or ())]
+    argv += ["--LabApp.default_url=/lab/tree/notebooks/00_start.ipynb", *(options or ())]
     # Its configuration switches off saving by itself, and the part that asks a public site for news.
     paths = [
         str(Path(sfglab.lab.__file__).parent / "jupyter"),

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from sfglab.lab.experiments import experiment
+from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import few_colors
 from sfglab.lab.ledger_page import PAPERS, citation, verdict_html
-from sfglab.lab.notebooks import INDEX, cells_of, experiments_of, find_notebooks, notebook_of
+from sfglab.lab.notebooks import REPORTS, cells_of, experiments_of, find_notebooks, notebook_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -45,7 +45,7 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
     """Return the index of a checkout's notebooks, by paper and section."""
     rows = []
     for path in find_notebooks(project):
-        if path.stem != INDEX:
+        if path.stem not in REPORTS:
             rows += _rows(project, path, ledger)
     rows.sort()
     html = f"<p>Verdicts are from {escape(ledger.source)}.</p>" if ledger.source else ""
@@ -69,13 +69,13 @@ def make_result(project: Project, ledger: Ledger, says: str, figure: str) -> Ind
     sentence = says
     for name, entry in entries.items():
         sentence = sentence.replace(f"{{{name}}}", entry.value or "no value")
-    exp = next(iter(entries.values())).claim.experiment or ""
-    notebook = notebook_of(project, exp)
+    exp = next(exp for exp in map(experiment, EXPERIMENTS) if figure in exp.drawings)
+    notebook = notebook_of(project, exp.name)
     cited = "\n\n".join(citation(project, entry) for entry in entries.values())
-    caption = experiment(exp).caption(figure)
+    png = project.figures / f"{figure}.png"
     parts = (
         f"<p>{escape(sentence)}</p>",
-        _thumbnail(project.figures / f"{figure}.png", caption, _RESULT_PX),
+        _thumbnail(png, exp.caption(figure), _RESULT_PX),
         f"<p>{verdicts_html(entries.values(), ', ')}<br>",
         f'Go deeper: <a href="{notebook}.ipynb">{notebook}</a></p>',
         f"<details><summary>Cite this</summary><pre {_COPIED}>{escape(cited)}</pre></details>",
@@ -98,10 +98,9 @@ def _row(
     project: Project, path: Path, title: str, exp: Experiment[Any], ledger: Ledger
 ) -> tuple[str, str]:
     """Return an experiment's paper with section, and its table line."""
-    committed = [n for n in exp.drawings if (project.figures / f"{n}.png").is_file()]
-    name = committed[0] if committed else ""
+    name = next(iter(exp.drawings), "")
     caption = exp.caption(name) if name else ""
-    picture = _thumbnail(project.figures / f"{name}.png", caption) if name else ""
+    picture = _thumbnail(project.figures / f"{name}.png", caption)
     claims = verdicts_html(entry for entry in ledger if entry.claim.experiment == exp.name)
     link = f'<b><a href="{path.name}">{path.stem}</a></b> {escape(exp.where)}<br>{escape(title)}'
     return exp.where, _line((picture, link, escape(caption), claims))
@@ -116,7 +115,12 @@ def verdicts_html(entries: Iterable[Entry], between: str = "<br>") -> str:
 
 
 def _thumbnail(png: Path, text: str, width: int = _WIDTH_PX) -> str:
-    """Return HTML that contains a figure in small size, so that it is visible wherever the notebook is."""
+    """Return HTML that contains a figure in small size, so that it is visible wherever the notebook is.
+
+    A figure that was not drawn is left out.
+    """
+    if not png.is_file():
+        return ""
     small = few_colors(png.read_bytes(), (2 * width, 2 * width), 64)
     data = base64.b64encode(small).decode()
     return f'<img alt="{escape(text)}" width="{width}" src="data:image/png;base64,{data}">'

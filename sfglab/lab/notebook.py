@@ -20,7 +20,7 @@ from sfglab.lab import ledger
 from sfglab.lab.claims import Entry, How, Ledger
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import COLORS, few_colors, house_style, png_of
-from sfglab.lab.notebooks import COPY_VARIABLE, INDEX, find_notebooks, notebook_of
+from sfglab.lab.notebooks import COPY_VARIABLE, LEDGER, START, find_notebooks, notebook_of
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import SMOKE, C, Run
 from sfglab.record import LogReader
@@ -40,9 +40,7 @@ _LARGE_BYTES = 200_000
 _SHOWN_ROWS = 10
 #: Numbers from here on are shown without a fraction.
 _WHOLE_FROM = 100
-#: Notebooks with the first page and the ledger, and the glossary's path from the top folder.
-START = INDEX
-LEDGER = INDEX
+#: Path of the glossary from the top folder.
 GLOSSARY = "book/glossary.md"
 pd.set_option("display.max_colwidth", None)  # tables show texts in full
 

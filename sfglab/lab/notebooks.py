@@ -33,20 +33,39 @@ if TYPE_CHECKING:
 
     from sfglab.lab.paths import Project
 
-INDEX = "00_index"
+START = "00_start"  #: Notebook with the most important results.
+LEDGER = "01_ledger"  #: Notebook with all claims.
+#: Notebooks that report on the others and run after them.
+REPORTS = (START, LEDGER)
 SETTINGS = "settings"
 #: New names of notebooks by their former names.
 RENAMED = {
-    "01_naming": "01_names_and_border",
-    "02_depth_codecs": "03_decode_once",
-    "04_routing": "01_names_and_border",
-    "05_lifecycle": "05_discovery",
-    "06_discovery": "05_discovery",
-    "09_transmission": "09_loss",
-    "10_cooperation": "10_hallway",
-    "11_gateways": "11_mapping_and_gateway",
-    "14_mocap": "14_frames",
-    "19_phases": "09_loss",
+    "00_index": "00_start",
+    "01_naming": "11_names_and_border",
+    "01_names_and_border": "11_names_and_border",
+    "02_depth_codecs": "13_decode_once",
+    "03_decode_once": "13_decode_once",
+    "04_routing": "11_names_and_border",
+    "05_discovery": "12_discovery",
+    "05_lifecycle": "12_discovery",
+    "06_discovery": "12_discovery",
+    "07_latency": "14_latency",
+    "08_balancing": "21_caches_and_qos",
+    "08_caches_and_qos": "21_caches_and_qos",
+    "09_loss": "22_loss",
+    "09_transmission": "22_loss",
+    "10_cooperation": "23_hallway",
+    "10_hallway": "23_hallway",
+    "11_gateways": "31_mapping_and_gateway",
+    "11_mapping_and_gateway": "31_mapping_and_gateway",
+    "12_transfer": "32_transfer",
+    "13_driving": "33_driving",
+    "14_frames": "15_frames",
+    "14_mocap": "15_frames",
+    "15_planning": "16_planning",
+    "16_visualisation": "17_viewer",
+    "17_deployment": "18_deployment",
+    "19_phases": "22_loss",
 }
 #: Commands for topics without a notebook, by the name or the former name of the notebook.
 COMMANDS = {"ros2": "make ros2", "18_ros2": "make ros2"}
@@ -93,14 +112,14 @@ def read_parameters(pairs: Iterable[str]) -> dict[str, Any]:
 
 
 def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
-    """Return the notebooks to run, in order; the index comes last, since it reports on the others.
+    """Return the notebooks to run, in order; the reports on the others come last.
 
     Names are file names, with or without suffix, beginnings of them, or names of experiments; without any,
     all notebooks are returned. Raises `NotebookError` if a name matches no notebook, or several.
     """
     every = sorted(p for p in project.notebooks.glob("*.ipynb") if not p.name.startswith("."))
     if not names:
-        return sorted(every, key=lambda path: path.stem == INDEX)
+        return sorted(every, key=lambda path: path.stem in REPORTS)
     return [_one_notebook(name, every, project) for name in names]
 
 
@@ -215,7 +234,7 @@ def run_notebooks(
 ) -> list[Outcome]:
     """Run notebooks, at most two at once; a failure does not stop the others.
 
-    The index comes last, because it reports on the others. Executed copies go to
+    The reports on the others come last. Executed copies go to
     ``runs/notebooks``.
 
     Args:
@@ -231,7 +250,7 @@ def run_notebooks(
         NotebookError: Before anything runs: parameters that do not fit a notebook.
     """
     tasks = []
-    for path in sorted(dict.fromkeys(paths), key=lambda path: path.stem == INDEX):
+    for path in sorted(dict.fromkeys(paths), key=lambda path: path.stem in REPORTS):
         fitted = fit_parameters(path, parameters) | _reference_logs(path, project, only)
         copy = _executed_copy(path, project, parameters)
         tasks.append(_Task(path, copy, fitted))
@@ -307,7 +326,7 @@ class _Runner:
 
     async def run(self) -> list[Outcome]:
         """Run all notebooks; return their outcomes in order."""
-        others = [task for task in self._tasks if task.path.stem != INDEX]
+        others = [task for task in self._tasks if task.path.stem not in REPORTS]
         computing = [task for task in others if task.experiments and not task.measures]
         if len(computing) == len(others) or len(os.sched_getaffinity(0)) == 1:
             computing = []

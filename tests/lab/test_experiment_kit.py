@@ -271,11 +271,11 @@ def test_the_index_runs_with_an_experiment_of_ones_own(example, tmp_path):
     page = nbformat.v4.new_notebook(cells=cells)
     nbformat.write(page, tmp_path / "notebooks" / "22_cdr.ipynb")
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "SFGLAB_ROOT": str(tmp_path)}
-    argv = [sys.executable, "-P", "-m", "sfglab", "reproduce", "22_cdr", "00_index"]
+    argv = [sys.executable, "-P", "-m", "sfglab", "reproduce", "22_cdr", "00_start"]
     done = subprocess.run(argv, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "2 of 2 notebooks ran through" in done.stderr
-    shown = (tmp_path / "runs" / "notebooks" / "00_index.ipynb").read_text("utf-8")
+    shown = (tmp_path / "runs" / "notebooks" / "00_start.ipynb").read_text("utf-8")
     assert "22_cdr" in shown
     assert "A-CDR" in shown
     assert "your run of " in shown

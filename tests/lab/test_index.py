@@ -26,8 +26,8 @@ def test_the_index_has_every_notebook_under_its_paper_with_figure_and_verdicts()
     assert [paper.count("<tr>") for paper in papers] == [11, 4, 3]
     assert html.count("<img alt=") == len(EXPERIMENTS) - 1, "all but ros2, which has no notebook"
     assert html.count(">not yet<") == len(ledger)
-    assert 'href="09_loss.ipynb"' in papers[1]
-    assert papers[0].index("05_discovery") < papers[0].index("03_decode_once"), "by section"
+    assert 'href="22_loss.ipynb"' in papers[1]
+    assert papers[0].index("12_discovery") < papers[0].index("13_decode_once"), "by section"
 
 
 def test_the_index_has_a_line_for_each_experiment_of_a_notebook(tmp_path):

@@ -97,7 +97,7 @@ def test_index_widgets_and_editor_work_below_a_path_on_another_host(address):
     with closing(open_browser(1300, 1000)) as browser:
         browser.open(address)
         browser.wait_for("document.querySelector('#jp-main-dock-panel h1') != null", ANSWER_S)
-        assert "00_index" in browser.evaluate("document.title + location.href")
+        assert "00_start" in browser.evaluate("document.title + location.href")
         assert not browser.evaluate("document.body.innerText.includes('Would you like')")
         browser.evaluate("void jupyterapp.commands.execute('filebrowser:go-to-path', {path: '/'})")
         browser.wait_for(FOLDERS, ANSWER_S)

@@ -18,12 +18,12 @@ ROOT = Path(__file__).parents[2]
 PROJECT = Project(root=ROOT)
 # Experiments of chapters B and C, whose notebooks have headers, and the notebooks before and after.
 CHAPTER = {
-    "balancing": ("07_latency", "09_loss"),
-    "transmission": ("08_caches_and_qos", "10_hallway"),
-    "cooperation": ("09_loss", "11_mapping_and_gateway"),
-    "gateways": ("10_hallway", "12_transfer"),
-    "transfer": ("11_mapping_and_gateway", "13_driving"),
-    "driving": ("12_transfer", "14_frames"),
+    "balancing": ("14_latency", "22_loss"),
+    "transmission": ("21_caches_and_qos", "23_hallway"),
+    "cooperation": ("22_loss", "31_mapping_and_gateway"),
+    "gateways": ("23_hallway", "32_transfer"),
+    "transfer": ("31_mapping_and_gateway", "33_driving"),
+    "driving": ("32_transfer", "15_frames"),
 }
 FOLDERS = ("notebooks", "runs/notebooks", "runs/try/gateways-1")
 

@@ -148,7 +148,7 @@ def test_notebooks_that_only_compute_run_beside_those_that_measure_at_low_priori
     project, two_cores, capfd
 ):
     asks_all = "assert Path('../measured').exists() and Path('../computed').exists()"
-    write(project, "00_index", "x: int = 1", f"from pathlib import Path; {asks_all}")
+    write(project, "00_start", "x: int = 1", f"from pathlib import Path; {asks_all}")
     begins = BEGINS.format("measured")
     write(project, "01_a", "x: int = 1", begins, MEASURED, WAITS.format("computed"))
     begins = BEGINS.format("computed")
@@ -156,7 +156,7 @@ def test_notebooks_that_only_compute_run_beside_those_that_measure_at_low_priori
     found = notebooks.find_notebooks(project)
     outcomes = notebooks.run_notebooks(found, project=project, parameters={"x": 4})
     assert [(o.name, o.error) for o in outcomes] == [(p.stem, "") for p in found]
-    assert outcomes[-1].name == "00_index", "it reports on all others"
+    assert outcomes[-1].name == "00_start", "it reports on all others"
     assert outputs(outcomes[0]) == ["0"]
     assert outputs(outcomes[1]) == ["19", "19"]
     said = capfd.readouterr().err

@@ -61,7 +61,7 @@ def test_a_variation_prints_its_claims_and_files_and_replaces_nothing(checkout, 
     monkeypatch.setattr("sfglab.lab.notebooks._start_process", start)
     others = [
         checkout / "runs" / name
-        for name in ("notebooks/01_names_and_border.ipynb", "figures/naming_schema.svg")
+        for name in ("notebooks/11_names_and_border.ipynb", "figures/naming_schema.svg")
     ]
     for file in others:
         file.parent.mkdir(parents=True)
@@ -87,11 +87,11 @@ def test_a_try_has_notebook_log_figures_and_summary_in_a_folder_of_its_own(check
     files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*.*"))
     names = ("naming_schema", "routing_border")
     drawn = [f"figures/{one}.{suffix}" for one in names for suffix in ("json", "png", "svg")]
-    assert files == ["01_names_and_border.ipynb", *drawn, "naming.mcap", "summary.txt"]
+    assert files == ["11_names_and_border.ipynb", *drawn, "naming.mcap", "summary.txt"]
     assert done.stdout.startswith("naming: profile smoke, samples=10\n")
     assert "A-FQN" in done.stdout
     assert "This run counts for no claim: " in done.stdout
-    for file in ("01_names_and_border.ipynb", "figures\n", "naming.mcap", "summary.txt\n"):
+    for file in ("11_names_and_border.ipynb", "figures\n", "naming.mcap", "summary.txt\n"):
         assert f": runs/try/few/{file}" in done.stdout
     assert (folder / "summary.txt").read_text() in done.stdout
     assert sorted(path.name for path in (checkout / "runs").iterdir()) == ["cache", "try"]

@@ -25,7 +25,7 @@ from sfglab.lab.experiments import EXPERIMENTS, decode_once, experiment, mocap, 
 from sfglab.lab.experiments.latency import results as latency
 from sfglab.lab.experiments.latency.experiment import PATHS
 from sfglab.lab.experiments.visualisation.results import DELAY
-from sfglab.lab.notebooks import experiments_of, find_notebooks
+from sfglab.lab.notebooks import REPORTS, experiments_of, find_notebooks
 from sfglab.lab.paths import Project
 from sfglab.record import LogReader
 from sfglab.spatial.frames.buffer import FrameBuffer
@@ -33,27 +33,26 @@ from sfglab.spatial.frames.lint import lint_frames
 from sfglab.spatial.frames.listener import fill_from_log
 
 ROOT = Path(__file__).parents[2]
-INDEX = "00_index"
 LOSS = ("latency", "live", "loss", "validation")
 # Figures of each notebook in a smoke test.
 FIGURES_ANYWHERE = {
-    "08_caches_and_qos": {"balancing_caches", "balancing_qos"},
-    "09_loss": {"phases", *(f"transmission_{what}" for what in LOSS)},
-    "10_hallway": {"cooperation", "cooperation_tracks"},
-    "11_mapping_and_gateway": {"gateway_core", "graph_mapping"},
-    "12_transfer": {"transfer", "transfer_live"},
-    "13_driving": {"driving_chain", "driving_lap"},
-    "15_planning": {"planning_interpolation", "planning_scene"},
-    "17_deployment": {"deployment_layers"},
+    "21_caches_and_qos": {"balancing_caches", "balancing_qos"},
+    "22_loss": {"phases", *(f"transmission_{what}" for what in LOSS)},
+    "23_hallway": {"cooperation", "cooperation_tracks"},
+    "31_mapping_and_gateway": {"gateway_core", "graph_mapping"},
+    "32_transfer": {"transfer", "transfer_live"},
+    "33_driving": {"driving_chain", "driving_lap"},
+    "16_planning": {"planning_interpolation", "planning_scene"},
+    "18_deployment": {"deployment_layers"},
 }
 # The same for those that mean little without hosts of their own.
 FIGURES_OF_HOSTS = {
-    "01_names_and_border": {"naming_schema", "routing_border"},
-    "03_decode_once": {"decode_once_h264", "depth_codecs"},
-    "05_discovery": {"discovery_states", "discovery_fleet", "discovery_scale"},
-    "07_latency": {"latency"},
-    "14_frames": {"mocap_error", "mocap_trees"},
-    "16_visualisation": {"visualisation_latency", "visualisation_points"},
+    "11_names_and_border": {"naming_schema", "routing_border"},
+    "13_decode_once": {"decode_once_h264", "depth_codecs"},
+    "12_discovery": {"discovery_states", "discovery_fleet", "discovery_scale"},
+    "14_latency": {"latency"},
+    "15_frames": {"mocap_error", "mocap_trees"},
+    "17_viewer": {"visualisation_latency", "visualisation_points"},
 }
 FIGURES = FIGURES_ANYWHERE | FIGURES_OF_HOSTS
 LIVE = [pytest.mark.live, pytest.mark.netns]
@@ -130,8 +129,11 @@ def run_through(shell, name):
             shell.user_ns["profile"] = "smoke"
 
 
-def test_every_notebook_is_known_and_the_index_reports_on_all():
-    assert [path.stem for path in find_notebooks(Project(root=ROOT))] == [*sorted(FIGURES), INDEX]
+def test_every_notebook_is_known_and_the_reports_come_last():
+    assert [path.stem for path in find_notebooks(Project(root=ROOT))] == [
+        *sorted(FIGURES),
+        *REPORTS,
+    ]
     run = []
     for path in find_notebooks(Project(root=ROOT)):
         run += experiments_of(path)
@@ -209,6 +211,7 @@ def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(
 
 
 @pytest.mark.slow
-def test_the_index_runs_through_on_the_reference_logs(project, shell):
-    run_through(shell, INDEX)
+@pytest.mark.parametrize("name", REPORTS)
+def test_a_report_runs_through_on_the_reference_logs(name, project, shell):
+    run_through(shell, name)
     assert not project.runs.joinpath("logs").exists()

@@ -8,11 +8,13 @@ nodes. An agent that was given up counts with the time that was waited.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import pandas as pd
 
+from sfglab.fields import Bounds
+from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.discovery.experiment import (
     LAUNCHED,
@@ -357,3 +359,44 @@ def draw_scale(figure: Figure, run: Run[Config]) -> None:
         f"{LARGEST:,} agents, and {publishing:,} where descriptions are published"
     )
     note(figure, f"{text}; markers: simulated" if is_counted else text)
+
+
+# --- Explorer ---------------------------------------------------------------------------------
+
+Agents = Annotated[int, Bounds(2, LARGEST, log=True)]
+Nodes = Annotated[int, Bounds(2, 100)]
+
+#: Numbers of agents at which the curves are drawn.
+COUNTS = [2, 3, 6, 10, 25, 60, 100, 250, 600, LARGEST]
+_AGENTS = pictures.Axis("agents", "", 2, LARGEST, log=True, ticks=(2, 10, 100, LARGEST))
+_ENDPOINTS = pictures.Axis(
+    "endpoints", "", 1, 1e7, log=True, si=True, ticks=(1, 10, 100, 1e3, 1e4, 1e5, 1e6, 1e7)
+)
+
+
+@exp.explorer
+def fleet_endpoints(*, agents: Agents = 6, nodes_per_agent: Nodes = 20) -> pictures.Picture:
+    """Return the endpoints in the global domain over the number of agents, by formula.
+
+    Every participant of the domain has to discover all endpoints in it.
+
+    Args:
+        agents: Number of agents of the dots.
+        nodes_per_agent: Number of ROS 2 nodes of each agent.
+    """
+    drawn: list[pictures.Series] = []
+    counted = []
+    for mode, method in SCALES.items():
+        values = [endpoints(mode, count, nodes_per_agent) for count in (*COUNTS, agents)]
+        drawn += pictures.curve(
+            NAMES[method], str(STYLES[method]["color"]), [*COUNTS, agents], values
+        )
+        counted.append(f"{values[-1]:,} ({NAMES[method]})")
+    said = (
+        f"Endpoints in the global domain of {agents} agents with {nodes_per_agent} nodes each: "
+        f"{', '.join(counted)}."
+    )
+    panel = pictures.Panel(
+        title="endpoints in the global domain", x=_AGENTS, y=_ENDPOINTS, series=tuple(drawn)
+    )
+    return pictures.Picture(said=said, panels=(panel,))

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 LEAST_SEEDS = 6  #: Number of seeds that the criteria ask for.
 MOST_RATES = 3  #: Number of the four Rmax at which OPT+LC has to be lowest.
-_MAP = "map: figure phases, notebook 09"
+_MAP = "map: figure phases, notebook 22"
 FAST_HZ = (
     500,
     1000,
