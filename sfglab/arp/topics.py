@@ -13,7 +13,8 @@ from sfglab.documents import ByName, Document, Matching, named
 from sfglab.fields import between, bounds, check_bounds
 from sfglab.names.grammar import ROS_NAME
 from sfglab.qos import Durability, Reliability
-from sfglab.rtps import FAST_DDS, PRESETS, Medium, PresetName, Vendor
+from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
+from sfglab.rtps.vendors import PresetName  # noqa: TC001 - read at run time
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:

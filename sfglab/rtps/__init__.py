@@ -17,7 +17,6 @@ from sfglab.rtps.vendors import (
     FAST_DDS_ASYNC,
     FAST_DDS_SYNC,
     PRESETS,
-    PresetName,
     Vendor,
 )
 
@@ -34,7 +33,6 @@ __all__ = [
     "Frame",
     "Medium",
     "Outcome",
-    "PresetName",
     "Scenario",
     "Session",
     "Vendor",

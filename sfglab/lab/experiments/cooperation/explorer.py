@@ -22,7 +22,8 @@ from sfglab.lab import pictures
 from sfglab.lab.experiments.cooperation.experiment import exp
 from sfglab.lab.experiments.cooperation.results import ROBOT_COLORS, ending_text, setting_text
 from sfglab.lab.figures import COLORS
-from sfglab.rtps import Medium, PresetName
+from sfglab.rtps import Medium
+from sfglab.rtps.vendors import PresetName  # noqa: TC001  # read at run time
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
