@@ -149,8 +149,6 @@ def _texts_below(path: Path) -> dict[Path, dict[str, str]]:
 def _types_of() -> str:
     """Return the distribution of ROS 2 whose types are used: that in ROS_DISTRO if it is later than Humble."""
     named = os.environ.get("ROS_DISTRO", "")
-    if named == "rolling":
-        return "lyrical"  # the latest one that rosbags knows
     return named if named in {"iron", "jazzy", "kilted", "lyrical"} else "humble"
 
 

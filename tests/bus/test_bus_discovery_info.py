@@ -1,50 +1,69 @@
 """Nodes stand on the ROS 2 graph with exactly their endpoints, and leave it when they close."""
 
 import asyncio
-import os
-import subprocess
-import sys
 
+import numpy as np
 import pytest
 from bus_messages import SERVICE, STRING, connected
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
 
 from sfglab import bus
 from sfglab.bus.api import NodeInfo
-from sfglab.bus.dds.discovery import Discovery, pack_nodes, unpack_nodes
+from sfglab.bus.dds.discovery import Discovery, gid_bytes, pack_nodes, unpack_nodes
 from sfglab.bus.graph import Graph
 from sfglab.qos import QoSProfile
 
 world = pytest.fixture(lambda live: live)
+INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+STORES = {24: get_typestore(Stores.ROS2_HUMBLE), 16: get_typestore(Stores.ROS2_JAZZY)}
+
 guids = st.binary(min_size=16, max_size=16)
-tokens = st.from_regex(r"/[a-z][a-z0-9_]{0,20}", fullmatch=True)
-gid_tuples = st.lists(guids, max_size=3).map(tuple)
-nodes = st.builds(
-    NodeInfo,
-    namespace=tokens,
-    name=tokens,
-    participant=st.just(bytes(16)),
-    readers=gid_tuples,
-    writers=gid_tuples,
-)
+tokens = st.from_regex(r"[a-z][a-z0-9_]{0,20}", fullmatch=True)
+gid_lists = st.lists(guids, max_size=3)
 
 
-@given(st.lists(nodes, max_size=2).map(tuple))
-def test_a_list_of_nodes_is_read_as_it_is_written(listed):
-    assert unpack_nodes(pack_nodes(bytes(16), listed)) == (bytes(16), listed)
+@pytest.mark.parametrize("size", STORES)
+@given(guids, st.lists(st.tuples(tokens, tokens, gid_lists, gid_lists), max_size=2))
+@settings(max_examples=25, deadline=None)
+def test_the_bytes_are_those_of_the_distributions_own_definition(size, participant, listed):
+    store = STORES[size]
+    types = store.types
+
+    def gid(guid):
+        data = np.frombuffer(guid.ljust(size, b"\0"), np.uint8)
+        return types["rmw_dds_common/msg/Gid"](data=data)
+
+    nodes, theirs = [], []
+    for namespace, name, readers, writers in listed:
+        lists = {"readers": tuple(readers), "writers": tuple(writers)}
+        nodes.append(
+            NodeInfo(namespace=f"/{namespace}", name=name, participant=participant, **lists)
+        )
+        theirs.append(
+            types["rmw_dds_common/msg/NodeEntitiesInfo"](
+                node_namespace=f"/{namespace}",
+                node_name=name,
+                reader_gid_seq=[gid(guid) for guid in readers],
+                writer_gid_seq=[gid(guid) for guid in writers],
+            )
+        )
+    message = types[INFO](gid=gid(participant), node_entities_info_seq=theirs)
+    cdr = pack_nodes(participant, nodes, size)
+    assert cdr == bytes(store.serialize_cdr(message, INFO))
+    assert unpack_nodes(cdr, size) == (participant, tuple(nodes))
 
 
 @pytest.mark.parametrize(
     ("distro", "size"),
     [("", 24), ("humble", 24), ("unheard", 24), ("iron", 16), ("jazzy", 16), ("rolling", 16)],
 )
-def test_the_environments_distribution_chooses_the_size_of_a_gid(distro, size):
-    code = "from sfglab.bus.dds.discovery import pack_nodes; print(len(pack_nodes(bytes(16), ())))"
-    environment = {"ROS_DISTRO": distro, "PYTHONPATH": os.pathsep.join(sys.path)}
-    argv = [sys.executable, "-W", "error", "-c", code]
-    done = subprocess.run(argv, env=environment, capture_output=True, text=True, check=True)
-    assert int(done.stdout) == 4 + size + 4
+def test_the_environments_distribution_chooses_the_layout(monkeypatch, distro, size):
+    monkeypatch.setenv("ROS_DISTRO", distro)
+    assert gid_bytes() == gid_bytes(distro) == size
+    monkeypatch.delenv("ROS_DISTRO")
+    assert gid_bytes() == 24
 
 
 def gids_of(node):
@@ -57,7 +76,11 @@ def gids_of(node):
 
 
 @pytest.mark.live
-async def test_the_graph_names_nodes_with_exactly_their_endpoints_while_they_live(node):
+@pytest.mark.parametrize("distro", ["humble", "jazzy"])
+async def test_the_graph_names_nodes_with_exactly_their_endpoints_while_they_live(
+    monkeypatch, node, distro
+):
+    monkeypatch.setenv("ROS_DISTRO", distro)
     async with node("here") as here:
         graph = here.graph
         assert await graph.wait_for(lambda: [n.name for n in graph.nodes()] == ["here"])

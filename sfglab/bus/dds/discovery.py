@@ -4,18 +4,18 @@ Sources are Cyclone's built-in topics, USER_DATA of sfglab and ROS 2, and the DD
 From that topic ROS 2's tools learn of nodes and their endpoints. They show endpoints that are not listed
 there under `_CREATED_BY_BARE_DDS_APP_` (rmw_dds_common; rmw_cyclonedds_cpp and rmw_fastrtps_cpp). GIDs on the
 topic have 24 bytes up to Humble, a GUID and eight zeros, and 16 bytes from Iron on, under one type name. A
-reader of the other layout reads nonsense, so all participants of a domain must use the same layout. It is
-that of the distribution whose message types this process uses (`sfglab.messages`).
+reader of the other layout reads nonsense, so all participants of a domain must use the same layout.
+ROS_DISTRO selects it; without ROS_DISTRO, or with an unknown name, the layout is Humble's.
 """
 
 from __future__ import annotations
 
 import ctypes as ct
+import os
+import struct
 from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from sfglab.bus.api import (
     FAST_DDS,
@@ -38,15 +38,8 @@ from sfglab.bus.dds.clib import (
     library,
 )
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
-from sfglab.messages import (
-    CdrError,
-    TypeNameError,
-    default_message,
-    deserialize,
-    message_type,
-    ros_type_name,
-    serialize,
-)
+from sfglab.bus.errors import InvalidMessageError
+from sfglab.messages import TypeNameError, ros_type_name
 from sfglab.qos import Durability, History, QoSProfile
 
 if TYPE_CHECKING:
@@ -59,13 +52,15 @@ if TYPE_CHECKING:
     from sfglab.bus.graph import Graph
 
 INFO_TOPIC = "ros_discovery_info"
-INFO_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
-_GID_TYPE = "rmw_dds_common/msg/Gid"
+_TYPE = "rmw_dds_common::msg::dds_::{}_"
 _WRITER_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
 # The topic has no key: messages of all participants are one instance, of which KEEP_LAST would keep one
 # message.
 READER_QOS = QoSProfile(history=History.KEEP_ALL, durability=Durability.TRANSIENT_LOCAL)
-_GUID_BYTES = 16
+# rmw/types.h: RMW_GID_STORAGE_SIZE fell from 24 to 16 in Iron.
+_LONG_GID_BYTES, _SHORT_GID_BYTES, _GUID_BYTES = 24, 16, 16
+_SHORT_GID_DISTROS = frozenset({"iron", "jazzy", "kilted", "lyrical", "rolling"})
+_ENCAPSULATION = b"\0\1\0\0"  # CDR, little endian (RTPS 2.5, clause 10.2.1.2)
 # Delay of an announcement, s: endpoints appear in groups, such as the two of a service, and share one message.
 _DELAY_S = 0.01
 _BATCH = 128
@@ -78,61 +73,103 @@ _KINDS = {
 Change = tuple[bytes, EndpointInfo | None]
 
 
-def _info_type() -> type[Any]:
-    from sfglab.messages.dds import idl_struct
-
-    return idl_struct(INFO_TYPE)
-
-
-def pack_nodes(participant: bytes, nodes: Iterable[NodeInfo]) -> bytes:
-    """Return the CDR of the message that lists the nodes of a participant, given by its 16-byte GUID."""
-    node_type = message_type("rmw_dds_common/msg/NodeEntitiesInfo")
-    listed = []
-    for node in nodes:
-        message = node_type(
-            node_namespace=node.namespace,
-            node_name=node.name,
-            reader_gid_seq=[_gid(guid) for guid in node.readers],
-            writer_gid_seq=[_gid(guid) for guid in node.writers],
-        )
-        listed.append(message)
-    return serialize(message_type(INFO_TYPE)(gid=_gid(participant), node_entities_info_seq=listed))
-
-
-def unpack_nodes(cdr: bytes) -> tuple[bytes, tuple[NodeInfo, ...]]:
-    """Return the participant's GUID and its nodes from a message.
-
-    Raises:
-        CdrError: The bytes are no such message.
-    """
-    message = deserialize(cdr, INFO_TYPE)
-    participant = _guid(message.gid)
-    nodes = []
-    for listed in message.node_entities_info_seq:
-        node = NodeInfo(
-            namespace=listed.node_namespace,
-            name=listed.node_name,
-            participant=participant,
-            readers=tuple(_guid(gid) for gid in listed.reader_gid_seq),
-            writers=tuple(_guid(gid) for gid in listed.writer_gid_seq),
-        )
-        nodes.append(node)
-    return participant, tuple(nodes)
-
-
-def _gid(guid: bytes) -> Any:
-    data = np.frombuffer(guid.ljust(_gid_bytes(), b"\0"), np.uint8)
-    return message_type(_GID_TYPE)(data=data)
+def gid_bytes(distro: str | None = None) -> int:
+    """Return the size of a GID in `ros_discovery_info` of a ROS 2 distribution, bytes; None for ROS_DISTRO."""
+    name = os.environ.get("ROS_DISTRO", "") if distro is None else distro
+    return _SHORT_GID_BYTES if name in _SHORT_GID_DISTROS else _LONG_GID_BYTES
 
 
 @cache
-def _gid_bytes() -> int:
-    return len(default_message(_GID_TYPE).data)
+def info_type(size: int) -> type[Any]:
+    """Return the Cyclone DDS type of the message whose GIDs have `size` bytes."""
+    from cyclonedds.idl import make_idl_struct, types
+
+    # The library's annotations do not know that these can be subscripted.
+    array, sequence, text = (getattr(types, name) for name in ("array", "sequence", "bounded_str"))
+    gid = make_idl_struct("Gid", _TYPE.format("Gid"), {"data": array[types.uint8, size]})
+    node = make_idl_struct(
+        "NodeEntitiesInfo",
+        _TYPE.format("NodeEntitiesInfo"),
+        {
+            "node_namespace": text[256],
+            "node_name": text[256],
+            "reader_gid_seq": sequence[gid],
+            "writer_gid_seq": sequence[gid],
+        },
+    )
+    return make_idl_struct(
+        "ParticipantEntitiesInfo",
+        _TYPE.format("ParticipantEntitiesInfo"),
+        {"gid": gid, "node_entities_info_seq": sequence[node]},
+    )
 
 
-def _guid(gid: Any) -> bytes:
-    guid: bytes = gid.data[:_GUID_BYTES].tobytes()
-    return guid
+def pack_nodes(participant: bytes, nodes: Iterable[NodeInfo], size: int) -> bytes:
+    """Return the CDR of the message that lists the nodes of a participant, given by its 16-byte GUID."""
+    listed = list(nodes)
+    parts = [_ENCAPSULATION, participant.ljust(size, b"\0"), struct.pack("<I", len(listed))]
+    for node in listed:
+        parts += [_packed_text(node.namespace), _packed_text(node.name)]
+        for gids in (node.readers, node.writers):
+            parts += [struct.pack("<I", len(gids)), *(gid.ljust(size, b"\0") for gid in gids)]
+    return b"".join(parts)
+
+
+def unpack_nodes(cdr: bytes, size: int) -> tuple[bytes, tuple[NodeInfo, ...]]:
+    """Return the participant's GUID and its nodes from a message in little-endian CDR.
+
+    Raises:
+        InvalidMessageError: The message is shorter than its counts require.
+    """
+    cursor = _Cursor(cdr, size)
+    participant = cursor.gid()
+    nodes = tuple(
+        NodeInfo(
+            namespace=cursor.text(),
+            name=cursor.text(),
+            participant=participant,
+            readers=cursor.gids(),
+            writers=cursor.gids(),
+        )
+        for _ in range(cursor.number())
+    )
+    return participant, nodes
+
+
+def _packed_text(text: str) -> bytes:
+    """Return a string with its length, its terminating zero, and the padding before the next number."""
+    data = text.encode() + b"\0"
+    return struct.pack("<I", len(data)) + data + bytes(-len(data) % 4)
+
+
+class _Cursor:
+    """Reader of a message from front to back; GIDs and padded strings keep every number aligned."""
+
+    def __init__(self, cdr: bytes, size: int) -> None:
+        self._cdr = cdr
+        self._size = size
+        self._at = len(_ENCAPSULATION)
+
+    def number(self) -> int:
+        return int.from_bytes(self._take(4), "little")
+
+    def text(self) -> str:
+        length = self.number()
+        return self._take(length + -length % 4)[: max(0, length - 1)].decode(errors="replace")
+
+    def gid(self) -> bytes:
+        return self._take(self._size)[:_GUID_BYTES]
+
+    def gids(self) -> tuple[bytes, ...]:
+        return tuple(self.gid() for _ in range(self.number()))
+
+    def _take(self, size: int) -> bytes:
+        start, self._at = self._at, self._at + size
+        if self._at > len(self._cdr):
+            raise InvalidMessageError(
+                f"graph: {len(self._cdr)} bytes, which say that they are {self._at}"
+            )
+        return self._cdr[start : self._at]
 
 
 class DiscoveryInfo:
@@ -155,11 +192,12 @@ class DiscoveryInfo:
         self._graph = graph
         self._loop = loop
         self._due: asyncio.TimerHandle | None = None
-        handle = participant.create_writer(INFO_TOPIC, _info_type(), _WRITER_QOS)
+        self._size = gid_bytes()
+        handle = participant.create_writer(INFO_TOPIC, info_type(self._size), _WRITER_QOS)
         self._writer = DdsWriter(
             handle,
             INFO_TOPIC,
-            type_=INFO_TYPE,
+            type_="ParticipantEntitiesInfo",
             waitset=participant.waitset,
             on_matched=lambda: None,
         )
@@ -195,7 +233,7 @@ class DiscoveryInfo:
             readers=tuple(gids[EndpointKind.SUBSCRIPTION]),
             writers=tuple(gids[EndpointKind.PUBLISHER]),
         )
-        self._writer.write(pack_nodes(self._guid, [node]))
+        self._writer.write(pack_nodes(self._guid, [node], self._size))
 
 
 class Discovery:
@@ -218,17 +256,18 @@ class Discovery:
 
     def read_nodes(self, on_nodes: Callable[[bytes, tuple[NodeInfo, ...]], None]) -> None:
         """Report each participant's complete list of nodes at every change, in the WaitSet thread."""
+        size = gid_bytes()
 
         def handle(samples: list[Sample]) -> None:
             # A list may be read after the end of its participant, and its nodes would then stay indefinitely.
             self._read_participants()
             for cdr, *_ in samples:
-                with suppress(CdrError):  # not a message of ROS 2
-                    participant, nodes = unpack_nodes(bytes(cdr))
+                with suppress(InvalidMessageError):  # not a message of ROS 2
+                    participant, nodes = unpack_nodes(bytes(cdr), size)
                     if participant in self._origins:
                         on_nodes(participant, nodes)
 
-        reader = self._participant.create_reader(INFO_TOPIC, _info_type(), READER_QOS)
+        reader = self._participant.create_reader(INFO_TOPIC, info_type(size), READER_QOS)
         DdsReader(
             reader, waitset=self._participant.waitset, on_samples=handle, on_matched=lambda: None
         )  # the WaitSet keeps the reader until the participant ends

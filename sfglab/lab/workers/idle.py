@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -20,7 +20,6 @@ _MESSAGES = (
     "sfglab_interfaces/msg/AgentHeartbeat",
     "sfglab_interfaces/msg/AgentDiscoveryEvent",
     "sfglab_interfaces/msg/AgentMetadata",
-    "rmw_dds_common/msg/ParticipantEntitiesInfo",
 )
 _SERVICES = ("sfglab_interfaces/srv/GetMetadata",)
 _HALVES = ("Request", "Response")
@@ -32,13 +31,13 @@ def _load(module: str) -> ModuleType:
 
     import sfglab.bus.dds.forwarder  # noqa: F401 - imported at a router's first path
     from sfglab.bus.dds.clib import library
+    from sfglab.bus.dds.discovery import gid_bytes, info_type
     from sfglab.messages import default_message, deserialize, serialize
     from sfglab.messages.dds import idl_struct, service_idl_struct
 
     library()
     halves = [half for name in _SERVICES for half in service_idl_struct(name)]
-    types: list[Any] = [*map(idl_struct, _MESSAGES), *halves]
-    for type_ in types:
+    for type_ in (*map(idl_struct, _MESSAGES), *halves, info_type(gid_bytes())):
         type_.__idl__.populate()
         type_.__idl__.fill_type_data()
     for name in (*_MESSAGES, *(f"{service}_{half}" for service in _SERVICES for half in _HALVES)):

@@ -32,7 +32,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.api import NodeInfo, user_data
 from sfglab.bus.dds import clib
 from sfglab.bus.dds.clib import endpoint_qos, entity_guid, error_text, library, qos_object
-from sfglab.bus.dds.discovery import INFO_TOPIC, READER_QOS, pack_nodes
+from sfglab.bus.dds.discovery import INFO_TOPIC, READER_QOS, gid_bytes, pack_nodes
 from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.dds.endpoints import serdata_from_bytes, sertype_of, stamp
 from sfglab.bus.errors import BusError
@@ -170,7 +170,7 @@ def _announce(writer: int, node: NodeInfo) -> None:
     Publishing after each endpoint did not change the received bytes (2 x 20 nodes: 3.5 MB beside 3.7 MB),
     because a late joiner receives the last sample only.
     """
-    cdr = pack_nodes(node.participant, [node])
+    cdr = pack_nodes(node.participant, [node], gid_bytes())
     serdata = serdata_from_bytes(sertype_of(writer), cdr)
     assert serdata is not None, "an opaque type takes every message"
     stamp(serdata, time.time_ns())

@@ -5,7 +5,7 @@ from sfglab.bus.api import entries
 from sfglab.bus.dds.discovery import NodeInfo, pack_nodes, unpack_nodes
 from sfglab.bus.errors import BusError
 from sfglab.bus.shm import wire
-from sfglab.messages import CdrError, MessageError
+from sfglab.messages import MessageError
 from sfglab.messages.type_names import dds_type_name, ros_type_name
 from sfglab.names import FqnError, parse
 
@@ -28,7 +28,9 @@ def types(name):
 
 
 DOORS = {
-    "graph": Door(unpack_nodes, CdrError, (pack_nodes(bytes(16), NODES),)),
+    "graph": Door(
+        lambda data: unpack_nodes(data, 16), BusError, (pack_nodes(bytes(16), NODES, 16),)
+    ),
     "user data": Door(entries, (), (b"a=b;c=d;",)),
     "shared memory": Door(
         shared_memory, BusError, (wire.pack_hello(wire.Hello(1, True)), bytes(32))
