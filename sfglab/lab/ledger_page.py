@@ -49,7 +49,7 @@ _COPIED = 'style="white-space: pre-wrap; text-align: left"'
 
 
 class LedgerPage:
-    """The ledger with filters in JupyterLab, and as a whole where no kernel runs.
+    """The ledger, with filters where a kernel runs.
 
     Args:
         project: The checkout, for the digests of logs.
