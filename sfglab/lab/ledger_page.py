@@ -49,10 +49,10 @@ _COPIED = 'style="white-space: pre-wrap; text-align: left"'
 
 
 class LedgerPage:
-    """The ledger, with filters where a kernel runs.
+    """Page of the ledger, with filters in a running notebook.
 
     Args:
-        project: The checkout, for the digests of logs.
+        project: The checkout.
         ledger: The claims.
     """
 
