@@ -214,24 +214,30 @@ def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
 def lab(
     options: Annotated[list[str] | None, Argument(help="Options of JupyterLab, after --.")] = None,
 ) -> None:
-    """Open the notebooks in JupyterLab.
+    """Open working copies of the notebooks in JupyterLab.
 
-    Only Ctrl+S saves a notebook: automatic saving is off.
+    The copies are in runs/lab, and show the committed runs until you choose other logs. A copy that
+    you changed is kept. Only Ctrl+S saves a notebook: automatic saving is off.
 
     Examples:
       sfglab lab
       sfglab lab -- --no-browser --ServerApp.base_url=/user/a/
     """
+    from sfglab.lab.copies import copy_notebooks
+
+    project = find_project()
+    for sentence in copy_notebooks(project):
+        typer.echo(sentence, err=True)
     argv = [
         sys.executable,
         "-m",
         "jupyterlab",
-        f"--ServerApp.root_dir={find_project().root.resolve()}",
+        f"--ServerApp.root_dir={project.root.resolve()}",
         "--ServerApp.contents_manager_class=sfglab.lab.contents.Contents",
     ]
     if os.getuid() == 0:  # in a container every user is root
         argv.append("--allow-root")
-    argv += ["--LabApp.default_url=/lab/tree/notebooks/00_start.ipynb", *(options or ())]
+    argv += ["--LabApp.default_url=/lab/tree/runs/lab/00_start.ipynb", *(options or ())]
     # Its configuration switches off saving by itself, and the part that asks a public site for news.
     paths = [
         str(Path(sfglab.lab.__file__).parent / "jupyter"),

@@ -54,12 +54,14 @@ class LedgerPage:
     Args:
         project: The checkout.
         ledger: The claims.
+        top: Path of the top folder in links.
     """
 
-    def __init__(self, project: Project, ledger: Ledger) -> None:
+    def __init__(self, project: Project, ledger: Ledger, top: str) -> None:
         self._project = project
         self._ledger = ledger
-        self.html = page_html(project, ledger)  #: The whole page.
+        self._top = top
+        self.html = page_html(project, ledger, top)  #: The whole page.
 
     def __repr__(self) -> str:
         return repr(self._ledger)
@@ -77,7 +79,7 @@ class LedgerPage:
 
         def show(_: object) -> None:
             chosen = chosen_of(self._ledger, *(each.value for each in filters.values()))
-            shown.value = page_html(self._project, chosen)
+            shown.value = page_html(self._project, chosen, self._top)
 
         for each in filters.values():
             each.observe(show, "value")
@@ -99,13 +101,13 @@ def paper_of(entry: Entry) -> str:
     return entry.claim.where[0]
 
 
-def page_html(project: Project, ledger: Ledger) -> str:
-    """Return the page as HTML."""
+def page_html(project: Project, ledger: Ledger, top: str = "..") -> str:
+    """Return the page as HTML; `top` is the path of the top folder in links."""
     source = f"Values and verdicts are from {ledger.source}. " if ledger.source else ""
     head = "".join(
         f"<th {_CELL}>{name}</th>" for name in ("claim", "value", "the paper's statement")
     )
-    lines = "".join(_line(project, entry) for entry in ledger)
+    lines = "".join(_line(project, entry, top) for entry in ledger)
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
     return f"<p>{escape(source)}{LEGEND}</p>{table}"
 
@@ -115,7 +117,7 @@ def verdict_html(entry: Entry) -> str:
     return f'<b style="color: {COLORS[entry.verdict]}">{entry.verdict.value}</b>'
 
 
-def _line(project: Project, entry: Entry) -> str:
+def _line(project: Project, entry: Entry, top: str) -> str:
     claim = entry.claim
     details = {
         "paper": f"{claim.where}; {'no number' if claim.paper is None else f'{claim.paper:g}'}",
@@ -125,7 +127,7 @@ def _line(project: Project, entry: Entry) -> str:
         "reason": entry.reason,
     }
     lines = [f"<b>{name}</b>: {escape(text)}" for name, text in details.items() if text]
-    links = [f'<a href="../figures/{name}.png">{name}</a>' for name in entry.figures]
+    links = [f'<a href="{top}/figures/{name}.png">{name}</a>' for name in entry.figures]
     if links:
         lines.append(f"<b>figures</b>: {', '.join(links)}")
     cited = f"<pre {_COPIED}>{escape(citation(project, entry))}</pre>"

@@ -20,8 +20,17 @@ from sfglab.lab import ledger
 from sfglab.lab.claims import Entry, How, Ledger
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import COLORS, few_colors, house_style, png_of
-from sfglab.lab.notebooks import COPY_VARIABLE, LEDGER, START, find_notebooks, notebook_of
-from sfglab.lab.paths import find_project
+from sfglab.lab.notebooks import (
+    COPIES,
+    COPY_VARIABLE,
+    LEDGER,
+    NEWEST,
+    REFERENCE,
+    START,
+    find_notebooks,
+    notebook_of,
+)
+from sfglab.lab.paths import Project, find_project
 from sfglab.lab.runs import SMOKE, C, Run
 from sfglab.record import LogReader
 from sfglab.tables import html_table
@@ -64,7 +73,8 @@ async def run(
     Args:
         exp: The experiment.
         profile: Name of the profile.
-        log: Path of a log to read, from the working folder or the top folder; empty: run.
+        log: Path of a log to read, from the working folder or the top folder; ``reference`` is the
+            committed log, and ``newest`` the newest run that counts. Empty: run.
         settings: Fields of the configuration; they override `changes`. The setting ``path`` is the
             path of the new log, from the top folder.
         changes: Fields of the configuration.
@@ -89,7 +99,13 @@ async def run(
 
 
 def _load(exp: Experiment[C], log: str) -> Run[C]:
-    path = Path(log) if Path(log).exists() else find_project().root / log
+    project = find_project()
+    path = Path(log) if Path(log).exists() else project.root / log
+    if log in (REFERENCE, NEWEST):
+        found = ledger.find_log(project, exp.name, committed=log == REFERENCE)
+        if found is None:
+            raise InvalidValueError("log", log, "a path, or empty to run; there is no such log")
+        path = found
     with LogReader(path) as reader:
         made_by = (
             reader.metadata("config").get("experiment")
@@ -168,10 +184,10 @@ def header(exp: Experiment[Any], *others: Experiment[Any]) -> HTML:
     if own and after:
         pages[f"next: {after[0]}"] = after[0]
     pages["ledger"] = LEDGER
-    copy = os.environ.get(COPY_VARIABLE)
-    top = os.path.relpath(project.root, Path(copy).parent if copy else None)
-    links = [f'<a href="{top}/notebooks/{name}.ipynb">{text}</a>' for text, name in pages.items()]
-    links.append(f'<a href="{top}/{GLOSSARY}">glossary</a>')
+    is_copy = Path.cwd() == project.runs / COPIES
+    folder = "." if is_copy else f"{_top(project)}/notebooks"
+    links = [f'<a href="{folder}/{name}.ipynb">{text}</a>' for text, name in pages.items()]
+    links.append(f'<a href="{_top(project)}/{GLOSSARY}">glossary</a>')
     text = f"<p>{' | '.join(links)}</p>"
     claims = [claim for one in (exp, *others) for claim in one.claims]
     if claims:
@@ -179,6 +195,12 @@ def header(exp: Experiment[Any], *others: Experiment[Any]) -> HTML:
         verdicts = verdicts_html(whole, ", ")
         text += f"<p><b>Verdicts</b> from the committed logs: {verdicts}</p>"
     return HTML(text)
+
+
+def _top(project: Project) -> str:
+    """Return the path of the top folder from a notebook, or from its executed copy."""
+    copy = os.environ.get(COPY_VARIABLE)
+    return os.path.relpath(project.root, Path(copy).parent if copy else None)
 
 
 def save_figures(run: Run[Any]) -> str:
@@ -266,7 +288,8 @@ def claims_page(whole: Ledger) -> LedgerPage:
     """Return a page of all claims with filters, interval plots, details and citations."""
     from sfglab.lab.ledger_page import LedgerPage
 
-    return LedgerPage(find_project(), whole)
+    project = find_project()
+    return LedgerPage(project, whole, _top(project))
 
 
 def result(whole: Ledger, says: str, figure: str) -> IndexPage:

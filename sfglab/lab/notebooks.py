@@ -38,6 +38,10 @@ LEDGER = "01_ledger"  #: Notebook with all claims.
 #: Notebooks that report on the others and run after them.
 REPORTS = (START, LEDGER)
 SETTINGS = "settings"
+COPIES = "lab"  #: Folder of the working copies in `runs`.
+#: Values of a notebook's parameter `log`: the committed log, and the newest run that counts.
+REFERENCE = "reference"
+NEWEST = "newest"
 #: New names of notebooks by their former names.
 RENAMED = {
     "00_index": "00_start",

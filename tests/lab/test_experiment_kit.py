@@ -246,8 +246,8 @@ OWN_CLAIM = """
 
 
 @pytest.mark.slow
-def test_the_index_runs_with_an_experiment_of_ones_own(example, tmp_path):
-    """The guide "Extend it": an experiment, its claim and its notebook, then the index."""
+def test_the_ledger_runs_with_an_experiment_of_ones_own(example, tmp_path):
+    """The guide "Extend it": an experiment, its claim and its notebook, then the ledger."""
     root = Path(__file__).parents[2]
     for name in ("sfglab", "data", "notebooks"):
         # Without committed logs, which say nothing of an experiment of one's own.
@@ -271,11 +271,10 @@ def test_the_index_runs_with_an_experiment_of_ones_own(example, tmp_path):
     page = nbformat.v4.new_notebook(cells=cells)
     nbformat.write(page, tmp_path / "notebooks" / "22_cdr.ipynb")
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "SFGLAB_ROOT": str(tmp_path)}
-    argv = [sys.executable, "-P", "-m", "sfglab", "reproduce", "22_cdr", "00_start"]
+    argv = [sys.executable, "-P", "-m", "sfglab", "reproduce", "22_cdr", "01_ledger"]
     done = subprocess.run(argv, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "2 of 2 notebooks ran through" in done.stderr
-    shown = (tmp_path / "runs" / "notebooks" / "00_start.ipynb").read_text("utf-8")
-    assert "22_cdr" in shown
+    shown = (tmp_path / "runs" / "notebooks" / "01_ledger.ipynb").read_text("utf-8")
     assert "A-CDR" in shown
     assert "your run of " in shown

@@ -1,0 +1,93 @@
+"""Working copies begin with the committed logs, have links that lead somewhere, and keep what a user changed."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import nbformat
+import pytest
+from made_logs import reference
+
+from sfglab.lab import notebook
+from sfglab.lab.copies import copy_notebooks
+from sfglab.lab.experiments import naming
+from sfglab.lab.paths import Project
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def project(tmp_path):
+    """A checkout with one notebook."""
+    (tmp_path / "notebooks").mkdir()
+    shutil.copy(ROOT / "notebooks" / "12_discovery.ipynb", tmp_path / "notebooks")
+    return Project(root=tmp_path)
+
+
+def change(path, text):
+    page = nbformat.read(path, as_version=4)
+    page.cells[0].source = text
+    nbformat.write(page, path)
+
+
+def test_a_copy_reads_the_committed_logs_and_says_how_to_run(project):
+    assert copy_notebooks(project) == []
+    page = nbformat.read(project.runs / "lab" / "12_discovery.ipynb", as_version=4)
+    nbformat.validate(page)
+    [parameters] = [c.source for c in page.cells if "parameters" in c.metadata.get("tags", ())]
+    assert 'log_lifecycle: str = "reference"\n' in parameters
+    assert 'log_discovery: str = "reference"\n' in parameters
+    assert parameters.endswith('or "" to run now.')
+
+
+def test_a_changed_copy_is_kept_and_another_follows_its_notebook(project):
+    source, copy = project.notebooks / "12_discovery.ipynb", project.runs / "lab/12_discovery.ipynb"
+    copy_notebooks(project)
+    change(source, "# Newer")
+    assert copy_notebooks(project) == []
+    assert "# Newer" in copy.read_text("utf-8")
+    change(copy, "# Mine")
+    assert copy_notebooks(project) == [], "its notebook is not newer"
+    change(source, "# Newest")
+    [said] = copy_notebooks(project)
+    assert (
+        said
+        == "runs/lab/12_discovery.ipynb has your changes and is kept; 12_discovery.ipynb is newer"
+    )
+    assert "# Mine" in copy.read_text("utf-8")
+
+
+def test_links_of_all_copies_lead_to_files(tmp_path):
+    shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks")
+    copy_notebooks(Project(root=tmp_path))
+    for copy in (tmp_path / "runs" / "lab").glob("*.ipynb"):
+        for cell in json.loads(copy.read_text("utf-8"))["cells"]:
+            pages = ["".join(cell["source"])] if cell["cell_type"] == "markdown" else []
+            shown = [output.get("data", {}) for output in cell.get("outputs", ())]
+            pages += ["".join(data.get("text/html", "")) for data in shown]
+            for page in pages:
+                for link in re.findall(r'\]\((?!http)([^)#]+)|href="(?!http)([^"#]+)', page):
+                    target = (copy.parent / "".join(link)).resolve().relative_to(tmp_path)
+                    assert (ROOT / target).exists() or (tmp_path / target).exists(), (copy, link)
+
+
+def test_a_header_in_a_copy_leads_to_copies(monkeypatch, tmp_path):
+    for name in ("notebooks", "data"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    folder = tmp_path / "runs" / "lab"
+    folder.mkdir(parents=True)
+    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
+    monkeypatch.chdir(folder)
+    html = notebook.header(naming.exp).data
+    assert 'href="./00_start.ipynb"' in html
+    assert 'href="../../book/glossary.md"' in html
+
+
+@pytest.mark.parametrize("word", ["reference", "newest"])
+async def test_a_log_is_named_by_a_word(word, monkeypatch):
+    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
+    run = await notebook.run(naming.exp, "quick", word)
+    if word == "reference":
+        assert run.log == reference(naming.exp).log
+    assert run.experiment == "naming"
