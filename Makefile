@@ -70,7 +70,7 @@ test: $(VENV)/.tests $(VENV)/.book ## Run the tests, as many at once as there ar
 	$(BIN)/python -m pytest --quiet --numprocesses auto --dist worksteal
 	@echo "$$(wc -l < $(SFGLAB_SKIPS)) tests were skipped:"; sort $(SFGLAB_SKIPS) | uniq -c | sort -rn
 
-lab: setup ## Open JupyterLab on the index notebook (LAB="--no-browser ..." for options of its own)
+lab: setup ## Open copies of the notebooks in JupyterLab (LAB="--no-browser ..." for options of its own)
 	$(BIN)/sfglab lab -- $(LAB)
 
 figures: setup ## Draw figures/ again from committed logs alone

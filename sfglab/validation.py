@@ -169,9 +169,10 @@ def _mistake(mistakes: list[ErrorDetails], value: Any) -> tuple[KeyPath, object,
         *outer, tag = path
         return path, None, _needed(str(tag), value_at(value, tuple(outer)))
     given = value_at(value, path)
-    allowed = " or ".join(dict.fromkeys(map(_words, found)))
+    quoted = " or ".join(dict.fromkeys(map(_words, found)))
+    allowed = quoted.replace("'", "")
     if isinstance(given, str):
-        allowed += suggestion(given, re.findall("'(.*?)'", allowed))
+        allowed += suggestion(given, re.findall("'(.*?)'", quoted))
     return path, given, allowed
 
 

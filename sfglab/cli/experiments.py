@@ -112,7 +112,7 @@ def try_experiment(
 
     Examples:
       sfglab try gateways --profile smoke
-      sfglab try depth_codecs frames=10 noise_mm=5 --name noisy
+      sfglab try depth_codecs frames=10 png_level=3 --name fast
       sfglab try decode_once source=drive.mp4   # or a log, a bag or a camera: camera:0
     """
     from sfglab.lab import notebooks

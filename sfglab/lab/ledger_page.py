@@ -105,7 +105,7 @@ def page_html(project: Project, ledger: Ledger, top: str = "..") -> str:
     """Return the page as HTML; `top` is the path of the top folder in links."""
     source = f"Values and verdicts are from {ledger.source}. " if ledger.source else ""
     head = "".join(
-        f"<th {_CELL}>{name}</th>" for name in ("claim", "value", "the paper's statement")
+        f'<th style="{_CELL}">{name}</th>' for name in ("claim", "value", "the paper's statement")
     )
     lines = "".join(_line(project, entry, top) for entry in ledger)
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"

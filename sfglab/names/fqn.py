@@ -134,11 +134,13 @@ def parse(name: str, kind: ResourceKind | None = None) -> RosFqn:
 
 
 def _shares(name: str) -> tuple[Scope, tuple[str | None, ...], str]:
-    first, *rest = name.removeprefix("/").split("/")
-    if not name.startswith("/") or not 1 <= len(rest) <= 4:
-        raise FqnError("name", name, f"at most five segments, {_SHAPE}")
+    if not name.startswith("/"):
+        raise FqnError("name", name, f"an absolute name, {_SHAPE}")
+    first, *rest = name[1:].split("/")
     if first not in {scope.value for scope in Scope}:
         raise FqnError("scope", first, " or ".join(scope.value for scope in Scope))
+    if not 1 <= len(rest) <= 4:
+        raise FqnError("name", name, f"two to five segments, {_SHAPE}")
     *middle, last = rest
     return Scope(first), (*middle, *[None] * (3 - len(middle))), last
 

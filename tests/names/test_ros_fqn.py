@@ -193,7 +193,7 @@ def test_a_scope_is_no_text():
         RosFqn(scope="global", resource=Resource.AGENT_HEARTBEAT)
 
 
-FIVE = "at most five segments"
+FIVE = "two to five segments"
 OUTSIDE = "/tf /tf_static /rosout /chatter global/a /Global/x"
 
 

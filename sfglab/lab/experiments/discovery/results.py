@@ -173,7 +173,11 @@ def time_of(run: Run[Config], mode: str) -> Finding | None:
     if not times:
         return None
     estimates = [median_time(each) for each in times]
-    few_s = float(np.median(by_pace(run, mode, 2, TIME)[0]))
+    ends = {}
+    if few := by_pace(run, mode, 2, TIME):
+        few_s = float(np.median(few[0]))
+        ends["s at 2 agents"] = few_s
+        ends["times as long at 6 agents as at 2"] = estimates[0].value / few_s
     table = main_fleets(run)
     paced = table[(table["agents"] == PAPERS_LARGEST) & (table["pace_s"] > 0)]
     agents = paced[paced["mode"] == mode]
@@ -188,10 +192,7 @@ def time_of(run: Run[Config], mode: str) -> Finding | None:
     return Finding(
         estimate=estimates[0],
         under=dict(zip([SLOWER], estimates[1:], strict=False)),
-        ends={
-            "s at 2 agents": few_s,
-            "times as long at 6 agents as at 2": estimates[0].value / few_s,
-        },
+        ends=ends,
         reason=reason,
     )
 
