@@ -62,7 +62,7 @@ def test_values_are_read_from_json_and_as_they_are():
         ({"count": True}, "x: count: given True"),
         ({"count": 3.0}, "x: count: given 3.0"),
         ({"name": "bad"}, "name: given 'bad', allowed: a good name"),
-        ({"method": "lc"}, "method: given 'lc', allowed: 'LC' or 'CC'"),
+        ({"method": "lc"}, "method: given 'lc', allowed: LC or CC"),
         ({"depths": [1, 51]}, "depths[1]: given 51, allowed: less than or equal to 50"),
         ({"part": {"sise": 1}}, "part.sise: given 'sise', allowed: size; did you mean 'size'?"),
     ],

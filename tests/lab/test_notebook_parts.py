@@ -18,12 +18,12 @@ ROOT = Path(__file__).parents[2]
 PROJECT = Project(root=ROOT)
 # Experiments of chapters B and C, whose notebooks have headers, and the notebooks before and after.
 CHAPTER = {
-    "balancing": ("14_latency", "22_loss"),
+    "balancing": ("18_deployment", "22_loss"),
     "transmission": ("21_caches_and_qos", "23_hallway"),
     "cooperation": ("22_loss", "31_mapping_and_gateway"),
     "gateways": ("23_hallway", "32_transfer"),
     "transfer": ("31_mapping_and_gateway", "33_driving"),
-    "driving": ("32_transfer", "15_frames"),
+    "latency": ("13_decode_once", "15_frames"),
 }
 FOLDERS = ("notebooks", "runs/notebooks", "runs/try/gateways-1")
 
