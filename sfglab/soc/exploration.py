@@ -1,4 +1,4 @@
-"""Exhaustive exploration of a gateway core with its surroundings (claim C-FSM), up to a bound.
+"""This module explores all states of a gateway core with its surroundings, up to a bound (claim C-FSM).
 
 The exploration follows all interleavings of the steps in `sfglab.soc.gateway_world`, breadth first. It shows for
 the bound:
@@ -117,7 +117,7 @@ def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Ex
 
 
 def walk(bound: Bound, rng: np.random.Generator, table: Table = TABLE) -> tuple[Step, ...]:
-    """Return one interleaving, sampled at random, until all messages are received.
+    """Return one interleaving, which is sampled at random and ends when all messages are received.
 
     Raises:
         SfglabError: A property is violated, or no step is possible.

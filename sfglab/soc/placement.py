@@ -71,7 +71,7 @@ class Load:
 
     @property
     def total_s(self) -> float:
-        """Sum of all times, which node placement minimises."""
+        """Sum of all times. Node placement minimises it."""
         return self.software_s + self.hardware_s + self.communication_s
 
     def check_fits(self, platform: Platform) -> None:

@@ -61,7 +61,7 @@ _DEVIATIONS = np.log([prior.factor for prior in PRIORS.values()]) / _Z
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """A number of `STATED`, predicted from the priors and the other numbers."""
+    """One number of `STATED`, which is predicted from the priors and the other numbers."""
 
     value: float  #: Median.
     low: float  #: Lower end of the 95 % interval.

@@ -4,8 +4,8 @@ The memory model gives the time of each message, with topic A mapped to software
 other topics alike. The paper does not list the members of the chain (a red dotted line in Fig. 9), so
 `CHAIN` is a reading of it. Execution times of nodes are not part of this module.
 
-One thing differs between frames: the order in which a software-mapped topic serves its subscribers. It
-decides which subscribers share the memory interface. A gateway serves all at once.
+One thing differs between frames: the order in which a software-mapped topic serves its subscribers. That
+order decides which subscribers share the memory interface. A gateway serves all at once.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Chain:
 
     @cached_property
     def fixed_s(self) -> dict[str, float]:
-        """Transfer time of each topic of the chain except A, s."""
+        """Return the transfer time, in seconds, of each topic of the chain except topic A."""
         return {edge.topic: arrival_s(self._mapped, edge) for edge in self._edges[1:]}
 
     @cached_property

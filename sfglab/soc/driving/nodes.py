@@ -102,7 +102,7 @@ def lane_mask(bgr: Image, camera: Camera) -> Image:
 
 
 def _marking_mask(bgr: Image) -> Image:
-    """Return the markings in the perspective of the image: `YELLOW`, `WHITE` or 0."""
+    """Return a label for each pixel of the image: `YELLOW` or `WHITE` for a marking, otherwise 0."""
     hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
     mask = np.zeros(bgr.shape[:2], np.uint8)
     mask[cv2.inRange(hsv, *_YELLOW_HSV) > 0] = YELLOW
@@ -177,7 +177,7 @@ def _parabola(points: Floats) -> Lane | None:
 
 
 class Colour(Enum):
-    """Colour of a traffic light; the value is its first and last hue (of 180, cyclic)."""
+    """Colours of a traffic light. Each value has the first and the last hue; 180 hues form a circle."""
 
     RED = (172, 8)
     GREEN = (45, 85)

@@ -138,7 +138,7 @@ def cycle_limit(words: int, nodes: int, delays: Delays) -> int:
 
 
 def compare_words(ctx: Any, memory: Any, expected: Sequence[int], place: str) -> None:
-    """Compare the first words of a simulated memory with the expected ones; SfglabError for a wrong one."""
+    """Compare the first words of a simulated memory with the expected words; raise SfglabError if one differs."""
     for index, word in enumerate(expected):
         found = ctx.get(memory.data[index])
         if found != word:

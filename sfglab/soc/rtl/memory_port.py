@@ -63,7 +63,7 @@ class MemoryMaster(Elaboratable):
         self.done = Signal()  #: Out: the request ends; set for one cycle.
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic; GRANT, COMMAND, ADDRESS and COMPLETE take one cycle each."""
+        """Return the logic of the port. GRANT, COMMAND, ADDRESS and COMPLETE take one cycle each."""
         m = Module()
         port = self.port
         m.d.comb += [
