@@ -174,5 +174,5 @@ def _trap(found: _Found, trapped: list[World], bound: Bound, table: Table) -> Co
     elif stuck:
         text = "deadlock: messages are in flight and no step is possible"
     else:
-        text = "livelock: steps are possible, and none of them leads to the end"
+        text = "livelock: steps are possible, such as polling, and none of them leads to the end"
     return Counterexample(property=text, trace=found.trace(world), last=world)

@@ -21,7 +21,7 @@ The paper leaves three points open. Our table decides them:
   message if one was received first.
 - The core claims the HMT before it sends (`CLAIM`). A message from a hardware node may occupy the HMT and wait
   until the core takes it. The core then serves that message first and keeps the message it holds. Without the
-  claim the core waits for the HMT, and the hardware message waits for the core, indefinitely. The states `..._HOLDING` exist for this case.
+  claim the core waits for the HMT, and the hardware message waits for the core, indefinitely.
 - The core waits until a publication is complete (`PUBLISH_WAIT`), because it has only one output message.
 
 `sfglab.soc.exploration` checks the table exhaustively. `sfglab.soc.rtl` generates the hardware's control from it.
@@ -38,7 +38,11 @@ if TYPE_CHECKING:
 
 
 class State(Enum):
-    """States of the core. In states `..._HOLDING` it also holds a message that the HMT has not received."""
+    """States of the core.
+
+    In the states `..._HOLDING` the core serves or publishes another message while it holds one for the HMT. It
+    enters them from `CLAIM`, or from `CANCEL_WAIT` if the delegate answered with a message.
+    """
 
     START = auto()  #: Wait for the address of the output message.
     REQUEST = auto()  #: Request the next message of the SMT.
@@ -56,7 +60,7 @@ class State(Enum):
     PUBLISH_WAIT = auto()  #: Wait until the output message is published and may be overwritten.
     FILTER_HMT_HOLDING = auto()  #: Like `FILTER_HMT`, while a message is held.
     DROP_HMT_HOLDING = auto()  #: Like `DROP_HMT`, while a message is held.
-    TO_MEMORY_HOLDING = auto()  #: Like `TO_MEMORY`, while a message is held and none is requested.
+    TO_MEMORY_HOLDING = auto()  #: Like `TO_MEMORY`, while a message is held.
     PUBLISH_HOLDING = auto()  #: Like `PUBLISH`, while a message is held.
     PUBLISH_WAIT_HOLDING = auto()  #: Like `PUBLISH_WAIT`, while a message is held.
 
@@ -88,7 +92,7 @@ class Action(Enum):
     COMPARE_HELD = auto()  #: Compare the publisher ID of the held message with the core's own.
     COMPARE_PORT = auto()  #: Compare the publisher ID at the port with the core's own.
     CLAIM_HMT = auto()  #: Request the HMT from its arbiter, and look at the port meanwhile.
-    MEMORY_TO_HMT = auto()  #: Send the held message to the HMT. Its echo stays at the port.
+    MEMORY_TO_HMT = auto()  #: Send the held message to the HMT. Its echo then is at the port.
     HMT_TO_MEMORY = auto()  #: Take the message at the port and write it to the output message.
     HMT_TO_NOWHERE = auto()  #: Take the message at the port and discard it.
 

@@ -22,7 +22,7 @@ from sfglab.soc.gateway import Action, Input, Register, State, Table, Transition
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-GATEWAY_ID = -1  #: Publisher ID of the core.
+GATEWAY_ID = -1  #: Publisher ID of the core, which it writes into each message that it forwards.
 SOFTWARE = 0  #: Index of all software subscribers together; hardware subscribers have 1, 2, ...
 CORE_PORT = -1  #: The core's port among those that have yet to take the HMT's message.
 CORE_TRANSFER = -2  #: The core's transfer to the HMT, which must also end before the HMT is free.

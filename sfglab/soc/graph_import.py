@@ -85,7 +85,7 @@ def build_cfg(graph: Graph, *, name: str = "application") -> str:
 
     Each node in hardware gets a slot, a thread with HLS source and its resources; each gateway gets a slot and a
     section. Names of threads and streams become identifiers, ROS names stay. ReconROS's gateway supports only
-    ``sensor_msgs/Image``. This function writes other types, too.
+    ``sensor_msgs/Image``, but all types are written.
 
     Raises:
         InvalidValueError: A topic has no message type, or a name has a blank, a comma or a quote.

@@ -28,7 +28,7 @@ STAGES = ("all topics in software", "topics in hardware", "topics in hardware, g
 class CommunicationMapping:
     """The three stages of section 5; a node has the same placement in each."""
 
-    software: Graph  #: All topics in software, the default (Fig. 8b).
+    software: Graph  #: The whole graph with all topics in software, the default (Fig. 8b).
     hardware: Graph  #: Topics that join hardware nodes only in hardware, the others in software (Fig. 8c).
     gateways: Graph  #: In addition gateways where the rule wants them (Fig. 8d): the result.
 
@@ -81,8 +81,8 @@ def map_communication(
 def crossing_edges(graph: Graph) -> list[Edge]:
     """Return the edges across the boundary as section 5 counts them, publications first.
 
-    They are a software topic's edges to hardware nodes and a gateway's edges to software nodes. A topic in hardware
-    has none.
+    They are a software topic's edges to hardware nodes, and a gateway's edges to software nodes, because the
+    gateway is in hardware. A topic in hardware has none.
     """
     placed = graph.in_hardware
     in_software = graph.mapped_to(TopicMapping.SOFTWARE)

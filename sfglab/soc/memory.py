@@ -200,7 +200,7 @@ STORED = Costs(
     endpoint_s=373.57e-6,
     cancel_s=310.43e-6,
 )
-"""Constants of the model, fitted for gateway cores that store each chunk before they pass it on."""
+"""Constants of the model. They are fitted for gateway cores that store each chunk before they pass it on."""
 
 FITTED = (
     "write_latency_cycles",
@@ -257,7 +257,14 @@ class Times:
 
 
 def transfer_times(setup: Setup, costs: Costs = STORED) -> Times:
-    """Return the transfer times of one message."""
+    """Return the transfer times of one message.
+
+    - In software it is published, delivered to one subscriber after the other, and read by each hardware subscriber.
+    - Through a gateway the core is one of the subscribers, and copies the message once for all hardware nodes.
+    - In hardware it is a stream from port to port.
+
+    A hardware node takes `endpoint_s` for its message, and `delegate_s` if its delegate calls ROS 2.
+    """
     if setup.mapping is TopicMapping.SOFTWARE:
         hardware_s, software_s = _over_smt(setup, costs)
     elif setup.mapping is TopicMapping.GATEWAY:
@@ -321,6 +328,7 @@ class Receiver(Enum):
 
     HARDWARE = "the last hardware subscriber"
     SOFTWARE = "a software subscriber"
+    #: The later one of the last hardware subscriber and, in the mean, a software subscriber.
     LAST = "the last subscriber"
 
 

@@ -75,6 +75,7 @@ def predictions(numbers: Sequence[float]) -> list[Prediction]:
         numbers: Numbers that the paper states, in the order of `STATED`.
     """
     logs = np.log(numbers)
+    # Where the search begins does not change its result, so that no left-out number counts.
     start, _ = _posterior(logs, list(range(len(STATED))), _MEDIANS)
     return [_prediction(logs, left_out, start) for left_out in range(len(STATED))]
 

@@ -122,9 +122,10 @@ async def test_ctrl_c_while_an_answer_is_on_its_way_cancels_what_was_taken(
     monkeypatch.setattr(plan, "on_stop", stops.append)
     async with served(node, QUICK) as (near, server):
         orders = [order(8.0, 10.0)]
-        sending = asyncio.ensure_future(plan._send_all(near, lambda _: orders, ""))
-        while not server.busy:
-            await asyncio.sleep(1e-5)
+        sending = asyncio.ensure_future(plan._send_all(near, orders, 0.0))
+        async with asyncio.timeout(60):
+            while not server.busy:
+                await asyncio.sleep(1e-5)
         stops[0]()
         assert await sending == 130
         assert (server.state.speed_m_s, server.busy) == (0.0, False)
