@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
 
@@ -20,7 +21,10 @@ from sfglab.validation import Source, read, value_at
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import yaml
+
 _TEXT = "tag:yaml.org,2002:str"
+_ALIAS = "tag:sfglab:alias"
 _MOST_CHARACTERS = 2**20  # ten times the largest fleet
 _LONGEST_PLAIN = 1000  # characters of a value that is no text
 _EXPONENT = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
@@ -80,11 +84,10 @@ class Document:
         self.file = file
         self._one_line = one_line
         self._lines: dict[KeyPath, int] = {(): 1}
-        self._read_nodes: set[int] = set()
         if len(text) > _MOST_CHARACTERS:
             raise self.refusal((), f"{len(text)} characters", f"at most {_MOST_CHARACTERS}")
         try:
-            self._loader = yaml.SafeLoader(text)
+            self._loader = _loader_class()(text)
             node = self._loader.get_single_node()
             #: Mappings, lists and scalars.
             self.value: Any = None if node is None else self._read(node, ())
@@ -154,9 +157,8 @@ class Document:
     def _read(self, node: Any, path: KeyPath) -> Any:
         """Return the plain values of a node, whose lines are noted."""
         self._lines.setdefault(path, node.start_mark.line + 1)
-        if id(node) in self._read_nodes:  # an alias stands for the node that it repeats
+        if node.tag == _ALIAS:
             raise self.refusal(path, "an alias", "every value written out where it belongs")
-        self._read_nodes.add(id(node))
         if node.id == "mapping":
             return self._read_mapping(node, path)
         if node.id == "sequence":
@@ -175,8 +177,10 @@ class Document:
     def _read_mapping(self, node: Any, path: KeyPath) -> dict[str, Any]:
         made: dict[str, Any] = {}
         for key_node, value in node.value:
+            if key_node.id != "scalar" or key_node.tag == _ALIAS:
+                raise self.refusal(path, "an alias, a list or a mapping", "a key that is text")
             key = key_node.value
-            inner = (*path, str(key))
+            inner = (*path, key)
             self._lines[inner] = key_node.start_mark.line + 1
             if key_node.tag != _TEXT:
                 raise self.refusal(inner, key, "a key that is text (quote it)")
@@ -189,6 +193,22 @@ class Document:
     def _check_line(self, text: str, path: KeyPath, what: str) -> None:
         if self._one_line and _CONTROL.search(text):
             raise self.refusal(path, text, f"{what} of one line")
+
+
+@cache
+def _loader_class() -> type[yaml.SafeLoader]:
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        """Gives each alias a node of its own, with its own line, instead of what it repeats."""
+
+        def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+            if not self.check_event(yaml.AliasEvent):
+                return super().compose_node(parent, index)
+            event = self.get_event()  # type: ignore[no-untyped-call]
+            return yaml.ScalarNode(_ALIAS, event.anchor, event.start_mark, event.end_mark)
+
+    return Loader
 
 
 # Rules that a field's type cannot express stand beside it: ``Annotated[str, Matching(...)]``.
@@ -271,6 +291,8 @@ class ByName:
             return given
         members = {}
         for name, values in given.items():
+            if not name:
+                raise InvalidValueError((), name, "names that are not empty")
             members[name] = values
             if isinstance(values, dict):
                 if self.field in values:

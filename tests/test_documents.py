@@ -32,7 +32,9 @@ def read(hint, text: str):
         ("a: 2001-99-99", "f.yaml:1: a: given '2001-99-99', allowed: a value that YAML can read"),
         ("a: \x07", "f.yaml: given 'unacceptable character"),
         ("a: &x [1]\nb: *x", "f.yaml:2: b: given 'an alias', allowed: every value written out"),
-        ("a: &x\n- *x", "a[0]: given 'an alias'"),
+        ("a: &x\n- *x", "f.yaml:2: a[0]: given 'an alias'"),
+        ("a: &x b\nc:\n  *x : 1", "f.yaml:2: c: given 'an alias, a list or a mapping'"),
+        ("a:\n  ? [b, c]\n  : 1", "f.yaml:1: a: given 'an alias, a list or a mapping'"),
         ("a: {", "allowed: YAML"),
         ("1: a", "f.yaml:1: 1: given '1', allowed: a key that is text (quote it)"),
     ],
@@ -193,6 +195,7 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
             "wheels[1].size_m: given 0, allowed: greater than 0",
         ),
         ("axles: {a: {name: b}}", "axles.a.name: given 'name', allowed: no such key"),
+        ("axles: {'': {}}", "f.yaml:3: axles: given '', allowed: names that are not empty"),
         ("door: 2", "door: given 'door', allowed: at_m, axles, colour"),
         ("door: 2", "; did you mean 'doors'?"),
     ],
@@ -202,6 +205,16 @@ def test_a_mistake_in_what_a_dataclass_says_is_named_alike(text, said):
     with pytest.raises(documents.DocumentError) as caught:
         read(Car, "".join(line for key, line in needed.items() if f"{key}:" not in text) + text)
     assert said in str(caught.value)
+
+
+def test_a_key_of_nested_aliases_takes_no_time():
+    lines = ["k0: &a0 x"]
+    for number in range(1, 10):
+        lines.append(f"k{number}: &a{number} [{', '.join([f'*a{number - 1}'] * 10)}]")
+    for text in ("\n".join([*lines, "? *a9", ": 1"]), "\n".join(["? &a0 [x]", ": 1", *lines[1:]])):
+        with pytest.raises(documents.DocumentError) as caught:
+            documents.Document(text, "f.yaml")
+        assert len(str(caught.value)) < 200
 
 
 def test_a_document_may_be_a_list():

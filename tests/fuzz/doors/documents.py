@@ -17,10 +17,14 @@ YAML = (
     "0x" + "f" * 5000,
     ":".join("1" * 10**5),
 )
+# A key that stands for ten lists, each of which stands for ten.
+LISTS = [f"&a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
+BOMB = "\n".join(["? [&a0 [x],", *(f"{one}," for one in LISTS), "]", ": 1\n"])
 DOORS = {
     "fleet": Door(text(read_fleet), DocumentError, (FLEET,)),
     "scene": Door(text(read_scene), SfglabError, (SCENE,)),
 }
 ATTACKS = [
     *(("fleet", f"fleet: {value}\nagents: {value}\n".encode()) for value in YAML),
+    ("fleet", BOMB.encode()),
 ]
