@@ -10,8 +10,7 @@ from functools import cache
 from typing import Any
 
 from sfglab.fields import field_docs
-from sfglab.validation import Source as Source  # noqa: PLC0414  # sfglab.record imports it here
-from sfglab.validation import core_of
+from sfglab.validation import Source, core_of
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

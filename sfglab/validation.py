@@ -7,6 +7,7 @@ values and texts must be of their own kind, and "3" is no number; logs may be of
 
 from __future__ import annotations
 
+import math
 import re
 from difflib import get_close_matches
 from enum import Enum
@@ -14,6 +15,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError, KeyPath, key_text
+from sfglab.fields import Bounds
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
@@ -46,8 +48,12 @@ _MAPPING, _LIST = "a mapping of keys to values", "a list"
 _WORDS = {
     "int_type": "a whole number",
     "float_type": "a number",
-    "string_type": "a text in quotes",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_parsing": "a number",
+    "string_type": "a text",
     "bool_type": "true or false",
+    "bool_parsing": "true or false",
     "none_required": "nothing",
     "list_type": _LIST,
     "tuple_type": _LIST,
@@ -56,7 +62,6 @@ _WORDS = {
     "dict_type": _MAPPING,
     "dataclass_type": _MAPPING,
     "model_attributes_type": _MAPPING,
-    "missing": "one more value",
     "is_instance_of": "no such key",  # a `sfglab.documents.Place`, which is filled in
 }
 """Allowed values by the type of pydantic's error, where pydantic's own words name types of Python."""
@@ -87,6 +92,8 @@ def read(hint: Any, value: Any, about: str = "", source: Source = Source.VALUES)
         return _validator(hint, source).validate_python(value)
     except ValidationError as error:
         path, given, allowed = _mistake(error.errors(include_url=False), value)
+        if source is Source.FILE and isinstance(given, int | float) and "a text" in allowed:
+            allowed += " (quote it)"
         place = about + key_text(path) if about else path
         raise InvalidValueError(place, given, allowed) from error
 
@@ -121,7 +128,40 @@ def _ruled(core: Any, source: Source) -> Any:
     made |= _RULES[source].get(str(kind), {})
     if kind == "dataclass-args" and source is not Source.LOG:
         return _with_known_keys(made)
+    if kind in {"int", "float"} and not made.keys().isdisjoint(_LIMITS):
+        return _with_range(made)
+    if kind == "tuple" and "variadic_item_index" not in made:
+        return _with_length(made)
     return made
+
+
+def _with_range(core: Core) -> Core:
+    """Return the description of a number whose mistakes name its whole range."""
+    from pydantic_core.core_schema import custom_error_schema
+
+    word = "a whole number" if core["type"] == "int" else "a number"
+    if core.get("allow_inf_nan") is False:
+        word = "a finite number"
+    without = [core[end] for end in ("gt", "lt") if end in core]
+    low: Any = core.get("ge", core.get("gt", -math.inf))
+    high: Any = core.get("le", core.get("lt", math.inf))
+    allowed = Bounds(low, high, without=tuple(without))
+    said = f"Input should be {word} {allowed}"
+    return {**custom_error_schema(core, custom_error_type="range", custom_error_message=said)}
+
+
+def _with_length(core: Core) -> Core:
+    """Return the description of a tuple with a check of its length before."""
+    from pydantic_core.core_schema import no_info_before_validator_function
+
+    length = len(core["items_schema"])
+
+    def check(given: Any) -> Any:
+        if isinstance(given, list | tuple) and len(given) != length:
+            raise InvalidValueError((), given, f"{length} values")
+        return given
+
+    return {**no_info_before_validator_function(check, core)}
 
 
 def _with_known_keys(core: Core) -> Core:

@@ -169,16 +169,17 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
         ("# from:\ndoors: 1", "from: nothing is given, allowed: 'from' is needed here"),
         ("# from:\nform: a", "allowed: 'from' is needed here; did you mean it by 'form'?"),
         ("from: A", "f.yaml:2: from: given 'A', allowed: small letters"),
-        ("doors: 6", "doors: given 6, allowed: less than or equal to 5"),
+        ("doors: 6", "doors: given 6, allowed: a whole number from 1 to 5"),
         ("doors: 3", "f.yaml:2: doors: given 3, allowed: up to the seats, 2"),
         ("seats: 3", "seats: given 3, allowed: an even number"),
         ("colour: rad", "colour: given 'rad', allowed: red or green; did you mean 'red'?"),
-        ("load: 1", "load: given 1, allowed: less than 1"),
-        ("load: 1" + "0" * 400, "allowed: a number"),
+        ("load: 1", "load: given 1, allowed: a finite number from 0, below 1"),
+        ("load: 1" + "0" * 400, "allowed: a finite number from 0, below 1"),
         ("prices: {x: .inf}", "prices.x: given inf, allowed: a finite number"),
         ("lit: 1", "lit: given 1, allowed: true or false"),
-        ("limit: []", "limit: given [], allowed: a number or a text in quotes"),
-        ("at_m: [1]", "at_m: given [1], allowed: one more value"),
+        ("limit: []", "limit: given [], allowed: a number or a text"),
+        ("at_m: [1]", "at_m: given [1], allowed: 2 values"),
+        ("at_m: [1, 2, 3]", "at_m: given [1, 2, 3], allowed: 2 values"),
         ("at_m: [1, yes]", "at_m[1]: given True, allowed: a number"),
         (
             "engine: {fuel: sum}",
@@ -186,13 +187,13 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
         ),
         ("spare:", "spare: nothing is given, allowed: a mapping"),
         ("tags: [x]", "tags[0]: given 'x', allowed: tags"),
-        ("tags: [1]", "tags[0]: given 1, allowed: a text in quotes"),
+        ("tags: [1]", "tags[0]: given 1, allowed: a text (quote it)"),
         ("place: {}", "place: given 'place', allowed: at_m, axles"),
         ("maybe: x", "maybe: given 'x', allowed: a number or nothing"),
         ("wheels: 3", "wheels: given 3, allowed: a list"),
         (
             "wheels: [a, {name: b, size_m: 0}]",
-            "wheels[1].size_m: given 0, allowed: greater than 0",
+            "wheels[1].size_m: given 0, allowed: a finite number above zero",
         ),
         ("axles: {a: {name: b}}", "axles.a.name: given 'name', allowed: no such key"),
         ("axles: {'': {}}", "f.yaml:3: axles: given '', allowed: names that are not empty"),
@@ -208,13 +209,10 @@ def test_a_mistake_in_what_a_dataclass_says_is_named_alike(text, said):
 
 
 def test_a_key_of_nested_aliases_takes_no_time():
-    lines = ["k0: &a0 x"]
-    for number in range(1, 10):
-        lines.append(f"k{number}: &a{number} [{', '.join([f'*a{number - 1}'] * 10)}]")
-    for text in ("\n".join([*lines, "? *a9", ": 1"]), "\n".join(["? &a0 [x]", ": 1", *lines[1:]])):
-        with pytest.raises(documents.DocumentError) as caught:
-            documents.Document(text, "f.yaml")
-        assert len(str(caught.value)) < 200
+    lists = [f"&a{n} [{', '.join([f'*a{n - 1}'] * 10)}]," for n in range(1, 10)]
+    text = "\n".join(["? [&a0 [x],", *lists, "]", ": 1"])
+    with pytest.raises(documents.DocumentError, match=r"^f\.yaml:1: given 'an alias, a list"):
+        documents.Document(text, "f.yaml")
 
 
 def test_a_document_may_be_a_list():

@@ -57,13 +57,14 @@ def test_values_are_read_from_json_and_as_they_are():
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"count": 10}, "x: count: given 10, allowed: less than or equal to 9"),
-        ({"count": "3"}, "x: count: given '3', allowed: a whole number"),
+        ({"count": 10}, "x: count: given 10, allowed: a whole number from 1 to 9"),
+        ({"count": "3"}, "x: count: given '3', allowed: a whole number from 1 to 9"),
         ({"count": True}, "x: count: given True"),
         ({"count": 3.0}, "x: count: given 3.0"),
+        ({"name": 1}, "name: given 1, allowed: a text"),
         ({"name": "bad"}, "name: given 'bad', allowed: a good name"),
         ({"method": "lc"}, "method: given 'lc', allowed: LC or CC"),
-        ({"depths": [1, 51]}, "depths[1]: given 51, allowed: less than or equal to 50"),
+        ({"depths": [1, 51]}, "depths[1]: given 51, allowed: a whole number from 1 to 50"),
         ({"part": {"sise": 1}}, "part.sise: given 'sise', allowed: size; did you mean 'size'?"),
     ],
 )

@@ -66,12 +66,12 @@ def test_rules_of_ones_own_become_a_policy():
 @pytest.mark.parametrize(
     ("change", "key", "line", "part"),
     [
-        (("domain: 2", "domain: 233"), "agents.pi1.domain", 11, "less than or equal to 232"),
+        (("domain: 2", "domain: 233"), "agents.pi1.domain", 11, "a whole number from 0 to 232"),
         (
             ("depth: 5", "depth: 0"),
             "agents.go2.publishes[1].qos.depth",
             9,
-            "greater than or equal to 1",
+            "from 1",
         ),
         (("count: 2", "rate_hz: 1"), "agents.go2.publishes[1].rate_hz", 8, "allowed"),
         (("pi1:", "torq:"), "agents.torq", 10, "a DDS router breaks it"),

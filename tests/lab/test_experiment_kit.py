@@ -138,7 +138,7 @@ def test_profiles_and_changes_are_checked():
     for profile, changes, message in [
         ("long", {}, "profile: given 'long', allowed: smoke, quick, paper"),
         ("smoke", {"sede": 1}, "kit: sede: given 'sede', allowed: .*did you mean 'seed'"),
-        ("smoke", {"loss": 0.4}, "kit: loss: given 0.4, allowed: less than or equal to 0.3"),
+        ("smoke", {"loss": 0.4}, "kit: loss: given 0.4, allowed: a number from 0 to 0.3"),
         ("smoke", {"seeds": "many"}, "kit: seeds: given 'many', allowed: a whole number"),
     ]:
         with pytest.raises(InvalidValueError, match=message):

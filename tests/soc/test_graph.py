@@ -57,13 +57,13 @@ MISTAKES = [
         "nodes: {a: {}}\ntopics: {t: {publishers: [a, a]}}",
         "topics.t.publishers: given 'a', allowed: each name once, and it is there 2 times",
     ),
-    ("nodes: {a: {rate_hz: -1}}", "nodes.a.rate_hz: given -1, allowed: greater than or equal to 0"),
+    ("nodes: {a: {rate_hz: -1}}", "nodes.a.rate_hz: given -1, allowed: a finite number from 0"),
     (
         "nodes: {a: {}}\ntopics: {t: {publishers: [a], mapping: hardware}}",
         "topics.t.mapping: given 'hardware', allowed: software or gateway, as 'a' is placed in software",
     ),
     ("topics: {}", "g.yaml:1: nodes: nothing is given, allowed: 'nodes' is needed here"),
-    ("nodes: {'': {}}", "nodes.: given {}, allowed: at least 1 character"),
+    ("nodes: {'': {}}", "nodes: given '', allowed: names that are not empty"),
 ]
 
 

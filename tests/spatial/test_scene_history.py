@@ -179,7 +179,7 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(editor, ids):
         f"allowed: a time of its own; waypoint {points[0]} has this one"
     )
     assert refusal(editor.set_property, agent, "radius_m", -1) == (
-        f"agent {agent} (go2), radius_m: given -1, allowed: greater than 0"
+        f"agent {agent} (go2), radius_m: given -1, allowed: a finite number above zero"
     )
     for id_, key, value, says in (
         (agent, "colour", "red", "acceleration_m_s2, name, parent, pose, radius_m, speed_m_s"),
@@ -189,7 +189,7 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(editor, ids):
         (agent, "name", "", "name: given ''"),
         (agent, "name", "two\nlines", "printable"),
         (agent, "radius_m", math.nan, "allowed"),
-        (agent, "pose", Pose.at((1e7, 0.0, 0.0)), "less than or equal to 1000000"),
+        (agent, "pose", Pose.at((1e7, 0.0, 0.0)), "a finite number from -1000000 to 1000000"),
         (path, "agent", path, "an agent in the scene, or none"),
         (other, "agent", agent, f"follows {path}"),
         (points[0], "parent", hall, "the id of a trajectory"),

@@ -115,7 +115,7 @@ def test_topics_of_the_schema_stand_below_their_agent_and_others_keep_their_name
         (lambda s: s.add("image", {"bild": "/a"}), "image, topics: given .*, allowed: .* image"),
         (
             lambda s: s.tune("image-1", "opacity", 2),
-            "opacity: given 2, allowed: less than or equal to 1",
+            "opacity: given 2, allowed: a number from 0 to 1",
         ),
         (lambda s: s.tune("image-1", "bla", 1), "bla: given 1, allowed: a parameter: opacity"),
         (lambda s: s.limit("image-1", 0), "max_hz: given 0"),
