@@ -21,9 +21,8 @@ from zstandard import ZstdDecompressor, ZstdError
 from sfglab.documents import Document
 from sfglab.errors import InvalidValueError
 from sfglab.record.mcap_file import McapFile
-from sfglab.record.parts import Channel, LogError, LogMessage, damage_named, most_bytes
-from sfglab.schema import Source
-from sfglab.validation import read
+from sfglab.record.parts import QOS_KEY, Channel, LogError, LogMessage, damage_named, most_bytes
+from sfglab.validation import Source, read
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -34,19 +33,26 @@ if TYPE_CHECKING:
 _SUFFIXES = (".mcap", ".db3")
 _COMPRESSED = ".zstd"
 _DEFINITIONS = """
-SELECT topic_type, encoding, encoded_message_definition FROM message_definitions
+SELECT topic_type, CAST(IFNULL(encoding, '') AS TEXT),
+    CAST(IFNULL(encoded_message_definition, '') AS TEXT)
+FROM message_definitions
 """
+# In a damaged file, any column may hold a value of any kind.
 _TOPICS = """
-SELECT id, name, type, serialization_format, offered_qos_profiles, IFNULL(count, 0), first, last
+SELECT id, CAST(IFNULL(name, '') AS TEXT), CAST(IFNULL(type, '') AS TEXT),
+    CAST(IFNULL(serialization_format, '') AS TEXT), CAST(IFNULL(offered_qos_profiles, '') AS TEXT),
+    IFNULL(count, 0), first, last
 FROM topics LEFT JOIN (
     SELECT topic_id, COUNT(*) AS count, MIN(timestamp) AS first, MAX(timestamp) AS last
-    FROM messages GROUP BY topic_id
+    FROM messages WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob' GROUP BY topic_id
 ) ON topic_id = id
 """
+_COLUMNS = "SELECT name FROM pragma_table_info('topics')"
 # Bounds come as text, and a bound beyond SQLite's greatest integer becomes that integer.
 _MESSAGES = """
 SELECT topic_id, timestamp, data FROM messages
-WHERE topic_id IN (SELECT value FROM json_each(?))
+WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob'
+AND topic_id IN (SELECT value FROM json_each(?))
 AND timestamp >= CAST(? AS INTEGER) AND timestamp < CAST(? AS INTEGER)
 ORDER BY timestamp, id
 """
@@ -129,7 +135,8 @@ def _parts_of(path: Path, bag: _Bag | None) -> list[Path]:
     """Return the files of a folder."""
     if bag:
         # Some recorders write the folder's name before the file's.
-        return [path / PurePath(name).name for name in bag.relative_file_paths]
+        names = [PurePath(name).name for name in bag.relative_file_paths]
+        return [path / name for name in dict.fromkeys(names)]
     return sorted(file for file in path.iterdir() if _is_part(file))
 
 
@@ -193,7 +200,11 @@ class SqliteFile:
         with suppress(sqlite3.OperationalError):  # Humble has no such table
             for name, encoding, text in self._database.execute(_DEFINITIONS):
                 definitions[name] = (encoding, text)
-        for number, topic, kind, encoding, qos, count, *times_ns in self._database.execute(_TOPICS):
+        columns = [name for (name,) in self._database.execute(_COLUMNS)]
+        topics = _TOPICS
+        if QOS_KEY not in columns:  # before Foxy
+            topics = _TOPICS.replace(QOS_KEY, "NULL")
+        for number, topic, kind, encoding, qos, count, *times_ns in self._database.execute(topics):
             definition_encoding, definition = definitions.get(kind, ("", ""))
             self.channels[number] = Channel(
                 topic=topic,

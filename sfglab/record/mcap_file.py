@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # opcode, length
 _FOOTER = struct.Struct("<BQQQI8s")  # head, start of the summary and of its offsets, CRC, magic
+_CHECKED = _FOOTER.size - len(_MAGIC) - 4  # bytes before the CRC
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _NO_SCHEMA = records.Schema(id=0, data=b"", encoding="", name="")
 # A chunk may hold so many records, and 2 more for each compressed byte: their times differ.
@@ -253,13 +254,17 @@ class McapFile:
         return index
 
     def _summary_start(self) -> int:
-        """Return the offset of the summary section; the end of the file where it has none."""
+        """Return the offset of the summary section; the end of the file where it has none or a damaged one."""
         footer_start = self._size - _FOOTER.size
         if footer_start >= 0:
             self._stream.seek(footer_start)
-            opcode, _, start, _, _, magic = _FOOTER.unpack(self._stream.read())
-            if (opcode, magic) == (Opcode.FOOTER, _MAGIC) and start:
-                return int(start)
+            footer = self._stream.read()
+            opcode, _, start, _, crc, magic = _FOOTER.unpack(footer)
+            if (opcode, magic) == (Opcode.FOOTER, _MAGIC) and 0 < start <= footer_start:
+                self._stream.seek(start)
+                checked = self._stream.read(footer_start - start) + footer[:_CHECKED]
+                if crc in {0, zlib.crc32(checked)}:  # 0: not known
+                    return int(start)
         return self._size
 
 

@@ -205,7 +205,9 @@ def strings_from_values(name: str, values: Mapping[str, Any]) -> dict[str, str]:
     for key, value in values.items():
         is_text = type(value) is str and not _is_literal(value)
         try:
-            strings[str(key)] = value if is_text else json.dumps(value, default=_plain)
+            text = value if is_text else json.dumps(value, default=_plain)
+            f"{key}{text}".encode()  # half a character would break the file
+            strings[str(key)] = text
         except (TypeError, ValueError) as exc:
             raise LogError(f"metadata {name!r}: {key!r} cannot be kept: {exc}") from exc
     return strings

@@ -114,12 +114,14 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def offered_qos(self, topic: str) -> QoSProfile:
         """Return the recorded profile of a topic's publishers; what is left open is ROS 2's default."""
-        return profile_from_bag(self.topics[topic].offered_qos)
+        texts = (channel.offered_qos for channel in self._channels[topic])
+        return profile_from_bag(next(filter(None, texts), ""))
 
     def definition(self, topic: str) -> str:
         """Return the definition of a topic's type in the log; empty where it has none as `.msg`."""
-        channel = self.topics[topic]
-        return channel.definition if channel.definition_encoding == "ros2msg" else ""
+        channels = self._channels[topic]
+        texts = (c.definition for c in channels if c.definition_encoding == "ros2msg")
+        return next(filter(None, texts), "")
 
     def first(self, topic: str) -> list[LogMessage]:
         """Return a topic's first messages, at most 200: enough for its rate and size."""

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 COMPUTATION_GRAPH = "computation_graph"
 """Name of the metadata record with the publishers and subscribers of each topic: lists of node names."""
 
-_Sides = dict[str, dict[str, tuple[str, ...]]]
-"""Names of the publishers and subscribers of each topic."""
 _HEADER_FIRST = re.compile(r"(?:\s*(?:#.*)?\n)*\s*std_msgs/(?:msg/)?Header\s")
 _STAMP = slice(4, 12)
 """Bytes of the time stamp in a message that begins with a header: after the four bytes of the CDR header."""
@@ -52,25 +50,33 @@ def traffic_of(log: LogReader) -> Iterator[Traffic]:
     sides = _sides(log)
     for topic, info in log.topics.items():
         if not topic.startswith(TABLE_PREFIX):
-            nodes = sides.get(topic, {})
+            nodes = sides.get(topic)
             found = log.first(topic)
             rate_hz, size_bytes = rate_and_size(found)
             yield Traffic(
                 topic=topic,
                 type_name=info.type_name,
-                publishers=nodes.get("publishers"),
-                subscribers=nodes.get("subscribers", ()),
+                publishers=nodes.publishers if nodes else None,
+                subscribers=nodes.subscribers if nodes else (),
                 size_bytes=round(size_bytes) if found else None,
                 rate_hz=rate_hz or None,
                 change_s=_change_s(log, found, rate_hz) if rate_hz else None,
             )
 
 
-def _sides(log: LogReader) -> _Sides:
+@dataclass(frozen=True, slots=True)
+class _Sides:
+    """The nodes on both sides of a topic."""
+
+    publishers: tuple[str, ...] = ()
+    subscribers: tuple[str, ...] = ()
+
+
+def _sides(log: LogReader) -> dict[str, _Sides]:
     if COMPUTATION_GRAPH not in log.metadata_names:
         return {}
     place = f"{log.path.name}: {COMPUTATION_GRAPH}."
-    sides: _Sides = read(_Sides, log.metadata(COMPUTATION_GRAPH), place)
+    sides: dict[str, _Sides] = read(dict[str, _Sides], log.metadata(COMPUTATION_GRAPH), place)
     return sides
 
 

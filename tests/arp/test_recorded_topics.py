@@ -12,7 +12,7 @@ from waiting import program
 from sfglab.arp.recorded import host_of, topics_from_log, topics_text
 from sfglab.arp.topics import load_topics, read_topics
 from sfglab.documents import Document
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.record import LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
@@ -84,6 +84,20 @@ def test_who_publishes_and_subscribes_decides_what_crosses_with_the_recorded_qos
         "/both": "more than one host publishes it: go2, spot",
         "/heard": "nobody publishes it",
     }
+
+
+def test_a_side_that_is_not_recorded_has_no_nodes_and_a_misspelt_one_is_refused(tmp_path):
+    for number, side in enumerate(("subscribers", "publisher")):
+        with LogWriter(tmp_path / f"{number}.mcap") as log:
+            log.write_metadata(COMPUTATION_GRAPH, {"/a": {side: ["/n"]}})
+            log.write_raw("/a", "std_msgs/msg/UInt8", b"\0\1\0\0\7", log_time_ns=1)
+    with LogReader(tmp_path / "0.mcap") as log:
+        assert topics_from_log(log) == ((), {"/a": "nobody publishes it"})
+    with (
+        LogReader(tmp_path / "1.mcap") as log,
+        pytest.raises(InvalidValueError, match="did you mean 'publishers'"),
+    ):
+        topics_from_log(log)
 
 
 HOSTS = {"/global/go2/imu": "go2", "/local/go2/imu": "go2", "/robot1/lidar": "robot1"}

@@ -62,6 +62,9 @@ def test_every_value_of_json_comes_back(values):
 def test_what_has_no_form_in_json_is_refused():
     with pytest.raises(LogError, match="metadata 'config': 'x' cannot be kept"):
         strings_from_values("config", {"x": object()})
+    for values in ({"x": "\ud800"}, {"\ud800": 1}):
+        with pytest.raises(LogError, match="metadata 'config': .* cannot be kept"):
+            strings_from_values("config", values)
 
 
 def test_profiles_are_written_as_rosbag2_of_humble_does_with_the_numbers_of_rmw():

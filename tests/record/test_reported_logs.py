@@ -16,6 +16,7 @@ from reported import STRING, string, without_repetition, write_db3, write_mcap, 
 
 from sfglab.qos import QoSProfile
 from sfglab.record import LogError, LogReader
+from sfglab.record.metadata import offered_qos_profiles
 
 THREE = [("/a", 1, string(b"1")), ("/a", 2, string(b"2")), ("/a", 3, string(b"3"))]
 MIXED = [*THREE, ("/b", 2, string(b"b"))]
@@ -82,6 +83,9 @@ def test_a_count_that_differs_from_the_index_is_a_warning(tmp_path):
     path = write_mcap(tmp_path / "a.mcap", THREE)
     data = path.read_bytes()
     head, tail = data.rsplit(struct.pack("<HQ", 1, 3), 1)  # the count of channel 1 in Statistics
+    path.write_bytes(head + struct.pack("<HQ", 1, 6) + tail)
+    with LogReader(path) as log:
+        assert log.topics["/a"].count == 3, "its checksum says that the summary is damaged"
     checked = tail[:-12] + bytes(4) + tail[-8:]  # without the checksum of the summary
     path.write_bytes(head + struct.pack("<HQ", 1, 6) + checked)
     with LogReader(path) as log:
@@ -113,6 +117,48 @@ def test_a_folder_without_metadata_is_all_its_files(folder, metadata, kind):
     assert texts(folder) == ["1", "2", "3"]
     with LogReader(folder) as log:
         assert len(log.warnings) == (metadata is not None)
+
+
+def test_values_of_a_wrong_kind_in_a_damaged_file_leave_the_other_messages(tmp_path):
+    database = write_db3(tmp_path / "a.db3", THREE, qos=QOS)
+    database.execute("UPDATE topics SET name = CAST(name AS BLOB), offered_qos_profiles = x'ff'")
+    database.execute("UPDATE messages SET timestamp = 'soon' WHERE id = 1")
+    database.execute("UPDATE messages SET data = 'text' WHERE id = 2")
+    database.commit()
+    database.close()
+    assert texts(tmp_path / "a.db3") == ["3"]
+    with LogReader(tmp_path / "a.db3") as log:
+        assert log.topics["/a"].count == 1
+        assert log.offered_qos("/a") == QoSProfile()
+        assert log.span_ns == (3 * 10**9, 3 * 10**9)
+        assert log.warnings == []
+
+
+def test_a_bag_from_before_foxy_has_no_profiles(tmp_path):
+    database = write_db3(tmp_path / "a.db3", THREE)
+    database.execute("ALTER TABLE topics DROP COLUMN offered_qos_profiles")
+    database.commit()
+    database.close()
+    assert texts(tmp_path / "a.db3") == ["1", "2", "3"]
+
+
+def test_a_file_that_the_metadata_names_twice_is_read_once(folder):
+    write_mcap(folder / "bag_0.mcap", THREE)
+    write_metadata(folder, ["bag_0.mcap", "bag/bag_0.mcap"], THREE)
+    assert texts(folder) == ["1", "2", "3"]
+    with LogReader(folder) as log:
+        assert log.warnings == []
+
+
+def test_profile_and_definition_of_a_topic_are_the_first_that_a_file_has(folder):
+    profile = offered_qos_profiles(QoSProfile(depth=7))
+    write_db3(folder / "a_0.db3", THREE).close()
+    definition = ("ros2msg", "string data")
+    write_db3(folder / "a_1.db3", THREE, qos=profile, definition=definition).close()
+    write_db3(folder / "a_2.db3", THREE).close()
+    with LogReader(folder) as log:
+        assert log.offered_qos("/a").depth == 7
+        assert log.definition("/a") == "string data"
 
 
 @pytest.mark.parametrize("with_metadata", [True, False])

@@ -1,6 +1,8 @@
 """Logs, and the journals of sweeps."""
 
+import sqlite3
 import struct
+from functools import partial
 
 import lz4.frame
 import zstandard
@@ -16,9 +18,9 @@ JOURNAL = b'{"sfglab_sweep": 1, "task": "t"}\n'
 POINT = b'{"point": 0, "seed": 0, "result": {"columns": {"a": 1.5}}}\n'
 
 
-def log(data):
-    (FOLDER / "a.mcap").write_bytes(data)
-    with LogReader(FOLDER / "a.mcap") as found:
+def log(data, name="a.mcap"):
+    (FOLDER / name).write_bytes(data)
+    with LogReader(FOLDER / name) as found:
         for topic in found.topics:
             found.first(topic)
             found.knows(topic)
@@ -58,8 +60,28 @@ def record(cdr):
     return struct.pack("<BQHIQQ", 5, 22 + len(cdr), 1, 0, 1, 1) + cdr
 
 
+def bag():
+    """A small SQLite file of a rosbag2, in pages of 512 bytes so that changes meet its rows."""
+    path = FOLDER / "b.db3"
+    database = sqlite3.connect(path)
+    database.executescript(
+        "PRAGMA page_size=512;"
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT,"
+        " serialization_format TEXT, offered_qos_profiles TEXT);"
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,"
+        " data BLOB);"
+        "INSERT INTO topics VALUES(1, '/s', 'std_msgs/msg/String', 'cdr', '');"
+        "INSERT INTO messages VALUES(1, 1, 1, x'0001000002000000610000');"
+        "INSERT INTO messages VALUES(2, 1, 2, x'0001000002000000620000');"
+    )
+    database.close()
+    return path.read_bytes()
+
+
+BAG = bag()
 DOORS = {
     "log": Door(log, (LogError, MessageError), (written_log(), log_of(record(bytes(8))))),
+    "bag": Door(partial(log, name="a.db3"), (LogError, MessageError), (BAG,)),
     "journal": Door(journal, SweepError, (JOURNAL + POINT,)),
 }
 ZEROS, EMPTY, ONE = bytes(2**26), record(b"") * 10**6, record(bytes(8))
