@@ -127,11 +127,11 @@ def _ruled(core: Any, source: Source) -> Any:
     made = {key: _ruled(value, source) for key, value in core.items() if key not in left_out}
     made |= _RULES[source].get(str(kind), {})
     if kind == "dataclass-args" and source is not Source.LOG:
-        return _with_known_keys(made)
-    if kind in {"int", "float"} and not made.keys().isdisjoint(_LIMITS):
-        return _with_range(made)
-    if kind == "tuple" and "variadic_item_index" not in made:
-        return _with_length(made)
+        made = _with_known_keys(made)
+    elif kind in {"int", "float"} and not made.keys().isdisjoint(_LIMITS):
+        made = _with_range(made)
+    elif kind == "tuple" and "variadic_item_index" not in made:
+        made = _with_length(made)
     return made
 
 

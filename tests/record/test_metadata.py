@@ -63,7 +63,7 @@ def test_what_has_no_form_in_json_is_refused():
     with pytest.raises(LogError, match="metadata 'config': 'x' cannot be kept"):
         strings_from_values("config", {"x": object()})
     for values in ({"x": "\ud800"}, {"\ud800": 1}):
-        with pytest.raises(LogError, match="metadata 'config': .* cannot be kept"):
+        with pytest.raises(LogError, match=r"metadata 'config': .* cannot be kept"):
             strings_from_values("config", values)
 
 

@@ -25,8 +25,8 @@ def log(data, name="a.mcap"):
             found.first(topic)
             found.knows(topic)
             list(found.decoded(topic))
-        for name in found.metadata_names:
-            found.metadata(name)
+        for record_name in found.metadata_names:
+            found.metadata(record_name)
 
 
 def journal(data):
