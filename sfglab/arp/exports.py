@@ -18,6 +18,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree import ElementTree as ET
 
+from sfglab.errors import InvalidValueError
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Vendor
 from sfglab.units import NS_PER_S
 
@@ -221,8 +222,23 @@ class Export(NamedTuple):
     """One format."""
 
     file: str  #: Usual name of the file.
-    render: Callable[[Plan], str]  #: Returns a plan as the file's text.
+    render: Callable[[Plan], str]  #: Writes a plan of this vendor.
     vendor: Vendor | None  #: Vendor whose timing the plan must have; None: any vendor.
+
+    def suits(self, vendor: Vendor) -> bool:
+        """Return whether the format can say the timing of a vendor, also of its presets."""
+        return self.vendor is None or vendor.name.startswith(self.vendor.name)
+
+    def text(self, plan: Plan) -> str:
+        """Return a plan as the file's text.
+
+        Raises:
+            InvalidValueError: The plan has the timing of another vendor.
+        """
+        if self.vendor and not self.suits(plan.vendor):
+            allowed = f"a plan with the timing of {self.vendor.name}"
+            raise InvalidValueError(self.file, plan.vendor.name, allowed)
+        return self.render(plan)
 
 
 EXPORTS = {

@@ -233,7 +233,8 @@ def plan_as_printed(given: TopicFile) -> Plan:
     topics = given.topics_of_agents()
     found = balance_closed_form(BalanceInput(topics=topics, rate_max_hz=rate_max_hz))
     count = len(given.topics)
-    rates_hz, depths = np.full(count, found.rate_hz), np.full(count, int(found.depth))
+    depth = int(round(found.depth, 6))  # digits beyond the sixth are noise
+    rates_hz, depths = np.full(count, found.rate_hz), np.full(count, depth)
     return assess(given, rates_hz, depths, method="paper")
 
 

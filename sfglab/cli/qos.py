@@ -125,9 +125,8 @@ def qos(
         typer.echo(_front_text(given))
         return
     export = EXPORTS.get(format_)
-    planned = given.vendor.name
-    if export and export.vendor and not planned.startswith(export.vendor.name):
-        allowed = f"a format for {planned}; --rmw chooses another middleware"
+    if export and not export.suits(given.vendor):
+        allowed = f"a format for {given.vendor.name}; --rmw chooses another middleware"
         raise InvalidValueError("--format", format_, allowed)
     if method == "paper":
         unused("with --method paper, which has no latency weight", "latency_weight")
@@ -147,7 +146,7 @@ def qos(
             found["deadline_ns"] = part.deadline_ns
         print_json(values)
         return
-    text = export.render(plan) if export else _plan_text(plan)
+    text = export.text(plan) if export else _plan_text(plan)
     name = export.file if export else "qos.txt"
     write_text(text, out and Path(name), out)
 

@@ -14,6 +14,7 @@ import yaml
 
 from sfglab.arp import load_topics, plan_as_printed, plan_file
 from sfglab.arp.exports import EXPORTS, cyclone_xml, fast_dds_xml, ros2_parameters
+from sfglab.errors import InvalidValueError
 from sfglab.qos import Reliability
 from sfglab.rtps import CYCLONE_DDS
 
@@ -21,9 +22,14 @@ DATA = Path(__file__).parents[2] / "data" / "qos"
 PAPER_B = load_topics(DATA / "paper_b.yaml")
 
 
+# Elements of what we write, in the schemas that Fast DDS ships (resources/xsd: generation 2,
+# fastRTPS_profiles.xsd; generation 3, fastdds_profiles.xsd).
+NAMES = {
+    *("topic", "qos", "times", "historyMemoryPolicy", "historyQos", "kind", "depth"),
+    *("resourceLimitsQos", "max_samples", "max_instances", "max_samples_per_instance"),
+    *("deadline", "durability", "reliability", "period", "sec", "nanosec"),
+}
 LIMITS = ("max_samples", "max_instances", "max_samples_per_instance")
-# Elements in the schemas that Fast DDS ships (resources/xsd: generation 2, fastRTPS_profiles.xsd; generation 3,
-# fastdds_profiles.xsd).
 TIMES = {
     2: ("heartbeatPeriod", "nackResponseDelay", "heartbeatResponseDelay"),
     3: ("heartbeat_period", "nack_response_delay", "heartbeat_response_delay"),
@@ -56,11 +62,12 @@ def parsed(text: str) -> ET.Element:
 def test_fast_dds_profiles_say_the_plan_with_names_of_the_schema(name, generation):
     """Best-effort topics have no times, those behind a cache no deadline; deep histories raise the limits."""
     plan = planned(name)
-    found = parsed(EXPORTS[FORMATS[generation]].render(plan)).find("profiles")
+    found = parsed(EXPORTS[FORMATS[generation]].text(plan)).find("profiles")
     assert len(found.findall("*")) == 2 * len(plan.topics)
     heartbeat, *_ = TIMES[generation]
     for part, kind in product(plan.topics, ("data_writer", "data_reader")):
         profile = found.find(f"{kind}[@profile_name='{part.topic.name}']")
+        assert {e.tag for e in profile.iter()} <= NAMES.union(TIMES[generation], [kind])
         text = profile.findtext
         assert text("topic/historyQos/kind") == "KEEP_LAST"
         assert text("topic/historyQos/depth") == str(part.depth)
@@ -71,6 +78,15 @@ def test_fast_dds_profiles_say_the_plan_with_names_of_the_schema(name, generatio
         assert int(seconds) * 10**9 + int(rest) == (part.deadline_ns or 0)
         expected = "3" if part.topic.reliable and kind == "data_writer" else None
         assert text(f"times/{heartbeat}/sec") == expected
+
+
+def test_a_plan_for_another_vendor_is_refused():
+    with pytest.raises(
+        InvalidValueError, match=r"given 'Fast DDS.*', .* the timing of Cyclone DDS"
+    ):
+        EXPORTS["cyclone"].text(planned("Fast DDS"))
+    with pytest.raises(InvalidValueError, match=r"given 'Cyclone DDS', .* the timing of Fast DDS"):
+        EXPORTS["fastdds"].text(planned("Cyclone DDS"))
 
 
 def run_cyclone(path: Path, text: str) -> subprocess.CompletedProcess[str]:

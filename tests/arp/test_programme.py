@@ -260,6 +260,13 @@ def test_the_planned_loss_counts_all_rounds_that_a_history_holds_and_readers_kno
     assert found[0][0] < -0.2
 
 
+def test_the_papers_depth_is_a_whole_number_where_the_problem_has_one():
+    """T_a = 2, Rmax = 1000: R = 1000 / 2 - 1 and D = 5000 R / 1000 - 1 = 2494."""
+    file = TopicFile(topics=tuple(equal_topics(2)), agents=("robot",))
+    (first, _) = plan_as_printed(file).topics
+    assert (first.rate_hz, first.depth) == (499, 2494)
+
+
 def test_the_planned_depth_repairs_and_what_no_depth_can_keep_is_in_the_planned_loss():
     """10 % loss: a TRANSIENT_LOCAL history keeps all, a VOLATILE one of Fast DDS as much as planned."""
     latched, volatile = (

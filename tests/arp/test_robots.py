@@ -2,8 +2,16 @@
 
 import pytest
 
-from sfglab.arp.robots import SENSORS, cdr_bytes, object_bytes
+from sfglab.arp.robots import ROBOTS, SENSORS, cdr_bytes, object_bytes
 from sfglab.lab.experiments.balancing.results import TABLE_1
+
+
+def test_robots_have_the_sensors_of_section_3_1():
+    """Robot 1 has six; robots 2 and 3 have the same five."""
+    common = {"flame", "pir", "dht11", "light"}
+    assert set(ROBOTS["robot1"]) == common | {"lidar", "imu"}
+    assert set(ROBOTS["robot2"]) == set(ROBOTS["robot3"]) == common | {"ultrasonic"}
+    assert [len(sensors) for sensors in ROBOTS.values()] == [6, 5, 5]
 
 
 def test_types_and_sizes_are_table_1_s():
