@@ -107,6 +107,7 @@ def echo(
       sfglab topic echo /odom --field pose.pose.position
       sfglab topic echo /chatter --json | jq .data
     """
+    from sfglab.bus.listing import view
     from sfglab.messages.text import to_yaml, value_at, values_of
 
     most = None if full_length or as_json else _SHOWN
@@ -119,7 +120,9 @@ def echo(
             typer.echo(f"{to_yaml(values)}---")
 
     async def listen(node: Node) -> None:
-        subscription = await _subscribed(node, topic, type_)
+        publishers = await _publishers(node, topic, _TOPIC_S)
+        name = type_ or _type_of(view(node), topic, "; give one of them as TYPE")
+        subscription = _subscribed(node, topic, name, publishers)
         show(await subscription.take(timeout))
         while not once:
             show(await subscription.take())
@@ -146,12 +149,19 @@ def hz(
       sfglab topic hz /camera/image_raw --window 100 --domain 7
       sfglab topic hz /chatter --duration 5 --json
     """
+    from sfglab.bus.listing import view
     from sfglab.bus.meters import Rate
 
     meter = Rate(window)
 
     async def measure(node: Node) -> None:
-        subscription = await _subscribed(node, topic, raw=True)
+        publishers = await _publishers(node, topic, _REPORT_S)
+        if not publishers:
+            typer.echo(f"WARNING: topic [{topic}] does not appear to be published yet", err=True)
+        while not publishers:
+            publishers = await _publishers(node, topic, _TOPIC_S)
+        name = _type_of(view(node), topic)
+        subscription = _subscribed(node, topic, name, publishers, raw=True)
         typer.echo(f"Subscribed to [{topic}]", err=as_json)
         printed_ns: int | None = None
         try:
@@ -240,35 +250,41 @@ def _full_type(name: str) -> str:
     return type_name(name if not rest or "/" in rest else f"{package}/msg/{rest}")
 
 
-async def _subscribed(
-    node: Node, topic: str, type_name: str | None = None, *, raw: bool = False
-) -> Subscription:
-    """Return a subscription to a topic with the QoS that matches all publishers.
+async def _publishers(node: Node, topic: str, timeout_s: float) -> list[EndpointInfo]:
+    """Return the publishers of a topic after a time in which they are discovered."""
+    from sfglab.bus import EndpointKind
+    from sfglab.bus.listing import view
 
-    Without a type it has the topic's own.
+    def found() -> list[EndpointInfo]:
+        ends = view(node).ends(topic, EndpointKind.PUBLISHER)
+        return [end for end in ends if end.transport == "dds"]
+
+    if await node.graph.wait_for(lambda: bool(found()), timeout_s):
+        await asyncio.sleep(_OTHERS_S)
+    return found()
+
+
+def _subscribed(
+    node: Node, topic: str, type_name: str, publishers: list[EndpointInfo], *, raw: bool = False
+) -> Subscription:
+    """Return a subscription to a topic with the QoS that matches all publishers."""
+    from sfglab.bus.listing import usual_qos
+
+    return node.create_subscription(
+        _full_type(type_name), topic, qos=usual_qos(publishers), raw=raw
+    )
+
+
+def _type_of(seen: View, topic: str, advice: str = "") -> str:
+    """Return the type of a topic.
 
     Raises:
         SfglabError: There is no such topic, or it has several types.
     """
-    from sfglab.bus import EndpointKind
-    from sfglab.bus.listing import usual_qos, view
-
-    def publishers() -> list[EndpointInfo]:
-        ends = view(node).ends(topic, EndpointKind.PUBLISHER)
-        return [end for end in ends if end.transport == "dds"]
-
-    if await node.graph.wait_for(lambda: bool(publishers()), _TOPIC_S):
-        await asyncio.sleep(_OTHERS_S)
-    name = _full_type(type_name or _type_of(view(node), topic))
-    return node.create_subscription(name, topic, qos=usual_qos(publishers()), raw=raw)
-
-
-def _type_of(seen: View, topic: str) -> str:
     from sfglab.bus.listing import one_of
 
     topics = seen.topics(hidden=True)
     names = topics[one_of(topics, topic, "topic")]
     if len(names) > 1:
-        several = ", ".join(names)
-        raise SfglabError(f"topic {topic} has several types: {several}; echo takes one as TYPE")
+        raise SfglabError(f"topic {topic} has several types: {', '.join(names)}{advice}")
     return names[0]
