@@ -10,7 +10,6 @@ from sfglab.cli.removed import RENAMED, REPLACEMENTS
 DATA = Path(__file__).parents[1] / "data"
 QOS = DATA / "qos/paper_b.yaml"
 GRAPH = DATA / "graphs/driving.yaml"
-FLEET = DATA / "fleets/lab.yaml"
 
 
 @pytest.mark.parametrize("command", REPLACEMENTS)
@@ -26,7 +25,6 @@ def test_a_removed_command_is_one_sentence_and_status_2(command, rest):
         ("view --domain 7 --to foxglove:8765", "view --to foxglove"),
         ("view --domain 7 --to serve:9876", "view --to serve"),
         ("view --domain 7 --to rerun+http://host:9876/proxy", "view --to rerun+http"),
-        (f"fleet router {FLEET} --agent go2 --target zenoh-acl", "fleet router --target"),
         (f"qos {QOS} --vendor fast_dds", "qos --vendor"),
         (f"qos {QOS} --vendor=cyclone_dds --rmw cyclone", "qos --vendor"),
     ],

@@ -40,7 +40,6 @@ RENAMED = {
 # Options of one command each. The former fast_dds of --vendor is none of the values of --rmw.
 _REMOVED = {
     "vendor": ("qos --vendor", "use --rmw fastrtps-sync, --rmw fastrtps-async or --rmw cyclone"),
-    "target": ("fleet router --target", "sfglab fleet router writes the file of a DDS Router"),
 }
 # The sentence is all that a removed command prints, also for --help.
 _ANYTHING = {
