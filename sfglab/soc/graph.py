@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Vertex = tuple[str, str]
 """``("node", name)`` or ``("topic", name)``: a node and a topic may have the same name."""
 
+_SHOWN_NAMES = 12  #: Most names that an error lists.
+
 
 class Placement(Enum):
     """Where a ROS node runs: N_SW or N_HW."""
@@ -199,7 +201,9 @@ def _named(key: str, name: str, members: tuple[_Member, ...]) -> _Member:
 
 def _unknown(path: KeyPath, name: str, known: Iterable[str]) -> InvalidValueError:
     listed = sorted(known)
-    return InvalidValueError(path, name, f"one of {', '.join(listed)}{suggestion(name, listed)}")
+    more = ", ..." if len(listed) > _SHOWN_NAMES else ""
+    allowed = f"one of {', '.join(listed[:_SHOWN_NAMES])}{more}{suggestion(name, listed)}"
+    return InvalidValueError(path, name, allowed)
 
 
 def _check_names(path: KeyPath, names: Iterable[str]) -> None:

@@ -131,6 +131,13 @@ def test_planar_motion_is_found_among_a_quarter_of_wrong_matches(seed):
     assert planar_motion(before[-7:], now[-7:]) is None, "too few"
 
 
+def test_matches_in_one_place_tell_no_turn():
+    now = np.random.default_rng(0).uniform(0, 1, (10, 2))
+    found = planar_motion(np.ones((10, 2)), now)
+    x_m, y_m = 1 - now.mean(axis=0)
+    assert (found.x_m, found.y_m, found.yaw_rad) == pytest.approx((x_m, y_m, 0))
+
+
 def test_an_image_without_features_loses_the_odometry_and_does_not_move_it():
     odometry = VisualOdometry(Camera())
     assert [odometry.update(grey_image()) for _ in range(2)] == [Pose(), Pose()]

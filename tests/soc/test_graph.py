@@ -1,6 +1,7 @@
 """Computation graphs: what they refuse, and how they go into YAML and come back."""
 
 import re
+import string
 from contextlib import suppress
 
 import pytest
@@ -63,6 +64,10 @@ MISTAKES = [
         "topics.t.mapping: given 'hardware', allowed: software or gateway, as 'a' is placed in software",
     ),
     ("topics: {}", "g.yaml:1: nodes: nothing is given, allowed: 'nodes' is needed here"),
+    (
+        f"nodes: { {name: {} for name in string.ascii_lowercase[:13]} }\ntopics: {{t: {{publishers: [z]}}}}",
+        "given 'z', allowed: one of a, b, c, d, e, f, g, h, i, j, k, l, ...",
+    ),
     ("nodes: {'': {}}", "nodes: given '', allowed: names that are not empty"),
 ]
 

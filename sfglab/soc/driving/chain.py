@@ -37,7 +37,7 @@ class Chain:
     """Transfers of the chain in a graph.
 
     Topics between two hardware nodes are hardware-mapped and the others software-mapped, except A, which
-    joins two nodes in hardware. All properties raise an InvalidValueError if a topic is not in the graph.
+    joins two nodes in hardware. Properties raise an InvalidValueError if the graph lacks a topic that they need.
     """
 
     graph: Graph  #: Graph in which the chain's nodes are placed.

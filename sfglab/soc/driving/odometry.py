@@ -87,7 +87,8 @@ def planar_motion(before_xy: Floats, now_xy: Floats) -> Pose | None:
     now = now_xy[chosen] @ (1, 1j)
     before = before_xy[chosen] @ (1, 1j)
     turn = np.vdot(now - now.mean(), before - before.mean())
-    shift = before.mean() - turn / abs(turn) * now.mean()
+    direction = turn / abs(turn) if turn else 1  # points in one place tell no turn
+    shift = before.mean() - direction * now.mean()
     yaw_rad = float(np.angle(turn))
     return Pose(x_m=float(shift.real), y_m=float(shift.imag), yaw_rad=yaw_rad)
 

@@ -19,6 +19,8 @@ from sfglab.soc.rtl.core import Gateway
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+_TIMEOUT_S = 600.0
+
 
 def gateway_verilog(subscribers: int) -> str:
     """Return a gateway as Verilog: one module, `sfglab_gateway_N` for N hardware subscribers.
@@ -42,7 +44,7 @@ def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
     """Run a script of Yosys on a design, named `top`, and return what it writes to the file `out`.
 
     Raises:
-        SfglabError: Yosys is missing or failed.
+        SfglabError: Yosys is missing, failed or did not end within ten minutes.
     """
     from amaranth.back import rtlil
 
@@ -55,13 +57,17 @@ def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
         folder = Path(name)
         (folder / "design.il").write_text(text)
         (folder / "out").write_text("")
-        done = subprocess.run(
-            [sys.executable, "-c", start, "-q", "-p", commands],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        try:
+            done = subprocess.run(
+                [sys.executable, "-c", start, "-q", "-p", commands],
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                timeout=_TIMEOUT_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise SfglabError(f"yosys: it did not end within {_TIMEOUT_S:g} s") from error
         if done.returncode:
             raise SfglabError(f"yosys: {done.stderr.strip()[-500:] or done.stdout.strip()[-500:]}")
         return (folder / "out").read_text()
