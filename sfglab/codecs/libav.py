@@ -56,7 +56,8 @@ class H264Settings:
 
     def __post_init__(self) -> None:
         is_even = self.width % 2 == self.height % 2 == 0
-        if not is_even or not 0 < self.width * self.height <= MAX_PIXELS:
+        is_small = min(self.width, self.height) > 0 and self.width * self.height <= MAX_PIXELS
+        if not is_even or not is_small:
             allowed = f"allowed are even sides and at most {MAX_PIXELS} pixels"
             raise CodecError(f"H.264 size: given {self.width} x {self.height}, {allowed}")
         for name in ("fps", "bitrate_bps", "gop"):

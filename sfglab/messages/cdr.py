@@ -64,6 +64,11 @@ def _misfit(message: Any) -> str:
                 if fits and (reason := _misfit(part)):
                     step = f"{field}[{index}]" if type_.is_list else field
                     return f"{step}.{reason}"
+        if type_.is_list and not type_.is_number and isinstance(value, list):
+            for index, part in enumerate(value):
+                alone = [part] * (type_.length or 1)
+                if not _is_writable(default_message(name, **{field: alone})):
+                    return f"{field}[{index}]: given {_shown(part)}, allowed is {type_.base}"
         allowed = type_.base
         if type_.is_list:
             size = type_.length or ""

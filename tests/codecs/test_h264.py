@@ -171,7 +171,12 @@ def test_foreign_streams_are_converted_by_their_own_matrix(matrix, tags):
 
 
 WRONG = {"fps": 0, "bitrate_bps": -1, "gop": 0}
-WRONG_SIZES = ({"width": 641}, {"height": 0}, {"width": 2**20, "height": 2**10})
+WRONG_SIZES = (
+    {"width": 641},
+    {"height": 0},
+    {"width": -2, "height": -2},
+    {"width": 2**20, "height": 2**10},
+)
 
 
 @pytest.mark.parametrize(

@@ -129,6 +129,7 @@ def test_arrays_are_read_only_views_of_any_buffer(container):
         (IMAGE, "encoding", None, "encoding: given None, allowed is string"),
         (IMAGE, "header", None, "header: given None, allowed is std_msgs/msg/Header"),
         (NUMBERS, "data", np.zeros(8)[::2], "allowed is .* a contiguous NumPy array"),
+        ("sensor_msgs/msg/JointState", "name", ["a", 3], r"name\[1\]: given 3, allowed is string"),
         (TF, "w", "one", r"transforms\[1\].transform.rotation.w: given 'one'"),
         (
             "sensor_msgs/msg/Imu",
