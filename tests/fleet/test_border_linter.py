@@ -88,7 +88,12 @@ AT_ODDS = (
     [
         *(
             ("does-not-cross", "error", (f"publishes: [{name}]", f"subscribes: [{name}]"), better)
-            for name, better in (("/tf2", "/global/a1/tf2$"), ("/local/a1/x", "/global/a1/x$"))
+            for name, better in (
+                ("/tf2", "/global/a1/tf2$"),
+                ("/local/a1/x", "/global/a1/x$"),
+                ("/localization/pose", "/global/a1/localization/pose$"),
+                ("/local/a1_arm/cmd", "/global/a1/a1_arm/cmd$"),
+            )
         ),
         ("qos-mismatch", "error", AT_ODDS, "TRANSIENT_LOCAL"),
         ("frame-clash", "error", (bare("base", "map"), bare("base", "map")), "prefix_frames: true"),

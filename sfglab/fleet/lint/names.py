@@ -72,13 +72,17 @@ def check_reach(view: View) -> Iterator[Finding]:
 def _does_not_cross(use: Use, senders: list[str]) -> Finding:
     is_topic = use.kind is ResourceKind.TOPIC
     doing = "subscribes to" if is_topic else f"calls {use.kind.value}"
-    below = use.name.removeprefix("/local").removeprefix(f"/{senders[0]}")
+    below = use.name.split("/")[1:]
+    for own in ("local", senders[0]):
+        if below[:1] == [own]:
+            below = below[1:]
+    better = "/".join(("/global", senders[0], *below))
     return an_error(
         "does-not-cross",
         use.place,
         what=f"{use.agent} {doing} {use.name} of {', '.join(senders)}, which does not reach it",
         why="no forwarding rule lets it cross (paper A, Table 1)",
-        remedy=f"name it below /global/, as /global/{senders[0]}{below}",
+        remedy=f"name it below /global/, as {better}",
     )
 
 
