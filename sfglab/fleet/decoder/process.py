@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
 
 
+_LOG = logging.getLogger(__name__)
 REPORT_PERIOD_S = 1.0
 
 
@@ -213,13 +215,23 @@ class WorkerPool:
         self._closed.set()
         if self._refilling is not None:
             await self._refilling
-        await asyncio.gather(*(worker.end() for worker in tuple(self._workers)))
+        ends = (worker.end() for worker in tuple(self._workers))
+        for result in await asyncio.gather(*ends, return_exceptions=True):
+            if isinstance(result, BaseException):
+                _LOG.warning("decoder: the end of a pipeline process: %s", result)
 
     async def _refill(self) -> None:
-        refill_s = asyncio.get_running_loop().time() + REFILL_DELAY_S
-        is_closed = await is_set_before(self._closed, refill_s)
-        if not is_closed and self._spare is None:
-            await self.release(await self._spawn())
+        # Another pipeline may take the new spare process while this waits, and starts no refill of its own.
+        while self._spare is None:
+            refill_s = asyncio.get_running_loop().time() + REFILL_DELAY_S
+            if await is_set_before(self._closed, refill_s):
+                return
+            try:
+                if self._spare is None:
+                    await self.release(await self._spawn())
+            except OSError as error:
+                _LOG.warning("decoder: no spare pipeline process: %s", error)
+                return
 
     async def _spawn(self) -> Worker:
         worker = await Worker.start(self._member.name, self._member.command)
