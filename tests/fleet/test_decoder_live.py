@@ -1,6 +1,7 @@
 """The decoder with real DDS, shared memory, H.264 and processes: on demand, once, released; first pictures."""
 
 import asyncio
+from dataclasses import replace
 
 import numpy as np
 import psutil
@@ -10,6 +11,9 @@ from waiting import until
 
 from sfglab.codecs import H264Decoder
 from sfglab.component import beside
+from sfglab.errors import SfglabError
+from sfglab.fleet.decoder.config import DecoderConfig
+from sfglab.fleet.decoder.node import run_decoder
 from sfglab.fleet.gop_cache import GopCacheNode
 from sfglab.fleet.gop_config import replay_topic
 from sfglab.messages import default_message, ns_from_stamp
@@ -162,3 +166,18 @@ async def test_the_papers_mode_does_not_replay_and_its_process_is_new_or_the_sam
                 lambda: decoder.status[LOCAL].state == "IDLE" and decoder.pool.pids == before
             )
             assert decoder.pool.warm
+
+
+@pytest.mark.parametrize("side", ["local", "remote"])
+def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_process(
+    domains, side, capfd
+):
+    sides = dict(zip(("remote", "local"), domains, strict=True))
+    sides[side] = replace(sides[side], interface="nowhere0")
+    before = children()
+    with pytest.raises(SfglabError) as error:
+        asyncio.run(run_decoder(DecoderConfig(**sides, streams=(STREAM,))))
+    assert "no network interface 'nowhere0'" in str(error.value)
+    assert "\n" not in str(error.value)
+    assert "Traceback" not in capfd.readouterr().err
+    assert children() == before
