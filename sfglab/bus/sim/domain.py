@@ -94,7 +94,7 @@ class Endpoint:
         self.latched = qos.durability is Durability.TRANSIENT_LOCAL
         #: Depth of the history; None for all.
         self.depth = qos.depth if qos.history is History.KEEP_LAST else None
-        #: Matching endpoints; a reader keeps the number of each writer's latest sample.
+        #: Matching endpoints, each with the number of the latest sample received from it or sent to it.
         self.peers: dict[Any, int] = {}
         self.is_open = True
         self._ignores_own = endpoint.forwards

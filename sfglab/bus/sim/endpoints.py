@@ -91,6 +91,7 @@ class Writer(Endpoint):
     def __init__(self, *options: Any) -> None:
         super().__init__(*options)
         self.sequence = 0  #: Sequence number of the latest sample.
+        # Samples for late TRANSIENT_LOCAL readers, or those that a disconnected reader has missed.
         self._kept: deque[Item] = deque(maxlen=self.depth if self.reliable or self.latched else 0)
         self._late: dict[Reader, list[Item]] = {}
 
@@ -106,7 +107,7 @@ class Writer(Endpoint):
         """Send to a reader from now on."""
         if not self.is_open or endpoint in self.peers:
             return
-        self.peers[endpoint] = 0
+        self.peers[endpoint] = self.sequence
         if self._kept and endpoint.latched:
             self._late[endpoint] = list(self._kept)
             delay_ns = self._delay_ns(endpoint) + HISTORY_NS
@@ -124,12 +125,14 @@ class Writer(Endpoint):
         self._late.clear()
 
     def repair(self, participant: Participant) -> None:
-        """Send the history to a participant's reliable readers, which leave out what they have."""
-        for reader in self.peers:
-            if reader.participant is participant and self.reliable and reader.reliable:
+        """Send kept samples to a participant's reliable readers, from the first that was not sent to them."""
+        for reader, latest in self.peers.items():
+            if reader.participant is participant and self._retransmits_to(reader):
                 time_ns = self._loop.now_ns + self._delay_ns(reader)
                 for item in self._kept:
-                    self._loop.at(time_ns, reader.receive, self, item)
+                    if item[0] > latest:
+                        self._loop.at(time_ns, reader.receive, self, item)
+                self.peers[reader] = self.sequence
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
         """Send serialized bytes, which are not checked; see `Publisher.publish_raw`."""
@@ -137,16 +140,27 @@ class Writer(Endpoint):
         stamp_ns = START_NS + now_ns if source_timestamp_ns is None else source_timestamp_ns
         self.sequence += 1
         item = (self.sequence, bytes(cdr), stamp_ns)
-        self._kept.append(item)
         host = self.participant.host
         groups: dict[int, list[Reader]] = {}
+        is_needed = self.latched
         for reader in self.peers:
             if reader in self._late:
                 self._late[reader].append(item)
             elif host.can_reach(reader.participant.host):
                 groups.setdefault(self._delay_ns(reader), []).append(reader)
+            else:
+                is_needed |= self._retransmits_to(reader)
+                continue
+            self.peers[reader] = self.sequence
+        if is_needed:
+            self._kept.append(item)
+        else:
+            self._kept.clear()
         for delay_ns, readers in groups.items():
             self._loop.at(now_ns + delay_ns, self._deliver, readers, item)
+
+    def _retransmits_to(self, reader: Reader) -> bool:
+        return self.reliable and reader.reliable
 
     def _delay_ns(self, reader: Reader) -> int:
         return self.participant.host.delay_ns(reader.participant.host, STACK_NS)
