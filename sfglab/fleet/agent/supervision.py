@@ -138,8 +138,8 @@ GROUP_GRACE_S = 1.0
 class ComponentProcess(LineProcess):
     """A running component, which leads a POSIX session of its own.
 
-    It also reports ``{"is": "line", "line": ...}`` for a line on standard error. Its end is reported after the
-    end of all its descendants.
+    It also reports ``{"is": "line", "line": ...}`` for a line on standard error, and for a line on standard
+    output that is no report. Its end is reported after the end of all its descendants.
     """
 
     buffers_reports = False
@@ -187,8 +187,17 @@ class ComponentProcess(LineProcess):
         assert self._process.stderr is not None
         try:
             while line := await self._process.stderr.readline():
-                text = line.decode(errors="replace").rstrip()
-                self._take({"is": "line", "line": text})
+                self._take(_line_report(line))
         except ValueError as error:  # a line that exceeds the limit
             self._take({"is": "failed", "why": str(error)})
             self.kill()
+
+    def _report_of(self, line: bytes) -> Report:
+        try:
+            return super()._report_of(line)
+        except ValueError:
+            return _line_report(line)
+
+
+def _line_report(line: bytes) -> Report:
+    return {"is": "line", "line": line.decode(errors="replace").rstrip()}
