@@ -24,6 +24,7 @@ TIMING = ProcessTiming(
 
 SERVES = """
 import sys
+print('a banner')
 print('{"is": "ready"}', flush=True)
 sys.stdin.read()
 """
@@ -94,6 +95,8 @@ async def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay
             os.kill(await watched.pid("router", starts=kills), signal.SIGKILL)
         await watched.pid("router", starts=4)
         assert watched.reports.count({"is": "ready"}) == 1
+        banner = {"is": "line", "component": "status", "line": "a banner"}
+        assert banner in watched.reports, "a line that is no report ends nothing"
         crashed = watched.changes("router", State.BACKING_OFF)
         assert [change["why"] for change in crashed] == ["killed by SIGKILL"] * 3
         assert [change["crashes"] for change in crashed] == [1, 2, 3]
@@ -110,6 +113,9 @@ async def test_a_refused_configuration_or_one_that_dies_on_import_ends_the_agent
     assert str(caught.value) == "router: network interface: given 'wlan7', allowed are eth0, lo"
     assert watched.states("router") == [State.STARTING, State.FAILED]
     assert watched.states("status")[-1] is State.STOPPED
+    failed = watched.changes("router", State.FAILED)[0]
+    stopping = watched.changes("status", State.STOPPING)[0]
+    assert watched.reports.index(failed) < watched.reports.index(stopping), "the cause comes first"
     watched = Watched(component("router", "import no_such_module"))
     with pytest.raises(app.ComponentError, match="router: it ended with status 1"):
         await watched.agent.run()

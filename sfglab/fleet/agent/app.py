@@ -185,17 +185,17 @@ class Agent:
         action = unit.life.feed(given, now_ns=steady_ns())
         after = unit.life.state
         if action is Action.START:
-            await self._start(unit)
-        elif action is Action.GIVE_UP:
+            await self._start(unit)  # the report of the change contains the process id
+        if after is not before:
+            late = "it took too long to start" if after is State.REPLACING else ""
+            self._report_change(unit, why or late)
+        if action is Action.GIVE_UP:
             self._refusal = self._refusal or ComponentError(unit.name, why)
             await self._stop_all()
         elif unit.process is not None and action is Action.TERMINATE:
             unit.process.signal(signal.SIGTERM)
         elif unit.process is not None and action is Action.KILL:
             unit.process.kill()
-        if after is not before:
-            late = "it took too long to start" if after is State.REPLACING else ""
-            self._report_change(unit, why or late)
 
     async def _start(self, unit: _Unit) -> None:
         def on_report(report: Report) -> None:
