@@ -2,12 +2,16 @@
 
 import asyncio
 import itertools
+from functools import partial
 
 import numpy as np
+import pytest
 from cameras import FFMPEG, STREAM
 
 from sfglab.bus.sim import run_simulated
 from sfglab.component import beside
+from sfglab.errors import InvalidValueError
+from sfglab.fleet.discovery.config import DiscoverySettings, Timing
 from sfglab.fleet.status import heartbeat
 from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.description import (
@@ -92,6 +96,19 @@ def test_the_papers_schedule_is_the_default_and_the_startup_phase_lasts_whole_pe
     ):
         for now_s, next_s in itertools.pairwise(instants):
             assert schedule.next_ns(now_s * S) == next_s * S
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        (partial(Schedule, startup_period_s=0), "heartbeat schedule, startup_period_s: given 0"),
+        (partial(Timing, missed=0), "discovery, missed: given 0"),
+        (partial(DiscoverySettings, agent="a", max_agents=901), "discovery, max_agents: given 901"),
+    ],
+)
+def test_times_and_numbers_out_of_bounds_are_refused(settings, named):
+    with pytest.raises(InvalidValueError, match=named):
+        settings()
 
 
 def test_a_description_becomes_the_metadata_message():

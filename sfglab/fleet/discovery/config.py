@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from sfglab.bus.address import BusAddress
-from sfglab.fields import between
+from sfglab.fields import between, check_bounds
 from sfglab.names import validate_agent
 
 MAX_AGENTS = 500
@@ -25,6 +25,9 @@ class Timing:
     #: Time until a lost agent is forgotten.
     forget_ns: int = between(600_000_000_000, without=(0,))
 
+    def __post_init__(self) -> None:
+        check_bounds(self, "discovery, ")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscoverySettings:
@@ -33,17 +36,18 @@ class DiscoverySettings:
     agent: str  #: Its own agent, whose heartbeats it ignores.
     timing: Timing = field(default_factory=Timing)  #: Timeouts and waits.
     #: Remote agents in the table. At most 900, so that a late joiner receives an event of each.
-    max_agents: int = MAX_AGENTS
+    max_agents: int = between(MAX_AGENTS, 1, 900)
     #: Timeout for the answer of a metadata service, seconds.
-    query_timeout_s: float = 2.0
+    query_timeout_s: float = between(2.0, 0, 60, without=(0,))
     #: Whether descriptions that agents publish are used. If false, and for agents that publish none, the
     #: paper's metadata service is called.
     use_published_descriptions: bool = True
     #: Maximum number of service calls at once. Agents without a failed query go first.
-    max_queries: int = 128
+    max_queries: int = between(128, 1)
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)
+        check_bounds(self, "discovery, ")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from enum import IntEnum
 from typing import Any
 
-from sfglab.fields import between
+from sfglab.fields import between, check_bounds
 from sfglab.names import Resource, RosFqnBuilder, Scope, Suffixed
 
 AGENT_HEARTBEAT = "sfglab_interfaces/msg/AgentHeartbeat"
@@ -99,6 +99,9 @@ class Schedule:
     startup_s: float = between(
         10.0, 0, 3600
     )  #: Duration of the startup phase, seconds; 0: there is none.
+
+    def __post_init__(self) -> None:
+        check_bounds(self, "heartbeat schedule, ")
 
     def phase(self, elapsed_ns: int) -> Phase:
         """Return the phase at a time since the start, nanoseconds."""
