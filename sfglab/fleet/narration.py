@@ -21,7 +21,7 @@ class PathNarrator:
 
     def lines(self, status: Report) -> list[str]:
         """Return a line for each path that was opened or closed since the last status."""
-        paths = [path for path in status["paths"] if path["readers"]]
+        paths = [path for path in status["paths"] if path["readers"] and path["writers"]]
         names = {_path(path["topic"], path["direction"]) for path in paths}
         before, self._open = self._open, frozenset(names - {""})
         opened = [f"{path} opened" for path in sorted(self._open - before)]
