@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import warnings
 import weakref
 from functools import partial
@@ -191,6 +192,9 @@ class Node:
                 than on the loop. The callback must use the node only through `loop.call_soon_threadsafe`.
                 Closing waits for a running call, 5 s at most.
         """
+        if threaded and (callback is None or inspect.iscoroutinefunction(callback)):
+            place = f"threaded subscription of {topic!r}, callback"
+            raise InvalidValueError(place, callback, "a plain function")
         options = {"transport": transport, "threaded": threaded}
         endpoint = topic_endpoint(type_, self._resolve(topic), qos, **options)
         return Subscription(self.backend, endpoint, callback, raw=raw)

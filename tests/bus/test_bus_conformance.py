@@ -101,6 +101,12 @@ async def test_every_reader_and_callback_gets_all_in_order_and_nothing_once_clos
     assert (thread is threading.main_thread()) == (there.backend.kind != "live")
 
 
+@pytest.mark.parametrize("callback", [None, asyncio.sleep])
+async def test_a_threaded_subscription_without_a_plain_callback_is_refused(here, callback):
+    with pytest.raises(InvalidValueError, match=r"threaded subscription of '/t'.*a plain function"):
+        here.create_subscription(STRING, "/t", callback, threaded=True)
+
+
 @pytest.mark.parametrize("depth", [1, 3])
 async def test_a_late_joiner_hears_the_history_first_if_it_wants_that_and_its_publisher_lives(
     here, there, depth
