@@ -181,6 +181,14 @@ async def test_a_server_that_goes_aborts_its_goals_and_ends_the_waiting_of_its_c
             said.add((goal_id_from(one.goal_info.goal_id), one.status))
 
 
+async def test_a_result_that_was_received_outlives_its_server(node):
+    async with pair(node, compute) as (client, _, server):
+        handle = await client.send_goal(goal(1))
+        end = await handle.result()
+        server.close()
+        assert await handle.result() == end
+
+
 async def test_a_client_that_goes_leaves_its_goals_running(node):
     steps = Steps()
     async with pair(node, steps) as (client, *_):

@@ -43,15 +43,20 @@ class ClientGoalHandle:
     def __init__(self, client: ActionClient, goal_id: bytes) -> None:
         self.goal_id = goal_id  #: Id of the goal, 16 bytes.
         self._client = client
+        self._ended: GoalResult | None = None
 
     async def result(self) -> GoalResult:
         """Wait for the goal's end as long as there is a server; return its result, also repeatedly.
+
+        A result that was received is returned also without a server.
 
         Raises:
             BusError: The server disappeared, or has forgotten the goal. After a disappearance a later call may
                 find it again.
         """
-        return await self._client.result_of(self.goal_id)
+        if self._ended is None:
+            self._ended = await self._client.result_of(self.goal_id)
+        return self._ended
 
     async def cancel_goal(self, timeout_s: float = 5.0) -> CancelCode:
         """Request cancellation of the goal, and return the response: NONE means that the goal is CANCELING.
