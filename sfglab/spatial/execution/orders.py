@@ -37,7 +37,6 @@ class Outcome(Enum):
     PATH_LEFT = "path left"
     GOAL_MISSED = "goal missed"
     CANCELED = "canceled"
-    OVERTAKEN = "overtaken"
     FAILED = "failed"
 
 
@@ -68,7 +67,6 @@ OUTCOMES: dict[Outcome, Ending] = {
     Outcome.PATH_LEFT: Ending(_ABORTED, 4, "the agent was too far from the planned position"),
     Outcome.GOAL_MISSED: Ending(_ABORTED, 5, "the agent was not at the last pose in time"),
     Outcome.CANCELED: Ending(_CANCELED, 6, "the goal was canceled, and the agent braked"),
-    Outcome.OVERTAKEN: Ending(_ABORTED, 6, "another goal took its place"),
     Outcome.FAILED: Ending(_ABORTED, 0, "the server ended or failed"),
 }
 """All outcomes. A server that refuses a goal accepts and aborts it, because only a result has a reason.
