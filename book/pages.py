@@ -59,11 +59,7 @@ def write_pages(folder: Path) -> None:
     for page in folder.rglob("*.md"):
         for name in re.findall(r"figures/([\w.]+)", page.read_text("utf-8")):
             shutil.copy(ROOT / "figures" / name, folder / "figures")
-    toy = (ROOT / "tests" / "bus" / "toy_bus.py").read_text("utf-8")
-    _replace(
-        folder / "extend.md",
-        {"experiment-of-design": _experiment(), "toy-bus": f"```python\n{toy}```"},
-    )
+    _replace(folder / "extend.md", {"experiment-of-design": _experiment()})
     _replace(folder / "ros2.md", ros2_tables())
     reference = folder / "reference"
     for sub in ("formats", "api"):

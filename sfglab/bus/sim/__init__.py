@@ -17,7 +17,8 @@ run_simulated(main, seed=1, latency_s=0.01)
 A node belongs to a host and a domain: a domain of the network (`reach="network"`), or one of the host's
 loopback interface (`reach="host"`). `world.connect("a", connected=False)` disconnects a host. The world
 has no model of these: computing times of components beyond `Costs`; bytes, rates and losses of links;
-lifespans; limits and memory of shared-memory publishers. It does not check serialized messages.
+lifespans; limits and memory of shared-memory publishers; lists of nodes, so `Graph.nodes()` is empty. It does
+not check serialized messages.
 """
 
 from sfglab.bus.sim.loop import DeadlockError, TimeLimitError
