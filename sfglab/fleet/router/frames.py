@@ -20,7 +20,7 @@ from sfglab.messages import CdrError, deserialize, message_type, serialize
 from sfglab.names import SHARED_FRAMES, frame_owner, prefixed_frame
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Hashable, Iterable
 
     from sfglab.bus.forwarding import Transform
 
@@ -55,9 +55,8 @@ class Frames:
         if frame and frame not in self.shared and frame_owner(frame) in {"", self.agent}:
             return ""
         own = f"frames without prefix and those below {self.agent + '/'!r}"
-        return _refusal(
-            Direction.OUTWARD, child, f"{own}, but no shared ones ({_listed(self.shared)})"
-        )
+        allowed = f"{own}, but no shared ones ({_listed(self.shared)})"
+        return _refusal(Direction.OUTWARD, _child(child), allowed)
 
     def inward_refusal(self, child: str, parent: str = "map") -> str:
         """Return why a transform of others is dropped; empty if it may pass.
@@ -66,15 +65,20 @@ class Frames:
         not shared would mean another frame inside, and long names are refused.
         """
         frame, below = child.removeprefix("/"), parent.removeprefix("/")
-        if not self._is_own(frame) and self._is_known(frame) and self._is_known(below):
-            return ""
-        placed = [f"{self.agent}/{name}" for name in self.placed_by_others]
-        allowed = (
-            f"frames of others, by prefix or shared ({_listed(self.shared)}), of at most {MAX_FRAME} "
-            f"characters, below such parents, and of those below {self.agent + '/'!r}: "
-            f"{_listed(placed) or 'none'}; its parent is {_short(parent)!r}"
+        known = (
+            f"frames with the prefix of an agent or shared ({_listed(self.shared)}), of at most "
+            f"{MAX_FRAME} characters"
         )
-        return _refusal(Direction.INWARD, child, allowed)
+        if self._is_own(frame) or not self._is_known(frame):
+            placed = [f"{self.agent}/{name}" for name in self.placed_by_others]
+            allowed = (
+                f"{known}, and of those below {self.agent + '/'!r}: {_listed(placed) or 'none'}"
+            )
+            return _refusal(Direction.INWARD, _child(child), allowed)
+        if not self._is_known(below):
+            given = f"the parent frame {_short(parent)!r} of {_short(child)!r}"
+            return _refusal(Direction.INWARD, given, known)
+        return ""
 
     def _is_known(self, frame: str) -> bool:
         """Return whether a frame means the same inside and outside."""
@@ -106,7 +110,7 @@ class FrameClaims:
         held = self._held[owner]
         if held >= MAX_CLAIMS or len(self._owners) >= 10 * MAX_CLAIMS:
             allowed = f"{MAX_CLAIMS} frames of one publisher, and {owner} has {held}"
-            return _refusal(Direction.INWARD, child, allowed)
+            return _refusal(Direction.INWARD, _child(child), allowed)
         self._owners[frame] = owner
         self._held[owner] += 1
         return ""
@@ -127,7 +131,6 @@ class TransformGate:
     """Renames the agent's transforms on their way out, and drops transforms whose frames clash."""
 
     def __init__(self, frames: Frames) -> None:
-        self.clashed = 0  #: Number of dropped transforms.
         self._frames = frames
         self._claims = FrameClaims()
         self._own: set[str] = set()  # shared frames that the agent's nodes have placed themselves
@@ -136,29 +139,33 @@ class TransformGate:
 
     def outward(self, cdr: bytes) -> bytes | None:
         """Return a message of the agent's nodes as others receive it; None if no transform is left."""
-        return self._filtered(cdr, self._admit_own)
+        return self._filtered(cdr, Direction.OUTWARD, self._admit_own)
 
     def inward(self, owner: str) -> Transform:
         """Return the function that filters messages of another publisher."""
-        return partial(self._filtered, admit=partial(self._admit_other, owner))
+        admit = partial(self._admit_other, owner)
+        return partial(self._filtered, direction=Direction.INWARD, admit=admit)
 
     def keep_owners(self, owners: frozenset[str]) -> bool:
         """Forget all other publishers; return whether another had claimed one of their frames."""
         return self._claims.keep(owners)
 
-    def _filtered(self, cdr: bytes, admit: Callable[[Any], str]) -> bytes | None:
+    def _filtered(
+        self, cdr: bytes, direction: Direction, admit: Callable[[Any], str]
+    ) -> bytes | None:
         """Return the message with the admitted transforms; the same object if nothing changed."""
         try:
             transforms = deserialize(cdr, self._type).transforms
         except CdrError as error:
-            self._drop("no transforms", str(error))
+            self._warn_dropped((direction, None), str(error))
             return None
         before = [_names(transform) for transform in transforms]
         admitted = []
         for transform in transforms:
             refusal = admit(transform)
             if refusal:
-                self._drop(refusal, refusal)
+                # The key has no parent, because a child with many parents must not use up the warnings.
+                self._warn_dropped((direction, _short(transform.child_frame_id)), refusal)
             else:
                 admitted.append(transform)
         if transforms and not admitted:
@@ -183,8 +190,7 @@ class TransformGate:
         refusal = self._frames.inward_refusal(child, parent)
         return f"{refusal}; it is from {owner}" if refusal else self._claims.claim(child, owner)
 
-    def _drop(self, key: str, why: str) -> None:
-        self.clashed += 1
+    def _warn_dropped(self, key: Hashable, why: str) -> None:
         self._warn(key, f"{why}; it is dropped, and further ones of it silently")
 
 
@@ -192,14 +198,17 @@ def _names(transform: Any) -> tuple[str, str]:
     return transform.header.frame_id, transform.child_frame_id
 
 
-def _refusal(direction: Direction, child: str, allowed: str) -> str:
-    given = f"given the child frame {_short(child)!r}, allowed are {allowed}"
-    return f"{direction.value} transform: {given}"
+def _refusal(direction: Direction, given: str, allowed: str) -> str:
+    return f"{direction.value} transform: given {given}, allowed are {allowed}"
+
+
+def _child(frame: str) -> str:
+    return f"the child frame {_short(frame)!r}"
 
 
 def _contested(child: str, holder: str, owner: str) -> str:
     allowed = f"frames that no other publishes, but {holder} does, and now {owner}"
-    return _refusal(Direction.INWARD, child, allowed)
+    return _refusal(Direction.INWARD, _child(child), allowed)
 
 
 def _listed(frames: Iterable[str]) -> str:

@@ -117,11 +117,6 @@ class Router:
         self._events: deque[tuple[Side, EndpointEvent]] = deque()
         self._woken = asyncio.Event()
 
-    @property
-    def clashed(self) -> int:
-        """Number of transforms that were dropped because of clashing frames."""
-        return 0 if self._gate is None else self._gate.clashed
-
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Route until cancelled, from `on_ready` on; everything it opened is closed when this returns."""
         local, remote = self._nodes[Side.LOCAL], self._nodes[Side.GLOBAL]
