@@ -120,10 +120,6 @@ class AgentDecoder:
         """Decode exactly these streams of a remote agent on demand; an empty sequence withdraws the agent."""
         self._events.put_nowait(partial(self._know, agent, tuple(routes)))
 
-    def status(self) -> tuple[PipelineStatus, ...]:
-        """Return the state of all streams, ordered by local topic."""
-        return tuple(self._status(p) for _, p in sorted(self._pipelines.items()))
-
     async def run(self, discovery_topic: str = "") -> None:
         """Serve until cancelled, then release everything except the pool; the discoverer's topic may be empty."""
         watched = [self._watch_graph(), self._watch_workers()]

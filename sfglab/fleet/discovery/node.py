@@ -142,8 +142,7 @@ class AgentDiscoverer:
     def counts(self) -> Counter[str]:
         """Numbers of events, see `Registry.counts`.
 
-        ``published`` counts the queries that a published description answered, ``dropped_description_<reason>``
-        the descriptions that were dropped.
+        ``published`` counts the queries that a published description answered.
         """
         return self._registry.counts
 
@@ -193,7 +192,9 @@ class AgentDiscoverer:
             if refusal is None:
                 self._description_received.set()
             else:
-                self._registry.counts[f"dropped_description_{refusal.value}"] += 1
+                publisher = info.publisher_gid.hex()
+                sentence = f"discoverer: dropped a description from {publisher}: {refusal.value}"
+                self._warn_once(("description", refusal, publisher), sentence)
 
     async def _watch_time(self) -> None:
         """Process the registry's deadlines, and compensate pauses of this process."""

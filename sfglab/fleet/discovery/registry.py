@@ -177,7 +177,7 @@ class Registry:
         return self._feed(agent, given, now_ns)
 
     def refuse(self, why: Refusal, agent: str = "", publisher_gid: bytes = b"") -> list[Order]:
-        """Count a dropped heartbeat and return no orders."""
+        """Count a dropped heartbeat, warn unless an honest agent may have sent it, and return no orders."""
         self.counts[f"dropped_{why.value}"] += 1
         if why not in (Refusal.OWN, Refusal.STALE):
             publisher = publisher_gid.hex() or "an unknown publisher"
