@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM
 
+from sfglab.bus.address import BusAddress
 from sfglab.bus.sim import run_simulated
 from sfglab.codecs import COMPRESSED_IMAGE
 from sfglab.component import Orders, beside
@@ -20,7 +21,7 @@ from sfglab.fleet.decoder.pipeline import (
     message_bytes,
     write_message,
 )
-from sfglab.fleet.decoder.process import PipelineWorker
+from sfglab.fleet.decoder.process import PipelineWorker, Worker, WorkerConfig, WorkerPool
 from sfglab.fleet.decoder.streams import (
     CAMERA_INFO,
     RELAY,
@@ -155,3 +156,31 @@ def test_an_image_written_in_two_parts_is_the_message_itself(shape, dtype, encod
     padded = message_bytes(prefix, pixels)
     assert padded == serialize(image)
     assert padded.startswith(buffer)
+
+
+async def test_a_spare_process_that_cannot_start_is_logged_and_the_others_end(monkeypatch, caplog):
+    ended = []
+
+    class First:
+        pid, status = 1, None
+
+        def assign(self, owner):
+            pass
+
+        async def end(self):
+            ended.append(self.pid)
+
+    async def start(*_):
+        if pool.pids:
+            raise OSError("too many open files")
+        return First()
+
+    monkeypatch.setattr("sfglab.fleet.decoder.process.REFILL_DELAY_S", 0)
+    monkeypatch.setattr(Worker, "start", start)
+    address = BusAddress(domain_id=1, interface="lo")
+    pool = WorkerPool(WorkerConfig(remote=address, local=address))
+    await pool.acquire(lambda *_: None)
+    await asyncio.sleep(0.1)
+    await pool.close()
+    assert ended == [1]
+    assert caplog.messages == ["decoder: no spare pipeline process: too many open files"]
