@@ -109,8 +109,8 @@ def test_options_go_before_the_fleet_file():
     assert router.remote == BusAddress(domain_id=3, interface="eth1")
 
 
-def path(topic: str, direction: str = "inward", readers: int = 1) -> dict[str, str | int]:
-    return {"topic": topic, "direction": direction, "readers": readers}
+def path(topic: str, direction: str = "inward", **ends: int) -> dict[str, str | int]:
+    return {"topic": topic, "direction": direction, "readers": 1, "writers": 1, **ends}
 
 
 def reported(component: str, **report) -> dict:
@@ -153,7 +153,8 @@ def test_a_person_reads_of_paths_that_open_and_close_by_ros_names_and_of_streams
         path("rr/global/pi1/set_modeReply"),
     ]
     query = path("rq/global/pi1/get_metadataRequest")
-    paths = [heartbeat, *service, query, path("rt/tf", readers=0)]
+    incomplete = [path("rt/tf", readers=0), path("rt/chatter", writers=0)]
+    paths = [heartbeat, *service, query, *incomplete]
     first = reported("router", **{"is": "status", "paths": paths})
     assert narrator.lines(first) == [
         "router: /global/agent_heartbeat inward opened",

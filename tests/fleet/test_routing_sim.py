@@ -1,14 +1,12 @@
 """The same router in the simulated world: many agents, late ones too, and every message where it belongs."""
 
 import asyncio
-from dataclasses import asdict
 
 import numpy as np
 import pytest
 from cameras import behind_router
 
 from sfglab.component import beside
-from sfglab.fleet.narration import PathNarrator
 from sfglab.fleet.router.config import RouterSettings
 from sfglab.fleet.router.node import Router
 from sfglab.messages import default_message, message_type
@@ -40,7 +38,6 @@ async def test_paths_are_reported_when_they_change(sim):
         await asyncio.sleep(2)
     ((path,),) = told
     assert (path.topic, path.readers, path.writers) == ("rt/global/x", 1, 0)
-    assert PathNarrator().lines({"paths": [asdict(path)]}) == [], "nobody publishes"
 
 
 async def test_motion_capture_and_a_robot_behind_two_routers_have_one_tree_with_one_root(sim):
