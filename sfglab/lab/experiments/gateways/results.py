@@ -99,7 +99,7 @@ def draw_stages(figure: Figure, run: Run[Config]) -> None:
     stated = [paper("C-MAP", STAGES[0]), paper("C-MAP", STAGES[1]), paper("C-MAP")]
     numbers = ", ".join(f"{value:g}" for value in stated)
     figure.suptitle(
-        f"Gateways leave {last} of {first} edges across the boundary (paper: {numbers})"
+        f"{first} edges cross the boundary without gateways, {last} with them (paper: {numbers})"
     )
 
 

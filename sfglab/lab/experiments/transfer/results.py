@@ -252,7 +252,7 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> None:
         ratios.set_ylim(0.3, 16)
     title = (
         "A gateway pays for large messages and many hardware subscribers,\n"
-        f"and costs time towards software (paper's numbers within {worst_fit(run):.1%})"
+        f"and costs time from hardware to software (paper's numbers within {worst_fit(run):.1%})"
     )
     figure.suptitle(title)
     note(
