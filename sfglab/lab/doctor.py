@@ -247,9 +247,12 @@ def _tame(text: str) -> str:
 
 def _words(error: Exception) -> str:
     """Return what an error says: of a failed program its last line."""
-    printed = getattr(error, "stderr", None) or str(error)
-    lines = printed.strip().splitlines()
-    return _tame(lines[-1]) if lines else type(error).__name__
+    if isinstance(error, subprocess.TimeoutExpired):
+        return f"it did not end within {error.timeout:.0f} s"
+    if isinstance(error, subprocess.CalledProcessError):
+        lines = (error.stderr or "").strip().splitlines()
+        return _tame(lines[-1]) if lines else f"it ended with status {error.returncode}"
+    return _tame(str(error)) or type(error).__name__
 
 
 def _examine(topic: str) -> Finding:

@@ -70,11 +70,14 @@ def test_a_small_receive_buffer_and_a_busy_machine_are_called_limited(
 def test_dds_that_hangs_or_crashes_is_missing_and_said_why(monkeypatch):
     monkeypatch.setattr(doctor, "_DDS_PROBE", "raise SystemExit('no such interface')")
     assert examined("DDS").said == "no such interface"
-    monkeypatch.setattr(doctor, "_DDS_PROBE", "import signal; signal.pause()")
-    monkeypatch.setattr(doctor, "_DDS_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(doctor, "_DDS_PROBE", "raise SystemExit(3)")
+    assert examined("DDS").said == "it ended with status 3"
+    says = "import os, signal; os.write(2, b'deaf'); signal.pause()"
+    monkeypatch.setattr(doctor, "_DDS_PROBE", says)
+    monkeypatch.setattr(doctor, "_DDS_TIMEOUT_S", 1.0)
     finding = examined("DDS")
     assert finding.level is Level.MISSING
-    assert "timed out" in finding.said
+    assert finding.said == "it did not end within 1 s"
 
 
 def test_missing_codecs_and_a_missing_ros_are_told_apart(monkeypatch):
