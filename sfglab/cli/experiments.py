@@ -13,7 +13,7 @@ from typer import Argument, Option
 import sfglab.lab
 from sfglab.cli.buses import say, unused
 from sfglab.cli.options import Json
-from sfglab.errors import InvalidValueError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
@@ -226,8 +226,13 @@ def lab(
     from sfglab.lab.copies import copy_notebooks
 
     project = find_project()
-    for sentence in copy_notebooks(project):
-        typer.echo(sentence, err=True)
+    folder = "runs/lab"
+    try:
+        for sentence in copy_notebooks(project):
+            typer.echo(sentence, err=True)
+    except (OSError, SfglabError) as error:
+        folder = "notebooks"
+        typer.echo(f"no working copies, so the notebooks themselves open: {error}", err=True)
     argv = [
         sys.executable,
         "-m",
@@ -237,7 +242,7 @@ def lab(
     ]
     if os.getuid() == 0:  # in a container every user is root
         argv.append("--allow-root")
-    argv += ["--LabApp.default_url=/lab/tree/runs/lab/00_start.ipynb", *(options or ())]
+    argv += [f"--LabApp.default_url=/lab/tree/{folder}/00_start.ipynb", *(options or ())]
     # Its configuration switches off saving by itself, and the part that asks a public site for news.
     paths = [
         str(Path(sfglab.lab.__file__).parent / "jupyter"),

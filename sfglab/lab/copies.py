@@ -1,7 +1,8 @@
 """Working copies of the notebooks, which `sfglab lab` opens: they begin with the committed logs.
 
 A copy of a notebook shows the reference run at first, so that *Run All* takes seconds. Its parameters
-cell says how to read another log or to measure. A copy that was changed is kept.
+cell says how to read another log or to measure. A copy that was changed is kept, and one that cannot be
+read gets another name.
 """
 
 from __future__ import annotations
@@ -9,13 +10,21 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.lab.notebooks import COPIES, NEWEST, REFERENCE, find_notebooks
+from sfglab.files import write_files
+from sfglab.lab.notebooks import (
+    COPIES,
+    NEWEST,
+    REFERENCE,
+    NotebookError,
+    find_notebooks,
+    read_notebook,
+)
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from sfglab.lab.paths import Project
 
 _MADE = "sfglab"  #: Key of a copy's metadata with the digests of its cells and of its source's.
@@ -24,36 +33,65 @@ _CHOICES = f'# A log is "{REFERENCE}", "{NEWEST}" (your newest run), a path, or 
 
 
 def copy_notebooks(project: Project) -> list[str]:
-    """Make or renew the copies; return a sentence for each changed copy whose notebook is newer."""
+    """Make or renew the copies; return a sentence for each that is kept or set aside.
+
+    Raises:
+        NotebookError: A notebook of the checkout is none.
+        OSError, InvalidValueError: The folder of the copies cannot be read or written.
+    """
     folder = project.runs / COPIES
-    folder.mkdir(parents=True, exist_ok=True)
-    kept = []
+    said = []
+    files: dict[Path, str | bytes] = {}
     for source in find_notebooks(project):
-        notebook = json.loads(source.read_text("utf-8"))
+        notebook = read_notebook(source)
         digest = _digest(notebook)
         path = folder / source.name
         if path.is_file():
-            before = json.loads(path.read_text("utf-8"))
-            made = before["metadata"].get(_MADE, {})
-            if made.get("source") == digest:
-                continue
-            if made.get("copy") != _digest(before):
-                name = project.relative(path)
-                kept.append(f"{name} has your changes and is kept; {source.name} is newer")
-                continue
-        _write(path, notebook, digest)
-    return kept
+            name = project.relative(path)
+            try:
+                before = read_notebook(path)
+            except NotebookError as error:
+                aside = _set_aside(path)
+                said.append(f"{error}; it is now {aside.name}, and {name} is new")
+            else:
+                made = before["metadata"].get(_MADE, {})
+                if made.get("source") == digest:
+                    continue
+                if made.get("copy") != _digest(before):
+                    said.append(f"{name} has your changes and is kept; {source.name} is newer")
+                    continue
+        files[Path(source.name)] = _copy_of(notebook, digest)
+    write_files(files, folder=folder)
+    return said
+
+
+def _set_aside(path: Path) -> Path:
+    """Give a file that is no notebook another name, so that nothing of it is lost."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S-%f")
+    return path.rename(path.with_name(f"{path.stem}-damaged-{stamp}.txt"))
 
 
 def _digest(notebook: dict[str, Any]) -> str:
     """Return a digest of the cells, outputs included."""
-    cells = json.dumps(notebook["cells"], sort_keys=True)
+    cells = json.dumps(_joined(notebook["cells"]), sort_keys=True)
     return hashlib.sha256(cells.encode()).hexdigest()
 
 
-def _write(path: Path, notebook: dict[str, Any], digest: str) -> None:
+def _joined(value: Any) -> Any:
+    """Return a value of JSON with texts for lists of lines, which JupyterLab saves."""
+    if isinstance(value, dict):
+        return {key: _joined(one) for key, one in value.items()}
+    if not isinstance(value, list):
+        return value
+    if all(isinstance(one, str) for one in value):
+        return "".join(value)
+    return [_joined(one) for one in value]
+
+
+def _copy_of(notebook: dict[str, Any], digest: str) -> str:
+    """Return the text of a notebook's copy."""
     for cell in notebook["cells"]:
-        source = "".join(cell["source"])
+        source = cell["source"]
         if "parameters" in cell["metadata"].get("tags", ()) and _LOG.search(source):
             source = _LOG.sub(rf'\1"{REFERENCE}"', f"{source}\n{_CHOICES}")
         if cell["cell_type"] == "markdown":
@@ -64,7 +102,7 @@ def _write(path: Path, notebook: dict[str, Any], digest: str) -> None:
             if html is not None:
                 output["data"]["text/html"] = _linked("".join(html))
     notebook["metadata"][_MADE] = {"source": digest, "copy": _digest(notebook)}
-    path.write_text(json.dumps(notebook, indent=1, ensure_ascii=False), encoding="utf-8")
+    return json.dumps(notebook, indent=1, ensure_ascii=False)
 
 
 def _linked(html: str) -> str:

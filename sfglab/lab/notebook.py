@@ -184,10 +184,11 @@ def header(exp: Experiment[Any], *others: Experiment[Any]) -> HTML:
     if own and after:
         pages[f"next: {after[0]}"] = after[0]
     pages["ledger"] = LEDGER
-    is_copy = Path.cwd() == project.runs / COPIES
-    folder = "." if is_copy else f"{_top(project)}/notebooks"
+    is_copy = Path.cwd().resolve() == (project.runs / COPIES).resolve()
+    top = "../.." if is_copy else _top(project)
+    folder = "." if is_copy else f"{top}/notebooks"
     links = [f'<a href="{folder}/{name}.ipynb">{text}</a>' for text, name in pages.items()]
-    links.append(f'<a href="{_top(project)}/{GLOSSARY}">glossary</a>')
+    links.append(f'<a href="{top}/{GLOSSARY}">glossary</a>')
     text = f"<p>{' | '.join(links)}</p>"
     claims = [claim for one in (exp, *others) for claim in one.claims]
     if claims:

@@ -212,20 +212,28 @@ def notebook_of(project: Project, experiment: str) -> str:
 
 
 def cells_of(path: Path) -> list[dict[str, Any]]:
-    """Return the cells of a notebook, each with its source as one text.
+    """Return the cells of a notebook; raises as `read_notebook`."""
+    cells: list[dict[str, Any]] = read_notebook(path)["cells"]
+    return cells
 
-    The header of every notebook needs them, and `nbformat` takes seconds to import.
+
+def read_notebook(path: Path) -> dict[str, Any]:
+    """Return a notebook, each cell with its source as one text.
+
+    The header of every notebook needs it, and `nbformat` takes seconds to import.
 
     Raises:
         NotebookError: The file is no notebook.
     """
     try:
-        cells: list[dict[str, Any]] = json.loads(path.read_text("utf-8"))["cells"]
-    except (ValueError, LookupError, TypeError) as error:
+        notebook = json.loads(path.read_text("utf-8"))
+        for part in (notebook, *notebook["cells"]):
+            part["metadata"].keys()
+        for cell in notebook["cells"]:
+            cell["source"] = "".join(cell["source"])
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise NotebookError(f"{path.name}: not a notebook: {error}") from error
-    for cell in cells:
-        cell["source"] = "".join(cell["source"])
-    return cells
+    return dict(notebook)
 
 
 def run_notebooks(
@@ -387,7 +395,10 @@ class _Runner:
 
         from sfglab.lab.notebook_outputs import normalise
 
-        executed = nbformat.read(task.copy, as_version=4)
+        try:
+            executed = nbformat.read(task.copy, as_version=4)
+        except Exception as error:  # nbformat has no class for its errors
+            raise NotebookError(f"{task.copy.name}: not a notebook: {str(error)[:200]}") from error
         nbformat.write(normalise(executed, self._project), task.path)
 
     def _logs(self, name: str) -> set[Path]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from commands import called
 from made_logs import reference
 
 from sfglab.lab import notebook
@@ -58,6 +59,43 @@ def test_a_changed_copy_is_kept_and_another_follows_its_notebook(project):
     assert "# Mine" in copy.read_text("utf-8")
 
 
+def test_a_copy_that_was_only_saved_follows_its_notebook(project):
+    source, copy = project.notebooks / "12_discovery.ipynb", project.runs / "lab/12_discovery.ipynb"
+    copy_notebooks(project)
+    page = nbformat.read(copy, as_version=4)
+    nbformat.write(page, copy)  # as JupyterLab does: lists of lines
+    change(source, "# Newer")
+    assert copy_notebooks(project) == []
+    assert "# Newer" in copy.read_text("utf-8")
+
+
+@pytest.mark.parametrize("text", [b"", b'{"cells": [{', b'{"cells": [{}]}', b"\xff"])
+def test_a_damaged_copy_is_set_aside_and_replaced(project, text):
+    copy = project.runs / "lab/12_discovery.ipynb"
+    copy_notebooks(project)
+    whole = copy.read_bytes()
+    copy.write_bytes(text)
+    [said] = copy_notebooks(project)
+    [aside] = copy.parent.glob("*.txt")
+    assert aside.read_bytes() == text
+    assert said.startswith("12_discovery.ipynb: not a notebook")
+    assert said.endswith(f"it is now {aside.name}, and runs/lab/12_discovery.ipynb is new")
+    assert copy.read_bytes() == whole
+
+
+def test_without_a_folder_for_copies_the_notebooks_themselves_open(project, monkeypatch):
+    (project.root / "data").mkdir()
+    (project.root / "data/claims.yaml").write_text("[]")
+    project.runs.write_text("a file in the way")
+    monkeypatch.setenv("SFGLAB_ROOT", str(project.root))
+    started = []
+    monkeypatch.setattr("os.execve", lambda *call: started.append(call))
+    said = called("lab")
+    assert "so the notebooks themselves open: " in said
+    [(_, argv, _)] = started
+    assert "--LabApp.default_url=/lab/tree/notebooks/00_start.ipynb" in argv
+
+
 def test_links_of_all_copies_lead_to_files(tmp_path):
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks")
     copy_notebooks(Project(root=tmp_path))
@@ -72,12 +110,14 @@ def test_links_of_all_copies_lead_to_files(tmp_path):
                     assert (ROOT / target).exists() or (tmp_path / target).exists(), (copy, link)
 
 
-def test_a_header_in_a_copy_leads_to_copies(monkeypatch, tmp_path):
+@pytest.mark.parametrize("root", ["", "../..", "link"])
+def test_a_header_in_a_copy_leads_to_copies(monkeypatch, tmp_path, root):
     for name in ("notebooks", "data"):
         (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "link").symlink_to(tmp_path)
     folder = tmp_path / "runs" / "lab"
     folder.mkdir(parents=True)
-    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
+    monkeypatch.setenv("SFGLAB_ROOT", root if root == "../.." else str(tmp_path / root))
     monkeypatch.chdir(folder)
     html = notebook.header(naming.exp).data
     assert 'href="./00_start.ipynb"' in html

@@ -366,7 +366,7 @@ def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
     assert normal.cells[0].outputs[1].data["text/plain"] == "'x'"
 
 
-@pytest.mark.parametrize("text", ["no json", "{}", "[]"])
+@pytest.mark.parametrize("text", ["no json", "{}", "[]", '{"cells": [{}]}'])
 def test_a_file_that_is_no_notebook_is_named(project, text):
     (project.notebooks / "01_a.ipynb").write_text(text)
     with pytest.raises(notebooks.NotebookError, match=r"01_a.ipynb: not a notebook"):
