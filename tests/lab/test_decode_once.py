@@ -15,11 +15,12 @@ from made_logs import CLAIMS, made_run, reference
 
 from sfglab.bus import Node
 from sfglab.codecs import image_decoder
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.lab.bench import Options
 from sfglab.lab.claims import Verdict, entry_for
 from sfglab.lab.experiments.decode_once import cost_model, decoding_costs, exp, results
-from sfglab.lab.experiments.decode_once.experiment import groups_of
+from sfglab.lab.experiments.decode_once.experiment import check_stages, groups_of
 from sfglab.lab.experiments.decode_once.live import HOSTS, LOCAL_DOMAIN, StageProcesses
 from sfglab.lab.explore.interactive import argument_texts, setting_of
 from sfglab.lab.sources import open_source
@@ -100,6 +101,18 @@ def test_each_way_of_passing_pictures_on_is_judged_by_itself(tmp_path, changes, 
     assert {claim: entry.verdict.value for claim, entry in entries.items()} == verdicts
     figure, _ = exp.draw("decode_once_h264", run)
     assert len(figure.axes) == 2
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("counts", (1,)), ("dds_counts", (1, 9)), ("network_counts", ()), ("codec", "rvl")],
+)
+def test_stages_without_enough_for_a_fit_are_refused_before_they_run(field, value):
+    config = exp.config("smoke")
+    check_stages(config)
+    stage = replace(config.stages[0], **{field: value})
+    with pytest.raises(InvalidValueError, match=rf"stages\[0\].{field}: given "):
+        check_stages(replace(config, stages=(stage,)))
 
 
 @pytest.mark.parametrize(

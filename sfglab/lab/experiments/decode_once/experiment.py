@@ -11,9 +11,11 @@ from typing import Literal
 
 import numpy as np
 
+from sfglab.errors import InvalidValueError
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
+H264 = "h264"
 HANDED_ON = ("dds", "proxy")
 """Modes in which one decoder passes pictures on: over DDS as in the paper, and over shared memory."""
 _ALL = tuple(range(1, 11))
@@ -23,7 +25,7 @@ _ALL = tuple(range(1, 11))
 class Stage:
     """One camera stream, and how often it is measured with how many subscribers."""
 
-    codec: str  #: ``h264`` (colour) or ``rvl`` (depth).
+    codec: str  #: Codec of the stream: ``h264``.
     #: Source of the frames, as `open_source` takes it; empty: the configuration's source.
     source: str = ""
     counts: tuple[int, ...]  #: Numbers of local subscribers.
@@ -35,10 +37,10 @@ class Stage:
 
 
 _COLOUR = Stage(
-    codec="h264", counts=_ALL, dds_counts=(1, 4, 7, 10), network_counts=(1, 4, 7, 10), repeats=2
+    codec=H264, counts=_ALL, dds_counts=(1, 4, 7, 10), network_counts=(1, 4, 7, 10), repeats=2
 )
 # Twice, so that repetitions give the pure error.
-_WHOLE = Stage(codec="h264", counts=_ALL, dds_counts=_ALL, network_counts=_ALL, repeats=2)
+_WHOLE = Stage(codec=H264, counts=_ALL, dds_counts=_ALL, network_counts=_ALL, repeats=2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +68,7 @@ exp = Experiment(
     where="A 4.3, 5.2",
     smoke={
         # With two subscribers and two samples the slope is lost in noise on a busy machine.
-        "stages": (Stage(codec="h264", counts=(1, 4), dds_counts=(1, 4), network_counts=(4,)),),
+        "stages": (Stage(codec=H264, counts=(1, 4), dds_counts=(1, 4), network_counts=(4,)),),
         "samples": 4,
         "period_s": 0.3,
         "settle_s": 0.1,
@@ -133,6 +135,23 @@ class ViewRow(TableRow):
     broken: int  #: Messages that could not be decoded.
     #: Median time from capture stamp to picture in hand, ms; NaN in mode ``network``.
     age_ms: float
+
+
+def check_stages(config: Config) -> None:
+    """Raise `InvalidValueError` if lines and the cost model cannot be fitted to the stages."""
+    if not config.stages:
+        raise InvalidValueError("stages", config.stages, "at least one")
+    for number, stage in enumerate(config.stages):
+        place = f"stages[{number}]"
+        if stage.codec != H264:
+            raise InvalidValueError(f"{place}.codec", stage.codec, H264)
+        if len(set(stage.counts)) < 2:
+            raise InvalidValueError(f"{place}.counts", stage.counts, "two numbers or more")
+        if len(set(stage.counts).intersection(stage.dds_counts)) < 2:
+            given = stage.dds_counts
+            raise InvalidValueError(f"{place}.dds_counts", given, "two of counts or more")
+        if not stage.network_counts:
+            raise InvalidValueError(f"{place}.network_counts", stage.network_counts, "at least one")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

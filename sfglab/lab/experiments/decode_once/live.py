@@ -20,6 +20,7 @@ from sfglab.lab.experiments.decode_once.experiment import (
     LoadRow,
     Stage,
     ViewRow,
+    check_stages,
     exp,
     groups_of,
 )
@@ -39,11 +40,8 @@ if TYPE_CHECKING:
     from sfglab.lab.testbed import Testbed
 
 HOSTS = ("consumer", "edge")
-TOPICS = {
-    "h264": "/global/edge/camera_front/color/ffmpeg",
-    "rvl": "/global/edge/camera_front/depth/compressed_depth",
-}
-"""Topic of the camera's compressed stream, by codec."""
+TOPIC = "/global/edge/camera_front/color/ffmpeg"
+"""Topic of the camera's compressed stream."""
 LOCAL_DOMAIN = 7  #: Domain of the decoded pictures on the consumer host.
 _VIEWER = "sfglab.lab.workers.viewer"
 _COUNTS = ("frames", "unreadable", "missed", "disordered", "broken")
@@ -60,7 +58,7 @@ class StageProcesses(StreamProcesses):
     def __init__(self, config: Config, stage: Stage, testbed: Testbed) -> None:
         self._stage = stage
         self._decoder_pids: tuple[int, ...] = ()
-        self.topic = TOPICS[stage.codec]  #: Topic of the compressed stream.
+        self.topic = TOPIC  #: Topic of the compressed stream.
         super().__init__(config, testbed)
 
     def first_members(self) -> list[Member]:
@@ -179,6 +177,7 @@ def view_rows(cell: int, seen: Iterable[Report]) -> list[ViewRow]:
 @exp.part("stream", total=lambda config: len(config.stages))
 async def record_streams(bench: Bench[Config]) -> None:
     """Record the first messages of each stream as they arrive at the consumer host."""
+    check_stages(bench.config)
     for stage in bench.config.stages:
         alone = replace(stage, counts=(1,), dds_counts=(), network_counts=())
         path = bench.folder(f"stream {stage.codec}") / "stream.mcap"

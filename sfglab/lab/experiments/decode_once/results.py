@@ -12,7 +12,7 @@ import pandas as pd
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.decode_once.experiment import HANDED_ON, Config, exp
+from sfglab.lab.experiments.decode_once.experiment import H264, HANDED_ON, Config, exp
 from sfglab.lab.figures import PAPER_STYLE, note, series
 from sfglab.lab.paper import paper
 from sfglab.lab.paths import find_project
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-H264 = "h264"
 PAPERS = "dds"  #: The decoder's mode in the paper.
 LABELS = {
     "standard": "standard: each decodes",
@@ -121,8 +120,9 @@ def slopes(run: Run[Config]) -> pd.DataFrame:
 
 
 def frame_checks(run: Run[Config]) -> pd.DataFrame:
-    """Return sums of the subscribers' counts of frames by stream and mode, and the median age, ms."""
-    views = run["view"].merge(run["cell"], on="cell").groupby(["codec", "mode"], sort=False)
+    """Return sums of the subscribers' counts of frames of the colour stream by mode, and the median age, ms."""
+    colour = run["cell"][run["cell"]["codec"] == H264]
+    views = run["view"].merge(colour, on="cell").groupby("mode", sort=False)
     table = views[["frames", "unreadable", "missed", "disordered", "broken"]].sum()
     return table.assign(age_ms=views["age_ms"].median()).reset_index()
 
@@ -247,7 +247,7 @@ def reduction_by(run: Run[Config], way: str) -> Finding:
     for mode, number in (("standard", paper("A-CPU-BASE")), (way, paper("A-CPU-SFG", THROUGH))):
         cost = slope(run, mode, "cpu").value
         costs.append(f"{cost:.2f} % {WAYS[mode]} (paper {number:g})")
-    checks = frame_checks(run).query("codec == @H264").set_index("mode")
+    checks = frame_checks(run).set_index("mode")
     arrived = checks["frames"] / (checks["frames"] + checks["missed"])
     least = float(min(arrived["standard"], arrived[way]))
     return Finding(
