@@ -123,7 +123,6 @@ class InterfaceBytes(NamedTuple):
     """Bytes and packets of an interface since its creation: Ethernet frames without their checksums."""
 
     rx_bytes: int
-    tx_bytes: int
     rx_packets: int
     tx_packets: int
 
@@ -134,7 +133,7 @@ def interface_bytes(table: str, interface: str) -> InterfaceBytes:
         name, _, numbers = line.partition(":")
         if name.strip() == interface:
             fields = [int(number) for number in numbers.split()]
-            return InterfaceBytes(fields[0], fields[8], fields[1], fields[9])
+            return InterfaceBytes(fields[0], fields[1], fields[9])
     raise LookupError(f"interface {interface!r} is not in /proc/net/dev")
 
 

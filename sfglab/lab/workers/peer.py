@@ -7,8 +7,7 @@ The report ``ready`` has the time of its subscriptions as ``t_ns``, ns since the
 Orders, each ``{"do": ...}`` with the name of a method of `_Peer` and its arguments:
 
 - ``talk``, ``hush``: begins or ends to publish. Report ``hushed`` with the number ``sent``.
-- ``tell``: reports ``told``, with the messages ``heard`` from each source and all ``endpoints`` ever seen.
-- ``late``: subscribes to static transforms. Report ``late`` with the messages ``received`` by source.
+- ``tell``: reports ``told``, with the number of messages ``heard`` from each source and all ``endpoints`` ever seen.
 - ``call``: calls services. Report ``called`` with ``answers`` in the order of the names.
 - ``look``: reports ``publishers`` of the topics whose messages it reports.
 - ``beat``, ``mode``: a simulated agent sends a heartbeat, or changes its way to answer.
@@ -23,14 +22,13 @@ import asyncio
 import base64
 import contextlib
 import time
-from collections import defaultdict
-from dataclasses import asdict, dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import Node, Publisher, Subscription
 from sfglab.bus.address import BusAddress
-from sfglab.bus.api import EndpointAdded, MessageInfo
-from sfglab.bus.errors import BusError
+from sfglab.bus.api import EndpointAdded
 from sfglab.component import Orders, Report, Reporter, end_tasks, run_component
 from sfglab.errors import SfglabError
 from sfglab.fleet.status.description import AgentDescription
@@ -45,12 +43,8 @@ from sfglab.fleet.status.heartbeat import (
 from sfglab.messages import (
     default_message,
     message_type,
-    ns_from_stamp,
-    serialize,
     service_type,
-    stamp_from_ns,
 )
-from sfglab.names import TF_STATIC
 from sfglab.qos import LATCHED, Durability, QoSProfile
 
 if TYPE_CHECKING:
@@ -92,34 +86,6 @@ class PeerConfig:
 
 
 @dataclass(slots=True)
-class ReceiveStatistics:
-    """Messages that arrived from one source under one name."""
-
-    numbers: set[int] = field(default_factory=set)  #: Numbers that arrived.
-    received: int = 0  #: Number of messages, repeated ones included.
-    repeated: int = 0  #: Number of messages whose number had arrived before.
-    disordered: int = 0  #: Number of messages that arrived after a later number.
-    restamped: int = 0  #: Number of messages whose source time stamp differs from the publisher's.
-    #: Number of transforms without their source's prefix, or with an additional one.
-    misnamed: int = 0
-
-    def note(self, number: int, stamp_ns: int, info: MessageInfo) -> None:
-        """Count one message."""
-        self.received += 1
-        self.repeated += number in self.numbers
-        self.disordered += bool(self.numbers) and number < max(self.numbers)
-        self.restamped += info.source_timestamp_ns != stamp_ns
-        self.numbers.add(number)
-
-    def report(self) -> Report:
-        """Return the counts as JSON values."""
-        counts = asdict(self)
-        numbers = counts.pop("numbers")
-        span = max(numbers) - min(numbers) + 1 if numbers else 0
-        return {**counts, "missing": span - len(numbers)}
-
-
-@dataclass(slots=True)
 class _Agent:
     """A simulated agent."""
 
@@ -140,7 +106,7 @@ class _Peer:
         self._report = report
         self._tasks: list[asyncio.Task[None]] = []
         self._endpoints: dict[str, tuple[str, str, str, str]] = {}
-        self._heard: dict[tuple[str, str], ReceiveStatistics] = defaultdict(ReceiveStatistics)
+        self._heard: Counter[tuple[str, str]] = Counter()  # messages by topic and source
         self._last_s = 0.0
         self._sent = 0
         self._talking: asyncio.Task[None] | None = None
@@ -240,16 +206,13 @@ class _Peer:
     def _publish(self, *, latched: bool) -> None:
         for topic, publisher in self._publishers.items():
             if topic.latched is latched:
-                stamp_ns = time.time_ns()
-                cdr = serialize(self._message(topic.type, stamp_ns))
-                publisher.publish_raw(cdr, source_timestamp_ns=stamp_ns)
+                publisher.publish(self._message(topic.type))
 
-    def _message(self, type_: str, stamp_ns: int) -> Any:
+    def _message(self, type_: str) -> Any:
         name, number = self._config.name, self._sent
         if type_ != TRANSFORMS:
-            return message_type(type_)(data=f"{name} {number} {stamp_ns}")
+            return message_type(type_)(data=f"{name} {number}")
         stamped = default_message("geometry_msgs/msg/TransformStamped")
-        stamped.header.stamp = stamp_from_ns(stamp_ns)
         stamped.header.frame_id = "map"
         stamped.child_frame_id = "probe" if self._config.behind_router else f"{name}/probe"
         stamped.transform.translation.x = float(number)
@@ -258,46 +221,23 @@ class _Peer:
 
     async def _count(self, subscription: Subscription, name: str) -> None:
         while True:
-            message, info = await subscription.take_with_info()
+            message = await subscription.take()
             self._last_s = time.monotonic()
-            source, number, stamp_ns, is_named = self._read(message)
-            statistics = self._heard[name, source]
-            statistics.note(number, stamp_ns, info)
-            statistics.misnamed += not is_named
+            self._heard[name, self._source_of(message)] += 1
 
-    def _read(self, message: Any) -> tuple[str, int, int, bool]:
-        """Return source, number and stamp of a message, and whether a transform has the right names."""
+    def _source_of(self, message: Any) -> str:
+        """Return the name of the peer that published a message."""
         if not hasattr(message, "transforms"):
-            source, number, stamp = message.data.split()
-            return source, int(number), int(stamp), True
-        transform = message.transforms[0]
-        owner, slash, frame = transform.child_frame_id.partition("/")
-        source = owner if slash else self._config.name
-        is_own = self._config.behind_router and source == self._config.name
-        is_named = bool(slash) is not is_own
-        is_named = is_named and transform.header.frame_id == "map" and frame in {"probe", ""}
-        number = int(transform.transform.translation.x)
-        return source, number, ns_from_stamp(transform.header.stamp), is_named
-
-    async def late(self, expected: int, timeout_s: float) -> None:
-        """Subscribe to static transforms, and report the number of messages by source."""
-        counts: dict[str, int] = defaultdict(int)
-        subscription = self._node.create_subscription(TRANSFORMS, TF_STATIC, qos=LATE)
-        deadline_s = time.monotonic() + timeout_s
-        with contextlib.suppress(BusError, TimeoutError):
-            while (left_s := deadline_s - time.monotonic()) > 0:
-                message = await subscription.take(timeout_s=left_s)
-                counts[self._read(message)[0]] += 1
-                if len(counts) == expected:  # only repeated messages can arrive from now on
-                    deadline_s = min(deadline_s, time.monotonic() + QUIET_S)
-        subscription.close()
-        self._report({"is": "late", "received": counts})
+            source: str = message.data.split()[0]
+            return source
+        owner, slash, _ = message.transforms[0].child_frame_id.partition("/")
+        return owner if slash else self._config.name
 
     async def tell(self) -> None:
         """Report the messages of each source, and all endpoints ever seen."""
         heard = []
-        for (name, source), statistics in sorted(self._heard.items()):
-            heard.append({"name": name, "source": source, **statistics.report()})
+        for (name, source), received in sorted(self._heard.items()):
+            heard.append({"name": name, "source": source, "received": received})
         endpoints: Sequence[tuple[str, ...]] = sorted(self._endpoints.values())
         participant = self._node.guid.hex()
         told = {"heard": heard, "endpoints": endpoints, "participant": participant}
