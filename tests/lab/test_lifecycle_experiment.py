@@ -24,7 +24,15 @@ def move(before, given, after, actions, at_s):
 def told(tmp_path):
     """Give a function that returns a run as its log would: an agent whose heartbeats are as they should be."""
 
-    def make(*moves, queries=(), scale=1.0, topic="/global/agent_heartbeat", late_s=12.1):
+    def make(
+        *moves,
+        queries=(),
+        scale=1.0,
+        topic="/global/agent_heartbeat",
+        late_s=12.1,
+        instants=INSTANTS,
+        **changes,
+    ):
         def beat(listener, sent_s, received_s):
             steady = sent_s >= 5
             return {
@@ -41,7 +49,7 @@ def told(tmp_path):
         service = {"service": "/global/go2/get_metadata", "answered": True, "incarnation": 7}
         offered = {"reliability": "reliable", "durability": "transient_local"}
         tables = {
-            "beat": [*(beat("first", s, s) for s in INSTANTS), beat("late", 10, late_s)],
+            "beat": [*(beat("first", s, s) for s in instants), beat("late", 10, late_s)],
             "join": [
                 {"listener": n, "t_ns": START_NS + t * S} for n, t in (("first", 0), ("late", 12))
             ],
@@ -52,7 +60,7 @@ def told(tmp_path):
             "move": [move("UNKNOWN", "HEARD", "QUERYING", "QUERY", 1.0), *moves],
             "query": [{"agent": "go2", "t_ns": START_NS + round(t * S)} for t in queries],
         }
-        return made_run(exp, tmp_path / "made.mcap", tables)
+        return made_run(exp, tmp_path / "made.mcap", tables, config=exp.config(**changes))
 
     return make
 
@@ -79,6 +87,14 @@ def test_what_is_not_as_the_paper_states_it_is_found(told, changes, wrong):
     claim = exp.measure(run)["A-HEARTBEAT"]
     assert claim.estimate.value == pytest.approx(1 - len(wrong) / 7)
     assert all(what in claim.reason for what in wrong)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"schedule": Schedule(steady_period_s=4.0)}, {"instants": (0, 1, 2)}, {"profile": "smoke"}],
+)
+def test_other_periods_and_a_phase_without_an_interval_answer_no_claim(told, changes):
+    assert "A-HEARTBEAT" not in exp.measure(told(**changes))
 
 
 def test_intervals_are_those_of_receipt(told):

@@ -22,6 +22,7 @@ from sfglab.fleet.discovery.lifecycle import (
     State,
 )
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT
+from sfglab.fleet.status.heartbeat import Phase, Schedule
 from sfglab.lab.checks import lifecycle
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
@@ -145,8 +146,17 @@ def check_receipt(run: Run[Config], agent: str) -> list[Check]:
 
 
 @exp.claim("A-HEARTBEAT", how=How.LIVE)
-def paper_heartbeats(run: Run[Config]) -> Finding:
-    """Return the share of checks that hold."""
+def paper_heartbeats(run: Run[Config]) -> Finding | None:
+    """Return the share of checks that hold; None at other periods than the paper's, or without an interval."""
+    own, papers = run.config.schedule, Schedule()
+    if (own.startup_period_s, own.steady_period_s) != (
+        papers.startup_period_s,
+        papers.steady_period_s,
+    ):
+        return None
+    measured = intervals(run)[["agent", "phase"]].drop_duplicates()
+    if len(measured) < len(Phase) * len(run["answer"]):
+        return None
     checks = heartbeat_checks(run)
     failed = checks[~checks["holds"]]
     reasons = [f"{row.agent}: {row.check}: {row.observed}" for row in lines_of(failed)]
