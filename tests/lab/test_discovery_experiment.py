@@ -10,7 +10,7 @@ import pytest
 from made_logs import CLAIMS, made_run
 
 from sfglab.bus.address import BusAddress
-from sfglab.errors import InvalidValueError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.bench import Options
 from sfglab.lab.claims import How, Verdict, judge
 from sfglab.lab.experiments.discovery import Fleet, exp, results
@@ -130,6 +130,18 @@ def test_a_fleet_of_one_agent_or_without_nodes_is_refused(change):
         exp.config(stages=[stage])
 
 
+@pytest.mark.parametrize("agents", [1, 1001])
+def test_a_simulated_fleet_of_another_size_is_refused(agents):
+    with pytest.raises(InvalidValueError, match="agents"):
+        exp.config(simulated={"agents": [agents]})
+
+
+def test_a_simulated_fleet_that_is_not_complete_in_time_says_so(monkeypatch):
+    monkeypatch.setattr(world, "LIMIT_S", 0.01)
+    with pytest.raises(SfglabError, match=r"of 3 simulated agents had discovered all others"):
+        world.simulate_fleet(Fleet(mode=ROUTED, agents=3), 0)
+
+
 def test_agents_that_were_given_up_are_counted(made):
     pairs = [fleet(3, LAUNCHED, 2), fleet(4, ROUTED, 2)]
     fleets = [fleet(0, STANDARD, 6), fleet(1, LAUNCHED, 6, censored=True), fleet(2, ROUTED, 6)]
@@ -185,7 +197,7 @@ def test_ingress_is_interpolated_between_readings(monkeypatch):
 
         def interface_bytes(self):
             self.received += 1000
-            return InterfaceBytes(self.received, 0, self.received // 100, 0)
+            return InterfaceBytes(self.received, self.received // 100, 0)
 
     stamps = iter((0, 10, 20))
     monkeypatch.setattr("sfglab.lab.experiments.discovery.live.time.time_ns", lambda: next(stamps))

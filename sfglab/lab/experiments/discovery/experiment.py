@@ -39,7 +39,7 @@ class Stage:
 class Scale:
     """Simulated fleets; see `simulated`."""
 
-    agents: tuple[int, ...] = ()  #: Sizes of the fleet.
+    agents: tuple[Annotated[int, Bounds(2, 1000)], ...] = ()  #: Sizes of the fleet.
     talkers: int = 10  #: Publishing nodes per agent.
     listeners: int = 10  #: Subscribing nodes per agent.
     repeats: int = 1  #: Number of seeds.

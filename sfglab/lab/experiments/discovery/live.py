@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import beside
+from sfglab.component import beside, end_tasks
 from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
@@ -53,6 +53,7 @@ ROUTER, STATUS, DISCOVERER = (
     "sfglab.fleet.discovery.node",
 )
 """Components of a routed agent."""
+_NEVER = "never"  #: Kind of report that no process sends.
 NODES = ", nodes"  #: End of the names of processes with ROS 2 nodes.
 
 
@@ -162,6 +163,9 @@ class LiveFleet(ProcessGroup):
         Returns:
             Time of the last order, and the time at which each agent was complete, ns since the epoch;
             None for an agent that was not complete in time.
+
+        Raises:
+            ProcessFailedError: A process failed.
         """
         orders_ns, starts = [], []
         begin_s = time.monotonic()
@@ -170,8 +174,26 @@ class LiveFleet(ProcessGroup):
             orders_ns.append(time.time_ns())
             starts.append(asyncio.create_task(self._begin(host)))
         await asyncio.gather(*starts)
+        wait = asyncio.create_task(self._resolved(timeout_s))
+        watch = asyncio.create_task(self._watch())
+        try:
+            await asyncio.wait([wait, watch], return_when=asyncio.FIRST_COMPLETED)
+            if watch.done():
+                await watch
+            return max(orders_ns), await wait
+        finally:
+            await end_tasks(wait, watch)
+
+    async def _resolved(self, timeout_s: float) -> list[int | None]:
+        """Return the time at which each agent had discovered its peers."""
         waits = [self._within(timeout_s, host) for host in self.hosts]
-        return max(orders_ns), list(await asyncio.gather(*waits))
+        return list(await asyncio.gather(*waits))
+
+    async def _watch(self) -> None:
+        """Raise `ProcessFailedError` when a process fails that `_within` does not follow."""
+        awaited = {members[-1].name for members in self._agents.values()}
+        names = [name for name in self if name not in awaited]
+        await self.expect(_NEVER, names, timeout_s=None)
 
     async def _begin(self, host: str) -> None:
         """Order an agent's start; its processes are launched if they do not exist."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.sim import Costs, World, run_simulated
 from sfglab.component import beside
+from sfglab.errors import SfglabError
 from sfglab.fleet.discovery.config import DiscoverySettings
 from sfglab.fleet.discovery.node import AgentDiscoverer
 from sfglab.fleet.router.config import RouterSettings
@@ -84,8 +85,15 @@ async def run_fleet(fleet: Fleet, world: World) -> tuple[dict[str, Any], ...]:
         bodies += components(
             world, agent, partial(discover, agent), publishes=fleet.mode == PUBLISHING
         )
-    async with beside(*(run() for run in bodies)), asyncio.timeout(LIMIT_S):
-        await is_complete.wait()
+    async with beside(*(run() for run in bodies)):
+        try:
+            async with asyncio.timeout(LIMIT_S):
+                await is_complete.wait()
+        except TimeoutError:
+            raise SfglabError(
+                f"{len(resolved_s)} of {fleet.agents} simulated agents had discovered all others "
+                f"within {LIMIT_S:g} s; simulate smaller fleets"
+            ) from None
         endpoints = world.announced()
     rows = []
     for host, agent in enumerate(agents):
