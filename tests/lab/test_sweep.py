@@ -10,7 +10,7 @@ import struct
 import subprocess
 import sys
 from collections import Counter
-from concurrent.futures import wait
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
@@ -39,7 +39,7 @@ from sfglab.errors import MissingExtraError
 from sfglab.lab import progress
 from sfglab.lab.sweep import SweepError, Workers, sweep
 from sfglab.lab.sweep.journal import code_digest, identity_of, open_journal, text_from_result
-from sfglab.lab.sweep.run import connected
+from sfglab.lab.sweep.run import Job, _run_jobs, connected
 
 POINTS = [SpotPoint(number=number) for number in range(5)]
 SEEDS = range(6)
@@ -272,6 +272,20 @@ def test_a_failing_task_names_point_and_seed_and_what_was_finished_stays(swept, 
     assert "in failing" in caught.value.__notes__[0]
     assert len((tmp_path / "journal").read_text().splitlines()) > 1
     nothing_is_left()
+
+
+def test_results_that_were_there_when_a_task_failed_are_kept(tmp_path):
+    class Queue(ThreadPoolExecutor):
+        def submit(self, *job):
+            future = super().submit(*job)
+            wait([future])
+            return future
+
+    jobs = [Job(2, SpotPoint(number=2), seed) for seed in SEEDS]
+    with Queue() as pool, open_journal(tmp_path / "journal", {}) as log:
+        with pytest.raises(SweepError, match="seed 1: ZeroDivisionError"):
+            _run_jobs(pool, 2, failing, jobs, log)
+        assert [seed for _, seed in log.finished] == [0, 2, 3, 4]
 
 
 def test_a_worker_that_dies_is_one_sentence_and_the_next_sweep_continues(swept, tmp_path):

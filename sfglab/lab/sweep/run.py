@@ -29,7 +29,7 @@ from sfglab.lab.sweep.journal import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from sfglab.lab.sweep.journal import Journal
@@ -153,9 +153,11 @@ def _run_jobs(
                 if future is None:
                     raise KeyboardInterrupt  # noqa: TRY301 - it is not caught here
                 text = future.result()
-            except SweepError:
+            except (SweepError, KeyboardInterrupt):
+                _keep_finished(under_way, log)
                 raise
             except Exception as lost:
+                _keep_finished(under_way, log)
                 raise SweepError(
                     f"sweep: a worker ended or could not load the task ({lost!r}); "
                     "run the sweep again to continue"
@@ -165,6 +167,13 @@ def _run_jobs(
             advance(f"seed {job.seed}")
         if not events.empty():
             raise KeyboardInterrupt
+
+
+def _keep_finished(under_way: Mapping[Future[str], Job], log: Journal) -> None:
+    """Write the results of finished jobs, so that a continued sweep does not run them again."""
+    for future, job in under_way.items():
+        if future.done() and not future.cancelled() and future.exception() is None:
+            log.add(job.number, job.seed, future.result())
 
 
 @contextmanager
