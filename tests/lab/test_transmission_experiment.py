@@ -17,13 +17,14 @@ from made_logs import reference
 from matplotlib.figure import Figure
 
 from sfglab.arp import hello
+from sfglab.arp.cache import CacheControl
 from sfglab.lab.experiments.transmission import exp, results
 from sfglab.lab.experiments.transmission.experiment import grid, simulate_cell
 from sfglab.lab.experiments.transmission.live import GROUPS, compare, live_cells, measure
 from sfglab.lab.explore import interactive
 from sfglab.lab.hosts import RadioCounters
 from sfglab.lab.live_flows import Played, hosts_of, live_hosts
-from sfglab.lab.workers.scenario_player import Player, _Executor, text_of, value_of
+from sfglab.lab.workers.scenario_player import Player, _Executor, _Inlet, text_of, value_of
 from sfglab.messages import deserialize
 from sfglab.qos import Durability, QoSProfile
 from sfglab.rtps import CYCLONE_DDS, Fate, Flow, Medium, Outcome, Scenario, run
@@ -177,11 +178,11 @@ def test_optimised_methods_have_the_depth_of_eq_6_live_as_well():
     assert live_cells(SMALL) == []
 
 
-@given(size_bytes=st.integers(14, 200), value=st.integers(0, 10**5 - 1))
+@given(size_bytes=st.integers(14, 200), value=st.integers(0, 64**5 - 1))
 def test_a_sample_has_its_size_and_carries_its_value(size_bytes, value):
     cdr = text_of(value, size_bytes)
     assert len(cdr) == size_bytes
-    assert value_of(cdr) == value
+    assert value_of(cdr) == value % 10 ** (size_bytes - 9)
     assert len(deserialize(cdr, "std_msgs/msg/String").data) == size_bytes - 9
 
 
@@ -192,6 +193,13 @@ def test_a_sample_that_was_sent_while_its_reader_had_no_cpu_is_received_after_it
     inlet.take, inlet.cost_ns = lambda: samples.pop(0), lambda _value, _now_ns: 0
     Player._serve(SimpleNamespace(), _Executor(deque([inlet])), now_ns=2)
     assert inlet.done_ns[0] > inlet.sent_ns[0]
+
+
+def test_cache_control_compares_repeated_values_instead_of_serving_them():
+    flow = Flow(name="a", source="r", target="s", compare_s=1e-5, service_s=1e-4)
+    inlet = SimpleNamespace(flow=flow, _cache=CacheControl())
+    costs_ns = [_Inlet.cost_ns(inlet, value, now_ns) for now_ns, value in enumerate((1, 1, 2))]
+    assert costs_ns == [100_000, 10_000, 100_000]
 
 
 @pytest.mark.slow

@@ -62,14 +62,15 @@ class PartsConfig:
 
 
 def text_of(value: int, size_bytes: int) -> bytes:
-    """Return the CDR of a text of a given size that ends with a number: five digits in "Hello"."""
+    """Return the CDR of a text of a given size that ends with a number's last digits: five in "Hello"."""
     letters = size_bytes - _FRAME_BYTES
+    value %= 10**letters
     length = (letters + 1).to_bytes(4, "little")
     return _HEADER + length + f"{value:>{letters}}".encode() + b"\x00"
 
 
 def value_of(cdr: bytes) -> int:
-    """Return the number that `text_of` wrote."""
+    """Return the digits that `text_of` wrote, as a number."""
     return int(cdr[8 : 7 + int.from_bytes(cdr[4:8], "little")])
 
 
