@@ -234,7 +234,11 @@ async def test_the_stamp_of_a_received_picture_is_that_of_the_frame_in_its_pixel
 def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_path):
     log, journal = tmp_path / "run.mcap", tmp_path / "decode_once-smoke-cells.journal"
     stage = replace(
-        exp.config("smoke").stages[0], counts=(1,), dds_counts=(), network_counts=(), repeats=50
+        exp.config("smoke").stages[0],
+        counts=(1, 2),
+        dds_counts=(1, 2),
+        network_counts=(1,),
+        repeats=25,
     )
     before = set(psutil.Process().children(recursive=True))
     children, ended = [], threading.Event()

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import signal
 import subprocess
 import sys
 
@@ -21,14 +22,17 @@ from sfglab.lab.experiments.discovery.experiment import (
     QUERYING,
     ROUTED,
     STANDARD,
+    Cell,
     Scale,
     Stage,
     cells_of,
+    host_names,
 )
-from sfglab.lab.experiments.discovery.live import Ingress
+from sfglab.lab.experiments.discovery.live import ROUTER, Ingress, LiveFleet
 from sfglab.lab.hosts.host import InterfaceBytes
+from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.ros_nodes import LISTENER, TALKER, RosNodesConfig, endpoints_of
-from sfglab.processes import Member, ProcessGroup
+from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 NODES = {"talkers": 10, "listeners": 10}
 TABLES = ("cell", "host", "simulated")
@@ -273,6 +277,21 @@ def test_a_fleet_that_takes_too_long_is_given_up_and_marked(tmp_path):
     run = short(tmp_path, STANDARD, timeout_s=0.001)
     assert run["host"]["censored"].all()
     assert (run["host"]["resolved_s"] < 5).all()
+
+
+@pytest.mark.live
+@pytest.mark.netns
+async def test_a_router_that_dies_is_noticed_long_before_the_time_limit():
+    class Broken(LiveFleet):
+        async def _begin(self, host):
+            await super()._begin(host)
+            self[f"{host}, {ROUTER}"].signal(signal.SIGKILL)
+
+    cell = Cell(mode=ROUTED, agents=2, talkers=1, listeners=1, repeat=0)
+    with Testbed(*host_names(2)) as testbed:
+        async with Broken(cell, testbed, multicast="default") as fleet:
+            with pytest.raises(ProcessFailedError, match="router"):
+                await asyncio.wait_for(fleet.measure(300.0), 60)
 
 
 def test_without_separate_hosts_nothing_is_passed_off_as_live(tmp_path):
