@@ -1,6 +1,9 @@
 """Nodes stand on the ROS 2 graph with exactly their endpoints, and leave it when they close."""
 
 import asyncio
+import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ from bus_messages import SERVICE, STRING, connected
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
+from waiting import program
 
 from sfglab import bus
 from sfglab.bus.api import NodeInfo
@@ -150,3 +154,14 @@ async def test_nodes_of_two_domain_ids_meet_in_one_external_domain(domain_id):
     async with nodes[0], nodes[1]:
         await connected(*nodes)
         assert nodes[0].guid[:12] != nodes[1].guid[:12]
+
+
+@pytest.mark.live
+def test_hz_waits_for_a_topic_that_nobody_publishes_yet(domain_id):
+    at = ("--domain", str(domain_id), "--interface", "lo")
+    topic = (sys.executable, "-m", "sfglab", "topic")
+    with program(*topic, "hz", "/late", "--json", *at, stderr=subprocess.PIPE) as hz:
+        warning = hz.stderr.readline()
+        assert warning == "WARNING: topic [/late] does not appear to be published yet\n"
+        with program(*topic, "pub", "-r", "20", "/late", "std_msgs/String", "{data: a}", *at):
+            assert json.loads(hz.stdout.readline())["rate_hz"] > 0
