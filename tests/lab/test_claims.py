@@ -150,7 +150,7 @@ GOOD = "id: A, where: w, says: s, paper: 1, unit: u, band: [1, 2], experiment: n
             f"- {{{GOOD.replace('[1, 2]', '[2, 1]')}}}",
             r"band: given \[2.0, 1.0\], allowed: \[low, high\]",
         ),
-        (f"- {{{GOOD}, better: up}}", "better: given 'up', allowed: 'above' or 'below'"),
+        (f"- {{{GOOD}, better: up}}", "better: given 'up', allowed: above or below"),
         (f"- {{{GOOD.replace(', experiment: null', '')}}}", "'experiment' is needed here"),
         (
             f"- {{{GOOD}}}\n- {{{GOOD}}}",
