@@ -126,6 +126,7 @@ REASONS: dict[str, str] = {
     "folders/*/hooks/30-service.sh": "the file .env stays outside of the release",
     "folders/interfaces/sfglab_interfaces/msg/StreamInfo.msg": "a comment named the codec med",
     "folders/interfaces/sfglab_interfaces/msg/MocapObject.msg": "a comment: one latency is not measured",
+    "folders/interfaces/sfglab_interfaces/action/FollowTrajectory.action": "a comment named goals that overtake",
 }
 """Reasons for differences, by a pattern of their names."""
 
