@@ -36,13 +36,13 @@ def write_files(
     folder: Path | None = None,
     modes: Mapping[Path, int] | None = None,
 ) -> None:
-    """Write files, all of them or none; at any moment each path holds either the old file or the new one.
+    """Write all files or none. At any moment each path holds its old or its new file.
 
     Temporary files beside them get the contents first, and then the names and permissions of the old files.
-    Symbolic links stay links; what is no file, as ``/dev/stdout``, is written directly.
+    Symbolic links stay links. A path that is no file, such as ``/dev/stdout``, is written directly.
 
     Args:
-        files: What goes where.
+        files: Contents by path.
         folder: A folder to make where it is not there, with those of paths below it; paths are relative to it.
         modes: Permissions, by path.
     """

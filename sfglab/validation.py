@@ -44,7 +44,8 @@ _RULES: dict[Source, dict[str, Core]] = {
 }
 """Additions to descriptions, by their ``type``."""
 _LIMITS = ("ge", "gt", "le", "lt")
-_MAPPING, _LIST = "a mapping of keys to values", "a list"
+_MAPPING = "a mapping of keys to values"
+_LIST = "a list"
 _WORDS = {
     "int_type": "a whole number",
     "float_type": "a number",

@@ -110,7 +110,9 @@ def link_of(given: TopicFile) -> Link:
     On a shared medium every further host that contends stretches each frame (`Medium.contention`). Capacity is
     reckoned with all hosts contending, as they do when the medium is nearly full, which is when it decides.
     """
-    topics, medium, vendor = given.topics, given.medium, given.vendor
+    topics = given.topics
+    medium = given.medium
+    vendor = given.vendor
     hosts = sorted({host for topic in topics for host in _sending_hosts(topic)})
     senders = ("the medium",) if medium.shared else tuple(hosts)
     contention = medium.contention * (len(hosts) - 1) if medium.shared else 0.0

@@ -234,7 +234,8 @@ def plan_as_printed(given: TopicFile) -> Plan:
     found = balance_closed_form(BalanceInput(topics=topics, rate_max_hz=rate_max_hz))
     count = len(given.topics)
     depth = int(round(found.depth, 6))  # digits beyond the sixth are noise
-    rates_hz, depths = np.full(count, found.rate_hz), np.full(count, depth)
+    rates_hz = np.full(count, found.rate_hz)
+    depths = np.full(count, depth)
     return assess(given, rates_hz, depths, method="paper")
 
 

@@ -134,7 +134,8 @@ def _worth(found: Plan) -> float:
 def _check_feasible(given: TopicFile, link: Link) -> None:
     """Raise an SfglabError if the minimal rates take more of a sender's time than is allowed."""
     sent_hz = np.minimum([topic.rate_min_hz for topic in given.topics], link.change_most_hz)
-    allowed, needs = given.utilisation_max, link.load(sent_hz)
+    allowed = given.utilisation_max
+    needs = link.load(sent_hz)
     worst = int(needs.argmax())
     needed = float(needs[worst])
     if needed <= allowed:
@@ -156,7 +157,7 @@ _TOLERANCES = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7)
 
 
 class _Programme:
-    """The convex programme; its parameters change between solutions, the problem does not: DCP, and DPP in them.
+    """The convex programme (DCP). Only its parameters change between solutions, in which it is DPP.
 
     `link` is what the topics cost, from `at_depths`. The bounds are the least and largest rates, shape (n,) each;
     a solver keeps to them within its tolerance.
@@ -214,7 +215,8 @@ class _Programme:
             SfglabError: The solver ended without an optimum.
         """
         self._price.value = price
-        rates_hz, before = self._bounds_hz[0], None
+        rates_hz = self._bounds_hz[0]
+        before = None
         shares = np.ones_like(link.acknack_share), link.acknack_share
         changes_hz = link.change_most_hz
         most_hz = changes_hz, link.acknacks_hz(changes_hz)

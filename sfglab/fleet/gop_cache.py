@@ -171,7 +171,8 @@ class _Stream:
             self._publisher.publish(replace(packet, flags=packet.flags | FLAG_DISCARD))
         if newest is not None:
             self._publisher.publish(newest)
-        packets, size_bytes = len(self._cache), self._cache.size_bytes
+        packets = len(self._cache)
+        size_bytes = self._cache.size_bytes
         self._on_replay(Replayed(topic=self._topic, packets=packets, size_bytes=size_bytes))
 
     def _stop(self) -> None:

@@ -261,7 +261,8 @@ def _examine(topic: str) -> Finding:
         level, said, consequence = check()
     except Exception as error:  # noqa: BLE001 - one failed check must not hide the others
         level = Level.LIMITED if topic == _ROS else Level.MISSING
-        said, consequence = _words(error), without
+        said = _words(error)
+        consequence = without
     return Finding(topic=topic, level=level, said=said, consequence=consequence)
 
 

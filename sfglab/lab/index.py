@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import few_colors
-from sfglab.lab.ledger_page import PAPERS, citation, verdict_html
+from sfglab.lab.ledger_page import PAPERS, cited_html, verdict_html
 from sfglab.lab.notebooks import REPORTS, cells_of, experiments_of, find_notebooks, notebook_of
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 _WIDTH_PX = 240
 _RESULT_PX = 640
 _CELL = 'style="text-align: left; vertical-align: top; white-space: normal"'
-_COPIED = 'style="white-space: pre-wrap; text-align: left"'
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,14 +70,13 @@ def make_result(project: Project, ledger: Ledger, says: str, figure: str) -> Ind
         sentence = sentence.replace(f"{{{name}}}", entry.value or "no value")
     exp = next(exp for exp in map(experiment, EXPERIMENTS) if figure in exp.drawings)
     notebook = notebook_of(project, exp.name)
-    cited = "\n\n".join(citation(project, entry) for entry in entries.values())
     png = project.figures / f"{figure}.png"
     parts = (
         f"<p>{escape(sentence)}</p>",
         _thumbnail(png, exp.caption(figure), _RESULT_PX),
         f"<p>{verdicts_html(entries.values(), ', ')}<br>",
         f'Go deeper: <a href="{notebook}.ipynb">{notebook}</a></p>',
-        f"<details><summary>Cite this</summary><pre {_COPIED}>{escape(cited)}</pre></details>",
+        f"<details><summary>Cite this</summary>{cited_html(project, entries.values())}</details>",
     )
     return IndexPage("".join(parts), sentence)
 

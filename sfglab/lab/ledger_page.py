@@ -16,6 +16,8 @@ from sfglab.lab.claims import Entry, Ledger, Verdict, accepted, criterion_of
 from sfglab.lab.figures import file_sha256
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from sfglab.lab.paths import Project
 
 COLORS = {
@@ -41,11 +43,12 @@ LEGEND = (
     "The grey bar is the acceptance range, the line is the paper's number, and the dot is our value with its "
     "interval. Each claim has a scale of its own."
 )
-_WIDTH, _HEIGHT, _EDGE = 100, 20, 6
+_WIDTH = 100  #: Width of an interval plot without its edges, px.
+_HEIGHT = 20  #: Height of an interval plot, px.
+_EDGE = 6  #: Space for half a dot on both sides, px.
 _HASH_LETTERS = 16
 _CELL = "text-align: left; vertical-align: top; white-space: normal; padding: 2px 8px 2px 0"
 _CELLS = (_CELL, _CELL, f"{_CELL}; overflow-wrap: anywhere")  # a path in a text may be long
-_COPIED = 'style="white-space: pre-wrap; text-align: left"'
 
 
 class LedgerPage:
@@ -130,8 +133,8 @@ def _line(project: Project, entry: Entry, top: str) -> str:
     links = [f'<a href="{top}/figures/{name}.png">{name}</a>' for name in entry.figures]
     if links:
         lines.append(f"<b>figures</b>: {', '.join(links)}")
-    cited = f"<pre {_COPIED}>{escape(citation(project, entry))}</pre>"
-    lines.append(f'<b>to cite</b>:<div class="highlight">{cited}</div>')  # the book adds a button
+    # The book adds a button to copy to elements of this class.
+    lines.append(f'<b>to cite</b>:<div class="highlight">{cited_html(project, [entry])}</div>')
     cells = (
         f"{claim.id}<br>{verdict_html(entry)}",
         f"{interval_plot(entry)}<br>{escape(f'{entry.value} {entry.unit}')}",
@@ -177,6 +180,12 @@ def interval_plot(entry: Entry) -> str:
     text = f"accepted: {accepted(claim)}; sfglab: {entry.value or 'no value'} {entry.unit}"
     style = 'style="max-width: none"'
     return f'<img {size} {style} alt="{escape(text)}" src="data:image/svg+xml;base64,{data}">'
+
+
+def cited_html(project: Project, entries: Iterable[Entry]) -> str:
+    """Return the citations of claims as a text to copy."""
+    text = "\n\n".join(citation(project, entry) for entry in entries)
+    return f'<pre style="white-space: pre-wrap; text-align: left">{escape(text)}</pre>'
 
 
 def citation(project: Project, entry: Entry) -> str:

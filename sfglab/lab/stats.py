@@ -75,7 +75,8 @@ def _bootstrap(
     """Estimate as `bootstrap`; `statistics` returns shape (m,) for m resamples at once, each shape (m, n, ...)."""
     if any(len(group) == 0 for group in samples):
         raise InvalidValueError("bootstrap", "a group of no samples", "groups of samples")
-    rng, found = np.random.default_rng(0), list[float]()
+    rng = np.random.default_rng(0)
+    found = list[float]()
     for begin in range(0, RESAMPLES, at_once):
         many = min(at_once, RESAMPLES - begin)
         found.extend(statistics([g[rng.integers(0, len(g), (many, len(g)))] for g in samples]))

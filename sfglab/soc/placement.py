@@ -218,7 +218,8 @@ def _programme(
     # A variable of its own, because HiGHS' gap leaves out a constant of the objective.
     in_software = cp.Variable(len(graph.nodes))
     rows: list[Any] = [in_software == 1 - x]
-    work, places = [], {}
+    work = []
+    places = {}
     for number, node in enumerate(graph.nodes):
         part = node.hardware or Implementation()
         work.append(

@@ -344,7 +344,8 @@ class WaitSetThread:
         library().dds_set_guardcondition(self._guard, True)
 
     def _run(self, after_round: Callable[[], None]) -> None:
-        lib, handlers = library(), self._handlers
+        lib = library()
+        handlers = self._handlers
         keys: Any = (ct.c_ssize_t * _MAX_TRIGGERED)()
         triggered = ct.c_bool()
         while not self._is_stopping:

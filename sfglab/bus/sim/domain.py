@@ -50,7 +50,7 @@ class Host:
         return self is other or (self.is_connected and other.is_connected)
 
     def delay_ns(self, other: Host, far_ns: int) -> int:
-        """Return the delay of a packet to a host: that of both links, and `far_ns` if it is another host."""
+        """Return the delay of a packet to a host. To another host it is `far_ns` and the latency of both links."""
         return LOOPBACK_NS if self is other else self.latency_ns + other.latency_ns + far_ns
 
 
@@ -115,7 +115,8 @@ class Endpoint:
         """Return whether this endpoint and another one of the same topic match."""
         if self.kind is other.kind or self.info.transport != other.info.transport:
             return False
-        ours, theirs = self.info, other.info
+        ours = self.info
+        theirs = other.info
         writer, reader = (ours, theirs) if self.kind is EndpointKind.PUBLISHER else (theirs, ours)
         if writer.type != reader.type or not _compatible(writer.qos, reader.qos):
             return False
@@ -321,7 +322,8 @@ class Domain:
 
     def announce(self, owner: Participant, endpoint: Endpoint, *, is_open: bool) -> None:
         """Announce an endpoint, or its end, to all members; this takes time of processes, see `Costs`."""
-        costs, now_ns = self.costs, self.loop.now_ns
+        costs = self.costs
+        now_ns = self.loop.now_ns
         self.announced += is_open
         backlog_ns = 0
         if costs.endpoint_s:

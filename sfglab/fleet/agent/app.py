@@ -243,7 +243,8 @@ class Narrator:
 
     def beginning(self) -> str:
         """Return the first line."""
-        local, remote = _place(self._router.local), _place(self._router.remote)
+        local = _place(self._router.local)
+        remote = _place(self._router.remote)
         return f"agent {self._router.agent}: its own {local}, the global {remote}; starting"
 
     def end(self) -> str:

@@ -77,7 +77,7 @@ class TokenBucket:
 class Rates:
     """Rate limits of the messages on one topic: of each publisher, and of all publishers together.
 
-    Only so many of the most recent publishers are remembered.
+    The class remembers the most recent publishers, at most `max_publishers` of them.
     """
 
     def __init__(self, max_publishers: int) -> None:

@@ -110,7 +110,8 @@ def _without_publisher(use: Use) -> Finding:
 def check_services(view: View) -> Iterator[Finding]:
     """Find services and actions that cross in part, have several servers, or confuse a DDS Router."""
     for meeting in view.meetings:
-        kind, name = meeting.kind, meeting.name
+        kind = meeting.kind
+        name = meeting.name
         if kind is ResourceKind.TOPIC or meeting.crossing is Crossing.NONE:
             continue
         # Names that only the file implies are not reported here, because the rule itself is reported.

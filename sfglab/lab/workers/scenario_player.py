@@ -109,7 +109,8 @@ class _Sensor:
 
     def offer(self, value: int, due_ns: int) -> None:
         """Publish a value unless the local cache holds it back."""
-        name, cache = self.flow.name, self._cache
+        name = self.flow.name
+        cache = self._cache
         if cache is not None and not cache.offer(name, value, now_ns=due_ns).passes:
             return
         serdata = serdata_from_bytes(self._sertype, text_of(value, self.flow.size_bytes))
@@ -150,7 +151,8 @@ class _Inlet:
 
     def cost_ns(self, value: int, now_ns: int) -> int:
         """Return the service time of a value, ns: that of a comparison or the full one."""
-        flow, cache = self.flow, self._cache
+        flow = self.flow
+        cache = self._cache
         if cache is not None and not cache.offer(flow.name, value, now_ns=now_ns).passes:
             return round((flow.compare_s or 0.0) * NS_PER_S)
         return round(flow.service_s * NS_PER_S)

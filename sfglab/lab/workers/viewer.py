@@ -139,7 +139,8 @@ class _Viewer:
 
     async def _receive(self, node: Node, topic: str, mode: str) -> None:
         """Hold a subscription until cancelled."""
-        type_, qos = self._config.remote_type, COMPRESSED_STREAM
+        type_ = self._config.remote_type
+        qos = COMPRESSED_STREAM
         options: dict[str, Any] = {"threaded": True}
         see: Callable[[Any], None] = self._see_image
         if mode == "standard":
@@ -148,7 +149,8 @@ class _Viewer:
             see = self._discard
             options["raw"] = True
         else:
-            type_, qos = IMAGE, SENSOR_DATA
+            type_ = IMAGE
+            qos = SENSOR_DATA
             options["transport"] = "shm" if mode == "proxy" else "dds"
         with contextlib.closing(node.create_subscription(type_, topic, see, qos, **options)):
             await asyncio.Event().wait()

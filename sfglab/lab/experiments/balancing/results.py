@@ -102,7 +102,8 @@ def channel_loads(run: Run[Config]) -> pd.DataFrame:
     for topic in given.topics:
         is_sensor = topic.name.rpartition("/")[2] in SENSORS
         cached.append(replace(topic, cached=is_sensor))
-    plain, with_cache = link_of(given), link_of(replace(given, topics=tuple(cached)))
+    plain = link_of(given)
+    with_cache = link_of(replace(given, topics=tuple(cached)))
     topics = given.topics_of_agents()
     rows = {}
     for rate_max_hz in run.config.rates_hz:

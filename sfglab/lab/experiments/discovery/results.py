@@ -105,7 +105,8 @@ def fleet_table(run: Run[Config]) -> pd.DataFrame:
     )
     table = table.assign(method=table["mode"].map(NAMES))
     by = ["method", "agents", "nodes per agent", "time between starts (s)"]
-    agents, fleets = table.groupby(by), table.drop_duplicates("cell").groupby(by)
+    agents = table.groupby(by)
+    fleets = table.drop_duplicates("cell").groupby(by)
     columns = {
         "starts of the fleet": fleets.size(),
         "agents given up": agents["censored"].sum(),

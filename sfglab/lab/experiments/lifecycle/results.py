@@ -148,7 +148,8 @@ def check_receipt(run: Run[Config], agent: str) -> list[Check]:
 @exp.claim("A-HEARTBEAT", how=How.LIVE)
 def paper_heartbeats(run: Run[Config]) -> Finding | None:
     """Return the share of checks that hold; None at other periods than the paper's, or without an interval."""
-    own, papers = run.config.schedule, Schedule()
+    own = run.config.schedule
+    papers = Schedule()
     if (own.startup_period_s, own.steady_period_s) != (
         papers.startup_period_s,
         papers.steady_period_s,

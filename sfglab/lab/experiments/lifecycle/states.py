@@ -89,7 +89,8 @@ class _Table:
         """Draw states, transitions and the key, and return the artists of each part."""
         axes = self._axes
         for announced, text in ROWS.items():
-            y, half = Y[announced], HALF_HEIGHT + 0.25
+            y = Y[announced]
+            half = HALF_HEIGHT + 0.25
             color = COLORS_OF_ROWS[announced]
             axes.axhspan(y - half, y + half, color=color, alpha=0.07, linewidth=0)
             axes.text(-5.8, y, text, va="center", fontsize=9, style="italic")
@@ -182,7 +183,8 @@ class _Table:
 
 def _route(source: State, target: State) -> tuple[Sequence[Point], Point, bool]:
     """Return an arrow's corners, the place of its first line of text, and whether further lines go up."""
-    row, to_row = Y[source.announced], Y[target.announced]
+    row = Y[source.announced]
+    to_row = Y[target.announced]
     x, to_x = X[source.query], X[target.query]
     if source is State.LOST and target is State.UNKNOWN:
         corners = [(x - HALF_WIDTH, row), (LEFT, row), (LEFT, to_row), (x - HALF_WIDTH, to_row)]

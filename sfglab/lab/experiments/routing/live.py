@@ -101,7 +101,8 @@ class Fleet(ProcessGroup):
         self.parties = parties_of(config.agents)  #: All parties.
         agents = [party.party for party in self.parties if party.domain != GLOBAL_DOMAIN]
         self.topics = tuple(topics(agents, OTHERS, busy=config.busy))  #: Topics of all parties.
-        routers, peers = [], []
+        routers = []
+        peers = []
         for party in self.parties:
             interface = testbed.interface(party.party)
             own = shared = BusAddress(domain_id=GLOBAL_DOMAIN, interface=interface)
