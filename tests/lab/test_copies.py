@@ -13,6 +13,7 @@ from made_logs import reference
 from sfglab.lab import notebook
 from sfglab.lab.copies import copy_notebooks
 from sfglab.lab.experiments import naming
+from sfglab.lab.notebook import ExperimentError
 from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[2]
@@ -124,10 +125,18 @@ def test_a_header_in_a_copy_leads_to_copies(monkeypatch, tmp_path, root):
     assert 'href="../../book/glossary.md"' in html
 
 
-@pytest.mark.parametrize("word", ["reference", "newest"])
-async def test_a_log_is_named_by_a_word(word, monkeypatch):
-    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
-    run = await notebook.run(naming.exp, "quick", word)
-    if word == "reference":
-        assert run.log == reference(naming.exp).log
-    assert run.experiment == "naming"
+async def test_a_log_is_named_by_a_word(project, monkeypatch):
+    monkeypatch.setenv("SFGLAB_ROOT", str(project.root))
+    project.reference_logs.mkdir(parents=True)
+    (project.data / "claims.yaml").write_text("[]")
+    with pytest.raises(ExperimentError, match="there is no such log"):
+        await notebook.run(naming.exp, "quick", "reference")
+    committed = project.reference_logs / "naming.mcap"
+    shutil.copy(reference(naming.exp).log, committed)
+    logs = project.runs / "logs" / "naming"
+    logs.mkdir(parents=True)
+    for day in (1, 2):
+        shutil.copy(committed, logs / f"2026010{day}T000000-quick.mcap")
+    assert (await notebook.run(naming.exp, "quick", "reference")).log == committed
+    newest = logs / "20260102T000000-quick.mcap"
+    assert (await notebook.run(naming.exp, "quick", "newest")).log == newest

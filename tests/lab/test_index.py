@@ -14,6 +14,7 @@ from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.index import make_index, make_result
 from sfglab.lab.ledger import compute_ledger
 from sfglab.lab.notebook_outputs import normalise
+from sfglab.lab.notebooks import notebook_of
 from sfglab.lab.paths import Project
 
 PROJECT = Project(root=Path(__file__).parents[2])
@@ -113,3 +114,12 @@ def test_every_committed_figure_of_an_experiment_is_declared_by_it():
     committed = {(twin["experiment"], twin["stem"]) for twin in twins if twin["stem"] != "summary"}
     declared = {(name, drawing) for name in EXPERIMENTS for drawing in experiment(name).drawings}
     assert committed == declared
+
+
+def test_the_list_of_figures_names_the_notebook_of_each():
+    listed = (PROJECT.figures / "README.md").read_text("utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \|.*\| (\w+) \|$", listed, re.MULTILINE))
+    for name in EXPERIMENTS:
+        number = notebook_of(PROJECT, name)[:2] or "book"  # ros2 has a page of the book
+        drawings = experiment(name).drawings
+        assert {rows[drawing] for drawing in drawings} == ({number} if drawings else set()), name
