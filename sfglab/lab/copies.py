@@ -1,8 +1,8 @@
 """Working copies of the notebooks, which `sfglab lab` opens: they begin with the committed logs.
 
-A copy of a notebook shows the reference run at first, so that *Run All* takes seconds. Its parameters
-cell says how to read another log or to measure. A copy that was changed is kept, and one that cannot be
-read gets another name.
+A copy of a notebook shows the reference run at first, so that *Run All* takes seconds. A switch below
+its parameters cell chooses other logs, or measures. A copy that was changed is kept, and one that
+cannot be read gets another name.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _MADE = "sfglab"  #: Key of a copy's metadata with the digests of its cells and of its source's.
 _LOG = re.compile(r'^(log\w*: str = )""$', re.MULTILINE)
+_TIME = re.compile(r"\*\*Expected time\.\*\* ([\d.]+ \w+)")
 _CHOICES = f'# A log is "{REFERENCE}", "{NEWEST}" (your newest run), a path, or "" to run now.'
 
 
@@ -90,10 +91,15 @@ def _joined(value: Any) -> Any:
 
 def _copy_of(notebook: dict[str, Any], digest: str) -> str:
     """Return the text of a notebook's copy."""
+    stated = _TIME.search("\n".join(cell["source"] for cell in notebook["cells"]))
+    expected_time = stated[1] if stated else "time not stated"
+    cells = []
     for cell in notebook["cells"]:
+        cells.append(cell)
         source = cell["source"]
         if "parameters" in cell["metadata"].get("tags", ()) and _LOG.search(source):
             source = _LOG.sub(rf'\1"{REFERENCE}"', f"{source}\n{_CHOICES}")
+            cells.append(_switch(expected_time))
         if cell["cell_type"] == "markdown":
             source = source.replace("](../", "](../../")
         cell["source"] = source
@@ -101,8 +107,27 @@ def _copy_of(notebook: dict[str, Any], digest: str) -> str:
             html = output.get("data", {}).get("text/html")
             if html is not None:
                 output["data"]["text/html"] = _linked("".join(html))
+    notebook["cells"] = cells
     notebook["metadata"][_MADE] = {"source": digest, "copy": _digest(notebook)}
     return json.dumps(notebook, indent=1, ensure_ascii=False)
+
+
+def _switch(expected_time: str) -> dict[str, Any]:
+    """Return the cell that chooses the logs of a copy."""
+    lines = [
+        "# Run this cell for a switch: the reference logs, your newest runs, or run now.",
+        "from sfglab.lab.log_switch import log_switch",
+        "",
+        f'log_switch(globals(), "{expected_time}")',
+    ]
+    return {
+        "cell_type": "code",
+        "execution_count": None,
+        "id": "log-switch",
+        "metadata": {},
+        "outputs": [],
+        "source": "\n".join(lines),
+    }
 
 
 def _linked(html: str) -> str:

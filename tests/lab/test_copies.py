@@ -13,6 +13,7 @@ from made_logs import reference
 from sfglab.lab import notebook
 from sfglab.lab.copies import copy_notebooks
 from sfglab.lab.experiments import naming
+from sfglab.lab.log_switch import log_switch
 from sfglab.lab.notebook import ExperimentError
 from sfglab.lab.paths import Project
 
@@ -41,6 +42,24 @@ def test_a_copy_reads_the_committed_logs_and_says_how_to_run(project):
     assert 'log_lifecycle: str = "reference"\n' in parameters
     assert 'log_discovery: str = "reference"\n' in parameters
     assert parameters.endswith('or "" to run now.')
+    [switch] = [c.source for c in page.cells if c.id == "log-switch"]
+    assert switch.endswith('log_switch(globals(), "7.5 min")')
+
+
+def test_the_switch_chooses_all_logs_and_is_heard_again_after_the_parameters_cell():
+    parameters = {"log_naming": "reference", "log_routing": "reference"}
+    cells = {**parameters, "logarithm": "2", "seed": 0}
+    buttons, _ = log_switch(cells, "1 min").children
+    assert [label for label, _ in buttons.options][-1] == "run now (1 min)"
+    buttons.value = ""
+    assert cells == {**cells, "log_naming": "", "log_routing": "", "logarithm": "2"}
+    cells.update(parameters)  # Run All
+    buttons, _ = log_switch(cells, "1 min").children
+    assert (cells["log_naming"], buttons.value) == ("", "")
+    cells.update(log_naming="mine.mcap", log_routing="")  # another parameters cell
+    buttons, text = log_switch(cells, "1 min").children
+    assert (cells["log_naming"], buttons.value) == ("mine.mcap", None)
+    assert text.value == "The parameters cell names other logs."
 
 
 def test_a_changed_copy_is_kept_and_another_follows_its_notebook(project):

@@ -1,0 +1,59 @@
+"""The switch of a working copy: its cells show the committed logs, your newest runs, or run now."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sfglab.lab.notebooks import NEWEST, REFERENCE
+from sfglab.view.widgets import widgets
+
+if TYPE_CHECKING:
+    from collections.abc import MutableMapping
+
+_ADVICE = "Then choose <b>Run > Run Selected Cell and All Below</b>."
+_OWN = "The parameters cell names other logs."
+_last: list[tuple[dict[str, str], str]] = []  # the parameters before the last choice, and the choice
+
+
+def log_switch(namespace: MutableMapping[str, Any], expected_time: str) -> Any:
+    """Return buttons that choose the logs of all experiments of a notebook.
+
+    A choice sets the variables `log` and `log_<experiment>`. When the cell runs again, as by *Run
+    All*, the last choice is made again unless the parameters cell was changed since.
+
+    Args:
+        namespace: Variables of the notebook.
+        expected_time: Time that a run takes, e.g. "4 min".
+
+    Raises:
+        MissingExtraError: ipywidgets is not installed.
+    """
+    given = {
+        name: value
+        for name, value in namespace.items()
+        if name.partition("_")[0] == "log" and isinstance(value, str)
+    }
+    if _last and _last[-1][0] == given:
+        namespace.update(dict.fromkeys(given, _last[-1][1]))
+    made = widgets()
+    choices = {
+        "reference": REFERENCE,
+        "newest own run": NEWEST,
+        f"run now ({expected_time})": "",
+    }
+    current = {namespace[name] for name in given}
+    is_choice = len(current) == 1 and current <= {*choices.values()}
+    buttons = made.ToggleButtons(
+        options=[*choices.items()],
+        value=current.pop() if is_choice else None,
+        description="Show",
+    )
+    text = made.HTML("" if is_choice else _OWN)
+
+    def choose(change: Any) -> None:
+        namespace.update(dict.fromkeys(given, change["new"]))
+        _last[:] = [(given, change["new"])]
+        text.value = _ADVICE
+
+    buttons.observe(choose, "value")
+    return made.VBox([buttons, text])
