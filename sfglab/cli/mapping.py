@@ -178,7 +178,7 @@ def _topic_table(mapping: CommunicationMapping) -> list[str]:
     for topic in mapping.gateways.topics:
         carried = []
         predicted = []
-        for graph in (mapping.software, mapping.gateways):
+        for graph in (mapping.all_software, mapping.gateways):
             mapped = graph.topic(topic.name)
             carried.append(f"{carriages_per_message(graph, mapped):g}")
             known = mapped.size_bytes is not None
@@ -214,7 +214,7 @@ def _verilog(graph: Graph) -> dict[Path, str]:
 
     topics: dict[int, list[str]] = defaultdict(list)
     for name in graph.mapped_to(TopicMapping.GATEWAY):
-        readers = graph.in_hardware.intersection(graph.topic(name).subscribers)
+        readers = graph.hardware_nodes.intersection(graph.topic(name).subscribers)
         topics[len(readers)].append(name)
     modules = {}
     for count, names in sorted(topics.items()):

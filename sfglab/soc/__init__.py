@@ -1,7 +1,8 @@
-"""Paper C: ROS 2 graphs on a configurable system-on-chip: their nodes, topics and gateways.
+"""The package `sfglab.soc` implements paper C: ROS 2 graphs on a configurable system-on-chip.
 
-A graph (`load_graph`, `graph_from_log`) has its nodes placed in software or hardware, by hand
-or by `place_nodes`, and its topics mapped to software, hardware or gateways by `map_communication`.
+The functions `load_graph` and `graph_from_log` return a graph. A user or `place_nodes` places the nodes of the graph
+in software or hardware. The function `map_communication` maps the topics of the graph to software, hardware or
+gateways.
 """
 
 from sfglab.soc.graph import (

@@ -1,16 +1,19 @@
-"""This module explores all states of a gateway core with its surroundings, up to a bound (claim C-FSM).
+"""This module explores all worlds of a gateway core with its surroundings, up to a bound (claim C-FSM).
 
-The exploration follows all interleavings of the steps in `sfglab.soc.gateway_world`, breadth first. It shows for
-the bound:
+A *state* is one of the gateway core's states (`sfglab.soc.gateway.State`). A *world* is one global state: the core's
+state together with the core's messages, the queues, the topics and the subscribers (`World`).
 
-- Safety: no step is a fault. No message is doubled, overtaken, overwritten or echoed, no held message is
-  replaced, and the core receives only inputs that its state has a transition for.
-- From every reachable state the end can be reached, in which all subscribers have received all messages. Hence
-  no message is lost and nothing deadlocks.
+The exploration follows all interleavings of the steps in `sfglab.soc.gateway_world`, breadth first. For the bound the
+exploration shows two properties:
 
-That the end is always reached also needs fairness: each process runs now and then, and the arbiter of the HMT
-grants the core's claim now and then. A counterexample is a shortest path to the violation that is reported,
-because the search is breadth first.
+- Safety: no step leads to a `Fault`. Hence no message is doubled, overtaken, overwritten or echoed, no message that
+  the core holds is replaced, and the core receives only inputs for which the core's state has a transition.
+- From every reachable world a path leads to the end, in which all subscribers have received all messages. Hence no
+  message is lost, and the model has no deadlock.
+
+The core always reaches the end only under fairness: the scheduler runs each process now and then, and the arbiter of
+the HMT grants the core's claim now and then. A counterexample is a shortest path to the reported violation, because
+the search is breadth first.
 """
 
 from __future__ import annotations
@@ -38,11 +41,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counterexample:
-    """A shortest sequence of steps to a violation."""
+    """A `Counterexample` is a shortest sequence of steps to a violation."""
 
     property: str  #: Violated property.
     trace: tuple[str, ...]  #: Steps in order, each with its process.
-    #: Last global state before the violation, or the one from which the end cannot be reached.
+    #: Last world before the violation, or the world from which no path leads to the end.
     last: World
 
     def __str__(self) -> str:
@@ -52,26 +55,26 @@ class Counterexample:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration:
-    """Result of an exploration."""
+    """An `Exploration` is the result of one exploration."""
 
-    worlds: int  #: Number of reachable global states.
-    steps: int  #: Number of steps between them.
-    visited: frozenset[State]  #: States of the core that occurred.
+    worlds: int  #: Number of reachable worlds.
+    steps: int  #: Number of steps between the worlds.
+    visited: frozenset[State]  #: States of the core that occur in the worlds.
     counterexample: Counterexample | None  #: Violation; None: all properties hold within the bound.
 
 
 class _Found:
-    """The global states found so far, in the order of the search, and the steps to them."""
+    """`_Found` has the worlds that the search has found so far, in their order, and the steps to them."""
 
     def __init__(self, first: World) -> None:
-        #: State and description of the step that first led to each state.
+        #: Previous world and description of the step that first led to each world.
         self.reached_by: dict[World, tuple[World, str] | None] = {first: None}
-        #: States from which a step leads to each state.
+        #: Worlds from which a step leads to each world.
         self.predecessors: dict[World, list[World]] = {first: []}
         self.steps = 0
 
     def trace(self, world: World) -> tuple[str, ...]:
-        """Return the steps of a shortest path to a state."""
+        """Return the steps of a shortest path to a world."""
         lines = []
         reached = self.reached_by[world]
         while reached is not None:
@@ -81,7 +84,7 @@ class _Found:
         return tuple(reversed(lines))
 
     def trapped(self, bound: Bound) -> list[World]:
-        """Return the states from which the end cannot be reached, in the order of the search."""
+        """Return the worlds from which no path leads to the end, in the order of the search."""
         can_finish: set[World] = set()
         waiting = [world for world in self.reached_by if is_finished(world, bound)]
         while waiting:
@@ -93,15 +96,15 @@ class _Found:
 
 
 def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Exploration:
-    """Explore a core that follows a table, until all is explored or a property is violated.
+    """Explore the worlds of a core that follows a table, until a property is violated or no new world is left.
 
     Args:
         bound: Numbers of messages and processes.
         table: Behaviour of the core.
-        limit: Largest number of global states.
+        limit: Largest number of worlds.
 
     Raises:
-        SfglabError: There are more global states than the limit.
+        SfglabError: The bound has more worlds than the limit.
     """
     found = _Found(first_world(bound))
     violation = _search(found, bound, table, limit)
@@ -117,7 +120,7 @@ def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Ex
 
 
 def walk(bound: Bound, rng: np.random.Generator, table: Table = TABLE) -> tuple[Step, ...]:
-    """Return one interleaving, which is sampled at random and ends when all messages are received.
+    """Return one interleaving of steps, which `rng` samples and which ends when all messages are received.
 
     Raises:
         SfglabError: A property is violated, or no step is possible.
@@ -137,7 +140,7 @@ def walk(bound: Bound, rng: np.random.Generator, table: Table = TABLE) -> tuple[
 
 
 def _search(found: _Found, bound: Bound, table: Table, limit: int) -> Counterexample | None:
-    """Find all global states, breadth first, or the first fault."""
+    """Find all worlds, breadth first, or the first fault."""
     waiting = deque(found.reached_by)
     while waiting:
         world = waiting.popleft()
@@ -160,7 +163,7 @@ def _search(found: _Found, bound: Bound, table: Table, limit: int) -> Counterexa
 
 
 def _trap(found: _Found, trapped: list[World], bound: Bound, table: Table) -> Counterexample:
-    """Return why the end cannot be reached: a message is lost, or none can move on."""
+    """Return why no path leads to the end: a message is lost, or the worlds form a deadlock or a livelock."""
     stuck = [world for world in trapped if not any(steps(world, bound, table))]
     world = (stuck + trapped)[0]
     in_transit = {(message.publisher, message.number) for message in in_flight(world)}

@@ -1,28 +1,29 @@
-"""The gateway core of paper C, section 3, as one state-transition table (Fig. 4).
+"""This module describes the gateway core of paper C, section 3, as one state-transition table (Fig. 4).
 
 A gateway joins a topic in software to the same topic in hardware, so that a message crosses the memory interface
-once instead of once per subscriber. It has three parts (Fig. 3): the software-mapped topic (SMT), the
-hardware-mapped topic (HMT), and the gateway core, which copies messages between both. The core is a hardware
-node. It calls ROS 2 through its delegate, a software thread, over the interface OSIF.
+once instead of once per subscriber. A gateway has three parts (Fig. 3): the software-mapped topic (SMT), the
+hardware-mapped topic (HMT), and the gateway core, which copies messages between both topics. The gateway core is a
+hardware node. The core calls ROS 2 through its delegate, a software thread, over the interface OSIF.
 
-The core requests the next message of the SMT from its delegate. It then polls OSIF and HMT in turn:
+The core requests the next message of the SMT from its delegate. The core then polls OSIF and HMT in turn:
 
-- Software to hardware: the delegate answered with a message. The core sends the message to the HMT and requests
-  the next one.
-- Hardware to software: a message is at the core's port of the HMT. The core copies the message to its output
-  message in main memory, cancels the request, and asks the delegate to publish the output message on the SMT.
+- Software to hardware: after the delegate has answered with a message, the core sends the message to the HMT and
+  requests the next message.
+- Hardware to software: after a message has reached the core's port of the HMT, the core copies the message to its
+  output message in main memory, cancels the request, and asks the delegate to publish the output message on the SMT.
   If the delegate answered the request before the cancel arrived, the core sends the answered message to the HMT
   after the publication.
 - Filters on both sides discard messages that the core itself published, so that no message circulates.
 
-The paper leaves three points open. Our table decides them:
+The paper leaves three points open, and our table decides each point:
 
-- The delegate answers each request exactly once. A cancelled request is answered with `CANCELLED`, or with a
-  message if one was received first.
-- The core claims the HMT before it sends (`CLAIM`). A message from a hardware node may occupy the HMT and wait
-  until the core takes it. The core then serves that message first and keeps the message it holds. Without the
-  claim the core waits for the HMT, and the hardware message waits for the core, indefinitely.
-- The core waits until a publication is complete (`PUBLISH_WAIT`), because it has only one output message.
+- The delegate answers each request exactly once. The delegate answers a cancelled request with `CANCELLED`, or with
+  a message if the delegate received a message before the cancel.
+- The core claims the HMT before the core sends (`CLAIM`). A message from a hardware node may occupy the HMT and wait
+  until the core takes the message. The core then serves the hardware node's message first and keeps the message that
+  the core holds. Without the claim the core waits for the HMT, and the hardware message waits for the core,
+  indefinitely.
+- The core waits until a publication is complete (`PUBLISH_WAIT`), because the core has only one output message.
 
 `sfglab.soc.exploration` checks the table exhaustively. `sfglab.soc.rtl` generates the hardware's control from it.
 """
@@ -38,10 +39,10 @@ if TYPE_CHECKING:
 
 
 class State(Enum):
-    """States of the core.
+    """A `State` is one of the core's states.
 
-    In the states `..._HOLDING` the core serves or publishes another message while it holds one for the HMT. It
-    enters them from `CLAIM`, or from `CANCEL_WAIT` if the delegate answered with a message.
+    In the states `..._HOLDING` the core serves or publishes another message while the core holds one for the HMT. The
+    core enters the states `..._HOLDING` from `CLAIM`, or from `CANCEL_WAIT` if the delegate answered with a message.
     """
 
     START = auto()  #: Wait for the address of the output message.
@@ -66,7 +67,7 @@ class State(Enum):
 
 
 class Input(Enum):
-    """Events that the core waits for. `EMPTY` changes nothing in states without a transition for it."""
+    """An `Input` is an event that the core waits for; a state without a transition for `EMPTY` ignores `EMPTY`."""
 
     LOCATED = auto()  #: OSIF: address of the output message.
     SENT = auto()  #: OSIF: the delegate's call queue has accepted the call.
@@ -82,7 +83,7 @@ class Input(Enum):
 
 
 class Action(Enum):
-    """Actions of the core, one per state; the control sets one output signal for each."""
+    """An `Action` is what the core does in a state; the control sets one output signal for each action."""
 
     LISTEN_OSIF = auto()  #: Take the next answer of the delegate.
     CALL_TAKE = auto()  #: Call the delegate: take the next message of the SMT.
@@ -98,7 +99,7 @@ class Action(Enum):
 
 
 class Register(Enum):
-    """Address registers of the core. A transition may load one with the address beside its input."""
+    """A `Register` is an address register of the core; a transition may load a register with its input's address."""
 
     OUTPUT = auto()  #: Address of the output message.
     HELD = auto()  #: Address of the held message, which is to be sent to the HMT.
@@ -106,7 +107,7 @@ class Register(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """The effect of an input in a state."""
+    """A `Transition` is the effect of an input in a state."""
 
     target: State  #: Next state.
     loads: Register | None = None  #: Register that is loaded; None: none.
@@ -114,7 +115,7 @@ class Transition:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One state of the table."""
+    """A `Row` of the table describes one state."""
 
     action: Action  #: Action in this state.
     transitions: Mapping[Input, Transition]  #: Transitions by input.
@@ -124,15 +125,15 @@ Table = dict[State, Row]  #: Behaviour of a gateway core.
 
 
 def parse_table(text: str) -> Table:
-    """Return the table that a text describes, as `TABLE` below is written.
+    """Return the table that a text describes; the text has the form of `TABLE`.
 
     Args:
         text: Lines `STATE | ACTION | INPUT -> TARGET, ...`. A transition `INPUT -> TARGET / REGISTER` also loads
             a register. Empty lines and lines that begin with `#` are ignored.
 
     Raises:
-        KeyError: A name is unknown.
-        ValueError: A line has another form.
+        KeyError: A name in the text is unknown.
+        ValueError: A line of the text has another form.
     """
     table = {}
     for line in text.splitlines():
@@ -177,7 +178,7 @@ TO_MEMORY_HOLDING    | HMT_TO_MEMORY  | DONE -> PUBLISH_HOLDING
 PUBLISH_HOLDING      | CALL_PUBLISH   | SENT -> PUBLISH_WAIT_HOLDING
 PUBLISH_WAIT_HOLDING | LISTEN_OSIF    | PUBLISHED -> FILTER_SMT
 """)
-"""The gateway core (paper C, Fig. 4)."""
+"""`TABLE` is the table of the gateway core (paper C, Fig. 4)."""
 
 ADDED_STATES = {
     State.CLAIM,
@@ -188,11 +189,11 @@ ADDED_STATES = {
     State.PUBLISH_HOLDING,
     State.PUBLISH_WAIT_HOLDING,
 }
-"""States that the paper's text does not mention."""
+"""`ADDED_STATES` has the states that the paper's text does not mention."""
 
 
 def transitions(table: Table = TABLE) -> dict[tuple[State, Input], State]:
-    """Return the next state by state and input, for `sfglab.machine.step`, in the table's order."""
+    """Return the next state for each state and input, in the table's order, for `sfglab.machine.step`."""
     found = {}
     for state, row in table.items():
         for given, transition in row.transitions.items():

@@ -1,4 +1,4 @@
-"""Drawing of the gateway core's transition table as a state diagram (paper C, Fig. 4)."""
+"""This module draws the gateway core's transition table as a state diagram (paper C, Fig. 4)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Part: TypeAlias = State | tuple[State, Input]
-"""A state of the diagram, or the transition of a state by an input."""
+"""A `Part` of the diagram is a state, or the transition of a state by an input."""
 
 LAYOUT = """
 -                TO_HMT             -                    REQUEST   START       -
@@ -24,7 +24,7 @@ DROP_HMT_HOLDING FILTER_HMT_HOLDING -                    POLL_HMT  FILTER_HMT  -
 -                -                  PUBLISH_WAIT_HOLDING TO_MEMORY CANCEL      PUBLISH
 -                TO_MEMORY_HOLDING  PUBLISH_HOLDING      -         CANCEL_WAIT -
 """
-"""Places of the states in columns and rows: polling in the middle, software to hardware left of it."""
+"""`LAYOUT` places the states in columns and rows, with the polling states in the middle."""
 
 COLUMN_WIDTH = 1.76  #: Distance between columns, inches.
 ROW_HEIGHT = 0.95  #: Distance between rows, inches.
@@ -48,10 +48,10 @@ def positions() -> dict[State, tuple[float, float]]:
 
 
 def draw_core(axes: Axes) -> dict[Part, list[Artist]]:
-    """Draw the core into axes of 10 by 5 inches: OSIF yellow, HMT blue, `ADDED_STATES` dashed.
+    """Draw the core into axes of 10 by 5 inches: OSIF states yellow, HMT states blue, `ADDED_STATES` dashed.
 
     Returns:
-        The artists of each state, its box first, and of each transition.
+        The artists of each state, with the state's box first, and the artists of each transition.
     """
     from matplotlib.patches import FancyArrowPatch
 

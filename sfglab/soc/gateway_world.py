@@ -1,15 +1,16 @@
-"""Model of a gateway core with its surroundings: the global state, and all steps that can follow it.
+"""This module models a gateway core with its surroundings: the world, and all steps that can follow a world.
 
-The surroundings are those of paper C, Fig. 3. Messages move as a whole, not word by word:
+A `World` is one global state of the core and its surroundings. The surroundings are those of paper C, Fig. 3. The
+model moves a message as a whole, not word by word:
 
-- The SMT is reliable. A message that is published on it reaches all software subscribers at once, and a queue
-  from which the delegate serves the core's requests.
-- The delegate takes the core's calls from one short queue, and puts its answers into another (OSIF).
-- The HMT carries one message at a time. The message occupies the topic until all hardware subscribers, and the
-  core's own port, have taken it.
+- The software-mapped topic (SMT) is reliable. The SMT delivers a published message at once to all software
+  subscribers, and to a queue from which the delegate serves the core's requests.
+- The delegate takes the core's calls from one short queue, and puts its answers into another queue (OSIF).
+- The hardware-mapped topic (HMT) carries one message at a time. A message occupies the HMT until all hardware
+  subscribers, and the core's own port, have taken the message.
 
 Each step is one action of one process; all interleavings of such steps are possible. A step that violates a
-property leads to a `Fault` instead of a state. `sfglab.soc.exploration` follows the steps.
+property leads to a `Fault` instead of a world. The module `sfglab.soc.exploration` follows the steps.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ CORE_TRANSFER = -2  #: The core's transfer to the HMT, which must also end befor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bound:
-    """Numbers of messages and processes of an exploration, and properties of the surroundings."""
+    """A `Bound` has the numbers of messages and processes of an exploration, and properties of the surroundings."""
 
     software: tuple[int, ...] = (2,)  #: Number of messages of each software publisher.
     hardware: tuple[int, ...] = (2,)  #: Number of messages of each hardware publisher.
@@ -45,7 +46,7 @@ class Bound:
 
     @property
     def totals(self) -> tuple[int, ...]:
-        """Number of messages of each publisher, software first."""
+        """Return the number of messages of each publisher, software publishers first."""
         return self.software + self.hardware
 
     def is_software(self, publisher: int) -> bool:
@@ -54,7 +55,7 @@ class Bound:
 
 
 class Message(NamedTuple):
-    """A message in flight."""
+    """A `Message` is a message between its publisher and a subscriber."""
 
     publisher: int  #: Original publisher, an index of `Bound.totals`.
     number: int  #: Place among the messages of that publisher, from 0.
@@ -66,7 +67,7 @@ class Message(NamedTuple):
 
 
 class Transmission(NamedTuple):
-    """The message that occupies the HMT."""
+    """A `Transmission` is the message that occupies the HMT, with the receivers that have yet to take the message."""
 
     message: Message
     #: Hardware subscribers, `CORE_PORT` and `CORE_TRANSFER`, as far as not done with the message.
@@ -74,14 +75,14 @@ class Transmission(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """An answer of the delegate that the core has not taken."""
+    """An `Answer` is an answer of the delegate that the core has not taken."""
 
     input: Input
     message: Message | None = None  #: Message whose address the answer holds.
 
 
 class World(NamedTuple):
-    """A global state: that of the core and of its surroundings at one moment."""
+    """A `World` is the global state of the core and its surroundings at one moment."""
 
     state: State  #: State of the core.
     held: Message | None  #: Message that the core holds for the HMT.
@@ -98,29 +99,29 @@ class World(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """A violated property, in place of the global state that a step leads to."""
+    """A `Fault` is a violated property; a step that violates a property has a `Fault` in place of a world."""
 
     text: str
 
 
 class Step(NamedTuple):
-    """One step of one process."""
+    """A `Step` is one action of one process."""
 
     actor: str  #: Process that does the step.
     what: str  #: Description of the step.
-    after: World | Fault  #: Global state after the step, or the property that it violates.
+    after: World | Fault  #: World after the step, or the property that the step violates.
 
 
 class Event(NamedTuple):
-    """An input that the core can receive now."""
+    """An `Event` is an input that the core can receive now."""
 
     input: Input
-    after: World | Fault  #: Global state after it, with the core's state as before.
+    after: World | Fault  #: World after the input, with the core's state as before.
     message: Message | None = None  #: Message whose address the input carries.
 
 
 def first_world(bound: Bound) -> World:
-    """Return the initial state: nothing is sent, and the delegate has located the output message."""
+    """Return the first world, in which nothing is sent and the delegate has located the output message."""
     nothing = (0,) * len(bound.totals)
     return World(
         state=State.START,
@@ -138,7 +139,7 @@ def first_world(bound: Bound) -> World:
 
 
 def is_finished(world: World, bound: Bound) -> bool:
-    """Return whether all messages are sent and received by all subscribers, and none is in flight."""
+    """Return whether all subscribers have received all messages, and no message is in flight."""
     counts = {world.sent, *world.received}
     return counts == {bound.totals} and not in_flight(world)
 
@@ -154,7 +155,7 @@ def in_flight(world: World) -> list[Message]:
 
 
 def steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
-    """Yield all steps that are possible in a global state with a core that follows a table."""
+    """Yield all steps that are possible in a world with a core that follows a table."""
     yield from _publisher_steps(world, bound)
     yield from _port_steps(world, bound)
     yield from _subscriber_steps(world, bound)
@@ -163,7 +164,7 @@ def steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
 
 
 def _publisher_steps(world: World, bound: Bound) -> Iterator[Step]:
-    """Yield the publications: in software at any time, in hardware while the HMT is free."""
+    """Yield the publications: software publishes at any time, hardware publishes while the HMT is free."""
     for publisher, number in enumerate(world.sent):
         if number == bound.totals[publisher]:
             continue
@@ -180,7 +181,7 @@ def _publisher_steps(world: World, bound: Bound) -> Iterator[Step]:
 
 
 def _port_steps(world: World, bound: Bound) -> Iterator[Step]:
-    """Yield that the core's port stores a message, if it can store messages."""
+    """Yield the step in which the core's port stores a message, if the port can store messages."""
     if world.hmt is None or CORE_PORT not in world.hmt.pending:
         return
     if len(world.port_queue) < bound.port_messages:
@@ -190,7 +191,7 @@ def _port_steps(world: World, bound: Bound) -> Iterator[Step]:
 
 
 def _subscriber_steps(world: World, bound: Bound) -> Iterator[Step]:
-    """Yield that hardware subscribers take the message on the HMT."""
+    """Yield the steps in which a hardware subscriber takes the message on the HMT."""
     if world.hmt is None:
         return
     message, pending = world.hmt
@@ -201,7 +202,7 @@ def _subscriber_steps(world: World, bound: Bound) -> Iterator[Step]:
 
 
 def _delegate_steps(world: World, bound: Bound) -> Iterator[Step]:
-    """Yield that the delegate answers the request, and that it takes the next call."""
+    """Yield the steps in which the delegate answers the request or takes the next call."""
     if world.blocked and world.smt_queue:
         message, *rest = world.smt_queue
         answers = (*world.answers, Answer(Input.ANSWERED, message))
@@ -227,7 +228,7 @@ def _take(world: World) -> Step:
 
 
 def _cancel(world: World, bound: Bound) -> Step:
-    """Return the delegate's step for a cancel: no second answer if the request is already answered."""
+    """Return the delegate's step for a cancel; the delegate does not answer an answered request again."""
     if bound.answers_once and not world.blocked:
         return Step("delegate", "ignores the cancel, having answered", world)
     answers = (*world.answers, Answer(Input.CANCELLED))
@@ -327,7 +328,7 @@ def _at_port(world: World, bound: Bound) -> Message | None:
 
 
 def _called(world: World, call: Action) -> World | Fault:
-    """Return the global state after a call. A request frees the memory of the held message."""
+    """Return the world after a call; a request frees the memory of the held message."""
     after = world._replace(calls=(*world.calls, call))
     if call is not Action.CALL_TAKE or world.held is None:
         return after
@@ -337,7 +338,7 @@ def _called(world: World, call: Action) -> World | Fault:
 
 
 def _compared(world: World, message: Message | None) -> Event:
-    """Return the result of a filter."""
+    """Return the result of a filter, which compares a message's publisher ID with the core's own."""
     if message is None:
         return Event(Input.FOREIGN, Fault("filters a message that it has not got"))
     is_own = message.publisher_id == GATEWAY_ID
@@ -345,9 +346,9 @@ def _compared(world: World, message: Message | None) -> Event:
 
 
 def _reserved_for_core(world: World, bound: Bound) -> World | Fault:
-    """Return the global state in which the held message occupies the HMT, with the core's ID.
+    """Return the world in which the held message occupies the HMT, with the core's ID.
 
-    An echo stays at the core's port until its filter drops it. Hardware may discard it earlier.
+    An echo of the core's own message stays at the core's port until the core's filter drops the echo.
     """
     if world.held is None:
         return Fault("sends without a message")
@@ -359,21 +360,21 @@ def _reserved_for_core(world: World, bound: Bound) -> World | Fault:
 
 
 def _stored(world: World, message: Message) -> World | Fault:
-    """Return the global state after a message at the port is copied to the output message."""
+    """Return the world after the core has copied a message at its port to the output message."""
     if world.output is not None:
         return Fault(f"overwrites {world.output} before it is published")
     return _taken_from_port(world)._replace(output=message)
 
 
 def _taken_from_port(world: World) -> World:
-    """Return the global state after the core has taken the message at its port."""
+    """Return the world after the core has taken the message at its port."""
     if world.port_queue:
         return world._replace(port_queue=world.port_queue[1:])
     return _taken_from_hmt(world, CORE_PORT)
 
 
 def _taken_from_hmt(world: World, receiver: int) -> World:
-    """Return the global state after one of `Transmission.pending` is done with the HMT's message."""
+    """Return the world after one receiver of `Transmission.pending` has taken the HMT's message."""
     if world.hmt is None:
         return world
     pending = world.hmt.pending - {receiver}
@@ -381,7 +382,7 @@ def _taken_from_hmt(world: World, receiver: int) -> World:
 
 
 def _delivered(world: World, bound: Bound, message: Message, subscriber: int) -> World | Fault:
-    """Return the global state after a subscriber has received a message, or the violated property."""
+    """Return the world after a subscriber has received a message, or the violated property."""
     from_software = bound.is_software(message.publisher)
     to_software = subscriber == SOFTWARE
     if message.publisher_id == GATEWAY_ID and from_software == to_software:

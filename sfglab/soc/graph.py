@@ -1,8 +1,9 @@
-"""A ROS computation graph with its mapping onto a system-on-chip, in memory and as a YAML file.
+"""This module has a ROS computation graph with its mapping onto a system-on-chip, in memory and as a YAML file.
 
-Source: paper C, section 5: G = (V, E) with V = (N, T), ROS nodes and topics, and E = (E_pub, E_sub), publications
-and subscriptions. Each node is placed in software or in hardware. Each topic is mapped to software, to hardware
-or to a gateway. A graph that is written and read again is equal, and its file is equal byte for byte.
+Paper C, section 5, defines the graph as G = (V, E). The vertices V = (N, T) are ROS nodes and topics. The edges
+E = (E_pub, E_sub) are publications and subscriptions. Each node is placed in software or in hardware. Each topic is
+mapped to software, to hardware or to a gateway. Writing a graph and reading the file again gives an equal graph, and
+writing the equal graph gives the same file byte for byte.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 Vertex = tuple[str, str]
-"""``("node", name)`` or ``("topic", name)``: a node and a topic may have the same name."""
+"""A `Vertex` is ``("node", name)`` or ``("topic", name)``, because a node and a topic may have the same name."""
 
 _SHOWN_NAMES = 12  #: Most names that an error lists.
 
 
 class Placement(Enum):
-    """Where a ROS node runs: N_SW or N_HW."""
+    """A `Placement` says whether a ROS node runs in software (N_SW) or in hardware (N_HW)."""
 
     SOFTWARE = "software"
     HARDWARE = "hardware"
 
 
 class TopicMapping(Enum):
-    """How a topic is implemented: T_SW in main memory, T_HW as a stream in the logic, T_GW as both, joined."""
+    """A `TopicMapping` implements a topic in main memory (T_SW), as a stream in the logic (T_HW) or as both (T_GW)."""
 
     SOFTWARE = "software"
     HARDWARE = "hardware"
@@ -43,7 +44,7 @@ class TopicMapping(Enum):
 
 
 class EdgeKind(Enum):
-    """Direction of an edge: E_pub, from a node to a topic, or E_sub, from a topic to a node."""
+    """An `EdgeKind` is the direction of an edge: from a node to a topic (E_pub) or from a topic to a node (E_sub)."""
 
     PUBLISH = "publish"
     SUBSCRIBE = "subscribe"
@@ -51,7 +52,7 @@ class EdgeKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Implementation:
-    """Implementation of a node in the configurable logic."""
+    """An `Implementation` describes a node in the configurable logic."""
 
     lut: int = between(0)  #: Number of look-up tables.
     bram: float = between(0.0)  #: Number of block memories of 36 kbit; one of 18 kbit is a half.
@@ -60,7 +61,7 @@ class Implementation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node:
-    """A ROS node."""
+    """A `Node` is a ROS node that runs in software or in hardware."""
 
     name: str  #: Name in the graph.
     placement: Placement = Placement.SOFTWARE  #: Side on which the node runs.
@@ -71,13 +72,13 @@ class Node:
 
     @property
     def in_hardware(self) -> bool:
-        """Whether the node is in N_HW."""
+        """Return whether the node runs in hardware (N_HW)."""
         return self.placement is Placement.HARDWARE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
-    """A ROS topic with its edges."""
+    """A `Topic` is a ROS topic with the nodes that publish and subscribe."""
 
     name: str  #: Name in the graph.
     type: str = ""  #: ROS type of the messages; empty if unknown.
@@ -91,13 +92,13 @@ class Topic:
 
     @property
     def members(self) -> tuple[str, ...]:
-        """Names of the nodes that publish or subscribe, each once."""
+        """Return the names of the nodes that publish or subscribe, each name once."""
         return tuple(dict.fromkeys(self.publishers + self.subscribers))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edge:
-    """An edge of E."""
+    """An `Edge` joins a node and a topic of the graph."""
 
     topic: str  #: Name of the topic.
     node: str  #: Name of the node.
@@ -105,7 +106,7 @@ class Edge:
 
     @property
     def ends(self) -> tuple[Vertex, Vertex]:
-        """The vertex where the edge begins and the one where it ends."""
+        """Return the vertex where the edge begins and the vertex where the edge ends."""
         node, topic = ("node", self.node), ("topic", self.topic)
         return (node, topic) if self.kind is EdgeKind.PUBLISH else (topic, node)
 
@@ -119,7 +120,7 @@ _Member = TypeVar("_Member", Node, Topic)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Graph:
-    """A computation graph with its mapping.
+    """A `Graph` is a ROS computation graph with its mapping.
 
     Raises:
         InvalidValueError: A name is defined twice, an edge names an unknown node or is given twice, a topic has no
@@ -140,19 +141,19 @@ class Graph:
             _check_topic(topic, known)
 
     def __repr__(self) -> str:
-        nodes = f"{len(self.nodes)} nodes, {len(self.in_hardware)} in hardware"
+        nodes = f"{len(self.nodes)} nodes, {len(self.hardware_nodes)} in hardware"
         return f"<graph {self.name}: {nodes}; {len(self.topics)} topics>"
 
     def node(self, name: str) -> Node:
-        """Return a node by its name; InvalidValueError if there is none."""
+        """Return the node with a name; an unknown name raises an InvalidValueError."""
         return _named("nodes", name, self.nodes)
 
     def topic(self, name: str) -> Topic:
-        """Return a topic by its name; InvalidValueError if there is none."""
+        """Return the topic with a name; an unknown name raises an InvalidValueError."""
         return _named("topics", name, self.topics)
 
     def edges(self) -> Iterator[Edge]:
-        """Yield E, topic by topic, publications first."""
+        """Yield the edges of the graph, topic by topic, with a topic's publications first."""
         for topic in self.topics:
             for node in topic.publishers:
                 yield Edge(topic=topic.name, node=node, kind=EdgeKind.PUBLISH)
@@ -160,19 +161,19 @@ class Graph:
                 yield Edge(topic=topic.name, node=node, kind=EdgeKind.SUBSCRIBE)
 
     @property
-    def in_hardware(self) -> frozenset[str]:
-        """N_HW; all other nodes are in N_SW."""
+    def hardware_nodes(self) -> frozenset[str]:
+        """Return the names of the nodes in hardware (N_HW)."""
         return frozenset(node.name for node in self.nodes if node.in_hardware)
 
     def mapped_to(self, mapping: TopicMapping) -> tuple[str, ...]:
-        """Return T_SW, T_HW or T_GW, in the graph's order."""
+        """Return the names of the topics with a mapping (T_SW, T_HW or T_GW), in the graph's order."""
         return tuple(topic.name for topic in self.topics if topic.mapping is mapping)
 
     def with_mappings(self, mappings: Mapping[str, TopicMapping]) -> Graph:
-        """Return the graph with other mappings of the given topics.
+        """Return the graph in which the named topics have the given mappings.
 
         Raises:
-            InvalidValueError: A topic does not exist, or cannot be mapped so.
+            InvalidValueError: A topic does not exist, or the topic cannot have the mapping.
         """
         found = {topic.name: topic for topic in self.topics}
         for name, mapping in mappings.items():
@@ -180,7 +181,7 @@ class Graph:
         return replace(self, topics=tuple(found.values()))
 
     def with_placements(self, placements: Mapping[str, Placement]) -> Graph:
-        """Return the graph with other placements of the given nodes, and all topics in software.
+        """Return the graph in which the named nodes have the given placements and all topics are in software.
 
         Raises:
             InvalidValueError: A node does not exist.
@@ -232,13 +233,13 @@ def load_graph(path: Path | str) -> Graph:
     """Read a graph from a YAML file.
 
     Raises:
-        DocumentError: A value is missing or not allowed; the error names the line.
+        DocumentError: A value is missing or not allowed; the error names the value's line.
     """
     return Document.of_file(path).read(Graph)
 
 
 def graph_text(graph: Graph) -> str:
-    """Return a graph as the text of a YAML file, without the values that are equal to their defaults."""
+    """Return a graph as the text of a YAML file, which leaves out values that are equal to their defaults."""
     import yaml
 
     values: dict[str, Any] = {}
@@ -257,7 +258,7 @@ def graph_text(graph: Graph) -> str:
 
 
 def _changed(member: Node | Topic) -> dict[str, Any]:
-    """Return the values other than the name that differ from their defaults."""
+    """Return the member's values that differ from their defaults, without the name."""
     changed = {}
     for field in fields(member)[1:]:
         value = getattr(member, field.name)

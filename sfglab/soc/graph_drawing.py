@@ -1,4 +1,4 @@
-"""Pictures of a mapped graph as in paper C, Fig. 8: edges across the boundary in colour, parts in hardware on blue."""
+"""This module draws a mapped graph as in paper C, Fig. 8: crossing edges in colour, parts in hardware on blue."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ _BAND_PT = 15.0  # width in points of the background along lines and frames
 def draw_graph(
     ax: Axes, graph: Graph, *, layout: Layout | None = None, title: str = ""
 ) -> dict[Vertex, tuple[Artist, Artist]]:
-    """Draw a mapped graph: nodes round, topics angular; blue in hardware, yellow at a gateway.
+    """Draw a mapped graph with round nodes and angular topics: hardware is blue, a gateway is yellow.
 
     Args:
         ax: Axes to draw on.
         graph: Graph with its mapping.
-        layout: Places, so that several pictures agree; by default those of `layered_layout`.
-        title: Text above the picture, before the number of crossing edges.
+        layout: Places of the vertices, so that several pictures agree. [default: the places of `layered_layout`]
+        title: Text above the picture; the number of crossing edges follows the text.
 
     Returns:
-        Frame and text of each node and topic.
+        The frame and the text of each node and topic.
     """
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.path import Path
@@ -78,7 +78,7 @@ def draw_graph(
 
 
 def _draw_parts(ax: Axes, layout: Layout, logic: set[Vertex]) -> None:
-    """Draw the background of what lies in the logic: a wide band, and on it a slightly narrower one."""
+    """Draw the background of the parts in the logic as a wide band with a slightly narrower band on top."""
     for width, color in ((_BAND_PT + 2, OUTLINE), (_BAND_PT, LOGIC)):
         band: dict[str, Any] = {"color": color, "linewidth": width, "zorder": 1}
         for vertex in sorted(logic):
@@ -89,7 +89,7 @@ def _draw_parts(ax: Axes, layout: Layout, logic: set[Vertex]) -> None:
 
 
 def add_frame(ax: Axes, box: Box, style: str, **look: Any) -> FancyBboxPatch:
-    """Add a frame of one of Matplotlib's box styles, with properties of a patch."""
+    """Add a box's frame with one of Matplotlib's box styles and with properties of a patch."""
     from matplotlib.patches import FancyBboxPatch
 
     corner = (box.x - box.width / 2, box.y - box.height / 2)
@@ -104,11 +104,11 @@ def _title(title: str, count: int) -> str:
 
 
 def draw_mapping(mapping: CommunicationMapping, figure: Figure) -> None:
-    """Draw the stages of a communication mapping below each other, with a legend: Fig. 8 (b) to (d).
+    """Draw the three stages of a communication mapping below each other, with a legend, as in Fig. 8 (b) to (d).
 
     Args:
-        mapping: Mapping to draw. A graph that is wider than a page is drawn as a matrix.
-        figure: Empty figure; it gets the size that the pictures need.
+        mapping: Mapping to draw. The function draws a graph that is wider than a page as a matrix.
+        figure: Empty figure; the function sets the figure's size to the size of the pictures.
     """
     graph = mapping.gateways
     layout = layered_layout(graph)
@@ -127,12 +127,12 @@ def draw_mapping(mapping: CommunicationMapping, figure: Figure) -> None:
 
 
 def _draw_matrix(ax: Axes, graph: Graph, *, title: str) -> None:
-    """Draw a large graph: one row per topic, one column per node; triangles publish, circles subscribe."""
+    """Draw a large graph with one row per topic and one column per node; triangles publish, circles subscribe."""
     nodes = sorted(graph.nodes, key=lambda node: node.in_hardware)
     column = {node.name: number for number, node in enumerate(nodes)}
     row = {topic.name: number for number, topic in enumerate(graph.topics)}
     last = len(column) - 0.5
-    ax.axvspan(last - len(graph.in_hardware), last, color=HARDWARE, alpha=0.4, linewidth=0)
+    ax.axvspan(last - len(graph.hardware_nodes), last, color=HARDWARE, alpha=0.4, linewidth=0)
     for topic in graph.topics:
         if topic.mapping is not TopicMapping.SOFTWARE:
             top = row[topic.name] - 0.5
@@ -150,7 +150,7 @@ def _draw_matrix(ax: Axes, graph: Graph, *, title: str) -> None:
 
 
 def draw_legend(figure: Figure) -> None:
-    """Draw what shapes, fills and lines mean, below a figure."""
+    """Draw a legend of shapes, fills and lines below a figure."""
     from matplotlib.lines import Line2D
 
     shapes = [

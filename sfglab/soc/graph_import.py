@@ -1,8 +1,8 @@
-"""A graph from a log, and the hardware part of a mapped graph as ReconROS's `build.cfg`.
+"""This module makes a graph from a log, and writes the hardware part of a mapped graph as ReconROS's `build.cfg`.
 
-A log does not say where nodes run, so all nodes of its graph are in software. The log may be a recording, or what
-`sfglab map --domain` received. `build.cfg` follows ReconROS's demonstration of gateways; users add the sources of
-the threads and the board's address. No file written here was built with Vivado.
+A log does not say where nodes run, so all nodes of a log's graph are in software. A log may be a recording, or the
+messages that `sfglab map --domain` received. The file `build.cfg` follows ReconROS's demonstration of gateways. Users
+add the sources of the threads and the board's address. The project has built no written `build.cfg` with Vivado.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportedGraph:
-    """The graph of a log."""
+    """An `ImportedGraph` is the graph of a log."""
 
     graph: Graph  #: All nodes in software.
     left_out: dict[str, str]  #: Reason for each topic of the log that the graph leaves out.
 
 
 def graph_from_log(log: LogReader) -> ImportedGraph:
-    """Return the graph of an open log of any recorder: its topics with types, sizes and rates.
+    """Return the graph of an open log of any recorder; the graph's topics have types, sizes and rates.
 
-    A topic whose publishers the log does not name (`traffic_of`) gets one node of its own, called
+    If the log does not name a topic's publishers (`traffic_of`), the topic gets one node of its own, called
     ``publisher of <topic>``, and no subscribers.
 
     Raises:
-        DocumentError: The metadata record is not what `graph_metadata` returns.
+        DocumentError: The metadata record does not have the form that `graph_metadata` returns.
         LogError: The log is damaged.
     """
     topics = []
@@ -83,15 +83,15 @@ _TAKE = "10000"  #: Last argument of a subscription in software, as in all demon
 def build_cfg(graph: Graph, *, name: str = "application") -> str:
     """Return the text of `build.cfg` for the hardware part of a placed and mapped graph.
 
-    Each node in hardware gets a slot, a thread with HLS source and its resources; each gateway gets a slot and a
-    section. Names of threads and streams become identifiers, ROS names stay. ReconROS's gateway supports only
-    ``sensor_msgs/Image``, but all types are written.
+    Each node in hardware gets a slot, a thread with HLS source and the thread's resources; each gateway gets a slot
+    and a section. Names of threads and streams become identifiers, ROS names stay. ReconROS's gateway supports only
+    ``sensor_msgs/Image``, but the function writes topics of all types.
 
     Raises:
         InvalidValueError: A topic has no message type, or a name has a blank, a comma or a quote.
     """
-    placed = graph.in_hardware
-    touched = [topic for topic in graph.topics if placed.intersection(topic.members)]
+    hardware_nodes = graph.hardware_nodes
+    touched = [topic for topic in graph.topics if hardware_nodes.intersection(topic.members)]
     types = {topic.name: _message_type(topic) for topic in touched}
     _check_plain("topics", types)
     threads = _identifiers(node.name for node in graph.nodes if node.in_hardware)
@@ -141,7 +141,7 @@ def _text(sections: Mapping[str, Mapping[str, str]]) -> str:
 
 
 def _resource(side: str, topic: Topic, stream: str, kind: tuple[str, str]) -> dict[str, str]:
-    """Return a node's end of a topic: a message in main memory, or the name of a stream in the logic."""
+    """Return the entries of a node's publisher or subscription: a message in memory, or a stream in the logic."""
     key = f"{side}_{stream}"
     package, message = kind
     if topic.mapping is not TopicMapping.SOFTWARE:
@@ -161,7 +161,7 @@ def _message_type(topic: Topic) -> tuple[str, str]:
 
 
 def _check_plain(key: str, names: Iterable[str]) -> None:
-    """Refuse names at which ReconROS would split a resource's arguments: it does so within quotes too."""
+    """Refuse names with a blank, a comma or a quote, where ReconROS splits a resource's arguments even in quotes."""
     for name in names:
         if not re.fullmatch(r'[^\s,"]+', name):
             allowed = "names without blanks, commas and quotes in a build.cfg"
@@ -169,7 +169,7 @@ def _check_plain(key: str, names: Iterable[str]) -> None:
 
 
 def _identifiers(names: Iterable[str]) -> dict[str, str]:
-    """Return an identifier for each name; they differ in more than upper and lower case, as cores must."""
+    """Return an identifier for each name; the identifiers differ in more than upper and lower case, as cores must."""
     found: dict[str, str] = {}
     taken = set()
     for name in names:

@@ -1,8 +1,9 @@
-"""Places of a graph's nodes, topics and edges in its picture: in layers, from publishers to subscribers.
+"""This module places a graph's nodes, topics and edges in layers of a picture, from publishers to subscribers.
 
-Sugiyama's method with networkx: layers follow the longest path, an edge that passes a layer has a bend point there,
-and sweeps over the layers sort each by the heights of its neighbours. Edges that close a cycle run backwards. The
-layout does not depend on placements and mappings, so that pictures of one graph can be compared.
+The module uses Sugiyama's method with networkx. The layer of a vertex follows from the longest path to the vertex.
+An edge that passes a layer has a bend point in the layer. Sweeps over the layers sort the vertices of each layer by
+the heights of their neighbours. Edges that close a cycle run backwards. The layout does not depend on placements and
+mappings, so that readers can compare pictures of one graph.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ _SWEEPS = 48
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """The frame of a node's or topic's name, or a bend point if there is no text; lengths in inches."""
+    """A `Box` is the frame of a node's or topic's name, or a bend point if the text is empty; lengths in inches."""
 
     text: str = ""  #: Name, broken into lines.
     width: float = 0.0  #: Width of the frame.
@@ -52,7 +53,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """Places in a picture; lengths in inches."""
+    """A `Layout` has the places of boxes and lines in a picture; lengths in inches."""
 
     boxes: Mapping[Vertex, Box]  #: Frames of nodes and topics.
     #: Curve of each edge, shape (n, 2), in its direction.
@@ -102,7 +103,7 @@ def layered_layout(graph: Graph) -> Layout:
 
 
 def _layers(graph: Graph) -> dict[Any, int]:
-    """Return the layer of each vertex: the longest path to it. An edge that closes a cycle is turned round."""
+    """Return the layer of each vertex: the length of the longest path to it, with edges of cycles reversed."""
     import networkx as nx
 
     onward = nx.DiGraph()
@@ -122,7 +123,7 @@ def _layers(graph: Graph) -> dict[Any, int]:
 def _heights(
     columns: list[list[Any]], lanes: nx.Graph, boxes: Mapping[Any, Box]
 ) -> dict[Any, float]:
-    """Return the heights of all vertices, of all sweeps those with the shortest edges."""
+    """Return the heights of all vertices from the sweep with the shortest edges."""
     y_of: dict[Any, float] = {}
     for column in columns:
         y_of |= _apart(dict.fromkeys(column, 0.0), boxes)
@@ -143,7 +144,7 @@ def _heights(
 
 
 def _apart(wanted: Mapping[Any, float], boxes: Mapping[Any, Box]) -> dict[Any, float]:
-    """Return the heights of a layer's vertices nearest to those wanted, in their order and apart."""
+    """Return the heights nearest to the wanted heights at which the vertices of a layer do not overlap."""
     from scipy.optimize import isotonic_regression
 
     order = sorted(wanted, key=wanted.__getitem__, reverse=True)
@@ -157,7 +158,7 @@ def _apart(wanted: Mapping[Any, float], boxes: Mapping[Any, Box]) -> dict[Any, f
 
 
 def _line(chain: Sequence[Box]) -> NDArray[np.float64]:
-    """Return a curve from left to right, level beside frames and at bends, so that it passes between frames."""
+    """Return a curve from left to right that is level beside frames and at bends, and so passes between frames."""
     along = np.linspace(0, 1, 30)
     eased = along * along * (3 - 2 * along)
     pieces = []
@@ -171,7 +172,7 @@ def _line(chain: Sequence[Box]) -> NDArray[np.float64]:
 
 
 def _box(name: str) -> Box:
-    """Return a name's frame; a long name is broken, if possible after its marks, and cut after some lines."""
+    """Return a name's frame; the function breaks a long name, if possible after marks, and cuts very long names."""
     # Marks become places where a line may end.
     marked = re.sub(r"(?<=[_./-])(?=[^_./-])", "\t", name)
     lines = textwrap.wrap(

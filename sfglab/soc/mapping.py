@@ -1,9 +1,10 @@
-"""Communication mapping: which topics go to software, to hardware or to a gateway (paper C, section 5).
+"""This module maps the topics of a graph to software, to hardware or to gateways (paper C, section 5).
 
-The placement of the nodes is given. This module maps the topics by the paper's three cases, finds the edges across
-the boundary between software and hardware, and counts how often a message is carried across the memory interface.
-With the model of that interface (`sfglab.soc.memory`) it predicts times, for one message at a time, and gives a
-rule for gateways that knows the sizes of messages.
+The developer, or `sfglab.soc.placement`, has placed the nodes of the graph before. The function `map_communication`
+maps the topics by the paper's three cases. The function `crossing_edges` finds the edges that cross the boundary
+between software and hardware. The function `carriages_per_message` counts how often a message crosses the memory
+interface. The functions whose names end in `_s` predict times with the memory model (`sfglab.soc.memory`), for one
+message at a time.
 """
 
 from __future__ import annotations
@@ -14,32 +15,35 @@ from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
 from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Placement, Topic, TopicMapping
-from sfglab.soc.memory import Receiver, Setup, received_s, transfer_times
+from sfglab.soc.memory import Setup, transfer_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 
 STAGES = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
-"""Names of the mappings in Fig. 8 b, c and d."""
+"""`STAGES` names the mappings in Fig. 8 b, c and d."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommunicationMapping:
-    """The three stages of section 5; a node has the same placement in each."""
+    """A `CommunicationMapping` has the three stages of section 5, in which each node has the same placement."""
 
-    software: Graph  #: The whole graph with all topics in software, the default (Fig. 8b).
-    hardware: Graph  #: Topics that join hardware nodes only in hardware, the others in software (Fig. 8c).
-    gateways: Graph  #: In addition gateways where the rule wants them (Fig. 8d): the result.
+    all_software: Graph  #: Graph with all topics in software, the default (Fig. 8b).
+    #: Graph with the topics that join only hardware nodes in hardware, the others in software (Fig. 8c).
+    without_gateways: Graph
+    gateways: (
+        Graph  #: The graph of Fig. 8c with gateways for the topics that the rule selects (Fig. 8d).
+    )
 
     @property
     def stages(self) -> tuple[Graph, Graph, Graph]:
-        """The three graphs in the order of `STAGES`."""
-        return self.software, self.hardware, self.gateways
+        """Return the three graphs in the order of `STAGES`."""
+        return self.all_software, self.without_gateways, self.gateways
 
     @property
     def crossing(self) -> tuple[int, ...]:
-        """Number of edges across the boundary in each stage; 10, 8 and 3 in the paper's example."""
+        """Return the number of edges across the boundary in each stage; the paper's example has 10, 8 and 3."""
         return tuple(len(crossing_edges(graph)) for graph in self.stages)
 
     def __repr__(self) -> str:
@@ -48,8 +52,8 @@ class CommunicationMapping:
 
 
 def more_than_one_hardware_subscriber(graph: Graph, topic: Topic) -> bool:
-    """Return whether a topic between both sides gets a gateway: section 5's rule, which knows no sizes."""
-    return len(graph.in_hardware.intersection(topic.subscribers)) > 1
+    """Return whether the rule of section 5, which ignores message sizes, gives a topic a gateway."""
+    return len(graph.hardware_nodes.intersection(topic.subscribers)) > 1
 
 
 def map_communication(
@@ -57,85 +61,104 @@ def map_communication(
 ) -> CommunicationMapping:
     """Map every topic of a graph with placed nodes to software, hardware or a gateway.
 
-    The three cases of section 5, for each topic t:
+    Section 5 has three cases for a topic t:
 
-    1. All publishers and subscribers are in N_SW: t goes to T_SW.
-    2. All of them are in N_HW: t goes to T_HW.
-    3. Otherwise t joins both sides: t goes to T_GW if the rule `gateway` says so, else to T_SW.
+    1. If all publishers and subscribers of t are in N_SW, t goes to T_SW.
+    2. If all publishers and subscribers of t are in N_HW, t goes to T_HW.
+    3. If t joins both sides, the rule `gateway` decides whether t goes to T_GW or to T_SW.
 
-    The mappings of the given graph do not matter, so that mapping a result again changes nothing.
+    The function ignores the mappings that the given graph has. Mapping a result again therefore changes nothing.
+
+    Args:
+        graph: Graph with placed nodes.
+        gateway: Rule for a topic that joins both sides. The rule gets the graph with all topics in software.
     """
-    placed = graph.in_hardware
-    software = graph.with_placements({})  # changes no placement, and maps all topics to software
-    inside = [topic.name for topic in graph.topics if placed.issuperset(topic.members)]
-    hardware = software.with_mappings(dict.fromkeys(inside, TopicMapping.HARDWARE))
-    chosen = {}
-    for topic in hardware.topics:
-        joins_both = topic.name not in inside and placed.intersection(topic.members)
-        if joins_both and gateway(hardware, topic):
-            chosen[topic.name] = TopicMapping.GATEWAY
-    gateways = hardware.with_mappings(chosen)
-    return CommunicationMapping(software=software, hardware=hardware, gateways=gateways)
+    hardware_nodes = graph.hardware_nodes
+    all_software = graph.with_placements(
+        {}
+    )  # changes no placement, and maps all topics to software
+    to_hardware: dict[str, TopicMapping] = {}
+    to_gateway: dict[str, TopicMapping] = {}
+    for topic in all_software.topics:
+        if hardware_nodes.issuperset(topic.members):
+            to_hardware[topic.name] = TopicMapping.HARDWARE
+        elif hardware_nodes.intersection(topic.members) and gateway(all_software, topic):
+            to_gateway[topic.name] = TopicMapping.GATEWAY
+    without_gateways = all_software.with_mappings(to_hardware)
+    return CommunicationMapping(
+        all_software=all_software,
+        without_gateways=without_gateways,
+        gateways=without_gateways.with_mappings(to_gateway),
+    )
 
 
 def crossing_edges(graph: Graph) -> list[Edge]:
-    """Return the edges across the boundary as section 5 counts them, publications first.
+    """Return the edges across the boundary between software and hardware, publications first.
 
-    They are a software topic's edges to hardware nodes, and a gateway's edges to software nodes, because the
-    gateway is in hardware. A topic in hardware has none.
+    Section 5 counts an edge if its node and its topic are on different sides. A topic in software is on the
+    software side. A topic in hardware and a gateway are on the hardware side.
     """
-    placed = graph.in_hardware
-    in_software = graph.mapped_to(TopicMapping.SOFTWARE)
-    crossing = [e for e in graph.edges() if (e.node in placed) is (e.topic in in_software)]
+    node_sides = {node.name: node.placement for node in graph.nodes}
+    topic_sides = dict.fromkeys((topic.name for topic in graph.topics), Placement.HARDWARE)
+    topic_sides |= dict.fromkeys(graph.mapped_to(TopicMapping.SOFTWARE), Placement.SOFTWARE)
+    crossing = [e for e in graph.edges() if node_sides[e.node] is not topic_sides[e.topic]]
     return sorted(crossing, key=lambda edge: edge.kind is EdgeKind.SUBSCRIBE)
 
 
 def carriages_per_message(graph: Graph, topic: Topic) -> float:
-    """Return how often a message is carried across the memory interface, as the mean over publishers.
+    """Return how often a message crosses the memory interface, as the mean over the topic's publishers.
 
-    This is what a gateway reduces (section 3); the number of edges only stands for it. A gateway with many
-    subscribers in software has as many crossing edges, and still carries a message once, because behind it they
-    share main memory. In software each hardware publisher writes a message once and each hardware subscriber reads
-    it once.
+    A gateway reduces the number of carriages (section 3), and the number of crossing edges only stands for that
+    number. A gateway with n subscribers in software has n crossing edges. The gateway still carries a message
+    once, because its software subscribers share main memory. On a topic in software each hardware publisher writes
+    a message once, and each hardware subscriber reads the message once.
     """
     if topic.mapping is TopicMapping.HARDWARE:
         return 0.0
     if topic.mapping is TopicMapping.GATEWAY:
         return 1.0
-    placed = graph.in_hardware
-    written = len(placed.intersection(topic.publishers)) / len(topic.publishers)
-    return written + len(placed.intersection(topic.subscribers))
+    hardware_nodes = graph.hardware_nodes
+    writes = len(hardware_nodes.intersection(topic.publishers)) / len(topic.publishers)
+    return writes + len(hardware_nodes.intersection(topic.subscribers))
 
 
-def transfer_s(graph: Graph, topic: Topic, *, receiver: Receiver = Receiver.LAST) -> float:
+def transfer_s(graph: Graph, topic: Topic, *, side: Placement | None = None) -> float:
     """Return how long a message takes from its publisher to its subscribers as its topic is mapped, s.
 
-    The receiver says which subscriber's time counts. If publishers are on both sides, the longer time counts.
+    If publishers are on both sides, the function returns the longer time. A topic without subscribers takes 0 s.
+
+    Args:
+        graph: Graph of the topic.
+        topic: Topic with its mapping.
+        side: Side of the subscribers whose time counts; None: the later one of both sides.
 
     Raises:
         InvalidValueError: The size of the messages is unknown.
     """
     size_bytes = message_bytes(topic)
-    placed = graph.in_hardware
-    hardware = len(placed.intersection(topic.subscribers))
+    hardware_nodes = graph.hardware_nodes
+    hardware_subscribers = len(hardware_nodes.intersection(topic.subscribers))
     longest_s = 0.0
     for publisher in topic.publishers:
+        in_hardware = publisher in hardware_nodes
         setup = Setup(
-            publisher=Placement.HARDWARE if publisher in placed else Placement.SOFTWARE,
+            publisher=Placement.HARDWARE if in_hardware else Placement.SOFTWARE,
             mapping=topic.mapping,
             message_bytes=size_bytes,
-            hardware=hardware,
-            software=len(topic.subscribers) - hardware,
+            hardware_subscribers=hardware_subscribers,
+            software_subscribers=len(topic.subscribers) - hardware_subscribers,
         )
-        longest_s = max(longest_s, received_s(transfer_times(setup), receiver))
+        times_s = transfer_times(setup)
+        counted = times_s.values() if side is None else [times_s[side]]
+        longest_s = max([longest_s, *counted])
     return longest_s
 
 
 def message_bytes(topic: Topic) -> int:
-    """Return the size of a topic's messages for the memory model, B; an empty message takes as long as one byte.
+    """Return the size of a topic's messages for the memory model, B; an empty message counts as one byte.
 
     Raises:
-        InvalidValueError: The size is unknown.
+        InvalidValueError: The size of the messages is unknown.
     """
     if topic.size_bytes is None:
         key = ("topics", topic.name, "size_bytes")
@@ -144,23 +167,22 @@ def message_bytes(topic: Topic) -> int:
 
 
 def faster_by_gateway(graph: Graph, topic: Topic) -> bool:
-    """Return whether a gateway is predicted to be faster for a topic: a rule for `map_communication`."""
+    """Return whether the memory model predicts a shorter time through a gateway: a rule for `map_communication`."""
     software = replace(topic, mapping=TopicMapping.SOFTWARE)
     gateway = replace(topic, mapping=TopicMapping.GATEWAY)
     return transfer_s(graph, gateway) < transfer_s(graph, software)
 
 
 def arrival_s(graph: Graph, edge: Edge) -> float:
-    """Return how long a message takes to a subscription's node as its topic is mapped, s.
+    """Return how long a message takes to the node of a subscription as its topic is mapped, s.
 
-    A node in hardware counts as the last of the hardware nodes, a node in software as the mean over orders of
-    delivery.
+    A node in hardware gets the time of the last hardware subscriber. A node in software gets the mean time over
+    all orders of delivery.
 
     Raises:
         InvalidValueError: The size of the messages is unknown.
     """
-    receiver = Receiver.HARDWARE if edge.node in graph.in_hardware else Receiver.SOFTWARE
-    return transfer_s(graph, graph.topic(edge.topic), receiver=receiver)
+    return transfer_s(graph, graph.topic(edge.topic), side=graph.node(edge.node).placement)
 
 
 def chain_s(graph: Graph, chain: Sequence[str]) -> dict[Edge, float]:
@@ -168,11 +190,11 @@ def chain_s(graph: Graph, chain: Sequence[str]) -> dict[Edge, float]:
 
     Args:
         graph: Graph with its mapping.
-        chain: Names of nodes; a topic whose size is known goes from each to the next. If such a topic has
+        chain: Names of nodes; a topic whose size is known joins each node to the next node. If such a topic has
             publishers on both sides, the slower side counts.
 
     Raises:
-        InvalidValueError: No such topic joins two nodes.
+        InvalidValueError: No topic with a known size joins two nodes of the chain.
     """
     found: dict[Edge, float] = {}
     now_s = 0.0
@@ -184,10 +206,10 @@ def chain_s(graph: Graph, chain: Sequence[str]) -> dict[Edge, float]:
 
 
 def link(graph: Graph, before: str, after: str) -> Edge:
-    """Return the edge to a node from the topic with a known size that another node publishes to it.
+    """Return the edge over which node `after` receives from node `before`; the topic's size must be known.
 
     Raises:
-        InvalidValueError: No such topic joins the nodes.
+        InvalidValueError: No topic with a known size joins the nodes.
     """
     for topic in graph.topics:
         is_known = topic.size_bytes is not None
@@ -197,7 +219,7 @@ def link(graph: Graph, before: str, after: str) -> Edge:
 
 
 def activation_s(node: Node) -> float:
-    """Return the time of a node's activation on its side, s; 0 if unknown."""
+    """Return the time that one activation of a node takes on the node's side, s; 0 if the time is unknown."""
     if not node.in_hardware:
         return node.software_s
     return node.hardware.time_s if node.hardware else 0.0

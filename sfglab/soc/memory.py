@@ -1,29 +1,28 @@
-"""The memory model: transfer times of messages between software and hardware (paper C, section 4).
+"""This module computes how long a message takes between software and hardware nodes (paper C, section 4).
 
-All hardware nodes share one interface to main memory, the MEMIF (section 2.2). It moves a message
-in chunks of 256 bytes, one request after the other without overlap, and serves the requesting nodes
-in turn. `MemoryInterface` counts its cycles, as ReconROS' reference design has them.
+All hardware nodes share one interface to main memory, the MEMIF (section 2.2). The MEMIF moves a message in
+chunks of 256 bytes, one request after the other without overlap, and serves the requesting nodes in turn. The
+class `MemoryInterface` counts the cycles of the MEMIF as in ReconROS' reference design.
 
-`transfer_times` adds up what one message takes in the setup of Fig. 5: from one publisher to
-hardware and software subscribers of one topic. There are three kinds of topic:
+The function `transfer_times` has all formulas for the setup of Fig. 5, in which one publisher sends a message on
+one topic to hardware and software subscribers. The model has three kinds of topic:
 
-- A software-mapped topic (SMT) lies in main memory. A hardware publisher writes the message there.
-  The topic delivers it to its subscribers one after the other. The delegate thread of a hardware
-  subscriber then wakes its node, which reads the message over the MEMIF. So n hardware subscribers
-  read n times.
-- A hardware-mapped topic (HMT) is a stream of one word per cycle to all hardware subscribers.
-- A gateway joins both with its core, which is one subscriber of the SMT and one port of the HMT.
-  So the message crosses the MEMIF once. The core stores each chunk before it passes it on.
+- A software-mapped topic (SMT) keeps messages in main memory. A hardware publisher writes its message there. The
+  SMT delivers a message to its subscribers one after the other. After a delivery the delegate thread of a hardware
+  subscriber wakes the hardware node, and the node reads the message over the MEMIF. An SMT with n hardware
+  subscribers therefore causes n reads per message.
+- A hardware-mapped topic (HMT) sends one word per cycle to all hardware subscribers.
+- A gateway joins an SMT and an HMT with a gateway core. The gateway core is one subscriber of the SMT and one port
+  of the HMT. A message therefore crosses the MEMIF once. The gateway core stores each chunk of a message before
+  the core passes the chunk on.
 
-The paper does not state in which order an SMT serves its subscribers: all orders are equally likely.
-The model leaves out that processors share the memory with the hardware, and that deliveries may
-run on several processors.
+The paper does not state in which order an SMT serves its subscribers. The model takes all orders as equally likely.
+The model leaves out that processors share the memory with the hardware, and that an SMT may use several processors.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MemoryInterface:
-    """Cycles of the MEMIF and of the streams of hardware-mapped topics."""
+    """A `MemoryInterface` has the cycles that the MEMIF and the streams of hardware-mapped topics take."""
 
     #: Bytes per cycle, of MEMIF and streams. Reference design: ReconROS' 64-bit template (ZCU104).
     width_bytes: int = 8
@@ -61,49 +60,49 @@ class MemoryInterface:
 
     @property
     def data_cycles(self) -> float:
-        """Cycles in which the words of a chunk pass, on the MEMIF or on a stream."""
+        """Return the cycles that the MEMIF or a stream takes to pass the words of a chunk."""
         return self.chunk_bytes / self.width_bytes
 
     @property
     def read_cycles(self) -> float:
-        """Cycles of one chunk that is read from memory."""
+        """Return the cycles that a node takes to read one chunk from memory."""
         return self.control_cycles + self.read_latency_cycles + self.data_cycles
 
     @property
     def write_cycles(self) -> float:
-        """Cycles of one chunk that is written to memory."""
+        """Return the cycles that a node takes to write one chunk to memory."""
         return self.control_cycles + self.write_latency_cycles + self.data_cycles
 
     @property
     def memory_to_stream_cycles(self) -> float:
-        """Cycles of one chunk that a gateway core reads, stores, and sends on the stream."""
+        """Return the cycles that a gateway core takes to read one chunk, to store it and to send it."""
         return self.read_cycles + self.data_cycles
 
     @property
     def stream_to_memory_cycles(self) -> float:
-        """Cycles of one chunk that a gateway core receives, stores, and writes."""
+        """Return the cycles that a gateway core takes to receive one chunk, to store it and to write it."""
         return self.write_cycles + self.data_cycles
 
     def read_s(self, message_bytes: float) -> float:
-        """Return the time in which a node that is alone reads a message, s."""
+        """Return the time that a node takes to read a message while no other node uses the MEMIF, s."""
         return self._seconds(message_bytes, self.read_cycles)
 
     def write_s(self, message_bytes: float) -> float:
-        """Return the time in which a node that is alone writes a message, s."""
+        """Return the time that a node takes to write a message while no other node uses the MEMIF, s."""
         return self._seconds(message_bytes, self.write_cycles)
 
     def stream_s(self, message_bytes: float) -> float:
-        """Return the time of a message on a stream whose subscribers are all ready, s."""
+        """Return the time that a message takes on a stream while all subscribers of the stream are ready, s."""
         return -(-message_bytes // self.width_bytes) / self.clock_hz
 
     def memory_to_stream_s(self, message_bytes: float) -> float:
-        """Return the time in which a gateway core moves a message from memory to the stream, s."""
+        """Return the time that a gateway core takes to move a message from memory to the stream, s."""
         return self._seconds(message_bytes, self.memory_to_stream_cycles)
 
     def stream_to_memory_s(self, message_bytes: float) -> float:
-        """Return the time in which a gateway core moves a message from the stream to memory, s.
+        """Return the time that a gateway core takes to move a message from the stream to memory, s.
 
-        The stream waits for the core, so its subscribers take as long.
+        The stream waits for the gateway core, so the subscribers of the stream take the same time.
         """
         return self._seconds(message_bytes, self.stream_to_memory_cycles)
 
@@ -119,9 +118,9 @@ def shared_s(releases_s: Sequence[float], work_s: float) -> float:
         work_s: Time that a node needs alone, s.
 
     Returns:
-        max over j of (release j + work of all nodes that are released from j on). Turns lose no
-        time, so the last node ends with the busy period, for turns of any size. Without
-        nodes: 0.
+        The maximum over j of release j plus the work of all nodes whose releases are not before release j. Turns
+        lose no time, so the last node ends with the busy period, for turns of any size. Without nodes the
+        function returns 0.
     """
     ordered = sorted(releases_s)
     ends_s = [release_s + (len(ordered) - j) * work_s for j, release_s in enumerate(ordered)]
@@ -129,9 +128,9 @@ def shared_s(releases_s: Sequence[float], work_s: float) -> float:
 
 
 def round_robin_s(releases_s: Sequence[float], chunks: int, chunk_s: float) -> list[float]:
-    """Return when each of several nodes has read its message, chunk by chunk in turn, s.
+    """Return when each of several nodes has read its message, if the MEMIF serves one chunk per turn, s.
 
-    The last of these times is that of `shared_s`.
+    The function `shared_s` returns the last of the nodes' times.
 
     Args:
         releases_s: Start of each node, s, in the order of the turns.
@@ -160,10 +159,10 @@ def round_robin_s(releases_s: Sequence[float], chunks: int, chunk_s: float) -> l
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Costs:
-    """Constants of the model.
+    """`Costs` has the constants of the model.
 
-    Six of the constants, named in `FITTED`, were fitted to the numbers that section 4 states
-    (`sfglab.soc.paper_values`). A test repeats the fit.
+    The project fitted the six constants in `FITTED` to the numbers that section 4 of paper C states. The test
+    `tests/soc/test_paper_values.py` repeats the fit.
     """
 
     memory: MemoryInterface  #: Memory interface.
@@ -184,11 +183,11 @@ class Costs:
     cancel_s: float
 
     def published_s(self, message_bytes: float) -> float:
-        """Return the time of a publication on a software-mapped topic, s."""
+        """Return the time that a publication on a software-mapped topic takes, s."""
         return self.publish_s + self.publish_s_per_byte * message_bytes
 
     def delivery_s(self, message_bytes: float) -> float:
-        """Return the time of the delivery to one subscriber, s."""
+        """Return the time that a software-mapped topic takes to deliver a message to one subscriber, s."""
         return self.deliver_s + self.deliver_s_per_byte * message_bytes
 
 
@@ -200,7 +199,7 @@ STORED = Costs(
     endpoint_s=373.57e-6,
     cancel_s=310.43e-6,
 )
-"""Constants of the model. They are fitted for gateway cores that store each chunk before they pass it on."""
+"""`STORED` has the constants for gateway cores that store each chunk before the cores pass the chunk on."""
 
 FITTED = (
     "write_latency_cycles",
@@ -210,11 +209,11 @@ FITTED = (
     "endpoint_s",
     "cancel_s",
 )
-"""Names of the fitted constants. The others are assumed or from the reference design."""
+"""`FITTED` names the fitted constants; the other constants are assumed or from the reference design."""
 
 
 def with_values(costs: Costs, values: Mapping[str, float]) -> Costs:
-    """Return costs with other values of constants, by name, those of the memory interface too."""
+    """Return costs in which the named constants, also those of the memory interface, have other values."""
     memory = {name: value for name, value in values.items() if hasattr(costs.memory, name)}
     others = {name: value for name, value in values.items() if name not in memory}
     return replace(costs, memory=replace(costs.memory, **memory), **others)  # type: ignore[arg-type]
@@ -225,7 +224,7 @@ def with_values(costs: Costs, values: Mapping[str, float]) -> Costs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """One publisher, its topic and its subscribers (paper C, Fig. 5).
+    """A `Setup` describes one publisher, its topic and the topic's subscribers (paper C, Fig. 5).
 
     Raises:
         InvalidValueError: A software node is on a hardware-mapped topic.
@@ -234,108 +233,67 @@ class Setup:
     publisher: Placement  #: Side of the publisher.
     mapping: TopicMapping  #: Mapping of the topic.
     message_bytes: int  #: Size of the message.
-    hardware: int  #: Number of hardware subscribers.
-    software: int = 1  #: Number of software subscribers; the paper has one.
+    hardware_subscribers: int  #: Number of subscribers in hardware.
+    software_subscribers: int = 1  #: Number of subscribers in software; the paper has one.
 
     def __post_init__(self) -> None:
-        if self.mapping is TopicMapping.HARDWARE and (
-            self.publisher is Placement.SOFTWARE or self.software
-        ):
+        has_software = self.publisher is Placement.SOFTWARE or self.software_subscribers > 0
+        if self.mapping is TopicMapping.HARDWARE and has_software:
             raise InvalidValueError("setup", self, "only hardware nodes on a hardware-mapped topic")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Times:
-    """Transfer times from the start of the publication."""
+def transfer_times(setup: Setup, costs: Costs = STORED) -> dict[Placement, float]:
+    """Return the transfer times of one message from the start of its publication, s.
 
-    #: Time from the start of the publication until the last hardware subscriber has the message, s.
-    #: 0: there is none.
-    hardware_s: float
-    #: Mean time until a software subscriber has it, over the orders of deliveries, s. 0: there
-    #: is none.
-    software_s: float
+    A hardware node takes `endpoint_s` to send or to receive a message. A call of a hardware node to ROS 2 takes
+    `delegate_s`, because the node's delegate makes the call.
 
-
-def transfer_times(setup: Setup, costs: Costs = STORED) -> Times:
-    """Return the transfer times of one message.
-
-    - In software it is published, delivered to one subscriber after the other, and read by each hardware subscriber.
-    - Through a gateway the core is one of the subscribers, and copies the message once for all hardware nodes.
-    - In hardware it is a stream from port to port.
-
-    A hardware node takes `endpoint_s` for its message, and `delegate_s` if its delegate calls ROS 2.
+    Returns:
+        One time per side that has subscribers. The time of the hardware side ends when the last hardware
+        subscriber has the message. The time of the software side is the mean of a subscriber over all orders
+        of delivery.
     """
-    if setup.mapping is TopicMapping.SOFTWARE:
-        hardware_s, software_s = _over_smt(setup, costs)
-    elif setup.mapping is TopicMapping.GATEWAY:
-        hardware_s, software_s = _over_gateway(setup, costs)
+    size_bytes = setup.message_bytes
+    memory = costs.memory
+    endpoint_s = costs.endpoint_s
+    delegate_s = costs.delegate_s
+    publish_s = costs.published_s(size_bytes)
+    deliver_s = costs.delivery_s(size_bytes)
+    counts = {
+        Placement.HARDWARE: setup.hardware_subscribers,
+        Placement.SOFTWARE: setup.software_subscribers,
+    }
+    is_from_hardware = setup.publisher is Placement.HARDWARE
+    if setup.mapping is TopicMapping.HARDWARE:
+        times_s = {Placement.HARDWARE: 2 * endpoint_s + memory.stream_s(size_bytes)}
+    elif setup.mapping is TopicMapping.SOFTWARE:
+        subscribers = setup.hardware_subscribers + setup.software_subscribers
+        published_s = publish_s
+        if is_from_hardware:
+            published_s += endpoint_s + memory.write_s(size_bytes) + delegate_s
+        # The mean place of the k-th of h hardware subscribers among n subscribers is k (n + 1) / (h + 1). The mean
+        # places replace all orders. `tests/soc/test_memory.py` finds less than 0.5 % difference between the two.
+        apart_s = (subscribers + 1) / (setup.hardware_subscribers + 1) * deliver_s
+        woken_s = [place * apart_s for place in range(1, setup.hardware_subscribers + 1)]
+        all_read_s = delegate_s + shared_s(woken_s, memory.read_s(size_bytes))
+        times_s = {
+            Placement.HARDWARE: published_s + all_read_s + endpoint_s,
+            Placement.SOFTWARE: published_s + (subscribers + 1) / 2 * deliver_s,
+        }
     else:
-        hardware_s = 2 * costs.endpoint_s + costs.memory.stream_s(setup.message_bytes)
-        software_s = 0.0
-    return Times(
-        hardware_s=hardware_s if setup.hardware else 0.0,
-        software_s=software_s if setup.software else 0.0,
-    )
-
-
-def _over_smt(setup: Setup, costs: Costs) -> tuple[float, float]:
-    """Return the times over a software-mapped topic: to the last hardware subscriber, to software."""
-    size = setup.message_bytes
-    subscribers = setup.hardware + setup.software
-    published_s = costs.published_s(size)
-    if setup.publisher is Placement.HARDWARE:
-        published_s += costs.endpoint_s + costs.memory.write_s(size) + costs.delegate_s
-    all_read_s = _all_read_s(setup.hardware, subscribers, size, costs)
-    hardware_s = published_s + all_read_s + costs.endpoint_s
-    return hardware_s, published_s + _mean_delivery_s(subscribers, size, costs)
-
-
-def _over_gateway(setup: Setup, costs: Costs) -> tuple[float, float]:
-    """Return the times through a gateway: to the last hardware subscriber, to software.
-
-    The subscribers of its software-mapped topic are the software nodes and the core.
-    """
-    size = setup.message_bytes
-    over_smt_s = costs.published_s(size) + _mean_delivery_s(setup.software + 1, size, costs)
-    if setup.publisher is Placement.SOFTWARE:
-        forward_s = costs.delegate_s + costs.endpoint_s + costs.memory.memory_to_stream_s(size)
-        return over_smt_s + forward_s + costs.endpoint_s, over_smt_s
-    in_memory_s = costs.endpoint_s + costs.memory.stream_to_memory_s(size)
-    forward_s = costs.endpoint_s + costs.cancel_s + costs.delegate_s
-    return in_memory_s + costs.endpoint_s, in_memory_s + forward_s + over_smt_s
-
-
-def _mean_delivery_s(subscribers: int, message_bytes: int, costs: Costs) -> float:
-    """Return the time until one of several subscribers is served: its mean place is (n + 1) / 2."""
-    return (subscribers + 1) / 2 * costs.delivery_s(message_bytes)
-
-
-def _all_read_s(hardware: int, subscribers: int, message_bytes: int, costs: Costs) -> float:
-    """Return the time from a publication until all hardware subscribers have read the message.
-
-    They are woken one after the other and share the interface. Instead of every order of
-    deliveries, the model takes their mean places: with h of them among n subscribers, the mean
-    place of the k-th is k (n + 1) / (h + 1). The time differs by less than 0.5 % from the mean over
-    all orders.
-    """
-    apart_s = (subscribers + 1) / (hardware + 1) * costs.delivery_s(message_bytes)
-    woken_s = [k * apart_s for k in range(1, hardware + 1)]
-    return costs.delegate_s + shared_s(woken_s, costs.memory.read_s(message_bytes))
-
-
-class Receiver(Enum):
-    """Subscribers whose transfer time counts."""
-
-    HARDWARE = "the last hardware subscriber"
-    SOFTWARE = "a software subscriber"
-    #: The later one of the last hardware subscriber and, in the mean, a software subscriber.
-    LAST = "the last subscriber"
-
-
-def received_s(times: Times, receiver: Receiver) -> float:
-    """Return the transfer time until the receiver has the message, s; 0 without such subscribers."""
-    if receiver is Receiver.HARDWARE:
-        return times.hardware_s
-    if receiver is Receiver.SOFTWARE:
-        return times.software_s
-    return max(times.hardware_s, times.software_s)
+        # The subscribers of the gateway's SMT are the software nodes and the core.
+        over_smt_s = publish_s + (setup.software_subscribers + 2) / 2 * deliver_s
+        if is_from_hardware:
+            in_memory_s = endpoint_s + memory.stream_to_memory_s(size_bytes)
+            forward_s = endpoint_s + costs.cancel_s + delegate_s
+            times_s = {
+                Placement.HARDWARE: in_memory_s + endpoint_s,
+                Placement.SOFTWARE: in_memory_s + forward_s + over_smt_s,
+            }
+        else:
+            forward_s = delegate_s + endpoint_s + memory.memory_to_stream_s(size_bytes)
+            times_s = {
+                Placement.HARDWARE: over_smt_s + forward_s + endpoint_s,
+                Placement.SOFTWARE: over_smt_s,
+            }
+    return {side: time_s for side, time_s in times_s.items() if counts[side]}

@@ -1,8 +1,8 @@
-"""Bars of Fig. 6 and 7 of paper C by the memory model, and the numbers that section 4 states.
+"""This module computes the bars of paper C's Fig. 6 and 7 with the memory model, and names the stated numbers.
 
-The figures reach this project as text, in which only ratios are stated: ends of the ranges of the
-gateway's speed-up. The numbers themselves are in ``data/claims.yaml``; `STATED` says which speed-up
-of the model each of them is.
+The project has paper C only as text. Section 4 states only seven ratios: the ends of the ranges of the gateway's
+speed-up. The file ``data/claims.yaml`` has the seven ratios. The constant `STATED` says which speed-up of the model
+belongs to each ratio.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _MANY = SUBSCRIBERS[-1]
 
 
 class Panel(Enum):
-    """A column of Fig. 6 or 7: sides of publisher and subscriber."""
+    """A `Panel` is a column of Fig. 6 or 7; its value names the sides of publisher and subscriber."""
 
     HARDWARE_TO_HARDWARE = "hardware to hardware"
     HARDWARE_TO_SOFTWARE = "hardware to software"
@@ -36,18 +36,18 @@ class Panel(Enum):
 
     @property
     def publisher(self) -> Placement:
-        """Side of the publisher."""
+        """Return the side of the publisher."""
         return Placement(self.value.split()[0])
 
     @property
     def subscriber(self) -> Placement:
-        """Side of the subscriber whose time is measured, the last one in hardware."""
+        """Return the side of the subscriber whose time counts; in hardware the time of the last subscriber counts."""
         return Placement(self.value.split()[-1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeedUp:
-    """A bar of Fig. 6 or 7."""
+    """A `SpeedUp` is a bar of Fig. 6 or 7."""
 
     panel: Panel  #: Sides of publisher and subscriber.
     message_bytes: int  #: Size of the message.
@@ -57,7 +57,7 @@ class SpeedUp:
 
     @property
     def ratio(self) -> float:
-        """Speed-up by the gateway; below 1 the gateway is slower."""
+        """Return the gateway's speed-up: time over the SMT divided by time through the gateway."""
         return self.smt_s / self.gateway_s
 
 
@@ -67,7 +67,7 @@ def speed_ups(
     subscribers: Sequence[int] = SUBSCRIBERS,
     sizes_bytes: Sequence[int] = MESSAGE_BYTES,
 ) -> list[SpeedUp]:
-    """Return the model's value of every bar of Fig. 6 and 7, panel by panel.
+    """Return the memory model's value of every bar of Fig. 6 and 7, panel by panel.
 
     Args:
         costs: Constants of the model.
@@ -88,9 +88,13 @@ def speed_ups(
 
 
 def _time_s(panel: Panel, mapping: TopicMapping, count: int, size: int, costs: Costs) -> float:
-    setup = Setup(publisher=panel.publisher, mapping=mapping, message_bytes=size, hardware=count)
-    times = transfer_times(setup, costs)
-    return times.hardware_s if panel.subscriber is Placement.HARDWARE else times.software_s
+    setup = Setup(
+        publisher=panel.publisher,
+        mapping=mapping,
+        message_bytes=size,
+        hardware_subscribers=count,
+    )
+    return transfer_times(setup, costs)[panel.subscriber]
 
 
 Ratios = Mapping[tuple[int, int], float]  #: Speed-ups of a panel by message size and subscribers.
@@ -98,7 +102,7 @@ Ratios = Mapping[tuple[int, int], float]  #: Speed-ups of a panel by message siz
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """A number of section 4: which of a panel's speed-ups it is."""
+    """A `Stated` number of section 4 belongs to one of a panel's speed-ups."""
 
     claim: str  #: Id of the claim in ``data/claims.yaml`` that has the number.
     number: str  #: Key among the claim's `numbers`; empty: the value of the claim.
@@ -107,7 +111,7 @@ class Stated:
     slower: bool = False  #: Whether the paper states the reciprocal: how many times as slow.
 
     def by(self, ratios: Ratios) -> float:
-        """Return the number for given speed-ups of the panel."""
+        """Return the value that the given speed-ups of the panel give for the stated number."""
         ratio = self.ratio(ratios)
         return 1 / ratio if self.slower else ratio
 
@@ -136,11 +140,11 @@ STATED = (
     Stated("C-SWSW", "times as fast, least", Panel.SOFTWARE_TO_SOFTWARE, _least),
     Stated("C-SWSW", "", Panel.SOFTWARE_TO_SOFTWARE, _most),
 )
-"""The numbers of section 4."""
+"""`STATED` has the seven numbers of section 4."""
 
 
 def stated_by_model(costs: Costs = STORED) -> list[float]:
-    """Return the model's values of the numbers in `STATED`."""
+    """Return the memory model's values of the numbers in `STATED`."""
     ratios: dict[Panel, dict[tuple[int, int], float]] = {panel: {} for panel in Panel}
     for bar in speed_ups(costs):
         ratios[bar.panel][bar.message_bytes, bar.subscribers] = bar.ratio

@@ -1,7 +1,8 @@
-"""Node placement: which nodes go to hardware, as one mixed-integer programme that knows gateways.
+"""This module decides which nodes go to hardware, with one mixed-integer programme that knows gateways.
 
-Paper C leaves this step to the developer and names it as future work (sections 5 and 7). With x_n = 1 for a node in
-hardware, y_t = 1 for a topic at a gateway, h_t for a topic in hardware and e_tn for an edge whose messages cross:
+Paper C leaves the placement of nodes to the developer and names an optimiser as future work (sections 5 and 7). The
+programme has x_n = 1 for a node in hardware, y_t = 1 for a topic at a gateway, h_t for a topic in hardware, and e_tn
+for an edge whose messages cross:
 
     minimise    sum_n [ a_n (1 - x_n) + b_n x_n ] + sum_tn w_tn e_tn + sum_t g_t y_t
     subject to  e_tn >= x_n - h_t - y_t      for every edge of topic t at node n
@@ -9,10 +10,10 @@ hardware, y_t = 1 for a topic at a gateway, h_t for a topic in hardware and e_tn
                 sum_n lut_n x_n + gateway_lut sum_t y_t <= lut,   sum_n bram_n x_n <= bram
                 x_n, y_t in {0, 1},  0 <= h_t <= 1,  e_tn >= 0
 
-a and b are a node's seconds of work per second in software and hardware. w is what one carriage of the topic's
-messages across the memory interface costs, once per subscriber and once for all publishers together. g is the cost
-of one carriage through a gateway. For whole x the best h and e are whole as well. Loads are sums; how carriages wait for
-each other is the subject of `sfglab.soc.memory`.
+The factors a_n and b_n are a node's seconds of work per second in software and in hardware. The factor w_tn is the
+cost of one carriage of a topic's messages across the memory interface, once per subscriber and once for all
+publishers together. The factor g_t is the cost of one carriage through a gateway. If x is whole, the best h and e are
+whole as well. Loads are sums; the module `sfglab.soc.memory` models how carriages wait for each other.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ GATEWAY_LUT = 690
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Platform:
-    """The area of a system-on-chip."""
+    """A `Platform` is the area of a system-on-chip."""
 
     name: str  #: Name of the board.
     lut: int  #: Look-up tables for nodes and gateways.
@@ -56,12 +57,12 @@ class Platform:
 
 
 ZCU104 = Platform(name="ZCU104", lut=230_400, bram=312.0)
-"""The board of paper C, section 4: its XCZU7EV (AMD, DS891), nothing set aside for what ReconROS itself takes."""
+"""`ZCU104` is the board of paper C, section 4 (XCZU7EV, AMD DS891), without area set aside for ReconROS."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """Load of a mapped graph on a platform; times are seconds of work per second of operation."""
+    """A `Load` is the work of a mapped graph on a platform, in seconds of work per second of operation."""
 
     software_s: float  #: Nodes in software.
     hardware_s: float  #: Nodes in hardware.
@@ -71,7 +72,7 @@ class Load:
 
     @property
     def total_s(self) -> float:
-        """Sum of all times. Node placement minimises it."""
+        """Return the sum of all times, which node placement minimises."""
         return self.software_s + self.hardware_s + self.communication_s
 
     def check_fits(self, platform: Platform) -> None:
@@ -107,17 +108,17 @@ def assess(graph: Graph) -> Load:
 
 
 def topic_load(graph: Graph, topic: Topic) -> float:
-    """Return the seconds per second that a topic takes of the memory interface as it is mapped.
+    """Return the seconds per second for which a mapped topic occupies the memory interface.
 
     Raises:
-        InvalidValueError: The topic crosses the interface, and its size or rate is unknown.
+        InvalidValueError: The topic crosses the interface, and the topic's size or rate is unknown.
     """
     carriages = carriages_per_message(graph, topic)
     return carriages * carriage_load(topic, topic.mapping) if carriages else 0.0
 
 
 def carriage_load(topic: Topic, mapping: TopicMapping) -> float:
-    """Return the seconds per second of one carriage of each message, at a gateway or of a software topic.
+    """Return the seconds per second that one carriage of each message takes, at a gateway or of a software topic.
 
     Raises:
         InvalidValueError: The topic's size or rate is unknown.
@@ -137,15 +138,15 @@ _GAP = 1e-7
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeMapping:
-    """A graph with placed nodes and mapped topics, and how good that is."""
+    """A `NodeMapping` is a graph with placed nodes and mapped topics, and the quality of the mapping."""
 
     graph: Graph  #: Graph with its mapping.
     load: Load  #: Load of the graph.
-    gap: float  #: Share of the load by which a mapping could be better at most.
+    gap: float  #: Largest share of the load that another mapping could save.
 
     @property
     def optimal(self) -> bool:
-        """Whether no mapping is better, within the solver's tolerance."""
+        """Return whether no mapping is better within the solver's tolerance."""
         return self.gap <= 10 * _GAP
 
 
@@ -156,17 +157,17 @@ def place_nodes(
     fixed: Mapping[str, Placement] | None = None,
     time_limit_s: float = 30.0,
 ) -> NodeMapping:
-    """Place nodes and map topics so that the load is least, with HiGHS.
+    """Place nodes and map topics with the solver HiGHS so that the load is least.
 
     Args:
-        graph: Graph; its placements and mappings do not matter.
-        platform: Area.
-        fixed: Placements of nodes that are given. Nodes without an implementation stay in software.
-        time_limit_s: Time after which the best mapping found so far is returned, s.
+        graph: Graph; the function ignores the graph's placements and mappings.
+        platform: Platform with its area.
+        fixed: Placements that the solver must keep. Nodes without an implementation stay in software.
+        time_limit_s: Time after which the solver returns the best mapping found so far, s.
 
     Raises:
         InvalidValueError: A fixed node does not exist, or a topic's size or rate is unknown.
-        SfglabError: The fixed nodes do not fit or have no implementation, or no mapping was found in time.
+        SfglabError: The fixed nodes do not fit or have no implementation, or the solver found no mapping in time.
     """
     import cvxpy as cp
 
@@ -197,7 +198,7 @@ def place_nodes(
 
 
 def check_fixed(graph: Graph, fixed: Mapping[str, Placement]) -> None:
-    """Check that nodes can be placed so; all other nodes can always be in software.
+    """Check that the fixed nodes exist and can have their placements; all other nodes can be in software.
 
     Raises:
         InvalidValueError: A node does not exist.
@@ -211,7 +212,7 @@ def check_fixed(graph: Graph, fixed: Mapping[str, Placement]) -> None:
 def _programme(
     graph: Graph, platform: Platform, fixed: Mapping[str, Placement]
 ) -> tuple[Any, Any, dict[str, Any]]:
-    """Return CVXPY's problem, x, and y by the name of the topic."""
+    """Return the problem of CVXPY, the variable x, and the variable y of each topic by the topic's name."""
     import cvxpy as cp
 
     x = cp.Variable(len(graph.nodes), boolean=True)

@@ -1,12 +1,18 @@
-"""Predictions of the numbers that paper C states in section 4, each from the other six.
+"""This module predicts each number that paper C states in section 4 from the other six numbers.
 
-Six constants of the memory model are fitted to seven numbers, so their agreement shows little. A
-prediction shows more. Each number is left out in turn:
+The project fitted six constants of the memory model to the seven numbers, so the agreement of model and paper
+shows little. A prediction shows more, because the predicted number does not take part. The module leaves out each
+number in turn:
 
-1. Log-normal `PRIORS` say what is known of the constants without the paper's numbers.
-2. The other six numbers, exact up to `NOISE`, narrow them to a posterior distribution (Laplace's
-   approximation: normal in the logarithms, linearised at its maximum).
-3. The posterior gives the number that was left out with a 95 % interval.
+1. Log-normal `PRIORS` describe what is known of nine constants without the paper's numbers. Six of the nine
+   constants are the fitted constants of `sfglab.soc.memory.FITTED`. The other three constants are assumed there:
+   the read latency, the call of a delegate and the publication. A prediction treats an assumed constant as
+   uncertain too. The constants of the reference design have no prior.
+2. The other six numbers narrow the priors to a posterior distribution of the constants. A number may differ from the
+   model by the relative error `NOISE`. The posterior is Laplace's approximation: a normal distribution of the
+   constants' logarithms, linearised at the distribution's maximum.
+3. The posterior gives the model's value of the number that was left out. The paper's number differs from the model's
+   value by `NOISE` as well, so the 95 % interval contains `NOISE` a second time.
 """
 
 from __future__ import annotations
@@ -35,7 +41,7 @@ _STEP = 1e-4  # of logarithms, for derivatives
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Log-normal distribution of a constant, as known without the paper's numbers."""
+    """A `Prior` is the log-normal distribution of a constant, as known without the paper's numbers."""
 
     median: float  #: Median, in the constant's unit.
     factor: float  #: 95 % lie between median / factor and median * factor.
@@ -53,7 +59,7 @@ PRIORS = {
     "endpoint_s": Prior(200e-6, 10),  # nothing is known
     "cancel_s": Prior(160e-6, 4),  # two round trips to the delegate
 }
-"""Constants that are not known, by name; all priors are assumed. The others are those of the reference design."""
+"""`PRIORS` has an assumed prior for each of the six fitted and the three assumed constants."""
 
 _MEDIANS = np.log([prior.median for prior in PRIORS.values()])
 _DEVIATIONS = np.log([prior.factor for prior in PRIORS.values()]) / _Z
@@ -61,7 +67,7 @@ _DEVIATIONS = np.log([prior.factor for prior in PRIORS.values()]) / _Z
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """One number of `STATED`, which is predicted from the priors and the other numbers."""
+    """A `Prediction` of one number of `STATED` follows from the priors and the other numbers."""
 
     value: float  #: Median.
     low: float  #: Lower end of the 95 % interval.
@@ -69,13 +75,13 @@ class Prediction:
 
 
 def predictions(numbers: Sequence[float]) -> list[Prediction]:
-    """Predict each of the numbers in `STATED` from the other numbers, which takes about a second.
+    """Predict each of the numbers in `STATED` from the other numbers; the function takes about a second.
 
     Args:
         numbers: Numbers that the paper states, in the order of `STATED`.
     """
     logs = np.log(numbers)
-    # Where the search begins does not change its result, so that no left-out number counts.
+    # The start of the search does not change the result, so the number that is left out has no influence.
     start, _ = _posterior(logs, list(range(len(STATED))), _MEDIANS)
     return [_prediction(logs, left_out, start) for left_out in range(len(STATED))]
 
@@ -85,8 +91,8 @@ def _prediction(logs: Floats, left_out: int, start: Floats) -> Prediction:
     best, covariance = _posterior(logs, others, start)
     middle = float(_log_numbers(best)[left_out])
     slope = _slopes(best)[left_out]
-    variance = float(slope @ covariance @ slope)
-    half = _Z * math.sqrt(variance + NOISE**2)
+    model_variance = float(slope @ covariance @ slope)
+    half = _Z * math.sqrt(model_variance + NOISE**2)
     return Prediction(
         value=math.exp(middle), low=math.exp(middle - half), high=math.exp(middle + half)
     )

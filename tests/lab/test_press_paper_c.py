@@ -67,7 +67,7 @@ def test_a_mapping_that_cannot_be_is_refused_and_passed_over_by_the_next_press()
 def test_a_node_that_moves_takes_its_topics_along_and_what_does_not_fit_is_refused():
     picture = pressed()
     picture.press("node:polyfit")
-    assert "polyfit" not in picture.graph.in_hardware
+    assert "polyfit" not in picture.graph.hardware_nodes
     assert picture.graph.topic("/lane_mask").mapping is TopicMapping.SOFTWARE
     assert picture.graph.topic("/A").mapping is TopicMapping.GATEWAY
     picture.lut.value = assess(picture.graph).lut

@@ -36,7 +36,7 @@ def test_nodes_and_gateways_have_slots_of_their_own_on_the_paper_s_board():
     joined = {"HWTopic": '"A"', "SWTopic": '"A"', "MsgType": "sensor_msgs/Image"}
     assert gateways["gateway_A"] == {"Slot": "Gateways(0)", **joined}
     assert [gateway["Slot"][-2] for gateway in gateways.values()] == ["0", "1", "2"]
-    assert set(threads) == {f"n{name}" for name in FIGURE_8.gateways.in_hardware}
+    assert set(threads) == {f"n{name}" for name in FIGURE_8.gateways.hardware_nodes}
     assert len({slot["Id"] for slot in slots.values()}) == len(slots) == 9
     for thread in threads.values():
         assert thread["Slot"].replace("(*)", "(0:0)") in slots
@@ -52,7 +52,7 @@ def test_a_topic_in_hardware_or_at_a_gateway_is_a_stream_and_one_in_software_a_m
         "sub_A": 'rossub, node, sensor_msgs/Image, "A", hw',
         "pub_B": 'rospub, node, sensor_msgs/Image, "B", hw',
     }
-    assert sections(read(FIGURE_8.software), "ResourceGroup")["R_n2"] == {
+    assert sections(read(FIGURE_8.all_software), "ResourceGroup")["R_n2"] == {
         "node": 'rosnode, "2"',
         "sub_A_msg": "rosmsg, sensor_msgs, msg, Image",
         "sub_A": 'rossub, node, sub_A_msg, "A", 10000',
@@ -91,8 +91,8 @@ def test_every_graph_with_plain_names_is_read_as_it_was_written(graph):
     typed = replace(graph, topics=tuple(replace(topic, type=IMAGE) for topic in graph.topics))
     mapped = map_communication(typed).gateways
     parser = read(mapped)
-    assert len(sections(parser, "ReconosThread")) == len(mapped.in_hardware)
+    assert len(sections(parser, "ReconosThread")) == len(mapped.hardware_nodes)
     groups = sections(parser, "ResourceGroup").values()
     resources = [re.split(r"[, ]+", value) for group in groups for value in group.values()]
-    edges = [edge for edge in mapped.edges() if edge.node in mapped.in_hardware]
+    edges = [edge for edge in mapped.edges() if edge.node in mapped.hardware_nodes]
     assert sum(args[0] in {"rospub", "rossub"} for args in resources) == len(edges)

@@ -52,8 +52,8 @@ def test_a_picture_has_as_many_coloured_edges_as_cross_and_a_background_for_what
     assert colors.count(to_rgb(CROSSING)) == len(crossing)
     in_logic = [topic.name for topic in graph.topics if topic.mapping is not SOFTWARE]
     bands = [patch for patch in ax.patches if to_rgb(patch.get_edgecolor()) == to_rgb(LOGIC)]
-    assert len(bands) == len(graph.in_hardware) + len(in_logic)
-    within = [e for e in graph.edges() if e.node in graph.in_hardware and e.topic in in_logic]
+    assert len(bands) == len(graph.hardware_nodes) + len(in_logic)
+    within = [e for e in graph.edges() if e.node in graph.hardware_nodes and e.topic in in_logic]
     assert sum(line.get_color() == LOGIC for line in ax.lines) == len(within)
 
 

@@ -18,9 +18,9 @@ FRAME_BYTES = 640 * 480 * 3
 
 def modelled_s(mapping):
     """The time of the transfer model until the last of three hardware readers has the message."""
-    nodes = {"publisher": Placement.HARDWARE, "hardware": 3}
+    nodes = {"publisher": Placement.HARDWARE, "hardware_subscribers": 3}
     setup = Setup(mapping=mapping, message_bytes=FRAME_BYTES, **nodes)
-    return transfer_times(setup, STORED).hardware_s
+    return transfer_times(setup, STORED)[Placement.HARDWARE]
 
 
 def test_over_all_orders_the_last_reader_is_as_late_as_the_transfer_model_says():

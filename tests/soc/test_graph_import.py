@@ -50,7 +50,7 @@ def test_a_record_of_the_graph_gives_the_nodes_too_and_leaves_out_topics_without
     found = imported(tmp_path, ["/seen", "/x", "/no"], computation_graph=record)
     edges = {str(edge) for edge in found.graph.edges()}
     assert edges == {"publisher of /x -> /x", "camera -> /seen", "/seen -> viewer"}
-    assert not found.graph.in_hardware
+    assert not found.graph.hardware_nodes
     assert found.left_out == {"/no": "no publisher in the record 'computation_graph'"}
 
 

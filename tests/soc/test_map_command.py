@@ -64,8 +64,8 @@ def test_nodes_are_placed_within_the_areas_that_are_given(tmp_path):
     text = call(DRIVING, "--optimise-placement", "--lut", "40000", "--out", str(out))
     assert "no mapping takes less" in text
     assert 0 < int(re.search(r"area: (\d+) of 40000 LUT", text)[1]) <= 40000
-    placed = load_graph(out).in_hardware
-    assert 0 < len(placed) < len(load_graph(DRIVING).in_hardware)
+    placed = load_graph(out).hardware_nodes
+    assert 0 < len(placed) < len(load_graph(DRIVING).hardware_nodes)
     assert "camera" not in placed
 
 

@@ -8,7 +8,7 @@ from graph_strategies import FIGURE_8, HW, SW, for_every_graph
 from sfglab import soc
 from sfglab.soc import EdgeKind, TopicMapping
 from sfglab.soc.mapping import carriages_per_message
-from sfglab.soc.memory import Receiver, Setup, transfer_times
+from sfglab.soc.memory import Setup, transfer_times
 
 
 def sized(graph, size_bytes):
@@ -32,9 +32,9 @@ def test_each_topic_goes_where_section_5_says_whatever_it_was_mapped_to_before(g
     assert done.gateways.nodes == graph.nodes
     for topic in done.gateways.topics:
         wanted = TopicMapping.SOFTWARE
-        if graph.in_hardware.issuperset(topic.members):
+        if graph.hardware_nodes.issuperset(topic.members):
             wanted = TopicMapping.HARDWARE
-        elif len(graph.in_hardware & set(topic.subscribers)) > 1:
+        elif len(graph.hardware_nodes & set(topic.subscribers)) > 1:
             wanted = TopicMapping.GATEWAY
         assert topic.mapping is wanted
 
@@ -77,7 +77,7 @@ def test_edges_and_carriages_are_counted_apart(publishers, subscribers, edges, c
 def test_the_rule_of_sizes_gives_a_gateway_to_topics_that_the_model_carries_faster(
     size_bytes, gateways
 ):
-    graph = sized(FIGURE_8.software, size_bytes)
+    graph = sized(FIGURE_8.all_software, size_bytes)
     mapped = soc.map_communication(graph, gateway=soc.faster_by_gateway).gateways
     assert mapped.mapped_to(TopicMapping.GATEWAY) == tuple(gateways)
     assert mapped.mapped_to(TopicMapping.HARDWARE) == ("B",)
@@ -86,8 +86,8 @@ def test_the_rule_of_sizes_gives_a_gateway_to_topics_that_the_model_carries_fast
 @pytest.mark.parametrize(("size_bytes", "counted"), [(1_000_000, 1_000_000), (0, 1)])
 def test_the_time_of_a_topic_is_the_model_s_for_its_nodes(size_bytes, counted):
     mapped = sized(FIGURE_8.gateways, size_bytes)
-    sides = {"publisher": HW, "hardware": 2, "software": 1}
+    sides = {"publisher": HW, "hardware_subscribers": 2, "software_subscribers": 1}
     times = transfer_times(Setup(mapping=TopicMapping.GATEWAY, message_bytes=counted, **sides))
     topic = mapped.topic("A")
-    assert soc.transfer_s(mapped, topic, receiver=Receiver.HARDWARE) == times.hardware_s
-    assert soc.transfer_s(mapped, topic, receiver=Receiver.SOFTWARE) == times.software_s
+    assert soc.transfer_s(mapped, topic, side=HW) == times[HW]
+    assert soc.transfer_s(mapped, topic, side=SW) == times[SW]

@@ -61,7 +61,7 @@ def test_no_placement_with_any_gateways_is_better_than_the_one_found(seed, nodes
     assert found.load.total_s == pytest.approx(best_s, rel=1e-6, abs=1e-9)
     assert found.optimal
     found.load.check_fits(platform)
-    assert found.graph.in_hardware.isdisjoint(fixed)
+    assert found.graph.hardware_nodes.isdisjoint(fixed)
     assert found.load == soc.assess(found.graph)
 
 
@@ -106,7 +106,7 @@ def test_a_gateway_that_pays_is_taken_if_its_last_table_fits(spare, topics):
     topic = soc.Topic(name="t", publishers=("s",), subscribers=heard, **traffic)
     platform = soc.Platform(name="p", lut=300 + GATEWAY_LUT + spare, bram=0.0)
     found = soc.place_nodes(soc.Graph(nodes=tuple(nodes), topics=(topic,)), platform)
-    assert found.graph.in_hardware == set(heard)
+    assert found.graph.hardware_nodes == set(heard)
     assert found.graph.mapped_to(soc.TopicMapping.GATEWAY) == topics
 
 

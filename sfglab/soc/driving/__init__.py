@@ -1,9 +1,10 @@
-"""The driving application of paper C, section 6, Fig. 9: a car in a simulated town, closed loop.
+"""This package has the driving application of paper C, section 6, Fig. 9: a car drives in a simulated town.
 
-The world: `town`, `scene` (images of the camera) and `car` (motion, geometry of the camera). The nodes:
-`nodes` (compensation, Gaussian blur, lane planner, polyfit, detection of red and of green light, lane
-control) and `odometry`. `loop` connects both and drives laps, which `judge` assesses. `chain` computes
-the transfer times of the node chain on a system-on-chip.
+The modules `town`, `scene` and `car` simulate the town, the camera's images and the car's motion. The modules
+`nodes` and `odometry` have the nodes of Fig. 9: compensation, Gaussian blur, lane planner, polyfit, detection of red
+light, detection of green light, lane control and visual odometry. The module `loop` connects the nodes with the
+simulation and drives laps. The module `judge` assesses a lap. The module `chain` computes the transfer times of the
+node chain on a system-on-chip.
 """
 
 from sfglab.soc.driving.car import Camera

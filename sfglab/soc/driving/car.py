@@ -1,8 +1,8 @@
-"""The car: the geometry of its camera, and the kinematic bicycle model of its motion.
+"""This module has the geometry of the car's camera and the kinematic bicycle model of the car's motion.
 
-Vehicle frame: the origin is on the ground below the camera, which is mounted above the rear axle; x
-forward, y left, z up, in metres. Image: u to the right, v down, in pixels. This module does not know
-lanes and traffic lights.
+The origin of the vehicle frame is on the ground below the camera, which is mounted above the rear axle. The vehicle
+frame has x forward, y left and z up, in metres. An image has u to the right and v down, in pixels. This module does
+not know lanes and traffic lights.
 """
 
 from __future__ import annotations
@@ -26,36 +26,36 @@ _PITCH_RAD = math.radians(6.0)  #: Downward pitch of the camera.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """A pinhole camera without distortion, pitched down; at 3 m a marking of 5 cm covers 4 of 320 columns."""
+    """A `Camera` is a pinhole camera that has no distortion and looks down by 6 degrees."""
 
     width: int = 320  #: Columns of an image.
     height: int = 240  #: Rows of an image.
 
     @property
     def focal_px(self) -> float:
-        """Focal length in pixels; the horizontal field of view has 65 degrees."""
+        """Return the focal length in pixels; the horizontal field of view has 65 degrees."""
         return 0.78125 * self.width
 
     @property
     def horizon_row(self) -> int:
-        """First row in which each pixel shows the ground."""
+        """Return the first row of an image in which each pixel shows the ground."""
         horizon = self.height / 2 - self.focal_px * math.tan(_PITCH_RAD)
         return math.ceil(horizon) + 1
 
     @property
     def image_from_ground(self) -> Floats:
-        """Homography (3, 3) from ground points (x, y, 1) of the vehicle frame to pixels (u, v, 1)."""
+        """Return the homography (3, 3) from ground points (x, y, 1) of the vehicle frame to pixels (u, v, 1)."""
         return _image_from_vehicle(self)[:, [0, 1, 3]]
 
     @property
     def ground_from_image(self) -> Floats:
-        """Homography (3, 3) from pixels below the horizon to the ground."""
+        """Return the homography (3, 3) from pixels below the horizon to ground points of the vehicle frame."""
         return np.asarray(np.linalg.inv(self.image_from_ground), np.float64)
 
     def project(self, points_xyz: Floats) -> tuple[Floats, Floats]:
         """Return pixels (n, 2) and depths (n,), m, of points (n, 3) of the vehicle frame, m.
 
-        A pixel is valid where the depth is positive.
+        A pixel is valid if the depth of its point is positive.
         """
         matrix = _image_from_vehicle(self)
         raw = points_xyz @ matrix[:, :3].T + matrix[:, 3]
@@ -80,7 +80,7 @@ def _image_from_vehicle(camera: Camera) -> Floats:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drive:
-    """A drive command, as in a Twist message."""
+    """A `Drive` is a drive command, as in a Twist message."""
 
     speed_mps: float = 0.0  #: Forward speed.
     yaw_rate_rps: float = 0.0  #: Yaw rate, positive to the left.
@@ -88,7 +88,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CarState:
-    """Pose of the rear axle in the frame of the town, speed and steering angle."""
+    """A `CarState` has the pose of the rear axle in the town's frame, the speed and the steering angle."""
 
     x_m: float = 0.0  #: East.
     y_m: float = 0.0  #: North.
@@ -105,11 +105,11 @@ _STEER_RATE_RPS = 3.0  #: Largest steering rate.
 
 
 def drive(state: CarState, command: Drive, *, dt_s: float, steer_bias_rad: float = 0.0) -> CarState:
-    """Return the state after `dt_s` seconds of following a command.
+    """Return the state of a car that has followed a command for `dt_s` seconds.
 
-    Kinematic bicycle model: x' = v cos(yaw), y' = v sin(yaw), yaw' = v tan(steer) / wheelbase. The car
-    moves along the arc of the mean curvature. Speed and steering follow the command within the limits.
-    The steering angle has an error, `steer_bias_rad`, that the nodes do not know.
+    The kinematic bicycle model is x' = v cos(yaw), y' = v sin(yaw), yaw' = v tan(steer) / wheelbase. The car
+    moves along the arc of the mean curvature. Speed and steering follow the command within the car's limits.
+    The steering angle has the error `steer_bias_rad`, which the nodes do not know.
     """
     speed_change = command.speed_mps - state.speed_mps
     speed = state.speed_mps + _limited(speed_change, _ACCELERATION_MPS2 * dt_s)

@@ -1,11 +1,11 @@
-"""The node chain alpha of paper C, section 6: transfer times from an image to a command.
+"""This module computes the transfer times of paper C's node chain alpha from an image to a command (section 6).
 
-The memory model gives the time of each message, with topic A mapped to software or to a gateway and all
-other topics alike. The paper does not list the members of the chain (a red dotted line in Fig. 9), so
-`CHAIN` is a reading of it. Execution times of nodes are not part of this module.
+The memory model gives the time of each message, with topic A mapped to software or to a gateway. All other topics
+have the same mapping in both cases. The paper draws the chain as a red dotted line in Fig. 9 and does not list the
+chain's members, so `CHAIN` is our reading of the figure. This module leaves out the execution times of nodes.
 
-One thing differs between frames: the order in which a software-mapped topic serves its subscribers. That
-order decides which subscribers share the memory interface. A gateway serves all at once.
+The model's time of a frame depends only on the order in which a software-mapped topic A serves its subscribers. The
+order decides which subscribers share the memory interface. A gateway serves all hardware subscribers at once.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")
-"""Nodes of the chain in their order."""
+"""`CHAIN` has the nodes of the chain in their order."""
 
 #: Topic that the paper maps to software in one version, to a gateway in the other.
 SHARED_TOPIC = "/A"
@@ -34,21 +34,21 @@ Order = tuple[str, ...]  #: Subscribers of a software-mapped topic in the order 
 
 @dataclass(frozen=True)  # without slots: computed properties are kept
 class Chain:
-    """Transfers of the chain in a graph.
+    """A `Chain` has the transfer times of the node chain in a graph.
 
-    Topics between two hardware nodes are hardware-mapped and the others software-mapped, except A, which
-    joins two nodes in hardware. Properties raise an InvalidValueError if the graph lacks a topic that they need.
+    The chain maps the topics of the graph by the cases of section 5 without gateways, and only topic A also has a
+    time through a gateway. A property raises an InvalidValueError if the graph lacks a topic of the chain.
     """
 
     graph: Graph  #: Graph in which the chain's nodes are placed.
 
     @cached_property
     def _mapped(self) -> Graph:
-        return map_communication(self.graph).hardware
+        return map_communication(self.graph).without_gateways
 
     @cached_property
     def _edges(self) -> list[Edge]:
-        """Edges from the chain's topics to their next nodes."""
+        """Return the edges from the chain's topics to the chain's next nodes."""
         return [link(self._mapped, before, after) for before, after in pairwise(CHAIN)]
 
     @property
@@ -62,29 +62,29 @@ class Chain:
 
     @cached_property
     def gateway_s(self) -> float:
-        """Transfer time of A from compensation to blur through a gateway, s."""
+        """Return the transfer time of topic A from compensation to blur through a gateway, s."""
         mapped = self._mapped.with_mappings({SHARED_TOPIC: TopicMapping.GATEWAY})
         return arrival_s(mapped, self._edges[0])
 
     @cached_property
     def orders(self) -> tuple[Order, ...]:
-        """All orders in which a software-mapped A can serve its subscribers; equally likely."""
+        """Return all orders, equally likely, in which a software-mapped topic A can serve its subscribers."""
         return tuple(permutations(self._shared.subscribers))
 
     @cached_property
     def software_s(self) -> dict[Order, float]:
-        """Transfer time of A from compensation to blur through main memory by order, s."""
+        """Return the transfer time of topic A from compensation to blur through main memory for each order, s."""
         return {order: self.read_s(order)[CHAIN[1]] for order in self.orders}
 
     def read_s(self, order: Order) -> dict[str, float]:
-        """Return when each hardware subscriber of A has read its message, s after its publication."""
+        """Return the time from the publication until each hardware subscriber of A has read the message, s."""
         memory = STORED.memory
         topic = self._shared
         size_bytes = message_bytes(topic)
         written_s = STORED.endpoint_s + memory.write_s(size_bytes) + STORED.delegate_s
         published_s = written_s + STORED.published_s(size_bytes)
         # The ports of the memory interface have the order of the graph.
-        readers = [name for name in topic.subscribers if name in self.graph.in_hardware]
+        readers = [name for name in topic.subscribers if name in self.graph.hardware_nodes]
         releases_s = []
         for name in readers:
             deliveries = order.index(name) + 1

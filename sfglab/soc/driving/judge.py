@@ -1,4 +1,4 @@
-"""The judge of a lap: whether the car stayed in its lane, stopped at red lights and completed the lap."""
+"""This module judges whether a car stayed in its lane, stopped at red lights and completed a lap."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _STOP_M = 2.0  #: Largest distance to the line at which a standing car has stopp
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """Result of a lap."""
+    """A `Verdict` is the result of a lap."""
 
     completed: bool  #: Whether the car completed the lap.
     red_lights_obeyed: int  #: Number of red lights that the car stopped at and did not run.
@@ -32,7 +32,7 @@ class Verdict:
 
 
 class Judge:
-    """Observes a drive that begins at place 0 of the lane.
+    """A `Judge` observes a drive that begins at place 0 of the lane.
 
     Args:
         town: Town of the drive.
@@ -54,13 +54,13 @@ class Judge:
     def observe(
         self, now_s: float, car: Place, speed_mps: float, red_since_s: Sequence[float | None]
     ) -> None:
-        """Take a frame.
+        """Observe one frame of the drive.
 
         Args:
             now_s: Time in the town.
             car: True place of the rear axle on the lane.
             speed_mps: True speed.
-            red_since_s: For each light since when it has been red, None for green.
+            red_since_s: Time at which each light turned red, None for a green light.
         """
         self._now_s = now_s
         self._largest_m = max(self._largest_m, abs(car.left_m))
@@ -78,7 +78,7 @@ class Judge:
         self._before = car
 
     def _step_m(self, car: Place) -> float:
-        """Return the distance along the closed lane since the last frame."""
+        """Return the distance that the car has driven along the closed lane since the last frame."""
         if self._before is None:
             return 0.0
         length_m = self._town.lane.length_m
@@ -86,7 +86,7 @@ class Judge:
 
     @property
     def over(self) -> bool:
-        """Whether the lap is completed, the car left its lane, or the time is up."""
+        """Return whether the lap is over: the car completed the lap, left its lane, or ran out of time."""
         timed_out = self._now_s >= self._timeout_s
         return self._completed or not self._in_lane or timed_out
 
@@ -99,7 +99,7 @@ class Judge:
         return self._largest_m <= _LATERAL_M
 
     def verdict(self) -> Verdict:
-        """Return the result so far."""
+        """Return the result of the frames that the judge has observed."""
         obeyed = len(self._stopped - self._run)
         lawful = not self._run and obeyed >= self._red_lights
         return Verdict(

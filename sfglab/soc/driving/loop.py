@@ -1,7 +1,7 @@
-"""The closed loop: town, camera, nodes and car for one lap.
+"""This module connects town, camera, nodes and car to a closed loop for one lap.
 
-`Stack` contains the nodes, connected as in the graph of Fig. 9. It receives images and nothing else.
-`run_lap` drives it round a town. There is no bus here: the nodes are called one after the other.
+The class `Stack` contains the nodes, connected as in the graph of Fig. 9. A stack receives only images. The function
+`run_lap` drives a car with a stack round a town. The stack calls the nodes one after the other, without a bus.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Ts = TypeVarTuple("Ts")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """Results of the nodes for one image."""
+    """A `Frame` has the results of the nodes for one image."""
 
     image: Image  #: The camera's image (height, width, 3), BGR.
     mask: Image  #: Markings in the bird's-eye view.
@@ -53,7 +53,7 @@ class Frame:
 
 
 class Stack:
-    """All nodes for the images of a camera; `clock_ns` measures what each node takes."""
+    """A `Stack` runs all nodes on a camera's images, and measures each node's time with `clock_ns`."""
 
     def __init__(self, camera: Camera, clock_ns: Callable[[], int] = time.thread_time_ns) -> None:
         self.camera = camera
@@ -66,7 +66,7 @@ class Stack:
         self.times_ns: dict[str, list[int]] = defaultdict(list)
 
     def step(self, image: Image) -> Frame:
-        """Return what all nodes make of an image (height, width, 3), BGR."""
+        """Return the results of all nodes for an image (height, width, 3), BGR."""
         compensated = self._timed("compensation", compensate, image)
         blurred = self._timed("gaussian_blur", blur, compensated)
         mask = self._timed("lane_planner", lane_mask, blurred, self.camera)
@@ -93,7 +93,7 @@ class Stack:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """True state of the car and results of the nodes in one frame."""
+    """A `Moment` has the true state of the car and the results of the nodes in one frame."""
 
     now_s: float  #: Time in the town.
     car: CarState  #: True state of the car.
@@ -102,7 +102,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lap:
-    """Result of one lap."""
+    """A `Lap` is the result of one lap."""
 
     verdict: Verdict  #: Result of the judge.
     lane_m: float  #: Length of the lane.
@@ -124,14 +124,14 @@ def run_lap(
 ) -> Lap:
     """Drive one lap.
 
-    A command takes effect one frame after its image, as a real chain takes about that long. The car moves
-    6 cm per frame.
+    A command takes effect one frame after its image, because a real node chain takes about one frame. The car moves
+    at most 6 cm per frame.
 
     Args:
         seed: Seed of town, texture, noise, start pose and steering error.
         stack: The nodes. [default: new nodes for a default camera]
         timeout_s: Time in the town after which the lap has failed.
-        watch: Called after each frame.
+        watch: Function that the loop calls after each frame.
     """
     stack = stack or Stack(Camera())
     rng = np.random.default_rng(seed)
@@ -164,7 +164,7 @@ def run_lap(
 
 
 def _start(lane: Road, rng: np.random.Generator) -> CarState:
-    """Return a standing car near the lane's first point."""
+    """Return the state of a standing car near the lane's first point."""
     x_m, y_m, yaw_rad = lane.at(0.0, float(rng.uniform(-_START_OFFSET, _START_OFFSET)))
     yaw_error = float(rng.uniform(-_START_OFFSET, _START_OFFSET))
     return CarState(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad + yaw_error)

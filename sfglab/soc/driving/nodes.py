@@ -1,10 +1,10 @@
-"""Nodes of the driving application, except odometry (paper C, section 6): from an image to a command.
+"""This module has the nodes of the driving application, except the odometry (paper C, section 6).
 
-Compensation and Gaussian blur reduce noise. The lane planner masks yellow and white pixels and
-transforms the mask into a bird's-eye view. Polyfit fits a parabola to the mask by least squares. If the
-red-light detection finds a light, the robot stops and the green-light detection becomes active; if that
-one finds a light, the robot drives and the red-light detection becomes active. Lane control is pure
-pursuit (R. Coulter, 1992).
+Compensation and Gaussian blur reduce the noise of an image. The lane planner masks yellow and white pixels and
+transforms the mask into a bird's-eye view. Polyfit fits a parabola to the mask by least squares. If the red-light
+detection finds a light, the car stops and the green-light detection becomes active. If the green-light detection
+finds a light, the car drives and the red-light detection becomes active. Lane control is pure pursuit
+(R. Coulter, 1992).
 """
 
 from __future__ import annotations
@@ -39,10 +39,11 @@ _TAIL = 0.005  #: Share of the darkest and of the brightest pixels that saturate
 
 
 def compensate(bgr: Image) -> Image:
-    """Remove outlier pixels, then stretch the histogram (paper C, section 6: Compensation).
+    """Remove outlier pixels of an image, then stretch the image's histogram (paper C, section 6: Compensation).
 
-    The paper names no method. Here the median of 3 x 3 pixels replaces a pixel that differs from it by
-    more than 48 levels. The stretch is linear and the same for all channels.
+    The paper names no method for the compensation. Our node replaces a pixel by the median of 3 x 3 pixels if the
+    pixel differs from the median by more than 48 levels. The stretch of the histogram is linear and the same for all
+    channels.
 
     Args:
         bgr: Image (height, width, 3).
@@ -54,7 +55,7 @@ def compensate(bgr: Image) -> Image:
 
 
 def _stretch(bgr: Image) -> Image:
-    """Return the table of 256 levels that stretches an image's grey histogram to 0 .. 255."""
+    """Return the table of 256 levels that stretches an image's grey histogram to the range from 0 to 255."""
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
     histogram = cv2.calcHist([grey], [0], None, [256], [0, 256]).ravel()
     shares = np.cumsum(histogram) / grey.size
@@ -65,7 +66,7 @@ def _stretch(bgr: Image) -> Image:
 
 
 def blur(bgr: Image) -> Image:
-    """Return the image after a Gaussian filter of 5 x 5 pixels, sigma 1 (sizes assumed)."""
+    """Return the image after a Gaussian filter of 5 x 5 pixels with sigma 1; both sizes are assumed."""
     return np.asarray(cv2.GaussianBlur(bgr, (5, 5), 1.0), np.uint8)
 
 
@@ -85,11 +86,11 @@ _BIRD_FAR_M = _BIRD_NEAR_M + (_BIRD_SIZE[1] - 0.5) * _BIRD_PIXEL_M
 _GROUND_FROM_BIRD = np.array(
     [[0.0, -_BIRD_PIXEL_M, _BIRD_FAR_M], [-_BIRD_PIXEL_M, 0.0, _BIRD_LEFT_M], [0.0, 0.0, 1.0]]
 )
-"""Matrix from pixels (column, row, 1) to points (x, y, 1) of the vehicle frame, m; up is forward."""
+"""The matrix maps pixels (column, row, 1) to points (x, y, 1) of the vehicle frame, m; up is forward."""
 
 
 def lane_mask(bgr: Image, camera: Camera) -> Image:
-    """Return the bird's-eye view of the markings: `YELLOW`, `WHITE` or 0 (paper C: Lane Planner).
+    """Return the bird's-eye view of the markings with levels `YELLOW`, `WHITE` and 0 (paper C: Lane Planner).
 
     Args:
         bgr: Image (height, width, 3) of the camera.
@@ -102,7 +103,7 @@ def lane_mask(bgr: Image, camera: Camera) -> Image:
 
 
 def _marking_mask(bgr: Image) -> Image:
-    """Return a label for each pixel of the image: `YELLOW` or `WHITE` for a marking, otherwise 0."""
+    """Return the level of each pixel of an image: `YELLOW` or `WHITE` for a marking, otherwise 0."""
     hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
     mask = np.zeros(bgr.shape[:2], np.uint8)
     mask[cv2.inRange(hsv, *_YELLOW_HSV) > 0] = YELLOW
@@ -116,7 +117,7 @@ _GATE_M = 0.10  #: Largest distance of a pixel from its expected line.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lane:
-    """Middle of the lane in the vehicle frame: y(x) = offset + slope x + bend x^2, m, left positive."""
+    """A `Lane` is the lane's middle in the vehicle frame: y(x) = offset + slope x + bend x^2, m, left positive."""
 
     offset_m: float  #: Position at x = 0.
     slope: float  #: Slope at x = 0.
@@ -130,12 +131,12 @@ class Lane:
 def fit_lane(mask: Image) -> Lane | None:
     """Fit the middle of the lane between its yellow line (left) and white line (paper C: Polyfit).
 
-    The width of the lane is known. The pixels of both lines, moved by half a lane, belong to one
-    parabola. A first fit to one colour selects the pixels of the lane, because there are white lines
-    beyond it and across it.
+    The function knows the width of the lane. The function moves the pixels of both lines by half a lane, so that
+    all pixels belong to one parabola. A first fit to one colour selects the pixels of the lane, because the image
+    also shows white lines beyond the lane and across the lane.
 
     Args:
-        mask: Bird's-eye view of `lane_mask`.
+        mask: Bird's-eye view that `lane_mask` returns.
 
     Returns:
         The lane, or None if neither line has enough pixels.
@@ -152,7 +153,7 @@ def fit_lane(mask: Image) -> Lane | None:
 
 
 def _points(mask: NDArray[np.bool_]) -> Floats:
-    """Return the points (n, 2) of the vehicle frame, m, where a bird's-eye mask is set."""
+    """Return the points (n, 2) of the vehicle frame, m, at which a bird's-eye mask is set."""
     rows, columns = np.nonzero(mask)
     pixels = np.stack([columns, rows, np.ones_like(rows)])
     return np.asarray((_GROUND_FROM_BIRD @ pixels)[:2].T, np.float64)
@@ -165,7 +166,7 @@ def _near(points: Floats, lane: Lane) -> Floats:
 
 
 def _parabola(points: Floats) -> Lane | None:
-    """Return the parabola through points, a straight line if they are near each other, or None."""
+    """Return the parabola through points, a straight line if the points are near each other, or None."""
     if len(points) < _MIN_PIXELS:
         return None
     x, y = points.T
@@ -177,7 +178,7 @@ def _parabola(points: Floats) -> Lane | None:
 
 
 class Colour(Enum):
-    """Colours of a traffic light. Each value has the first and the last hue; 180 hues form a circle."""
+    """A `Colour` of a traffic light has its first and its last hue as value; 180 hues form a circle."""
 
     RED = (172, 8)
     GREEN = (45, 85)
@@ -188,15 +189,15 @@ _VALUE = 150
 _ROUND = 0.6  #: Least share of its enclosing circle that a lamp covers: a disc 1, a square 0.64.
 
 _RADII = {Colour.RED: (0.024, 0.045), Colour.GREEN: (0.014, 0.1)}
-"""Smallest and largest radius of a lamp that concerns the car, relative to the image width.
+"""`_RADII` has the smallest and largest radius of a lamp that concerns the car, relative to the image width.
 
-A red lamp of 6 cm concerns the car from 1.95 m, where it has to brake, to 1.04 m, where it can last stop
-with the lamp in view. A green lamp concerns it wherever it is near.
+A red lamp of 6 cm concerns the car at a distance from 1.95 m, where the car has to brake, to 1.04 m, where the car can
+last stop with the lamp in view. A green lamp concerns the car at all near distances.
 """
 
 
 def lamp_radii(bgr: Image, colour: Colour) -> Iterator[float]:
-    """Yield the radii in pixels of the round areas of a colour in an image (height, width, 3), BGR."""
+    """Yield the radii, px, of the round areas that have a colour in an image (height, width, 3), BGR."""
     hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
     first, last = colour.value
     hsv[..., 0] = (hsv[..., 0].astype(int) - first) % 180
@@ -211,7 +212,7 @@ def lamp_radii(bgr: Image, colour: Colour) -> Iterator[float]:
 
 
 class LightDetector:
-    """Detection node of one colour. Red starts active, green starts inactive."""
+    """A `LightDetector` is the detection node of one colour; red starts active, green starts inactive."""
 
     def __init__(self, colour: Colour) -> None:
         self.colour = colour
@@ -219,7 +220,7 @@ class LightDetector:
         self.active = colour is Colour.RED
 
     def detect(self, bgr: Image) -> bool:
-        """Return whether the node publishes that it found its light; if so, it becomes inactive.
+        """Return whether the active node finds its light; the node becomes inactive after it has found the light.
 
         Args:
             bgr: Image (height, width, 3) of topic A.
@@ -243,10 +244,10 @@ _ARRIVED_M = 0.3  #: Distance at which a remembered point counts as reached.
 
 
 class LaneControl:
-    """Lane control node.
+    """`LaneControl` is the lane control node.
 
-    It follows the arc through the point of the lane's middle that is 0.9 m ahead. In an image without a
-    lane it drives towards the last point, which it follows with the odometry, and stops there.
+    The node follows the arc through the point of the lane's middle that is 0.9 m ahead. If an image shows no lane,
+    the node drives the car towards the last point and stops there; the odometry tells the node where the point is.
     """
 
     def __init__(self) -> None:
@@ -255,10 +256,10 @@ class LaneControl:
         self._target: tuple[float, float] | None = None  # in the frame of the odometry
 
     def step(self, lane: Lane | None, pose: Pose) -> Drive:
-        """Return the command for a frame.
+        """Return the drive command for a frame.
 
         Args:
-            lane: Result of `fit_lane`; None without a lane.
+            lane: Result of `fit_lane`; None if the image shows no lane.
             pose: Pose of the odometry at that frame.
         """
         if lane is not None:

@@ -1,9 +1,9 @@
-"""Visual odometry, the software subscriber of topic A: ORB features, matching, planar motion.
+"""This module has the visual odometry, which is the software subscriber of topic A.
 
-ORB features (E. Rublee et al., 2011) of the ground ahead are matched between a frame and the last
-keyframe. Their motion gives the car's planar motion in metres, because the camera's height is known.
-The paper runs ORB-SLAM 3 in this place, which creates a map. This node builds no map and closes no
-loop, so its pose drifts. It does not know the car's commands and the town.
+The odometry matches ORB features (E. Rublee et al., 2011) of the ground ahead between a frame and the last keyframe.
+The motion of the matched features gives the car's planar motion in metres, because the camera's height is known.
+The paper runs ORB-SLAM 3, which creates a map, in place of this odometry. The odometry builds no map and closes no
+loop, so the pose of the odometry drifts. The odometry does not know the car's commands and the town.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ _KEYFRAME_RAD = 0.08  #: Turn since the last keyframe that starts the next one.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """A planar pose relative to a parent frame."""
+    """A `Pose` is a planar pose relative to a parent frame."""
 
     x_m: float = 0.0  #: Position along the parent's x axis.
     y_m: float = 0.0  #: Position along the parent's y axis.
     yaw_rad: float = 0.0  #: Heading relative to the parent.
 
     def to_parent(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return a point of this frame in the parent frame."""
+        """Return the coordinates of a point of the pose's frame in the parent frame."""
         cos = math.cos(self.yaw_rad)
         sin = math.sin(self.yaw_rad)
         return self.x_m + cos * x_m - sin * y_m, self.y_m + sin * x_m + cos * y_m
 
     def from_parent(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return a point of the parent frame in this frame."""
+        """Return the coordinates of a point of the parent frame in the pose's frame."""
         cos = math.cos(self.yaw_rad)
         sin = math.sin(self.yaw_rad)
         x = x_m - self.x_m
@@ -57,16 +57,16 @@ class Pose:
         return cos * x + sin * y, cos * y - sin * x
 
     def then(self, motion: Pose) -> Pose:
-        """Return the pose after a motion that is relative to this pose."""
+        """Return the pose after a motion; the motion is relative to the present pose."""
         x_m, y_m = self.to_parent(motion.x_m, motion.y_m)
         yaw_rad = math.remainder(self.yaw_rad + motion.yaw_rad, math.tau)
         return Pose(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
 
 
 def planar_motion(before_xy: Floats, now_xy: Floats) -> Pose | None:
-    """Return the motion of a vehicle that saw the same ground points before and now.
+    """Return the motion of a vehicle whose camera showed the same ground points before and now.
 
-    RANSAC selects the matches that agree, then least squares (Kabsch) gives the motion.
+    RANSAC selects the matches that agree, then least squares (Kabsch) gives the vehicle's motion.
 
     Args:
         before_xy: Points (n, 2), m, in the earlier vehicle frame.
@@ -95,14 +95,14 @@ def planar_motion(before_xy: Floats, now_xy: Floats) -> Pose | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _View:
-    """Features of a frame."""
+    """A `_View` has the features of a frame."""
 
     points_xy: Floats  #: Ground points (n, 2) in the vehicle frame, m.
     descriptors: Image  #: ORB descriptors (n, 32).
 
 
 class VisualOdometry:
-    """Odometry node: adds the motion since the last keyframe to the keyframe's pose."""
+    """The odometry node adds the motion since the last keyframe to the keyframe's pose."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
@@ -117,9 +117,9 @@ class VisualOdometry:
         self.pose = Pose()  #: Pose of the car since the first frame.
 
     def update(self, bgr: Image) -> Pose:
-        """Return the pose at an image (height, width, 3) of topic A.
+        """Return the car's pose at an image (height, width, 3) of topic A.
 
-        An image that does not match the keyframe leaves the pose as it was and becomes the keyframe.
+        An image that does not match the keyframe leaves the pose unchanged and becomes the keyframe.
         """
         view = self._features(bgr)
         if self._keyframe is None:
@@ -134,7 +134,7 @@ class VisualOdometry:
         return self.pose
 
     def _features(self, bgr: Image) -> _View:
-        """Return the ORB features on the near ground."""
+        """Return the ORB features of an image on the near ground."""
         grey = cv2.cvtColor(bgr[self._top :], cv2.COLOR_BGR2GRAY)
         keypoints, descriptors = self._orb.detectAndCompute(grey, None)
         if not keypoints:

@@ -1,7 +1,7 @@
-"""Camera images of a town: the ground in perspective, traffic lights, and the noise of the camera.
+"""This module renders camera images of a town with ground, traffic lights and the camera's noise.
 
-The ground is an image from above with grass, asphalt and lines. The scene knows the town and the true
-pose of the car. Its images are all that the nodes receive.
+The ground is an image from above with grass, asphalt and lines. The scene knows the town and the true pose of the
+car. The nodes receive only the images of the scene.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ _SHIFT = 4  #: Fractional bits of the coordinates that OpenCV draws with.
 _SCALE = 1 / _PIXEL_M
 _MIDDLE = _EDGE_M / _PIXEL_M - 0.5
 _PIXELS_FROM_TOWN = np.array([[_SCALE, 0.0, _MIDDLE], [0.0, _SCALE, _MIDDLE], [0.0, 0.0, 1.0]])
-"""Matrix from points (x, y, 1) of the town, m, to pixels (u, v, 1) of the ground."""
+"""The matrix maps points (x, y, 1) of the town, m, to pixels (u, v, 1) of the ground."""
 
 
 def ground_image(town: Town, rng: np.random.Generator) -> Image:
-    """Return a town's ground from above: rows from south to north, columns from west to east, BGR."""
+    """Return the image of a town's ground from above, BGR; rows go from south to north, columns from west to east."""
     side = round(2 * _EDGE_M / _PIXEL_M)
     grass = np.full((side, side, 3), _GRASS, np.uint8)
     _draw_line(grass, town.road.points_xy, _ASPHALT, 2 * LANE_M + 0.24)
@@ -71,7 +71,7 @@ def _draw_line(
 
 
 def _textured(image: Image, rng: np.random.Generator) -> Image:
-    """Return the image with stains of 10, 5 and 2.5 cm; without them there are no ORB features."""
+    """Return the image with stains of 10, 5 and 2.5 cm, which give the ground ORB features."""
     side = image.shape[0]
     texture = np.zeros((side, side), np.float32)
     for cell, strength in ((8, 8.0), (4, 12.0), (2, 9.0)):
@@ -98,7 +98,7 @@ _STUCK_SHARE = 0.001  #: Share of the pixels that are black or white.
 
 
 class Scene:
-    """A town in front of a camera; `rng` samples the texture of the ground and the camera's noise."""
+    """A `Scene` is a town in front of a camera; `rng` samples the ground's texture and the camera's noise."""
 
     def __init__(self, town: Town, camera: Camera, rng: np.random.Generator) -> None:
         self._camera = camera
@@ -115,12 +115,12 @@ class Scene:
         self._gain_phase = float(rng.uniform(0, math.tau))
 
     def render(self, car: CarState, red: Sequence[bool], *, now_s: float) -> Image:
-        """Return the image (height, width, 3), BGR.
+        """Return the camera's image (height, width, 3), BGR.
 
         Args:
             car: True state of the car.
             red: Whether each of the town's lights is red.
-            now_s: Time in the town; the exposure drifts with it.
+            now_s: Time in the town; the exposure drifts with time.
         """
         image = self._ground_image(car)
         distances_m = np.hypot(self._lights[:, 0] - car.x_m, self._lights[:, 1] - car.y_m)
@@ -129,7 +129,7 @@ class Scene:
         return self._exposed(image, now_s)
 
     def _ground_image(self, car: CarState) -> Image:
-        """Return the sky, and the ground below the horizon."""
+        """Return an image with the sky above the horizon and the ground below the horizon."""
         camera = self._camera
         top = camera.horizon_row
         image = np.full((camera.height, camera.width, 3), _SKY, np.uint8)
@@ -149,7 +149,7 @@ class Scene:
         return image
 
     def _draw_light(self, image: Image, car: CarState, light: Floats, *, red: bool) -> None:
-        """Draw a traffic light. It faces the traffic of its lane and shows no lamp from behind."""
+        """Draw a traffic light, which shows its lamps only to the traffic of its lane."""
         for half, bottom, top, bgr in _BOXES:
             corners = [(half, bottom), (-half, bottom), (-half, top), (half, top)]
             pixels, depths = self._projected(car, light, corners)
@@ -170,7 +170,7 @@ class Scene:
     def _projected(
         self, car: CarState, light: Floats, points: Sequence[tuple[float, float]]
     ) -> tuple[Floats, Floats]:
-        """Return pixels (n, 2) and depths (n,), m, of points to the left of a light and above the ground, m."""
+        """Return pixels (n, 2) and depths (n,), m, of points that lie left of a light and above the ground, m."""
         left, up = np.transpose(points)
         x, y, heading = light
         east = x - left * math.sin(heading) - car.x_m
@@ -182,7 +182,7 @@ class Scene:
         return np.clip(pixels, -8000, 8000), depths  # OpenCV draws in 16 bits
 
     def _exposed(self, image: Image, now_s: float) -> Image:
-        """Return the image with a drifting gain, noise and stuck pixels."""
+        """Return the image as the camera exposes it: with a drifting gain, noise and stuck pixels."""
         gain = 0.9 + 0.1 * math.sin(0.3 * now_s + self._gain_phase)
         noise = self._noises[self._rng.integers(_NOISES)]
         noisy = cv2.scaleAdd(image.astype(np.float32), gain, noise)

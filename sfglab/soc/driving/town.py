@@ -1,8 +1,8 @@
-"""A town sampled from a seed: a closed road, and traffic lights with their schedules.
+"""This module samples a town from a seed: a closed road, and traffic lights with their schedules.
 
-The frame of the town has x east and y north, in metres. The road runs anticlockwise. It has two lanes
-with a yellow line between them and a white line on each outer side. The car drives in the right lane,
-which is the outer one. This module does not know how the town looks and where the car is.
+The frame of the town has x east and y north, in metres. The road runs anticlockwise. The road has two lanes with a
+yellow line between the lanes and a white line on each outer side. The car drives in the right lane, which is the
+outer lane. This module does not know how the town looks and where the car is.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ _CLOCKED = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """A position relative to a lane."""
+    """A `Place` is a position relative to a lane."""
 
     along_m: float  #: Distance along the lane's middle from its first point.
     left_m: float  #: Distance to the left of the lane's middle.
 
 
 class Road:
-    """A closed line with equally spaced points in the direction of travel.
+    """A `Road` is a closed line with equally spaced points in the direction of travel.
 
     Args:
-        points_xy: Corners (n, 2), m. The first one is not repeated at the end.
+        points_xy: Corners (n, 2), m; the last corner is not the first corner again.
     """
 
     def __init__(self, points_xy: Floats) -> None:
@@ -58,12 +58,12 @@ class Road:
         self.tangents_xy = ahead / np.hypot(*ahead.T)[:, None]
 
     def beside(self, left_m: float) -> Floats:
-        """Return the points (n, 2) of the parallel line at a distance to the left, m."""
+        """Return the points (n, 2), m, of the parallel line at a distance to the left, m."""
         normals_xy = np.column_stack([-self.tangents_xy[:, 1], self.tangents_xy[:, 0]])
         return np.asarray(self.points_xy + left_m * normals_xy, np.float64)
 
     def at(self, along_m: float, left_m: float = 0.0) -> tuple[float, float, float]:
-        """Return x (m), y (m) and heading (rad) of a place."""
+        """Return x (m), y (m) and heading (rad) of a place on the line or beside the line."""
         i = round(along_m / self.length_m * len(self.points_xy)) % len(self.points_xy)
         x, y = self.points_xy[i]
         tangent_x, tangent_y = self.tangents_xy[i]
@@ -71,7 +71,7 @@ class Road:
         return float(x - left_m * tangent_y), float(y + left_m * tangent_x), heading
 
     def place(self, x_m: float, y_m: float) -> Place:
-        """Return the place of a point, relative to the tangent at the nearest point of the line."""
+        """Return the place of a point relative to the tangent at the line's nearest point."""
         away_xy = np.array([x_m, y_m]) - self.points_xy
         i = int(np.argmin((away_xy * away_xy).sum(axis=1)))
         tangent_x, tangent_y = self.tangents_xy[i]
@@ -84,7 +84,7 @@ class Road:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """A traffic light on the right of the lane."""
+    """A `Light` is a traffic light on the right of the lane."""
 
     stop_m: float  #: Position of its stop line along the car's lane.
     #: Time from the detection of a car to green. A light with this time is red until then, as with an
@@ -93,9 +93,9 @@ class Light:
     offset_s: float = 0.0  #: Begin of the first red phase of a light that follows the clock.
 
     def red_since_s(self, now_s: float, detected_s: float | None) -> float | None:
-        """Return the time at which the light turned red, or None while it is green.
+        """Return the time at which the light turned red, or None while the light is green.
 
-        `detected_s` is the time at which the light detected the car, None before that.
+        The argument `detected_s` is the time at which the light detected the car; None before the detection.
         """
         if self.wait_s is not None:
             turned_green = detected_s is not None and now_s >= detected_s + self.wait_s
@@ -106,7 +106,7 @@ class Light:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Town:
-    """Road, lane and traffic lights."""
+    """A `Town` has a road, the car's lane and traffic lights."""
 
     road: Road  #: The yellow line.
     lane: Road  #: Middle of the car's lane.
@@ -114,14 +114,14 @@ class Town:
 
 
 class Signals:
-    """State of a town's traffic lights during one drive."""
+    """`Signals` keeps the state of a town's traffic lights during one drive."""
 
     def __init__(self, town: Town) -> None:
         self._lights = town.lights
         self._detected_s: list[float | None] = [None] * len(town.lights)
 
     def red_since_s(self, now_s: float, car: Place) -> list[float | None]:
-        """Return for each light since when it has been red, None for green; detect the car first."""
+        """Detect the car at the lights, and return the time at which each light turned red, None for green."""
         found = []
         for i, light in enumerate(self._lights):
             if self._detected_s[i] is None and 0 <= light.stop_m - car.along_m <= _LOOP_M:
@@ -131,14 +131,14 @@ class Signals:
 
 
 def make_town(rng: np.random.Generator) -> Town:
-    """Sample a town: a loop of about 40 m and five lights, three of which are red until a car comes."""
+    """Sample a town with a loop of about 40 m and five lights; three lights are red until a car comes."""
     road = Road(_loop(rng))
     lane = Road(road.beside(-LANE_M / 2))
     return Town(road=road, lane=lane, lights=_lights(lane, rng))
 
 
 def _loop(rng: np.random.Generator) -> Floats:
-    """Return a circle of 6 m with two waves on it; no bend is tighter than about 3 m."""
+    """Return the corners of a circle of radius 6 m with two waves; no bend is tighter than about 3 m."""
     angle = np.linspace(0, math.tau, 2000, endpoint=False)
     second = rng.uniform(0.04, 0.12) * np.cos(2 * angle + rng.uniform(0, math.tau))
     third = rng.uniform(0.0, 0.05) * np.cos(3 * angle + rng.uniform(0, math.tau))

@@ -1,12 +1,16 @@
-"""The gateway of paper C, section 3, as hardware in Amaranth (ReconROS' 64-bit template). Needs the extra `rtl`.
+"""This package has the gateway of paper C, section 3, as hardware in Amaranth (ReconROS' 64-bit template).
 
-- `core`: the gateway, and its control, which is generated from the core's table (`sfglab.soc.gateway`).
-- `mover`: the gateway's data path. `topic`: the hardware-mapped topic. `memory_port`: the memory interface.
-- `bench`: test benches of the gateway, and of nodes that read or write without one.
-- `cycles`: simulated cycles of a message on each path.
-- `synthesis`: Verilog, by Yosys.
+The package needs the extra `rtl`. The package has these modules:
 
-The test benches are hardware as well, so that no Python runs in each simulated cycle.
+- The module `core` has the gateway and generates the gateway's control from the core's table (`sfglab.soc.gateway`).
+- The module `mover` has the gateway's data path.
+- The module `topic` has the hardware-mapped topic.
+- The module `memory_port` has the memory interface.
+- The module `bench` has test benches of the gateway, and of nodes that read or write without a gateway.
+- The module `cycles` simulates the cycles of a message on each path.
+- The module `synthesis` writes Verilog with Yosys.
+
+The test benches are hardware as well, so that the simulator runs no Python in each simulated cycle.
 """
 
 from sfglab.soc.rtl.bench import Delays

@@ -1,8 +1,9 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""Test benches of the memory paths, as hardware beside the hardware, so that no Python runs per cycle.
+"""This module has test benches of the memory paths; a test bench is hardware too, so no Python runs per cycle.
 
-`GatewayBench` surrounds a gateway with memory, delegate, publisher and subscribers. `SharedMemoryBench` has nodes
-that read or write one message each over the arbiter, as hardware nodes do without a gateway.
+The class `GatewayBench` surrounds a gateway with memory, delegate, publisher and subscribers. The class
+`SharedMemoryBench` has nodes that read or write one message each over the arbiter, as hardware nodes do without a
+gateway.
 """
 
 from __future__ import annotations
@@ -31,29 +32,29 @@ if TYPE_CHECKING:
     from sfglab.soc.rtl.topic import Stream
 
 WORD_FACTOR = 0x9E37_79B9_7F4A_7C15
-"""Word i of a message is i times this number, so that all words differ in all their bytes."""
+"""Word i of a message is i times `WORD_FACTOR`, so that all words differ in all their bytes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delays:
-    """Latencies of the memory, cycles."""
+    """`Delays` has the latencies of the memory, in cycles."""
 
     read: int = 30  #: Cycles between the address and the first word.
     write: int = 9  #: Cycles from the last word to the response, at least 1.
 
 
 def message_words(first: int, count: int) -> list[int]:
-    """Return consecutive words of a message, from the one with index `first` on."""
+    """Return consecutive words of a message; the first returned word has the index `first`."""
     return [WORD_FACTOR * index % (1 << WORD_BITS) for index in range(first, first + count)]
 
 
 def new_memory(words: int, content: Sequence[int] = ()) -> Any:
-    """Return a memory with room for words, its depth a power of two."""
+    """Return a memory with room for words; the depth of the memory is a power of two."""
     return Memory(shape=WORD_BITS, depth=1 << (words - 1).bit_length(), init=content)
 
 
 class SlowMemory(Elaboratable):
-    """A memory that serves one request of its port after the other, with latencies."""
+    """A `SlowMemory` serves one request of its port after the other, with latencies."""
 
     def __init__(self, port: MemoryPort, content: Any, delays: Delays) -> None:
         self.port = port
@@ -61,7 +62,7 @@ class SlowMemory(Elaboratable):
         self._delays = delays
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic."""
+        """Return the logic of the slow memory as a module of Amaranth."""
         m = Module()
         port = self.port
         m.submodules.content = self.content
@@ -109,14 +110,14 @@ class SlowMemory(Elaboratable):
 
 
 class GatewayBench(Elaboratable):
-    """A gateway that transfers one message.
+    """A `GatewayBench` has a gateway that transfers one message.
 
-    The output message begins at the memory's first word, the message to send follows it.
+    The output message begins at the memory's first word; the message to send follows the output message.
 
     Args:
         words: Number of words of the message.
         subscribers: Number of hardware subscribers.
-        from_memory: Whether the delegate answers with the message; else a hardware publisher sends it.
+        from_memory: Whether the delegate answers with the message; otherwise a hardware publisher sends the message.
         delays: Latencies of the memory.
     """
 
@@ -132,7 +133,7 @@ class GatewayBench(Elaboratable):
         self._delays = delays
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic."""
+        """Return the logic of the gateway bench as a module of Amaranth."""
         m = Module()
         gateway = self.gateway
         m.submodules.gateway = gateway
@@ -155,7 +156,7 @@ class GatewayBench(Elaboratable):
         return m
 
     def _add_delegate(self, m: Any) -> None:
-        """Locate the output message, then answer one request with the message in memory."""
+        """Add a delegate that locates the output message, then answers one request with the message in memory."""
         gateway = self.gateway
         answers = Signal(2)  # Number of answers that the core has taken.
         is_first = answers == 0
@@ -169,7 +170,7 @@ class GatewayBench(Elaboratable):
             m.d.sync += answers.eq(answers + 1)
 
     def _add_publisher(self, m: Any) -> None:
-        """Send word 0 as the publisher ID, then the following words as the message."""
+        """Add a publisher that sends word 0 as its publisher ID, then the following words as the message."""
         node = self.gateway.node
         place = Signal(COUNT_BITS)
         m.d.comb += [
@@ -181,7 +182,7 @@ class GatewayBench(Elaboratable):
             m.d.sync += place.eq(place + 1)
 
     def _add_subscriber(self, m: Any, stream: Stream, received: Any) -> None:
-        """Store the words that follow the publisher ID."""
+        """Add a subscriber that stores the words after the publisher ID."""
         write = received.write_port()
         place = Signal(COUNT_BITS)
         m.d.comb += [
@@ -195,12 +196,12 @@ class GatewayBench(Elaboratable):
 
 
 class ChunkNode(Elaboratable):
-    """A hardware node that reads or writes one message at address 0, chunk by chunk without a pause.
+    """A `ChunkNode` is a hardware node that reads or writes one message at address 0, chunk by chunk.
 
     Args:
         words: Number of words of the message.
-        writes: Whether the node writes; else it reads.
-        start_cycle: Cycle of its first request.
+        writes: Whether the node writes; otherwise the node reads.
+        start_cycle: Cycle of the node's first request.
     """
 
     def __init__(self, words: int, *, writes: bool = False, start_cycle: int = 0) -> None:
@@ -214,7 +215,7 @@ class ChunkNode(Elaboratable):
         self._left = Signal(COUNT_BITS, init=words)
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic."""
+        """Return the logic of the chunk node as a module of Amaranth."""
         m = Module()
         master = self.master
         m.submodules.master = master
@@ -239,7 +240,7 @@ class ChunkNode(Elaboratable):
 
 
 class SharedMemoryBench(Elaboratable):
-    """Nodes that share one memory through the arbiter."""
+    """A `SharedMemoryBench` has nodes that share one memory through the arbiter."""
 
     def __init__(self, nodes: Sequence[ChunkNode], content: Any, delays: Delays) -> None:
         self.nodes = nodes
@@ -250,7 +251,7 @@ class SharedMemoryBench(Elaboratable):
         self.done = Signal()  #: All nodes have completed their messages.
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic."""
+        """Return the logic of the shared memory bench as a module of Amaranth."""
         m = Module()
         m.submodules.arbiter = self.arbiter
         m.submodules.memory = self.memory

@@ -1,9 +1,9 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""A gateway in hardware (paper C, Fig. 3): control, data path, hardware-mapped topic, and its ports.
+"""This module has a gateway in hardware (paper C, Fig. 3): control, data path, hardware-mapped topic and ports.
 
-`Control` is generated from the core's transition table, so that the order of events is defined in one place. It
-knows nothing but the table. `Gateway` translates between the table and the wires: what the wires show becomes
-the table's inputs, and the table's action drives the wires.
+The class `Control` generates its logic from the core's transition table, so that only the table defines the order of
+events. The class `Gateway` translates between the table and the wires: the wires set the table's inputs, and the
+table's action drives the wires.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from sfglab.soc.rtl.topic import Broadcast, Stream, TopicArbiter
 
 
 def code(member: State | Input | Action) -> int:
-    """Return the value of a state in the state register, or the bit of an input or an action."""
+    """Return the value of a state in the state register, or the number of the bit of an input or an action."""
     return list(type(member)).index(member)
 
 
 class Control(Elaboratable):
-    """State register and transitions of a table. An input without a transition in the state is ignored."""
+    """A `Control` has the state register and the transitions of a table; it ignores inputs without a transition."""
 
     def __init__(self, table: Table = TABLE) -> None:
         #: In: one bit per input; set if it is present. The first present one in the table's row counts.
@@ -38,11 +38,11 @@ class Control(Elaboratable):
         self._table = table
 
     def does(self, action: Action) -> Any:
-        """Return the bit of an action."""
+        """Return the bit that is set while the control does an action."""
         return self.action[code(action)]
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic."""
+        """Return the logic of the control as a module of Amaranth."""
         m = Module()
         registers = {Register.OUTPUT: self.output, Register.HELD: self.held}
         with m.Switch(self.state):
@@ -59,7 +59,7 @@ class Control(Elaboratable):
 
 
 class Call(IntEnum):
-    """Codes of the core's calls to its delegate."""
+    """A `Call` is the code of a call of the core to its delegate."""
 
     TAKE = 0
     CANCEL = 1
@@ -67,7 +67,7 @@ class Call(IntEnum):
 
 
 class Answer(IntEnum):
-    """Codes of the delegate's answers."""
+    """An `Answer` is the code of an answer of the delegate."""
 
     LOCATED = 0  #: With the address of the output message.
     ANSWERED = 1  #: With address and publisher ID of a message.
@@ -76,7 +76,7 @@ class Answer(IntEnum):
 
 
 class Gateway(Elaboratable):
-    """A gateway with one hardware publisher and any number of hardware subscribers."""
+    """A `Gateway` has one hardware publisher and any number of hardware subscribers."""
 
     def __init__(self, subscribers: int) -> None:
         self.control = Control()
@@ -99,7 +99,7 @@ class Gateway(Elaboratable):
 
     @property
     def wires(self) -> list[Any]:
-        """Ports of the exported module."""
+        """Return the ports of the exported Verilog module."""
         calls = [self.call_valid, self.call_ready, self.call]
         answers = [self.answer_valid, self.answer_ready, self.answer]
         given = [self.own_smt, self.own_hmt, self.words, self.answer_address, self.answer_publisher]
@@ -108,7 +108,7 @@ class Gateway(Elaboratable):
         return [*calls, *answers, *given, *streams, *memory]
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic."""
+        """Return the logic of the gateway as a module of Amaranth."""
         m = Module()
         topic = Stream("topic")
         arbiter = TopicArbiter(self.mover.sent, self.node, topic)
@@ -123,7 +123,7 @@ class Gateway(Elaboratable):
         return m
 
     def _connect_inputs(self, m: Any, grant: Any) -> None:
-        """Set the control's inputs from the wires that its action looks at."""
+        """Set the control's inputs from the wires that the control's action observes."""
         does = self.control.does
         port = self.mover.port
         listens = does(Action.LISTEN_OSIF)
@@ -152,13 +152,13 @@ class Gateway(Elaboratable):
             m.d.sync += self._held_publisher.eq(self.answer_publisher)
 
     def _connect_calls(self, m: Any) -> None:
-        """Call the delegate by the control's action."""
+        """Connect the control's action to the wires that call the delegate."""
         for call in Call:
             with m.If(self.control.does(Action[f"CALL_{call.name}"])):
                 m.d.comb += [self.call_valid.eq(1), self.call.eq(call)]
 
     def _connect_mover(self, m: Any) -> None:
-        """Command the data path by the control's action."""
+        """Connect the control's action to the commands of the data path."""
         control = self.control
         mover = self.mover
         m.d.comb += [

@@ -1,11 +1,13 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""Cycles of a message on each path across the memory interface (paper C, section 4): simulated and modelled.
+"""This module simulates the cycles of a message on each path across the memory interface (paper C, section 4).
 
-A simulation also compares every word that arrives with the word that was sent. All whole chunks of a message take the same number of cycles. Therefore a
-cycle model through two small simulated messages also holds for sizes that take too long to simulate.
+A simulation also compares every received word with the sent word. All whole chunks of a message take the same number
+of cycles. Therefore a cycle model through two small simulated messages also holds for sizes that take too long to
+simulate.
 
-Hardware and memory model (`sfglab.soc.memory`) share control cycles and latencies. Their agreement shows that the
-model adds them up correctly, not that another implementation takes as many cycles.
+The simulated hardware and the memory model (`sfglab.soc.memory`) have the same control cycles and latencies. The
+agreement of hardware and model shows that the model adds up the cycles correctly. The agreement does not show that
+another implementation takes the same number of cycles.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ _FITTED_CHUNKS = (2, 8)  #: Sizes of the two messages of a cycle model.
 
 
 class MemoryPath(Enum):
-    """Paths of a message across the memory interface."""
+    """A `MemoryPath` is a path of a message across the memory interface."""
 
     #: The core reads the message once, and broadcasts it to all nodes.
     GATEWAY_OUT = "gateway, memory to stream"
@@ -49,13 +51,13 @@ class MemoryPath(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CycleModel:
-    """Cycles of messages of whole chunks."""
+    """A `CycleModel` gives the cycles of messages of whole chunks."""
 
     fixed_cycles: float  #: Number of cycles per message.
     chunk_cycles: float  #: Number of cycles per chunk.
 
     def cycles(self, message_bytes: int) -> float:
-        """Return the cycles of a message; an incomplete last chunk counts as a whole one."""
+        """Return the cycles of a message; an incomplete last chunk counts as a whole chunk."""
         chunks = -(-message_bytes // CHUNK_BYTES)
         return self.fixed_cycles + self.chunk_cycles * chunks
 
@@ -63,13 +65,14 @@ class CycleModel:
 def simulated_cycles(
     path: MemoryPath, nodes: int, message_bytes: int, delays: Delays | None = None
 ) -> int:
-    """Simulate a message on a path, and return its cycles.
+    """Simulate a message on a path, and return the message's number of cycles.
 
-    The time of a simulation grows with the size; use `cycle_model` for large messages.
+    The time of a simulation grows with the message size; use `cycle_model` for large messages.
 
     Args:
         path: Path of the message.
-        nodes: Number of hardware nodes that receive it. Shared reads take a time that grows with its square.
+        nodes: Number of hardware nodes that receive the message. The simulation of shared reads takes a time that
+            grows with the square of the number.
         message_bytes: Size, a multiple of 8.
         delays: Latencies of the memory; None: the default ones.
 
@@ -89,7 +92,7 @@ def simulated_cycles(
 
 
 def simulate_gateway(words: int, subscribers: int, *, from_memory: bool, delays: Delays) -> int:
-    """Return the cycles of a gateway's transfer; arguments as of `GatewayBench`.
+    """Return the cycles of a gateway's transfer; the function has the arguments of `GatewayBench`.
 
     Raises:
         SfglabError: A word is wrong, or the message has not arrived.
@@ -109,10 +112,10 @@ def simulate_gateway(words: int, subscribers: int, *, from_memory: bool, delays:
 
 
 def simulate_nodes(nodes: Sequence[ChunkNode], words: int, delays: Delays) -> list[int]:
-    """Return after how many cycles each of several nodes has read or written the same message.
+    """Return the number of cycles after which each of several nodes has read or written the same message.
 
     Raises:
-        SfglabError: A word is wrong, or a node has not completed its message.
+        SfglabError: A received word is wrong, or a node has not completed its message.
     """
     expected = message_words(0, words)
     any_writes = any(node.writes for node in nodes)
@@ -131,7 +134,7 @@ def simulate_nodes(nodes: Sequence[ChunkNode], words: int, delays: Delays) -> li
 
 
 def cycle_limit(words: int, nodes: int, delays: Delays) -> int:
-    """Return more cycles than a message of so many words takes for all nodes."""
+    """Return an upper bound of the cycles that a message of some words takes for all nodes."""
     chunks = words // CHUNK_WORDS + 1
     chunk_cycles = delays.read + delays.write + _CYCLES_PER_WORD * CHUNK_WORDS
     return nodes * chunks * chunk_cycles
@@ -146,12 +149,12 @@ def compare_words(ctx: Any, memory: Any, expected: Sequence[int], place: str) ->
 
 
 def run_bench(bench: Any, limit: int, result: Callable[[Any], T]) -> T:
-    """Simulate a test bench until it is done, and return its result.
+    """Simulate a test bench until the bench is done, and return the bench's result.
 
     Args:
         bench: Hardware with a signal `done`.
         limit: Largest number of cycles.
-        result: Returns the result, given the simulator's context.
+        result: Function that returns the result, given the simulator's context.
 
     Raises:
         SfglabError: The bench is not done within the limit.
@@ -175,7 +178,7 @@ def run_bench(bench: Any, limit: int, result: Callable[[Any], T]) -> T:
 
 
 def cycle_model(path: MemoryPath, nodes: int, delays: Delays | None = None) -> CycleModel:
-    """Return the cycle model through two simulated messages; arguments as of `simulated_cycles`."""
+    """Return the cycle model through two simulated messages; see `simulated_cycles` for the arguments."""
     few, many = _FITTED_CHUNKS
     few_cycles = simulated_cycles(path, nodes, few * CHUNK_BYTES, delays)
     many_cycles = simulated_cycles(path, nodes, many * CHUNK_BYTES, delays)

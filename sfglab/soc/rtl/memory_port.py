@@ -1,12 +1,12 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""The memory interface (MEMIF) in hardware: its wires, a master that moves chunks, and the arbiter of the masters.
+"""This module has the memory interface (MEMIF) in hardware: wires, a master that moves chunks, and an arbiter.
 
 All hardware nodes and the gateway cores share one interface to main memory (paper C, section 3). A request moves
 one chunk of at most 32 words, and requests do not overlap. A request takes four control cycles, in the order of
 ReconROS' memory controller: grant, command, address, and completion after the words.
 
-ReconROS' arbiter serves waiting masters in turn, one request each. Our arbiter grants within one of the four
-control cycles, so that it takes no cycle of its own; each further cycle would add 1.5 % to a read.
+ReconROS' arbiter serves waiting masters in turn, one request per master. Our arbiter grants within one of the four
+control cycles, so that the arbiter takes no cycle of its own. Each further cycle would add 1.5 % to a read.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ COUNT_BITS = 32  #: Width of counters of words and cycles.
 
 
 class MemoryPort:
-    """Wires between a master and the memory; (m) is driven by the master, (s) by the memory."""
+    """A `MemoryPort` has the wires of a master and the memory; the master drives (m), the memory drives (s)."""
 
     def __init__(self) -> None:
         self.request = Signal()  #: (m) The master waits for a grant.
@@ -48,7 +48,7 @@ class MemoryPort:
 
 
 class MemoryMaster(Elaboratable):
-    """Moves one chunk between the memory and a buffer of its owner."""
+    """A `MemoryMaster` moves one chunk between the memory and a buffer of the master's owner."""
 
     def __init__(self) -> None:
         self.port = MemoryPort()  #: Wires to the memory.
@@ -63,7 +63,7 @@ class MemoryMaster(Elaboratable):
         self.done = Signal()  #: Out: the request ends; set for one cycle.
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic of the port. GRANT, COMMAND, ADDRESS and COMPLETE take one cycle each."""
+        """Return the logic of the port; the states GRANT, COMMAND, ADDRESS and COMPLETE take one cycle each."""
         m = Module()
         port = self.port
         m.d.comb += [
@@ -111,10 +111,10 @@ class MemoryMaster(Elaboratable):
 
 
 class Arbiter(Elaboratable):
-    """Joins the ports of masters, at least one, to one memory in turn (round robin).
+    """An `Arbiter` joins the ports of one or more masters to one memory in turn (round robin).
 
-    No cycle is lost: a free interface is granted whenever a master waits. No master starves: while it waits,
-    each other master is served at most once.
+    The arbiter loses no cycle, because a waiting master gets the free interface at once. No master starves, because
+    the arbiter serves each other master at most once while a master waits.
     """
 
     def __init__(self, masters: Sequence[MemoryPort]) -> None:
@@ -126,11 +126,11 @@ class Arbiter(Elaboratable):
 
     @property
     def wires(self) -> list[Any]:
-        """Ports of the exported module."""
+        """Return the ports of the exported Verilog module."""
         return [wire for port in (*self.masters, self.memory) for wire in vars(port).values()]
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic."""
+        """Return the logic of the arbiter as a module of Amaranth."""
         m = Module()
         memory = self.memory
         chosen = self._choose(m)
@@ -151,7 +151,7 @@ class Arbiter(Elaboratable):
         return m
 
     def _choose(self, m: Any) -> Any:
-        """Return one bit per master, set for the next waiting master after the last turn."""
+        """Return one bit per master; the bit of the next waiting master after the last turn is set."""
         count = len(self.masters)
         waiting = Signal(count)
         behind = Signal(count)

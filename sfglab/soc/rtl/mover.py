@@ -1,9 +1,9 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""The data path of a gateway core: it copies one message between memory and the hardware-mapped topic.
+"""This module has the data path of a gateway core, which copies a message between memory and the HMT.
 
-In memory a message is its words; their number is fixed by the message type. On the topic the publisher's ID
-precedes them. The mover stores a chunk in its buffer before it passes the chunk on, so that reading and sending
-do not overlap.
+A message in memory consists of words; the message type fixes the number of words. On the hardware-mapped topic (HMT)
+the publisher's ID precedes the words. The mover stores a chunk in its buffer before the mover passes the chunk on, so
+that reading and sending do not overlap.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sfglab.soc.rtl.topic import Stream
 
 
 class Mover(Elaboratable):
-    """Sends, stores or drops one message; the command stays set until `done`."""
+    """A `Mover` sends, stores or drops one message; the command stays set until the mover sets `done`."""
 
     def __init__(self) -> None:
         self.master = MemoryMaster()  #: Master of the memory interface.
@@ -45,7 +45,7 @@ class Mover(Elaboratable):
         self._buffer = Memory(shape=WORD_BITS, depth=CHUNK_WORDS, init=[])
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic."""
+        """Return the logic of the mover as a module of Amaranth."""
         m = Module()
         m.submodules.master = self.master
         m.submodules.buffer = self._buffer
@@ -59,7 +59,7 @@ class Mover(Elaboratable):
         return m
 
     def _connect_buffer(self, m: Any) -> None:
-        """Read and write the buffer from the stream's side and the memory's side."""
+        """Connect the buffer to the stream and to the memory."""
         master = self.master
         read = self._buffer.read_port(domain="comb")
         write = self._buffer.write_port()
@@ -74,7 +74,7 @@ class Mover(Elaboratable):
         ]
 
     def _begin(self, m: Any) -> None:
-        """Send or take the publisher ID, or drop a whole message."""
+        """Add the state that sends or takes the publisher ID, or drops a whole message."""
         with m.State("BEGIN"):
             m.d.sync += [self._left.eq(self.words), self._index.eq(0)]
             with m.If(self.send):
@@ -91,7 +91,7 @@ class Mover(Elaboratable):
                 m.d.comb += [self.port.ready.eq(1), self.done.eq(self.port.valid & self.port.last)]
 
     def _memory_to_stream(self, m: Any) -> None:
-        """Read a chunk from memory, then send it."""
+        """Add the states that read a chunk from memory and send the chunk to the stream."""
         with m.State("READ_CHUNK"):
             is_last = self._left < CHUNK_WORDS
             m.d.comb += self.master.start.eq(1)
@@ -108,7 +108,7 @@ class Mover(Elaboratable):
                     self._next_chunk(m, "READ_CHUNK")
 
     def _stream_to_memory(self, m: Any) -> None:
-        """Take a chunk from the port, then write it to memory."""
+        """Add the states that take a chunk from the port and write the chunk to memory."""
         with m.State("TAKE_CHUNK"):
             m.d.comb += self.port.ready.eq(1)
             with m.If(self.port.valid):

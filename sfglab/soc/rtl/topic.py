@@ -1,8 +1,8 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""The hardware-mapped topic (HMT): streams, a broadcast to all subscribers, and the arbiter of two publishers.
+"""This module has the hardware-mapped topic (HMT): streams, a broadcast to all subscribers, and an arbiter.
 
 A stream carries the publisher's ID of a message, then the message's words. One message at a time occupies the topic. A
-word has passed when all ports have taken it; after the last word nothing of the message is left in the topic.
+word has passed when all ports have taken the word. After the last word the topic has no word of the message any more.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from sfglab.soc.rtl.memory_port import WORD_BITS
 
 
 class Stream:
-    """Wires of a stream, named with a prefix; (s) is driven by the sender, (r) by the receiver."""
+    """A `Stream` has the wires of a stream; the sender drives the wires marked (s), the receiver those marked (r)."""
 
     def __init__(self, name: str) -> None:
         self.valid = Signal(name=f"{name}_valid")  #: (s) A word is here, and stays until taken.
@@ -25,24 +25,24 @@ class Stream:
 
     @property
     def passes(self) -> Any:
-        """Whether a word passes from sender to receiver in this cycle."""
+        """Return whether a word passes from sender to receiver in this cycle."""
         return self.valid & self.ready
 
     @property
     def wires(self) -> list[Any]:
-        """All four signals."""
+        """Return all four signals of the stream."""
         return list(vars(self).values())
 
 
 class Broadcast(Elaboratable):
-    """Sends each word of a source to all ports. A port that has taken the word does not see it again."""
+    """A `Broadcast` sends each word of a source to all ports, and to each port only once."""
 
     def __init__(self, source: Stream, ports: list[Stream]) -> None:
         self.source = source
         self.ports = ports
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic; it has no register for words, so that a passed word has passed everywhere."""
+        """Return the logic of the broadcast, which stores no word, so that a passed word has reached all ports."""
         m = Module()
         source = self.source
         taken = Signal(len(self.ports))
@@ -60,11 +60,11 @@ class Broadcast(Elaboratable):
 
 
 class TopicArbiter(Elaboratable):
-    """Reserves the topic for one message of the hardware publisher or of the core.
+    """A `TopicArbiter` reserves the topic for one message of the hardware publisher or of the core.
 
-    The hardware publisher has priority. A core whose claim was not granted is next, so that a busy publisher
-    cannot starve it. The topic may then wait for the core, which first serves the message at its port. This
-    cannot deadlock, because a core that holds a message always claims the topic again.
+    The hardware publisher has priority. A core whose claim the arbiter refused is next, so that a busy publisher
+    cannot starve the core. The topic may then wait for the core while the core serves the message at its port. The
+    wait cannot deadlock, because a core that holds a message always claims the topic again.
     """
 
     def __init__(self, core: Stream, node: Stream, topic: Stream) -> None:
@@ -76,7 +76,7 @@ class TopicArbiter(Elaboratable):
         self.grant = Signal()
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic."""
+        """Return the logic of the topic arbiter as a module of Amaranth."""
         m = Module()
         topic = self.topic
         core_is_next = Signal()
