@@ -6,8 +6,8 @@ state together with the core's messages, the queues, the topics and the subscrib
 The exploration follows all interleavings of the steps in `sfglab.soc.gateway_world`, breadth first. For the bound the
 exploration shows two properties:
 
-- Safety: no step leads to a `Fault`. Hence no message is doubled, overtaken, overwritten or echoed, no message that
-  the core holds is replaced, and the core receives only inputs for which the core's state has a transition.
+- Safety: no step leads to a `Fault`. Hence no message is doubled, overtaken, overwritten or echoed, and no message
+  that the core holds is replaced. The core receives only inputs for which the core's state has a transition.
 - From every reachable world a path leads to the end, in which all subscribers have received all messages. Hence no
   message is lost, and the model has no deadlock.
 
@@ -64,7 +64,7 @@ class Exploration:
 
 
 class _Found:
-    """`_Found` has the worlds that the search has found so far, in their order, and the steps to them."""
+    """`_Found` has the worlds that the search has found so far, in their order, and the steps to the worlds."""
 
     def __init__(self, first: World) -> None:
         #: Previous world and description of the step that first led to each world.

@@ -10,7 +10,7 @@ The core requests the next message of the SMT from its delegate. The core then p
 - Software to hardware: after the delegate has answered with a message, the core sends the message to the HMT and
   requests the next message.
 - Hardware to software: after a message has reached the core's port of the HMT, the core copies the message to its
-  output message in main memory, cancels the request, and asks the delegate to publish the output message on the SMT.
+  output message in main memory. The core then cancels the request, and asks the delegate to publish the output message.
   If the delegate answered the request before the cancel arrived, the core sends the answered message to the HMT
   after the publication.
 - Filters on both sides discard messages that the core itself published, so that no message circulates.

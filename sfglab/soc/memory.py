@@ -22,14 +22,14 @@ The model leaves out that processors share the memory with the hardware, and tha
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
 from sfglab.soc.graph import Placement, TopicMapping
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
 
 # --- The memory interface ---------------------------------------------------------------------
@@ -85,28 +85,18 @@ class MemoryInterface:
 
     def read_s(self, message_bytes: float) -> float:
         """Return the time that a node takes to read a message while no other node uses the MEMIF, s."""
-        return self._seconds(message_bytes, self.read_cycles)
+        return self.message_s(message_bytes, self.read_cycles)
 
     def write_s(self, message_bytes: float) -> float:
         """Return the time that a node takes to write a message while no other node uses the MEMIF, s."""
-        return self._seconds(message_bytes, self.write_cycles)
+        return self.message_s(message_bytes, self.write_cycles)
 
     def stream_s(self, message_bytes: float) -> float:
         """Return the time that a message takes on a stream while all subscribers of the stream are ready, s."""
         return -(-message_bytes // self.width_bytes) / self.clock_hz
 
-    def memory_to_stream_s(self, message_bytes: float) -> float:
-        """Return the time that a gateway core takes to move a message from memory to the stream, s."""
-        return self._seconds(message_bytes, self.memory_to_stream_cycles)
-
-    def stream_to_memory_s(self, message_bytes: float) -> float:
-        """Return the time that a gateway core takes to move a message from the stream to memory, s.
-
-        The stream waits for the gateway core, so the subscribers of the stream take the same time.
-        """
-        return self._seconds(message_bytes, self.stream_to_memory_cycles)
-
-    def _seconds(self, message_bytes: float, chunk_cycles: float) -> float:
+    def message_s(self, message_bytes: float, chunk_cycles: float) -> float:
+        """Return the time that a message takes if each chunk takes a number of cycles, s."""
         return self.chunks(message_bytes) * chunk_cycles / self.clock_hz
 
 
@@ -119,8 +109,8 @@ def shared_s(releases_s: Sequence[float], work_s: float) -> float:
 
     Returns:
         The maximum over j of release j plus the work of all nodes whose releases are not before release j. Turns
-        lose no time, so the last node ends with the busy period, for turns of any size. Without nodes the
-        function returns 0.
+        of the MEMIF lose no time, so the last node ends its read with the busy period, for turns of any size.
+        Without nodes the function returns 0.
     """
     ordered = sorted(releases_s)
     ends_s = [release_s + (len(ordered) - j) * work_s for j, release_s in enumerate(ordered)]
@@ -158,14 +148,13 @@ def round_robin_s(releases_s: Sequence[float], chunks: int, chunk_s: float) -> l
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Costs:
-    """`Costs` has the constants of the model.
+class Costs(MemoryInterface):
+    """`Costs` has the constants of the model, including those of the memory interface.
 
     The project fitted the six constants in `FITTED` to the numbers that section 4 of paper C states. The test
-    `tests/soc/test_paper_values.py` repeats the fit.
+    `tests/soc/test_paper_values.py` repeats the fit of the constants.
     """
 
-    memory: MemoryInterface  #: Memory interface.
     #: Call of a hardware node to its delegate thread and back, s. Assumed: two thread switches.
     delegate_s: float = 80e-6
     #: Publication on a software-mapped topic, s. Assumed: like a call to the delegate.
@@ -192,7 +181,7 @@ class Costs:
 
 
 STORED = Costs(
-    memory=MemoryInterface(write_latency_cycles=8.758),
+    write_latency_cycles=8.758,
     publish_s_per_byte=1.5527e-9,
     deliver_s=48.434e-6,
     deliver_s_per_byte=0.3598e-9,
@@ -210,13 +199,6 @@ FITTED = (
     "cancel_s",
 )
 """`FITTED` names the fitted constants; the other constants are assumed or from the reference design."""
-
-
-def with_values(costs: Costs, values: Mapping[str, float]) -> Costs:
-    """Return costs in which the named constants, also those of the memory interface, have other values."""
-    memory = {name: value for name, value in values.items() if hasattr(costs.memory, name)}
-    others = {name: value for name, value in values.items() if name not in memory}
-    return replace(costs, memory=replace(costs.memory, **memory), **others)  # type: ignore[arg-type]
 
 
 # --- Transfer times ---------------------------------------------------------------------------
@@ -254,7 +236,6 @@ def transfer_times(setup: Setup, costs: Costs = STORED) -> dict[Placement, float
         of delivery.
     """
     size_bytes = setup.message_bytes
-    memory = costs.memory
     endpoint_s = costs.endpoint_s
     delegate_s = costs.delegate_s
     publish_s = costs.published_s(size_bytes)
@@ -265,17 +246,18 @@ def transfer_times(setup: Setup, costs: Costs = STORED) -> dict[Placement, float
     }
     is_from_hardware = setup.publisher is Placement.HARDWARE
     if setup.mapping is TopicMapping.HARDWARE:
-        times_s = {Placement.HARDWARE: 2 * endpoint_s + memory.stream_s(size_bytes)}
+        times_s = {Placement.HARDWARE: 2 * endpoint_s + costs.stream_s(size_bytes)}
     elif setup.mapping is TopicMapping.SOFTWARE:
         subscribers = setup.hardware_subscribers + setup.software_subscribers
         published_s = publish_s
         if is_from_hardware:
-            published_s += endpoint_s + memory.write_s(size_bytes) + delegate_s
-        # The mean place of the k-th of h hardware subscribers among n subscribers is k (n + 1) / (h + 1). The mean
-        # places replace all orders. `tests/soc/test_memory.py` finds less than 0.5 % difference between the two.
+            published_s += endpoint_s + costs.write_s(size_bytes) + delegate_s
+        # Mean places replace all orders of delivery. The mean place of the k-th of h hardware
+        # subscribers among n subscribers is k (n + 1) / (h + 1). The test of this function finds
+        # less than 0.5 % difference to the mean over all orders (`tests/soc/test_memory.py`).
         apart_s = (subscribers + 1) / (setup.hardware_subscribers + 1) * deliver_s
         woken_s = [place * apart_s for place in range(1, setup.hardware_subscribers + 1)]
-        all_read_s = delegate_s + shared_s(woken_s, memory.read_s(size_bytes))
+        all_read_s = delegate_s + shared_s(woken_s, costs.read_s(size_bytes))
         times_s = {
             Placement.HARDWARE: published_s + all_read_s + endpoint_s,
             Placement.SOFTWARE: published_s + (subscribers + 1) / 2 * deliver_s,
@@ -284,14 +266,17 @@ def transfer_times(setup: Setup, costs: Costs = STORED) -> dict[Placement, float
         # The subscribers of the gateway's SMT are the software nodes and the core.
         over_smt_s = publish_s + (setup.software_subscribers + 2) / 2 * deliver_s
         if is_from_hardware:
-            in_memory_s = endpoint_s + memory.stream_to_memory_s(size_bytes)
+            in_memory_s = endpoint_s + costs.message_s(size_bytes, costs.stream_to_memory_cycles)
+            # The stream waits for the core, so the hardware subscribers take as long as the core.
             forward_s = endpoint_s + costs.cancel_s + delegate_s
             times_s = {
                 Placement.HARDWARE: in_memory_s + endpoint_s,
                 Placement.SOFTWARE: in_memory_s + forward_s + over_smt_s,
             }
         else:
-            forward_s = delegate_s + endpoint_s + memory.memory_to_stream_s(size_bytes)
+            forward_s = (
+                delegate_s + endpoint_s + costs.message_s(size_bytes, costs.memory_to_stream_cycles)
+            )
             times_s = {
                 Placement.HARDWARE: over_smt_s + forward_s + endpoint_s,
                 Placement.SOFTWARE: over_smt_s,

@@ -7,7 +7,7 @@ belongs to each ratio.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from itertools import product
@@ -18,12 +18,10 @@ from sfglab.soc.graph import Placement, TopicMapping
 from sfglab.soc.memory import STORED, Costs, Setup, transfer_times
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
 MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)  #: Sizes of the images.
 SUBSCRIBERS = (2, 4, 8)  #: Numbers of hardware subscribers; one software node subscribes too.
-_SMALL, _LARGE = MESSAGE_BYTES[0], MESSAGE_BYTES[-1]
-_MANY = SUBSCRIBERS[-1]
 
 
 class Panel(Enum):
@@ -107,38 +105,35 @@ class Stated:
     claim: str  #: Id of the claim in ``data/claims.yaml`` that has the number.
     number: str  #: Key among the claim's `numbers`; empty: the value of the claim.
     panel: Panel  #: Panel of the speed-up.
-    ratio: Callable[[Ratios], float]  #: Returns the speed-up from all those of the panel.
+    bar: str  #: Message size and number of hardware subscribers of the speed-up, or its rank.
     slower: bool = False  #: Whether the paper states the reciprocal: how many times as slow.
 
     def by(self, ratios: Ratios) -> float:
         """Return the value that the given speed-ups of the panel give for the stated number."""
-        ratio = self.ratio(ratios)
+        ratio = _RATIOS[self.bar](ratios)
         return 1 / ratio if self.slower else ratio
 
 
-def _least(ratios: Ratios) -> float:
-    return min(ratios.values())
-
-
-def _most(ratios: Ratios) -> float:
-    return max(ratios.values())
-
+_LOWEST = "lowest"
+_HIGHEST = "highest"
+_SMALL_MANY = "10 kB, 8 subscribers"
+_LARGE_MANY = "10 MB, 8 subscribers"
+_RATIOS: dict[str, Callable[[Ratios], float]] = {
+    _LOWEST: lambda ratios: min(ratios.values()),
+    _HIGHEST: lambda ratios: max(ratios.values()),
+    _SMALL_MANY: itemgetter((10_000, 8)),
+    _LARGE_MANY: itemgetter((10_000_000, 8)),
+}
+_TO_HARDWARE, _TO_SOFTWARE, _FROM_SOFTWARE, _BETWEEN_SOFTWARE = Panel
 
 STATED = (
-    Stated(
-        "C-HWHW", "times as fast at 10 kB", Panel.HARDWARE_TO_HARDWARE, itemgetter((_SMALL, _MANY))
-    ),
-    Stated("C-HWHW", "", Panel.HARDWARE_TO_HARDWARE, itemgetter((_LARGE, _MANY))),
-    Stated("C-HWSW", "", Panel.HARDWARE_TO_SOFTWARE, _least, slower=True),
-    Stated(
-        "C-HWSW",
-        "times as fast at 10 MB, 8 nodes",
-        Panel.HARDWARE_TO_SOFTWARE,
-        itemgetter((_LARGE, _MANY)),
-    ),
-    Stated("C-SWHW", "", Panel.SOFTWARE_TO_HARDWARE, _most),
-    Stated("C-SWSW", "times as fast, least", Panel.SOFTWARE_TO_SOFTWARE, _least),
-    Stated("C-SWSW", "", Panel.SOFTWARE_TO_SOFTWARE, _most),
+    Stated("C-HWHW", "times as fast at 10 kB", _TO_HARDWARE, _SMALL_MANY),
+    Stated("C-HWHW", "", _TO_HARDWARE, _LARGE_MANY),
+    Stated("C-HWSW", "", _TO_SOFTWARE, _LOWEST, slower=True),
+    Stated("C-HWSW", "times as fast at 10 MB, 8 nodes", _TO_SOFTWARE, _LARGE_MANY),
+    Stated("C-SWHW", "", _FROM_SOFTWARE, _HIGHEST),
+    Stated("C-SWSW", "times as fast, least", _BETWEEN_SOFTWARE, _LOWEST),
+    Stated("C-SWSW", "", _BETWEEN_SOFTWARE, _HIGHEST),
 )
 """`STATED` has the seven numbers of section 4."""
 

@@ -1,8 +1,8 @@
 """This module decides which nodes go to hardware, with one mixed-integer programme that knows gateways.
 
 Paper C leaves the placement of nodes to the developer and names an optimiser as future work (sections 5 and 7). The
-programme has x_n = 1 for a node in hardware, y_t = 1 for a topic at a gateway, h_t for a topic in hardware, and e_tn
-for an edge whose messages cross:
+programme has x_n = 1 for a node in hardware and y_t = 1 for a topic at a gateway. The variable h_t belongs to a topic
+in hardware, and e_tn to an edge whose messages cross:
 
     minimise    sum_n [ a_n (1 - x_n) + b_n x_n ] + sum_tn w_tn e_tn + sum_t g_t y_t
     subject to  e_tn >= x_n - h_t - y_t      for every edge of topic t at node n
@@ -11,8 +11,8 @@ for an edge whose messages cross:
                 x_n, y_t in {0, 1},  0 <= h_t <= 1,  e_tn >= 0
 
 The factors a_n and b_n are a node's seconds of work per second in software and in hardware. The factor w_tn is the
-cost of one carriage of a topic's messages across the memory interface, once per subscriber and once for all
-publishers together. The factor g_t is the cost of one carriage through a gateway. If x is whole, the best h and e are
+cost of one carriage of a topic's messages across the memory interface. A topic has one carriage per subscriber, and
+one carriage for all publishers together. The factor g_t is the cost of one carriage through a gateway. If x is whole, the best h and e are
 whole as well. Loads are sums; the module `sfglab.soc.memory` models how carriages wait for each other.
 """
 
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 # Times of one carriage across the memory interface, from its model: a delivery, a call to the delegate and a read of
 # the message, and at a gateway also the core's work. Cancels, and the time by which writes exceed reads, are left out.
 _CARRIAGE_S = STORED.delegate_s + STORED.deliver_s
-_CHUNK_BYTES = STORED.memory.chunk_bytes
-_BYTE_S = STORED.memory.read_s(_CHUNK_BYTES) / _CHUNK_BYTES + STORED.deliver_s_per_byte
+_CHUNK_BYTES = STORED.chunk_bytes
+_BYTE_S = STORED.read_s(_CHUNK_BYTES) / _CHUNK_BYTES + STORED.deliver_s_per_byte
 
 #: Look-up tables of a gateway, about as many as `tests/soc/test_rtl_yosys.py` counts.
 GATEWAY_LUT = 690

@@ -18,12 +18,12 @@ number in turn:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.soc.memory import STORED, with_values
+from sfglab.soc.memory import STORED
 from sfglab.soc.paper_values import STATED, stated_by_model
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _posterior(logs: Floats, kept: list[int], start: Floats) -> tuple[Floats, Fl
 
 def _log_numbers(constants: Floats) -> Floats:
     values = np.exp(constants).tolist()
-    costs = with_values(STORED, dict(zip(PRIORS, values, strict=True)))
+    costs = replace(STORED, **dict(zip(PRIORS, values, strict=True)))
     return np.log(stated_by_model(costs))
 
 

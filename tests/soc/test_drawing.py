@@ -5,7 +5,7 @@ from itertools import combinations, pairwise
 
 import networkx as nx
 import numpy as np
-from graph_strategies import FIGURE_8, HW, SW, chain, for_every_graph
+from graph_strategies import HW, SW, chain, for_every_graph
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
@@ -57,20 +57,12 @@ def test_a_picture_has_as_many_coloured_edges_as_cross_and_a_background_for_what
     assert sum(line.get_color() == LOGIC for line in ax.lines) == len(within)
 
 
-def test_three_pictures_with_one_legend_say_ten_eight_and_three():
-    figure = Figure(layout="constrained")
-    soc.draw_mapping(FIGURE_8, figure)
-    titles = [ax.get_title().split(": ") for ax in figure.axes]
-    assert [title for title, _ in titles] == list(soc.STAGES)
-    assert [int(edges.split()[0]) for _, edges in titles] == [10, 8, 3]
-    assert len(figure.legends) == 1
-
-
 def test_a_graph_of_fifty_nodes_fits_a_page_as_a_matrix():
     graph = chain(*[SW, HW] * 25, names=[f"perception_node_{i}" for i in range(50)])
     figure = Figure(layout="constrained")
     soc.draw_mapping(soc.map_communication(graph), figure)
     assert figure.get_size_inches()[0] < 12
+    assert [ax.get_title().split(": ")[0] for ax in figure.axes] == list(soc.STAGES)
     figure.savefig(BytesIO(), format="png")
     *_, ax = figure.axes
     assert len(ax.lines) == 2 * 49

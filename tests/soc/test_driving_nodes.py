@@ -9,7 +9,8 @@ import pytest
 
 from sfglab.soc.driving import Camera, nodes
 from sfglab.soc.driving.car import CarState, Drive, drive
-from sfglab.soc.driving.odometry import Pose, VisualOdometry, planar_motion
+from sfglab.soc.driving.odometry import VisualOdometry, planar_motion
+from sfglab.soc.driving.pose import Pose
 
 STRAIGHT = nodes.Lane(offset_m=0.0, slope=0.0, bend_per_m=0.0)
 RED, GREEN = nodes.Colour
@@ -39,14 +40,6 @@ def test_compensation_removes_outliers_keeps_an_edge_and_uses_all_levels():
     clean = nodes.compensate(image)
     assert (clean[:, :160] == 0).all()
     assert (clean[:, 160:] == 255).all()
-
-
-def test_the_blur_spreads_a_pixel_and_keeps_its_sum():
-    image = grey_image(0)
-    image[120, 160] = 250
-    blurred = nodes.blur(image)
-    assert blurred[120, 160, 0] < 60
-    assert int(blurred[..., 0].sum()) == pytest.approx(250, abs=15)
 
 
 # lane planner and polyfit: `test_driving_loop` has their answers in images of a town

@@ -23,15 +23,3 @@ def test_without_its_claim_step_a_transfer_waits_for_a_message_that_waits_for_th
     assert fault.last.hmt is not None
     assert any(step.startswith("hardware publisher") for step in fault.trace)
     assert State.CLAIM not in found.visited
-
-
-@pytest.mark.parametrize(
-    ("bound", "stuck"),
-    [
-        (Bound(port_messages=1, echoes=False), True),  # hardware sends two
-        (Bound(port_messages=2, echoes=False), False),
-        (Bound(port_messages=4), False),  # and the core's own two messages
-    ],
-)
-def test_a_port_that_stores_every_message_that_hardware_may_send_needs_no_claim(bound, stuck):
-    assert (explore(bound, WITHOUT_CLAIM).counterexample is not None) is stuck

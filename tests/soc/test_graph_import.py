@@ -6,7 +6,6 @@ import pytest
 from graph_strategies import GRAPHS
 
 from sfglab import soc
-from sfglab.documents import Document
 from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message
 from sfglab.record import LogReader, LogWriter
@@ -37,7 +36,6 @@ def test_a_log_gives_topics_with_types_sizes_and_rates(tmp_path):
     )
     assert found.graph.topic("/a") == topic
     assert (found.left_out, found.graph.name) == ({}, "run.mcap")
-    assert Document(soc.graph_text(found.graph), "g.yaml").read(soc.Graph) == found.graph
 
 
 def test_a_record_of_the_graph_gives_the_nodes_too_and_leaves_out_topics_without_publisher(

@@ -43,7 +43,7 @@ def test_the_last_of_several_nodes_ends_with_the_busy_period_whatever_the_turns(
 def test_mean_places_stand_for_all_orders_of_deliveries(hardware, software, size):
     found = transfer_times(setup(SW, TopicMapping.SOFTWARE, size, hardware, software))
     orders = itertools.combinations(range(1, hardware + software + 1), hardware)
-    each_s, read_s = STORED.delivery_s(size), STORED.memory.read_s(size)
+    each_s, read_s = STORED.delivery_s(size), STORED.read_s(size)
     exact_s = fmean(shared_s([place * each_s for place in order], read_s) for order in orders)
     fixed_s = STORED.published_s(size) + STORED.delegate_s + STORED.endpoint_s
     # Without a software subscriber there is only one order of places.

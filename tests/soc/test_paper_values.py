@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from sfglab.lab.paper import paper
-from sfglab.soc.memory import FITTED, STORED, Costs, MemoryInterface, with_values
+from sfglab.soc.memory import FITTED, STORED, Costs
 from sfglab.soc.paper_values import (
     MESSAGE_BYTES,
     STATED,
@@ -20,8 +20,8 @@ from sfglab.soc.paper_values import (
 PAPER = np.array([paper(stated.claim, stated.number) for stated in STATED])
 
 
-class CutThrough(MemoryInterface):
-    """Memory interface with a gateway core that passes words on without storing a chunk."""
+class CutThrough(Costs):
+    """Costs of a gateway core that passes words on without storing a chunk."""
 
     @property
     def memory_to_stream_cycles(self):
@@ -32,8 +32,8 @@ class CutThrough(MemoryInterface):
         return self.write_cycles
 
 
-CUT_THROUGH = Costs(
-    memory=CutThrough(write_latency_cycles=51.554),
+CUT_THROUGH = CutThrough(
+    write_latency_cycles=51.554,
     publish_s_per_byte=3.6766e-9,
     deliver_s=63.289e-6,
     deliver_s_per_byte=0.0477e-9,
@@ -48,15 +48,14 @@ def worst(costs):
 
 
 def fitted_values(costs):
-    values = [getattr(costs.memory, FITTED[0])]
-    return np.array(values + [getattr(costs, name) for name in FITTED[1:]])
+    return np.array([getattr(costs, name) for name in FITTED])
 
 
 def refit(costs, factors=1.0):
     """Fit the constants of `FITTED` to the paper's numbers, from other starts by factors."""
 
     def costs_of(logs):
-        return with_values(costs, dict(zip(FITTED, np.exp(logs).tolist(), strict=True)))
+        return replace(costs, **dict(zip(FITTED, np.exp(logs).tolist(), strict=True)))
 
     def errors(logs):
         return np.log(stated_by_model(costs_of(logs)) / PAPER)
@@ -82,7 +81,7 @@ def test_a_fit_from_other_starts_ends_at_the_committed_constants(costs):
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_of_the_assumed_constants_only_a_short_read_latency_cannot_be_fitted(factor):
-    latency = with_values(STORED, {"read_latency_cycles": 30 * factor})
+    latency = replace(STORED, read_latency_cycles=30 * factor)
     assert (worst(refit(latency)) > 0.10) == (factor < 1)
     for name in ("delegate_s", "publish_s"):
         other = replace(STORED, **{name: factor * getattr(STORED, name)})

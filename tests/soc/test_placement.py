@@ -90,7 +90,7 @@ def test_the_load_is_the_sum_of_work_and_of_carriages_at_the_memory_interface_s_
     nodes = tuple(replace(node, **work) for node in graph.nodes)
     mappings = {"ab": mapping, "bc": soc.TopicMapping.HARDWARE}
     load = soc.assess(replace(graph, nodes=nodes).with_mappings(mappings))
-    one_s = STORED.delegate_s + STORED.delivery_s(1_000_000) + STORED.memory.read_s(1_000_000)
+    one_s = STORED.delegate_s + STORED.delivery_s(1_000_000) + STORED.read_s(1_000_000)
     assert (load.software_s, load.hardware_s) == (2.0, 2 * 0.5)
     assert (load.lut, load.bram) == (2 * 7 + lut, 2 * 1.5)
     assert load.communication_s == pytest.approx(10 * (one_s + extra_s), rel=1e-3)

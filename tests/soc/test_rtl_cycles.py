@@ -36,14 +36,6 @@ def test_hardware_takes_the_cycles_of_the_memory_model_and_one_for_a_publisher_s
         assert model.cycles(message_bytes) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("path", rtl.MemoryPath)
-def test_an_incomplete_last_chunk_takes_less_than_a_whole_one(path):
-    model = rtl.cycle_model(path, 2)
-    for more_bytes in (8, 232):
-        cycles = rtl.simulated_cycles(path, 2, SIZE + more_bytes)
-        assert model.cycles(SIZE) < cycles < model.cycles(SIZE + 256)
-
-
 @settings(max_examples=8, deadline=None)
 @given(st.lists(st.integers(0, 500), min_size=1, max_size=5), st.integers(1, 3), st.integers(0, 20))
 def test_each_reader_ends_in_the_model_s_cycle_whenever_it_starts(starts, chunks, latency):

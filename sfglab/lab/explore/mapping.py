@@ -41,7 +41,7 @@ _OTHER = {Placement.SOFTWARE: Placement.HARDWARE, Placement.HARDWARE: Placement.
 
 
 class PressedMapping(Pressed):
-    """A mapped graph as a picture that answers clicks.
+    """A mapped ROS graph with round nodes, angular topics and transfer times; a click moves a node or a topic.
 
     A click moves a node to the other side, and the paper's three cases then map the topics. A click on a topic
     moves it from software to a gateway, to hardware and back. Each subscription is labelled with the time that

@@ -163,7 +163,7 @@ class Moment:
 
 
 class Automaton(Pressed):
-    """A machine to press: edges give their inputs, states put the machine there.
+    """A state machine with states as boxes and inputs as arrows; a click gives an input or sets the state.
 
     Args:
         name: What the machine stands for, in messages.

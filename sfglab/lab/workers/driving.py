@@ -27,7 +27,7 @@ from sfglab.component import Orders, Reporter, beside, run_component
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
 from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Camera, Stack, run_lap
 from sfglab.soc.driving.nodes import Lane, blur, compensate, fit_lane, lane_mask
-from sfglab.soc.driving.odometry import Pose
+from sfglab.soc.driving.pose import Pose
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sfglab.soc.driving.pose import Pose
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -87,12 +89,9 @@ class Drive:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CarState:
-    """A `CarState` has the pose of the rear axle in the town's frame, the speed and the steering angle."""
+class CarState(Pose):
+    """A `CarState` is the pose of the rear axle in the town's frame, with the speed and the steering angle."""
 
-    x_m: float = 0.0  #: East.
-    y_m: float = 0.0  #: North.
-    yaw_rad: float = 0.0  #: Heading, counterclockwise from east.
     speed_mps: float = 0.0  #: Forward speed.
     steer_rad: float = 0.0  #: Angle of the front wheels, positive to the left.
 

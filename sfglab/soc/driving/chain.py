@@ -5,7 +5,7 @@ have the same mapping in both cases. The paper draws the chain as a red dotted l
 chain's members, so `CHAIN` is our reading of the figure. This module leaves out the execution times of nodes.
 
 The model's time of a frame depends only on the order in which a software-mapped topic A serves its subscribers. The
-order decides which subscribers share the memory interface. A gateway serves all hardware subscribers at once.
+order of delivery decides which subscribers share the memory interface. A gateway serves all hardware subscribers at once.
 """
 
 from __future__ import annotations
@@ -78,10 +78,9 @@ class Chain:
 
     def read_s(self, order: Order) -> dict[str, float]:
         """Return the time from the publication until each hardware subscriber of A has read the message, s."""
-        memory = STORED.memory
         topic = self._shared
         size_bytes = message_bytes(topic)
-        written_s = STORED.endpoint_s + memory.write_s(size_bytes) + STORED.delegate_s
+        written_s = STORED.endpoint_s + STORED.write_s(size_bytes) + STORED.delegate_s
         published_s = written_s + STORED.published_s(size_bytes)
         # The ports of the memory interface have the order of the graph.
         readers = [name for name in topic.subscribers if name in self.graph.hardware_nodes]
@@ -90,6 +89,6 @@ class Chain:
             deliveries = order.index(name) + 1
             delivered_s = published_s + deliveries * STORED.delivery_s(size_bytes)
             releases_s.append(delivered_s + STORED.delegate_s)
-        chunks = memory.chunks(size_bytes)
-        ends_s = round_robin_s(releases_s, chunks, memory.read_s(size_bytes) / chunks)
+        chunks = STORED.chunks(size_bytes)
+        ends_s = round_robin_s(releases_s, chunks, STORED.read_s(size_bytes) / chunks)
         return {name: s + STORED.endpoint_s for name, s in zip(readers, ends_s, strict=True)}

@@ -23,7 +23,6 @@ _STOP_M = 2.0  #: Largest distance to the line at which a standing car has stopp
 class Verdict:
     """A `Verdict` is the result of a lap."""
 
-    completed: bool  #: Whether the car completed the lap.
     red_lights_obeyed: int  #: Number of red lights that the car stopped at and did not run.
     red_lights_run: int  #: Number of stop lines that the car crossed at red.
     largest_lateral_m: float  #: Largest distance of the rear axle from the lane's middle.
@@ -103,7 +102,6 @@ class Judge:
         obeyed = len(self._stopped - self._run)
         lawful = not self._run and obeyed >= self._red_lights
         return Verdict(
-            completed=self._completed,
             red_lights_obeyed=obeyed,
             red_lights_run=len(self._run),
             largest_lateral_m=self._largest_m,

@@ -26,7 +26,7 @@ from sfglab.soc.driving.nodes import (
     fit_lane,
     lane_mask,
 )
-from sfglab.soc.driving.odometry import Pose, VisualOdometry
+from sfglab.soc.driving.odometry import VisualOdometry
 from sfglab.soc.driving.scene import Scene
 from sfglab.soc.driving.town import Road, Signals, make_town
 
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+    from sfglab.soc.driving.pose import Pose
 
     Image = NDArray[np.uint8]
 
@@ -122,7 +124,7 @@ def run_lap(
     timeout_s: float = 150.0,
     watch: Callable[[Moment], None] | None = None,
 ) -> Lap:
-    """Drive one lap.
+    """Drive one lap of a car round a town.
 
     A command takes effect one frame after its image, because a real node chain takes about one frame. The car moves
     at most 6 cm per frame.
@@ -165,12 +167,11 @@ def run_lap(
 
 def _start(lane: Road, rng: np.random.Generator) -> CarState:
     """Return the state of a standing car near the lane's first point."""
-    x_m, y_m, yaw_rad = lane.at(0.0, float(rng.uniform(-_START_OFFSET, _START_OFFSET)))
+    place = lane.at(0.0, float(rng.uniform(-_START_OFFSET, _START_OFFSET)))
     yaw_error = float(rng.uniform(-_START_OFFSET, _START_OFFSET))
-    return CarState(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad + yaw_error)
+    return CarState(x_m=place.x_m, y_m=place.y_m, yaw_rad=place.yaw_rad + yaw_error)
 
 
 def _odometry_error_m(start: CarState, end: CarState, pose: Pose) -> float:
-    origin = Pose(x_m=start.x_m, y_m=start.y_m, yaw_rad=start.yaw_rad)
-    x_m, y_m = origin.to_parent(pose.x_m, pose.y_m)
+    x_m, y_m = start.to_parent(pose.x_m, pose.y_m)
     return math.hypot(x_m - end.x_m, y_m - end.y_m)

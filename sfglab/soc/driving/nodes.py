@@ -4,7 +4,7 @@ Compensation and Gaussian blur reduce the noise of an image. The lane planner ma
 transforms the mask into a bird's-eye view. Polyfit fits a parabola to the mask by least squares. If the red-light
 detection finds a light, the car stops and the green-light detection becomes active. If the green-light detection
 finds a light, the car drives and the red-light detection becomes active. Lane control is pure pursuit
-(R. Coulter, 1992).
+(Coulter, 1992).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.soc.driving.car import Camera
-    from sfglab.soc.driving.odometry import Pose
+    from sfglab.soc.driving.pose import Pose, T
 
     Image = NDArray[np.uint8]
     Floats = NDArray[np.float64]
@@ -123,15 +123,15 @@ class Lane:
     slope: float  #: Slope at x = 0.
     bend_per_m: float  #: Quadratic coefficient.
 
-    def y_m(self, x_m: float) -> float:
-        """Return the lateral position of the lane's middle at a distance ahead."""
+    def y_m(self, x_m: T) -> T:
+        """Return the lateral position of the lane's middle at a distance ahead, or at several distances."""
         return self.offset_m + self.slope * x_m + self.bend_per_m * x_m * x_m
 
 
 def fit_lane(mask: Image) -> Lane | None:
     """Fit the middle of the lane between its yellow line (left) and white line (paper C: Polyfit).
 
-    The function knows the width of the lane. The function moves the pixels of both lines by half a lane, so that
+    The function `fit_lane` knows the width of the lane. The function moves the pixels of both lines by half a lane, so that
     all pixels belong to one parabola. A first fit to one colour selects the pixels of the lane, because the image
     also shows white lines beyond the lane and across the lane.
 
@@ -161,8 +161,7 @@ def _points(mask: NDArray[np.bool_]) -> Floats:
 
 def _near(points: Floats, lane: Lane) -> Floats:
     x, y = points.T
-    expected = lane.offset_m + lane.slope * x + lane.bend_per_m * x * x
-    return np.asarray(points[np.abs(expected - y) < _GATE_M], np.float64)
+    return np.asarray(points[np.abs(lane.y_m(x) - y) < _GATE_M], np.float64)
 
 
 def _parabola(points: Floats) -> Lane | None:
@@ -191,8 +190,8 @@ _ROUND = 0.6  #: Least share of its enclosing circle that a lamp covers: a disc 
 _RADII = {Colour.RED: (0.024, 0.045), Colour.GREEN: (0.014, 0.1)}
 """`_RADII` has the smallest and largest radius of a lamp that concerns the car, relative to the image width.
 
-A red lamp of 6 cm concerns the car at a distance from 1.95 m, where the car has to brake, to 1.04 m, where the car can
-last stop with the lamp in view. A green lamp concerns the car at all near distances.
+A red lamp of 6 cm concerns the car at distances from 1.95 m to 1.04 m. At 1.95 m the car has to brake. At 1.04 m the
+car can last stop with the lamp in view. A green lamp concerns the car at all near distances.
 """
 
 

@@ -1,6 +1,6 @@
 """This module has the visual odometry, which is the software subscriber of topic A.
 
-The odometry matches ORB features (E. Rublee et al., 2011) of the ground ahead between a frame and the last keyframe.
+The odometry matches ORB features (Rublee et al., 2011) of the ground ahead between a frame and the last keyframe.
 The motion of the matched features gives the car's planar motion in metres, because the camera's height is known.
 The paper runs ORB-SLAM 3, which creates a map, in place of this odometry. The odometry builds no map and closes no
 loop, so the pose of the odometry drifts. The odometry does not know the car's commands and the town.
@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+
+from sfglab.soc.driving.pose import Pose
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,35 +34,6 @@ _INLIER_M = 0.02  #: Largest distance of a match from the common motion.
 _MIN_MATCHES = 8
 _KEYFRAME_M = 0.15  #: Distance to the last keyframe that starts the next one.
 _KEYFRAME_RAD = 0.08  #: Turn since the last keyframe that starts the next one.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pose:
-    """A `Pose` is a planar pose relative to a parent frame."""
-
-    x_m: float = 0.0  #: Position along the parent's x axis.
-    y_m: float = 0.0  #: Position along the parent's y axis.
-    yaw_rad: float = 0.0  #: Heading relative to the parent.
-
-    def to_parent(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return the coordinates of a point of the pose's frame in the parent frame."""
-        cos = math.cos(self.yaw_rad)
-        sin = math.sin(self.yaw_rad)
-        return self.x_m + cos * x_m - sin * y_m, self.y_m + sin * x_m + cos * y_m
-
-    def from_parent(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return the coordinates of a point of the parent frame in the pose's frame."""
-        cos = math.cos(self.yaw_rad)
-        sin = math.sin(self.yaw_rad)
-        x = x_m - self.x_m
-        y = y_m - self.y_m
-        return cos * x + sin * y, cos * y - sin * x
-
-    def then(self, motion: Pose) -> Pose:
-        """Return the pose after a motion; the motion is relative to the present pose."""
-        x_m, y_m = self.to_parent(motion.x_m, motion.y_m)
-        yaw_rad = math.remainder(self.yaw_rad + motion.yaw_rad, math.tau)
-        return Pose(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
 
 
 def planar_motion(before_xy: Floats, now_xy: Floats) -> Pose | None:

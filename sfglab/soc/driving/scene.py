@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.soc.driving.car import Camera, CarState
+    from sfglab.soc.driving.pose import Pose
 
     Bgr = tuple[int, int, int]
     Image = NDArray[np.uint8]
@@ -53,7 +54,13 @@ def ground_image(town: Town, rng: np.random.Generator) -> Image:
     for light in town.lights:
         right = town.lane.at(light.stop_m, -0.4 * LANE_M)
         left = town.lane.at(light.stop_m, 0.4 * LANE_M)
-        _draw_line(ground, np.array([right[:2], left[:2]]), _WHITE, LINE_M, closed=False)
+        _draw_line(
+            ground,
+            np.array([[right.x_m, right.y_m], [left.x_m, left.y_m]]),
+            _WHITE,
+            LINE_M,
+            closed=False,
+        )
     return ground
 
 
@@ -103,10 +110,9 @@ class Scene:
     def __init__(self, town: Town, camera: Camera, rng: np.random.Generator) -> None:
         self._camera = camera
         self._ground = ground_image(town, rng)
-        poles = [
+        self._lights = [
             town.lane.at(light.stop_m + _POLE_AHEAD_M, -_POLE_RIGHT_M) for light in town.lights
         ]
-        self._lights = np.array(poles)  # x, y and heading of the lane
         shape = (camera.height, camera.width, 3)
         self._noises = [
             rng.normal(0, _NOISE_LEVELS, shape).astype(np.float32) for _ in range(_NOISES)
@@ -123,8 +129,10 @@ class Scene:
             now_s: Time in the town; the exposure drifts with time.
         """
         image = self._ground_image(car)
-        distances_m = np.hypot(self._lights[:, 0] - car.x_m, self._lights[:, 1] - car.y_m)
-        for i in np.argsort(-distances_m):  # nearer lights hide farther ones
+        distances_m = [
+            math.dist((light.x_m, light.y_m), (car.x_m, car.y_m)) for light in self._lights
+        ]
+        for i in np.argsort(distances_m)[::-1]:  # nearer lights hide farther ones
             self._draw_light(image, car, self._lights[i], red=red[i])
         return self._exposed(image, now_s)
 
@@ -148,17 +156,16 @@ class Scene:
         )
         return image
 
-    def _draw_light(self, image: Image, car: CarState, light: Floats, *, red: bool) -> None:
+    def _draw_light(self, image: Image, car: CarState, light: Pose, *, red: bool) -> None:
         """Draw a traffic light, which shows its lamps only to the traffic of its lane."""
         for half, bottom, top, bgr in _BOXES:
             corners = [(half, bottom), (-half, bottom), (-half, top), (half, top)]
             pixels, depths = self._projected(car, light, corners)
             if depths.min() > _NEAR_M:
                 cv2.fillConvexPoly(image, np.rint(pixels).astype(np.int32), bgr)
-        x, y, heading = light
-        is_behind = (car.x_m - x) * math.cos(heading) + (car.y_m - y) * math.sin(heading) >= 0
-        if is_behind:
-            return
+        ahead_m, _ = light.from_parent(car.x_m, car.y_m)
+        if ahead_m >= 0:
+            return  # the car is behind the light
         pixels, depths = self._projected(car, light, [(0.0, _RED_Z_M), (0.0, _GREEN_Z_M)])
         colors = (_RED_LIT, _UNLIT) if red else (_UNLIT, _GREEN_LIT)
         fixed = np.rint(pixels).astype(int) << _SHIFT
@@ -168,17 +175,12 @@ class Scene:
                 cv2.circle(image, middle, radius, bgr, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
     def _projected(
-        self, car: CarState, light: Floats, points: Sequence[tuple[float, float]]
+        self, car: CarState, light: Pose, points: Sequence[tuple[float, float]]
     ) -> tuple[Floats, Floats]:
         """Return pixels (n, 2) and depths (n,), m, of points that lie left of a light and above the ground, m."""
         left, up = np.transpose(points)
-        x, y, heading = light
-        east = x - left * math.sin(heading) - car.x_m
-        north = y + left * math.cos(heading) - car.y_m
-        cos = math.cos(car.yaw_rad)
-        sin = math.sin(car.yaw_rad)
-        points_xyz = np.column_stack([cos * east + sin * north, cos * north - sin * east, up])
-        pixels, depths = self._camera.project(points_xyz)
+        from_car = car.from_parent(*light.to_parent(np.zeros_like(left), left))
+        pixels, depths = self._camera.project(np.column_stack([*from_car, up]))
         return np.clip(pixels, -8000, 8000), depths  # OpenCV draws in 16 bits
 
     def _exposed(self, image: Image, now_s: float) -> Image:

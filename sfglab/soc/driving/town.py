@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sfglab.soc.driving.pose import Pose
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -62,13 +64,16 @@ class Road:
         normals_xy = np.column_stack([-self.tangents_xy[:, 1], self.tangents_xy[:, 0]])
         return np.asarray(self.points_xy + left_m * normals_xy, np.float64)
 
-    def at(self, along_m: float, left_m: float = 0.0) -> tuple[float, float, float]:
-        """Return x (m), y (m) and heading (rad) of a place on the line or beside the line."""
+    def at(self, along_m: float, left_m: float = 0.0) -> Pose:
+        """Return the pose of a place on the line or beside the line, in the direction of travel."""
         i = round(along_m / self.length_m * len(self.points_xy)) % len(self.points_xy)
         x, y = self.points_xy[i]
         tangent_x, tangent_y = self.tangents_xy[i]
-        heading = math.atan2(tangent_y, tangent_x)
-        return float(x - left_m * tangent_y), float(y + left_m * tangent_x), heading
+        return Pose(
+            x_m=float(x - left_m * tangent_y),
+            y_m=float(y + left_m * tangent_x),
+            yaw_rad=math.atan2(tangent_y, tangent_x),
+        )
 
     def place(self, x_m: float, y_m: float) -> Place:
         """Return the place of a point relative to the tangent at the line's nearest point."""

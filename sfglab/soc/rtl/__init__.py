@@ -1,6 +1,6 @@
 """This package has the gateway of paper C, section 3, as hardware in Amaranth (ReconROS' 64-bit template).
 
-The package needs the extra `rtl`. The package has these modules:
+The package `sfglab.soc.rtl` needs the extra `rtl`. The package has these modules:
 
 - The module `core` has the gateway and generates the gateway's control from the core's table (`sfglab.soc.gateway`).
 - The module `mover` has the gateway's data path.

@@ -100,12 +100,12 @@ class Gateway(Elaboratable):
     @property
     def wires(self) -> list[Any]:
         """Return the ports of the exported Verilog module."""
-        calls = [self.call_valid, self.call_ready, self.call]
-        answers = [self.answer_valid, self.answer_ready, self.answer]
-        given = [self.own_smt, self.own_hmt, self.words, self.answer_address, self.answer_publisher]
+        held = self._held_publisher
+        own = [
+            wire for wire in vars(self).values() if isinstance(wire, Signal) and wire is not held
+        ]
         streams = [wire for stream in (self.node, *self.ports) for wire in stream.wires]
-        memory = vars(self.mover.master.port).values()
-        return [*calls, *answers, *given, *streams, *memory]
+        return [*own, *streams, *vars(self.mover.master.port).values()]
 
     def elaborate(self, _platform: object) -> Any:
         """Return the logic of the gateway as a module of Amaranth."""

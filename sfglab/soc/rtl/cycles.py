@@ -6,7 +6,7 @@ of cycles. Therefore a cycle model through two small simulated messages also hol
 simulate.
 
 The simulated hardware and the memory model (`sfglab.soc.memory`) have the same control cycles and latencies. The
-agreement of hardware and model shows that the model adds up the cycles correctly. The agreement does not show that
+agreement of hardware and model shows that the model adds up the cycles correctly. The agreement of hardware and model does not show that
 another implementation takes the same number of cycles.
 """
 

@@ -6,7 +6,7 @@ one chunk of at most 32 words, and requests do not overlap. A request takes four
 ReconROS' memory controller: grant, command, address, and completion after the words.
 
 ReconROS' arbiter serves waiting masters in turn, one request per master. Our arbiter grants within one of the four
-control cycles, so that the arbiter takes no cycle of its own. Each further cycle would add 1.5 % to a read.
+control cycles, so that the arbiter takes no cycle of its own. Each further control cycle would add 1.5 % to the time of a read.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
 """This module has the hardware-mapped topic (HMT): streams, a broadcast to all subscribers, and an arbiter.
 
-A stream carries the publisher's ID of a message, then the message's words. One message at a time occupies the topic. A
+A stream carries the publisher's ID of a message, then the message's words. One message at a time occupies the HMT. A
 word has passed when all ports have taken the word. After the last word the topic has no word of the message any more.
 """
 

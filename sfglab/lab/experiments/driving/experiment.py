@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+import pandas as pd
 
 from sfglab.bus.address import BusAddress
 from sfglab.lab.bench import TableRow
@@ -160,7 +161,7 @@ class DrivingChainRow(TableRow):
 
 
 @exp.sweep("chain", over=lambda c: [c.chain], seeds=lambda c: [c.seed], workers=Workers(count=1))
-def time_chain(point: DrivePoint, seed: int) -> tuple[dict[str, Any], ...]:
+def time_chain(point: DrivePoint, seed: int) -> tuple[dict[Any, Any], ...]:
     """Drive with images of the graph's size, and return the chain of each frame.
 
     The seed is that of the town and of the orders in which topic A is delivered.
@@ -169,15 +170,12 @@ def time_chain(point: DrivePoint, seed: int) -> tuple[dict[str, Any], ...]:
     with _one_thread():
         run_lap(seed, stack=stack, timeout_s=point.limit_s)
     chain = load_chain()
+    times_ns = {f"{node}_ns": stack.times_ns[node] for node in CHAIN}
     frames = len(stack.times_ns[CHAIN[0]])
-    drawn = np.random.default_rng((seed, 1)).integers(0, len(chain.orders), frames)
-    rows = []
-    for frame, index in enumerate(drawn):
-        row: dict[str, Any] = {f"{node}_ns": stack.times_ns[node][frame] for node in CHAIN}
-        row["smt_s"] = chain.software_s[chain.orders[index]]
-        row["gateway_s"] = chain.gateway_s
-        rows.append(row)
-    return tuple(rows)
+    sampled = np.random.default_rng((seed, 1)).integers(0, len(chain.orders), frames)
+    smt_s = [chain.software_s[chain.orders[index]] for index in sampled]
+    table = pd.DataFrame({**times_ns, "smt_s": smt_s, "gateway_s": chain.gateway_s})
+    return tuple(table.to_dict("records"))
 
 
 def load_chain() -> Chain:
@@ -228,7 +226,8 @@ def log_lap(bench: Bench[Config]) -> None:
     """Drive the first lap again, and write its town, its track and its messages."""
     config = bench.config
     town = make_town(np.random.default_rng(config.seed))
-    lights = [town.lane.at(light.stop_m) for light in town.lights]
+    lines = [town.lane.at(light.stop_m) for light in town.lights]
+    lights = [(line.x_m, line.y_m, line.yaw_rad) for line in lines]
     bench.metadata("town", {"road": town.road.points_xy[::4].tolist(), "lights": lights})
     recorder = Recorder(bench)
     run_lap(config.seed, timeout_s=config.lap.limit_s, watch=recorder.record)

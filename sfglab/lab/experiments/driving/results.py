@@ -89,15 +89,18 @@ def chain_ms(run: Run[Config], source: str = ASSUMED) -> dict[str, Floats]:
 
 
 def chain_table(run: Run[Config]) -> pd.DataFrame:
-    """Return mean and standard deviation of the chain's time by source and mapping of A, ms."""
-    rows = []
+    """Return the chain's mean time with its 95 % interval, and the standard deviation, by source and mapping, ms."""
+    rows: list[tuple[Any, ...]] = []
     for source in (ASSUMED, MEASURED, LIVE):
         for mapping, times in chain_ms(run, source).items():
-            rows.append((source, mapping, times.mean(), times.std(ddof=1)))
+            mean = bootstrap([times], lambda drawn: float(drawn[0].mean()), unit="ms")
+            rows.append((source, mapping, mean.value, mean.low, mean.high, times.std(ddof=1)))
     for mapping in MAPPINGS:
-        mean = paper("C-DRIVE", f"{mapping}, mean (ms)")
-        rows.append((PAPER, mapping, mean, paper("C-DRIVE-DEV", f"{mapping}, deviation (ms)")))
-    return pd.DataFrame(rows, columns=["source", "topic A", "mean (ms)", "deviation (ms)"])
+        stated = paper("C-DRIVE", f"{mapping}, mean (ms)")
+        deviation = paper("C-DRIVE-DEV", f"{mapping}, deviation (ms)")
+        rows.append((PAPER, mapping, stated, None, None, deviation))
+    columns = ["source", "topic A", "mean (ms)", "low", "high", "deviation (ms)"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def part_table(run: Run[Config]) -> pd.DataFrame:
@@ -178,7 +181,7 @@ def orders_less(times: Sequence[Floats] | Floats) -> float:
 
 @exp.figure("driving_chain", size=(7, 4.3))
 def draw_chain(figure: Figure, run: Run[Config]) -> None:
-    """Draw mean and standard deviation of the chain's time by source."""
+    """Draw mean and standard deviation of the chain's time with and without a gateway, by model, live and paper."""
     axes = figure.subplots()
     table = chain_table(run)
     sources = table["source"].unique()
@@ -201,24 +204,15 @@ def draw_chain(figure: Figure, run: Run[Config]) -> None:
 
 
 @derived
-def stops(run: Run[Config]) -> pd.DataFrame:
-    """Return the stops of the logged lap that take 1 s or more: ``t_s``, ``end_s``, ``x_m``, ``y_m``."""
+def stopped(run: Run[Config]) -> pd.DataFrame:
+    """Return the rows of the track in which the car stands, after its start."""
     track = run["track"]
-    standing = track["speed_mps"] < STANDING_MPS
-    number = (standing != standing.shift()).cumsum()
-    found = (
-        track[standing]
-        .groupby(number[standing])
-        .agg(
-            t_s=("t_s", "first"), end_s=("t_s", "last"), x_m=("x_m", "first"), y_m=("y_m", "first")
-        )
-    )
-    return found[(found["end_s"] - found["t_s"] >= 1.0) & (found["t_s"] > 1.0)]
+    return track[(track["speed_mps"] < STANDING_MPS) & (track["t_s"] > 1.0)]
 
 
 @exp.figure("driving_lap", size=(10, 4.6))
 def draw_lap(figure: Figure, run: Run[Config]) -> None:
-    """Draw one lap: town and track, and the camera image at the first stop."""
+    """Draw one lap: the road, the track and the stops from above, and the camera image at the first stop."""
     left, right = figure.subplots(1, 2)
     _draw_map(left, run)
     _draw_first_stop(right, run)
@@ -234,9 +228,9 @@ def draw_lap(figure: Figure, run: Run[Config]) -> None:
 def _draw_first_stop(axes: Axes, run: Run[Config]) -> None:
     """Draw the camera image at the first stop, without one the first image."""
     images = list(run.messages(IMAGE_TOPIC))
-    stop_ns = stops(run)["t_s"].min() * NS_PER_S
-    stopped = [image for image in images if image.log_time_ns >= stop_ns]
-    image = (stopped or images)[0]
+    stop_ns = stopped(run)["t_s"].min() * NS_PER_S
+    later = [image for image in images if image.log_time_ns >= stop_ns]
+    image = (later or images)[0]
     bgr = cv2.imdecode(image.message.data, cv2.IMREAD_COLOR)
     axes.imshow(np.asarray(bgr)[:, :, ::-1])
     axes.set_axis_off()
@@ -252,6 +246,6 @@ def _draw_map(axes: Axes, run: Run[Config]) -> None:
     lights = np.array(town["lights"])
     axes.plot(track["x_m"], track["y_m"], color=COLORS["proxy"], label="track")
     axes.plot(lights[:, 0], lights[:, 1], "s", color="black", mfc="white", label="stop line")
-    axes.plot(stops(run)["x_m"], stops(run)["y_m"], "o", color=_RED, label="stop of the car")
+    axes.plot(stopped(run)["x_m"], stopped(run)["y_m"], "o", color=_RED, label="stop of the car")
     axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)")
     axes.legend(fontsize=8, loc="center")

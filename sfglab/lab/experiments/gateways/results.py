@@ -80,7 +80,7 @@ def edges_left(run: Run[Config]) -> Finding:
 
 @exp.figure("gateway_core", size=(10, 5.4))
 def draw_gateway(figure: Figure, run: Run[Config]) -> None:
-    """Draw the state machine of the gateway core (Fig. 4) from its transition table."""
+    """Draw the states of the gateway core (Fig. 4) as boxes and its transitions as arrows, polling in the middle."""
     found = run["exploration"]
     violations = (found["violation"] != "").sum()
     draw_core(figure.subplots())

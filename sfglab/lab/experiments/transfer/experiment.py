@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.fields import to_json
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.soc.memory import STORED, Costs, MemoryInterface
+from sfglab.soc.memory import STORED, Costs
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, speed_ups
 
 if TYPE_CHECKING:
@@ -65,14 +65,14 @@ exp = Experiment(
         Actor("reader", "hardware side", "subscribes", count="2, 4 or 8"),
     ),
     links=(
-        Link("software", "subscriber", "messages", "socket"),
-        Link("software", "reader", "one copy for each", "socket", "software and hardware"),
-        Link("software", "gateway", "one copy", "socket", "software and hardware"),
-        Link("publisher", "reader", "messages", "shared memory"),
-        Link("publisher", "gateway", "messages", "shared memory"),
-        Link("gateway", "reader", "messages", "shared memory"),
-        Link("gateway", "software", "one copy", "socket", "software and hardware"),
-        Link("publisher", "software", "messages", "socket", "software and hardware"),
+        Link("software", "subscriber", "both: one copy", "socket"),
+        Link("software", "reader", "SMT: one copy for each", "socket", "software and hardware"),
+        Link("software", "gateway", "gateway: one copy", "socket", "software and hardware"),
+        Link("publisher", "reader", "gateway: message", "shared memory"),
+        Link("publisher", "gateway", "gateway: message", "shared memory"),
+        Link("gateway", "reader", "gateway: message", "shared memory"),
+        Link("gateway", "software", "gateway: one copy", "socket", "software and hardware"),
+        Link("publisher", "software", "SMT: one copy", "socket", "software and hardware"),
     ),
     removed={
         "refits": {"quick": 20, "paper": 30},
@@ -165,13 +165,12 @@ def missing_tools() -> dict[str, str]:
     return {}
 
 
-def memory_in_hardware() -> MemoryInterface:
-    """Return the model's memory interface with whole latencies, as simulated hardware counts them."""
-    memory = STORED.memory
+def memory_in_hardware() -> Costs:
+    """Return the model with whole latencies, as simulated hardware counts them."""
     return replace(
-        memory,
-        read_latency_cycles=round(memory.read_latency_cycles),
-        write_latency_cycles=round(memory.write_latency_cycles),
+        STORED,
+        read_latency_cycles=round(STORED.read_latency_cycles),
+        write_latency_cycles=round(STORED.write_latency_cycles),
     )
 
 
@@ -198,7 +197,7 @@ def write_hardware(bench: Bench[Config]) -> None:
 
 def bars_with_cycles(count: int, chunk_cycles: Mapping[str, float]) -> list[dict[str, Any]]:
     """Return the bars of one number of subscribers with other cycles per chunk, by path."""
-    words = STORED.memory.data_cycles
+    words = STORED.data_cycles
     over_topic = _with_cycles(chunk_cycles[READS] / count, chunk_cycles[WRITE])
     # A gateway's core takes the cycles of the stream besides those of the memory.
     by_gateway = _with_cycles(chunk_cycles[OUT] - words, chunk_cycles[IN] - words)
@@ -212,11 +211,10 @@ def bars_with_cycles(count: int, chunk_cycles: Mapping[str, float]) -> list[dict
 
 def _with_cycles(read_cycles: float, write_cycles: float) -> Costs:
     """Return the model with other cycles per chunk; all except its words count as latency."""
-    words = STORED.memory.data_cycles
-    memory = replace(
-        STORED.memory,
+    words = STORED.data_cycles
+    return replace(
+        STORED,
         control_cycles=0.0,
         read_latency_cycles=read_cycles - words,
         write_latency_cycles=write_cycles - words,
     )
-    return replace(STORED, memory=memory)

@@ -51,11 +51,10 @@ class Cell:
 
 def cells_of(config: Config) -> list[Cell]:
     """Return all cells."""
-    cells = []
-    counts, sizes = config.live_subscribers, config.live_bytes
-    for side, count, size in product(("hardware", "software"), counts, sizes):
-        cells.append(Cell(publisher=side, message_bytes=size, subscribers=count))
-    return cells
+    bars = product(("hardware", "software"), config.live_subscribers, config.live_bytes)
+    return [
+        Cell(publisher=side, message_bytes=size, subscribers=count) for side, count, size in bars
+    ]
 
 
 class Crossing(ProcessGroup):

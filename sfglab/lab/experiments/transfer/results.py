@@ -6,6 +6,7 @@ speed-up is the transfer time over a software-mapped topic by that through a gat
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from sfglab.lab.figures import COLORS, bytes_axis, lines, note, paper_line
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import Estimate, exactly, paired_ratios
-from sfglab.soc.memory import FITTED, STORED, with_values
+from sfglab.soc.memory import FITTED, STORED
 from sfglab.soc.paper_values import MESSAGE_BYTES, STATED, SUBSCRIBERS, Panel, SpeedUp, speed_ups
 from sfglab.soc.prediction import predictions
 from sfglab.tables import field_rows
@@ -63,8 +64,8 @@ def bars(run: Run[Config], model: str = MODEL) -> pd.DataFrame:
 def ratios_of(run: Run[Config], panel: Panel, model: str = MODEL) -> dict[tuple[int, int], float]:
     """Return the speed-ups of a panel by message size and number of subscribers."""
     table = bars(run, model)
-    chosen = lines_of(table[table["panel"] == panel.value])
-    return {(bar.message_bytes, bar.subscribers): bar.ratio for bar in chosen}
+    chosen = table[table["panel"] == panel.value]
+    return {(bar.message_bytes, bar.subscribers): bar.ratio for bar in lines_of(chosen)}
 
 
 def by_size(table: pd.DataFrame, panel: Panel, value: str = "ratio") -> pd.DataFrame:
@@ -122,6 +123,7 @@ def stated(run: Run[Config]) -> pd.DataFrame:
             "panel": one.panel.value,
             "claim": one.claim,
             "unit": "times as slow" if one.slower else _FAST,
+            "bar": one.bar,
             "paper": number,
             "model": one.by(ratios_of(run, one.panel)),
             "predicted": prediction.value,
@@ -140,10 +142,7 @@ def worst_fit(run: Run[Config]) -> float:
 
 def constants() -> pd.DataFrame:
     """Return the constants of the memory model with their values, meanings and origins."""
-    rows = []
-    for values in (STORED.memory, STORED):
-        rows += [row for row in field_rows(values)[1:] if row[0] != "memory"]
-    return pd.DataFrame(rows, columns=["constant", "value", "meaning"])
+    return pd.DataFrame(field_rows(STORED)[1:], columns=["constant", "value", "meaning"])
 
 
 # --- Claims -----------------------------------------------------------------------------------
@@ -215,9 +214,8 @@ def evidence(run: Run[Config], panel: Panel, size: int, count: int) -> dict[str,
 
 def live_detail(run: Run[Config], panel: Panel, size: int, count: int) -> str:
     """Return the speed-up of a bar between processes with its interval."""
-    table = live_bars(run)
-    is_bar = (table["panel"] == panel.value) & (table["message_bytes"] == size)
-    found = lines_of(table[is_bar & (table["subscribers"] == count)])
+    place = f"panel == '{panel.value}' and message_bytes == {size} and subscribers == {count}"
+    found = lines_of(live_bars(run).query(place))
     if not found:
         return "this bar was not measured"
     [bar] = found
@@ -228,11 +226,11 @@ def live_detail(run: Run[Config], panel: Panel, size: int, count: int) -> str:
 # --- Figures ----------------------------------------------------------------------------------
 
 STYLES: dict[int, dict[str, Any]] = {
-    2: {"color": "0.62", "marker": "o", "linestyle": ":"},
-    4: {"color": "0.38", "marker": "s", "linestyle": "--"},
-    8: {"color": "0.1", "marker": "^", "linestyle": "-"},
+    2: {"color": "0.62", "marker": "o"},
+    4: {"color": "0.38", "marker": "s"},
+    8: {"color": "0.1", "marker": "^"},
 }
-"""Properties of lines by number of hardware subscribers; colours are left for the kinds of topic."""
+"""Properties of lines by number of hardware subscribers. Only the paper's numbers have dashed lines."""
 TOPICS = {
     "smt": ("software-mapped topic", COLORS["standard"]),
     "gateway": ("gateway", COLORS["proxy"]),
@@ -243,7 +241,7 @@ _RATIO_TICKS = (0.125, 0.25, 0.5, 1, 2, 4, 8, 16, 32)
 
 @exp.figure("transfer", size=(10, 6.2), measured=False)
 def draw_transfer(figure: Figure, run: Run[Config]) -> None:
-    """Draw the model's transfer times and speed-ups (Fig. 6, 7), with RTL and the paper's numbers."""
+    """Draw the model's transfer times and speed-ups over the message size (Fig. 6, 7), one column per panel."""
     for ratios, panel in draw_panels(figure, bars(run)):
         lines(ratios, by_size(bars(run), panel), STYLES, markersize=4)
         rtl = by_size(bars(run, RTL), panel)
@@ -276,13 +274,19 @@ def draw_stated(axes: Axes, panel: Panel) -> None:
 
 @exp.figure("transfer_live", size=(10, 6.2), when=lambda run: not run["crossing"].empty)
 def draw_live(figure: Figure, run: Run[Config]) -> None:
-    """Draw transfer times and speed-ups between processes, with the model's speed-ups as thin lines."""
+    """Draw measured transfer times and speed-ups between processes over the message size, one column per panel."""
     table = live_bars(run)
     for ratios, panel in draw_panels(figure, table):
-        for place, count in enumerate(sorted(set(table["subscribers"]))):
-            draw_intervals(ratios, table, panel, count, shift=1.15 ** (place - 1))
+        chosen = table[table["panel"] == panel.value]
+        for place, count in enumerate(sorted(set(chosen["subscribers"]))):
+            found = chosen[chosen["subscribers"] == count]
+            # The intervals of several numbers of subscribers are beside each other.
+            sizes = found["message_bytes"] * 1.15 ** (place - 1)
+            style = STYLES.get(count, {})
+            ratios.plot(sizes, found["ratio"], markersize=5, **style)
+            ratios.vlines(sizes, found["low"], found["high"], color=style.get("color"))
         model = by_size(table, panel, "model")
-        lines(ratios, model, STYLES, linestyle="-", marker="", linewidth=0.9, alpha=0.7)
+        lines(ratios, model, STYLES, linestyle=":", marker="")
     decided = table[(table["low"] > 1) | (table["high"] < 1)]
     same = (decided["ratio"] > 1) == (decided["model"] > 1)
     title = (
@@ -290,22 +294,7 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
         f"{same.sum()} of them in the model's direction"
     )
     figure.suptitle(title)
-    note(figure, "measured live, medians; error bars: 95 % CI; thin lines: speed-ups by the model")
-
-
-def draw_intervals(
-    axes: Axes, table: pd.DataFrame, panel: Panel, count: int, *, shift: float
-) -> None:
-    """Draw speed-ups with their intervals, shifted by a factor so that they do not overlap."""
-    chosen = table[(table["panel"] == panel.value) & (table["subscribers"] == count)]
-    below = chosen["ratio"] - chosen["low"]
-    above = chosen["high"] - chosen["ratio"]
-    # A median can lie on an end of its interval.
-    spread = np.clip([below, above], 0, None)
-    sizes = chosen["message_bytes"] * shift
-    axes.errorbar(
-        sizes, chosen["ratio"], yerr=spread, markersize=5, capsize=2, **STYLES.get(count, {})
-    )
+    note(figure, "measured live, medians; error bars: 95 % CI; dotted: speed-ups by the model")
 
 
 def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Panel]]:
@@ -348,7 +337,7 @@ def transfer_curves(
     *,
     message_bytes: Size = 1_000_000,
     subscribers: Count = 4,
-    read_latency_cycles: Cycles = STORED.memory.read_latency_cycles,
+    read_latency_cycles: Cycles = STORED.read_latency_cycles,
     delegate_us: Microseconds = _DELEGATE_US,
 ) -> pictures.Picture:
     """Return transfer times over message sizes, and the gateway's speed-up at one of them.
@@ -359,9 +348,8 @@ def transfer_curves(
         read_latency_cycles: Latency from a read request to its first word [cycles].
         delegate_us: Round trip to a delegate [µs].
     """
-    values = {"read_latency_cycles": read_latency_cycles, "delegate_s": delegate_us / 1e6}
     all_sizes = [*SIZES_BYTES, message_bytes]
-    costs = with_values(STORED, values)
+    costs = replace(STORED, read_latency_cycles=read_latency_cycles, delegate_s=delegate_us / 1e6)
     computed = speed_ups(costs, subscribers=[subscribers], sizes_bytes=all_sizes)
     panels = [_curves(panel, computed) for panel in Panel]
     said = (
