@@ -157,7 +157,7 @@ def _search(found: _Found, bound: Bound, table: Table, limit: int) -> Counterexa
             found.predecessors[step.after].append(world)
         if len(found.reached_by) > limit:
             raise SfglabError(
-                f"exploration of {bound}: more than {limit} global states; lower the bound or raise the limit"
+                f"exploration of {bound}: more than {limit} worlds; lower the bound or raise the limit"
             )
     return None
 

@@ -125,12 +125,13 @@ def carriages_per_message(graph: Graph, topic: Topic) -> float:
 def transfer_s(graph: Graph, topic: Topic, *, side: Placement | None = None) -> float:
     """Return how long a message takes from its publisher to its subscribers as its topic is mapped, s.
 
-    If publishers are on both sides, the function returns the longer time. A topic without subscribers takes 0 s.
+    A topic with publishers on both sides takes the time of the slower side. Without subscribers, or without
+    subscribers on the side asked for, the time is 0 s.
 
     Args:
         graph: Graph of the topic.
         topic: Topic with its mapping.
-        side: Side of the subscribers whose time counts; None: the later one of both sides.
+        side: Side of the subscribers whose time counts. None: the time at which all subscribers have the message.
 
     Raises:
         InvalidValueError: The size of the messages is unknown.
@@ -149,7 +150,7 @@ def transfer_s(graph: Graph, topic: Topic, *, side: Placement | None = None) -> 
             software_subscribers=len(topic.subscribers) - hardware_subscribers,
         )
         times_s = transfer_times(setup)
-        counted = times_s.values() if side is None else [times_s[side]]
+        counted = times_s.values() if side is None else [times_s.get(side, 0.0)]
         longest_s = max([longest_s, *counted])
     return longest_s
 

@@ -80,5 +80,5 @@ def test_a_delegate_that_ignores_calls_deadlocks_and_one_that_answers_twice_conf
 
 
 def test_a_limit_is_kept_and_named():
-    with pytest.raises(SfglabError, match="more than 100 global states"):
+    with pytest.raises(SfglabError, match="more than 100 worlds"):
         explore(Bound(), limit=100)

@@ -91,3 +91,4 @@ def test_the_time_of_a_topic_is_the_model_s_for_its_nodes(size_bytes, counted):
     topic = mapped.topic("A")
     assert soc.transfer_s(mapped, topic, side=HW) == times[HW]
     assert soc.transfer_s(mapped, topic, side=SW) == times[SW]
+    assert soc.transfer_s(mapped, replace(topic, subscribers=()), side=SW) == 0.0
