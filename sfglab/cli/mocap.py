@@ -202,7 +202,7 @@ def frames_lint(
     """
     from sfglab.record import LogReader
     from sfglab.spatial.frames.buffer import FrameBuffer
-    from sfglab.spatial.frames.lint import FrameRule, lint_frames
+    from sfglab.spatial.frames.lint import lint_frames
     from sfglab.spatial.frames.listener import FramesListener, fill_from_log, namespaced_topics
 
     buffer = FrameBuffer(history_s=None)
@@ -220,10 +220,9 @@ def frames_lint(
         with LogReader(log) as reader:
             intake = fill_from_log(reader, buffer)
             types = {topic: (info.type_name,) for topic, info in reader.topics.items()}
-    rule = FrameRule(agents=frozenset(agents.split(","))) if agents else None
     findings = lint_frames(
         buffer.edges,
-        rule=rule,
+        agents=agents.split(",") if agents else (),
         root=root,
         refused=intake.refused,
         namespaced=namespaced_topics(types),

@@ -169,7 +169,7 @@ def the_bridge_keeps_the_tree_whole(run):
     buffer = FrameBuffer(history_s=None)
     with LogReader(run.log) as reader:
         fill_from_log(reader, buffer)
-    assert lint_frames(buffer.edges, rule=trees.RULE, root="map") == ()
+    assert lint_frames(buffer.edges, agents=[trees.AGENT], root="map") == ()
 
 
 def everything_is_shown(run):

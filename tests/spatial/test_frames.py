@@ -1,10 +1,8 @@
-"""TF trees: look-ups along chains and times, transforms from the bus and from logs, and the lint."""
+"""TF trees: look-ups along chains and times, transforms from the bus, and the lint."""
 
 import asyncio
 import logging
 import math
-import time
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from hypothesis import strategies as st
 
 from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC, FqnError
-from sfglab.record import LogReader, LogWriter
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import (
     Edge,
@@ -23,14 +20,13 @@ from sfglab.spatial.frames.buffer import (
     NotConnectedError,
     UnknownFrameError,
 )
-from sfglab.spatial.frames.lint import FrameRule, lint_frames
+from sfglab.spatial.frames.lint import lint_frames
 from sfglab.spatial.frames.listener import (
     TF_QOS,
     TF_STATIC_QOS,
     TRANSFORMS,
     FramesListener,
     TransformIntake,
-    fill_from_log,
 )
 
 world = pytest.fixture(lambda live: live)
@@ -43,16 +39,17 @@ def buffer():
     return FrameBuffer()
 
 
-def step(parent, child, stamp_ns=0, pose=None):
-    return StampedTransform(parent=parent, child=child, stamp_ns=stamp_ns, pose=pose or Pose())
+def at_x(parent, child, second=0, x_m=0):
+    pose = Pose.at((x_m, 0, 0))
+    return StampedTransform(parent=parent, child=child, stamp_ns=round(second * S), pose=pose)
 
 
-def put(buffer, parent, child, stamp_ns=0, pose=None, **options):
-    buffer.insert(step(parent, child, stamp_ns, pose), **options)
+def put(buffer, parent, child, second=0, x_m=0, **options):
+    buffer.insert(at_x(parent, child, second, x_m), **options)
 
 
-def random_pose(rng):
-    return Pose.at(rng.normal(size=3), rng.normal(size=4))
+def x_of(buffer, target, source, time_ns=None):
+    return buffer.look_up(target, source, time_ns).position_m[0]
 
 
 @settings(max_examples=40, deadline=None)
@@ -62,10 +59,11 @@ def test_a_look_up_between_any_frames_is_the_product_of_the_matrices(seed, size)
     buffer, from_root = FrameBuffer(), [np.eye(4)]
     for frame in range(1, size):
         parent, static = int(rng.integers(frame)), bool(rng.integers(2))
-        first, second = random_pose(rng), random_pose(rng)
-        put(buffer, f"f{parent}", f"f{frame}", 0, first, static=static)
+        first, second = (Pose.at(rng.normal(size=3), rng.normal(size=4)) for _ in range(2))
+        names = {"parent": f"f{parent}", "child": f"f{frame}"}
+        buffer.insert(StampedTransform(**names, stamp_ns=0, pose=first), static=static)
         if not static:
-            put(buffer, f"f{parent}", f"f{frame}", S, second)
+            buffer.insert(StampedTransform(**names, stamp_ns=S, pose=second))
             first = first.interpolate(second, 0.25)
         from_root.append(from_root[parent] @ first.matrix())
     for a, b in rng.integers(size, size=(10, 2)).tolist():
@@ -78,41 +76,37 @@ def test_a_look_up_between_any_frames_is_the_product_of_the_matrices(seed, size)
 def test_the_history_is_that_of_a_plain_list_whatever_the_order_of_arrival(arrivals):
     buffer, plain = FrameBuffer(history_s=10), {}
     for count, (frame, second) in enumerate(arrivals):
-        put(buffer, "map", f"f{frame}", second * S, Pose.at((count, 0, 0)))
+        put(buffer, "map", f"f{frame}", second, count)
         rows = plain.setdefault(f"f{frame}", {})
-        if second >= max(rows, default=0) - 10:
-            rows[second] = count
+        rows[second] = count
         for old in [s for s in rows if s < max(rows) - 10]:
             del rows[old]
     for name, rows in plain.items():
-        for second, count in rows.items():
-            assert buffer.look_up("map", name, second * S).position_m == (count, 0, 0)
         assert buffer.interval("map", name) == (min(rows) * S, max(rows) * S)
+        assert rows == {second: x_of(buffer, "map", name, second * S) for second in rows}
 
 
 def test_nothing_is_extrapolated_unless_asked_and_the_error_says_what_is_known(buffer):
-    for i in range(3):
-        put(buffer, "map", "a", (i + 1) * S, Pose.from_yaw((i, 0, 0), 0.1 * i))
-    put(buffer, "map", "single", S, Pose.at((1, 2, 3)))
-    for time_ns, x_m in ((7 * S // 2, 2.5), (S // 2, -0.5)):
-        with pytest.raises(
-            ExtrapolationError, match="'a' is known from 1000000000 to 3000000000 ns"
-        ):
+    for second in (1, 2, 3):
+        put(buffer, "map", "a", second, second)
+    put(buffer, "map", "single", 1, 7)
+    for time_ns in (7 * S // 2, S // 2):
+        with pytest.raises(ExtrapolationError, match=r"'a' is known from 10{9} to 30{9} ns"):
             buffer.look_up("map", "a", time_ns, extrapolate_ns=S // 2 - 1)
         pose = buffer.look_up("map", "a", time_ns, extrapolate_ns=S // 2)
-        assert pose.same_as(Pose.from_yaw((x_m, 0, 0), 0.1 * x_m), within_rad=1e-7)
+        assert pose.position_m[0] == pytest.approx(time_ns / S)
         held = buffer.look_up("map", "single", time_ns, extrapolate_ns=3 * S)
-        assert held.position_m == (1, 2, 3)
+        assert held.position_m == (7, 0, 0)
 
 
 def test_the_latest_common_time_is_that_of_the_slowest_edge(buffer):
-    for i in range(5):
-        put(buffer, "map", "a", i * S, Pose.at((i, 0, 0)))
-    for i in range(3):
-        put(buffer, "a", "b", i * S + 1, Pose.at((0, i, 0)))
-    assert buffer.interval("map", "b") == (1, 2 * S + 1)
-    assert buffer.look_up("map", "b").position_m == pytest.approx((2.0, 2.0, 0.0), abs=1e-6)
-    put(buffer, "b", "c", 9 * S)
+    for second in range(5):
+        put(buffer, "map", "a", second, second)
+    for second in range(3):
+        put(buffer, "a", "b", second + 0.5)
+    assert buffer.interval("map", "b") == (S // 2, 5 * S // 2)
+    assert x_of(buffer, "map", "b") == pytest.approx(2.5)
+    put(buffer, "b", "c", 9)
     assert buffer.interval("map", "c") is None
     with pytest.raises(ExtrapolationError):
         buffer.look_up("map", "c")
@@ -120,29 +114,25 @@ def test_the_latest_common_time_is_that_of_the_slowest_edge(buffer):
 
 def test_static_transforms_hold_at_all_times_and_the_last_parent_counts(buffer):
     for x_m in (1, 2):
-        put(buffer, "base", "camera", 5 * S, Pose.at((x_m, 0, 0)), static=True)
-        for time_ns in (-(2**62), 2**62, None):
-            assert buffer.look_up("base", "camera", time_ns).position_m == (x_m, 0, 0)
+        put(buffer, "base", "camera", 5, x_m, static=True)
+        assert {x_of(buffer, "base", "camera", at) for at in (-(2**62), 2**62, None)} == {x_m}
     put(buffer, "map", "base", 0)
-    put(buffer, "odom", "base", S, Pose.at((7, 0, 0)))
-    assert buffer.look_up("odom", "base", S).position_m == (7, 0, 0)
+    put(buffer, "odom", "base", 1, 7)
+    assert x_of(buffer, "odom", "base", S) == 7
     with pytest.raises(NotConnectedError, match=r"first is 'map', that of the other 'odom'"):
         buffer.look_up("map", "base", 0)
 
 
-def test_unknown_frames_are_refused_with_similar_names_and_loops_leave_the_tree_as_it_was(buffer):
-    put(buffer, "map", "agent_x/markers")
-    with pytest.raises(UnknownFrameError, match="did you mean 'agent_x/markers'"):
-        buffer.look_up("map", "agent_x_markers", 0)
-    with pytest.raises(UnknownFrameError, match="2 frames are known"):
-        buffer.parent_of("zzz")
-    put(buffer, "a", "b", 0, Pose.at((1, 0, 0)))
-    put(buffer, "b", "c", 0)
-    with pytest.raises(FrameLoopError, match="a -> c -> b -> a"):
+def test_unknown_frames_are_refused_with_a_similar_name_and_loops_leave_the_tree_as_it_was(buffer):
+    put(buffer, "a", "agent_x/b", 0, 1)
+    put(buffer, "agent_x/b", "c")
+    with pytest.raises(UnknownFrameError, match="did you mean 'agent_x/b'"):
+        buffer.look_up("a", "agent_x_b", 0)
+    with pytest.raises(FrameLoopError, match="a -> c -> agent_x/b -> a"):
         put(buffer, "c", "a")
     with pytest.raises(FrameLoopError):
         put(buffer, "d", "d")
-    assert buffer.look_up("a", "c", 0).position_m == (1, 0, 0)
+    assert x_of(buffer, "a", "c", 0) == 1
 
 
 # --- Lint --------------------------------------------------------------------------------------
@@ -159,106 +149,64 @@ def codes(edges, **options):
 GOOD = tree(("map", "go2/odom"), ("go2/odom", "go2/base"), ("go2/base", "go2/camera"))
 AB = ("map", "a")
 BEFORE = tree(AB, authority="1", first_ns=0, last_ns=100)
-
-
-def later(first_ns):
-    return tree(AB, authority="2", first_ns=first_ns, last_ns=200)
+LATER = tree(AB, authority="2", first_ns=101, last_ns=200)
+RIVAL = tree(AB, authority="2", first_ns=100, last_ns=200)
 
 
 @pytest.mark.parametrize(
-    ("edges", "found"),
+    ("edges", "options", "found"),
     [
-        (GOOD, []),
-        ([*tree(AB, authority="1"), *tree(AB, authority="2")], ["two-publishers"]),
-        ([*tree(AB), *tree(AB, static=True)], ["static-and-dynamic"]),
-        ([*BEFORE, *later(101)], []),  # another publisher after a restart
-        ([*BEFORE, *later(100)], ["two-publishers"]),
-        (tree(("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")), ["loop"]),
-        ([*GOOD, *tree(("world", "go1/base"))], ["second-root"]),
-        (tree(AB, backwards=1, back_ns=3), ["backwards"]),
-        (tree(AB, contradicting=1), ["repeated"]),
-        (tree(AB, contradicting=2, static=True), ["static-twice"]),
+        (GOOD, {"agents": ["go2"], "root": "map"}, []),
+        ([*tree(AB), *tree(AB, static=True)], {}, ["static-and-dynamic"]),
+        ([*BEFORE, *LATER], {}, []),  # another publisher after a restart
+        ([*BEFORE, *RIVAL], {}, ["two-publishers"]),
+        (tree(("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")), {}, ["loop"]),
+        ([*GOOD, *tree(("world", "go1/base"))], {}, ["second-root"]),
+        (GOOD, {"root": "earth"}, ["unreachable"]),
+        (tree(("map", "base"), ("map", "go2/"), ("map", "go2//a")), {"agents": ["go2"]}, ["name"] * 3),
     ],
-)
-def test_each_error_of_a_tree_is_found_once(edges, found):
-    assert codes(edges) == found
+)  # fmt: skip
+def test_each_error_of_a_tree_is_found_once(edges, options, found):
+    assert codes(edges, **options) == found
 
 
 def test_a_finding_names_its_frames_and_its_consequence():
     edges = [*GOOD, *tree(("map", "go2/base"), ("world", "go1/base"))]
-    parents, root = lint_frames(edges, root="map")
+    parents, root, name = lint_frames(edges, root="map", agents=["go2"])
     assert (parents.code, parents.frames) == ("two-parents", ("go2/base", "go2/odom", "map"))
     assert "'go2/odom' and 'map' (a frame has one parent" in str(parents)
     assert (root.code, root.frames) == ("second-root", ("go1/base", "world"))
-    assert codes(GOOD, root="earth") == ["unreachable"]
-
-
-@pytest.mark.parametrize(
-    ("edges", "found"),
-    [
-        (tree(("d", "d"), ("d", "e")), [("d",)]),
-        (tree(("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")), [("a", "b", "c")]),
-        (tree(("a", "b"), ("b", "a"), ("c", "d"), ("d", "c"), ("b", "c")), [("a", "b"), ("c", "d")]),
-    ],
-)  # fmt: skip
-def test_each_loop_is_found_once_and_named_from_child_to_parent(edges, found):
-    loops = [one for one in lint_frames(edges) if one.code == "loop"]
-    assert [one.frames for one in loops] == found
-    pairs = {(edge.child, edge.parent) for edge in edges}
-    for one in loops:
-        way = one.what.removesuffix(", from child to parent").split(" -> ")
-        assert set(pairwise(way)) <= pairs
-        assert (way[0], len(way)) == (way[-1], len(one.frames) + 1)
-
-
-def test_thousands_of_frames_are_judged_at_once():
-    star = tree(*(("map", f"a{i}") for i in range(5000)))
-    chain = tree(*((f"b{i}", f"b{i + 1}") for i in range(5000)))
-    begin_s = time.process_time()
-    assert codes([*star, *chain, *tree(("map", "b0"))], root="map") == []
-    assert time.process_time() - begin_s < 1.0
-
-
-def test_names_that_match_no_rule_are_found_and_a_rule_is_for_agents_with_sound_names():
-    rule = FrameRule(agents=frozenset({"agent_x"}))
-    edges = tree(("map", "agent_x_markers"), ("map", "agent_x/markers"))
-    (finding,) = lint_frames(edges, rule=rule, root="map")
-    assert (finding.code, finding.frames) == ("name", ("agent_x_markers",))
-    assert "did you mean 'agent_x/markers'?" in finding.what
+    assert (name.code, name.frames) == ("name", ("go1/base",))
+    assert "did you mean 'go2/base'?" in name.what
     with pytest.raises(FqnError):
-        FrameRule(agents=frozenset({"Go 2"}))
+        lint_frames(edges, agents=["Go 2"])
 
 
-def test_frames_have_their_agents_prefix_or_are_shared():
-    allows = FrameRule(agents=frozenset({"go2"})).allows
-    assert all(map(allows, ("map", "go2/base", "go2/a/b")))
-    assert not any(map(allows, ("base", "go1/base", "go2/", "go2//a")))
+def test_each_loop_is_found_once_and_named_from_child_to_parent():
+    edges = tree(("c", "d"), ("d", "c"), ("b", "c"), ("a", "b"), ("b", "a"), ("e", "e"), ("e", "f"))
+    loops = [one for one in lint_frames(edges) if one.code == "loop"]
+    assert [one.frames for one in loops] == [("a", "b"), ("c", "d"), ("e",)]
+    ways = [one.what.removesuffix(", from child to parent") for one in loops]
+    assert ways == ["a -> b -> a", "c -> d -> c", "e -> e"]
 
 
 def test_a_buffer_counts_what_the_lint_reports(buffer):
-    for stamp_ns in (100, 200, 150, 300, 120):
-        put(buffer, "map", "a", stamp_ns)
+    for second in (100, 200, 150, 300, 120):
+        put(buffer, "map", "a", second)
     (edge,) = buffer.edges
-    assert (edge.count, edge.backwards, edge.back_ns, edge.last_ns) == (5, 2, 180, 120)
+    assert (edge.count, edge.backwards, edge.back_ns) == (5, 2, 180 * S)
+    assert (edge.first_ns, edge.last_ns) == (100 * S, 120 * S)
     for x_m in (0, 0, 1):
-        put(buffer, "map", "b", 1, Pose.at((x_m, 0, 0)))
-        put(buffer, "map", "c", x_m, Pose.at((x_m, 0, 0)), static=True)
+        put(buffer, "map", "b", 1, x_m)
+        put(buffer, "map", "c", x_m, x_m, static=True)
     assert codes(buffer.edges) == ["backwards", "repeated", "static-twice"]
-    put(buffer, "a", "b")
-    with pytest.raises(FrameLoopError):
-        put(buffer, "b", "a")
-    assert {"two-parents", "loop"} <= set(codes(buffer.edges))
 
 
-# --- Bus and logs ------------------------------------------------------------------------------
+# --- Transforms from the bus -------------------------------------------------------------------
 
 
 def message(*transforms):
     return message_type(TRANSFORMS)(transforms=[t.to_msg() for t in transforms])
-
-
-def at_x(parent, child, second, x_m):
-    return step(parent, child, second * S, Pose.at((x_m, 0, 0)))
 
 
 async def test_a_listener_gets_latched_static_transforms_and_waits_for_those_to_come(
@@ -275,16 +223,13 @@ async def test_a_listener_gets_latched_static_transforms_and_waits_for_those_to_
         assert (await waiting).position_m == (2.5, 0, 0)
         with pytest.raises(ExtrapolationError):
             await listener.wait_for("map", "base", 5 * S, timeout_s=0.01)
-        with pytest.raises(UnknownFrameError):
-            await listener.wait_for("map", "go2/base", timeout_s=0.01)
         assert listener.taken == 3
     assert all(len(edge.authority) == 32 for edge in buffer.edges)
-    assert lint_frames(buffer.edges, root="map") == ()
 
 
 def broken(child="base", x_m=0.0, y_m=0.0, w=1.0):
     """Return the message of a transform with values that tf2 ignores."""
-    made = message(step("odom", child, S))
+    made = message(at_x("odom", child))
     made.transforms[0].transform.translation.x = x_m
     made.transforms[0].transform.translation.y = y_m
     made.transforms[0].transform.rotation.w = w
@@ -312,8 +257,7 @@ def test_transforms_that_tf2_ignores_are_one_finding_whatever_their_numbers(
     with caplog.at_level(logging.WARNING):
         for values in (first, second):
             intake.take(broken(**values), static=False)
-    assert (intake.taken, list(intake.refused.values())) == (0, [2])
-    assert len(caplog.records) == 1
+    assert (intake.taken, len(caplog.records)) == (0, 1)
     (finding,) = lint_frames(buffer.edges, refused=intake.refused)
     assert finding.code == "refused"
     assert "(2x): " in finding.what
@@ -322,19 +266,8 @@ def test_transforms_that_tf2_ignores_are_one_finding_whatever_their_numbers(
 
 def test_a_broken_transform_leaves_the_others_and_nearly_normalised_ones_are_taken(buffer):
     intake = TransformIntake(buffer)
-    intake.take(message(step("c", "c", S), at_x("map", "b", 1, 4.0)), static=False)
+    intake.take(message(at_x("c", "c"), at_x("map", "b", 1, 4.0)), static=False)
     intake.take(broken(w=1.0049), static=False)
-    assert buffer.look_up("map", "b", S).position_m == (4, 0, 0)
+    assert x_of(buffer, "map", "b", S) == 4
     assert (intake.taken, intake.refused.total()) == (2, 1)
     assert codes(buffer.edges, root="map", refused=intake.refused) == ["loop", "second-root"]
-
-
-def test_a_log_fills_a_buffer(tmp_path):
-    with LogWriter(tmp_path / "run.mcap") as log:
-        for second in (0, 100):
-            log.write(TF, message(at_x("map", "base", second, second)), log_time_ns=second * S)
-        log.write(TF_STATIC, message(at_x("base", "camera", 0, 0.5)), log_time_ns=50 * S)
-    buffer = FrameBuffer(history_s=None)
-    with LogReader(tmp_path / "run.mcap") as reader:
-        assert fill_from_log(reader, buffer).taken == 3
-    assert buffer.look_up("map", "camera", 10 * S).position_m == (10.5, 0, 0)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from sfglab.messages import default_message, deserialize, message_type, serialize
+from sfglab.messages import deserialize, serialize
 from sfglab.spatial import Pose, PoseError, StampedTransform
 
 lengths = st.floats(-100, 100)
@@ -46,7 +46,6 @@ def test_a_pose_is_read_back_bit_by_bit_from_messages_and_numbers(pose):
     for message in (pose.to_pose_msg(), pose.to_transform_msg()):
         assert Pose.from_msg(deserialize(serialize(message), type(message))) == pose
     assert Pose(position_m=pose.position_m, quat_xyzw=pose.quat_xyzw) == pose
-    assert Pose.at(list(pose.position_m), np.array(pose.quat_xyzw)) == pose
 
 
 def test_a_quarter_turn_has_known_numbers_and_both_signs_are_one_orientation():
@@ -54,20 +53,20 @@ def test_a_quarter_turn_has_known_numbers_and_both_signs_are_one_orientation():
     assert quarter.quat_xyzw == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
     assert quarter.yaw_rad == pytest.approx(math.pi / 2)
     assert Pose().interpolate(quarter, 2.0).yaw_rad == pytest.approx(math.pi)
-    other = Pose.at((1.0, 2.0, 3.0), [-part for part in quarter.quat_xyzw])
-    assert other.same_as(quarter)
-    assert other.interpolate(Pose.from_yaw((0, 0, 0), 1.0), 0.0).same_as(quarter, within_rad=1e-7)
+    assert Pose.at((1.0, 2.0, 3.0), [-part for part in quarter.quat_xyzw]).same_as(quarter)
+
+
+NONE = (0, 0, 0, 1)
 
 
 @pytest.mark.parametrize(
     ("position", "quat", "says"),
     [
-        ((0, 0, math.nan), (0, 0, 0, 1), r"^here, position: given \[0.0, 0.0, nan\], .*: 3 finite"),
-        ((0, 0), (0, 0, 0, 1), "^here: .* 3 and 4 numbers"),
-        ("abc", (0, 0, 0, 1), "^here: .* 3 and 4 numbers"),
-        (3.0, (0, 0, 0, 1), "^here: .* 3 and 4 numbers"),
+        ((0, 0, math.nan), NONE, r"^here, position: given \[0.0, 0.0, nan\], .*: 3 finite"),
+        ((0, 0), NONE, "^here: .* 3 and 4 numbers"),
+        ("abc", NONE, "^here: .* 3 and 4 numbers"),
+        (3.0, NONE, "^here: .* 3 and 4 numbers"),
         ((0, 0, 0), (0, 0, 0, 0), "^here, quaternion: .* length of at least 1e-06"),
-        ((0, 0, 0), (0, 0, 0, math.inf), "^here, quaternion: .* finite length"),
         ((0, 0, 0), (1e308, 1e308, 1e308, 1e308), "^here, quaternion: .* finite length"),
     ],
 )
@@ -79,12 +78,9 @@ def test_numbers_that_are_no_pose_are_refused_with_their_place(position, quat, s
 def test_a_stamped_transform_is_the_message_without_leading_slashes():
     pose = Pose.from_yaw((1, 2, 3), 1.0)
     value = StampedTransform(parent="map", child="go2/base", stamp_ns=1_700_000_000_123, pose=pose)
-    message = value.to_msg()
-    assert type(message) is message_type("geometry_msgs/msg/TransformStamped")
-    assert StampedTransform.from_msg(deserialize(serialize(message), type(message))) == value
-    message.header.frame_id, message.child_frame_id = "/map", "/go2/base"
+    message = deserialize(serialize(value.to_msg()), "geometry_msgs/msg/TransformStamped")
+    message.header.frame_id = "/map"
     assert StampedTransform.from_msg(message) == value
-    message.transform = default_message("geometry_msgs/msg/Transform")
-    message.transform.rotation.w = 0.0
+    message.transform.rotation.z = message.transform.rotation.w = 0.0
     with pytest.raises(PoseError, match="tf map -> go2/base, quaternion"):
         StampedTransform.from_msg(message, place="tf")

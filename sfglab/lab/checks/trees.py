@@ -15,7 +15,7 @@ import numpy as np
 from sfglab.lab.checks import NOTHING, CheckRow, Checks
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
-from sfglab.spatial.frames.lint import FrameRule, lint_frames
+from sfglab.spatial.frames.lint import lint_frames
 from sfglab.spatial.mocap.bridge import BridgeCore
 from sfglab.spatial.mocap.mapping import (
     MappedObject,
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 checks = Checks("trees")
 
 AGENT, WORLD, OBJECT = "agent_x", "map", "agent_x/markers"
-RULE = FrameRule(agents=frozenset({AGENT}))  #: Required names of frames.
 DIRECT = "direct"  #: The transforms of the direct receiver: Fig. 6, left.
 #: The same under the right name: "even if this naming conflict were resolved".
 RENAMED = "renamed"
@@ -111,7 +110,7 @@ class Joined:
 
     def found(self, way: str) -> set[str]:
         """Return the codes of all errors of a tree."""
-        findings = lint_frames(self.trees[way].edges, rule=RULE, root=WORLD)
+        findings = lint_frames(self.trees[way].edges, agents=[AGENT], root=WORLD)
         return {finding.code for finding in findings}
 
     def reached(self, way: str) -> set[str]:

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sfglab.fields import between, check_bounds
 from sfglab.spatial.execution.orders import Outcome
 from sfglab.spatial.poses import Pose, Vec3
 from sfglab.spatial.trajectory.motion import sample
@@ -41,20 +40,11 @@ class AgentState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Limits that an agent never exceeds; None: no limit.
+    """Limits above zero that an agent never exceeds; None: no limit."""
 
-    Raises:
-        InvalidValueError: A limit is no finite number above zero.
-    """
-
-    speed_m_s: float | None = between(None, without=(0, math.inf))  #: Highest speed, m/s.
-    #: Highest acceleration, m/s².
-    acceleration_m_s2: float | None = between(None, without=(0, math.inf))
-    #: Highest rate of the whole turn, rad/s.
-    yaw_rate_rad_s: float | None = between(None, without=(0, math.inf))
-
-    def __post_init__(self) -> None:
-        check_bounds(self, "limits, ")
+    speed_m_s: float | None = None  #: Highest speed, m/s.
+    acceleration_m_s2: float | None = None  #: Highest acceleration, m/s².
+    yaw_rate_rad_s: float | None = None  #: Highest rate of the whole turn, rad/s.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

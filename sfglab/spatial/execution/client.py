@@ -6,11 +6,10 @@ import asyncio
 import contextlib
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus import BusError, ClientGoalHandle, GoalRejectedError, Node
+from sfglab.bus import ClientGoalHandle, GoalRejectedError, Node
 from sfglab.errors import InvalidValueError
 from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
-    OUTCOMES,
     Ended,
     Feedback,
     Order,
@@ -30,6 +29,12 @@ if TYPE_CHECKING:
 
 class Execution:
     """One trajectory on its way: `begin` sends it, `result` waits for its end.
+
+    ```python
+    execution = Execution(node, "go2", on_feedback=print)
+    await execution.begin(Order(agent="go2", trajectory=trajectory))
+    ended = await execution.result()
+    ```
 
     Args:
         node: Node of the client.
@@ -78,7 +83,7 @@ class Execution:
     async def result(self) -> Ended:
         """Wait for the end and return it."""
         if self._handle is None:
-            return Ended(outcome=Outcome.REJECTED, text=OUTCOMES[Outcome.REJECTED].meaning)
+            return Ended(outcome=Outcome.REJECTED, text=Outcome.REJECTED.meaning)
         return ended_of(await self._handle.result())
 
     async def cancel(self) -> None:
@@ -97,43 +102,6 @@ class Execution:
     def _received(self, message: Any) -> None:
         if self._on_feedback is not None:
             self._on_feedback(feedback_of(message))
-
-
-async def execute(
-    node: Node,
-    order: Order,
-    *,
-    action: str = "",
-    on_feedback: Callable[[Feedback], None] | None = None,
-    timeout_s: float = 5.0,
-) -> Ended:
-    """Send an agent along a trajectory and return the end, also of a rejected goal; arguments as of `Execution`.
-
-    A task that awaits this and is cancelled cancels the goal, and ends only when the agent stands.
-
-    ```python
-    ended = await execute(node, Order(agent="go2", trajectory=trajectory), on_feedback=print)
-    ```
-
-    Raises:
-        BusTimeoutError: There is no server, or it does not respond.
-        BusError: It went away before the end.
-    """
-    execution = Execution(
-        node, order.agent, action=action, on_feedback=on_feedback, timeout_s=timeout_s
-    )
-    begun = asyncio.ensure_future(execution.begin(order))
-    try:
-        await asyncio.shield(begun)
-        return await execution.result()
-    except asyncio.CancelledError:
-        with contextlib.suppress(BusError):  # a lost server moves no agent
-            await begun
-            await execution.cancel()
-            await execution.result()
-        raise
-    finally:
-        execution.close()
 
 
 def scene_orders(

@@ -7,73 +7,74 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any, Self
 
 from sfglab.bus import GoalResult, GoalStatus
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.messages import action_type, message_type, ns_from_stamp
 from sfglab.names import Resource, RosFqnBuilder, Scope
 from sfglab.spatial.poses import Pose, PoseError, header_msg
 from sfglab.spatial.trajectory.motion import resampled, sample
-from sfglab.spatial.trajectory.path import Interpolation, Trajectory, TrajectoryError
+from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 from sfglab.units import NS_PER_S
 
 FOLLOW_TRAJECTORY = "sfglab_interfaces/action/FollowTrajectory"
 """ROS type of the action."""
 _POLYLINE_STEP_NS = 100_000_000
+_SUCCEEDED = GoalStatus.SUCCEEDED
+_ABORTED = GoalStatus.ABORTED
+_CANCELED = GoalStatus.CANCELED
 
 
 class Outcome(Enum):
-    """Outcome of an order; `OUTCOMES` has the meanings."""
+    """Outcome of an order.
 
-    SUCCEEDED = "succeeded"
-    INVALID_TRAJECTORY = "invalid trajectory"
-    UNKNOWN_AGENT = "unknown agent"
-    UNKNOWN_FRAME = "unknown frame"
-    START_TOO_FAR = "start too far"
-    LIMITS_EXCEEDED = "limits exceeded"
-    BUSY = "busy"
-    REJECTED = "rejected"
-    PATH_LEFT = "path left"
-    GOAL_MISSED = "goal missed"
-    CANCELED = "canceled"
-    FAILED = "failed"
-
-
-class Ending(NamedTuple):
-    """Status, code and meaning of an outcome."""
+    A server that refuses a goal accepts and aborts it, because only a result has a reason. `REJECTED` has
+    no result; our simulated agents never report `PATH_LEFT`.
+    """
 
     status: GoalStatus  #: Last status of the goal.
     code: int  #: `error_code` of the action's result.
     meaning: str  #: Meaning, a clause.
 
+    def __new__(cls, word: str, status: GoalStatus, code: int, meaning: str) -> Self:
+        """Make a member whose value is a word."""
+        made = object.__new__(cls)
+        made._value_ = word
+        made.status, made.code, made.meaning = status, code, meaning
+        return made
 
-_SUCCEEDED = GoalStatus.SUCCEEDED
-_ABORTED = GoalStatus.ABORTED
-_CANCELED = GoalStatus.CANCELED
-OUTCOMES: dict[Outcome, Ending] = {
-    Outcome.SUCCEEDED: Ending(_SUCCEEDED, 0, "the agent went along the whole trajectory"),
-    Outcome.INVALID_TRAJECTORY: Ending(
-        _ABORTED, 1, "empty, times that do not increase, or a pose that is none"
-    ),
-    Outcome.UNKNOWN_AGENT: Ending(_ABORTED, 2, "this server moves no such agent"),
-    Outcome.UNKNOWN_FRAME: Ending(_ABORTED, 3, "the poses are in another frame than the agent's"),
-    Outcome.START_TOO_FAR: Ending(
-        _ABORTED, 7, "the agent is too far from where the trajectory is now"
-    ),
-    Outcome.LIMITS_EXCEEDED: Ending(_ABORTED, 8, "the trajectory is faster than the agent can go"),
-    Outcome.BUSY: Ending(_ABORTED, 9, "the agent follows another trajectory"),
-    Outcome.REJECTED: Ending(_ABORTED, 0, "the server rejected the goal without a reason"),
-    Outcome.PATH_LEFT: Ending(_ABORTED, 4, "the agent was too far from the planned position"),
-    Outcome.GOAL_MISSED: Ending(_ABORTED, 5, "the agent was not at the last pose in time"),
-    Outcome.CANCELED: Ending(_CANCELED, 6, "the goal was canceled, and the agent braked"),
-    Outcome.FAILED: Ending(_ABORTED, 0, "the server ended or failed"),
-}
-"""All outcomes. A server that refuses a goal accepts and aborts it, because only a result has a reason.
-`Outcome.REJECTED` has no result; our simulated agents never report `Outcome.PATH_LEFT`."""
+    SUCCEEDED = "succeeded", _SUCCEEDED, 0, "the agent went along the whole trajectory"
+    INVALID_TRAJECTORY = (
+        "invalid trajectory",
+        _ABORTED,
+        1,
+        "empty, times that do not increase, or a pose that is none",
+    )
+    UNKNOWN_AGENT = "unknown agent", _ABORTED, 2, "this server moves no such agent"
+    UNKNOWN_FRAME = "unknown frame", _ABORTED, 3, "the poses are in another frame than the agent's"
+    START_TOO_FAR = (
+        "start too far",
+        _ABORTED,
+        7,
+        "the agent is too far from where the trajectory is now",
+    )
+    LIMITS_EXCEEDED = (
+        "limits exceeded",
+        _ABORTED,
+        8,
+        "the trajectory is faster than the agent can go",
+    )
+    BUSY = "busy", _ABORTED, 9, "the agent follows another trajectory"
+    REJECTED = "rejected", _ABORTED, 0, "the server rejected the goal without a reason"
+    PATH_LEFT = "path left", _ABORTED, 4, "the agent was too far from the planned position"
+    GOAL_MISSED = "goal missed", _ABORTED, 5, "the agent was not at the last pose in time"
+    CANCELED = "canceled", _CANCELED, 6, "the goal was canceled, and the agent braked"
+    FAILED = "failed", _ABORTED, 0, "the server ended or failed"
 
-# By status and code; `FAILED` comes after `REJECTED`, which no server reports.
-_BY_CODE = {(ending.status, ending.code): outcome for outcome, ending in OUTCOMES.items()}
+
+# `FAILED` comes after `REJECTED`, which no server reports.
+_BY_CODE = {(outcome.status, outcome.code): outcome for outcome in Outcome}
 
 
 def outcome_of(status: GoalStatus, code: int) -> Outcome:
@@ -87,10 +88,7 @@ class RefusalError(SfglabError, ValueError):
     def __init__(self, outcome: Outcome, text: str) -> None:
         self.outcome = outcome  #: Outcome of the order.
         self.text = text  #: Reason, in words.
-        super().__init__(outcome, text)  # all arguments, so that the error survives pickling
-
-    def __str__(self) -> str:
-        return f"{self.outcome.value}: {self.text}"
+        super().__init__(f"{outcome.value}: {text}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,7 +119,7 @@ class Ended:
     pose: Pose | None = None  #: Pose of the agent at the end; None: the result has none.
 
     def __str__(self) -> str:
-        return f"{self.outcome.value}: {self.text or OUTCOMES[self.outcome].meaning}"
+        return f"{self.outcome.value}: {self.text or self.outcome.meaning}"
 
 
 def action_name(agent: str) -> str:
@@ -174,11 +172,11 @@ def order_from_goal(goal: Any) -> Order:
     timed = []
     try:
         if not names:
-            raise TrajectoryError("joint_names", names, repr(agent))
+            raise InvalidValueError("joint_names", names, repr(agent))
         for index, point in enumerate(message.points):
             if len(point.transforms) != len(names):
-                given = f"{len(point.transforms)} transforms"
-                raise TrajectoryError(f"point {index}", given, f"{len(names)}, one for each joint")
+                place = f"point {index}, number of transforms"
+                raise InvalidValueError(place, len(point.transforms), f"{len(names)} as of joints")
             pose = Pose.from_msg(point.transforms[column], place=f"point {index}")
             timed.append((ns_from_stamp(point.time_from_start), pose))
         trajectory = Trajectory.of(timed)

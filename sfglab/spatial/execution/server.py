@@ -7,13 +7,11 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus import GoalStatus, Node, ServerGoalHandle
 from sfglab.messages import action_type, default_message, message_type
 from sfglab.names import TF, Resource, RosFqnBuilder, Scope
 from sfglab.spatial.execution.agent import AgentState, Follower, Limits, Tolerances, braked
 from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
-    OUTCOMES,
     Order,
     Outcome,
     RefusalError,
@@ -29,10 +27,12 @@ from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from sfglab.bus import Node, ServerGoalHandle
     from sfglab.spatial.scene.model import AgentObject
     from sfglab.spatial.scene.tree import Scene
 
 _FEEDBACK_EVERY = 5  #: Steps from one feedback to the next.
+_PERIOD_S = 0.02  #: Time between two steps, and between two poses, s.
 _ROUNDING = 1e-3  #: Share by which a trajectory may exceed the highest speed.
 
 
@@ -44,7 +44,6 @@ class AgentSetup:
     frame_id: str = "map"  #: Frame of its poses.
     limits: Limits = field(default_factory=Limits)  #: Limits of its motion.
     tolerances: Tolerances = field(default_factory=Tolerances)  #: Required accuracy.
-    period_s: float = 0.02  #: Time between two steps, and between two poses, s.
 
     @classmethod
     def of_scene(cls, scene: Scene, agent: AgentObject) -> AgentSetup:
@@ -128,7 +127,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
             FOLLOW_TRAJECTORY, name or action_name(agent), self._execute
         )
         self.action_name = self._action.action_name  #: The fully resolved ROS action.
-        self._timer = node.create_timer(self._setup.period_s, self._tick)
+        self._timer = node.create_timer(_PERIOD_S, self._tick)
 
     @property
     def busy(self) -> bool:
@@ -159,13 +158,13 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
             limits=self._setup.limits,
             tolerances=self._setup.tolerances,
         )
-        run = self._run = _Run(handle=handle, follower=follower)
+        ended: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+        self._run = _Run(handle=handle, follower=follower, ended=ended)
         try:
-            outcome = await run.done
+            outcome = await ended
         finally:
-            if self._run is run:
-                self._run = None
-        text = "" if outcome is Outcome.SUCCEEDED else OUTCOMES[outcome].meaning
+            self._run = None
+        text = "" if outcome is Outcome.SUCCEEDED else outcome.meaning
         return self._finish(handle, outcome, text)
 
     def _accepted(self, goal: Any) -> Order:
@@ -174,19 +173,18 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         now_ns = self._node.get_clock().now_ns()
         check_order(order, self._agent, self._setup, self.state.pose, now_ns)
         if self.busy:
-            raise RefusalError(Outcome.BUSY, OUTCOMES[Outcome.BUSY].meaning)
+            raise RefusalError(Outcome.BUSY, Outcome.BUSY.meaning)
         return order
 
     def _finish(self, handle: ServerGoalHandle, outcome: Outcome, text: str) -> Any:
-        ending = OUTCOMES[outcome]
-        if ending.status is GoalStatus.SUCCEEDED:
+        if outcome is Outcome.SUCCEEDED:
             handle.succeed()
-        elif ending.status is GoalStatus.CANCELED:
+        elif outcome is Outcome.CANCELED:
             handle.canceled()
         else:
             handle.abort()
         result = action_type(FOLLOW_TRAJECTORY).result
-        return result(error_code=ending.code, text=text, final_pose=self._pose_message())
+        return result(error_code=outcome.code, text=text, final_pose=self._pose_message())
 
     def _tick(self) -> None:
         """Move the agent to the current time, and publish its pose."""
@@ -206,7 +204,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         self.state = follower.state
         run.steps += 1
         is_due = follower.outcome is not None or run.steps % _FEEDBACK_EVERY == 1
-        if is_due and run.handle.is_active and not run.done.done():
+        if is_due and run.handle.is_active:
             feedback = action_type(FOLLOW_TRAJECTORY).feedback(
                 progress=follower.share,
                 time_from_start=duration_msg(follower.time_ns),
@@ -214,8 +212,8 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
                 distance_error=follower.error_m,
             )
             run.handle.publish_feedback(feedback)
-        if follower.outcome is not None:
-            run.end(follower.outcome)
+        if follower.outcome is not None and not run.ended.done():
+            run.ended.set_result(follower.outcome)
 
     def _pose_message(self) -> Any:
         return stamped_pose(self.state.pose, self._setup.frame_id, self._stepped_ns)
@@ -240,14 +238,8 @@ class _Run:
 
     handle: ServerGoalHandle
     follower: Follower
+    ended: asyncio.Future[Outcome]
     steps: int = 0
-    done: asyncio.Future[Outcome] = field(
-        default_factory=lambda: asyncio.get_running_loop().create_future()
-    )
-
-    def end(self, outcome: Outcome) -> None:
-        if not self.done.done():
-            self.done.set_result(outcome)
 
 
 def _odometry(state: AgentState, stamped: Any, child: str) -> Any:

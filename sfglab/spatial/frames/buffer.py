@@ -8,7 +8,6 @@ Nothing is extrapolated unless asked. This is plain Python: a look-up over 12 ed
 
 from __future__ import annotations
 
-import difflib
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
+from sfglab.validation import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -140,8 +140,6 @@ class FrameBuffer:
     """
 
     def __init__(self, *, history_s: float | None = 10.0) -> None:
-        if history_s is not None and not history_s > 0:
-            raise InvalidValueError("history_s", history_s, "seconds above 0, or None for all")
         self._history_ns = None if history_s is None else round(history_s * NS_PER_S)
         self._frames: dict[str, _Frame] = {}
         self._edges: dict[tuple[str, str, bool, str], Edge] = {}
@@ -232,9 +230,9 @@ class FrameBuffer:
     def _count(self, transform: StampedTransform, *, static: bool, authority: str) -> Edge:
         child, parent, stamp_ns = transform.child, transform.parent, transform.stamp_ns
         for name in (child, parent):
-            if not name or name != name.strip():
+            if not name:
                 where = f"transform {parent!r} -> {child!r}"
-                raise InvalidValueError(where, name, "names, without outer blanks")
+                raise InvalidValueError(where, name, "the names of two frames")
         key = (child, parent, static, authority)
         edge = self._edges.get(key)
         if edge is None:
@@ -259,9 +257,7 @@ class FrameBuffer:
     def _known(self, name: str) -> _Frame:
         frame = self._frames.get(name)
         if frame is None:
-            near = ", ".join(map(repr, difflib.get_close_matches(name, self._frames, n=3)))
-            hint = f"did you mean {near}?" if near else f"{len(self._frames)} frames are known"
-            raise UnknownFrameError(f"frame {name!r} is unknown: {hint}")
+            raise UnknownFrameError(f"frame {name!r} is unknown{suggestion(name, self._frames)}")
         return frame
 
     def _ways(self, target: str, source: str) -> tuple[list[_Frame], list[_Frame]]:

@@ -7,54 +7,19 @@ and `sfglab.names`). The functions judge edges that were received; they have no 
 
 from __future__ import annotations
 
-import difflib
 from collections import defaultdict
 from dataclasses import dataclass
-from graphlib import CycleError, TopologicalSorter
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sfglab.names import SHARED_FRAMES, TF, TF_STATIC, validate_agent
 from sfglab.spatial.frames.listener import LOOP
+from sfglab.validation import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from sfglab.spatial.frames.buffer import Edge
-
-    Parents = Mapping[str, Sequence[str]]  # parents of each frame
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameRule:
-    """Allowed names of frames.
-
-    Raises:
-        FqnError: The name of an agent is not valid.
-    """
-
-    agents: frozenset[str]  #: Agents whose prefixes are allowed.
-    shared: frozenset[str] = frozenset(SHARED_FRAMES)  #: Frames without prefix that are allowed.
-
-    def __post_init__(self) -> None:
-        for agent in self.agents:
-            validate_agent(agent)
-
-    def allows(self, frame: str) -> bool:
-        """Return whether a frame may have its name."""
-        agent, _, rest = frame.partition("/")
-        has_prefix = agent in self.agents and rest != "" and not rest.startswith("/")
-        return has_prefix or frame in self.shared
-
-    def problem(self, frame: str, known: Iterable[str] = ()) -> str:
-        """Return what is wrong with a frame's name, with a similar known one; empty: it is allowed."""
-        if self.allows(frame):
-            return ""
-        near = difflib.get_close_matches(frame, filter(self.allows, known), n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        agents = ", ".join(sorted(self.agents)) or "no agent"
-        shared = ", ".join(sorted(self.shared)) or "nothing"
-        return f"given {frame!r}, allowed are <agent>/<frame> of {agents}, and {shared}{hint}"
 
 
 _WHY = {
@@ -94,7 +59,7 @@ class FrameFinding:
 def lint_frames(
     edges: Iterable[Edge],
     *,
-    rule: FrameRule | None = None,
+    agents: Iterable[str] = (),
     root: str | None = None,
     refused: Mapping[tuple[str, str, str], int] | None = None,
     namespaced: Iterable[str] = (),
@@ -103,18 +68,23 @@ def lint_frames(
 
     Args:
         edges: Edges of the tree, as of `FrameBuffer.edges`.
-        rule: Allowed names; None: any.
+        agents: Agents whose prefixes are allowed, besides shared frames; none: all names are allowed.
         root: The one root that the tree must have; None: any.
         refused: Refused transforms, as of `TransformIntake.refused`.
         namespaced: Topics with transforms other than /tf and /tf_static.
+
+    Raises:
+        FqnError: The name of an agent is not valid.
     """
+    import networkx as nx
+
     edges = tuple(edges)
-    parents = _parents(edges)
+    tree = nx.DiGraph((edge.child, edge.parent) for edge in edges)
     return (
         *_publishers(edges),
-        *_loops(parents),
-        *_roots(parents, root),
-        *_names(tuple(parents), rule),
+        *_loops(tree),
+        *_roots(tree, root),
+        *_names(sorted(tree), frozenset(map(validate_agent, agents))),
         *_stamps(edges),
         *_ignored(refused or {}, namespaced),
     )
@@ -149,67 +119,47 @@ def _rivals(group: Sequence[Edge]) -> list[str]:
     return sorted(rivals)
 
 
-def _parents(edges: Iterable[Edge]) -> Parents:
-    """Return the parents of each frame, in order of the names."""
-    found: dict[str, set[str]] = defaultdict(set)
-    for edge in edges:
-        found[edge.child].add(edge.parent)
-        found[edge.parent].update()
-    return {frame: sorted(found[frame]) for frame in sorted(found)}
+def _loops(tree: Any) -> Iterator[FrameFinding]:
+    """Find a loop in each group of frames that are above each other."""
+    import networkx as nx
+
+    for frames in sorted(map(sorted, nx.strongly_connected_components(tree))):
+        group = tree.subgraph(frames)
+        if group.size():
+            loop = [child for child, _ in nx.find_cycle(group, frames[0])]
+            what = f"{' -> '.join([*loop, loop[0]])}, from child to parent"
+            yield FrameFinding("loop", tuple(sorted(loop)), what)
 
 
-def _loops(parents: Parents) -> Iterator[FrameFinding]:
-    """Find loops; those that share a frame with a loop that was found before are left out."""
-    left = dict(parents)
-    while loop := _loop_in(left):
-        frames = tuple(sorted(set(loop)))
-        yield FrameFinding("loop", frames, f"{' -> '.join(loop)}, from child to parent")
-        for frame in frames:
-            del left[frame]
+def _roots(tree: Any, root: str | None) -> Iterator[FrameFinding]:
+    import networkx as nx
 
-
-def _loop_in(parents: Parents) -> list[str]:
-    """Return the frames of a loop, each before its parent and the first also last; empty: there is none."""
-    try:
-        TopologicalSorter(parents).prepare()
-    except CycleError as error:
-        return list(reversed(error.args[1]))
-    return []
-
-
-def _roots(parents: Parents, root: str | None) -> Iterator[FrameFinding]:
-    roots = [frame for frame, above in parents.items() if not above]
+    roots = sorted(frame for frame, parents in tree.out_degree if not parents)
     if root is None:
         if len(roots) > 1:
             what = f"there are {len(roots)} trees, with the roots {_listed(roots)}"
             yield FrameFinding("second-root", tuple(roots), what)
         return
-    lost = sorted(parents.keys() - _reached(parents, root))
+    reached = nx.ancestors(tree, root) if root in tree else set()
+    lost = sorted(set(tree) - reached - {root})
     if lost:
-        code = "second-root" if root in parents and set(lost) & set(roots) else "unreachable"
+        code = "second-root" if root in tree and set(lost) & set(roots) else "unreachable"
         yield FrameFinding(code, tuple(lost), f"{_listed(lost)} cannot be reached from {root!r}")
 
 
-def _reached(parents: Parents, root: str) -> set[str]:
-    """Return a frame with all frames below it."""
-    children = defaultdict(set)
-    for child, above in parents.items():
-        for parent in above:
-            children[parent].add(child)
-    reached, new = {root}, [root]
-    while new:
-        further = children[new.pop()] - reached
-        reached |= further
-        new += further
-    return reached
+def _names(frames: Sequence[str], agents: frozenset[str]) -> Iterator[FrameFinding]:
+    allowed = [frame for frame in frames if _is_allowed(frame, agents)]
+    names = f"<agent>/<frame> of {', '.join(sorted(agents))}, and {', '.join(SHARED_FRAMES)}"
+    for frame in frames:
+        if agents and not _is_allowed(frame, agents):
+            hint = suggestion(frame, allowed)
+            yield FrameFinding("name", (frame,), f"given {frame!r}, allowed are {names}{hint}")
 
 
-def _names(frames: Sequence[str], rule: FrameRule | None) -> Iterator[FrameFinding]:
-    if rule is not None:
-        for frame in frames:
-            problem = rule.problem(frame, frames)
-            if problem:
-                yield FrameFinding("name", (frame,), problem)
+def _is_allowed(frame: str, agents: frozenset[str]) -> bool:
+    agent, _, rest = frame.partition("/")
+    has_prefix = agent in agents and rest != "" and not rest.startswith("/")
+    return has_prefix or frame in SHARED_FRAMES
 
 
 def _stamps(edges: Iterable[Edge]) -> Iterator[FrameFinding]:

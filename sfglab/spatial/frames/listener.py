@@ -57,12 +57,10 @@ class TransformIntake:
                 self.taken += 1
             except SfglabError as error:
                 why = LOOP if isinstance(error, FrameLoopError) else str(error)
-                self._refuse(str(transform.header.frame_id), str(transform.child_frame_id), why)
-
-    def _refuse(self, parent: str, child: str, why: str) -> None:
-        self.refused[parent, child, why] += 1
-        if self.refused[parent, child, why] == 1:
-            _log.warning("transform %r -> %r refused: %s", parent, child, why)
+                refused = transform.header.frame_id, transform.child_frame_id, why
+                self.refused[refused] += 1
+                if self.refused[refused] == 1:
+                    _log.warning("transform %r -> %r refused: %s", *refused)
 
 
 def _check_numbers(transform: Any) -> None:

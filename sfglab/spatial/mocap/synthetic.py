@@ -9,9 +9,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sfglab.fields import between, check_bounds
 from sfglab.spatial.mocap.tracking import Capture, Lapse, Sight
-from sfglab.spatial.poses import Pose
+from sfglab.spatial.poses import Pose, Vec3
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -21,49 +20,43 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Clock
 
+_RADII_M = (2.0, 1.0, 0.1)  # half axes of the ellipse along x, y and z
+_PERIOD_S = 10.0  # time of one round
+_SWAY_RAD = 0.15  # amplitude of roll and pitch
+_NOISE_M = 0.0005  # standard deviation of each coordinate
+_NOISE_RAD = 0.002  # standard deviation of the rotation about each axis
+_LATENCY_S = 0.006  # shortest time from capture to receipt
+_JITTER_S = 0.0005  # mean of the exponential part of that time
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SyntheticMotion:
     """A closed path: an ellipse whose height, roll and pitch vary; the x axis points forward."""
 
-    centre_m: tuple[float, float, float] = (0.0, 0.0, 0.5)  #: Centre of the ellipse.
-    radii_m: tuple[float, float, float] = (2.0, 1.0, 0.1)  #: Half axes along x, y and z.
-    period_s: float = 10.0  #: Time of one round.
-    sway_rad: float = 0.15  #: Amplitude of roll and pitch.
+    centre_m: Vec3 = (0.0, 0.0, 0.5)  #: Centre of the ellipse.
 
     def pose_at(self, time_s: float) -> Pose:
         """Return the pose at a time."""
         from scipy.spatial.transform import Rotation
 
-        angle = 2.0 * math.pi * time_s / self.period_s
+        angle = 2.0 * math.pi * time_s / _PERIOD_S
         cosine, sine = math.cos(angle), math.sin(angle)
-        (cx, cy, cz), (rx, ry, rz) = self.centre_m, self.radii_m
+        (cx, cy, cz), (rx, ry, rz) = self.centre_m, _RADII_M
         position = (cx + rx * cosine, cy + ry * sine, cz + rz * math.sin(2.0 * angle))
         heading = math.atan2(ry * cosine, -rx * sine)
-        roll, pitch = self.sway_rad * math.sin(3.0 * angle), self.sway_rad * math.cos(2.0 * angle)
+        roll, pitch = _SWAY_RAD * math.sin(3.0 * angle), _SWAY_RAD * math.cos(2.0 * angle)
         turned = Rotation.from_euler("ZYX", (heading, pitch, roll))
         return Pose.from_rotation(position, turned)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SyntheticConfig:
-    """Quality of the capture system. Times between events and their durations are exponential.
+    """Quality of the capture system. Times between occlusions and their durations are random."""
 
-    Raises:
-        InvalidValueError: A value is out of its bounds.
-    """
-
-    rate_hz: float = between(100.0, without=(0,))  #: Captures per second.
-    noise_m: float = between(0.0005)  #: Standard deviation of each coordinate.
-    noise_rad: float = between(0.002)  #: Standard deviation of the rotation about each axis.
-    occlusions_hz: float = between(0.0)  #: Occlusions per object and second.
-    occlusion_s: float = between(0.2, without=(0,))  #: Mean duration of an occlusion.
-    dropped: float = between(0.0, 0, 1, without=(1,))  #: Share of captures that are lost.
-    latency_s: float = between(0.006)  #: Shortest time from capture to receipt.
-    jitter_s: float = between(0.0005)  #: Mean of the exponential part of the latency.
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
+    rate_hz: float = 100.0  #: Captures per second, above 0.
+    occlusions_hz: float = 0.0  #: Occlusions per object and second.
+    occlusion_s: float = 0.2  #: Mean duration of an occlusion, above 0.
+    dropped: float = 0.0  #: Share of captures that are lost, below 1.
 
 
 def synthetic_captures(
@@ -83,17 +76,15 @@ def synthetic_captures(
         start_ns: Time of the first capture, which is time 0 of the paths, ns.
         duration_s: Duration.
     """
-    occlusions = _Occlusions(config, objects)
+    hidden: set[str] = set()
     for number in range(math.ceil(min(duration_s * config.rate_hz, 2**62))):
         time_s = number / config.rate_hz
-        hidden = occlusions.at(time_s, rng)
         sights: dict[str, Sight] = {}
         for id_, motion in objects.items():
-            is_hidden = id_ in hidden
-            sights[id_] = (
-                Lapse.OCCLUDED if is_hidden else _noisy(motion.pose_at(time_s), config, rng)
-            )
-        latency_s = config.latency_s + rng.exponential(config.jitter_s)
+            if config.occlusions_hz and rng.random() < _chance(config, hidden=id_ in hidden):
+                hidden ^= {id_}
+            sights[id_] = Lapse.OCCLUDED if id_ in hidden else _noisy(motion.pose_at(time_s), rng)
+        latency_s = _LATENCY_S + rng.exponential(_JITTER_S)
         if rng.random() >= config.dropped:
             capture_ns = start_ns + round(time_s * NS_PER_S)
             receipt_ns = capture_ns + round(latency_s * NS_PER_S)
@@ -102,28 +93,16 @@ def synthetic_captures(
             )
 
 
-def _noisy(pose: Pose, config: SyntheticConfig, rng: np.random.Generator) -> Pose:
-    x, y, z, a, b, c = rng.normal(size=6).tolist()
-    half, shift = config.noise_rad / 2, config.noise_m
-    return pose @ Pose.at((x * shift, y * shift, z * shift), (a * half, b * half, c * half, 1.0))
+def _chance(config: SyntheticConfig, *, hidden: bool) -> float:
+    """Return the probability that an occlusion ends, or begins, before the next capture."""
+    mean_s = config.occlusion_s if hidden else 1.0 / config.occlusions_hz
+    return -math.expm1(-1.0 / (config.rate_hz * mean_s))
 
 
-class _Occlusions:
-    """Occlusions of objects: exponential times between them, and exponential durations."""
-
-    def __init__(self, config: SyntheticConfig, objects: Mapping[str, object]) -> None:
-        self._config = config
-        self._spans = dict.fromkeys(objects, (math.inf, -math.inf))
-
-    def at(self, time_s: float, rng: np.random.Generator) -> set[str]:
-        """Return the objects that are hidden at a time. Times ascend."""
-        if not self._config.occlusions_hz:
-            return set()
-        for id_, (_, end_s) in self._spans.items():
-            if time_s >= end_s:
-                begin_s = max(time_s, end_s) + rng.exponential(1.0 / self._config.occlusions_hz)
-                self._spans[id_] = (begin_s, begin_s + rng.exponential(self._config.occlusion_s))
-        return {id_ for id_, (begin_s, end_s) in self._spans.items() if begin_s <= time_s < end_s}
+def _noisy(pose: Pose, rng: np.random.Generator) -> Pose:
+    x, y, z = rng.normal(0.0, _NOISE_M, 3).tolist()
+    a, b, c = rng.normal(0.0, _NOISE_RAD / 2, 3).tolist()
+    return pose @ Pose.at((x, y, z), (a, b, c, 1.0))
 
 
 class SyntheticSource:

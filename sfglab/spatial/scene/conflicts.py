@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple
+from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.poses import Pose, Vec3
     from sfglab.spatial.scene.model import Floats
     from sfglab.spatial.scene.tree import Scene
-    from sfglab.spatial.trajectory.path import Trajectory
 
 PERIOD_S = 0.05  #: Time between samples, s.
 _MOST_SAMPLES = 20_000  # a longer plan has a longer period
@@ -65,28 +65,8 @@ def conflicts(scene: Scene) -> tuple[Conflict, ...]:
     if any(scene.all_of(AgentObject)):
         plan = _Plan(scene)
         for check in (_meetings, _touches, _too_fast, _outside):
-            found += (plan.conflict(one) for one in check(plan) if one.excess.max() > 0.0)
+            found += check(plan)
     return (*found, *_loose_ends(scene))
-
-
-def sample_times(trajectories: list[Trajectory]) -> Floats:
-    """Return the sorted times of all waypoints, and times about each 50 ms between them, s."""
-    waypoints = np.concatenate([motion_of(one).times_s for one in trajectories])
-    first, last = float(waypoints.min()), float(waypoints.max())
-    count = min(round((last - first) / PERIOD_S) + 1, _MOST_SAMPLES)
-    # Rounded, because speeds between two times that are nearly the same are not exact.
-    return np.union1d(np.linspace(first, last, count).round(3), waypoints)
-
-
-class _Candidate(NamedTuple):
-    """A possible conflict of an agent, which is one where the excess is positive."""
-
-    kind: ConflictKind
-    agent: int  # index of the agent
-    other: int  # id of the other object
-    excess: Floats  # excess over what is allowed, at each sample
-    before: str  # words before the largest excess
-    after: str  # words after it
 
 
 class _Plan:
@@ -95,10 +75,19 @@ class _Plan:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.agents = list(scene.all_of(AgentObject))
-        motions = [scene.motion(agent.id) for agent in self.agents]
-        self.times_s = sample_times(motions)
-        positions = [motion_of(one).positions(self.times_s) for one in motions]
+        motions = [motion_of(scene.motion(agent.id)) for agent in self.agents]
+        waypoints_s = np.concatenate([motion.times_s for motion in motions])
+        first_s, last_s = float(waypoints_s.min()), float(waypoints_s.max())
+        count = min(round((last_s - first_s) / PERIOD_S) + 1, _MOST_SAMPLES)
+        # Rounded, because speeds between two times that are nearly the same are not exact.
+        between_s = np.linspace(first_s, last_s, count).round(3)
+        self.times_s = np.union1d(between_s, waypoints_s)
+        positions = [motion.positions(self.times_s) for motion in motions]
         self.positions_m = np.array(positions)  # shape (agents, times, 3)
+
+    def zones(self, rule: ZoneRule) -> list[ZoneObject]:
+        """Return the zones with a rule."""
+        return [zone for zone in self.scene.all_of(ZoneObject) if zone.rule is rule]
 
     def gaps_m(self, body: ObstacleObject | ZoneObject) -> Floats:
         """Return the distances of the agents' centres to a body, shape (agents, times); negative inside."""
@@ -107,58 +96,57 @@ class _Plan:
         gaps = body.shape.distances_m(local.reshape(-1, 3))
         return gaps.reshape(local.shape[:2])
 
-    def conflict(self, candidate: _Candidate) -> Conflict:
-        """Return the warning about the worst sample."""
-        at = int(candidate.excess.argmax())
-        time_s = float(self.times_s[at])
-        agent = self.agents[candidate.agent]
-        x, y, z = self.positions_m[candidate.agent, at].tolist()
-        sentence = f"{candidate.before} {candidate.excess[at]:.3f} m{candidate.after}"
-        return Conflict(
-            kind=candidate.kind,
-            objects=(agent.id, candidate.other),
-            text=f"{agent.name} {sentence} at {time_s:.3f} s",
-            time_s=time_s,
-            position_m=(x, y, z),
-        )
+    def worst(  # noqa: PLR0913, PLR0917  # all parts of a warning
+        self, kind: ConflictKind, index: int, other: int, excess: Floats, before: str, after: str
+    ) -> Iterator[Conflict]:
+        """Yield the warning about an agent's largest excess over what is allowed, if it is positive."""
+        at = int(excess.argmax())
+        if excess[at] > 0.0:
+            agent = self.agents[index]
+            time_s = float(self.times_s[at])
+            x, y, z = self.positions_m[index, at].tolist()
+            yield Conflict(
+                kind=kind,
+                objects=(agent.id, other),
+                text=f"{agent.name} {before} {excess[at]:.3f} m{after} at {time_s:.3f} s",
+                time_s=time_s,
+                position_m=(x, y, z),
+            )
 
 
-def _meetings(plan: _Plan) -> Iterator[_Candidate]:
+def _meetings(plan: _Plan) -> Iterator[Conflict]:
     margin_m = plan.scene.margin_m
-    for index, agent in enumerate(plan.agents):
-        for later, other in enumerate(plan.agents[index + 1 :], index + 1):
-            apart = plan.positions_m[later] - plan.positions_m[index]
-            needed_m = agent.radius_m + other.radius_m + margin_m
-            excess = needed_m - np.sqrt(np.einsum("ij,ij->i", apart, apart))
-            before, after = f"and {other.name} are", f" closer than the margin of {margin_m:g} m"
-            yield _Candidate(ConflictKind.AGENTS, index, other.id, excess, before, after)
+    after = f" closer than the margin of {margin_m:g} m"
+    for first, second in combinations(range(len(plan.agents)), 2):
+        agent, other = plan.agents[first], plan.agents[second]
+        apart_m = np.linalg.norm(plan.positions_m[second] - plan.positions_m[first], axis=1)
+        excess = agent.radius_m + other.radius_m + margin_m - apart_m
+        before = f"and {other.name} are"
+        yield from plan.worst(ConflictKind.AGENTS, first, other.id, excess, before, after)
 
 
-def _touches(plan: _Plan) -> Iterator[_Candidate]:
-    bodies: list[tuple[ConflictKind, ObstacleObject | ZoneObject]] = []
-    bodies += [(ConflictKind.OBSTACLE, one) for one in plan.scene.all_of(ObstacleObject)]
-    bodies += [(ConflictKind.ZONE, one) for one in _zones(plan.scene, ZoneRule.FORBIDDEN)]
-    for kind, body in bodies:
-        for index, row in enumerate(plan.gaps_m(body)):
-            excess = plan.agents[index].radius_m - row
-            yield _Candidate(kind, index, body.id, excess, "is", f" inside {body.name}")
+def _touches(plan: _Plan) -> Iterator[Conflict]:
+    bodies: list[ObstacleObject | ZoneObject] = list(plan.scene.all_of(ObstacleObject))
+    bodies += plan.zones(ZoneRule.FORBIDDEN)
+    for body in bodies:
+        is_zone = isinstance(body, ZoneObject)
+        kind = ConflictKind.ZONE if is_zone else ConflictKind.OBSTACLE
+        for index, gaps_m in enumerate(plan.gaps_m(body)):
+            excess = plan.agents[index].radius_m - gaps_m
+            yield from plan.worst(kind, index, body.id, excess, "is", f" inside {body.name}")
 
 
-def _outside(plan: _Plan) -> Iterator[_Candidate]:
-    zones = _zones(plan.scene, ZoneRule.INSIDE)
+def _outside(plan: _Plan) -> Iterator[Conflict]:
+    zones = plan.zones(ZoneRule.INSIDE)
     if zones:
-        excess = np.min([plan.gaps_m(zone) for zone in zones], axis=0)
         names = ", ".join(zone.name for zone in zones)
-        for index, row in enumerate(excess):
+        gaps_m = np.min([plan.gaps_m(zone) for zone in zones], axis=0)
+        for index, excess in enumerate(gaps_m):
             after = f" outside of {names}"
-            yield _Candidate(ConflictKind.OUTSIDE, index, zones[0].id, row, "is", after)
+            yield from plan.worst(ConflictKind.OUTSIDE, index, zones[0].id, excess, "is", after)
 
 
-def _zones(scene: Scene, rule: ZoneRule) -> list[ZoneObject]:
-    return [zone for zone in scene.all_of(ZoneObject) if zone.rule is rule]
-
-
-def _too_fast(plan: _Plan) -> Iterator[_Candidate]:
+def _too_fast(plan: _Plan) -> Iterator[Conflict]:
     ways_m = np.linalg.norm(np.diff(plan.positions_m, axis=1), axis=2)
     speeds_m_s = ways_m / np.diff(plan.times_s)
     for index, agent in enumerate(plan.agents):
@@ -167,7 +155,7 @@ def _too_fast(plan: _Plan) -> Iterator[_Candidate]:
             limit_m_s = agent.speed_m_s * (1.0 + _ROUNDING)
             excess = np.append(speeds_m_s[index] - limit_m_s, -np.inf)
             after = f"/s faster than its limit of {agent.speed_m_s:g} m/s"
-            yield _Candidate(ConflictKind.LIMIT, index, driven.id, excess, "drives", after)
+            yield from plan.worst(ConflictKind.LIMIT, index, driven.id, excess, "drives", after)
 
 
 def _loose_ends(scene: Scene) -> Iterator[Conflict]:

@@ -5,7 +5,6 @@ A browser, a notebook or a test calls methods, in one thread, and listens; all d
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
@@ -56,20 +55,32 @@ class Change:
     """A change, as listeners get it."""
 
     kind: ChangeKind  #: Kind of the change.
-    label: str = ""  #: Label of the step; empty: it is none.
-    added: tuple[int, ...] = ()  #: Ids of new objects.
-    removed: tuple[int, ...] = ()  #: Ids of removed objects.
-    #: Ids of objects that changed, or that hold others now; 0 is the scene itself.
-    changed: tuple[int, ...] = ()
+
+    @property
+    def is_of_scene(self) -> bool:
+        """Whether the scene is another one now."""
+        return self.kind not in {ChangeKind.SAVE, ChangeKind.SELECTION, ChangeKind.TIME}
 
 
-@dataclass(slots=True)
-class _Step:
-    """A step that was done or undone."""
+@dataclass(frozen=True, slots=True)
+class _History:
+    """Scenes, each with the label of the step that led to it, and the place of the current one."""
 
-    label: str  # for the undo button
-    before: Scene
-    after: Scene
+    scenes: tuple[Scene, ...]
+    labels: tuple[str, ...] = ("",)
+    at: int = 0
+
+    def label(self, at: int) -> str | None:
+        """Return the label of the step that led to a scene; None if no step did."""
+        return self.labels[at] if 0 < at < len(self.labels) else None
+
+    def then(self, label: str, scene: Scene) -> _History:
+        """Return the history after a step to a scene; the same one if the scene is the current one."""
+        if scene == self.scenes[self.at]:
+            return self
+        kept = slice(max(0, self.at + 1 - _DEPTH), self.at + 1)
+        scenes = (*self.scenes[kept], scene)
+        return _History(scenes, (*self.labels[kept], label), len(scenes) - 1)
 
 
 class Editor:
@@ -84,14 +95,10 @@ class Editor:
         self.file = file  #: File of the scene; None: none yet.
         self.selection: tuple[int, ...] = ()  #: Ids of the selected objects, in order of selection.
         self.time_s = 0.0  #: Time of the slider, s.
-        self.scene = scene or Scene()  #: Current scene.
-        self._saved = self.scene
-        self._next_id = self.scene.next_id  # above the ids of all objects, also of undone ones
-        self._done: deque[_Step] = deque(maxlen=_DEPTH)
-        self._undone: list[_Step] = []
-        self._put_aside: list[_Step] = []  # steps that were undone before the latest one
-        self._is_dragging = False
-        self._drag: _Step | None = None  # step that the current drag goes on with
+        self._saved = scene or Scene()
+        self._next_id = self._saved.next_id  # above the ids of all objects, also of undone ones
+        self._history = _History((self._saved,))
+        self._drag: _History | None = None  # history before the current drag
         self._listeners: list[Callable[[Change], None]] = []
 
     @classmethod
@@ -105,6 +112,11 @@ class Editor:
         return cls(scene, file=file)
 
     @property
+    def scene(self) -> Scene:
+        """Current scene."""
+        return self._history.scenes[self._history.at]
+
+    @property
     def dirty(self) -> bool:
         """Whether the scene differs from the one that was loaded or saved last."""
         return self.scene != self._saved
@@ -112,12 +124,12 @@ class Editor:
     @property
     def undo_label(self) -> str | None:
         """Label of the step that undo takes back; None: there is none."""
-        return self._done[-1].label if self._done else None
+        return self._history.label(self._history.at)
 
     @property
     def redo_label(self) -> str | None:
         """Label of the step that redo does again; None: there is none."""
-        return self._undone[-1].label if self._undone else None
+        return self._history.label(self._history.at + 1)
 
     def listen(self, on_change: Callable[[Change], None]) -> Callable[[], None]:
         """Call a function, which must not raise, after each change; return a function that ends this."""
@@ -136,9 +148,7 @@ class Editor:
         if kind not in KINDS:
             raise SceneError("kind", kind, " or ".join(KINDS))
         id_ = self._next_id
-        if "id" in values:
-            raise SceneError(f"{kind} ({name})", "id", "another field")
-        given = {**values, "id": id_, "name": name, "parent": parent}
+        given = dict(id=id_, name=name, parent=parent, **values)
         made = read_object(KINDS[kind], given, f"{kind} {id_} ({name})")
         self._commit(f"Add {kind}", [*self.scene.objects.values(), made])
         return id_
@@ -277,54 +287,36 @@ class Editor:
 
     def _do(self, label: str, after: Scene) -> bool:
         """Go on to another scene, as one step or as a part of the current drag; return whether it differs."""
-        before = self.scene
-        if after == before:
+        if after == self.scene:
             return False
-        if self._drag is None:
-            step = _Step(label, before, after)
-            self._done.append(step)
-            self._put_aside, self._undone = self._undone, []
-            self._drag = step if self._is_dragging else None
-        else:
-            self._drag.after = after
-            if self._drag.before == after:  # the drag came back to its beginning
-                self._done.pop()
-                self._undone = self._put_aside
-                self._drag = None
         self._next_id = max(self._next_id, after.next_id)
-        self._show(after, ChangeKind.EDIT, label)
+        # Each edit of a drag replaces the one before; one that comes back leaves no step.
+        before = self._history if self._drag is None else self._drag
+        self._show(before.then(label, after), ChangeKind.EDIT)
         return True
 
     # Undo, redo and drags.
 
     def undo(self) -> bool:
         """Take the last step back and end the current drag; return whether there was a step."""
-        self.end_drag()
-        if not self._done:
-            return False
-        step = self._done.pop()
-        self._undone.append(step)
-        self._show(step.before, ChangeKind.UNDO, step.label)
-        return True
+        return self._go(-1, self.undo_label, ChangeKind.UNDO)
 
     def redo(self) -> bool:
         """Do the last undone step again and end the current drag; return whether there was one."""
+        return self._go(1, self.redo_label, ChangeKind.REDO)
+
+    def _go(self, steps: int, label: str | None, kind: ChangeKind) -> bool:
         self.end_drag()
-        if not self._undone:
-            return False
-        step = self._undone.pop()
-        self._done.append(step)
-        self._show(step.after, ChangeKind.REDO, step.label)
-        return True
+        if label is not None:
+            self._show(replace(self._history, at=self._history.at + steps), kind)
+        return label is not None
 
     def begin_drag(self) -> None:
         """Join the following edits into one step, until `end_drag`."""
-        self.end_drag()
-        self._is_dragging = True
+        self._drag = self._history
 
     def end_drag(self) -> None:
         """Let each of the following edits be a step."""
-        self._is_dragging = False
         self._drag = None
 
     # Selection, time, warnings and file.
@@ -336,14 +328,14 @@ class Editor:
         chosen = tuple(dict.fromkeys(ids))
         if chosen != self.selection:
             self.selection = chosen
-            self._tell(Change(kind=ChangeKind.SELECTION))
+            self._tell(ChangeKind.SELECTION)
 
     def set_time(self, time_s: float) -> None:
         """Move the time slider; SceneError if the time is no finite number."""
         if not float("-inf") < time_s < float("inf"):
             raise SceneError("time", time_s, "a finite number of seconds")
         self.time_s = float(time_s)
-        self._tell(Change(kind=ChangeKind.TIME))
+        self._tell(ChangeKind.TIME)
 
     def ghosts(self) -> tuple[Ghost, ...]:
         """Return each agent at the time of the slider."""
@@ -365,7 +357,7 @@ class Editor:
         # Ids of a saved file are not given again, also if their addition was undone since.
         save_scene(replace(self.scene, next_id=self._next_id), target)
         self.file, self._saved = target, self.scene
-        self._tell(Change(kind=ChangeKind.SAVE))
+        self._tell(ChangeKind.SAVE)
 
     def load(self) -> None:
         """Load the scene from the editor's file; earlier steps cannot be undone.
@@ -377,29 +369,16 @@ class Editor:
             raise SceneError("file", None, "a file to load")
         scene = load_scene(self.file)
         self._saved, self._next_id = scene, scene.next_id
-        self._done.clear()
-        self._undone.clear()
         self.end_drag()
-        self._show(scene, ChangeKind.LOAD, "")
+        self._show(_History((scene,)), ChangeKind.LOAD)
 
-    def _show(self, after: Scene, kind: ChangeKind, label: str) -> None:
-        """Take a scene as the current one, and tell what differs."""
-        before, self.scene = self.scene, after
-        common = before.objects.keys() & after.objects.keys()
-        changed = {i for i in common if before.objects[i] != after.objects[i]}
-        changed |= {i for i in {ROOT, *common} if before.held_by(i) != after.held_by(i)}
-        if any(getattr(before, name) != getattr(after, name) for name in SETTINGS):
-            changed.add(ROOT)
-        self.selection = tuple(i for i in self.selection if i in after.objects)
-        change = Change(
-            kind=kind,
-            label=label,
-            added=tuple(sorted(after.objects.keys() - before.objects.keys())),
-            removed=tuple(sorted(before.objects.keys() - after.objects.keys())),
-            changed=tuple(sorted(changed)),
-        )
-        self._tell(change)
+    def _show(self, history: _History, kind: ChangeKind) -> None:
+        """Take another history, and tell that the scene differs."""
+        self._history = history
+        self.selection = tuple(id_ for id_ in self.selection if id_ in self.scene.objects)
+        self._tell(kind)
 
-    def _tell(self, change: Change) -> None:
+    def _tell(self, kind: ChangeKind) -> None:
+        change = Change(kind=kind)
         for on_change in tuple(self._listeners):
             on_change(change)

@@ -7,7 +7,6 @@ inspector derives its fields.
 
 from __future__ import annotations
 
-import math
 from dataclasses import MISSING, dataclass, field, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
@@ -67,11 +66,6 @@ class Box:
     kind: Literal["box"] = "box"  #: Kind of the shape.
     size_m: tuple[Length, Length, Length]  #: Lengths along x, y and z, m.
 
-    @property
-    def reach_m(self) -> float:
-        """Distance of the farthest point from the centre, m."""
-        return math.hypot(*self.size_m) / 2.0
-
     def distances_m(self, points_m: Floats) -> Floats:
         """Return the distances of points, shape (n, 3), to the surface; negative inside."""
         return _distances(np.abs(points_m) - np.array(self.size_m) / 2.0)
@@ -83,11 +77,6 @@ class Sphere:
 
     kind: Literal["sphere"] = "sphere"  #: Kind of the shape.
     radius_m: Length  #: Radius, m.
-
-    @property
-    def reach_m(self) -> float:
-        """Distance of the farthest point from the centre, m."""
-        return self.radius_m
 
     def distances_m(self, points_m: Floats) -> Floats:
         """Return the distances of points, shape (n, 3), to the surface; negative inside."""
@@ -101,11 +90,6 @@ class Cylinder:
     kind: Literal["cylinder"] = "cylinder"  #: Kind of the shape.
     radius_m: Length  #: Radius, m.
     height_m: Length  #: Height, m; half of it is below the centre.
-
-    @property
-    def reach_m(self) -> float:
-        """Distance of the farthest point from the centre, m."""
-        return math.hypot(self.radius_m, self.height_m / 2.0)
 
     def distances_m(self, points_m: Floats) -> Floats:
         """Return the distances of points, shape (n, 3), to the surface; negative inside."""

@@ -22,13 +22,6 @@ LATEST_NS = 10**15
 _FLAT_M = 1e-9  # horizontal distances up to here have no heading
 
 
-class TrajectoryError(InvalidValueError):
-    """Values that are no trajectory, or a message without one."""
-
-    def __str__(self) -> str:
-        return f"{self.place}: given {self.given}, allowed: {self.allowed}"
-
-
 class Interpolation(Enum):
     """Way from one waypoint to the next; `motion` has the formulas."""
 
@@ -58,7 +51,7 @@ class Trajectory:
     """Waypoints in order of time. Before the first and after the last, the pose is constant.
 
     Raises:
-        TrajectoryError: There is no waypoint, a time is out of range, or times do not grow.
+        InvalidValueError: There is no waypoint, a time is out of range, or times do not grow.
     """
 
     waypoints: tuple[Waypoint, ...]  #: At least one; their times grow strictly.
@@ -66,12 +59,12 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         if not self.waypoints:
-            raise TrajectoryError("trajectory", "no waypoint", "at least one")
+            raise InvalidValueError("trajectory", self.waypoints, "at least one waypoint")
         before = -1
         for index, waypoint in enumerate(self.waypoints):
             if not before < waypoint.time_ns <= LATEST_NS:
                 allowed = f"whole nanoseconds above {before} and up to {LATEST_NS}"
-                raise TrajectoryError(f"waypoint {index}, time", f"{waypoint.time_ns} ns", allowed)
+                raise InvalidValueError(f"waypoint {index}, time", waypoint.time_ns, allowed)
             before = waypoint.time_ns
 
     def __repr__(self) -> str:

@@ -292,7 +292,7 @@ class Warnings(Part):
 
     def show(self, change: Change) -> None:
         """Show that the list is that of an older scene."""
-        if change.changed or change.added or change.removed:
+        if change.is_of_scene:
             self._head.content = "checking …"
 
     def failed(self) -> None:

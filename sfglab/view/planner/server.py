@@ -163,7 +163,7 @@ class Planner(AbstractContextManager["Planner"]):
                 part.show(change)
             except Exception:  # noqa: BLE001 - the edit is done, and the other parts show it
                 _log.exception("the scene editor failed to show a change")
-        if change.added or change.removed or change.changed:
+        if change.is_of_scene:
             self._check_later()
 
     def _check_later(self) -> None:

@@ -15,7 +15,6 @@ from sfglab.lab.checks.trees import (
     DIRECT,
     PROXY,
     RENAMED,
-    RULE,
     WAYS,
     WORLD,
 )
@@ -59,7 +58,7 @@ def tree_of(run: Run[Config], where: str, way: str) -> tuple[Edge, ...]:
 
 def findings_of(run: Run[Config], where: str, way: str) -> tuple[FrameFinding, ...]:
     """Return the errors of one tree."""
-    return lint_frames(tree_of(run, where, way), rule=RULE, root=WORLD)
+    return lint_frames(tree_of(run, where, way), agents=[AGENT], root=WORLD)
 
 
 @derived

@@ -20,7 +20,7 @@ from sfglab.lab.experiments.planning.facts import FACTS
 from sfglab.lab.paths import find_project
 from sfglab.messages import ns_from_stamp
 from sfglab.spatial import Pose
-from sfglab.spatial.execution.client import execute, scene_orders
+from sfglab.spatial.execution.client import Execution, scene_orders
 from sfglab.spatial.execution.server import AgentSetup, TrajectoryServer
 from sfglab.spatial.scene.files import load_scene, scene_text
 from sfglab.spatial.scene.model import AgentObject
@@ -161,7 +161,10 @@ async def _carried_out(planner: Node, order: Order) -> PlanningGoalRow:
     feedbacks: list[Feedback] = []
     clock = planner.get_clock()
     begun_ns = clock.now_ns()
-    ended = await execute(planner, order, on_feedback=feedbacks.append)
+    execution = Execution(planner, order.agent, on_feedback=feedbacks.append)
+    await execution.begin(order)
+    ended = await execution.result()
+    execution.close()
     last = order.trajectory.waypoints[-1].pose
     return PlanningGoalRow(
         case=OWN_GOAL,
