@@ -9,13 +9,12 @@ from trajectory_strategies import poses, trajectories
 
 from sfglab.bus import GoalStatus
 from sfglab.spatial import Pose
-from sfglab.spatial.execution.agent import AgentState, Follower, Limits, Tolerances
+from sfglab.spatial.execution.agent import GOAL_M, GOAL_RAD, AgentState, Follower, Limits
 from sfglab.spatial.execution.orders import Order, Outcome, RefusalError, outcome_of
 from sfglab.spatial.execution.server import AgentSetup, check_order
 from sfglab.spatial.trajectory.path import Trajectory
 
 S = 1_000_000_000
-EASY = Tolerances(settle_s=3600.0)
 limits = st.builds(
     Limits,
     speed_m_s=st.floats(0.3, 5.0),
@@ -30,9 +29,9 @@ def line(*points):
     return Trajectory.of((i * S, Pose.at((x, 0.0, 0.0))) for i, x in enumerate(xs))
 
 
-def follower(trajectory, held=None, *, pose=None, tolerances=EASY, start_ns=0):
+def follower(trajectory, held=None, *, pose=None, settle_s=3600.0, start_ns=0):
     state = AgentState(pose=pose or trajectory.waypoints[0].pose)
-    given = {"limits": held or Limits(), "tolerances": tolerances}
+    given = {"limits": held or Limits(), "settle_s": settle_s}
     return Follower(trajectory, state=state, now_ns=0, start_ns=start_ns, **given)
 
 
@@ -67,8 +66,8 @@ def test_an_agent_with_time_stands_at_the_last_pose_in_the_end(path, held):
     ended = run_to_end(follower(path, held), step_ns=200_000_000)
     last = path.waypoints[-1].pose
     assert (ended.outcome, ended.share) == (Outcome.SUCCEEDED, 1.0)
-    assert ended.state.pose.distance_m(last) <= EASY.goal_m
-    assert ended.state.pose.angle_rad(last) <= EASY.goal_rad
+    assert ended.state.pose.distance_m(last) <= GOAL_M
+    assert ended.state.pose.angle_rad(last) <= GOAL_RAD
 
 
 @settings(max_examples=10, deadline=None)
@@ -99,8 +98,7 @@ def test_the_result_does_not_depend_on_how_time_is_cut_and_time_never_runs_backw
 
 
 def test_an_agent_that_does_not_arrive_in_time_ends_with_that_outcome():
-    tolerances = Tolerances(settle_s=1.0)
-    following = follower(line(0.0, 5.0), Limits(speed_m_s=0.5), tolerances=tolerances)
+    following = follower(line(0.0, 5.0), Limits(speed_m_s=0.5), settle_s=1.0)
     assert run_to_end(following, 50_000_000).outcome is Outcome.GOAL_MISSED
     assert 4.0 < following.time_ns / S < 4.2
 

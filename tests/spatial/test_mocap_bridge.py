@@ -161,9 +161,12 @@ REFUSED = [  # besides those that `test_documents.py` has for all files
     ("world: /map\nobjects: {a: {via: b}}", r"m\.yaml:1: world: .* without leading slash"),
     (
         GOOD + "  b: {via: a/markers}\n",
-        r"m\.yaml:5: objects\.b\.via: given 'a/markers', .* of its own; objects\.a\.via has",
+        r"m\.yaml:5: objects\.b\.via: given 'a/markers', .* of its own; this one belongs to a",
     ),
-    (GOOD + "  b: {via: c, frame: map}\n", r"objects\.b\.frame: given 'map', .*; world has"),
+    (
+        GOOD + "  b: {via: c, frame: map}\n",
+        r"objects\.b\.frame: given 'map', .* belongs to the world",
+    ),
     (
         GOOD + "    offset: {position_m: [0, 0, 0], quat_xyzw: [0, 0, 0, 0]}\n",
         r"m\.yaml:5: objects\.a\.offset\.quat_xyzw: .* length",

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _GAIN_PER_S = 2.0  # velocity that is added to the planned one for each metre of error
 _SUBSTEP_NS = 20_000_000
+#: Distance and angle from the last pose, and speed, at which an agent may stop.
+GOAL_M, GOAL_RAD, GOAL_M_S = 0.05, 0.1, 0.02
 _LONGEST_NS = 10 * NS_PER_S  # a clock that leaps moves no agent for longer than this
 
 
@@ -45,17 +47,6 @@ class Limits:
     speed_m_s: float | None = None  #: Highest speed, m/s.
     acceleration_m_s2: float | None = None  #: Highest acceleration, m/s².
     yaw_rate_rad_s: float | None = None  #: Highest rate of the whole turn, rad/s.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerances:
-    """Required accuracy of an agent."""
-
-    start_m: float = 0.5  #: Distance from the trajectory up to which a goal is accepted, m.
-    goal_m: float = 0.05  #: Distance from the last pose at which it may stop, m.
-    goal_rad: float = 0.1  #: Angle from the last pose at which it may stop, rad.
-    goal_m_s: float = 0.02  #: Highest speed at the last pose, m/s.
-    settle_s: float = 10.0  #: Longest time from the trajectory's end to the arrival, s.
 
 
 def steered(
@@ -114,7 +105,10 @@ def _limited(vector: Vec3, limit: float | None) -> Vec3:
 
 
 class Follower:
-    """Moves an agent along a trajectory in its frame, whose time 0 is `start_ns` on the caller's clock."""
+    """Moves an agent along a trajectory in its frame, whose time 0 is `start_ns` on the caller's clock.
+
+    An agent that has not arrived `settle_s` after the trajectory's end brakes.
+    """
 
     def __init__(  # noqa: PLR0913  # all that belongs to an execution
         self,
@@ -124,7 +118,7 @@ class Follower:
         now_ns: int,
         start_ns: int,
         limits: Limits,
-        tolerances: Tolerances,
+        settle_s: float = 10.0,
     ) -> None:
         self.state = state  #: State of the agent.
         self.error_m = 0.0  #: Distance from the planned position, m.
@@ -133,7 +127,7 @@ class Follower:
         self._now_ns = now_ns
         self._start_ns = start_ns
         self._limits = limits
-        self._tolerances = tolerances
+        self._settle_ns = settle_s * NS_PER_S
         self._stopped: Outcome | None = None  # outcome once the agent stands
 
     @property
@@ -181,10 +175,9 @@ class Follower:
                 self.outcome = self._stopped
         elif late_ns >= 0 and self._has_arrived(target):
             self.outcome = Outcome.SUCCEEDED
-        elif late_ns > self._tolerances.settle_s * NS_PER_S:
+        elif late_ns > self._settle_ns:
             self.stop(Outcome.GOAL_MISSED)
 
     def _has_arrived(self, target: Pose) -> bool:
-        state, allowed = self.state, self._tolerances
-        is_near = self.error_m <= allowed.goal_m and state.speed_m_s <= allowed.goal_m_s
-        return is_near and state.pose.angle_rad(target) <= allowed.goal_rad
+        is_near = self.error_m <= GOAL_M and self.state.speed_m_s <= GOAL_M_S
+        return is_near and self.state.pose.angle_rad(target) <= GOAL_RAD

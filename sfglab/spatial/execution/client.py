@@ -19,7 +19,7 @@ from sfglab.spatial.execution.orders import (
     feedback_of,
     goal_message,
 )
-from sfglab.spatial.scene.model import AgentObject, TrajectoryObject
+from sfglab.spatial.scene.model import TrajectoryObject
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -114,20 +114,19 @@ def scene_orders(
     Raises:
         InvalidValueError: There is no such agent, several have this name, or it has no trajectory.
     """
-    found: dict[str, list[Order]] = {}
-    for agent in scene.all_of(AgentObject):
-        driven = scene.driven_by(agent.id)
-        order = None if driven is None else trajectory_order(scene, driven.id, start_ns=start_ns)
+    orders = []
+    for driven in scene.all_of(TrajectoryObject):
+        order = trajectory_order(scene, driven.id, start_ns=start_ns)
         if order is not None:
-            found.setdefault(agent.name, []).append(order)
-    for name in agents or found:
-        if len(found.get(name, ())) != 1:
-            known = ", ".join(n for n, orders in found.items() if len(orders) == 1)
-            allowed = (
-                f"an agent with a trajectory and a name of its own: {known or 'there is none'}"
-            )
+            orders.append(order)
+    names = [order.agent for order in orders]
+    known = [name for name in names if names.count(name) == 1]
+    for name in agents or names:
+        if name not in known:
+            own = ", ".join(known) or "there is none"
+            allowed = f"an agent with a trajectory and a name of its own: {own}"
             raise InvalidValueError("agent", name, allowed)
-    return tuple(found[name][0] for name in agents or found)
+    return tuple(orders[names.index(name)] for name in agents or names)
 
 
 def trajectory_order(scene: Scene, trajectory: int, *, start_ns: int = 0) -> Order | None:

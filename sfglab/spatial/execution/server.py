@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.messages import action_type, default_message, message_type
 from sfglab.names import TF, Resource, RosFqnBuilder, Scope
-from sfglab.spatial.execution.agent import AgentState, Follower, Limits, Tolerances, braked
+from sfglab.spatial.execution.agent import AgentState, Follower, Limits, braked
 from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
     Order,
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from sfglab.spatial.scene.tree import Scene
 
 _FEEDBACK_EVERY = 5  #: Steps from one feedback to the next.
+_START_M = 0.5  #: Distance from the trajectory up to which a goal is accepted, m.
 _PERIOD_S = 0.02  #: Time between two steps, and between two poses, s.
 _ROUNDING = 1e-3  #: Share by which a trajectory may exceed the highest speed.
 
@@ -43,7 +44,6 @@ class AgentSetup:
     pose: Pose = field(default_factory=Pose)  #: Pose before it moves.
     frame_id: str = "map"  #: Frame of its poses.
     limits: Limits = field(default_factory=Limits)  #: Limits of its motion.
-    tolerances: Tolerances = field(default_factory=Tolerances)  #: Required accuracy.
 
     @classmethod
     def of_scene(cls, scene: Scene, agent: AgentObject) -> AgentSetup:
@@ -86,9 +86,8 @@ def check_order(order: Order, agent: str, setup: AgentSetup, pose: Pose, now_ns:
         text = f"start: given a trajectory that ended {over_s:.3f} s ago, allowed: a later end"
         raise RefusalError(Outcome.INVALID_TRAJECTORY, text)
     distance_m = pose.distance_m(pose_at(trajectory, time_s))
-    allowed_m = setup.tolerances.start_m
-    if distance_m > allowed_m:
-        text = f"start: given a trajectory {distance_m:.3f} m away, allowed: {allowed_m:g} m"
+    if distance_m > _START_M:
+        text = f"start: given a trajectory {distance_m:.3f} m away, allowed: {_START_M:g} m"
         raise RefusalError(Outcome.START_TOO_FAR, text)
 
 
@@ -156,7 +155,6 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
             now_ns=now_ns,
             start_ns=order.start_ns or now_ns,
             limits=self._setup.limits,
-            tolerances=self._setup.tolerances,
         )
         ended: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
         self._run = _Run(handle=handle, follower=follower, ended=ended)

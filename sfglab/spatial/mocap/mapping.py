@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
 from sfglab.documents import ByName, Document, ReadAs
-from sfglab.errors import InvalidValueError, KeyPath, key_text
+from sfglab.errors import InvalidValueError
 from sfglab.spatial.mocap.tracking import Capture, Limits, MocapError
 from sfglab.spatial.poses import Pose, PoseError, PoseKeys, StampedTransform
 
@@ -69,14 +69,13 @@ class MocapMapping:
             raise InvalidValueError(
                 "objects", self.objects, "a mapping of object ids, at least one"
             )
-        taken: dict[str, KeyPath] = {self.world: ("world",)}
+        owners = {self.world: "the world"}
         for id_, mapped in self.objects.items():
             for key, frame in (("via", mapped.via), ("frame", mapped.frame)):
-                path: KeyPath = ("objects", id_, key)
-                before = taken.setdefault(frame, path) if frame else path
-                if before[:2] != path[:2]:
-                    allowed = f"a frame of its own; {key_text(before)} has that one"
-                    raise InvalidValueError(path, frame, allowed)
+                owner = owners.setdefault(frame, id_) if frame else id_
+                if owner != id_:
+                    allowed = f"a frame of its own; this one belongs to {owner}"
+                    raise InvalidValueError(("objects", id_, key), frame, allowed)
 
 
 def load_mapping(path: Path | str) -> MocapMapping:

@@ -7,6 +7,7 @@ there for some time, the pose is published after all, because then the former po
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -117,14 +118,14 @@ class Track:
     def __init__(self, limits: Limits) -> None:
         self.state = TrackState.ABSENT  #: State of the object.
         self._limits = limits
-        self._seen_ns: int | None = None  # newest capture
+        self._seen_ns = -math.inf  # newest capture
         self._pose: Pose | None = None  # latest published pose
         self._pose_ns = 0
         self._suspicion: _Suspicion | None = None
 
     def judge(self, sight: Sight, capture_ns: int) -> Verdict:
         """Return the verdict on the object in the next capture."""
-        if self._seen_ns is not None and capture_ns <= self._seen_ns:
+        if capture_ns <= self._seen_ns:
             return Verdict.STALE
         self._seen_ns = capture_ns
         suspicion, self._suspicion = self._suspicion, None

@@ -5,7 +5,7 @@ A browser, a notebook or a test calls methods, in one thread, and listens; all d
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -20,13 +20,11 @@ from sfglab.spatial.scene.model import (
     TrajectoryObject,
     WaypointObject,
     changed,
-    place_of,
     read_object,
 )
 from sfglab.spatial.scene.tree import SETTINGS, Scene, SceneSettings, scene_of
 from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.units import NS_PER_S
-from sfglab.validation import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -256,12 +254,9 @@ class Editor:
 
     def set_property(self, id_: int, key: str, value: Any) -> bool:
         """Change a field of an object, such as a radius, but not its id or kind; the value is as in `add`."""
-        thing = self.scene.get(id_)
-        known = sorted({one.name for one in fields(thing)} - {"id", "kind"})
-        if key not in known:
-            raise SceneError(place_of(thing), key, ", ".join(known) + suggestion(key, known))
+        made = changed(self.scene.get(id_), id=id_, **{key: value})
         label = "Rename" if key == "name" else f"Change {key.removesuffix('_ns')}"
-        return self._put(label, changed(thing, **{key: value}))
+        return self._put(label, made)
 
     def align(self, id_: int, align: Align) -> bool:
         """Align all waypoints of a trajectory. Paper A, section 4.5."""

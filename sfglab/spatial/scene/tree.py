@@ -7,7 +7,7 @@ edits have the same rules.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -150,24 +150,19 @@ def scene_of(
         SceneError: A rule does not hold.
     """
     found = {thing.id: thing for thing in objects}
-    for thing, key, given, allowed in (*_wrong_parents(found), *_wrong_agents(found)):
-        raise _refusal(thing, key, given, allowed, places)
-    held: dict[int, list[int]] = {}
-    for thing in found.values():
-        held.setdefault(thing.parent, []).append(thing.id)
-    for id_, ids in held.items():
-        if not isinstance(found.get(id_), TrajectoryObject):
-            continue
-        waypoints = [thing for i in ids if isinstance(thing := found[i], WaypointObject)]
-        waypoints.sort(key=lambda waypoint: waypoint.time_ns)
-        for one, after in pairwise(waypoints):
-            if one.time_ns == after.time_ns:
-                allowed = f"a time of its own; waypoint {one.id} has this one"
-                raise _refusal(after, "time_ns", after.time_ns, allowed, places)
-        found |= {waypoint.id: waypoint for waypoint in _aligned(waypoints)}
-        held[id_] = [waypoint.id for waypoint in waypoints]
+    held: dict[int, list[SceneObject]] = {}
+    for thing in sorted(found.values(), key=lambda thing: getattr(thing, "time_ns", 0)):
+        held.setdefault(thing.parent, []).append(thing)
+    problems = chain(_wrong_parents(found), _wrong_agents(found), _equal_times(held))
+    for thing, key, given, allowed in problems:
+        place = f"{place_of(thing)}, {key}"
+        if thing.id in places:
+            place = f"{places[thing.id]}: {place}"
+        raise SceneError(place, given, allowed)
+    for things in held.values():
+        found |= {waypoint.id: waypoint for waypoint in _aligned(things)}
     next_id = max([before.next_id, *(id_ + 1 for id_ in found)])
-    children = {id_: tuple(ids) for id_, ids in held.items()}
+    children = {id_: tuple(thing.id for thing in things) for id_, things in held.items()}
     return replace(before, next_id=next_id, objects=found, children=children)
 
 
@@ -203,17 +198,22 @@ def _wrong_agents(objects: Mapping[int, SceneObject]) -> Iterator[Problem]:
             yield thing, "agent", thing.agent, allowed
 
 
-def _refusal(
-    thing: SceneObject, key: str, given: object, allowed: str, places: Mapping[int, str]
-) -> SceneError:
-    place = f"{place_of(thing)}, {key}"
-    if thing.id in places:
-        place = f"{places[thing.id]}: {place}"
-    return SceneError(place, given, allowed)
+def _equal_times(held: Mapping[int, list[SceneObject]]) -> Iterator[Problem]:
+    """Find waypoints of a trajectory that have one time."""
+    for things in held.values():
+        for one, after in pairwise(_waypoints(things)):
+            if one.time_ns == after.time_ns:
+                allowed = f"a time of its own; waypoint {one.id} has this one"
+                yield after, "time_ns", after.time_ns, allowed
 
 
-def _aligned(waypoints: list[WaypointObject]) -> Iterator[WaypointObject]:
-    """Yield those aligned waypoints that must be turned, turned along their segments."""
+def _waypoints(things: Iterable[SceneObject]) -> list[WaypointObject]:
+    return [thing for thing in things if isinstance(thing, WaypointObject)]
+
+
+def _aligned(things: Iterable[SceneObject]) -> Iterator[WaypointObject]:
+    """Yield those waypoints in order of time that must be turned, turned along their segments."""
+    waypoints = _waypoints(things)
     positions = [waypoint.pose.position_m for waypoint in waypoints]
     for index, waypoint in enumerate(waypoints):
         quat = aligned_quat(positions, index, waypoint.align)

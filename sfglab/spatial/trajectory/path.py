@@ -67,11 +67,6 @@ class Trajectory:
                 raise InvalidValueError(f"waypoint {index}, time", waypoint.time_ns, allowed)
             before = waypoint.time_ns
 
-    def __repr__(self) -> str:
-        duration_s = (self.end_ns - self.start_ns) / 1e9
-        count = len(self.waypoints)
-        return f"<trajectory, {self.interpolation.value}: {count} waypoints, {duration_s:g} s>"
-
     @property
     def start_ns(self) -> int:
         """Time of the first waypoint, ns."""
@@ -115,9 +110,9 @@ def heading_quat(start_m: Vec3, end_m: Vec3) -> Quat | None:
     flat = math.hypot(dx, dy)
     if flat <= _FLAT_M:
         return None
-    yaw, pitch = math.atan2(dy, dx) / 2, -math.atan2(dz, flat) / 2
-    cy, sy, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
-    return (-sy * sp, cy * sp, sy * cp, cy * cp)
+    half = -math.atan2(dz, flat) / 2
+    pitched = Pose(quat_xyzw=(0.0, math.sin(half), 0.0, math.cos(half)))
+    return (Pose.from_yaw(start_m, math.atan2(dy, dx)) @ pitched).quat_xyzw
 
 
 def aligned_quat(positions_m: Sequence[Vec3], index: int, align: Align) -> Quat | None:
