@@ -179,9 +179,6 @@ class Plan:
     up_to_date: float  #: Mean by weight of the topics' shares.
     #: Freshness that one second of mean latency costs; None where no programme was solved.
     latency_price_hz: float | None = None
-    #: Gain of the objective per additional share of a sender's time: the capacity's dual value; None where no
-    #: programme was solved.
-    airtime_price: float | None = None
 
 
 def assess(given: TopicFile, rates_hz: Floats, depths: Depths, *, method: str) -> Plan:

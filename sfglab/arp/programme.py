@@ -91,10 +91,9 @@ class _Planner:
         link, best = self._first, None
         for _ in range(_ALTERNATIONS_MOST):
             programme = self._programme(link)
-            rates_hz, airtime_price = programme.solve(link, price)
-            rates_hz, depths = self._within_capacity(link, rates_hz)
+            rates_hz, depths = self._within_capacity(link, programme.solve(link, price))
             found = assess(self._given, rates_hz, depths, method="ours")
-            found = replace(found, latency_price_hz=price, airtime_price=airtime_price)
+            found = replace(found, latency_price_hz=price)
             if best is not None and _worth(found) <= _worth(best) + _GAIN_LEAST:
                 break
             best = found
@@ -194,9 +193,8 @@ class _Programme:
         )
         usual_sent = np.minimum(middle, sent_most)
         latency_s = _mean_latency_s(link, sent, busy, weights, usual_sent)
-        self._capacity = link.data_s @ sent + link.acknack_s @ acknacks <= busy
         constraints = [
-            self._capacity,
+            link.data_s @ sent + link.acknack_s @ acknacks <= busy,
             busy <= given.utilisation_max,
             shares >= lowest / highest,
             shares <= 1,
@@ -205,8 +203,8 @@ class _Programme:
         objective = cp.Maximize(1 - weights @ stale - self._price * latency_s)
         self._problem = cp.Problem(objective, constraints)
 
-    def solve(self, link: Link, price: float) -> tuple[Floats, float]:
-        """Return rates and the capacity's dual value at a price of latency, after the branches have settled.
+    def solve(self, link: Link, price: float) -> Floats:
+        """Return rates at a price of latency, after the branches have settled.
 
         Samples and acknowledgements that travel grow with the readings up to a bound: in one branch they are a
         share of the readings, in the other the bound. `link` is what the programme was built with.
@@ -232,7 +230,7 @@ class _Programme:
                 self._branches[2 * i + 1].value = np.where(bound, most_hz[i], 0.0)
             solve_problem(self._problem, "QoS plan", **_TOLERANCES)
             rates_hz = np.clip(self._rates.value, *self._bounds_hz)
-        return rates_hz, float(np.max(self._capacity.dual_value))
+        return rates_hz
 
 
 def _mean_latency_s(link: Link, sent: Any, busy: Any, weights: Floats, usual: Floats) -> Any:

@@ -213,7 +213,7 @@ def _plan_text(plan: Plan) -> str:
 def _front_text(given: TopicFile) -> str:
     from sfglab.arp import pareto_front
 
-    head = "latency weight Hz, freshness %, latency ms, up to date %, utilisation %, shadow price"
+    head = "latency weight Hz, freshness %, latency ms, up to date %, utilisation %"
     rows = [tuple(head.split(", "))]
     for plan in pareto_front(given):
         row = (
@@ -222,7 +222,6 @@ def _front_text(given: TopicFile) -> str:
             f"{1e3 * plan.latency_s:.3f}",
             f"{100 * plan.up_to_date:.2f}",
             f"{100 * plan.utilisation:.1f}",
-            f"{plan.airtime_price:.4f}",
         )
         rows.append(row)
-    return "\n".join(columns(rows, right=range(6)))
+    return "\n".join(columns(rows, right=range(5)))

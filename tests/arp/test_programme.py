@@ -92,16 +92,6 @@ def test_equal_topics_share_the_capacity_equally_up_to_the_border_of_what_is_fea
         plan(infeasible, medium, CYCLONE_DDS)
 
 
-def test_the_price_of_airtime_is_the_difference_quotient_of_the_optimum():
-    topics, step = [*equal_topics(8, change_s=0.1), topic("/slow", change_s=10)], 1e-3
-    found = []
-    for share in (0.3 - step, 0.3, 0.3 + step):
-        limits = {"latency_price_hz": 0.0, "utilisation_max": share}
-        found.append(plan(topics, Medium(), ASYNC, **limits))
-    gain = (found[2].freshness - found[0].freshness) / (2 * step)
-    assert found[1].airtime_price == pytest.approx(gain, rel=1e-3)
-
-
 ALONE = topic("/alone", target="other", change_s=0.02)
 CROWD = equal_topics(30, source="crowd", size_bytes=1400, change_s=0.02)
 WEIGHED = [replace(one, weight=1 + i % 3) for i, one in enumerate(PAPER_B.topics)]
