@@ -30,9 +30,10 @@ def test_the_paper_s_profile_has_every_setting_once():
     assert len(settings) == len(set(settings)) == len(RATES_HZ) * (3 * len(LAP_DEPTHS) + 4)
 
 
-def test_a_lap_of_the_log_is_simulated_again_from_its_row():
-    logged = next(REFERENCE["course"].query("method == 'none' and seed == 2").itertuples())
-    row = experiment.simulate_lap(experiment.settings_of_row(logged), 2)
+@pytest.mark.parametrize("lap", ["method == 'none' and seed == 2", "method == 'OPT+LC'"])
+def test_a_lap_of_the_log_is_simulated_again_from_its_row(lap):
+    logged = next(REFERENCE["course"].query(lap).itertuples())
+    row = experiment.simulate_lap(experiment.settings_of_row(logged), logged.seed)
     assert all(getattr(logged, name) == value for name, value in asdict(row).items())
 
 

@@ -176,16 +176,11 @@ def optimum(run: Run[Config]) -> Finding:
 @exp.claim("B-TAB1", how=How.EXACT)
 def table_one(run: Run[Config]) -> Finding:
     """Return the share of messages whose type and sizes are those of Table 1."""
-    matching = []
-    sizes = []
     rows = lines_of(run["table_one"])
-    for row in rows:
-        stated = TABLE_1.get(row.sensor)
-        if stated == (row.type, row.table_bytes) == (row.type, row.object_bytes):
-            matching.append(row.sensor)
-        sizes.append(f"{row.sensor} {row.table_bytes}/{row.cdr_bytes}")
-    names = {row.sensor for row in rows} | TABLE_1.keys()
-    wrong = sorted(names.difference(matching))
+    sent = {row.sensor: {(row.type, row.table_bytes), (row.type, row.object_bytes)} for row in rows}
+    names = sorted(sent.keys() | TABLE_1.keys())
+    wrong = [name for name in names if sent.get(name) != {TABLE_1.get(name)}]
+    sizes = [f"{row.sensor} {row.table_bytes}/{row.cdr_bytes}" for row in rows]
     details = {
         "paper's bytes / CDR on the wire": ", ".join(sizes),
         "what the paper's bytes are": "the size of the value as a Python object",

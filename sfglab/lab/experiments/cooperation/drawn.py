@@ -120,14 +120,16 @@ def _write_walls(log: LogWriter, lap: str) -> None:
     """Write each robot's walls and boxes as pairs of points."""
     kind = message_type("visualization_msgs/msg/Marker")
     point = message_type("geometry_msgs/msg/Point")
+    grey = dict.fromkeys("rgb", np.float32(0.6))
     for area in hallway.AREAS:
+        ends = area.segments.reshape(-1, 2).tolist()
         message = default_message(
-            kind, header=header_msg("map", 0), ns=area.robot, type=kind.LINE_LIST
+            kind,
+            header=header_msg("map", 0),
+            ns=area.robot,
+            type=kind.LINE_LIST,
+            color=default_message("std_msgs/msg/ColorRGBA", a=np.float32(1.0), **grey),
+            points=[point(x=x_m + _SHIFTS_M[area.robot], y=y_m, z=0.0) for x_m, y_m in ends],
         )
         message.scale.x = 0.02
-        message.color.r = message.color.g = message.color.b = np.float32(0.6)
-        message.color.a = np.float32(1.0)
-        shift_m = _SHIFTS_M[area.robot]
-        ends = area.segments.reshape(-1, 2).tolist()
-        message.points = [point(x=x_m + shift_m, y=y_m, z=0.0) for x_m, y_m in ends]
         log.write(f"/{lap}/{area.robot}/walls", message, log_time_ns=0)

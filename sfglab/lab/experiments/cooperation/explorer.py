@@ -127,8 +127,8 @@ def _words(settings: LapSettings, lap: SimulatedLap) -> str:
     """Return what is simulated and how it ended."""
     if lap.verdict is None:
         return f"{setting_text(settings)}: simulated up to {lap.time_s:.0f} s."
-    robot = "" if lap.verdict.robot < 0 else ROBOTS[lap.verdict.robot]
-    return f"{setting_text(settings)}: {ending_text(lap.verdict.end, robot, lap.time_s)}."
+    result = lap.result()
+    return f"{setting_text(settings)}: {ending_text(result.end, result.robot, lap.time_s)}."
 
 
 def _hallway(
@@ -138,14 +138,16 @@ def _hallway(
     measured_m, believed_m = shown.measured_m[number], shown.believed_m[number]
     pose = shown.poses[number]
     is_wrong = wrong_beams(measured_m, believed_m)
-    wrong_m = np.where(is_wrong, believed_m, np.inf)
-    series = [_path("walls", np.vstack((ring, ring[:1]))) for ring in area.rings]
-    series.append(_path(_BEAMS, _star(pose, measured_m)))
-    series.append(_path(_WRONG, _star(pose, wrong_m)))
-    series.append(_path(area.robot, track))
-    series.append(_dot(area.robot, pose[0], pose[1]))
+    walls = [_path("walls", np.vstack((ring, ring[:1]))) for ring in area.rings]
+    series = (
+        *walls,
+        _path(_BEAMS, _star(pose, measured_m)),
+        _path(_WRONG, _star(pose, np.where(is_wrong, believed_m, np.inf))),
+        _path(area.robot, track),
+        _dot(area.robot, pose[0], pose[1]),
+    )
     note = f"{is_wrong.sum()} of {len(BEAMS_DEG)} beams wrong at the station"
-    return pictures.Panel(title=area.robot, x=_X, y=_Y, series=tuple(series), note=note)
+    return pictures.Panel(title=area.robot, x=_X, y=_Y, series=series, note=note)
 
 
 def _path(name: str, points: NDArray[np.float64]) -> pictures.Series:
@@ -161,10 +163,8 @@ def _star(pose: NDArray[np.float64], ranges_m: NDArray[np.float64]) -> NDArray[n
     """Return beams as one path, which returns to the robot after each; beams without an echo are left out."""
     seen = np.isfinite(ranges_m)
     angles = pose[2] + np.radians(BEAMS_DEG)[seen]
-    ends = pose[:2] + ranges_m[seen, None] * np.column_stack((np.cos(angles), np.sin(angles)))
-    path = np.empty((2 * len(ends) + 1, 2))
-    path[::2] = pose[:2]
-    path[1::2] = ends
+    path = np.repeat(pose[None, :2], 2 * len(angles) + 1, axis=0)
+    path[1::2] += ranges_m[seen, None] * np.column_stack((np.cos(angles), np.sin(angles)))
     return path
 
 

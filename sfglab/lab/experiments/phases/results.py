@@ -194,23 +194,28 @@ def agreement_finding(run: Run[Config], of: str) -> Finding | None:
     table = run.once("plausible", lambda: answers(*tables))
     found = agreement(table, of)
     values: dict[str, Estimate] = {}
-    counts: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     details: dict[str, str] = {}
     for mode in criterion().modes:
         part = found[found["preset"] == mode]
+        count = len(part)
         agreeing, lowest, small = part[["agrees", "lowest", "small"]].sum()
-        values[mode] = share_of(int(agreeing), len(part), unit="share of plausible conditions")
-        counts[mode] = (
-            f"{BEST} lowest in {lowest} of {len(part)}; a small depth worse in {small} of {len(part)}"
-        )
+        values[mode] = share_of(int(agreeing), count, unit="share of plausible conditions")
+        counts = f"{BEST} lowest in {lowest} of {count}; a small depth worse in {small} of {count}"
+        reasons[mode] = f"{counts}; agree {by_axis(part, 'agrees')}"
+        details[f"{mode}, agree"] = f"{values[mode]}: {agreeing} of {count}; {counts}"
         best_ms, other_ms = table[table["preset"] == mode][["age_ms", "age_lowest_ms"]].median()
-        details |= {
-            f"{mode}, agree": f"{values[mode]}: {agreeing} of {len(part)}; {counts[mode]}",
-            f"{mode}, age at the station": f"{BEST} {best_ms:.3g} ms, lowest other {other_ms:.3g} ms",
-        }
-    mode = lowest_mode(values)
-    where = by_axis(found[found["preset"] == mode], "agrees")
-    reason = f"with the timing of {PRESETS[mode].name}, {counts[mode]}; agree {where} ({_MAP})"
+        ages = f"{BEST} {best_ms:.3g} ms, lowest other {other_ms:.3g} ms"
+        details[f"{mode}, age at the station"] = ages
+    return finding_of(values, reasons, details)
+
+
+def finding_of(
+    values: Mapping[str, Estimate], reasons: Mapping[str, str], details: dict[str, str]
+) -> Finding:
+    """Return the finding of the mode with the lowest value, by which a criterion is judged."""
+    mode = min(values, key=lambda mode: values[mode].value)
+    reason = f"with the timing of {PRESETS[mode].name}, {reasons[mode]} ({_MAP})"
     return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
 
 
@@ -240,31 +245,24 @@ def laps_completed(run: Run[Config]) -> Finding | None:
         return None
     laps = tables[1].assign(done=tables[1]["end"] == End.SUCCESS.value)
     values: dict[str, Estimate] = {}
+    reasons: dict[str, str] = {}
     details: dict[str, str] = {}
     for mode in criterion().modes:
         part = laps[laps["preset"] == mode]
-        rates = []
-        for method in (BEST, "none"):
-            done = part[part["method"] == method]["done"]
-            rates.append(share_of(int(done.sum()), len(done), unit="success rate"))
+        best, none = (part[part["method"] == method] for method in (BEST, "none"))
+        rates = [
+            share_of(int(of_method["done"].sum()), len(of_method), unit="success rate")
+            for of_method in (best, none)
+        ]
         values[mode] = difference_of(*rates, unit="success rate difference")
-        none = part[part["method"] == "none"]
-        details |= {
-            f"{mode}, {BEST} less none": f"{rates[0]} less {rates[1]}: {values[mode]}",
-            f"{mode}, by conditions": f"{by_conditions(part)}: bootstrap of conditions, because laps of "
-            "one condition are not independent",
-            f"{mode}, none: ends of laps": obstacles(none),
-        }
-    mode = lowest_mode(values)
-    best = laps[(laps["preset"] == mode) & (laps["method"] == BEST)]
-    where = by_axis(best, "done")
-    reason = f"with the timing of {PRESETS[mode].name}, {BEST} completes {where} ({_MAP})"
-    return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
-
-
-def lowest_mode(values: Mapping[str, Estimate]) -> str:
-    """Return the mode with the lowest value, by which a criterion is judged."""
-    return min(values, key=lambda mode: values[mode].value)
+        reasons[mode] = f"{BEST} completes {by_axis(best, 'done')}"
+        details[f"{mode}, {BEST} less none"] = f"{rates[0]} less {rates[1]}: {values[mode]}"
+        details[f"{mode}, by conditions"] = (
+            f"{by_conditions(part)}: bootstrap of conditions, because laps of one condition are "
+            "not independent"
+        )
+        details[f"{mode}, none: ends of laps"] = obstacles(none)
+    return finding_of(values, reasons, details)
 
 
 def by_conditions(laps: pd.DataFrame) -> Estimate:

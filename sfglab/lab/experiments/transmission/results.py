@@ -433,17 +433,15 @@ def validated(run: Run[Config]) -> pd.DataFrame:
     """
     rows = played(run)
     kept = on_time(rows)
-    groups = kept.groupby([*KEYS, "of"], sort=False, dropna=False)
-    medians = agreeing(groups[_MEASURED].median().reset_index())
-    firsts = agreeing(kept.drop_duplicates(KEYS))
+    medians = kept.groupby([*KEYS, "of"], sort=False, dropna=False)[_MEASURED].median()
     whose = ["preset", "of"]
+    firsts = agreeing(kept.drop_duplicates(KEYS)).groupby(whose)["agrees"]
     table = rows.groupby(whose, sort=False).size().to_frame("plays")
-    on_schedule = kept.groupby(whose).size().reindex(table.index, fill_value=0)
-    table["late"] = table["plays"] - on_schedule
+    table["late"] = rows.assign(late=~rows["kept_up"].astype(bool)).groupby(whose)["late"].sum()
     table["cells"] = rows.drop_duplicates(KEYS).groupby(whose).size()
-    table["kept"] = firsts.groupby(whose).size().reindex(table.index, fill_value=0)
-    table["both_within"] = medians.groupby(whose)["agrees"].mean()
-    table["first_within"] = firsts.groupby(whose)["agrees"].mean()
+    table["kept"] = firsts.size().reindex(table.index, fill_value=0)
+    table["both_within"] = agreeing(medians.reset_index()).groupby(whose)["agrees"].mean()
+    table["first_within"] = firsts.mean()
     return table.reset_index()
 
 
