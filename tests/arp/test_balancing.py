@@ -51,16 +51,7 @@ def test_an_infeasible_problem_names_its_equation_and_what_would_help(values, sa
         balance(BalanceInput(topics=EXPERIMENT, rate_max_hz=100, **values))
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"topics": ()},
-        {"topics": (3, 0)},
-        {"rate_min_hz": 0},
-        {"rate_min_hz": 200},
-        {"depth_min": 6000},
-    ],
-)
+@pytest.mark.parametrize("values", [{"topics": (3, 0)}, {"rate_min_hz": 0}, {"depth_min": 6000}])
 def test_meaningless_input_is_refused(values):
     with pytest.raises(InvalidValueError):
         BalanceInput(**{"topics": (3,), "rate_max_hz": 100} | values)

@@ -5,14 +5,14 @@ from itertools import product
 
 import pytest
 from commands import called
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 from waiting import program
 
-from sfglab.arp.recorded import host_of, topics_from_log, topics_text
+from sfglab.arp.recorded import topics_from_log, topics_text
 from sfglab.arp.topics import load_topics, read_topics
 from sfglab.documents import Document
-from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.errors import SfglabError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.record import LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
@@ -31,10 +31,9 @@ def reading(number: int) -> bytes:
     return JAZZY.serialize_cdr(kinds[POINT](header=header, point=point), POINT)
 
 
-@pytest.mark.parametrize("plugin", StoragePlugin)
-def test_a_bag_of_ros_2_gives_rate_size_and_how_often_the_value_changes(tmp_path, plugin):
+def test_a_bag_of_ros_2_gives_rate_size_and_how_often_the_value_changes(tmp_path):
     bag_path = tmp_path / "bag"
-    with Writer(bag_path, version=9, storage_plugin=plugin) as bag:
+    with Writer(bag_path, version=9) as bag:
         once = bag.add_connection("/once", POINT, typestore=JAZZY)
         place = bag.add_connection("/global/go2/place", POINT, typestore=JAZZY)
         bag.write(once, 0, reading(0))
@@ -48,7 +47,6 @@ def test_a_bag_of_ros_2_gives_rate_size_and_how_often_the_value_changes(tmp_path
     assert left_out == {"/once": "it has too few messages to tell a rate"}
     called("qos", str(bag_path), "--format", "topics", "--out", str(tmp_path))
     assert load_topics(tmp_path / "topics.yaml").topics == (topic,)
-    assert "/global/go2/place" in called("qos", str(bag_path), "--rate-max", "5")
 
 
 RECORDED = QoSProfile(reliability=Reliability.BEST_EFFORT, durability=Durability.TRANSIENT_LOCAL)
@@ -86,26 +84,12 @@ def test_who_publishes_and_subscribes_decides_what_crosses_with_the_recorded_qos
     }
 
 
-def test_a_side_that_is_not_recorded_has_no_nodes_and_a_misspelt_one_is_refused(tmp_path):
-    for number, side in enumerate(("subscribers", "publisher")):
-        with LogWriter(tmp_path / f"{number}.mcap") as log:
-            log.write_metadata(COMPUTATION_GRAPH, {"/a": {side: ["/n"]}})
-            log.write_raw("/a", "std_msgs/msg/UInt8", b"\0\1\0\0\7", log_time_ns=1)
-    with LogReader(tmp_path / "0.mcap") as log:
+def test_a_side_that_is_not_recorded_has_no_nodes(tmp_path):
+    with LogWriter(tmp_path / "a.mcap") as log:
+        log.write_metadata(COMPUTATION_GRAPH, {"/a": {"subscribers": ["/n"]}})
+        log.write_raw("/a", "std_msgs/msg/UInt8", b"\0\1\0\0\7", log_time_ns=1)
+    with LogReader(tmp_path / "a.mcap") as log:
         assert topics_from_log(log) == ((), {"/a": "nobody publishes it"})
-    with (
-        LogReader(tmp_path / "1.mcap") as log,
-        pytest.raises(InvalidValueError, match="did you mean 'publishers'"),
-    ):
-        topics_from_log(log)
-
-
-HOSTS = {"/global/go2/imu": "go2", "/local/go2/imu": "go2", "/robot1/lidar": "robot1"}
-HOSTS |= {"/global/agent_heartbeat": "", "/tf": "", "/": ""}
-
-
-def test_names_say_hosts():
-    assert {name: host_of(name) for name in HOSTS} == HOSTS
 
 
 @pytest.mark.live
@@ -121,21 +105,11 @@ def test_what_runs_is_recorded_for_a_plan_and_for_a_mapping(domain_id, tmp_path)
         called("map", *at, "--seconds", "4", "--out", str(tmp_path / "graph.yaml"))
     (found,) = load_topics(tmp_path / "topics.yaml").topics
     assert (found.name, found.source, found.target) == (name, "go2", "station")
-    assert found.size_bytes in (14, 16), "with or without what fills four bytes"
     assert found.rate_max_hz == pytest.approx(20, rel=0.3)
     (mapped,) = load_graph(tmp_path / "graph.yaml").topics
     assert (len(mapped.publishers), len(mapped.subscribers)) == (1, 1)
 
 
-@pytest.mark.parametrize(
-    ("domain", "given", "says"),
-    [
-        ("", (), "nothing to read: give a file"),
-        ("", ("a.yaml", "--domain", "3"), "a file and --domain exclude each other"),
-        ("400", (), "ROS_DOMAIN_ID: given '400'"),
-    ],
-)
-def test_a_file_and_a_domain_and_neither_are_refused(monkeypatch, domain, given, says):
-    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-    with pytest.raises(SfglabError, match=says):
-        called("map", *given)
+def test_a_file_and_a_domain_are_refused():
+    with pytest.raises(SfglabError, match="a file and --domain exclude each other"):
+        called("map", "a.yaml", "--domain", "3")

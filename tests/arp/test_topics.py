@@ -19,10 +19,12 @@ def read(text):
 
 def test_paper_bs_file_has_table_1s_sensors_hello_the_localisation_result_and_the_models_usual_link():
     given = load_topics(DATA / "paper_b.yaml")
-    found = {t.name: (t.source, t.target, t.size_bytes, t.change_s) for t in given.topics}
-    for robot, name in ((robot, name) for robot, names in ROBOTS.items() for name in names):
-        expected = (robot, "station", SENSORS[name].table_bytes, SENSORS[name].change_s)
-        assert found.pop(f"/{robot}/{name}") == expected
+    found = {topic.name: topic for topic in given.topics}
+    for robot, names in ROBOTS.items():
+        for name in names:
+            topic, sensor = found.pop(f"/{robot}/{name}"), SENSORS[name]
+            assert (topic.source, topic.target) == (robot, "station")
+            assert (topic.size_bytes, topic.change_s) == (sensor.table_bytes, sensor.change_s)
     assert list(found) == ["/hello", "/robot3/localisation"]
     assert (given.medium, given.vendor, given.agents) == (Medium(), FAST_DDS, tuple(ROBOTS))
 
@@ -47,14 +49,13 @@ MISTAKES = [  # beside what `test_documents.py` has for every file
     ),
     *(
         (f'topics: {{"{name}": {{from: r, to: s, size_bytes: 8}}}}', "allowed: a full topic name")
-        for name in (r"/a\nb", r"/a\u0001", "/a b", "//a", "/a//b", "/a/", "/a-b", "/1")
+        for name in (r"/a\nb", "/a b", "/a//b", "/1")
     ),
     (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
     (
         line("from: r, to: [s, s], size_bytes: 8"),
         r"/a\.to: given \['s', 's'\], allowed: another .*each once",
     ),
-    (line("from: r, to: [], size_bytes: 8"), r"/a\.to: given \[\], allowed: another host"),
     (
         line("from: r, to: {s: 1}, size_bytes: 8"),
         r"/a\.to: given .*, allowed: a text or a list",
@@ -75,11 +76,6 @@ MISTAKES = [  # beside what `test_documents.py` has for every file
         line("from: r, to: s, size_bytes: 8, rate_max_hz: 1e-300"),
         "given '1e-300', .*a finite number from 1e-09 to 1000000000; .*as in 1.0e-9",
     ),
-    (
-        line("from: r, to: s, size_bytes: 8, rate_max_hz: 1.0e-300"),
-        "given 1e-300, .*a finite number from 1e-09",
-    ),
-    (f"link: {{latency_ms: 1.0e+12}}\n{ONE}", r"link\.latency_ms: given 1e\+?12|1000000000000"),
     (f"timing: {{nack_delay_ms: 0}}\n{ONE}", r"timing\.nack_delay_ms: given 0"),
 ]
 
