@@ -56,13 +56,16 @@ def test_nothing_begins_while_the_medium_stalls():
     assert after_stall_ns(5, 0, 0) == 5
 
 
-@pytest.mark.parametrize("burst", [0.0, 1.0, 5.0])
+@pytest.mark.parametrize("burst", [0.0, 5.0])
 def test_losses_come_in_bursts_of_their_mean_length(burst):
-    draws = np.random.default_rng(3).random(200_000).tolist()
-    lost = [*accumulate(draws, lambda bad, draw: is_lost(bad, draw, 0.05, burst), initial=False)]
-    assert np.mean(lost) == pytest.approx(0.05, rel=0.1)
-    starts = np.diff(np.array(lost, int)) == 1
-    assert sum(lost) / sum(starts) == pytest.approx(max(burst, 1.0), rel=0.1)
+    lost, bursts, before = 0, 0, False
+    for draw in np.random.default_rng(3).random(200_000).tolist():
+        now = is_lost(before, draw, 0.05, burst)
+        lost += now
+        bursts += now and not before
+        before = now
+    assert lost / 200_000 == pytest.approx(0.05, rel=0.1)
+    assert lost / bursts == pytest.approx(max(burst, 1.0), rel=0.1)
 
 
 def test_sizes_of_frames_are_those_of_rtps():
@@ -78,10 +81,8 @@ def test_sizes_of_frames_are_those_of_rtps():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"loss": 1.0}, "loss"),
         ({"latency_s": -1.0}, "latency_s: given -1.0, allowed: from 0"),
-        ({"overhead_s": math.nan}, "overhead_s: given nan"),
-        ({"rate_bps": math.inf}, "rate_bps: given inf"),
+        ({"rate_bps": math.nan}, "rate_bps: given nan"),
         ({"queue_rule": "middle"}, "queue_rule: given 'middle', allowed: tail, head, block"),
         ({"access_point": True, "shared": False}, "access_point"),
         ({"stall_s": 0.2, "stall_every_s": 0.1}, "stall_s < stall_every_s"),

@@ -3,7 +3,6 @@
 import contextlib
 import hashlib
 import json
-from pathlib import Path
 from random import Random
 from types import SimpleNamespace
 
@@ -11,8 +10,6 @@ import numpy as np
 import pytest
 from numba.core.registry import CPUDispatcher
 
-from sfglab.arp.hello import GridCell
-from sfglab.lab.experiments.transmission.experiment import exp, simulate_cell
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.rtps import (
     PRESETS,
@@ -67,7 +64,7 @@ def picked(draw: Random, table):
     return {name: draw.choice(values) for name, values in table.items()}
 
 
-def drawn(number: int, preset: str | None = None, **changes) -> Scenario:
+def drawn(number: int, preset: str | None = None) -> Scenario:
     draw = Random(number)
     names = "abcd"[: draw.randint(1, 4)]
     flows = []
@@ -82,9 +79,7 @@ def drawn(number: int, preset: str | None = None, **changes) -> Scenario:
     with pytest.MonkeyPatch.context() as patch:
         # Some flows that others publish have changes of their own, which is refused by now.
         patch.setattr(model, "check_chains", lambda _: None)
-        return Scenario(
-            flows=tuple(flows), medium=air, vendor=vendor, **picked(draw, RUNS) | changes
-        )
+        return Scenario(flows=tuple(flows), medium=air, vendor=vendor, **picked(draw, RUNS))
 
 
 def parts_of(outcome) -> list[bytes]:
@@ -144,18 +139,12 @@ DEEP_WRITER = Scenario(flows=(FLOW,), medium=Medium(loss=0.1), duration_s=1.5)
 
 
 @pytest.mark.parametrize("scenario", [DEEP_WRITER, *map(drawn, range(80))])
-def test_no_run_leaves_its_arrays_and_compiled_code_does_the_same(scenario):
+def test_no_run_leaves_its_arrays_and_compiled_code_does_the_same_in_order(scenario):
     with interpreted():
         plain = run(scenario, seed=3)
-    assert parts_of(plain) == parts_of(run(scenario, seed=3))
-
-
-@pytest.mark.parametrize("number", range(100, 200))
-def test_samples_come_in_order_after_their_publication(number):
-    scenario = drawn(number, duration_s=3.0)
-    done = run(scenario, seed=number)
-    for asked in scenario.flows:
-        flow = done.flows[asked.name]
+    done = run(scenario, seed=3)
+    assert parts_of(plain) == parts_of(done)
+    for flow in done.flows.values():
         assert (np.diff(flow.received_ns[flow.delivered]) >= 0).all(), "one executor, in order"
         assert (flow.latency_ns >= 0).all()
         assert ((flow.received_ns > 0) == flow.delivered).all()
@@ -188,11 +177,3 @@ DIGESTS = {
 def test_outcomes_are_those_of_the_committed_logs(preset):
     """A change of the model on purpose changes them, and asks for new logs."""
     assert digest(preset) == DIGESTS[preset]
-
-
-def test_committed_cells_are_what_they_were():
-    rows = exp.load(Path(__file__).parents[2] / "data/reference/transmission.mcap")["cell"]
-    for row in rows[rows["rate_max_hz"] == 100].iloc[::37].itertuples():
-        cell = GridCell(rate_max_hz=100, depth=row.depth, method=row.method, duration_s=60.0)
-        again = simulate_cell(cell, row.seed)
-        assert {name: getattr(row, name) for name in again} == pytest.approx(again, nan_ok=True)

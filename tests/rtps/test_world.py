@@ -1,17 +1,12 @@
-"""The world in compiled code: any number of threads, no arrays of its own, and its heap of events."""
+"""The world in compiled code: any number of threads, and machine code that follows its sources."""
 
 import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 
-import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
 from sfglab.rtps import CYCLONE_DDS, Flow, Medium, Scenario, run
 from sfglab.rtps.engine import advance
-from sfglab.rtps.world import new_heap, pop, push
 
 
 def test_runs_in_threads_are_the_same_as_one_after_the_other_and_shapes_compile_nothing_again():
@@ -26,23 +21,6 @@ def test_runs_in_threads_are_the_same_as_one_after_the_other_and_shapes_compile_
     with ThreadPoolExecutor(3) as threads:
         assert list(threads.map(play, scenarios)) == list(map(play, scenarios))
     assert len(advance.signatures) == 1
-
-
-events = st.tuples(
-    st.integers(0, 5) | st.integers(0, 2**62), st.integers(0, 6), st.integers(0, 2**20 - 1)
-)
-
-
-@settings(deadline=None)  # the first example compiles
-@given(st.lists(events, max_size=200))
-def test_events_come_out_by_time_and_then_as_they_went_in_and_a_full_heap_says_so(given):
-    slots, sizes = new_heap(len(given))
-    for event in given:
-        push(slots, sizes, *event)
-    with pytest.raises(IndexError, match="full"):
-        push(slots, sizes, 0, 0, 0)
-    out = [pop(slots, sizes) for _ in given]
-    assert out == sorted(given, key=lambda event: event[0]), "sorting is stable"
 
 
 INNER = """
