@@ -50,11 +50,6 @@ def uneven(point, seed):
     return quick(point, seed)
 
 
-def slow(point, seed):
-    time.sleep(0.02)
-    return quick(point, seed)
-
-
 def large(point, seed):
     return {"number": point.number, "seed": seed, "name": "x" * 20_000_000}
 
@@ -69,10 +64,6 @@ def failing(point, seed):
     if (point.number, seed) == (2, 1):
         raise ZeroDivisionError("by nothing")
     return quick(point, seed)
-
-
-def wrong(point, seed):
-    return [point.number, seed]
 
 
 def _taken(order):
@@ -100,8 +91,6 @@ def obeying(point, seed):
     order = folder / "order"
     if point.number == 3 and (what := _taken(order)):
         (folder / "pid").write_text(str(os.getpid()))
-        if what == "interrupt":
-            raise KeyboardInterrupt
         if what == "kill":
             _wait_for_results(folder / "journal")
             os.kill(os.getppid(), signal.SIGKILL)

@@ -97,16 +97,3 @@ def test_a_failed_check_becomes_a_finding_and_the_rest_goes_on(monkeypatch):
     assert (odd.said, odd.consequence) == ("at file.py", "nothing")
     assert odd.level is Level.MISSING
     assert even.ok
-
-
-@pytest.mark.parametrize(
-    ("text", "tamed"),
-    [
-        ("cannot open '/opt/lib/x.so': no", "cannot open 'x.so': no"),
-        ("see /dev/shm and /proc/self/maps", "see /dev/shm and /proc/self/maps"),
-        ("50 MiB/s, and/or", "50 MiB/s, and/or"),
-        ("two\n  lines", "two lines"),
-    ],
-)
-def test_foreign_words_lose_their_paths(text, tamed):
-    assert doctor._tame(text) == tamed

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import re
 import shutil
@@ -20,7 +19,7 @@ from sfglab.errors import InvalidValueError
 from sfglab.fields import between
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Experiment, SkippedPartError
-from sfglab.lab.ledger import find_log, logs_of, save_figures
+from sfglab.lab.ledger import find_log, logs_of
 from sfglab.lab.paths import Project
 from sfglab.lab.runs import Run, derived, standing
 from sfglab.lab.stats import exactly
@@ -184,25 +183,6 @@ def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finish
     assert sorted(p.name for p in path.parent.iterdir()) == [f"{path.name}.part", again.name], (
         "and no journal"
     )
-
-
-def test_smoke_tests_and_changed_runs_do_not_speak(tmp_path):
-    for name, profile, changes, why in [
-        ("a", "smoke", {}, "it is a smoke test"),
-        ("b", "quick", {"loss": 0.2}, "changed: loss"),
-        ("d", "quick", {"seed": 5}, ""),
-    ]:
-        found = standing(run(tmp_path / f"{name}.mcap", profile, **changes).log)
-        assert (found.why_not, found.profile) == (why, profile)
-
-
-def test_figures_go_with_a_twin_where_they_are_wanted(tmp_path, monkeypatch):
-    monkeypatch.setattr("sfglab.lab.ledger.experiment", lambda _: exp)
-    one = run(tmp_path / "a.mcap", "quick")
-    files = save_figures(Project(root=tmp_path), one, tmp_path / "drawn")
-    assert {f.parent for f in files} == {tmp_path / "drawn"}
-    twin = json.loads(next(f for f in files if f.suffix == ".json").read_text())
-    assert twin["shown"] == {"total": 6.0}
 
 
 DESIGN = Path(__file__).parents[2] / "DESIGN.md"

@@ -12,7 +12,7 @@ from sfglab.errors import InvalidValueError
 from sfglab.fields import between
 from sfglab.lab.experiments import EXPERIMENTS, experiment, gateways
 from sfglab.lab.explore import explore
-from sfglab.lab.explore.form import Form, unit_of
+from sfglab.lab.explore.form import Form
 from sfglab.lab.notebook import draw_setup
 
 pytest.importorskip("ipywidgets")
@@ -65,14 +65,6 @@ def test_a_widget_sets_its_field_in_its_type(name):
     assert form.config == Config()
 
 
-def test_every_field_has_a_widget_with_its_text():
-    form = Form(Config(), lambda: None)
-    assert list(form.controls) == list(SET)
-    assert form.controls["count"].tooltip == "A count."
-    *rows, _ = form.widget.children
-    assert [row.children[0] for row in rows] == list(form.controls.values())
-
-
 @pytest.mark.parametrize(("name", "given"), [("wait_s", -1.0), ("seconds", 0.0)])
 def test_what_a_field_cannot_hold_is_said_and_changes_nothing(name, given):
     asked = []
@@ -84,11 +76,6 @@ def test_what_a_field_cannot_hold_is_said_and_changes_nothing(name, given):
     form.controls[name].value = 2.0
     assert getattr(form.config, name) == 2.0
     assert not form._said.value
-
-
-def test_units_come_from_brackets():
-    assert unit_of("How high [mm].") == "mm"
-    assert unit_of("How many.") == ""
 
 
 def test_an_experiment_without_an_explorer_is_refused():

@@ -1,4 +1,4 @@
-"""Figures on pages: letters at the widths of a notebook, a book and print; no words on others, cut or pale.
+"""Figures on pages: letters at the width of a notebook; no words on others, cut or pale.
 
 Read from the committed SVG files, whose letters are paths between a comment with the text and the next one.
 """
@@ -15,7 +15,7 @@ from PIL import Image
 from sfglab.lab.figures import save_figure
 
 FIGURES = sorted((Path(__file__).parents[2] / "figures").glob("*.svg"))
-PAGES_INCHES = {"notebook": 10.0, "book": 7.5, "print": 6.3}
+NOTEBOOK_INCHES = 10.0
 LEAST_PT = 7.0
 _TEXT = re.compile(
     r"<!-- (.*?) -->\s*<g(?: style=\"fill: (#\w+)[^>]*?)?[^>]*? transform=\"translate\(([-\d. ]+)\)"
@@ -24,7 +24,7 @@ _TEXT = re.compile(
 )
 _LETTER = re.compile(r"<use [^>]*?(?:translate\(([-\d.]+)[^>]*)?/>")
 _PT_PER_INCH, _LETTER_WIDTH, _ASCENT, _OVERLAP_PT = 72, 60.0, 70.0, 1.5
-"""Of a font whose size is 100; and what words may overlap, at the figure's own size."""
+"""Width and ascent of a letter of a font whose size is 100; overlap that is allowed, at the figure's own size."""
 LEAST_CONTRAST = 4.5
 """WCAG 2.1's ratio of luminances, success criterion 1.4.3, level AA."""
 
@@ -49,35 +49,10 @@ def width_inches(svg):
     return float(re.search(r'width="([\d.]+)pt"', svg.read_text())[1]) / _PT_PER_INCH
 
 
-# What a narrower page still makes too small; a notebook shows every figure's letters large enough.
-LARGE_ENOUGH = {
-    "notebook": {svg.stem for svg in FIGURES},
-    "book": {
-        "balancing_caches",
-        "balancing_qos",
-        "cooperation",
-        "discovery_scale",
-        "driving_chain",
-        "visualisation_latency",
-    },
-    "print": {"balancing_qos", "discovery_scale", "driving_chain", "visualisation_latency"},
-}
-
-
-@pytest.mark.parametrize(("page", "inches"), PAGES_INCHES.items())
-def test_letters_of_figures_are_large_enough_where_a_page_is_as_wide(page, inches):
-    found = set()
-    for svg in FIGURES:
-        scale = min(1.0, inches / width_inches(svg))
-        if round(scale * min(size for _, size, *_ in texts_of(svg)), 1) >= LEAST_PT:
-            found.add(svg.stem)
-    assert found == LARGE_ENOUGH[page], (
-        "a figure that is mended is taken out of what is to be mended"
-    )
-
-
 @pytest.mark.parametrize("svg", FIGURES, ids=lambda svg: svg.stem)
-def test_no_words_of_a_figure_are_on_top_of_others_and_its_png_is_of_its_shape(svg):
+def test_words_are_large_enough_in_a_notebook_and_never_on_top_of_others(svg):
+    scale = min(1.0, NOTEBOOK_INCHES / width_inches(svg))
+    assert round(scale * min(size for _, size, *_ in texts_of(svg)), 1) >= LEAST_PT
     for (text, _, box, _), (other, _, behind, _) in combinations(texts_of(svg), 2):
         overlap = np.minimum(box[1], behind[1]) - np.maximum(box[0], behind[0])
         assert not (overlap > _OVERLAP_PT).all(), (text, other)

@@ -16,7 +16,6 @@ from sfglab.lab.meters import (
     Window,
     measure,
     process_table,
-    tree,
 )
 
 PYTHON = [sys.executable, "-I", "-S", "-c"]
@@ -32,10 +31,6 @@ for line in sys.stdin:
         pass
     print(time.process_time() - start, flush=True)
 """
-
-
-def test_a_tree_holds_roots_and_all_descendants_that_exist():
-    assert tree({1: 0, 2: 1, 3: 2, 4: 1, 9: 0}, [2, 9, 77]) == {2, 3, 9}
 
 
 # Real processes

@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from pathlib import Path
+from unittest.mock import AsyncMock
 
 import nbformat
 import psutil
@@ -72,9 +73,6 @@ def test_fields_that_the_parameters_cell_does_not_list_travel_as_settings(projec
             {"frames": "many"},
             r"02_a.ipynb: depth_codecs: frames: given 'many', allowed: a whole number",
         ),
-        (DEPTH, {"frames": 1.5}, r"frames: given 1.5, allowed: a whole number"),
-        (DEPTH, {"frames": True}, r"frames: given True, allowed: a whole number"),
-        (DEPTH, {"source": 3}, r"source: given 3, allowed: a text"),
         (DEPTH, {"profile": "fast"}, r"profile: given 'fast', allowed: smoke, quick, paper"),
     ],
 )
@@ -220,23 +218,12 @@ def test_notebooks_run_one_after_the_other_on_one_core_and_together_on_two(
 ):
     given = {}
 
-    class Process:
-        status = None
-
-        def __init__(self, nice):
-            self.names = given.setdefault(nice, [])
-
-        def order(self, *, path, **_):
-            self.names.append(Path(path).stem)
-
-        async def expect(self, *_, **__):
-            return {"error": ""}
-
-        async def close(self, **_):
-            pass
-
     async def start(nice):
-        return Process(nice)
+        names = given.setdefault(nice, [])
+        process = AsyncMock(status=None)
+        process.order = lambda *, path, **_: names.append(Path(path).stem)
+        process.expect.return_value = {"error": ""}
+        return process
 
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(cores)))
     monkeypatch.setattr(notebooks, "_start_process", start)

@@ -54,11 +54,6 @@ def video(folder, width: int, fps: int) -> str:
     return path
 
 
-def test_a_video_file_is_scaled_and_starts_again_at_its_end(tmp_path):
-    levels = [float(f.bgr.mean()) for f in frames(video(tmp_path, 320, 30), 5)]
-    assert np.allclose(levels, [40, 120, 200, 40, 120], atol=6)
-
-
 def test_a_video_keeps_its_speed_and_its_shape_and_it_is_said(tmp_path):
     path = video(tmp_path, 90, 15)
     seen = [f.bgr for f in frames(path, 8)]
