@@ -238,9 +238,3 @@ def test_an_ordinary_user_gets_hosts_without_root():
     done = run([python, "-c", ROOTLESS, CLIENT, SERVER])
     uid = NOBODY if user else os.getuid()
     assert done.stdout.split() == [str(uid), "rootless", "33", "closed", "-15"], done.stderr
-
-
-def test_root_may_choose_a_user_namespace():
-    with Network(rootless=True) as net:
-        assert net.how == "rootless"
-        assert say(net.add_host("edge"), "import os; print(os.getuid())") == ["0"]

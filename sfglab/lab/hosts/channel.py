@@ -28,12 +28,9 @@ _LIMIT_S = 20.0  #: Time for an answer, and for its end when the channel is clos
 
 
 class Channel:
-    """A running hub that answers requests; it can be used from several threads.
+    """A running hub that answers requests; it can be used from several threads."""
 
-    `how` is the way in which it obtains its namespace: ``auto``, ``root`` or ``rootless``.
-    """
-
-    def __init__(self, how: str) -> None:
+    def __init__(self) -> None:
         self._lock = threading.Lock()
         self._control, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._control.settimeout(_LIMIT_S)
@@ -47,7 +44,7 @@ class Channel:
             failed.callback(self._control.close)
             try:
                 self._process = subprocess.Popen(
-                    [*ENTER, "new", how, *_HUB, *map(str, numbers)],
+                    [*ENTER, "new", *_HUB, *map(str, numbers)],
                     env=os.environ | {"PYTHONPATH": modules},
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,

@@ -3,7 +3,7 @@
 The script imports nothing of sfglab and few other modules, because every process in a host needs its start.
 Usage::
 
-    enter.py new auto|root|rootless COMMAND...       appends root or rootless to COMMAND
+    enter.py new COMMAND...                          appends root or rootless to COMMAND
     enter.py join PID INODE root|rootless COMMAND...
 """
 
@@ -49,16 +49,15 @@ def _may_be_root() -> bool:
     return all(effective >> number & 1 for number in (_CAP_NET_ADMIN, _CAP_SYS_ADMIN))
 
 
-def new(how: str) -> str:
+def new() -> str:
     """Move this process into a new network namespace; return the way, ``root`` or ``rootless``.
 
-    ``rootless`` also makes a user namespace. ``auto`` is ``root`` if the process has the capabilities for
-    it, else ``rootless``.
+    Without the capabilities for a network namespace, the process makes a user namespace as well.
 
     Raises:
         OSError: The kernel refuses.
     """
-    if how == "root" or (how == "auto" and _may_be_root()):
+    if _may_be_root():
         unshare(CLONE_NEWNET)
         return "root"
     user, group = os.geteuid(), os.getegid()
@@ -112,8 +111,7 @@ def _become(command: list[str]) -> int:
 def _main(verb: str, *rest: str) -> int:
     try:
         if verb == "new":
-            how, *command = rest
-            command.append(new(how))
+            command = [*rest, new()]
         else:
             pid, inode, how, *command = rest
             join(int(pid), int(inode), how)

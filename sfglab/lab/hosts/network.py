@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sfglab.rtps import Medium
 
 _MOST_OVERHEAD_BYTES = 2**16 - 1  #: Largest ``tc_ratespec.overhead`` (linux/pkt_sched.h).
-_HOW = {None: "auto", False: "root", True: "rootless"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,13 +38,13 @@ class Capability:
 _HTB = "A medium whose queue blocks needs the htb queueing discipline (module sch_htb)"
 
 
-def _start_hub(how: str) -> tuple[Channel, str]:
+def _start_hub() -> tuple[Channel, str]:
     """Start a hub; return it and how it obtained its namespace, ``root`` or ``rootless``.
 
     Raises:
         HostsUnavailableError: The hub could not make its namespace.
     """
-    channel = Channel(how)
+    channel = Channel()
     try:
         return channel, channel.request("how")
     except BaseException as error:
@@ -59,12 +58,10 @@ class Network:
     """A network of test hosts, a context manager; a closed or lost network raises `HostsError`.
 
     At its end, every process inside the hosts ends (TERM, a grace period in seconds, KILL), and then the
-    hosts. If the creating process is killed, there is no grace period. With `rootless` True it uses a user
-    namespace even as root, with False it requires root, with None it takes the way that works.
+    hosts. If the creating process is killed, there is no grace period.
     """
 
-    def __init__(self, *, rootless: bool | None = None, grace_s: float = 2.0) -> None:
-        self._wanted = _HOW[rootless]
+    def __init__(self, *, grace_s: float = 2.0) -> None:
         self._grace_s = grace_s
         self._running: Channel | None = None
         self.how = ""  #: Way to make namespaces: ``root`` or ``rootless``.
@@ -82,7 +79,7 @@ class Network:
             return Capability(ok=False, how="none", reason=getattr(error, "reason", str(error)))
 
     def __enter__(self) -> Self:
-        self._running, self.how = _start_hub(self._wanted)
+        self._running, self.how = _start_hub()
         return self
 
     def __exit__(self, *_: object) -> None:
