@@ -242,21 +242,6 @@ def test_options_that_nothing_looks_at_and_what_one_command_refuses(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("command", "right", "wrong"),
-    [
-        ("qos BAD", "from", "form"),
-        ("follow run BAD --interface lo", "kind", "knid"),
-        ("mocap run BAD --domain 99 --interface lo --synthetic", "objects", "object"),
-    ],
-)
-def test_a_needed_key_that_is_misspelt_is_named(command, right, wrong, tmp_path, attempt):
-    text = re.sub(rf"\b{right}:", f"{wrong}:", DOCUMENTS[command].read_text(), count=1)
-    (tmp_path / "bad.yaml").write_text(text)
-    said = attempt(*command.replace("BAD", str(tmp_path / "bad.yaml")).split())
-    assert re.search(rf"did you mean (it by )?'({right}|{wrong})'\?", said)
-
-
 WRITERS = [
     f"fleet router {FLEET} --agent go2 -o OUT/a.yaml",
     f"qos {QOS} --out OUT/q",
