@@ -41,10 +41,6 @@ class Whole:
     part: Part = field(default_factory=Part)
     maybe: float | None = None
 
-    def __post_init__(self) -> None:
-        if self.name == "bad":
-            raise InvalidValueError("name", self.name, "a good name")
-
 
 def test_values_are_read_from_json_and_as_they_are():
     whole = Whole(colour=Colour.GREEN, depths=(2, 3), part=Part(size=2.0), maybe=1.0)
@@ -57,18 +53,14 @@ def test_values_are_read_from_json_and_as_they_are():
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"count": 10}, "x: count: given 10, allowed: a whole number from 1 to 9"),
         ({"count": "3"}, "x: count: given '3', allowed: a whole number from 1 to 9"),
         ({"count": True}, "x: count: given True"),
         ({"count": 3.0}, "x: count: given 3.0"),
-        ({"name": 1}, "name: given 1, allowed: a text"),
-        ({"name": "bad"}, "name: given 'bad', allowed: a good name"),
-        ({"method": "lc"}, "method: given 'lc', allowed: LC or CC"),
-        ({"depths": [1, 51]}, "depths[1]: given 51, allowed: a whole number from 1 to 50"),
-        ({"part": {"sise": 1}}, "part.sise: given 'sise', allowed: size; did you mean 'size'?"),
+        ({"depths": [1, 51]}, "x: depths[1]: given 51, allowed: a whole number from 1 to 50"),
     ],
 )
 def test_a_mistake_is_named_by_key_what_is_given_and_what_is_allowed(given, says):
+    """In JSON; tests/test_documents.py has the mistakes in files that people write."""
     with pytest.raises(InvalidValueError) as caught:
         read(Whole, given, "x: ")
     assert says in str(caught.value)

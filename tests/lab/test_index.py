@@ -9,7 +9,7 @@ import pytest
 from made_logs import reference
 
 from sfglab.lab import notebook, summary
-from sfglab.lab.claims import Ledger, entry_for, load_claims, render_in_full
+from sfglab.lab.claims import Ledger, entry_for, load_claims
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.index import make_index, make_result
 from sfglab.lab.ledger import compute_ledger
@@ -55,13 +55,6 @@ def test_a_result_has_its_values_figure_verdicts_notebook_and_citations():
     assert "C-FSM" not in html
     for part in (f'alt="{experiment("gateways").caption("graph_mapping")}"', "reproduced"):
         assert part in html
-
-
-def test_the_committed_logs_ledger_is_told_in_full():
-    whole = compute_ledger(PROJECT, committed=True)
-    told = "\n\n" + render_in_full(whole)
-    assert all(f"\n\n{entry.claim.id}: {entry.verdict.value}" in told for entry in whole)
-    assert [entry.claim.id for entry in whole if entry.measured is None] == []
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)

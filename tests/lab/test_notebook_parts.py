@@ -112,10 +112,3 @@ def test_cells_are_escaped_numbers_are_short_and_missing_values_empty():
         *("", "0.00123", "2"),
     ]
     assert html.count("text-align: right") == 3 * 2
-
-
-@pytest.mark.parametrize("name", CHAPTER)
-def test_no_table_of_a_notebook_shows_more_than_ten_rows(name):
-    [path] = find_notebooks(PROJECT, [name])
-    for html in tables_of(path):
-        assert re.sub(r"<details>.*?</details>", "", html).count("<tr") <= 11
