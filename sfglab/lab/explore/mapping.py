@@ -110,7 +110,7 @@ class PressedMapping(Pressed):
         kind, _, what = name.partition(":")
         if kind == "topic":
             asked = self._asked.get(what, self.graph.topic(what).mapping)
-            # What is refused is passed over by the next press.
+            # The next click skips a refused mapping.
             self._asked[what] = _CYCLE[(_CYCLE.index(asked) + 1) % len(_CYCLE)]
             self._set(self.graph.with_mappings({what: self._asked[what]}))
             return

@@ -1,7 +1,8 @@
-"""A figure whose parts are pressed: artists that `part` has named send their name when the mouse is on them.
+"""Interactive figures: a click on an artist that `part` has named sends this name to Python.
 
-Every press is answered by Python, which draws the figure anew; without a kernel the output shows a still. An
-`Automaton` is a machine to press: an edge gives its input, the table moves, the transition lights up.
+Python answers each click and draws the figure again. Without a kernel, the output is a static image. In the
+figure of an `Automaton`, a click on an edge applies the edge's input to the machine's table, and the
+transition is highlighted.
 """
 
 from __future__ import annotations
@@ -30,15 +31,15 @@ Bundle: TypeAlias = tuple[dict[str, Any], dict[str, Any]]
 
 
 def part(name: str, *artists: Artist) -> None:
-    """Make artists a part of the figure that can be pressed under a name; it is in the SVG alone."""
+    """Name artists, so that a click on them sends the name; the name is in the SVG alone."""
     for artist in artists:
         artist.set_gid(f"press:{name}")
 
 
 def still_bundle(widget: Any, png: bytes, about: object) -> Bundle:
-    """Return what a cell shows: the widget, and a picture for those without a kernel, with its alt text.
+    """Return the output of a cell: the widget, and an image for a page without a kernel.
 
-    The alt text is `about` if it is a text, or the first paragraph of its documentation.
+    The alternative text of the image is `about` if it is a text, or the first paragraph of its documentation.
     """
     alt = about if isinstance(about, str) else caption_of(about)
     picture = {"image/png": base64.b64encode(png).decode()}
@@ -46,14 +47,14 @@ def still_bundle(widget: Any, png: bytes, about: object) -> Bundle:
 
 
 class Pressed:
-    """A figure to press. `widget` is what a cell shows.
+    """A figure with parts to click; a cell shows its `widget`.
 
     Args:
-        draw: Draws the present state into an empty figure, its parts marked by `part`.
+        draw: Function that draws the present state into an empty figure, and names parts with `part`.
         size: Width and height of the figure, inches.
-        press: Called with the name of the part that was pressed; the figure is drawn anew afterwards. What it
-            raises, if it is ours, stands below the figure. A figure without parts needs none.
-        titles: Returns the sentence that a part shows under the mouse, by part.
+        press: Function that takes the name of the clicked part; the figure is drawn again afterwards. Errors of
+            sfglab are printed below the figure. A figure without parts needs none.
+        titles: Function that returns the tooltip of each part.
         above: Widgets above the figure.
 
     Raises:
@@ -78,11 +79,11 @@ class Pressed:
         self.widget = widgets().VBox([*above, self._figure, self._said])
 
     def press(self, name: str) -> None:
-        """Press a part, as the mouse does."""
+        """Answer a click on a part."""
         self.answer(lambda: self._press(name))
 
     def answer(self, action: Callable[[], object]) -> None:
-        """Do something that changes what is drawn, say what it refuses, and draw anew."""
+        """Call a function that changes the drawn state, print its error below the figure, and draw again."""
         if attempt(action, self._said):
             self.redraw()
 
@@ -93,7 +94,7 @@ class Pressed:
 
     @property
     def said(self) -> str:
-        """The sentence below the figure, as HTML; empty: nothing was refused."""
+        """Error below the figure, as HTML; empty: none."""
         return str(self._said.value)
 
     def _repr_mimebundle_(self, **_: object) -> Bundle:
@@ -113,39 +114,39 @@ class Pressed:
 
 @cache
 def _svg_widget() -> Any:
-    """Return the class of the front-end part."""
+    """Return the class of the widget that shows the SVG."""
     traits = {"svg": "Unicode", "titles": "Dict", "pressed": "Dict", "alt": "Unicode"}
     return front_end(Path(__file__).with_name("press.js"), traits)
 
 
-#: A state and an input that can happen in it: a key of a table.
+#: A state and an input that is allowed in it: a key of a table.
 Transition: TypeAlias = tuple[Enum, Enum]
 Parts: TypeAlias = "Mapping[Any, Sequence[Artist]]"
-"""The artists of each state, its box first, and of each tuple of transitions that are drawn as one."""
+"""Artists of each state, its box first, and of each tuple of transitions that share an arrow."""
 
 
 def transition_part(source: Enum, given: Enum) -> str:
-    """Return the name of the part that stands for a transition; that of a state is the state's name."""
+    """Return the name of the part of a transition; the name of a state's part is the state's name."""
     return f"{source.name}/{given.name}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """Where a machine stands."""
+    """State of a machine after a click."""
 
     state: Enum  #: The present state.
-    #: The transition that led there; None: it began there, or was put there.
+    #: Transition that led to the state; None at the beginning, and after a click on a state.
     taken: Transition | None = None
-    said: str = ""  #: What happened, for people.
+    said: str = ""  #: Sentence about the last click.
 
     def color(self, moves: Collection[Transition]) -> str:
-        """Return the colour of transitions that are drawn as one: just taken, possible now, or neither."""
+        """Return the colour of transitions that share an arrow: just taken, allowed now, or neither."""
         if self.taken in moves:
             return COLORS["standard"]
         return COLORS["proxy"] if any(source is self.state for source, _ in moves) else "#6F6F6F"
 
     def show(self, drawn: Parts) -> None:
-        """Show it in what is drawn of a table, and let that be pressed."""
+        """Highlight the state and its transition in the drawn table, and name all parts."""
         from matplotlib.text import Text
 
         for of, artists in drawn.items():
@@ -157,21 +158,21 @@ class Moment:
             part(transition_part(*of[0]), *artists)
             for artist in artists:
                 artist.set(color=self.color(of))
-                unseen = artist.get_alpha() == 0  # broad, for the mouse
+                unseen = artist.get_alpha() == 0  # a broad line that is easier to click
                 if self.taken in of and not unseen and not isinstance(artist, Text):
                     artist.set(linewidth=3.0)
 
 
 class Automaton(Pressed):
-    """A state machine with states as boxes and inputs as arrows; a click gives an input or sets the state.
+    """An interactive state machine: a click on an edge applies its input, a click on a state sets the state.
 
     Args:
-        name: What the machine stands for, in messages.
-        table: (state, input) -> the next state, or a pair of it and what is done.
-        start: Where it begins.
-        draw: Draws the table into an empty figure, and returns what it is drawn of.
+        name: Name of the machine in messages.
+        table: Next state by state and input, or a pair of the next state and its actions.
+        start: First state.
+        draw: Function that draws the table into an empty figure, and returns the artists.
         size: Width and height of the figure, inches.
-        runs: Recorded runs by name, as their inputs from the start on.
+        runs: Recorded runs by name, as their inputs from the first state on.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
@@ -214,11 +215,11 @@ class Automaton(Pressed):
 
     @property
     def moment(self) -> Moment:
-        """Where the machine stands."""
+        """Present state of the machine."""
         return self._past[-1]
 
     def redraw(self) -> None:
-        """Draw the present moment."""
+        """Draw the present state."""
         self._tell()
         super().redraw()
 
@@ -226,13 +227,13 @@ class Automaton(Pressed):
         self._news.value = f"{len(self._past) - 1}: {self.moment.said}"
 
     def feed(self, given: Enum) -> None:
-        """Give the machine an input, or raise an `IllegalInputError`."""
+        """Apply an input, or raise an `IllegalInputError`."""
         key = self.moment.state, given
         after, _ = step(self._name, self._table, *key)
         self._past.append(Moment(state=after, taken=key, said=self._words(key)))
 
     def _words(self, key: Transition) -> str:
-        """Return what a transition does, in words."""
+        """Return a sentence about a transition: next state and actions."""
         (source, given), (after, done) = key, self._table[key]
         actions = [
             action.name for action in (done if isinstance(done, tuple) else (done,)) if action

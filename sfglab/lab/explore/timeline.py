@@ -1,6 +1,7 @@
-"""A time line of one writer and one reader: samples, heartbeats, requests and repairs; a pressed frame is lost.
+"""Time line of one writer and one reader: samples, heartbeats, ACKNACKs and retransmissions.
 
-Drawn from the frames that the model's compiled engine had on air. Whatever is pressed or set is simulated anew.
+It is drawn from the frames that the model of RTPS sent. Each click on a frame and each changed setting starts a
+new simulation.
 """
 
 from __future__ import annotations
@@ -35,23 +36,25 @@ _KINDS = {
     Frame.ACKNACK: ("request (ACKNACK)", COLORS["fourth"]),
     Frame.GAP: ("gap: no longer there", COLORS["network"]),
 }
-"""What a frame is called, and its colour."""
+"""Name and colour of each kind of frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exchange:
-    """One writer with its reader, and the air between them."""
+    """One writer, one reader, and the wireless channel between them."""
 
-    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing.
+    vendor: Literal["fast_dds", "cyclone_dds"] = (
+        "fast_dds"  #: Middleware whose timing is simulated.
+    )
     rate_hz: float = between(20.0, 1.0, 200.0, log=True)  #: Rate of the samples [Hz].
-    depth: int = between(8, 1, 50)  #: Samples of each history.
-    #: Share of frames that the air loses beside those that are pressed.
+    depth: int = between(8, 1, 50)  #: Depth of each history, samples.
+    #: Share of frames that the channel loses beside the clicked ones.
     loss: float = between(0.0, 0.0, 0.5)
-    samples: int = between(16, 1, 40)  #: How many samples are published.
-    seed: int = 0  #: Of these losses.
+    samples: int = between(16, 1, 40)  #: Number of published samples.
+    seed: int = 0  #: Seed of the losses.
 
     def scenario(self) -> Scenario:
-        """Return it as what the model runs."""
+        """Return the scenario for the model."""
         qos = QoSProfile(depth=self.depth)
         return Scenario(
             flows=(
@@ -60,14 +63,14 @@ class Exchange:
             medium=Medium(loss=self.loss),
             vendor=PRESETS[self.vendor],
             duration_s=(self.samples - 0.5) / self.rate_hz,
-            drain_s=4.0,  # as long as a periodic heartbeat of Fast DDS takes, and what follows it
+            drain_s=4.0,  # for a periodic heartbeat of Fast DDS and its retransmissions
         )
 
 
 class Timeline(Pressed):
-    """One writer and one reader over time; a press on a frame loses it, another lets it pass.
+    """One writer and one reader over time; a click on a frame loses it, a second click delivers it.
 
-    Those in `lost`, named as in `AirFrame.name`, are lost to begin with.
+    At first, the frames in `lost` are lost; their names are those of `AirFrame.name`.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
@@ -75,7 +78,7 @@ class Timeline(Pressed):
 
     def __init__(self, lost: Sequence[str] = ("a/DATA/5",), **exchange: Any) -> None:
         kit = widgets()
-        #: Frames that were made to be lost, False: to pass, by name.
+        #: Whether a clicked frame is lost (True) or delivered (False), by name.
         self.lost = dict.fromkeys(lost, True)
         self.form = Form(Exchange(**exchange), lambda: self.answer(self._simulate))
         self._shown = kit.FloatRangeSlider(
@@ -99,7 +102,7 @@ class Timeline(Pressed):
         self.outcome = outcome.flows[_FLOW]
 
     def draw(self, figure: Figure) -> None:
-        """Draw frames between the writer's line and the reader's, and when samples were written and taken."""
+        """Draw frames between the lines of writer and reader, and the times of samples on both lines."""
         axes, place_of = figure.subplots(), self._places()
         for y in (0, 1):
             axes.axhline(y, color="black", linewidth=0.8)
@@ -123,7 +126,10 @@ class Timeline(Pressed):
         figure.suptitle(f"{had} of {all_} samples taken, the latest {late}", fontsize=10)
 
     def _places(self) -> Callable[[int], float]:
-        """Return what gives a time its place: the root of each pause, that all are seen, or to scale."""
+        """Return a function from a time to its position.
+
+        Distances are the roots of pauses, so that all frames are visible, or the pauses to scale.
+        """
         outcome = self.outcome
         ends = [time for frame in self.frames for time in (frame.began_ns, frame.ended_ns)]
         times = np.unique([0, *ends, *outcome.published_ns, *outcome.received_ns])
@@ -132,7 +138,7 @@ class Timeline(Pressed):
         return lambda time_ns: float(np.interp(time_ns, times, places))
 
     def _draw_times(self, axes: Axes, place_of: Callable[[int], float]) -> None:
-        """Write times where frames begin, as many as there is room for."""
+        """Label the beginnings of frames with their times, as many as there is room for."""
         low, high = axes.get_xlim()
         places, labels = [low], []
         for frame in self.frames:
@@ -144,7 +150,7 @@ class Timeline(Pressed):
 
 
 def sentence(frame: AirFrame) -> str:
-    """Return what a frame says, what became of it, and what a press does."""
+    """Return the tooltip of a frame: its content, its fate, and the effect of a click."""
     numbers = ", ".join(map(str, frame.samples))
     said = f"{_REPAIR if frame.repairs else _KINDS[frame.kind][0]} {numbers}"
     if frame.kind is Frame.ACKNACK:
@@ -156,7 +162,7 @@ def sentence(frame: AirFrame) -> str:
 
 
 def _draw_frame(axes: Axes, frame: AirFrame, places: tuple[float, float]) -> None:
-    """Draw a frame from the one line to the other; half the way if it is lost. A heartbeat with it is a dot."""
+    """Draw a frame from one line to the other, or half the way if it is lost; a piggybacked heartbeat is a dot."""
     kind = Frame.BURST if frame.repairs else frame.kind
     color = COLORS["standard"] if frame.lost else _KINDS[kind][1]
     start = 0.0 if frame.kind is Frame.ACKNACK else 1.0
@@ -166,13 +172,13 @@ def _draw_frame(axes: Axes, frame: AirFrame, places: tuple[float, float]) -> Non
         drawn += axes.plot(places[1:], (end,), "x", color=color, markersize=7)
     if frame.newest and frame.kind is not Frame.ACKNACK:
         drawn += axes.plot(places[:1], (start,), "o", color="black", markersize=4)
-    # Easier to hit than a thin line is.
+    # A broad line is easier to click than a thin one.
     drawn += axes.plot(places, (start, 1.0 - start), color="white", alpha=0.01, linewidth=7)
     part(frame.name, *drawn)
 
 
 def _draw_samples(axes: Axes, outcome: FlowOutcome, place_of: Callable[[int], float]) -> None:
-    """Write samples' numbers where they were written, and where the application took them; red: never."""
+    """Write the numbers of samples at the times of writing and taking; a sample in red was never taken."""
     style: dict[str, Any] = {"ha": "center", "fontsize": 7, "clip_on": True}
     taken: dict[int, list[int]] = defaultdict(list)
     for i, had in enumerate(outcome.delivered):

@@ -37,15 +37,15 @@ if TYPE_CHECKING:
 
     from sfglab.lab.runs import Run
 
-#: How often messages are counted, and how long the first one is waited for.
-_PERIOD_S, _FIRST_S = 0.5, 30.0
+_PERIOD_S = 0.5  #: Time between two counts of messages, s.
+_FIRST_S = 30.0  #: Longest time until the first message, s.
 
 
 class LogViewer:
-    """A log in Rerun's viewer, to scrub, and which topic has messages when.
+    """A log in Rerun's viewer with a slider for its steps, and a plot of the times of messages by topic.
 
-    It shows a run, an MCAP file, or a bag that rosbags reads, also your own. Space is drawn in a frame; without
-    one in the root of the log's largest TF tree. The first step is the one where that tree is complete.
+    It shows a run, an MCAP file, or a bag that rosbags reads. Poses are drawn in the frame that is given,
+    otherwise in the root of the log's largest TF tree. The first step is the one where that tree is complete.
 
     Raises:
         LogError: There is no such file.
@@ -63,7 +63,7 @@ class LogViewer:
         self.times_ns = sorted({t for times in self._spoken.values() for t in times})
         kit = widgets()
         wide = {"width": "36em"}
-        #: Its value is the step that is asked for.
+        #: Slider whose value is the requested step.
         self.slider = kit.IntSlider(
             value=self._step_of(tree) if self._frame == tree.root else 0,
             max=len(self.times_ns) - 1,
@@ -72,7 +72,7 @@ class LogViewer:
             layout=wide,
         )
         self.slider.observe(lambda change: self._go(change["new"]), "value")
-        self.said = kit.Label()  #: Its value says which step the viewer shows.
+        self.said = kit.Label()  #: Label with the step that the viewer shows.
         chosen = "" if frame or not self._frame else ", the root of the largest TF tree"
         space = kit.Label(f"space is drawn in {self._frame}{chosen}" if self._frame else "")
         self.viewer = CellViewer(still=self.still, on_page=self._show, on_time=self._shown)
@@ -83,13 +83,13 @@ class LogViewer:
 
     @cached_property
     def still(self) -> bytes:
-        """Which topic has messages when, PNG."""
+        """Plot of the times of messages by topic, PNG."""
         size = 9.6, 1.0 + 0.26 * len(self._spoken)
         return png_of(drawn(size, _draw_spoken, self._spoken, self.times_ns[0]))
 
     @cached_property
     def recording(self) -> bytes:
-        """The log as the viewer has it, ``.rrd``."""
+        """The log in the format of the viewer, ``.rrd``."""
         with TemporaryDirectory(prefix="sfglab-view-") as folder:
             file = Path(folder) / "cell.rrd"
             view_log(self._log, ViewOptions(to=(str(file),), frame=self._frame))
@@ -116,7 +116,7 @@ class LogViewer:
 
 
 def _spoken(log: LogReader) -> dict[str, list[int]]:
-    """Return when each topic that can be shown has messages."""
+    """Return the times of messages of each topic that a visualizer shows."""
     wanted = wanted_topics(session_for(types_of(log), ViewOptions()))
     spoken: dict[str, list[int]] = {}
     for arrival in arrivals_of(log, wanted):
@@ -136,10 +136,10 @@ def _draw_spoken(figure: Figure, spoken: Mapping[str, Sequence[int]], start_ns: 
 
 
 class LiveView:
-    """A domain in a cell: the panel above, Rerun's viewer below, a running bridge between them, until closed.
+    """A DDS domain in a cell: the panel of displays, Rerun's viewer below it, and a bridge that runs until closed.
 
-    Every topic that a visualizer offers itself for is shown as soon as it is heard of. One at a time is open: a
-    cell that runs again ends the one before.
+    Each topic that a visualizer supports is shown as soon as it is discovered. One view at a time is open: a
+    cell that runs again closes the view before.
 
         live = await LiveView.open(lambda here: run_camera(CameraConfig(places=((here, topic),))))
         live
@@ -165,7 +165,7 @@ class LiveView:
 
     @classmethod
     async def open(cls, *programs: Callable[[BusAddress], Coroutine[Any, Any, None]]) -> Self:
-        """Return one whose bridge runs beside programs, on a domain of its own, once a message came."""
+        """Return a view whose bridge runs beside programs, on a domain of its own, after the first message."""
         if cls._last is not None:
             await cls._last.close()
         async with AsyncExitStack() as runs:
@@ -184,7 +184,7 @@ class LiveView:
         return live
 
     async def close(self) -> None:
-        """End the bridge and what runs beside it; harmless when repeated."""
+        """End the bridge and the programs; harmless when repeated."""
         self.end.disabled = True
         await self._runs.aclose()
 

@@ -1,8 +1,9 @@
-"""Runs a program in a container's place: in a network of its own that only a bridge joins to this machine.
+"""Substitute for a container: a program in a network namespace that a bridge joins to this machine.
 
-``python -m sfglab.lab.workers.container BRIDGE COMMAND...`` makes the bridge where it is not there yet and a
-network namespace whose ``eth0`` hangs on it, as Compose does for an ``internal`` network (no way out, no
-forwarding), and becomes the command inside. The namespace ends with the command, the bridge with the machine's.
+``python -m sfglab.lab.workers.container BRIDGE COMMAND...`` makes the bridge if it is missing, and a network
+namespace whose ``eth0`` is connected to it. As in an ``internal`` network of Compose, nothing is forwarded to
+other networks. The process then becomes the command inside. The namespace ends with the command, and the
+bridge with the network namespace of the caller.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _LO = 1
 
 
 def enter_container(bridge: str) -> None:
-    """Move this process into a network of its own that hangs on a bridge, given its interface on the machine.
+    """Move this process into a network namespace of its own that is connected to a bridge of this machine.
 
     Raises:
         NetlinkError: The kernel refuses.
