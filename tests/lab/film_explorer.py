@@ -22,12 +22,11 @@ CELL = """from sfglab.lab.experiments import transmission
 from sfglab.lab.explore import explore
 explore(transmission.exp)"""
 PICTURE = "document.querySelector('.sfglab-vega svg')?.clientWidth > 300"
-SOURCE = "document.querySelector('.sfglab-vega [role=status]').textContent"
 PLACE = """(() => { const b = document.querySelector('.jp-OutputArea').getBoundingClientRect();
   return [b.x, b.y, b.width, b.height]; })()"""
 MOVES = (("rate max", (0.55, 0.7, 0.85)), ("loss", (0.25, 0.5)))
 WIDTH, HEIGHT, BAR, WIDEST_PX = 1180, 900, 30, 860
-LATEST_S, SETTLES_S = 15, 4.0
+SETTLES_S = 4.0
 
 
 def shoot(browser, frames, pointer):
@@ -42,23 +41,14 @@ def shoot(browser, frames, pointer):
 
 
 def drag(browser, frames, label, shares):
-    """Drag a slider in steps, and watch what follows."""
-
-    def mouse(kind, at, **more):
-        browser.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], **more)
-
-    x, y, left, width = browser.evaluate(HANDLE % label)
-    mouse("mouseMoved", (x, y))
-    mouse("mousePressed", (x, y), button="left", buttons=1, clickCount=1)
+    """Drag a slider in steps, and watch what follows each: a coarse picture may come first."""
     for share in shares:
+        x, y, left, width = browser.evaluate(HANDLE % label)
         at = (left + share * width, y)
-        mouse("mouseMoved", at, button="left", buttons=1)
-        before, end = browser.evaluate(SOURCE), time.monotonic() + LATEST_S
+        browser.drag((x, y), at, steps=5)
+        end = time.monotonic() + SETTLES_S
         while time.monotonic() < end:
             shoot(browser, frames, at)
-            if (now := browser.evaluate(SOURCE)) != before:  # a coarse picture may come first
-                before, end = now, time.monotonic() + SETTLES_S
-    mouse("mouseReleased", at, button="left", clickCount=1)
 
 
 def write(frames, to):
@@ -67,15 +57,14 @@ def write(frames, to):
     for taken, picture in frames[1:]:
         if picture.tobytes() != kept[-1][1].tobytes():
             kept.append((taken, picture))
-    until = [taken for taken, _ in kept[1:]] + [kept[-1][0] + 2.0]
-    durations = [min(2000, int(1000 * (b - a))) for (a, _), b in zip(kept, until, strict=True)]
-    size = min(WIDEST_PX / kept[0][1].width, 1.0)
-    small = [
-        p.resize((int(p.width * size), int(p.height * size)), Image.Resampling.LANCZOS)
-        for _, p in kept
-    ]
-    first = small[-1].quantize(64)
-    pictures = [p.quantize(palette=first, dither=Image.Dither.NONE) for p in small]
+    ends = [taken for taken, _ in kept[1:]] + [kept[-1][0] + 2.0]
+    kept[-1][1].thumbnail((WIDEST_PX, HEIGHT))
+    palette = kept[-1][1].quantize(64)
+    pictures, durations = [], []
+    for (taken, picture), end in zip(kept, ends, strict=True):
+        picture.thumbnail((WIDEST_PX, HEIGHT))
+        pictures.append(picture.quantize(palette=palette, dither=Image.Dither.NONE))
+        durations.append(min(2000, int(1000 * (end - taken))))
     pictures[0].save(
         to, save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=True
     )
