@@ -1,6 +1,6 @@
 """Robot or station of paper B's hallway as a process: ``python -m sfglab.lab.workers.hallway CONFIG``.
 
-The process adds topics and timers to the state machines of `sfglab.arp.hallway`. For a robot it also
+Robots have local caches, as in the method of the live lap (`sfglab.arp.robots.BEST`). The process adds topics and timers to the state machines of `sfglab.arp.hallway`. For a robot it also
 simulates the physics in real time. A robot's process has its sensing and actuation nodes, the station's has
 localisation and planning. Order: ``{"do": "start"}``. Reports: ``ready`` when every topic has its peer,
 ``pose`` at each turn of the LIDAR, ``stopped`` when the station stopped all robots because of an obstacle,
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sfglab.arp import CacheControl, LocalCache, hallway
+from sfglab.arp import LocalCache, hallway
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, run_component
@@ -36,8 +36,6 @@ class HallwayConfig:
     address: BusAddress  #: Address on the bus.
     rate_hz: float  #: Rate of each topic, Hz.
     depth: int  #: Depth of each topic's history, samples.
-    local_cache: bool  #: Whether robots do not publish repeated values.
-    cache_control: bool  #: Whether the station discards repeated values.
     seed: int = 0  #: Seed of the physics.
 
     @property
@@ -99,15 +97,11 @@ class _Robot:
 
     def _publish(self, beam: int) -> None:
         step = self._measured[beam]
-        if self._config.local_cache:
-            now_ns = self._node.get_clock().now_ns()
-            if not self._cache.offer(
-                beam_topic(self._config.role, beam), step, now_ns=now_ns
-            ).passes:
-                return
-        self.publishers[beam].publish(
-            message_type(BEAM)(data=np.float32(hallway.range_from_step(step)))
-        )
+        topic = beam_topic(self._config.role, beam)
+        now_ns = self._node.get_clock().now_ns()
+        if self._cache.offer(topic, step, now_ns=now_ns).passes:
+            distance_m = np.float32(hallway.range_from_step(step))
+            self.publishers[beam].publish(message_type(BEAM)(data=distance_m))
 
     def _hear(self, twist: Any) -> None:
         self._command = hallway.Command.from_velocities(twist.linear.x, twist.angular.z)
@@ -119,7 +113,6 @@ class _Station:
     def __init__(self, node: Node, config: HallwayConfig, report: Reporter) -> None:
         self._node, self._config, self._report = node, config, report
         self._station = hallway.Station(len(hallway.ROBOTS))
-        self._cache = CacheControl()
         self._said = self._station.manoeuvre
         self.publishers = [
             node.create_publisher(COMMAND, command_topic(name), config.qos)
@@ -137,12 +130,7 @@ class _Station:
         await asyncio.Event().wait()
 
     def _hear(self, robot: int, beam: int, message: Any) -> None:
-        step = hallway.step_from_range(float(message.data))
-        if self._config.cache_control:
-            now_ns = self._node.get_clock().now_ns()
-            if not self._cache.offer(f"{robot}/{beam}", step, now_ns=now_ns).passes:
-                return
-        self._station.hear(robot, beam, step)
+        self._station.hear(robot, beam, hallway.step_from_range(float(message.data)))
         if self._station.manoeuvre is self._said:
             return
         self._said = self._station.manoeuvre

@@ -17,7 +17,7 @@ from sfglab.arp.hallway.simulation import (
     SimulatedLap,
     rate_and_depth,
 )
-from sfglab.arp.robots import BEST, METHODS
+from sfglab.arp.robots import BEST
 from sfglab.bus.address import BusAddress
 from sfglab.lab.experiment import SkippedPartError
 from sfglab.lab.experiments.cooperation.drawn import write_tracks
@@ -151,7 +151,6 @@ async def drive_live(seed: int, *, limit_s: float) -> tuple[LiveLap, RadioCounte
 
 
 def _member(host: Host, seed: int) -> Member:
-    method = METHODS[LIVE_SETTINGS.method]
     rate_hz, depth = rate_and_depth(LIVE_SETTINGS)
     address: Any = BusAddress(domain_id=DOMAIN, interface=host.interface, multicast="spdp")
     config = HallwayConfig(
@@ -159,8 +158,6 @@ def _member(host: Host, seed: int) -> Member:
         address=address,
         rate_hz=rate_hz,
         depth=depth,
-        local_cache=method.local_cache,
-        cache_control=method.cache_control,
         seed=seed,
     )
     return Member(name=host.name, host=host.name, module=_MODULE, config=config)
