@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 _ADVICE = "Then choose <b>Run > Run Selected Cell and All Below</b>."
 _OWN = "The parameters cell names other logs."
-_last: list[tuple[dict[str, str], str]] = []  # the parameters before the last choice, and the choice
+# The parameters before the last choice, and the choice.
+_last: list[tuple[dict[str, str], str]] = []
 
 
 def log_switch(namespace: MutableMapping[str, Any], expected_time: str) -> Any:
