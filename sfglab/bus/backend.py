@@ -134,7 +134,6 @@ class Backend(ABC):
             close()
         self._owned.clear()
         if not self.loop.is_closed():
-            self.graph.close()
             current = asyncio.current_task() if _running_loop() is not None else None
             for task in self._tasks - {current}:
                 task.cancel()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,7 +9,8 @@ from sfglab.bus.api import EndpointAdded, EndpointKind, EndpointRemoved
 from sfglab.bus.loop import Signal
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Iterable
+    import asyncio
+    from collections.abc import Callable, Iterable
 
     from sfglab.bus.api import EndpointEvent, EndpointInfo, Listener, NodeInfo
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 class Graph:
     """Graph of all endpoints of the node's domain, including its own, on the node's loop.
 
-    Discovery runs in the background: wait with `wait_for`, or read `events`. The first call of `nodes` calls
-    `read_nodes`, which lets `learn_nodes` be called from then on.
+    Discovery runs in the background: wait with `wait_for`, or `listen` to changes. The first call of `nodes`
+    calls `read_nodes`, which lets `learn_nodes` be called from then on.
     """
 
     def __init__(
@@ -30,9 +30,7 @@ class Graph:
         self._owners: dict[bytes, str] = {}
         self._endpoints: dict[bytes, EndpointInfo] = {}
         self._listeners: list[Listener] = []
-        self._streams: dict[asyncio.Queue[EndpointEvent | None], None] = {}
         self._changed = Signal(loop)
-        self._closed = False
 
     def publishers(self, topic: str) -> tuple[EndpointInfo, ...]:
         """Return the publishers of a ROS topic, ordered by GID."""
@@ -48,10 +46,7 @@ class Graph:
 
     def topics(self) -> dict[str, tuple[str, ...]]:
         """Return the types of every topic, both sorted; more than one type is a conflict."""
-        found: dict[str, set[str]] = {}
-        for endpoint in self.endpoints():
-            found.setdefault(endpoint.topic, set()).add(endpoint.type)
-        return {topic: tuple(sorted(found[topic])) for topic in sorted(found)}
+        return types_by_topic(self._endpoints.values())
 
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Return the nodes of ROS 2's graph, ordered by name.
@@ -64,20 +59,6 @@ class Graph:
             read()
         found = [node for nodes in self._nodes.values() for node in nodes]
         return tuple(sorted(found, key=lambda node: (node.full_name, node.participant)))
-
-    async def events(self) -> AsyncIterator[EndpointEvent]:
-        """Yield an `EndpointAdded` for every known endpoint, then every change until the node closes."""
-        stream: asyncio.Queue[EndpointEvent | None] = asyncio.Queue()
-        for endpoint in self.endpoints():
-            stream.put_nowait(EndpointAdded(endpoint=endpoint))
-        if self._closed:
-            stream.put_nowait(None)
-        self._streams[stream] = None
-        try:
-            while (event := await stream.get()) is not None:
-                yield event
-        finally:
-            self._streams.pop(stream, None)
 
     async def wait_for(self, predicate: Callable[[], bool], timeout_s: float = 5.0) -> bool:
         """Return True once a predicate over this graph holds, False if it does not within `timeout_s`."""
@@ -130,18 +111,17 @@ class Graph:
         owner = "" if endpoint.node else self._owners.get(endpoint.gid, "")
         return replace(endpoint, node=owner) if owner else endpoint
 
-    def close(self) -> None:
-        """End all event streams."""
-        self._closed = True
-        self._changed.notify()
-        for stream in self._streams:
-            stream.put_nowait(None)
-
     def _tell(self, event: EndpointEvent) -> None:
-        for stream in self._streams:
-            stream.put_nowait(event)
         for listener in tuple(self._listeners):
             listener(event)
 
     def _select(self, topic: str, kind: EndpointKind) -> tuple[EndpointInfo, ...]:
         return tuple(e for e in self.endpoints() if e.topic == topic and e.kind is kind)
+
+
+def types_by_topic(endpoints: Iterable[EndpointInfo]) -> dict[str, tuple[str, ...]]:
+    """Return the types of every topic of some endpoints, both sorted."""
+    found: dict[str, set[str]] = {}
+    for endpoint in endpoints:
+        found.setdefault(endpoint.topic, set()).add(endpoint.type)
+    return {topic: tuple(sorted(found[topic])) for topic in sorted(found)}

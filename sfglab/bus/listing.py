@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from sfglab import names
 from sfglab.bus.api import FAST_DDS, EndpointInfo, EndpointKind, NodeInfo, entries
+from sfglab.bus.graph import types_by_topic
 from sfglab.errors import InvalidValueError
 from sfglab.qos import Durability, History, QoSProfile, Reliability
 
@@ -39,11 +40,11 @@ class View:
 
     def topics(self, *, hidden: bool = False) -> Types:
         """Return topics with their types."""
-        found: dict[str, set[str]] = {}
-        for end in self.endpoints:
-            if _role(end) is names.DdsRole.TOPIC and (hidden or not is_hidden(end.topic)):
-                found.setdefault(end.topic, set()).add(end.type)
-        return {topic: tuple(sorted(found[topic])) for topic in sorted(found)}
+        return types_by_topic(
+            end
+            for end in self.endpoints
+            if _role(end) is names.DdsRole.TOPIC and (hidden or not is_hidden(end.topic))
+        )
 
     def ends(self, topic: str, kind: EndpointKind) -> list[EndpointInfo]:
         """Return a topic's publishers or subscriptions."""

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
 
     from sfglab.bus import Node
-    from sfglab.bus.api import Transport
+    from sfglab.bus.api import EndpointEvent, Transport
 
 
 _LOG = logging.getLogger(__name__)
@@ -122,8 +122,9 @@ class AgentDecoder:
 
     async def run(self, discovery_topic: str = "") -> None:
         """Serve until cancelled, then release everything except the pool; the discoverer's topic may be empty."""
-        watched = [self._watch_graph(), self._watch_workers()]
+        watched = [self._watch_workers()]
         watched += [self._watch_agents(discovery_topic)] if discovery_topic else []
+        unlisten = self._local.graph.listen(self._note_subscription)
         try:
             async with beside(*watched) as watchers:
                 while True:
@@ -132,14 +133,14 @@ class AgentDecoder:
                             watcher.result()
                     await self._step()
         finally:
+            unlisten()
             for pipeline in self._pipelines.values():
                 if pipeline.worker is not None:
                     await pipeline.worker.end()
 
-    async def _watch_graph(self) -> None:
-        async for event in self._local.graph.events():
-            if event.endpoint.kind is EndpointKind.SUBSCRIPTION:
-                self._events.put_nowait(partial(self._see, event.endpoint.topic))
+    def _note_subscription(self, event: EndpointEvent) -> None:
+        if event.endpoint.kind is EndpointKind.SUBSCRIPTION:
+            self._events.put_nowait(partial(self._see, event.endpoint.topic))
 
     async def _watch_workers(self) -> None:
         """End unresponsive pipeline processes by force; they are replaced as after a crash."""

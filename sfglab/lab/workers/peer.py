@@ -48,7 +48,9 @@ from sfglab.messages import (
 from sfglab.qos import LATCHED, Durability, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine, Sequence
+    from collections.abc import Callable, Coroutine, Sequence
+
+    from sfglab.bus.api import EndpointEvent
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 QUIET_S = 0.3  #: Time without a message after which none is expected any longer, s.
@@ -105,6 +107,7 @@ class _Peer:
         self._config = config
         self._report = report
         self._tasks: list[asyncio.Task[None]] = []
+        self._unlisten: Callable[[], None] = lambda: None
         self._endpoints: dict[str, tuple[str, str, str, str]] = {}
         self._heard: Counter[tuple[str, str]] = Counter()  # messages by topic and source
         self._last_s = 0.0
@@ -123,10 +126,11 @@ class _Peer:
                 order = await orders.get()
                 await getattr(self, order.pop("do"))(**order)
         finally:
+            self._unlisten()
             await end_tasks(*self._tasks)
 
     def _open(self) -> None:
-        self._spawn(self._watch())
+        self._unlisten = self._node.graph.listen(self._note)
         for name, type_ in self._config.reports.items():
             subscription = self._node.create_subscription(type_, name, qos=ALL, raw=True)
             self._spawn(self._forward(subscription))
@@ -150,12 +154,11 @@ class _Peer:
 
     # Endpoints, and messages that are reported.
 
-    async def _watch(self) -> None:
-        async for event in self._node.graph.events():
-            if isinstance(event, EndpointAdded):
-                end = event.endpoint
-                owner, tag = end.participant.hex(), end.user_data.decode(errors="replace")
-                self._endpoints[end.gid.hex()] = (end.dds_topic, end.kind.value, owner, tag)
+    def _note(self, event: EndpointEvent) -> None:
+        if isinstance(event, EndpointAdded):
+            end = event.endpoint
+            owner, tag = end.participant.hex(), end.user_data.decode(errors="replace")
+            self._endpoints[end.gid.hex()] = (end.dds_topic, end.kind.value, owner, tag)
 
     async def look(self) -> None:
         """Report the publishers of the topics whose messages it reports."""
