@@ -109,8 +109,7 @@ class EndpointInfo:
     #: of rmw_fastrtps.
     transport: Transport = "dds"
     participant: bytes = b""  #: 16-byte GUID of its participant.
-    #: Host of the endpoint: host id of sfglab, otherwise host name; empty if unknown.
-    host: str = ""
+    host: str = ""  #: Host id of a participant of sfglab, see `host_id`; empty for others.
     #: Full name of the owning node; empty if unknown. Owners outside sfglab are known only after a call of
     #: `Graph.nodes`.
     node: str = ""

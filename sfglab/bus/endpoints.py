@@ -15,7 +15,6 @@ from sfglab.qos import History, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
-    from contextlib import AbstractContextManager
 
     from sfglab.bus.api import Callback
 
@@ -58,9 +57,6 @@ class Writer(Endpoint, Protocol):
 
     def write_message(self, message: Any) -> None:
         """Serialize and send a message."""
-
-    def loan(self, size_bytes: int) -> AbstractContextManager[memoryview]:
-        """Lend memory for a message; raise TypeError if the transport has none to lend."""
 
 
 class Reader(Endpoint, Protocol):

@@ -41,25 +41,17 @@ _Destination = TypeVar("_Destination")
 _Writer = TypeVar("_Writer")
 
 
-class RawWriter(Protocol):
-    """Writer of serialized samples in the target domain of a forwarder."""
-
-    @property
-    def gid(self) -> bytes:
-        """16-byte GUID of the writer, as the graph shows it."""
-
-    def close(self) -> None:
-        """Close the writer; repeated calls are harmless."""
-
-
 class GuardedWriter(ABC):
-    """Raw writer with two rules: one bounds its history, one follows the liveliness of its source.
+    """Writer of serialized samples in the target domain of a forwarder, with two rules.
 
+    One rule bounds its history, the other follows the liveliness of its source.
     With AUTOMATIC liveliness this process would keep the writer alive after the end of its source. A VOLATILE
     writer is therefore deleted while its source is not alive. A TRANSIENT_LOCAL writer stays because its
     history would be lost. The writer counts the bytes of its samples. If they are too many and a reader
     acknowledges nothing, a writer with a smaller depth replaces it.
     """
+
+    gid: bytes  #: 16-byte GUID of the writer, as the graph shows it.
 
     def __init__(self, qos: QoSProfile) -> None:
         self.closed = False  #: Whether the writer is closed.
@@ -102,6 +94,10 @@ class GuardedWriter(ABC):
             self._qos = replace(self._qos, depth=depth)
             self._delete()
             self._create(self._qos)
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the writer; repeated calls are harmless."""
 
     @abstractmethod
     def _create(self, qos: QoSProfile) -> None:
@@ -228,5 +224,5 @@ class Forwarder(Protocol):
     def open(self, endpoint: RawEndpoint) -> Forward[Any, Any]:
         """Read a topic in the source domain; samples of a source are held until it is admitted or refused."""
 
-    def open_writer(self, endpoint: RawEndpoint) -> RawWriter:
+    def open_writer(self, endpoint: RawEndpoint) -> GuardedWriter:
         """Write to a topic in the target domain; to be closed when no source uses the writer any more."""

@@ -114,7 +114,13 @@ class Publisher(TopicEnd):
             TypeError: The transport has no memory to lend.
         """
         self._check_open()
-        return self._writer.loan(size_bytes)
+        lend: Callable[[int], AbstractContextManager[memoryview]] | None = getattr(
+            self._writer, "loan", None
+        )
+        if lend is None:
+            said = "only a publisher with transport='shm' lends memory"
+            raise TypeError(f"topic {self.topic_name!r}: {said}")
+        return lend(size_bytes)
 
     def get_subscription_count(self) -> int:
         """Return the number of matching subscriptions."""

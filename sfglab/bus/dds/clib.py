@@ -175,7 +175,6 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_qget_lifespan": (_BOOL, (_PTR, _PTR)),
     "dds_qget_liveliness": (_BOOL, (_PTR, _PTR, _PTR)),
     "dds_qget_userdata": (_BOOL, (_PTR, _PTR, _PTR)),
-    "dds_qget_prop": (_BOOL, (_PTR, _STR, _PTR)),
     "dds_free": (None, (_PTR,)),
     "dds_strretcode": (_STR, (_I32,)),
 }
@@ -313,18 +312,6 @@ def user_data(qos: int) -> bytes:
         return b""
     try:
         return ct.string_at(value.value, size.value)
-    finally:
-        lib.dds_free(value)
-
-
-def string_property(qos: int, name: str) -> str:
-    """Return one of a participant's properties; empty if it has none of that name."""
-    lib = library()
-    value = ct.c_void_p()
-    if not lib.dds_qget_prop(qos, name.encode(), ct.byref(value)) or not value.value:
-        return ""
-    try:
-        return ct.string_at(value.value).decode(errors="replace")
     finally:
         lib.dds_free(value)
 

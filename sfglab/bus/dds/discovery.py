@@ -294,8 +294,7 @@ class Discovery:
                 self._on_changes([(key, None)])
                 continue
             known = entries(clib.user_data(sample.qos))
-            host = known.get(HOST_KEY) or clib.string_property(sample.qos, "__Hostname")
-            self._origins[key] = host, known.get(NODE_KEY, "")
+            self._origins[key] = known.get(HOST_KEY, ""), known.get(NODE_KEY, "")
 
     def _info(self, sample: Any, gid: bytes, kind: EndpointKind) -> EndpointInfo:
         participant = bytes(sample.participant_key)

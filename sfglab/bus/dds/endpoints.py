@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes as ct
 import time
 from threading import Thread
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -181,13 +181,6 @@ class DdsWriter:
     def write_message(self, message: Any) -> None:
         """Serialize and send a message; see `write`."""
         self.write(serialize(message))
-
-    def loan(self, size_bytes: int) -> NoReturn:
-        """Raise TypeError because DDS has no memory to lend."""
-        del size_bytes
-        raise TypeError(
-            f"topic {self._topic!r}: only a publisher with transport='shm' lends memory"
-        )
 
     def acknowledged(self) -> bool:
         """Return whether all reliable readers have acknowledged all samples."""

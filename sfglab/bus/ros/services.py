@@ -117,10 +117,8 @@ class RosHalf:
         self._services.write(self.key, unframe_service(bytes(cdr)))
 
     def write_message(self, message: Any) -> NoReturn:
-        """Raise TypeError, as `loan` does, because only frames can be sent."""
+        """Raise TypeError because only frames can be sent."""
         raise TypeError(f"{self.key}: given {message!r}, allowed are frames")
-
-    loan = write_message
 
     def close(self) -> None:
         """Close the endpoint; the last one of a server or client closes that as well."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointKind
 from sfglab.bus.sim.domain import Endpoint
@@ -98,10 +98,6 @@ class Writer(Endpoint):
     def write_message(self, message: Any) -> None:
         """Serialize and send a message."""
         self.write(serialize(message))
-
-    def loan(self, size_bytes: int) -> NoReturn:
-        """Raise TypeError because a simulated world has no memory to lend."""
-        raise TypeError(f"topic {self.info.topic!r}: no {size_bytes} bytes to lend in a simulation")
 
     def learn(self, endpoint: Reader) -> None:
         """Send to a reader from now on."""

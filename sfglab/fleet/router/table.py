@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from sfglab.bus import EndpointEvent, EndpointInfo, Graph, Node
-    from sfglab.bus.forwarding import Forward, RawWriter, Transform
+    from sfglab.bus.forwarding import Forward, GuardedWriter, Transform
     from sfglab.fleet.policy import Side
     from sfglab.fleet.router.frames import TransformGate
     from sfglab.fleet.router.plan import Action
@@ -112,7 +112,7 @@ class ForwardingTable:
             for direction in Direction
         }
         self._readers: dict[ReaderSpec, Forward[Any, Any]] = {}
-        self._writers: dict[WriterSpec, RawWriter] = {}
+        self._writers: dict[WriterSpec, GuardedWriter] = {}
         # Publishers of transforms by reader and source, and the routes of readers of other agents' transforms.
         self._owners: dict[ReaderSpec, dict[bytes, str]] = {}
         self._routes: dict[ReaderSpec, dict[bytes, AssignRoute]] = {}
