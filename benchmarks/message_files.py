@@ -52,6 +52,7 @@ from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA  # noqa: E402
 
 MESSAGES = 20
 PERIOD_S = 0.1
+BEAT_S = 0.3  # period of the heartbeats, of which each interval of this length has one
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA = "/global/a/camera_front/color/ffmpeg"
 called: set[str] = set()  # files that were called since the set was cleared
@@ -106,20 +107,13 @@ async def show_camera(talker: Node, listener: Node) -> None:
 
 async def show_heartbeat(sender: BusAddress, receiver: BusAddress) -> None:
     """Show the files of a heartbeat, from the status provider to the discoverer."""
-    beats: asyncio.Queue[Any] = asyncio.Queue()
-    times = Schedule(startup_period_s=0.3, steady_period_s=0.3)
+    times = Schedule(startup_period_s=BEAT_S, steady_period_s=BEAT_S)
     settings = StatusSettings(agent="a", schedule=times)
-    status = StatusConfig(address=sender, settings=settings, detect=False, report_beats=True)
+    status = StatusConfig(address=sender, settings=settings, detect=False)
     discovery = DiscoveryConfig(address=receiver, settings=DiscoverySettings(agent="b"))
-
-    async def next_beat() -> None:
-        while not beats.empty():
-            beats.get_nowait()
-        await beats.get()
-
     discoverer = run_discoverer(discovery, lambda _: None, asyncio.Queue())
-    async with beside(run_status(status, beats.put_nowait, asyncio.Queue()), discoverer):
-        await show("heartbeat", 16, lambda: None, next_beat)
+    async with beside(run_status(status, lambda _: None, asyncio.Queue()), discoverer):
+        await show("heartbeat", 16, lambda: None, partial(asyncio.sleep, BEAT_S))
 
 
 async def main() -> None:

@@ -30,7 +30,7 @@ Orders = asyncio.Queue[Report]  #: Orders of a component.
 #: Environment variable that makes a component report watchdog beats.
 BEATS_VARIABLE = "SFGLAB_BEATS"
 BEAT_PERIOD_S = 1.0  #: Period of watchdog beats, s.
-END_LIMIT_S = 10  #: Time limit for the end of a component that starts no others, s.
+END_LIMIT_S = 10  #: Time limit for the end of a component, s.
 ORDER_LIMIT_BYTES = 1 << 22
 
 
@@ -44,12 +44,10 @@ def run(main: Coroutine[Any, Any, C]) -> C:
 def run_component(
     config_class: type[C],
     serve: Callable[[C, Reporter, Orders], Awaitable[None]],
-    *,
-    end_limit_s: Callable[[C], int] = lambda _: END_LIMIT_S,
 ) -> None:
     """Run a component, given configuration, reports and orders, until it is told to end; or fail, status 1.
 
-    One that has not ended so many seconds later, by its configuration, the kernel ends.
+    One that has not ended `END_LIMIT_S` later, the kernel ends.
     """
     # The parent decides when the component ends; an interrupt from the terminal reaches the parent as well.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -62,7 +60,7 @@ def run_component(
             BEATS_VARIABLE, ""
         ):  # for this process alone, not for those that it starts
             body = _beating(body, report)
-        run(_until_told(body, orders, end_limit_s(config)))
+        run(_until_told(body, orders))
     except SfglabError as error:
         report({"is": "failed", "why": str(error)})
         sys.exit(1)
@@ -151,12 +149,12 @@ async def is_set_before(event: asyncio.Event, time_s: float | None) -> bool:
     return True
 
 
-async def _until_told(body: Awaitable[None], orders: Orders, end_limit_s: int) -> None:
+async def _until_told(body: Awaitable[None], orders: Orders) -> None:
     serving = asyncio.ensure_future(body)
     hearing = asyncio.create_task(_hear(orders))
 
     def end() -> None:
-        signal.alarm(end_limit_s)  # unhandled, it ends the process also while threads wait
+        signal.alarm(END_LIMIT_S)  # unhandled, it ends the process also while threads wait
         serving.cancel()
 
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, end)

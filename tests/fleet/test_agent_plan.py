@@ -136,7 +136,7 @@ def changed(state: str, *, crashes: int = 0, why: str = "", retry_s: float | Non
             "it took long; it is ended and started again",
         ),
         ({"is": "line", "component": "router", "line": "WARNING: x"}, "WARNING: x"),
-        (reported("status", **{"is": "beat"}), ""),
+        (reported("status", **{"is": "refused"}), ""),
     ],
 )
 def test_a_person_reads_what_matters(report, words):

@@ -6,8 +6,9 @@ import signal
 import sys
 from contextlib import asynccontextmanager, suppress
 
+import psutil
 import pytest
-from waiting import DEADLINE_S, lives, process, program, until
+from waiting import DEADLINE_S, lives, program, until, wait_until
 
 from sfglab.component import beside
 from sfglab.fleet.agent import app
@@ -27,12 +28,6 @@ import sys
 print('a banner')
 print('{"is": "ready"}', flush=True)
 sys.stdin.read()
-"""
-STUBBORN = """
-import signal, time
-signal.signal(signal.SIGTERM, signal.SIG_IGN)
-print('{"is": "ready"}', flush=True)
-time.sleep(1000)
 """
 REFUSES = """
 import sys
@@ -123,17 +118,6 @@ async def test_a_refused_configuration_or_one_that_dies_on_import_ends_the_agent
     assert "ModuleNotFoundError: No module named 'no_such_module'" in lines
 
 
-async def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time_or_told_twice_at_once():
-    async with running(component("router", STUBBORN)) as watched:
-        pid = await watched.pid("router")
-    assert not lives(pid)
-    never = ProcessTiming(stop_ns=10**15)
-    async with running(component("router", STUBBORN), timing=never) as watched:
-        pid = await watched.pid("router")
-        watched.agent.stop()
-    assert not lives(pid)
-
-
 @pytest.mark.parametrize("how", ["killed", "stopped", "cancelled"])
 async def test_what_a_component_has_started_ends_with_it(how):
     async with beside((watched := Watched(component("decoder", PARENT))).agent.run()) as (task,):
@@ -155,37 +139,6 @@ async def test_what_a_component_has_started_ends_with_it(how):
     await until(lambda: not any(map(lives, children)))
 
 
-# As the real components are.
-COMPONENT = """
-import asyncio
-from dataclasses import make_dataclass
-from sfglab.component import run_component
-async def serve(config, report, orders):
-    report({"is": "ready"})
-    await asyncio.Event().wait()
-run_component(make_dataclass("Config", ()), serve)
-"""
-
-
-@pytest.mark.parametrize("how", ["killed", "terminated", "input ends"])
-async def test_components_end_with_their_supervisor_and_unless_it_is_killed_in_order(how):
-    argv = (sys.executable, "-c", COMPONENT, "{}")
-    config = app.SupervisorConfig(components=(Component(name="router", argv=argv),))
-    async with process("sfglab.fleet.agent.app", config) as child:
-        child.on_report = (reports := []).append
-        await child.expect("ready", timeout_s=DEADLINE_S)
-        (pid,) = (report["pid"] for report in reports if report.get("state") == "running")
-        if how == "input ends":
-            await child.close(grace_s=DEADLINE_S)
-        else:
-            child.signal(signal.SIGKILL if how == "killed" else signal.SIGTERM)
-        await child.wait()
-        await until(lambda: not lives(pid))
-    if how != "killed":
-        assert (await child.expect("ended", timeout_s=DEADLINE_S))["status"] == 0
-        assert [r["state"] for r in reports if r["is"] == "component"][-1] == "stopped"
-
-
 TERMINAL = """
 import sys
 from sfglab.bus.address import BusAddress
@@ -200,7 +153,18 @@ run(serve_agent(config, lambda line: print(line, flush=True)))
 """
 
 
-def test_two_interrupts_end_an_agent_in_order_and_a_second_one_on_its_domains_is_refused(domains):
+@pytest.mark.parametrize(
+    ("signals", "last", "status"),
+    [
+        ([signal.SIGINT] * 2, "agent go2: everything has ended\n", 0),
+        ([signal.SIGTERM], "agent go2: everything has ended\n", 0),
+        ([signal.SIGKILL], "", -signal.SIGKILL),
+    ],
+    ids=["two interrupts", "terminated", "killed"],
+)
+def test_components_end_with_their_agent_and_a_second_agent_on_its_domains_is_refused(
+    domains, signals, last, status
+):
     remote, local = domains
     numbers = (f"{address.domain_id}" for address in (local, remote))
     router = RouterConfig(agent="go2", local=local, remote=remote)
@@ -211,7 +175,9 @@ def test_two_interrupts_end_an_agent_in_order_and_a_second_one_on_its_domains_is
         with pytest.raises(app.ComponentError, match=f"^router of domain {local.domain_id}: proc"):
             asyncio.run(app.serve_agent(config, said.append))
         assert [f"{line}\n" for line in said] == lines[:1]
-        for _ in range(2):
-            process.send_signal(signal.SIGINT)
-        assert process.stdout.read() == "agent go2: everything has ended\n"
-        assert process.wait(DEADLINE_S) == 0
+        (router,) = psutil.Process(process.pid).children()
+        for number in signals:
+            process.send_signal(number)
+        assert process.stdout.read() == last
+        assert process.wait(DEADLINE_S) == status
+        wait_until(lambda: not lives(router.pid))

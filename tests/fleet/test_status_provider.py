@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from cameras import FFMPEG, STREAM
 
 from sfglab.bus.sim import run_simulated
 from sfglab.component import beside
@@ -16,8 +15,6 @@ from sfglab.fleet.status import heartbeat
 from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.description import (
     AgentDescription,
-    SensorDescription,
-    StreamDescription,
 )
 from sfglab.fleet.status.heartbeat import Heartbeat, Schedule
 from sfglab.fleet.status.node import StatusProvider
@@ -109,13 +106,3 @@ def test_the_papers_schedule_is_the_default_and_the_startup_phase_lasts_whole_pe
 def test_times_and_numbers_out_of_bounds_are_refused(settings, named):
     with pytest.raises(InvalidValueError, match=named):
         settings()
-
-
-def test_a_description_becomes_the_metadata_message():
-    stream = StreamDescription(topic=STREAM, type=FFMPEG, codec="h264", width=640, rate_hz=30.0)
-    sensor = SensorDescription(name="camera_front", model="D435", streams=(stream,))
-    description = AgentDescription(sensors=(sensor,), accelerators=("x",))
-    message = description.to_message("go2", incarnation=5, revision=2, stamp_ns=7 * S)
-    assert (message.incarnation, message.revision, message.stamp.sec) == (5, 2, 7)
-    assert (message.sensors[0].model, message.accelerators) == ("D435", ["x"])
-    assert StreamDescription.of(message.sensors[0].streams[0]) == stream

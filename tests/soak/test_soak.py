@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 def test_all_streams_recover_from_a_few_faults():
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     # The time of a recovery depends on the machine.
-    argv = [sys.executable, str(Path(__file__).with_name("run.py")), "0.3", "--limit", "60"]
+    argv = [sys.executable, str(Path(__file__).with_name("run.py")), "0.7", "--limit", "60"]
     done = subprocess.run(argv, env=environment, stdout=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 0, done.stdout
     assert done.stdout.endswith(" faults, 0 problems\n")

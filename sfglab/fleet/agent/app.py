@@ -1,8 +1,7 @@
-"""Agent of a fleet as a process: `sfglab agent up`, or ``python -m sfglab.fleet.agent.app CONFIG``.
+"""Agent of a fleet as a process, `sfglab agent up`, which tells a person or a program what happens.
 
-The module is an I/O wrapper of `supervision`. One task handles one event after the other. The second form
-is a component for programs (see `sfglab.component`). `Narrator` turns the reports of an agent into a few
-lines for a person. The reports are:
+The module is an I/O wrapper of `supervision`. One task handles one event after the other. `Narrator` turns
+the reports of an agent into a few lines for a person; with ``--json``, a program reads the reports:
 
 - ``{"is": "ready"}``, once when all components have served,
 - ``{"is": "component", "component", "state", "pid", "crashes", "why", "retry_s"}``, for every change of a
@@ -20,17 +19,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from sfglab.component import (
-    END_LIMIT_S,
-    Orders,
-    Report,
-    Reporter,
-    beside,
-    next_before,
-    on_stop,
-    run_component,
-    steady_ns,
-)
+from sfglab.component import Report, beside, next_before, on_stop, steady_ns
 from sfglab.errors import SfglabError
 from sfglab.fleet.agent.plan import AgentConfig, plan
 from sfglab.fleet.agent.supervision import (
@@ -45,7 +34,6 @@ from sfglab.fleet.agent.supervision import (
 from sfglab.fleet.narration import PathNarrator, StreamNarrator
 from sfglab.machine import ProcessTiming
 from sfglab.processes import CHECK_PERIOD_S, Watchdog
-from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Sequence
@@ -293,14 +281,6 @@ def _place(address: BusAddress) -> str:
     return f"domain {address.domain_id}" + (f" on {address.interface}" if address.interface else "")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SupervisorConfig:
-    """Configuration of an agent's process: the result of `plan`."""
-
-    components: tuple[Component, ...]  #: The processes to run.
-    timing: ProcessTiming = field(default_factory=ProcessTiming)  #: Time limits and restart delays.
-
-
 async def serve_agent(
     config: AgentConfig, say: Callable[[str], None], *, as_json: bool = False
 ) -> None:
@@ -325,16 +305,3 @@ async def serve_agent(
     await agent.run()
     if not as_json:
         say(narrator.end())
-
-
-async def _serve(config: SupervisorConfig, report: Reporter, _: Orders) -> None:
-    await Agent(config.components, timing=config.timing, on_report=report).run()
-
-
-def _end_limit_s(config: SupervisorConfig) -> int:
-    """Return the time after which the agent is ended by force, s: its own limit and that of its components."""
-    return END_LIMIT_S + config.timing.stop_ns // NS_PER_S
-
-
-if __name__ == "__main__":
-    run_component(SupervisorConfig, _serve, end_limit_s=_end_limit_s)

@@ -6,7 +6,7 @@ The module is pure. It refuses everything that can be refused before a process s
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
@@ -16,13 +16,11 @@ from sfglab.errors import InvalidValueError
 from sfglab.fleet.agent.supervision import Component
 from sfglab.fleet.decoder.config import DecoderConfig
 from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
-from sfglab.fleet.discovery.config import Timing as DiscoveryTiming
 from sfglab.fleet.discovery.listener import discovery_topic
 from sfglab.fleet.gop_config import GopCacheConfig
 from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
 from sfglab.fleet.status.description import AgentDescription, SensorDescription
-from sfglab.fleet.status.heartbeat import Schedule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -46,11 +44,6 @@ class AgentConfig:
     #: Whether descriptions are published on a topic and read there. If false, each agent queries the paper's
     #: metadata service of each other agent.
     published_descriptions: bool = True
-    schedule: Schedule = field(default_factory=Schedule)  #: Periods of the heartbeat.
-    #: Timeouts of the discoverer.
-    discovery: DiscoveryTiming = field(default_factory=DiscoveryTiming)
-    #: Whether the metadata lists the accelerators that work on this host. Each of them is tried.
-    detect: bool = True
 
 
 def plan(config: AgentConfig) -> tuple[Component, ...]:
@@ -85,16 +78,14 @@ def _status(config: AgentConfig) -> StatusConfig:
     settings = StatusSettings(
         agent=config.router.agent,
         description=AgentDescription(sensors=config.sensors),
-        schedule=config.schedule,
         publish_description=config.published_descriptions,
     )
-    return StatusConfig(address=config.router.local, settings=settings, detect=config.detect)
+    return StatusConfig(address=config.router.local, settings=settings)
 
 
 def _discoverer(config: AgentConfig) -> DiscoveryConfig:
     settings = DiscoverySettings(
         agent=config.router.agent,
-        timing=config.discovery,
         use_published_descriptions=config.published_descriptions,
     )
     return DiscoveryConfig(address=config.router.local, settings=settings)

@@ -35,4 +35,3 @@ class StatusConfig:
     #: Whether software and accelerators are detected, in place of the described ones. Heartbeats do not wait
     #: for the trials of the accelerators; the description is updated afterwards.
     detect: bool = True
-    report_beats: bool = False  #: Whether each heartbeat is reported.

@@ -2,9 +2,9 @@
 
 Heartbeats are latched, so a late joiner receives the last one immediately. The same holds for the description
 where it is published. As a process (``python -m sfglab.fleet.status.node CONFIG``; see `sfglab.component`) it
-reports ``ready`` and, if configured, each heartbeat as ``{"is": "beat", "revision", "phase", "period_s",
-"t_ns"}``. The order ``{"description": {...}}`` replaces the description. The sender of the order validates the
-types of its values; a description that the agent must not have is answered with ``{"is": "refused", "why"}``.
+reports ``ready``. The order ``{"description": {...}}`` replaces the description. The sender of the order
+validates the types of its values; a description that the agent must not have is answered with
+``{"is": "refused", "why"}``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab import __version__
-from sfglab.component import Orders, Report, Reporter, beside, is_set_before, run_component
+from sfglab.component import Orders, Reporter, beside, is_set_before, run_component
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
@@ -40,18 +40,11 @@ if TYPE_CHECKING:
 
 
 class StatusProvider:
-    """Node that publishes an agent's heartbeats and description; `on_beat` is called after each heartbeat."""
+    """Node that publishes an agent's heartbeats and description."""
 
-    def __init__(
-        self,
-        node: Node,
-        settings: StatusSettings,
-        *,
-        on_beat: Callable[[Heartbeat], None] = lambda _: None,
-    ) -> None:
+    def __init__(self, node: Node, settings: StatusSettings) -> None:
         self._node = node
         self._settings = settings
-        self._on_beat = on_beat
         self.description = settings.description  #: Current description of the agent.
         self._described_ns = 0
         self._incarnation = 0
@@ -118,7 +111,6 @@ class StatusProvider:
             version=__version__,
         )
         publisher.publish(heartbeat.to_message(self._node.get_clock().now_ns()))
-        self._on_beat(heartbeat)
 
     def _metadata(self) -> Any:
         return self.description.to_message(
@@ -149,14 +141,7 @@ async def run_status(config: StatusConfig, report: Reporter, orders: Orders) -> 
     async with Node(
         "agent_status_provider", **config.address.options(), max_sample_bytes=MAX_SAMPLE_BYTES
     ) as node:
-
-        def report_beat(heartbeat: Heartbeat) -> None:
-            if config.report_beats:
-                values: Report = {"revision": heartbeat.revision, "phase": int(heartbeat.phase)}
-                values |= {"period_s": heartbeat.period_s, "t_ns": node.get_clock().now_ns()}
-                report({"is": "beat", **values})
-
-        provider = StatusProvider(node, settings, on_beat=report_beat)
+        provider = StatusProvider(node, settings)
         bodies = [_update_description(provider, report, orders)]
         if config.detect:
             bodies.append(_detect(provider))
