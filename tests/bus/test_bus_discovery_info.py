@@ -1,13 +1,12 @@
 """Nodes stand on the ROS 2 graph with exactly their endpoints, and leave it when they close."""
 
-import asyncio
 import json
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from bus_messages import SERVICE, STRING, connected
+from bus_messages import SERVICE, STRING
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
@@ -15,9 +14,7 @@ from waiting import program
 
 from sfglab import bus
 from sfglab.bus.api import NodeInfo
-from sfglab.bus.dds.discovery import Discovery, gid_bytes, pack_nodes, unpack_nodes
-from sfglab.bus.graph import Graph
-from sfglab.qos import QoSProfile
+from sfglab.bus.dds.discovery import gid_bytes, pack_nodes, unpack_nodes
 
 world = pytest.fixture(lambda live: live)
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
@@ -110,50 +107,6 @@ async def test_the_graph_names_nodes_with_exactly_their_endpoints_while_they_liv
             assert await graph.wait_for(lambda: is_listed([2, 1]))
             assert "ros_discovery_info" not in str(graph.topics())
         assert await graph.wait_for(lambda: [n.name for n in graph.nodes()] == ["here"])
-
-
-async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_known():
-    graph, gid, guid = Graph(asyncio.get_running_loop()), b"endpoint" * 2, b"somebody" * 2
-    talker = bus.EndpointInfo(
-        kind=bus.EndpointKind.PUBLISHER,
-        topic="/chatter",
-        type=STRING,
-        gid=gid,
-        qos=QoSProfile(),
-        participant=guid,
-    )
-    graph.apply([(gid, talker)])
-    assert graph.publishers("/chatter") == (talker,)
-    listed = NodeInfo(namespace="/demo", name="talker", participant=guid, writers=(gid,))
-    graph.learn_nodes(guid, (listed,))
-    assert [end.node for end in graph.publishers("/chatter")] == ["/demo/talker"]
-    assert graph.nodes() == (listed,)
-
-
-@pytest.mark.live
-async def test_twenty_endpoints_at_once_are_few_messages(here, node, until):
-    messages = []
-    async with node("watcher") as watcher:
-
-        def note(participant, nodes):
-            if participant == here.guid:
-                messages.append(set(nodes[0].writers))
-
-        discovery = Discovery(watcher.backend.participant, lambda _: None)
-        discovery.read_nodes(note)
-        gids = {here.create_publisher(STRING, f"/t{i}").gid for i in range(20)}
-        await until(lambda: gids in messages)
-    assert len(messages) < 10
-
-
-@pytest.mark.live
-async def test_nodes_of_two_domain_ids_meet_in_one_external_domain(domain_id):
-    ids = [number for number in range(60, 63) if number != domain_id]
-    options = {"interface": "lo", "external_domain_id": domain_id}
-    nodes = [bus.Node("n", domain_id=number, **options) for number in ids[:2]]
-    async with nodes[0], nodes[1]:
-        await connected(*nodes)
-        assert nodes[0].guid[:12] != nodes[1].guid[:12]
 
 
 @pytest.mark.live

@@ -213,19 +213,3 @@ async def test_a_client_that_acknowledges_nothing_takes_no_answer_from_others(
         for _ in range(300):
             assert len((await client.call(Request(), timeout_s=30)).message) == 4000
         deaf.go_on()
-
-
-async def test_a_servers_death_is_a_timeout(here, child, until):
-    answering = f"""
-    response = default_message("{SERVICE}_Response")
-    node.create_service("{SERVICE}", "/s", lambda _: response)
-    await hear()
-    """
-    async with child(answering, "server", lease_s=1.0) as server:
-        client = here.create_client(SERVICE, "/s")
-        await client.wait_for_service(60)
-        assert not (await client.call(Request())).success
-        await server.kill()
-        with pytest.raises(bus.BusTimeoutError, match=r"has gone|did not respond"):
-            await client.call(Request(), timeout_s=0.2)
-        await until(lambda: not client.service_is_ready())

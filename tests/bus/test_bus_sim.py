@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from sfglab import bus
 from sfglab.bus.sim import Costs, DeadlockError, TimeLimitError, run_simulated
-from sfglab.qos import LATCHED, Durability, History, QoSProfile
+from sfglab.qos import LATCHED, Durability, QoSProfile
 
 MS = 1_000_000
 PUBLISHER = bus.EndpointKind.PUBLISHER
@@ -195,28 +195,6 @@ async def test_a_short_cut_delays_and_a_long_one_is_a_loss_and_a_return(sim):
     kinds, times_s = zip(*events, strict=True)
     assert kinds == (bus.EndpointAdded, bus.EndpointRemoved, bus.EndpointAdded)
     assert times_s[1] - cut_s == pytest.approx(4)
-
-
-@pytest.mark.parametrize("qos", [QoSProfile(depth=100), QoSProfile(history=History.KEEP_ALL)])
-async def test_after_a_cut_a_volatile_reader_gets_what_it_missed_and_nothing_from_before_it(
-    sim, qos
-):
-    here, there = (sim.node(name, host=name) for name in ("here", "there"))
-    publisher = here.create_publisher(STRING, "/t", qos)
-    here.create_subscription(STRING, "/t", qos=qos)
-    await publisher.wait_for_subscriptions(1)
-    publisher.publish(text("before"))
-    reader = there.create_subscription(STRING, "/t", qos=qos)
-    await publisher.wait_for_subscriptions(2)
-    for _ in range(2):
-        sim.connect("there", connected=False)
-        publisher.publish(text("missed"))
-        await asyncio.sleep(1)
-        sim.connect("there")
-        assert await take_all(reader, 1) == ["missed"]
-    publisher.publish(text("after"))
-    assert await take_all(reader, 1) == ["after"]
-    assert reader.lost == 0
 
 
 # --- After all changes the nodes know the same.

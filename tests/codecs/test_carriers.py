@@ -171,16 +171,6 @@ def test_an_impossible_hint_and_an_unreadable_type_are_refused_at_once():
         image_decoder("sensor_msgs/msg/PointCloud2")
 
 
-@pytest.mark.parametrize("codec", ["rvl", "png"])
-def test_compressed_depth_decodes(codec):
-    depth_mm = np.arange(1, 13, dtype=np.uint16).reshape(3, 4)
-    (image,) = image_decoder(COMPRESSED_IMAGE).feed(
-        message(codecs.compressed_depth_fields(depth_mm, codec))
-    )
-    assert np.array_equal(image.array, depth_mm)
-    assert (image.encoding, image.is_key, image.intact) == ("16UC1", True, True)
-
-
 @pytest.mark.parametrize("codec", ["JPEG", "PNG"])
 @pytest.mark.parametrize("rename", ["{}", "rgb8; {} compressed bgr8"])
 def test_compressed_colour_is_found_by_a_part_of_its_format(pictures, codec, rename):

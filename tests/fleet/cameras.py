@@ -1,18 +1,13 @@
-"""A camera of known pictures, what a decoder tells, and simulated agents behind their routers."""
+"""Packets of known pictures, and simulated agents behind their routers."""
 
-import asyncio
 from dataclasses import asdict
 
 import numpy as np
-from waiting import until
 
-from sfglab.bus import Node
 from sfglab.codecs import H264Encoder, H264Settings, ffmpeg_packet_fields
-from sfglab.component import beside
 from sfglab.fleet.router.config import RouterSettings
 from sfglab.fleet.router.node import Router
-from sfglab.messages import message_type, stamp_from_ns
-from sfglab.qos import QoSProfile, Reliability
+from sfglab.messages import message_type
 
 STREAM = "/global/go2/camera_front/color/ffmpeg"
 LOCAL = "/local/go2/camera_front/color/image_raw"
@@ -46,65 +41,3 @@ def rolled(settings: H264Settings, count: int) -> list:
 def packet_message(fields, header):
     values = asdict(fields) | {"data": np.frombuffer(fields.data, np.uint8)}
     return message_type(FFMPEG)(header=header, **values)
-
-
-class Camera:
-    """Publishes a flat picture whose blue level is the stamp's number of seconds, at 50 frames a second."""
-
-    height, width = 192, 320
-
-    def __init__(self, node: Node) -> None:
-        qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
-        self.publisher = node.create_publisher(FFMPEG, STREAM, qos)
-        self.gop = 5
-        self.level = 0
-
-    async def shoot(self) -> None:
-        size = {"width": self.width, "height": self.height}
-        settings = H264Settings(
-            **size, fps=50, bitrate_bps=1_000_000, gop=self.gop, encoder="libx264"
-        )
-        encoder = H264Encoder(settings)
-        while True:
-            self.level = self.level % 200 + 1
-            stamp = stamp_from_ns(self.level * 10**9)
-            header = message_type("std_msgs/msg/Header")(stamp=stamp, frame_id="camera")
-            for packet in encoder.encode(self.picture()):
-                self.publisher.publish(
-                    packet_message(ffmpeg_packet_fields(packet, settings), header)
-                )
-            await asyncio.sleep(0.02)
-
-    def picture(self) -> np.ndarray:
-        return np.full((self.height, self.width, 3), self.level, dtype=np.uint8)
-
-    def running(self):
-        return beside(self.shoot())
-
-    async def shot(self, frames: int) -> None:
-        """Wait for so many more pictures."""
-        last = self.level + frames
-        await until(lambda: self.level >= last)
-
-
-class Decoder:
-    """A running decoder with the history of every stream's states."""
-
-    def __init__(self) -> None:
-        self.pool = None
-        self.ready = asyncio.Event()
-        self.status = {}
-        self.states = {}
-
-    def note(self, status) -> None:
-        self.status[status.local_topic] = status
-        history = self.states.setdefault(status.local_topic, [])
-        if history[-1:] != [status.state]:
-            history.append(status.state)
-
-    def is_ready(self, pool) -> None:
-        self.pool = pool
-        self.ready.set()
-
-    async def reaches(self, state: str) -> None:
-        await until(lambda: LOCAL in self.status and self.status[LOCAL].state == state)

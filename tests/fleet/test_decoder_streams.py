@@ -158,29 +158,55 @@ def test_an_image_written_in_two_parts_is_the_message_itself(shape, dtype, encod
     assert padded.startswith(buffer)
 
 
-async def test_a_spare_process_that_cannot_start_is_logged_and_the_others_end(monkeypatch, caplog):
-    ended = []
+class Process:
+    """A pipeline process of a pool."""
 
-    class First:
-        pid, status = 1, None
+    status = None
 
-        def assign(self, owner):
-            pass
+    def __init__(self, pid):
+        self.pid = pid
 
-        async def end(self):
-            ended.append(self.pid)
+    def assign(self, _):
+        pass
+
+    async def expect(self, *_, **__):
+        pass
+
+    async def end(self):
+        self.status = 0
+
+
+@pytest.mark.parametrize(
+    ("options", "starts", "pids", "said"),
+    [
+        ({"spare": False}, 2, [(), (1,), ()], []),
+        ({"refill": False}, 2, [(1,), (1,), (1,)], []),
+        ({}, 2, [(1,), (1, 2), (2,)], []),
+        ({}, 1, [(1,), (1,), (1,)], ["decoder: no spare pipeline process: none is left"]),
+    ],
+    ids=["a new one", "the same one", "another one", "another one fails"],
+)
+async def test_a_pool_has_spare_processes_as_it_is_told(
+    monkeypatch, caplog, options, starts, pids, said
+):
+    made = []
 
     async def start(*_):
-        if pool.pids:
-            raise OSError("too many open files")
-        return First()
+        if len(made) == starts:
+            raise OSError("none is left")
+        made.append(Process(len(made) + 1))
+        return made[-1]
 
     monkeypatch.setattr("sfglab.fleet.decoder.process.REFILL_DELAY_S", 0)
     monkeypatch.setattr(Worker, "start", start)
     address = BusAddress(domain_id=1, interface="lo")
-    pool = WorkerPool(WorkerConfig(remote=address, local=address))
-    await pool.acquire(lambda *_: None)
+    pool = WorkerPool(WorkerConfig(remote=address, local=address), **options)
+    await pool.start()
+    seen = [pool.pids]
+    worker = await pool.acquire(lambda *_: None)
     await asyncio.sleep(0.1)
+    seen.append(pool.pids)
+    await pool.release(worker)
+    seen.append(pool.pids)
     await pool.close()
-    assert ended == [1]
-    assert caplog.messages == ["decoder: no spare pipeline process: too many open files"]
+    assert (seen, pool.pids, caplog.messages) == (pids, (), said)

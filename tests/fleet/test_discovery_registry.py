@@ -81,19 +81,6 @@ def discovered():
     return world
 
 
-def test_the_announced_period_decides_when_an_agent_is_lost_and_then_it_is_remembered():
-    world = discovered()
-    assert (world.hear(0.5), world.deadline_s) == ([], 4.0)
-    world.hear(1.0, period_s=5.0, phase=1)
-    assert (world.call("due", 16.4), world.call("due", 16.5), world.deadline_s) == (
-        [],
-        ["LOST"],
-        116.5,
-    )
-    assert world.hear(17) == ["RETURNED"]
-    assert (world.call("due", 30), world.call("due", 130), world.names) == (["LOST"], [], [])
-
-
 def test_a_failed_query_is_repeated_with_doubling_waits_and_an_answer_starts_over():
     world, at_s, waits = World(), 0.0, []
     world.hear(0)

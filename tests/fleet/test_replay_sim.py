@@ -2,12 +2,14 @@
 
 import asyncio
 from contextlib import asynccontextmanager
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from cameras import behind_router, packet_message, rolled
 
 from sfglab.bus.sim import run_simulated
-from sfglab.codecs import TABLE_2
+from sfglab.codecs import TABLE_2, H264Decoder
 from sfglab.component import beside
 from sfglab.fleet.decoder.pipeline import REPLAY_TIMEOUT_S, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import routes_of_topic
@@ -27,17 +29,26 @@ def packets():
     return [packet_message(fields, header) for fields in rolled(TABLE_2, FRAMES)]
 
 
+@pytest.fixture(scope="module")
+def pictures(packets):
+    """The pictures as one decoder shows them that has seen all packets."""
+    decoder = H264Decoder()
+    return [decoder.decode_bgr(bytes(packet.data))[0] for packet in packets]
+
+
 class Screen:
-    """Where a pipeline's pictures go: their times, seconds."""
+    """Where a pipeline's pictures go, with their times, seconds."""
 
     def __init__(self) -> None:
         self.times_s: list[float] = []
+        self.pictures: list[np.ndarray] = []
 
     def open(self) -> None:
         pass
 
-    def publish(self, *_: object) -> None:
+    def publish(self, _, picture: np.ndarray) -> None:
         self.times_s.append(asyncio.get_running_loop().time())
+        self.pictures.append(picture)
 
 
 @asynccontextmanager
@@ -76,6 +87,7 @@ def first_picture(
             joined_s = asyncio.get_running_loop().time()
             async with beside(run_pipeline(route, remote=near, outputs=screen, counts=counts)):
                 await asyncio.sleep(FRAMES / fps)
+                assert near.graph.subscriptions(route.replay_topic) == (), "the replay is left"
             return joined_s
 
     joined_s = run_simulated(main, seed=1, latency_s=latency_s, limit_s=60)
@@ -83,14 +95,25 @@ def first_picture(
 
 
 def test_with_a_keeper_the_first_picture_is_there_at_once_and_without_one_at_the_next_key_frame(
-    packets,
+    packets, pictures
 ):
     waited_s, _, _ = first_picture(packets, 0.001, keeper=False)
     assert waited_s == pytest.approx((60 - JOINED - 0.5) / FPS, abs=0.02)
     replayed_s, counts, screen = first_picture(packets, 0.001, keeper=True)
     assert replayed_s < 0.1
     assert counts.replayed > 0
-    assert len(screen.times_s) >= FRAMES - JOINED - 4, "and every picture from then on"
+    shown = len(screen.pictures)
+    assert shown >= FRAMES - JOINED - 4, "and every picture from then on"
+    assert all(map(np.array_equal, screen.pictures, pictures[-shown:]))
+
+
+def test_a_broken_packet_is_counted_and_the_next_key_frame_heals(packets, pictures):
+    damaged = packets.copy()
+    damaged[40] = replace(packets[40], data=packets[40].data[:100])
+    _, counts, screen = first_picture(damaged, 0.001, keeper=True)
+    assert (counts.broken, bool(counts.last_error)) == (1, True)
+    assert len(screen.pictures) < FRAMES - 60 + 40 - JOINED + 1
+    assert all(map(np.array_equal, screen.pictures[-5:], pictures[-5:]))
 
 
 def test_on_a_slow_link_the_group_still_comes_before_the_next_key_frame(packets):

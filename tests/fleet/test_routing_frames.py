@@ -68,8 +68,3 @@ def test_clashes_are_left_out_and_said_once_for_each_frame(caplog):
         "outward transform: given the child frame 'map', allowed are frames without prefix and those below "
         "'go2/', but no shared ones (earth, map, world); it is dropped, and further ones of it silently"
     )
-
-
-def test_inward_nothing_is_renamed():
-    fine = tf(("earth", "map"), ("map", "b1/base"), ("go2/base", "b1/marker"))
-    assert TransformGate(GO2).inward("h/1")(fine) is fine

@@ -4,27 +4,23 @@ import asyncio
 import os
 import signal
 import tempfile
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import pytest
-from test_routing_frames import TF_TYPE, tf
 from waiting import process, until
 
-from sfglab.bus import BusTimeoutError, Node
+from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.component import beside
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.narration import PathNarrator, serve_terminal
 from sfglab.fleet.router.config import RouterConfig, RouterSettings
 from sfglab.fleet.router.node import (
     Router,
     RouterRunningError,
     domain_lock,
-    run_router,
 )
 from sfglab.messages import message_type, serialize
 from sfglab.messages.dds import opaque_idl_struct
@@ -100,38 +96,6 @@ async def _stillness(look) -> None:
         await asyncio.sleep(0.1)
 
 
-async def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_with_their_node(ids):
-    listener_qos = replace(LATCHED, depth=100)
-
-    def frames_of(message):
-        return {(t.header.frame_id, t.child_frame_id) for t in message.transforms}
-
-    async def everything(node):
-        late = node.create_subscription(TF_TYPE, "/tf_static", qos=listener_qos)
-        found = set(frames_of(await late.take(60)))
-        with suppress(BusTimeoutError):
-            while True:
-                found |= frames_of(await late.take(0.2))
-        late.close()
-        return found
-
-    async with fleet(ids) as (one, two, everybody):
-        first, second = (one.create_publisher(TF_TYPE, "/tf_static", LATCHED) for _ in range(2))
-        first.publish_raw(tf(("map", "odom")))
-        second.publish_raw(tf(("base", "camera"), ("earth", "map")))
-        me = f"robot{ids[1]}"
-        of_second = (f"{me}/base", f"{me}/camera")
-        both = {("map", f"{me}/odom"), of_second}
-        async with asyncio.timeout(60):
-            while (now := await everything(two)) != both:
-                assert now <= both
-        first.close()
-        await until(lambda: len(everybody.graph.publishers("/tf_static")) <= 1)
-        async with asyncio.timeout(60):  # the other router discovers it later
-            while (now := await everything(two)) != {of_second}:
-                assert of_second in now, "a live node's transforms stay"
-
-
 async def test_an_unknown_type_crosses_two_routers_and_it_is_said(ids, caplog):
     custom = "my_robot_msgs/msg/Arm"
     cdr = b"\0\1\0\0" + bytes(range(200))
@@ -195,26 +159,6 @@ async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_
             await until(lambda: len(heard) >= 2)
             await _stillness(lambda: len(heard))
             assert sorted(message.data for message in heard) == ["claimed", "new"]
-
-
-async def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
-    said = []
-    body = partial(run_router, config_of(ids))
-    serving = asyncio.create_task(serve_terminal("router", body, PathNarrator(), said.append))
-    async with (
-        Node("one", domain_id=ids[1], interface="lo") as one,
-        Node("everybody", domain_id=ids[0], interface="lo") as everybody,
-    ):
-        one.create_publisher(STRING, TOPIC, LATCHED).publish(String(data="x"))
-        subscription = everybody.create_subscription(STRING, TOPIC, qos=LATCHED)
-        await subscription.take(60)
-        subscription.close()
-        path = f"router: {TOPIC} outward"
-        await until(lambda: f"{path} closed" in said)
-        os.kill(os.getpid(), signal.SIGTERM)
-        await serving
-    ready, released = "router: ready, end it with Ctrl-C", "router: everything is released"
-    assert said == [ready, f"{path} opened", f"{path} closed", released]
 
 
 def test_the_lock_names_its_holder_and_is_free_as_soon_as_it_is_released():

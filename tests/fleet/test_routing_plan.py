@@ -3,7 +3,6 @@
 import itertools
 from collections import defaultdict, deque
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -21,7 +20,6 @@ from sfglab.fleet.router.plan import (
     Plan,
     RemoveSource,
 )
-from sfglab.fleet.router.ros import RosHalves
 from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, incompatibilities
 
 SECOND = 10**9
@@ -446,34 +444,3 @@ def test_a_request_does_not_wait_for_ever_and_a_client_that_left_is_forgotten():
     assert (services.passes(silent), services.passes(gone)) == (True, None)
     assert [a.source for a in one.done if isinstance(a, RemoveSource)] == [gone.gid]
     assert one.plan.deadline_ns is None
-
-
-@pytest.mark.parametrize(
-    ("kind", "data", "transports"),
-    [
-        (PUB, b"", {"dds", "ros"}),
-        (PUB, user_data({"clientid": "7"}), {"dds", "ros"}),
-        (PUB, user_data({ROUTER_KEY: "another"}), {"dds"}),
-        (SUB, b"", {"dds"}),
-    ],
-    ids=["client", "client of Cyclone", "router", "server"],
-)
-def test_what_a_framed_client_asks_is_served_by_ros_2_too_and_nothing_else_framed(
-    kind, data, transports
-):
-    services, heard = SimpleNamespace(find=lambda _type, _asker, told: told("")), []
-    halves = RosHalves(services, POLICY, lambda _, event: heard.append(event))
-    half = EndpointInfo(
-        kind=kind,
-        topic="",
-        dds_topic=REQUESTS,
-        type="x/srv/X_Request",
-        gid=b"g",
-        qos=DEFAULT,
-        user_data=data,
-    )
-    for event in (EndpointAdded, EndpointRemoved):
-        halves.feed(Side.LOCAL, event(endpoint=half))
-        assert {told.endpoint.transport for told in heard} == transports
-        assert all(isinstance(told, event) for told in heard)
-        heard.clear()

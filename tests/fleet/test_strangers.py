@@ -124,7 +124,7 @@ class Pool(list):
 
 
 @asynccontextmanager
-async def decoding(world):
+async def decoding(world, **options):
     """A decoder whose topic a viewer wants: what it started, ways to offer and to let end, its node and the viewer."""
     async with world.node("decoder", host="pc") as node:
         viewer = node.create_subscription(IMAGE, LOCAL)
@@ -133,11 +133,13 @@ async def decoding(world):
             node,
             pool := Pool(),
             advertise_unused_topics=False,
+            **options,
             on_status=lambda status: states.update({status.local_topic: status.state}),
         )
 
         async def offer(agent, *codecs):
             stream = {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
+            stream["replay_topic"] = f"{STREAM}_replay"
             decoder.offer(agent, [Route(agent=agent, codec=codec, **stream) for codec in codecs])
             await asyncio.sleep(0.5)
 
@@ -218,6 +220,13 @@ async def test_whoever_saw_a_killed_pipeline_waits_for_the_stream_and_who_comes_
         it.node.create_subscription(IMAGE, LOCAL)
         await asyncio.sleep(1)
         assert [pipe.stream.after for pipe in it.pool] == [-1, sys.maxsize, 70]
+
+
+@pytest.mark.parametrize(("replay", "topic"), [(True, f"{STREAM}_replay"), (False, "")])
+async def test_a_pipeline_is_told_of_a_replay_unless_that_is_switched_off(sim, replay, topic):
+    async with decoding(sim, replay=replay) as it:
+        await it.offer("go2", "h264")
+        assert [pipe.stream.replay_topic for pipe in it.pool] == [topic]
 
 
 async def test_a_decoder_that_starts_anew_resumes_what_somebody_watches(sim):

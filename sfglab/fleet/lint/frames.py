@@ -49,16 +49,14 @@ def edges_of(agent: AgentSpec) -> list[Edge]:
 def roots_of(edges: Iterable[Edge]) -> dict[str, str]:
     """Return the root of every frame, along its last parents; frames that lead into a circle have none."""
     parents = {edge.child: edge.parent for edge in edges}
-    roots: dict[str, str | None] = {}
-    for first in [*parents, *parents.values()]:
-        frame = first
-        path: dict[str, None] = {}
-        while frame in parents and frame not in roots and frame not in path:
-            path[frame] = None
-            frame = parents[frame]
-        root = None if frame in path else roots.get(frame, frame)
-        roots |= dict.fromkeys([*path, frame], root)
-    return {frame: root for frame, root in roots.items() if root is not None}
+    roots = {}
+    for frame in [*parents, *parents.values()]:
+        root = frame
+        for _ in parents:  # a longer path is a circle
+            root = parents.get(root, root)
+        if root not in parents:
+            roots[frame] = root
+    return roots
 
 
 def check_frames(view: View) -> Iterator[Finding]:

@@ -11,12 +11,13 @@ from sfglab import codecs
 
 COLOURS = np.arange(360 * 640 * 3, dtype=np.uint8).reshape(360, 640, 3)
 DEPTH = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64)
-VIDEO = codecs.H264Encoder(codecs.TABLE_2).encode(COLOURS)[0].data
+ENCODER = codecs.H264Encoder(codecs.TABLE_2)
+VIDEO, NEXT = (ENCODER.encode(one)[0].data for one in (COLOURS, COLOURS[::-1].copy()))
 PNG = codecs.compressed_depth_fields(DEPTH, "png").data
 JPEG = codecs.compressed_image_fields(COLOURS[:48, :64].copy()).data
 
 
-def picture(kind, begin, **fields):
+def picture(kind, begin, *others, **fields):
     """One stream of a small announced size; after each input the next good one must show."""
     decoder = codecs.image_decoder(kind, most_pixels=640 * 360)
     good = SimpleNamespace(pts=1, **fields, data=begin)
@@ -27,7 +28,7 @@ def picture(kind, begin, **fields):
         finally:
             assert decoder.feed(good)
 
-    return Door(read, codecs.CodecError, (begin,))
+    return Door(read, codecs.CodecError, (begin, *others))
 
 
 def png(width, height):
@@ -45,7 +46,7 @@ def png(width, height):
 
 
 DOORS = {
-    "h264": picture(codecs.FFMPEG_PACKET, VIDEO, encoding="h264"),
+    "h264": picture(codecs.FFMPEG_PACKET, VIDEO, NEXT, encoding="h264"),
     "foxglove": picture(codecs.COMPRESSED_VIDEO, VIDEO, format="h264"),
     "png": picture(codecs.COMPRESSED_IMAGE, PNG, format="16UC1; compressedDepth png"),
     "jpeg": picture(codecs.COMPRESSED_IMAGE, JPEG, format="jpeg"),
