@@ -1,35 +1,13 @@
-"""What tests of views share: commands at work, messages, and what an editor comes to."""
+"""What tests of views share: messages, recordings that are read, and what an editor comes to."""
 
-import signal
-import subprocess
-import sys
-from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
-from waiting import DEADLINE_S, wait_until
+from waiting import wait_until
 
 from sfglab.messages import default_message, message_type
 
 BEAT = "sfglab_interfaces/msg/AgentHeartbeat"
-
-
-@contextmanager
-def at_work(*arguments, **more):
-    """A command of ours; ended by force at the end of the block, if it still runs."""
-    argv = [sys.executable, "-m", "sfglab", *map(str, arguments)]
-    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True, **more) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def interrupted(process):
-    """What it still says, and its status, after Ctrl-C."""
-    process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=DEADLINE_S)
-    return said.splitlines(), process.returncode
 
 
 def edited(planner, holds):
@@ -63,12 +41,10 @@ def cloud(records, *, row_step=None, height=1):
 
 
 class Shown(NamedTuple):
-    """One component at one entity and time."""
+    """One component at one entity and time; the times are None for what holds at all times."""
 
-    capture_ns: (
-        int | None
-    )  #: On the timeline of the senders' stamps; None for what holds at all times.
-    received_ns: int | None  #: On that of this host; None likewise.
+    capture_ns: int | None  #: On the timeline of the senders' stamps.
+    received_ns: int | None  #: On that of this host.
     content: list  #: Its values.
 
 

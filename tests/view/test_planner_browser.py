@@ -1,20 +1,14 @@
 """The scene editor as people have it: in a real browser, with a mouse, until the file on disk."""
 
 from contextlib import closing
-from functools import partial
 
 import pytest
 from machine import open_browser
 from pixels import CAMERA, pixel
 from seen import edited
-from served import agent_at_work
-from waiting import wait_until
 
-from sfglab.bus import Node
-from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
-from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.view.planner.server import Planner
 
 pytestmark = [pytest.mark.live, pytest.mark.browser]
@@ -63,9 +57,9 @@ def test_a_trajectory_is_made_dragged_undone_redone_and_saved_with_mouse_and_key
         assert z == pytest.approx(1.0, abs=0.1)
 
         browser.press("Undo: Change pose")
-        assert edited(planner, lambda e: e.redo_label == "Change pose" and e.scene) == made
+        edited(planner, lambda e: e.scene == made)
         browser.press("Redo: Change pose")
-        assert edited(planner, lambda e: e.redo_label is None and e.scene) == moved
+        edited(planner, lambda e: e.scene == moved)
         browser.press("Save *")
         edited(planner, lambda e: not e.dirty)
         assert load_scene(file) == moved
@@ -76,28 +70,3 @@ def test_a_trajectory_is_made_dragged_undone_redone_and_saved_with_mouse_and_key
         browser.evaluate("document.activeElement.blur()")
         delete_key(browser)
         edited(planner, lambda e: waypoint not in e.scene.objects)
-        browser.open(planner.url)  # as a second browser does
-        browser.find("Undo: Remove")
-        browser.find("trajectory 1 #1")
-
-
-def test_a_trajectory_is_sent_cancelled_with_the_mouse_and_stopped_by_closing(browser, domain_id):
-    editor = Editor()
-    dog = editor.add("agent", "dog")
-    path = Trajectory.of([(0, Pose()), (60 * 10**9, Pose.at((3.0, 0.0, 0.0)))])
-    walk = editor.add_trajectory(path, "walk", agent=dog)
-    editor.select(walk)
-    node = partial(Node, "planner", domain_id=domain_id, interface="lo")
-    with agent_at_work("dog", domain_id, "/walk"), Planner(editor, port=0, node=node) as planner:
-        action = planner._inspector._send_form._action
-        assert action.value == "/global/dog/execute_trajectory"
-        action.value = "/walk"
-        states = planner._sender.states
-        browser.open(planner.url)
-        browser.press("Send")
-        browser.wait_for("document.body.innerText.includes('m from the plan')", 60.0)
-        browser.press("Cancel")
-        browser.wait_for("document.body.innerText.includes('canceled: ')", 60.0)
-        browser.press("Send")
-        wait_until(lambda: states[walk].running and states[walk].share > 0.0)
-    assert states[walk].text.startswith("canceled: ")

@@ -1,14 +1,15 @@
 """``sfglab view`` as a process."""
 
 import asyncio
-import os
+import signal
 import subprocess
 import sys
 
 import pytest
 from commands import called
 from mcap.reader import make_reader
-from seen import BEAT, at_work, heartbeat, interrupted, read_recording
+from seen import BEAT, heartbeat, read_recording
+from waiting import DEADLINE_S, program
 
 from sfglab.bus import Node
 
@@ -35,15 +36,11 @@ def test_a_log_becomes_a_recording_of_every_message_and_what_was_shown_is_told(
 
 
 @pytest.mark.live
-def test_without_a_display_it_says_what_to_do_instead():
-    headless = {
-        name: at for name, at in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")
-    }
-    done = subprocess.run(
-        COMMAND, capture_output=True, text=True, env=headless, check=False, timeout=60
-    )
-    assert done.returncode == 1
-    assert done.stdout == ""
+def test_without_a_display_it_says_what_to_do_instead(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    done = subprocess.run(COMMAND, capture_output=True, text=True, check=False, timeout=DEADLINE_S)
+    assert (done.returncode, done.stdout) == (1, "")
     (line,) = done.stderr.splitlines()
     assert "no display" in line
     assert "--to FILE.rrd" in line
@@ -55,18 +52,20 @@ def test_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(
 ):
     out = tmp_path / "live.rrd"
 
-    async def beat_until_shown(process):
+    async def beat_until_shown():
         async with Node("agent", domain_id=domain_id, interface="lo") as node:
             publisher = node.create_publisher(BEAT, "/global/agent_heartbeat")
-            await publisher.wait_for_subscriptions(1, timeout_s=60)
+            await publisher.wait_for_subscriptions(1, timeout_s=DEADLINE_S)
             for _ in range(30):  # three of its ticks
                 publisher.publish(heartbeat("go2"))
                 await asyncio.sleep(0.02)
-            return interrupted(process)
 
-    with at_work("view", "--domain", domain_id, "--interface", "lo", "--to", out) as process:
+    place = ("--domain", str(domain_id), "--interface", "lo")
+    with program(*COMMAND, *place, "--to", str(out)) as process:
         assert process.stdout.readline() == f"domain {domain_id} goes to {out}; Ctrl-C ends\n"
-        said, status = asyncio.run(beat_until_shown(process))
-    assert status == 0
-    assert said[0].startswith("1 displays, ")
+        asyncio.run(beat_until_shown())
+        process.send_signal(signal.SIGINT)
+        said, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0
+    assert said.startswith("1 displays, ")
     assert ("/agents/go2/heartbeat/age_s", "Scalars:scalars") in read_recording(out)

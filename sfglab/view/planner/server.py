@@ -75,9 +75,6 @@ class Planner(AbstractContextManager["Planner"]):
         self._guard = Guard(() if is_proxied else _LOCAL_NAMES)
         with quiet(), self._guard.serving():
             self._server = library.ViserServer(host=LOOPBACK, port=port, verbose=False)
-        if port not in {0, self._server.get_port()}:  # it was taken after the check
-            self._stop_serving()
-            raise SfglabError(f"--port: given {port}, allowed: a free port, or 0")
         self._closed = threading.Event()
         self._parts: list[Part] = []
         self._jobs = JobQueue(self._refused)
@@ -171,11 +168,7 @@ class Planner(AbstractContextManager["Planner"]):
         self._jobs.later("conflicts", self._check, delay_s=_QUIET_S, settles=False)
 
     def _check(self) -> None:
-        try:
-            found = self._context.editor.conflicts()
-        except Exception:
-            self._warnings.failed()
-            raise
+        found = self._context.editor.conflicts()
         self._warnings.found(found)
         self._viewport.found(found)
 
