@@ -1,12 +1,8 @@
-"""A canvas that remembers, and messages to show."""
+"""A canvas that remembers."""
 
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
-
-from sfglab.lab.experiments.visualisation.points import image_message
-from sfglab.spatial.poses import header_msg
 
 
 class Paper:
@@ -52,15 +48,3 @@ class Paper:
 @pytest.fixture
 def paper():
     return Paper()
-
-
-@pytest.fixture
-def make_image():
-    def make(array, encoding, *, frame="camera", stamp_ns=5_000_000_000, padding=0):
-        message = image_message(array, encoding, header_msg(frame, stamp_ns))
-        rows = message.data.reshape(message.height, -1)
-        message.step += padding
-        message.data = np.pad(rows, ((0, 0), (0, padding))).reshape(-1)
-        return message
-
-    return make

@@ -5,8 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
+from sfglab.qos import Durability
 from sfglab.view import Approximate, Exact
+from sfglab.view.slot import Slot
 from sfglab.view.sync import PATIENCE, Synchronizer
+from sfglab.view.visualizers.clouds import DepthCloud
 
 TOPICS = ("a", "b", "c")
 POLICIES = st.one_of(
@@ -49,15 +52,15 @@ def test_a_set_lies_within_the_slop_and_every_item_is_accounted_for_once(items, 
 def test_two_topics_pair_nearest_to_nearest_while_nothing_is_pushed_out(items, slop):
     """Of each pair one item is the pivot, and no item that was left of the other topic is nearer to it."""
     sync = Synchronizer(Approximate(slop_ns=slop, depth=1000), ("a", "b"))
-    stamps = {topic: [s for t, s in items if t == topic] for topic in ("a", "b")}
     before = {"a": -1, "b": -1}
     for matched in [found for item in items for found in sync.offer(*item, None)]:
-        a, b = matched["a"][0], matched["b"][0]
-        left = {topic: [x for x in stamps[topic] if x > before[topic]] for topic in stamps}
-        nearest = abs(a - b) <= min(abs(x - max(a, b)) for x in left["a" if a < b else "b"])
-        pivoted = abs(a - b) <= min(abs(x - min(a, b)) for x in left["b" if a < b else "a"])
-        assert nearest or pivoted
-        before = {"a": a, "b": b}
+        pair = {topic: stamp for topic, (stamp, _) in matched.items()}
+        left = [(topic, stamp) for topic, stamp in items if stamp > before[topic]]
+        assert any(
+            all(abs(pair["a"] - pair["b"]) <= abs(s - pair[pivot]) for t, s in left if t != pivot)
+            for pivot in pair
+        )
+        before = pair
 
 
 @pytest.mark.parametrize(
@@ -81,31 +84,27 @@ def test_a_set_is_complete_when_no_better_one_can_come(policy, items, found):
 
 
 @pytest.mark.parametrize("policy", [Exact(), Approximate(slop_ns=10)])
-def test_a_calibration_that_was_published_once_holds_and_pictures_still_match_by_their_stamps(
-    policy,
-):
-    sync = Synchronizer(policy, ("depth", "info", "color"), steady=("info",))
-    sync.offer("info", 3, "once")
-    found = []
-    for stamp in range(100, 2100, 100):
-        found += sync.offer("color", stamp + 50 * (stamp == 1900), stamp)
-        found += sync.offer("depth", stamp, stamp)
-    shown = [tuple(item for _, item in matched.values()) for matched in found]
-    stamps = [stamp for stamp in range(100 * (PATIENCE + 2), 2100, 100) if stamp != 1900]
-    assert shown == [(stamp, "once", stamp) for stamp in stamps]
+def test_a_calibration_that_was_published_once_holds_until_a_second_one_comes(policy):
+    """Live, a late joiner is sent it again, as it asks for the past."""
+    kind = type("Cloud", (DepthCloud,), {"sync": policy})
+    assert kind.inputs[1].qos.durability is Durability.TRANSIENT_LOCAL
+    slot = Slot(kind({"depth": "/depth", "info": "/info", "color": "/color"}), None)
 
+    def shown(stamp, *, late=0):
+        slot.offer("color", stamp + late, stamp, now_ns=0)
+        slot.offer("depth", stamp, stamp, now_ns=0)
+        taken = slot.take()
+        return taken and [*taken.items.values()]
 
-def test_a_calibration_that_comes_with_every_picture_is_never_taken_for_another_s():
-    sync = Synchronizer(Exact(), ("depth", "info"), steady=("info",))
-    sync.offer("info", 1, "first")
-    found = [m for stamp in range(2, 20) for m in sync.offer("depth", stamp, stamp)]
-    assert [m["info"][1] for m in found] == ["first"] * (18 - PATIENCE)
-    assert sync.offer("info", 30, "second") == []
-    assert [m for stamp in range(31, 60) for m in sync.offer("depth", stamp, stamp)] == []
-    sync.offer("info", 60, "third")
-    assert sync.offer("depth", 60, 60) == [{"depth": (60, 60), "info": (60, "third")}]
-    assert sync.waiting == 0
-    assert sync.unmatched + 2 + (18 - PATIENCE) == 18 + 29 + 3 + 1
+    slot.offer("info", 3, "once", now_ns=0)
+    found = [shown(stamp) for stamp in range(100, 1000, 100)]
+    held = [[stamp, "once", stamp] for stamp in range(100 * (PATIENCE + 2), 1000, 100)]
+    assert found == [None] * (PATIENCE + 1) + held
+    assert shown(1000, late=50) is None  # pictures still match by their stamps
+    slot.offer("info", 1100, "second", now_ns=0)
+    assert shown(1100) == [1100, "second", 1100]
+    assert shown(1200) is None
+    assert (slot.waiting, slot.dropped) == (2, 1 + 2 * (PATIENCE + 1) + 2)
 
 
 def test_a_depth_or_slop_that_makes_no_sense_is_refused():
