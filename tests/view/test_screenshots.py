@@ -1,14 +1,8 @@
 """The fleet of the viewer's screenshot."""
 
-import sys
-from pathlib import Path
-
 import pytest
-from seen import read_recording
-
-sys.path.append(str(Path(__file__).parents[2] / "tools"))
-
 import screenshots
+from seen import read_recording
 
 pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 

@@ -46,9 +46,8 @@ IMAGE, STRING = "sensor_msgs/msg/Image", "std_msgs/msg/String"
 INFO = "sensor_msgs/msg/CameraInfo"
 VIDEO = "foxglove_msgs/msg/CompressedVideo"
 PICTURE = image_message(np.zeros((2, 3), np.uint8), "mono8", header_msg("camera", 5))
-needs_rerun = pytest.mark.skipif(not find_spec("rerun"), reason="rerun is not installed")
-needs_cell = pytest.mark.skipif(
-    not find_spec("rerun_notebook"), reason="rerun_notebook is not installed"
+needs_rerun = pytest.mark.skipif(
+    not find_spec("rerun_notebook"), reason="the extra 'view' is not installed"
 )
 
 
@@ -201,7 +200,7 @@ def test_a_canvas_waits_for_its_sinks_by_bytes_and_by_time_and_says_when_they_ar
     recording.disconnect.assert_called_once_with()
 
 
-@needs_cell
+@needs_rerun
 def test_a_page_gets_the_viewers_program_by_the_way_it_asks_for_and_nothing_else():
     widget = cell.CellViewer().widget
     widget.wanted = "served"
@@ -217,7 +216,7 @@ def test_a_page_gets_the_viewers_program_by_the_way_it_asks_for_and_nothing_else
     assert gzip.decompress(widget.packed)[:4] == b"\0asm"
 
 
-@needs_cell
+@needs_rerun
 def test_a_page_is_sent_what_waited_and_a_time_until_the_viewer_obeys():
     times = []
     viewer = cell.CellViewer(on_time=times.append)
