@@ -1,4 +1,4 @@
-"""The pure parts: budgets, parameters, queues, entities, sessions."""
+"""The pure parts: budgets, parameters, queues and sessions."""
 
 from collections import deque
 from dataclasses import replace
@@ -14,7 +14,6 @@ from sfglab.view import Parameter
 from sfglab.view.bridge import strongest
 from sfglab.view.session import Session
 from sfglab.view.slot import RateBudget, Slot
-from sfglab.view.visualizer import entity_of_topic
 from sfglab.view.visualizers.images import Image
 
 S = 1_000_000_000
@@ -70,19 +69,6 @@ def test_a_slot_has_the_newest_of_its_queue_and_accounts_for_every_message(steps
             assert slot.take() is None
         assert slot.waiting == len(newest)
     assert slot.received == steps.count("offer") == slot.shown + slot.waiting + slot.dropped
-
-
-@pytest.mark.parametrize(
-    ("topic", "entity"),
-    [
-        ("/global/go2/battery_state", "/agents/go2/global/battery_state"),
-        ("/local/go2/imu/imu", "/agents/go2/local/imu/imu"),
-        ("/global/agent_heartbeat", "/global/agent_heartbeat"),
-        ("/chatter", "/chatter"),
-    ],
-)
-def test_topics_of_the_schema_stand_below_their_agent_and_others_keep_their_names(topic, entity):
-    assert entity_of_topic(topic) == entity
 
 
 @pytest.mark.parametrize(

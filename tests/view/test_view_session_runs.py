@@ -1,4 +1,4 @@
-"""A session at work: stage, replay of real logs, the registry, the panel, and the live bridge."""
+"""A session at work: stage, replay of logs, notebook cell, panel, and the live bridge."""
 
 import asyncio
 import gzip
