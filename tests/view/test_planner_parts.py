@@ -2,7 +2,6 @@
 
 import asyncio
 import threading
-from contextlib import suppress
 from dataclasses import fields as dataclass_fields
 from dataclasses import replace
 from functools import partial
@@ -184,17 +183,21 @@ def test_jobs_are_done_in_order_and_only_the_newest_of_a_row_of_one_key():
     assert (slider, type(error), drag) == (2, SceneError, "next drag")
 
 
-async def test_no_goal_outlives_a_sender_whose_agent_does_not_stop(monkeypatch):
-    async def stubborn(*_, **__):
-        with suppress(asyncio.CancelledError):
-            await asyncio.Event().wait()
-        await asyncio.Event().wait()
+async def test_no_goal_or_cancellation_outlives_a_sender_whose_server_is_silent(monkeypatch):
+    class Silent:
+        def __init__(self, *_, **__):
+            self.cancel = asyncio.Event().wait
 
-    monkeypatch.setattr(sending, "execute", stubborn)
+        async def begin(self, _):
+            await asyncio.Event().wait()
+
+        def close(self):
+            """Nothing is open."""
+
+    monkeypatch.setattr(sending, "Execution", Silent)
     monkeypatch.setattr(sending, "_CLOSE_S", 0.01)
     sender = sending.Sender(lambda: Mock(close=AsyncMock()), lambda _: None)
     sender.send(1, Order(agent="dog", trajectory=Trajectory.standing(Pose())), "/walk")
     await asyncio.sleep(0)
     await sender.close()
     assert asyncio.all_tasks() == {asyncio.current_task()}
-    assert sender.states[1] == sending.Sending(text="canceled")

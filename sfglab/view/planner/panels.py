@@ -295,6 +295,10 @@ class Warnings(Part):
         if change.is_of_scene:
             self._head.content = "checking …"
 
+    def failed(self) -> None:
+        """Show that the conflicts are unknown until the next check."""
+        self._head.content = "the check failed"
+
     def found(self, conflicts: tuple[Conflict, ...]) -> None:
         """Show the conflicts of the scene."""
         many = f"{len(conflicts)} conflict" + ("s" if len(conflicts) != 1 else "")

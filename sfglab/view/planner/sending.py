@@ -6,13 +6,13 @@ The node begins with the first goal, so that an editor that sends nothing joins 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
-from sfglab.spatial.execution.client import execute, trajectory_order
+from sfglab.spatial.execution.client import Execution, trajectory_order
 from sfglab.spatial.execution.orders import action_name
 
 if TYPE_CHECKING:
@@ -48,53 +48,61 @@ class Sender:
         self._make_node = node
         self._on_state = on_state
         self._node: Node | None = None
-        self._goals: dict[int, asyncio.Task[str]] = {}
+        self._goals: dict[int, asyncio.Task[None]] = {}
+        self._executions: dict[int, Execution] = {}  # of the goals that are sent
+        self._cancellations: set[asyncio.Task[None]] = set()
 
     def send(self, id_: int, order: Order, action: str) -> None:
         """Send an order to an action server; nothing happens while the trajectory is on its way."""
         if id_ not in self._goals:
             self._show(id_, Sending(running=True, text=f"waiting for {action}"))
             self._goals[id_] = asyncio.ensure_future(self._carry_out(id_, order, action))
-            self._goals[id_].add_done_callback(partial(self._ended, id_))
+            self._goals[id_].add_done_callback(lambda _: self._goals.pop(id_))
 
     def cancel(self, id_: int) -> None:
         """Cancel the goal of a trajectory, if any; its agent brakes."""
-        goal = self._goals.get(id_)
-        if goal is not None and not goal.cancelling():
-            goal.cancel()
+        if id_ in self._executions:
+            task = asyncio.ensure_future(self._cancel(self._executions[id_]))
+            self._cancellations.add(task)
+            task.add_done_callback(self._cancellations.discard)
 
     async def close(self) -> None:
         """Cancel all goals, wait some seconds until their agents stand, and leave the bus."""
         goals = dict(self._goals)
-        for id_ in goals:
-            self.cancel(id_)
-        if goals:
-            _, left = await asyncio.wait(goals.values(), timeout=_CLOSE_S)
-            for goal in left:
+        for id_, goal in goals.items():
+            if id_ in self._executions:
+                self.cancel(id_)
+            else:
                 goal.cancel()
-            await asyncio.gather(*left, return_exceptions=True)
+        if goals:
+            await asyncio.wait(goals.values(), timeout=_CLOSE_S)
+        left = [*goals.values(), *self._cancellations]
+        for task in left:
+            task.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
         if self._node is not None:
             await self._node.close()
 
-    async def _carry_out(self, id_: int, order: Order, action: str) -> str:
-        """Return how the goal ended, in words; a task that is cancelled ends when the agent stands."""
-
+    async def _carry_out(self, id_: int, order: Order, action: str) -> None:
         def on_feedback(feedback: Feedback) -> None:
             text = f"{feedback.share:.0%}, {feedback.error_m:.2f} m from the plan"
             self._show(id_, Sending(running=True, share=feedback.share, text=text))
 
         try:
             node = self._joined()
-            return str(await execute(node, order, action=action, on_feedback=on_feedback))
+            execution = Execution(node, order.agent, action=action, on_feedback=on_feedback)
+            self._executions[id_] = execution
+            try:
+                await execution.begin(order)
+                text = str(await execution.result())
+            finally:
+                execution.close()
+                del self._executions[id_]
         except SfglabError as error:
-            return str(error)
+            text = str(error)
         except Exception as error:  # noqa: BLE001 - Send must be enabled again
             _log.exception("the scene editor failed to send a trajectory")
-            return repr(error)
-
-    def _ended(self, id_: int, goal: asyncio.Task[str]) -> None:
-        del self._goals[id_]
-        text = "canceled" if goal.cancelled() else goal.result()
+            text = repr(error)
         self._show(id_, replace(self.states[id_], running=False, text=text))
 
     def _joined(self) -> Node:
@@ -104,6 +112,10 @@ class Sender:
             node.start()
             self._node = node
         return self._node
+
+    async def _cancel(self, execution: Execution) -> None:
+        with contextlib.suppress(SfglabError):  # the goal ends with the same error
+            await execution.cancel()
 
     def _show(self, id_: int, state: Sending) -> None:
         self.states[id_] = state

@@ -168,7 +168,11 @@ class Planner(AbstractContextManager["Planner"]):
         self._jobs.later("conflicts", self._check, delay_s=_QUIET_S, settles=False)
 
     def _check(self) -> None:
-        found = self._context.editor.conflicts()
+        try:
+            found = self._context.editor.conflicts()
+        except Exception:
+            self._warnings.failed()
+            raise
         self._warnings.found(found)
         self._viewport.found(found)
 
