@@ -11,6 +11,7 @@ import subprocess
 from collections import Counter
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -150,16 +151,15 @@ def check_bundles(bundles: Iterable[Bundle]) -> Iterator[Verdict]:
 
 
 def _verdict(check: Check, folder: Path) -> Verdict:
+    verdict = partial(Verdict, check=check.name, program=check.program)
     try:
         command = _command(check)
     except MissingProgramError as error:
-        missing = State.NOT_RUN
-        return Verdict(check=check.name, program=check.program, state=missing, detail=str(error))
+        return verdict(state=State.NOT_RUN, detail=str(error))
     files = _files_of(check, folder)
     if not files:
-        detail = f"no agent has a file {' or '.join(check.files)}"
-        failed = State.FAILED
-        return Verdict(check=check.name, program=check.program, state=failed, detail=detail)
+        missing = f"no agent has a file {' or '.join(check.files)}"
+        return verdict(state=State.FAILED, detail=missing)
     runs = [[*check.arguments, *files]]
     if check.each:
         agents = [Path(file).parts[0] for file in files]
@@ -167,13 +167,8 @@ def _verdict(check: Check, folder: Path) -> Verdict:
     faults: list[str] = []
     for arguments in runs:
         faults += _faults(check, [*command, *arguments], folder)
-    return Verdict(
-        check=check.name,
-        program=check.program,
-        state=State.FAILED if faults else State.PASSED,
-        files=len(files),
-        detail="\n".join(faults),
-    )
+    state = State.FAILED if faults else State.PASSED
+    return verdict(state=state, files=len(files), detail="\n".join(faults))
 
 
 def _command(check: Check) -> list[str]:

@@ -7,14 +7,13 @@ machine. `codecs_found` tries here and now which codecs really open.
 from __future__ import annotations
 
 import re
-import struct
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.machine_files import MachineFiles, plain
-from sfglab.fleet.fleet_file import Accelerator, Architecture
+from sfglab.fleet.fleet_file import Accelerator
 from sfglab.tables import columns
 
 if TYPE_CHECKING:
@@ -61,9 +60,6 @@ class Machine:
     """A machine, as its files describe it."""
 
     root: str  #: Folder that stands for its ``/``.
-    #: Architecture of its programs; None if it is not known or there are no images for it.
-    architecture: Architecture | None
-    architecture_reason: str  #: Source of the architecture, or the reason why there is none.
     model: str  #: Model name of the manufacturer.
     operating_system: str  #: Name of the distribution.
     jetpack: int | None  #: Major version of JetPack; None if there is none or it is not known.
@@ -82,12 +78,9 @@ def detect(root: Path = Path("/")) -> Machine:
     evidence = {accelerator: look_for(files) for accelerator, look_for in TABLE.items()}
     accelerator = next(name for name, item in evidence.items() if item.found)
     devices = evidence[accelerator].devices
-    architecture, reason = find_architecture(files)
     release = _l4t_release(files)
     return Machine(
         root=str(root),
-        architecture=architecture,
-        architecture_reason=reason,
         model=_model(files),
         operating_system=_operating_system(files),
         jetpack=JETPACKS.get(release[0]) if release else None,
@@ -353,27 +346,9 @@ TABLE: dict[Accelerator, Callable[[MachineFiles], Evidence]] = {
 """The order of choice: the first accelerator that is found is taken."""
 
 
-# Architecture, model and operating system.
+# Model and operating system.
 
-_ELF = {62: "amd64", 183: "arm64", 243: "riscv64"}
-"""Names in container images by ``e_machine`` of the System V ABI's ELF header (elf.h, EM_*)."""
 _TREES = ("/proc/device-tree", "/sys/firmware/devicetree/base")  # the first is a link to the second
-
-
-def find_architecture(files: MachineFiles) -> tuple[Architecture | None, str]:
-    """Return the architecture, and its source or the reason why there is none."""
-    header = (files.head("/bin/sh") or b"")[:20]
-    if len(header) < 20 or not header.startswith(b"\x7fELF"):
-        return None, "not known: /bin/sh has no ELF header"
-    source = "from the ELF header of /bin/sh"
-    (machine,) = struct.unpack_from("<H", header, 18)
-    name = _ELF.get(machine, f"ELF machine {machine}")
-    if header[4:6] != b"\x02\x01":
-        name = "a 32-bit or big-endian processor"
-    allowed = [member.value for member in Architecture]
-    if name in allowed:
-        return Architecture(name), source
-    return None, f"{name}, {source}: there are no images for it, allowed: {', '.join(allowed)}"
 
 
 def _model(files: MachineFiles) -> str:
@@ -432,11 +407,9 @@ def codecs_found(machine: Machine) -> tuple[CodecFound, ...]:
 
 def render_machine(machine: Machine, codecs: Sequence[CodecFound] | None = None) -> str:
     """Return a report of a machine, with the result of `codecs_found` unless it is None."""
-    architecture = f"{machine.architecture.value}, " if machine.architecture else ""
     rows = {
         "Model": machine.model,
         "Operating system": machine.operating_system,
-        "Architecture": f"{architecture}{machine.architecture_reason}",
         "JetPack": str(machine.jetpack or ""),
         "Accelerator": machine.accelerator.value,
         "Devices": ", ".join(machine.devices) or "none needed",

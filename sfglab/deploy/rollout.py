@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.bundle import ENVIRONMENT, MANIFEST, Bundle, pack, unpack
+from sfglab.deploy.bundle import MANIFEST, Bundle, pack, unpack
 from sfglab.deploy.deployment import CURRENT
 from sfglab.deploy.errors import DeployError
 from sfglab.tables import text_table
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
     from sfglab.deploy.files import BundleFile
     from sfglab.deploy.transport import Transport
-
-
-#: Files that containers read when they start.
-_RESTARTING = ("compose.yaml", ENVIRONMENT, "router/")
 
 
 class Change(Enum):
@@ -57,7 +53,6 @@ class Plan:
     before: str  #: The release on the machine; empty: none.
     after: str  #: The release of the bundle.
     files: tuple[FileChange, ...]  #: Every file that is or will be there.
-    restart: bool  #: Whether the containers restart.
 
     @property
     def changed(self) -> list[FileChange]:
@@ -74,13 +69,7 @@ def plan_changes(bundle: Bundle, present: Mapping[str, BundleFile]) -> Plan:
         new, old = bundle.members.get(path), present.get(path)
         touched = old is not None and path in written and not _is_entry(old, written[path])
         files.append(FileChange(path=path, change=_change(old, new), touched=touched))
-    restart = before != bundle.tag
-    for file in files:
-        if file.change is not Change.SAME and file.path.startswith(_RESTARTING):
-            restart = True
-    return Plan(
-        agent=bundle.agent, before=before, after=bundle.tag, files=tuple(files), restart=restart
-    )
+    return Plan(agent=bundle.agent, before=before, after=bundle.tag, files=tuple(files))
 
 
 def _change(old: BundleFile | None, new: BundleFile | None) -> Change:
@@ -191,7 +180,6 @@ def steps(deployment: Deployment, bundle: Bundle, plan: Plan) -> tuple[Step, ...
         return ()
     release, service = shlex.quote(deployment.release_folder), shlex.quote(deployment.service)
     is_there = f"docker image inspect {shlex.quote(bundle.image)} >/dev/null 2>&1"
-    verb = "restart" if plan.restart else "start"
     return (
         Step(
             what="prepare the host: time, firewall, service",
@@ -202,7 +190,7 @@ def steps(deployment: Deployment, bundle: Bundle, plan: Plan) -> tuple[Step, ...
             what=f"build {bundle.image} unless it is there",
             script=f"{is_there} || (cd {release} && docker compose build agent)",
         ),
-        Step(what=f"{verb} {deployment.service}", script=f"systemctl {verb} {service}"),
+        Step(what=f"restart {deployment.service}", script=f"systemctl restart {service}"),
     )
 
 

@@ -106,7 +106,7 @@ NODES = (
 """Paths whose existence detection checks, as patterns of a shell."""
 
 FILES = (
-    "/bin/sh /etc/nv_tegra_release /etc/os-release /proc/device-tree/compatible "
+    "/etc/nv_tegra_release /etc/os-release /proc/device-tree/compatible "
     "/proc/device-tree/model /proc/driver/nvidia/version "
     "/sys/class/drm/renderD*/device/vendor /sys/class/kfd/kfd/topology/nodes/*/properties "
     "/sys/class/video4linux/*/name /sys/firmware/devicetree/base/compatible "

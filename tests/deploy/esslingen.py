@@ -54,15 +54,6 @@ def program(path: Path, text: str = "exit 0") -> Path:
     return path
 
 
-def write_files(files, folder: Path) -> None:
-    """Write files of a bundle as a machine gets them."""
-    for name, file in files.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(file.text, encoding="utf-8")
-        path.chmod(file.mode)
-
-
 def needs(linter: str):
     """Mark a test that needs a program beside Python or on the path."""
     found = shutil.which(linter, path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")

@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sfglab.fleet.fleet_file import Accelerator, Architecture
+from sfglab.fleet.fleet_file import Accelerator
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
-
-
-ELF_MACHINES = {"arm": 40, "amd64": 62, "arm64": 183, "riscv64": 243}
-"""``e_machine`` of ELF headers (elf.h, EM_*) by names in container images."""
-
-
-def elf_header(machine: str, *, bits: int = 64) -> bytes:
-    """Return the first 20 bytes of a little-endian program of 32 or 64 bits."""
-    identity = b"\x7fELF" + bytes([bits // 32, 1, 1]) + bytes(9)
-    return identity + struct.pack("<HH", 3, ELF_MACHINES[machine])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,21 +18,17 @@ class ExampleMachine:
 
     files: Mapping[str, str]  #: Contents by path below its root; empty for device nodes.
     links: Mapping[str, str]  #: Targets of symbolic links by path below its root.
-    #: Architecture of its programs as containers call it; there are not images for every one.
-    elf: str
     expected: Accelerator  #: The accelerator that its images must be made for.
 
 
 def write_example(example: ExampleMachine, folder: Path) -> Path:
     """Write an example's files into a folder, its root for `detect`."""
-    contents = {"usr/bin/sh": elf_header(example.elf)}
-    contents |= {path: text.encode() for path, text in example.files.items()}
-    links = {"bin": "usr/bin", **example.links}
-    for path in (*contents, *links):
+    contents = {path: text.encode() for path, text in example.files.items()}
+    for path in (*contents, *example.links):
         place = folder / path
         place.parent.mkdir(parents=True, exist_ok=True)
-        if path in links:
-            place.symlink_to(links[path])
+        if path in example.links:
+            place.symlink_to(example.links[path])
         else:
             place.write_bytes(contents[path])
     return folder
@@ -54,9 +39,8 @@ def _made(
     system: str,
     *parts: Mapping[str, str],
     links: Mapping[str, str] | None = None,
-    elf: str = "",
 ) -> ExampleMachine:
-    """Return a machine; one with a device tree has an ARM processor, any other AMD64, unless it is given."""
+    """Return a machine; links are those of its device tree, unless they are given."""
     files = {"etc/os-release": f'NAME="Linux"\nPRETTY_NAME="{system}"\n'}
     for part in parts:
         files |= part
@@ -64,7 +48,6 @@ def _made(
     return ExampleMachine(
         files=files,
         links=links or (_TREE_LINK if is_board else {}),
-        elf=elf or (Architecture.ARM64 if is_board else Architecture.AMD64).value,
         expected=expected,
     )
 
@@ -230,7 +213,6 @@ EXAMPLES: dict[str, ExampleMachine] = {
         Accelerator.NONE,
         "Debian GNU/Linux trixie/sid",
         _board("StarFive VisionFive 2 v1.3B", "starfive,visionfive-2-v1.3b", "starfive,jh7110"),
-        elf="riscv64",
     ),
 }
 """Machines by name; the paper's test bed has the first, a workstation, a Steam Deck and Raspberry Pi 5."""

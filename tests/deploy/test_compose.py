@@ -36,17 +36,13 @@ def test_both_containers_have_no_right_that_they_do_not_need(router):
     assert not rights & set(overlay["services"]["agent"])
 
 
-def test_only_the_router_uses_the_network_of_the_host():
-    project, overlay = projects(GO2)
-    agent, router = project["services"]["agent"], project["services"]["router"]
-    assert ("network_mode" in agent, router["network_mode"]) == (False, "host")
-    assert project["networks"][agent["networks"][0]]["internal"] is True
-    assert set(overlay["networks"]) == {"outside"}
+def test_an_agent_may_use_the_network_of_the_host_as_its_router_does():
     spec = replace(GO2.agent, host=replace(GO2.host, network=ContainerNetwork.HOST))
     on_host = deployment_of(replace(FLEET, agents=(spec,)), "go2", RELEASE)
     assert (on_host.agent_interface, on_host.router_interface) == ("lo", "lo")
     project, _ = projects(on_host)
-    assert project["services"]["agent"]["network_mode"] == "host"
+    for service in project["services"].values():
+        assert service["network_mode"] == "host"
     assert "networks" not in project
 
 

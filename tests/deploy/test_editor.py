@@ -10,7 +10,7 @@ from esslingen import deployed
 
 from sfglab.deploy.bundle import render_bundle
 from sfglab.deploy.dockerfile import VENV
-from sfglab.deploy.editor import DEBUGGERS, FORMATTERS, build_command, environment_command
+from sfglab.deploy.editor import build_command, environment_command
 from sfglab.deploy.files import PROGRAM
 from sfglab.fleet.fleet_file import RosDistribution
 
@@ -50,14 +50,6 @@ def test_what_the_files_name_exists(ros):
     assert {one["id"] for one in written.launch["inputs"]} == asked
     extensions = written.extensions["recommendations"]
     assert extensions == container["customizations"]["vscode"]["extensions"]
-    assert {*DEBUGGERS.values(), *FORMATTERS.values()} <= set(extensions)
-    for kind in DEBUGGERS:
-        profiles = [one for one in starts if one["type"] == kind]
-        requests = [one["request"] for one in profiles]
-        assert requests.count("attach") == 1
-        assert requests.count("launch") >= 1
-        for one in profiles:
-            assert one.get("args", "${input:arguments}").endswith("${input:arguments}")
 
 
 def test_without_ros_nothing_of_colcon_is_written():

@@ -16,6 +16,7 @@ GOLDEN = Path(__file__).parent / "golden"
 REVIEWED = {
     "go2": (
         "Dockerfile",
+        ".dockerignore",
         "compose.yaml",
         "compose.dev.yaml",
         "systemd/sfglab-go2.service",

@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import pytest
 from esslingen import FLEET, RELEASE
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from sfglab.deploy.deployment import bridge_name, deployment_of, domain_ports
 from sfglab.deploy.errors import DeployError
@@ -54,14 +52,11 @@ def test_ports_follow_the_standards_formula_and_belong_to_one_domain():
         assert first <= last < domain_ports(domain + 1)[0]
 
 
-names = st.text("abcdefghijklmnop_0123456789", min_size=1, max_size=40)
-
-
-@settings(max_examples=50)
-@given(st.lists(names, unique=True, max_size=30))
-def test_every_agent_has_a_bridge_of_its_own_that_linux_takes(agents):
-    bridges = [bridge_name(agent) for agent in agents]
-    assert len(set(bridges)) == len(bridges)
+def test_every_agent_has_a_bridge_of_its_own_that_linux_takes():
+    bridges = {
+        bridge_name(agent) for agent in ("go2", "a" * 11, "a" * 12, "a" * 40, "a" * 39 + "b")
+    }
+    assert len(bridges) == 5
     for name in bridges:
         assert len(name) <= 15
         assert name.startswith("sfg-")

@@ -10,8 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from esslingen import deployed, program, write_files
+from esslingen import deployed, program
 
+from sfglab.deploy.bundle import Bundle, write_bundle
 from sfglab.deploy.host import host_files
 from sfglab.fleet.fleet_file import ContainerNetwork
 
@@ -36,7 +37,8 @@ def files_of(agent, *, bare=False):
 def machine(root, agent="go2", *, bare=False):
     """Make a root with chrony, nft and an agent's folder; return its initialize.sh."""
     folder = root / "opt/sfglab" / agent
-    write_files(files_of(agent, bare=bare), folder)
+    members = files_of(agent, bare=bare)
+    write_bundle(Bundle(agent=agent, tag="", image="", members=members), folder)
     for name in ("chronyd", "nft"):
         program(root / "usr/sbin" / name)
     (root / "etc/chrony/conf.d").mkdir(parents=True, exist_ok=True)

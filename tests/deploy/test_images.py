@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import re
 import shutil
 import signal
@@ -12,10 +11,8 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
-import psutil
 import pytest
 from esslingen import RELEASE, deployed, program
-from waiting import wait_until
 
 from sfglab.deploy.bases import base_of
 from sfglab.deploy.deployment import Deployment
@@ -85,27 +82,21 @@ def test_a_workspace_without_ros_is_refused():
         image_files(made)
 
 
-def stages(text: str) -> dict[str, tuple[str, list[str]]]:
-    """Return each stage of a Dockerfile by its name: the image that it starts from, and its lines."""
-    parts = re.split(r"^FROM (\S+) AS (\S+)$", text, flags=re.MULTILINE)
-    groups = zip(parts[1::3], parts[2::3], parts[3::3], strict=True)
-    return {name: (image, lines.splitlines()) for image, name, lines in groups}
-
-
 def test_three_layers_follow_each_other_no_image_runs_as_root_and_only_arm64_compiles_cyclone():
     workspace = deployment("go2", workspace="ws", packages=("usb",), launch=("ros2", "run"))
     for made in (*possible(), workspace):
         files = image_files(made)
         text = files["Dockerfile"].text
-        found = stages(text)
-        below = [found[name][0] for name in ("base", "adapter", "application", "development")]
-        assert below == ["${BASE_IMAGE}", "base", "adapter", "application"]
-        for name in ("application", "development"):
-            users = [line for line in found[name][1] if line.startswith("USER ")]
-            assert users[-1] in {"USER 10001:10001", "USER sfglab"}
+        below = {
+            name: image for image, name in re.findall(r"^FROM (\S+) AS (\S+)$", text, re.MULTILINE)
+        }
+        names = ("base", "adapter", "application", "development")
+        assert [below[name] for name in names] == ["${BASE_IMAGE}", *names[:3]]
+        for layer in text.partition(" AS application\n")[2].split("\nFROM "):
+            assert re.findall("^USER (.*)", layer, re.MULTILINE)[-1] in {"10001:10001", "sfglab"}
         assert not re.search(r"^(ADD|COPY \.)|\| *(sudo )?(ba)?sh\b", text, re.MULTILINE)
         arm = made.host.architecture is Architecture.ARM64
-        assert ("cyclonedds" in found) is arm
+        assert ("cyclonedds" in below) is arm
         assert ("cyclonedds==" in files["image/requirements.lock"].text) is not arm
         assert ("image/cyclonedds.lock" in files) is arm
 
@@ -129,15 +120,6 @@ def test_a_new_wheel_changes_only_what_comes_after_all_else():
         "/etc/sfglab/fleet.yaml"
     )  # the last is the installation of the wheel
     assert before[-1].startswith("RUN ")
-
-
-def test_the_builder_sees_only_what_the_dockerfile_names():
-    files = image_files(deployment(workspace="ws"))
-    lines = files[".dockerignore"].text.splitlines()
-    assert lines[1] == "*"
-    allowed = {line.removeprefix("!") for line in lines[2:]}
-    assert allowed >= {path for path in files if path.startswith("image/") and "wheels" not in path}
-    assert allowed >= {"workspace/src", "image/wheels", f"image/{RELEASE.wheel}"}
 
 
 def test_any_text_can_be_a_label():
@@ -170,19 +152,6 @@ class Container:
         return process.returncode, said
 
 
-def running(group: int) -> list[str]:
-    """Return the names of a process group's programs, without those that only wait to be reaped."""
-    found = []
-    for process in psutil.process_iter(["name", "status"]):
-        try:
-            mine = os.getpgid(process.pid) == group
-        except ProcessLookupError:
-            continue
-        if mine and process.info["status"] != psutil.STATUS_ZOMBIE:
-            found.append(process.info["name"])
-    return found
-
-
 @pytest.mark.parametrize(
     ("sfglab", "launch", "status"),
     [
@@ -207,7 +176,6 @@ def test_a_signal_reaches_both_and_the_agent_says_how_it_ended(tmp_path):
     assert ready == {"agent ready\n", "launch ready\n"}
     assert set(said.splitlines()) == {"agent ended", "launch ended"}
     assert process.returncode == 0
-    wait_until(lambda: not running(process.pid))  # both closed the pipe; the timer ends by itself
 
 
 def test_the_users_software_is_started_beside_an_agent_alone(tmp_path):
