@@ -13,13 +13,11 @@ from sfglab.lab.checks import (
     lowest_share,
     naming,
     routing,
-    trees,
 )
 
 GROUPS = {
     "naming": naming.checks,
     "routing": routing.checks,
-    "trees": trees.checks,
     "lifecycle": lifecycle.checks,
 }
 
@@ -62,41 +60,16 @@ def nothing(*_, **__):
     return None
 
 
-def mistaken(way, other):
-    """The trees of mocap, where one way has another's."""
-    join_trees = trees.join_trees
-
-    def joined(*given):
-        found = join_trees(*given)
-        return {**found, way: found[other]}
-
-    return joined
-
-
 @pytest.mark.parametrize(
     ("name", "place", "broken", "check", "most"),
     [
         ("naming", "parse", nothing, "parses back to the tuple", 0),
         ("routing", "Policy.crosses", lambda *_: True, "a name crosses exactly", 0.9),
-        ("trees", "join_trees", mistaken("direct", "proxy"), "direct: what is published", 0),
-        ("trees", "join_trees", mistaken("renamed", "proxy"), "renamed: the markers", 0),
-        ("trees", "join_trees", mistaken("proxy", "direct"), "proxy: nothing is", 0),
     ],
 )
 def test_a_broken_library_fails_its_check(monkeypatch, name, place, broken, check, most):
     monkeypatch.setattr(f"sfglab.lab.checks.{name}.{place}", broken)
-    trees.joined.cache_clear()
     [found] = (one for one in GROUPS[name].names if one.startswith(check))
     row = GROUPS[name].row(found, count=10, seed=1)
     assert row.held <= most * row.checked
     assert row.example != ALL
-
-
-def test_trees_that_are_never_whole_with_markers_at_the_root_are_caught(monkeypatch):
-    at_root = "renamed, markers at the root: the tree is whole"
-    rows = {count: [row.check for row in trees.tree_rows(count, 11)] for count in (0, 20)}
-    others = [name for name in trees.checks.names if name != at_root]
-    assert rows == {0: others, 20: [*trees.checks.names]}, "none asked of figure 6 alone"
-    monkeypatch.setattr(trees, "join_trees", mistaken("renamed", "direct"))
-    row = next(row for row in trees.tree_rows(20, 12) if row.check == at_root)
-    assert (row.held, row.checked > 1) == (0, True)

@@ -96,6 +96,37 @@ def test_a_run_that_received_nothing_has_not_shown_anything_and_is_drawn(made):
     assert set(exp.figures(run)) == {"mocap_error", "mocap_trees"}
 
 
+def test_all_checks_of_trees_hold_for_random_robots_and_one_is_not_about_figure_6():
+    asked = set()
+    for one in trees.joined(20, 1):
+        found = trees.checked(one)
+        assert all(found.values()), one.name
+        asked |= found.keys()
+    assert asked == set(trees.CHECKS)
+    [figure_6] = trees.joined(0, 1)
+    assert trees.AT_THE_ROOT not in trees.checked(figure_6)
+
+
+@pytest.mark.parametrize(
+    ("way", "other", "check"),
+    [
+        ("direct", "proxy", "direct: what is published is no frame of the robot"),
+        ("renamed", "proxy", trees.TWO_PARENTS),
+        ("proxy", "direct", "proxy: nothing is found wrong"),
+        ("renamed", "direct", trees.AT_THE_ROOT),
+    ],
+)
+def test_a_robot_whose_tree_is_joined_in_another_way_fails_a_check(monkeypatch, way, other, check):
+    join_trees = trees.join_trees
+
+    def mistaken(*given):
+        found = join_trees(*given)
+        return {**found, way: found[other]}
+
+    monkeypatch.setattr(trees, "join_trees", mistaken)
+    assert not any(trees.CHECKS[check](one) for one in trees.joined(20, 1))
+
+
 def test_the_bridge_leads_to_where_the_robot_s_camera_really_is():
     buffer = FrameBuffer()
     for transform in description():

@@ -1,6 +1,6 @@
 """The registry of checks: a property is written once, tests run a few cases of it, an experiment many.
 
-A group of checks is a module of this package with a `Checks` named `checks`.
+Modules of this package have groups of checks: a `Checks` named `checks`, or in `trees` a table.
 A check gives cases, each with what was tried and whether the property held; what it draws comes from a seed.
 """
 

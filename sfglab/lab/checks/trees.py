@@ -1,18 +1,16 @@
 """Checks of how motion capture joins a robot's TF tree: paper A, section 4.5, Eq. 4 and Fig. 6.
 
 They are computed for the paper's example and for random robots. A robot's tree is joined in three ways,
-and each tree is linted and looked up.
+and each tree is linted and looked up. A table at the end has the checks.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.lab.checks import NOTHING, CheckRow, Checks
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
 from sfglab.spatial.frames.lint import lint_frames
@@ -26,11 +24,9 @@ from sfglab.spatial.mocap.mapping import (
 from sfglab.spatial.mocap.tracking import Capture
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
-
-checks = Checks("trees")
 
 AGENT, WORLD, OBJECT = "agent_x", "map", "agent_x/markers"
 DIRECT = "direct"  #: The transforms of the direct receiver: Fig. 6, left.
@@ -95,9 +91,6 @@ class Joined:
     last_ns: int  #: Time of that pose, ns.
     trees: Mapping[str, FrameBuffer]  #: Trees by way.
 
-    def __str__(self) -> str:
-        return self.name
-
     @property
     def root(self) -> str:
         """Root of the robot's own tree."""
@@ -133,17 +126,15 @@ class Joined:
         return {frame: world_from_root @ matrix for frame, matrix in below.items()}
 
 
-@lru_cache(maxsize=1)
-def joined(count: int, seed: int) -> tuple[Joined, ...]:
-    """Return the paper's example and a number of random robots."""
+def joined(count: int, seed: int) -> Iterator[Joined]:
+    """Yield the paper's example and a number of random robots."""
     rng = np.random.default_rng([seed, 0])
-    found = []
     for number in range(count + 1):
         robot, mapping = _random_robot(rng) if number else figure_6()
         begin, step = _random_pose(rng), Pose.from_yaw((0.01, 0.0, 0.0), 0.02)
         seen = begin @ step @ step
         captures = captures_of((begin, begin @ step, seen))
-        one = Joined(
+        yield Joined(
             name=f"robot {number}" if number else "figure 6",
             robot=robot,
             via=mapping.objects[OBJECT].via,
@@ -151,18 +142,6 @@ def joined(count: int, seed: int) -> tuple[Joined, ...]:
             last_ns=captures[-1].capture_ns,
             trees=join_trees(robot, mapping, captures),
         )
-        found.append(one)
-    return tuple(found)
-
-
-def at_the_root(count: int, seed: int) -> list[Joined]:
-    """Return the robots whose markers are at the root of their tree."""
-    return [one for one in joined(count, seed) if one.via == one.root]
-
-
-def elsewhere(count: int, seed: int) -> list[Joined]:
-    """Return the other robots."""
-    return [one for one in joined(count, seed) if one.via != one.root]
 
 
 def _random_robot(rng: np.random.Generator) -> tuple[list[StampedTransform], MocapMapping]:
@@ -186,49 +165,12 @@ def _static(parent: str, child: str, pose: Pose) -> StampedTransform:
     )
 
 
-@checks.each("direct: what is published is no frame of the robot", joined)
-def _direct_name(one: Joined) -> bool:
-    return "name" in one.found(DIRECT)
-
-
-@checks.each("direct: the robot's tree has a root of its own", joined)
-def _direct_root(one: Joined) -> bool:
-    return "second-root" in one.found(DIRECT)
-
-
-@checks.each("direct: no frame of the robot is reached from the world", joined)
-def _direct_reached(one: Joined) -> bool:
-    return not one.reached(DIRECT)
-
-
-@checks.each("renamed: the markers have two parents", elsewhere)
-def _renamed_parents(one: Joined) -> bool:
-    return "two-parents" in one.found(RENAMED)
-
-
-@checks.each("renamed: the robot's root is not reached from the world", elsewhere)
-def _renamed_reached(one: Joined) -> bool:
-    return one.root not in one.reached(RENAMED)
-
-
-@checks.each("proxy: nothing is found wrong", joined)
-def _proxy_whole(one: Joined) -> bool:
-    return not one.found(PROXY)
-
-
-@checks.each("proxy: every frame of the robot is reached from the world", joined)
-def _proxy_reached(one: Joined) -> bool:
-    return one.reached(PROXY) == one.frames
-
-
-@checks.each("proxy: the robot's own edges are as they were", joined)
 def _proxy_own(one: Joined) -> bool:
     own = {(step.parent, step.child, True, 1) for step in one.robot}
     edges = [edge for edge in one.trees[PROXY].edges if edge.authority == _ROBOT]
     return own == {(edge.parent, edge.child, edge.static, edge.count) for edge in edges}
 
 
-@checks.each("proxy: every frame stands where matrices put it", joined)
 def _proxy_places(one: Joined) -> bool:
     tree = one.trees[PROXY]
     off = []
@@ -238,16 +180,30 @@ def _proxy_places(one: Joined) -> bool:
     return bool(max(off) < _CLOSE)
 
 
-_AT_THE_ROOT = "renamed, markers at the root: the tree is whole"
+TWO_PARENTS = "renamed: the markers have two parents"
+NOT_REACHED = "renamed: the robot's root is not reached from the world"
+AT_THE_ROOT = "renamed, markers at the root: the tree is whole"
+
+CHECKS: dict[str, Callable[[Joined], bool]] = {
+    "direct: what is published is no frame of the robot": lambda one: "name" in one.found(DIRECT),
+    "direct: the robot's tree has a root of its own": lambda one: (
+        "second-root" in one.found(DIRECT)
+    ),
+    "direct: no frame of the robot is reached from the world": lambda one: not one.reached(DIRECT),
+    TWO_PARENTS: lambda one: "two-parents" in one.found(RENAMED),
+    NOT_REACHED: lambda one: one.root not in one.reached(RENAMED),
+    "proxy: nothing is found wrong": lambda one: not one.found(PROXY),
+    "proxy: every frame of the robot is reached from the world": lambda one: (
+        one.reached(PROXY) == one.frames
+    ),
+    "proxy: the robot's own edges are as they were": _proxy_own,
+    "proxy: every frame stands where matrices put it": _proxy_places,
+    AT_THE_ROOT: lambda one: not one.found(RENAMED),
+}
+"""Functions by check; each returns whether the check holds for a robot."""
 
 
-@checks.each(_AT_THE_ROOT, at_the_root)
-def _renamed_whole(one: Joined) -> bool:
-    return not one.found(RENAMED)
-
-
-def tree_rows(count: int, seed: int) -> Iterator[CheckRow]:
-    """Yield the rows of all checks, except that of markers at the root if no robot has them there."""
-    for row in checks.rows(count, seed):
-        if (row.check, row.example) != (_AT_THE_ROOT, NOTHING):
-            yield row
+def checked(one: Joined) -> dict[str, bool]:
+    """Return whether each check holds for a robot; with markers at the root, the right name is enough."""
+    left_out = (TWO_PARENTS, NOT_REACHED) if one.via == one.root else (AT_THE_ROOT,)
+    return {name: holds(one) for name, holds in CHECKS.items() if name not in left_out}

@@ -121,7 +121,9 @@ def join_trees(bench: Bench[Config]) -> None:
     for way, tree in trees.join_trees(*trees.figure_6(), seen).items():
         for edge in tree.edges:
             bench.write(MocapEdgeRow(where=FIGURE_6, way=way, **asdict(edge)))
-    bench.write_all("check", trees.tree_rows(bench.config.trees, bench.config.seed))
+    for one in trees.joined(bench.config.trees, bench.config.seed):
+        for check, holds in trees.checked(one).items():
+            bench.cases[check].append((one.name, holds))
 
 
 @exp.part("live run")

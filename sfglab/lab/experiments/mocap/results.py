@@ -12,13 +12,13 @@ from sfglab.lab.checks import Case, CheckRow, check_row, lowest_share
 from sfglab.lab.checks.trees import (
     AGENT,
     CAMERAS,
+    CHECKS,
     DIRECT,
     PROXY,
     RENAMED,
     WAYS,
     WORLD,
 )
-from sfglab.lab.checks.trees import checks as tree_checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.mocap.experiment import FIGURE_6, LIVE, Config, exp
 from sfglab.lab.figures import COLORS, note, series
@@ -64,7 +64,7 @@ def findings_of(run: Run[Config], where: str, way: str) -> tuple[FrameFinding, .
 @derived
 def checks(run: Run[Config]) -> pd.DataFrame:
     """Return all checks: ``how``, exact or live, and the fields of `CheckRow`."""
-    exact = run["check"][run["check"]["check"].isin(tree_checks.names)]
+    exact = run["check"][run["check"]["check"].isin(CHECKS)]
     rows = [asdict(row) for row in _live_checks(run)] if len(run["try"]) else []
     columns = ["how", "check", "checked", "held", "example"]
     both = [exact.assign(how=How.EXACT.value), pd.DataFrame(rows).assign(how=How.LIVE.value)]
