@@ -12,7 +12,6 @@ from sfglab.lab.figures import drawn, png_of
 from sfglab.lab.paths import find_project
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
-from sfglab.spatial.scene.model import AgentObject
 from sfglab.view.planner.server import show_planner
 from sfglab.view.widgets import widgets
 
@@ -50,7 +49,4 @@ class SceneCell:
 
         scene, axes = self.planner.call(lambda editor: editor.scene), figure.subplots()
         draw_from_above(axes, scene)
-        for agent in scene.all_of(AgentObject):
-            start = scene.motion(agent.id).waypoints[0].pose.position_m
-            axes.annotate(agent.name, start[:2], (-7, 8), textcoords="offset points", weight="bold")
         axes.set_title(f"{scene.name} from above: run this cell to edit it here, or: sfglab plan")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,25 +32,12 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Fact = Callable[[np.random.Generator], str]
 
-FACTS: dict[str, Fact] = {}
-"""Functions by fact: each draws one case and returns what is wrong with it; empty: the fact holds."""
-
 _REACH_M = 5.0
 _EDITS = 25
 _NAMES = ("go2", "spot", "yes", "a: b", '"quoted" \\', "Halle 5 (Süd)", "null")
 _NO_ID = 10**6
 _EITHER_WAY_RAD = 3.1
 """Angle beyond which two turns are nearly equally short, and rounding chooses between them."""
-
-
-def fact(name: str) -> Callable[[Fact], Fact]:
-    """Declare a fact; its name is also that of the check in logs."""
-
-    def declare(function: Fact) -> Fact:
-        FACTS[name] = function
-        return function
-
-    return declare
 
 
 def random_pose(rng: np.random.Generator) -> Pose:
@@ -65,38 +53,26 @@ def random_polyline(rng: np.random.Generator) -> Trajectory:
     return Trajectory.of((time_ns, random_pose(rng)) for time_ns in times_ns)
 
 
-@fact("aligned to the previous waypoint, x looks along the segment that arrives, without roll")
-def _aligned_to_previous(rng: np.random.Generator) -> str:
+def _misaligned(rng: np.random.Generator, align: Align) -> str:
+    """Return how far the aligned end of a random segment is from the segment's direction."""
     path = random_polyline(rng)
-    index = int(rng.integers(1, len(path.waypoints)))
-    return _misaligned(path, index, Align.PREVIOUS, first=index - 1)
-
-
-@fact("aligned to the next waypoint, x looks along the segment that leaves, without roll")
-def _aligned_to_next(rng: np.random.Generator) -> str:
-    path = random_polyline(rng)
-    index = int(rng.integers(len(path.waypoints) - 1))
-    return _misaligned(path, index, Align.NEXT, first=index)
-
-
-def _misaligned(path: Trajectory, index: int, align: Align, *, first: int) -> str:
-    """Return how far an aligned waypoint is from the direction of the segment that begins at `first`."""
     positions = [waypoint.pose.position_m for waypoint in path.waypoints]
+    first = int(rng.integers(len(positions) - 1))
     segment = np.subtract(positions[first + 1], positions[first])
     along = segment / np.linalg.norm(segment)
+    index = first + 1 if align is Align.PREVIOUS else first
     turned = Pose.at(quat_xyzw=aligned_quat(positions, index, align) or ()).matrix()
     off = float(np.linalg.norm(turned[:3, 0] - along))
     roll = abs(float(turned[2, 1]))
     return f"x axis off by {off:.1g}, roll {roll:.1g}" if max(off, roll) > 1e-9 else ""
 
 
-@fact("a polyline is linear in position and SLERP in orientation")
 def _polyline_is_linear(rng: np.random.Generator) -> str:
-    for before, after in pairwise(random_polyline(rng).waypoints):
+    path = random_polyline(rng)
+    for before, after in pairwise(path.waypoints):
         share = float(rng.uniform())
         time_ns = before.time_ns + share * (after.time_ns - before.time_ns)
-        segment = Trajectory(waypoints=(before, after))
-        found = pose_at(segment, time_ns / NS_PER_S)
+        found = pose_at(path, time_ns / NS_PER_S)
         wanted = before.pose.interpolate(after.pose, share)
         either_way = before.pose.angle_rad(after.pose) > _EITHER_WAY_RAD
         turned = 0.0 if either_way else found.angle_rad(wanted)
@@ -105,7 +81,6 @@ def _polyline_is_linear(rng: np.random.Generator) -> str:
     return ""
 
 
-@fact("a spline is Barry and Goldman's pyramid with centripetal knots")
 def _spline_is_the_pyramid(rng: np.random.Generator) -> str:
     """Compare with times that grow as the knots do: the spline is then a cubic in time."""
     points = rng.uniform(-_REACH_M, _REACH_M, (4, 3))
@@ -186,7 +161,6 @@ def _any(editor: Editor, rng: np.random.Generator, kind: type[Any]) -> int:
     return int(rng.choice(known)) if known else _NO_ID
 
 
-@fact("any edits, undone and done again, give the same bytes at every step")
 def _undo_and_redo(rng: np.random.Generator) -> str:
     editor, texts = edited(rng)
     for text in texts[-2::-1]:
@@ -200,7 +174,6 @@ def _undo_and_redo(rng: np.random.Generator) -> str:
     return ""
 
 
-@fact("a saved scene is the file that is loaded")
 def _saved_is_loaded(rng: np.random.Generator) -> str:
     editor, _ = edited(rng)
     with tempfile.TemporaryDirectory() as folder:
@@ -210,3 +183,18 @@ def _saved_is_loaded(rng: np.random.Generator) -> str:
             return "another scene was loaded"
         written = file.read_text("utf-8")
     return "" if written == scene_text(editor.scene) else "the file has another text"
+
+
+FACTS: dict[str, Fact] = {
+    "aligned to the previous waypoint, x looks along the segment that arrives, without roll": partial(
+        _misaligned, align=Align.PREVIOUS
+    ),
+    "aligned to the next waypoint, x looks along the segment that leaves, without roll": partial(
+        _misaligned, align=Align.NEXT
+    ),
+    "a polyline is linear in position and SLERP in orientation": _polyline_is_linear,
+    "a spline is Barry and Goldman's pyramid with centripetal knots": _spline_is_the_pyramid,
+    "any edits, undone and done again, give the same bytes at every step": _undo_and_redo,
+    "a saved scene is the file that is loaded": _saved_is_loaded,
+}
+"""Functions by fact: each draws one case and returns what is wrong with it; empty: the fact holds."""

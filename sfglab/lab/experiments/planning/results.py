@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from itertools import combinations
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -49,6 +48,12 @@ WAYS = {
     Interpolation.POLYLINE: ("polyline (paper)", COLORS["network"]),
     Interpolation.CATMULL_ROM: ("Catmull-Rom (sfglab)", COLORS["proxy"]),
 }
+_BODIES: dict[ZoneRule | None, dict[str, Any]] = {
+    None: {"facecolor": "0.8", "edgecolor": "0.4"},
+    ZoneRule.FORBIDDEN: {"facecolor": "#f3d6c8", "edgecolor": COLORS["standard"], "hatch": "//"},
+    ZoneRule.INSIDE: {"fill": False, "edgecolor": "0.5", "linewidth": 1.6},
+}
+"""Styles of zones by their rule, and of obstacles."""
 _AGENT_COLORS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
 _SAMPLES = 160
 
@@ -98,39 +103,21 @@ def share_that_holds(run: Run[Config]) -> Finding:
 # --- Figures ----------------------------------------------------------------------------------
 
 
-def apart_m(run: Run[Config], a: str, b: str) -> pd.Series[float]:
-    """Return the distance of two agents' centres, m, at the times of the first one's poses, s."""
-    track = run["track"].set_index("t_s")
-    one, other = (track[track["agent"] == name] for name in (a, b))
-    squares = 0.0
-    for axis in ("x_m", "y_m", "z_m"):
-        squares += (one[axis] - np.interp(one.index, other.index, other[axis])) ** 2
-    distances: pd.Series[float] = np.sqrt(squares)
-    return distances
-
-
 @exp.figure("planning_scene", size=(10, 4.9))
 def draw_scene(figure: Figure, run: Run[Config]) -> None:
-    """Draw the scene from above with planned and driven tracks, the agents' distance, and their errors."""
-    axes = figure.subplot_mosaic([["scene", "apart"], ["scene", "error"]], width_ratios=(1.55, 1.0))
-    scene = scene_of(run)
-    draw_from_above(axes["scene"], scene)
+    """Draw the scene from above with the plans and the driven tracks, and the tracking errors over time."""
+    above, errors = figure.subplots(1, 2, width_ratios=(1.55, 1.0))
+    draw_from_above(above, scene_of(run))
     tracks = run["track"].groupby("agent")
     for color, (name, track) in zip(_AGENT_COLORS, tracks, strict=False):
-        axes["scene"].plot(track["x_m"], track["y_m"], color=color, label=f"{name}, driven", lw=3)
-        axes["error"].plot(track["t_s"], track["error_m"], color=color, label=name)
-    for a, b in combinations(scene.all_of(AgentObject), 2):
-        needed_m = a.radius_m + b.radius_m + scene.margin_m
-        axes["apart"].plot(apart_m(run, a.name, b.name), label=f"{a.name}, {b.name}")
-        axes["apart"].axhline(needed_m, color="crimson", linestyle=":", label="radii and margin")
-    axes["apart"].set(ylim=(0, None), ylabel="distance (m)", title="Distance of agents")
-    axes["error"].set(ylim=(0, None), xlabel="time (s)", ylabel="error (m)", title="Tracking error")
-    for one in axes.values():
-        one.legend(fontsize=8, loc="best" if one is not axes["scene"] else "upper left")
+        above.plot(track["x_m"], track["y_m"], color=color, lw=3)
+        errors.plot(track["t_s"], track["error_m"], color=color, label=name)
+    errors.set(ylim=(0, None), xlabel="time (s)", ylabel="error (m)", title="Tracking error")
+    errors.legend()
     largest = ", ".join(f"{name} {error:.2f} m" for name, error in tracks["error_m"].max().items())
     figure.suptitle(f"Agents of a scene carry out their plans; largest error: {largest}")
     bus = "live, over DDS on one host" if run.config.live else "on the simulated bus"
-    note(figure, f"{bus}; simulated agents; the paper states no values")
+    note(figure, f"dashed: planned; {bus}; simulated agents; the paper states no values")
 
 
 def draw_from_above(axes: Axes, scene: Scene) -> None:
@@ -138,28 +125,12 @@ def draw_from_above(axes: Axes, scene: Scene) -> None:
     bodies: list[ZoneObject | ObstacleObject] = [*scene.all_of(ZoneObject)]
     bodies += scene.all_of(ObstacleObject)
     for thing in bodies:
-        _draw_body(axes, thing, scene.world_pose(thing.id))
-    labels = ("planned", "waypoint")
+        corners = _outline(thing.shape, scene.world_pose(thing.id))
+        axes.fill(*corners.T, **_BODIES[thing.rule if isinstance(thing, ZoneObject) else None])
+        axes.annotate(thing.name, corners[0], (4, 4), textcoords="offset points", fontsize=8)
     for agent in scene.all_of(AgentObject):
-        _draw_plan(axes, scene.motion(agent.id), labels)
-        labels = ("", "")
+        _draw_plan(axes, agent.name, scene.motion(agent.id))
     axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="Scene from above")
-
-
-def _draw_body(axes: Axes, thing: ZoneObject | ObstacleObject, pose: Pose) -> None:
-    from matplotlib.patches import Polygon
-
-    corners = _outline(thing.shape, pose)
-    style: dict[str, Any] = {"facecolor": "0.8", "edgecolor": "0.4"}
-    x, y = corners.mean(axis=0)
-    if isinstance(thing, ZoneObject):
-        style = {"facecolor": "#f3d6c8", "edgecolor": COLORS["standard"], "hatch": "//"}
-        if thing.rule is ZoneRule.INSIDE:
-            style = {"fill": False, "edgecolor": "0.5", "linewidth": 1.6}
-            x, y = corners.min(axis=0) + 0.4
-    axes.add_patch(Polygon(corners, **style))
-    behind = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8}
-    axes.text(x, y, thing.name, fontsize=8, ha="center", va="center", bbox=behind)
 
 
 def _outline(shape: Shape, pose: Pose) -> Floats:
@@ -172,44 +143,34 @@ def _outline(shape: Shape, pose: Pose) -> Floats:
     return np.array([pose.apply((x, y, 0.0))[:2] for x, y in local.tolist()])
 
 
-def _draw_plan(axes: Axes, planned: Trajectory, labels: tuple[str, str]) -> None:
+def _draw_plan(axes: Axes, name: str, planned: Trajectory) -> None:
+    """Draw a trajectory, dashed, with an arrow along the x axis of each waypoint."""
     times_s = np.linspace(planned.start_ns, planned.end_ns, 300) / NS_PER_S
-    places = sample(planned, times_s).positions_m
-    axes.plot(places[:, 0], places[:, 1], "k--", lw=1.2, zorder=4, label=labels[0])
+    x, y, _ = sample(planned, times_s).positions_m.T
+    axes.plot(x, y, "k--", lw=1.2, zorder=4)
     points = np.array([waypoint.pose.position_m for waypoint in planned.waypoints])
-    axes.plot(points[:, 0], points[:, 1], "k.", zorder=5, label=labels[1])
-    for waypoint in planned.waypoints:
-        heading = waypoint.pose.apply((0.45, 0.0, 0.0))
-        tip = {"arrowstyle": "->", "linewidth": 0.9}
-        axes.annotate("", heading[:2], waypoint.pose.position_m[:2], arrowprops=tip)
-
-
-def example(interpolation: Interpolation, segment_s: float) -> Trajectory:
-    """Return the example with equal times between waypoints."""
-    timed = []
-    for number, (x, y) in enumerate(EXAMPLE_M):
-        timed.append((round(number * segment_s * NS_PER_S), Pose.at((x, y, 0.0))))
-    return Trajectory.of(timed, interpolation)
-
-
-def _moments(interpolation: Interpolation, segment_s: float) -> Samples:
-    end_s = segment_s * (len(EXAMPLE_M) - 1)
-    return sample(example(interpolation, segment_s), np.linspace(0.0, end_s, _SAMPLES))
+    tips = np.array([waypoint.pose.apply((0.45, 0, 0)) for waypoint in planned.waypoints])
+    x, y, _ = points.T
+    along_x, along_y, _ = (tips - points).T
+    to_scale: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1}
+    axes.quiver(x, y, along_x, along_y, width=0.003, zorder=5, **to_scale)
+    axes.plot(x, y, "k.", zorder=5)
+    axes.annotate(name, (x[0], y[0]), (8, -14), textcoords="offset points", weight="bold")
 
 
 @exp.figure("planning_interpolation", size=(10, 4.2), measured=False)
 def draw_interpolation(figure: Figure, run: Run[Config]) -> None:  # noqa: ARG001  # computed
     """Draw path and speed of the example, as a polyline and as a spline."""
-    path, speed = figure.subplots(1, 2)
-    for way, (name, color) in WAYS.items():
-        found = _moments(way, 1.0)
-        path.plot(found.positions_m[:, 0], found.positions_m[:, 1], color=color, label=name)
-        steps = "steps-post" if way is Interpolation.POLYLINE else "default"
-        speed.plot(found.times_s, found.speeds_m_s, color=color, drawstyle=steps, label=name)
-    path.plot(*np.array(EXAMPLE_M).T, "k.", label="waypoint")
-    path.set(xlabel="x (m)", ylabel="y (m)", title="Path", aspect="equal")
-    speed.set(ylim=(0, None), xlabel="time (s)", ylabel="speed (m/s)", title="Speed")
+    shown = interpolation()
+    for axes, panel in zip(figure.subplots(1, 2), shown.panels, strict=True):
+        for one in panel.series:
+            form = "." if one.kind == "dot" else "-"
+            axes.plot(one.x, one.y, form, color=one.color, label=one.name)
+        axes.set(xlabel=panel.x.label, ylabel=panel.y.label, title=panel.title)
+    path, speed = figure.axes
+    path.set_aspect("equal")
     path.legend(fontsize=8)
+    speed.set_ylim(0, None)
     figure.suptitle("The speed of a spline changes continuously; that of a polyline jumps")
     note(figure, "six waypoints, 1 s apart; splines are the paper's future work")
 
@@ -242,3 +203,13 @@ def interpolation(*, segment_s: Seconds = 1.0) -> pictures.Picture:
     speed = pictures.Panel(title="Speed", x=_TIME, y=_SPEED, series=tuple(speeds))
     said = f"Path and speed with {segment_s:g} s per segment. Highest speed: {', '.join(fastest)}."
     return pictures.Picture(said=said, panels=(path, speed))
+
+
+def _moments(interpolation: Interpolation, segment_s: float) -> Samples:
+    """Return the example with equal times between waypoints, at equal times."""
+    times_s = np.arange(len(EXAMPLE_M)) * segment_s
+    timed = []
+    for time_s, (x, y) in zip(times_s, EXAMPLE_M, strict=True):
+        timed.append((round(time_s * NS_PER_S), Pose.at((x, y, 0.0))))
+    example = Trajectory.of(timed, interpolation)
+    return sample(example, np.linspace(0.0, times_s[-1], _SAMPLES))
