@@ -118,14 +118,12 @@ def shown_points(moments: Sequence[Moment]) -> dict[int, Points]:
     display = session.add(_ExactDepthCloud, topics, settings)
     session.limit(display.id, None)
     replay(chain.from_iterable(map(_arrivals, moments)), session, canvas)
-    return {stamp_ns: _arrays(cloud) for stamp_ns, cloud in canvas.drawn}
-
-
-def _arrays(cloud: Any) -> Points:
-    """Return the positions and colours of Rerun's points."""
-    positions = np.array(cloud.positions.as_arrow_array().to_pylist())
-    rgba = np.array(cloud.colors.as_arrow_array().to_pylist(), ">u4")
-    return positions, rgba.view(np.uint8).reshape(-1, 4)[:, :3]
+    shown = {}
+    for stamp_ns, cloud in canvas.drawn:
+        positions = np.array(cloud.positions.as_arrow_array().to_pylist())
+        rgba = np.array(cloud.colors.as_arrow_array().to_pylist(), ">u4")
+        shown[stamp_ns] = positions, rgba.view(np.uint8).reshape(-1, 4)[:, :3]
+    return shown
 
 
 def _arrivals(moment: Moment) -> Iterator[Arrival]:
@@ -166,15 +164,14 @@ def compared(moment: Moment, shown: Points) -> VisualisationCloudRow:
     info = camera_info(moment.header(CAMERA), SIZE)
     expected, expected_colors = back_projected(moment, info, step=_STEP, max_m=_MAX_M)
     points, colors = shown
-    largest_m, wrong_colors = float("inf"), len(expected)
+    largest_m, wrong_colors = np.inf, len(expected)
     if len(expected) and points.shape == expected.shape:
-        errors_m = np.linalg.norm(points - expected, axis=1)
-        largest_m = float(errors_m.max())
+        largest_m = np.linalg.norm(points - expected, axis=1).max()
         wrong_colors = int((colors != expected_colors).any(axis=1).sum())
     return VisualisationCloudRow(
         stamp_ns=moment.stamp_ns,
         points=len(points),
         expected=len(expected),
-        largest_error_m=largest_m,
+        largest_error_m=float(largest_m),
         wrong_colors=wrong_colors,
     )
