@@ -7,10 +7,10 @@ part of this.
 from __future__ import annotations
 
 import asyncio
-import json
 import re
+import signal
 import sys
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, suppress
 from typing import TYPE_CHECKING
 
 import yaml
@@ -20,15 +20,15 @@ from sfglab.deploy.deployment import FLEET_FILE, Deployment
 from sfglab.lab.experiments.deployment.facts import DISCOVERY, INSIDE, OUTSIDE
 from sfglab.lab.hosts import Host, Network
 from sfglab.lab.workers.peer import PeerConfig
-from sfglab.processes import Member, ProcessFailedError, ProcessGroup
+from sfglab.processes import LineProcess, Member, ProcessGroup
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
+    from sfglab.component import Report
     from sfglab.deploy.bundle import Bundle
 
-    Process = asyncio.subprocess.Process
     Pairs = Sequence[tuple[Deployment, Bundle]]
 
 OUTSIDER = "outsider"
@@ -70,7 +70,7 @@ async def ask_containers(pairs: Pairs, folder: Path) -> dict[str, str]:
 
 async def _start(
     stack: AsyncExitStack, deployment: Deployment, bundle: Bundle, host: Host, fleet: Path
-) -> Process:
+) -> LineProcess:
     """Start both containers of an agent, and return the process of the agent's."""
     services = yaml.safe_load(bundle.members["compose.yaml"].text)["services"]
     enter = (sys.executable, "-m", "sfglab.lab.workers.container", deployment.bridge)
@@ -78,7 +78,8 @@ async def _start(
     for name, before, after in (("agent", enter, ("--json",)), ("router", (), ())):
         words = [str(fleet) if word == FLEET_FILE else word for word in services[name]["command"]]
         argv = host.argv([*before, *_SFGLAB, *words, *after])
-        started[name] = await stack.enter_async_context(_running(argv))
+        started[name] = await _Container.start(name, argv)
+        stack.push_async_callback(_end, started[name])
     return started["agent"]
 
 
@@ -92,38 +93,30 @@ def _fleet_file(deployment: Deployment, folder: Path, *, interface: str) -> Path
     return path
 
 
-@asynccontextmanager
-async def _running(argv: Sequence[str]) -> AsyncIterator[Process]:
-    process = await asyncio.create_subprocess_exec(
-        *argv, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, limit=1 << 20
-    )
-    try:
-        yield process
-    finally:
-        if process.returncode is None:
-            process.terminate()
+class _Container(LineProcess):
+    """A container's process; other lines than reports, such as those of a router, are ignored."""
+
+    def _report_of(self, line: bytes) -> Report:
         try:
-            async with asyncio.timeout(_GRACE_S):
-                await process.communicate()
-        except TimeoutError:
-            process.kill()
-            await process.communicate()
+            return super()._report_of(line)
+        except ValueError:
+            return {"is": "text"}
 
 
-async def _undiscovered(process: Process, wanted: set[str]) -> set[str]:
+async def _end(container: LineProcess) -> None:
+    container.signal(signal.SIGTERM)
+    await container.close(grace_s=_GRACE_S)
+
+
+async def _undiscovered(agent: LineProcess, wanted: set[str]) -> set[str]:
     """Wait until an agent's discoverer has reported other agents; return those that it did not report."""
     missing = set(wanted)
-    assert process.stdout is not None
     with suppress(TimeoutError):
         async with asyncio.timeout(MEETING_S):
             while missing:
-                line = await process.stdout.readline()
-                if not line:
-                    status = await process.wait()
-                    raise ProcessFailedError(f"agent: its container ended with status {status}")
-                match json.loads(line):
-                    case {"report": {"event": "DISCOVERED", "agent": str(agent)}}:
-                        missing.discard(agent)
+                match await agent.expect("report", timeout_s=None):
+                    case {"report": {"event": "DISCOVERED", "agent": str(name)}}:
+                        missing.discard(name)
     return missing
 
 

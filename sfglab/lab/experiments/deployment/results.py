@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
@@ -73,39 +73,34 @@ def share_confirmed(run: Run[Config]) -> Finding:
     )
 
 
-_NAMES = {"base": "hardware base", "adapter": "adapter", "application": "application"}
+_NAMES = ("hardware base", "adapter", "application")
 _COLORS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
 
 
-@exp.figure("deployment_layers", size=(6.4, 2.7))
-def draw_layers(figure: Figure, run: Run[Config]) -> dict[str, Any]:
+@exp.figure("deployment_layers", size=(10, 2.7))
+def draw_layers(figure: Figure, run: Run[Config]) -> None:
     """Draw every agent's image as three layers; what is the same for several is one box."""
     layers = run["layer"]
-    agents = list(layers["agent"].unique())
-    figure.set_size_inches(1.3 + 0.96 * len(agents), 2.7)
+    agents = layers["agent"].unique()
     axes = figure.subplots()
     for height, (layer, color) in enumerate(zip(LAYERS, _COLORS, strict=True)):
-        table = layers[layers["layer"] == layer]
         first = 0
-        for _, same in groupby(zip(table["digest"], table["says"], strict=True)):
-            boxes = list(same)
-            width = len(boxes)
-            text = boxes[0][1]
-            if width == 1:
-                text = "\n".join(re.findall(r".{1,13}(?:[-:, ]|$)|.{13}", text))
+        rows = lines_of(layers[layers["layer"] == layer])
+        for (_, says), same in groupby(rows, lambda row: (row.digest, row.says)):
+            width = len(list(same))
             left = first - 0.44
             bars = axes.barh(height, width - 0.12, 0.72, left, color=color, alpha=0.28)
+            narrow = "\n".join(re.findall(r".{1,13}(?:[-:, ]|$)|.{13}", says))
+            text = narrow if width == 1 else says
             axes.bar_label(bars, [text], label_type="center", fontsize=7)
             first += width
     axes.set_xticks(range(len(agents)), agents)
-    axes.set_yticks(range(len(LAYERS)), [_NAMES[layer] for layer in LAYERS])
+    axes.set_yticks(range(len(LAYERS)), _NAMES)
     axes.set(xlim=(-0.55, len(agents) - 0.45), ylim=(-0.5, len(LAYERS) - 0.5))
     counts = layers.groupby("layer")["digest"].nunique()
-    bases, adapters = counts["base"], counts["adapter"]
-    said = f"{bases} hardware bases and {adapters} adapters carry {len(agents)} agents"
+    said = f"{counts['base']} hardware bases and {counts['adapter']} adapters carry {len(agents)} agents"
     axes.set_title(f"{said}; a box across agents is the same layer")
     note(figure, "exact: as rendered from the fleet file (paper A, Fig. 5)")
     axes.tick_params(length=0)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
-    return {"agents": len(agents), **{f"distinct {name}": int(n) for name, n in counts.items()}}
