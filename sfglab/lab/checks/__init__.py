@@ -50,6 +50,18 @@ def share_of_checks(run: Run[Any], prefix: str = "") -> Share:
     return lowest_share(table[table["check"].astype(str).str.startswith(prefix)], "check")
 
 
+def shown_checks(
+    table: pd.DataFrame,
+    statements: Mapping[str, str] | None = None,
+    examples: Mapping[str, str] | None = None,
+) -> pd.DataFrame:
+    """Return checks as a notebook shows them, with the sentence that each states, by its name in the log."""
+    shown = table.replace({"check": statements or {}, "example": examples or {}})
+    return shown.rename(
+        columns={"check": "property", "checked": "cases", "held": "cases that hold"}
+    )
+
+
 def fact_rows(table: pd.DataFrame, sources: Mapping[str, tuple[str, ...]]) -> pd.DataFrame:
     """Return facts as a table with the columns of `CheckRow`, one row per fact, in their order.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab import names
 from sfglab.fleet.policy import Direction, Policy
-from sfglab.lab.checks import CheckRow
+from sfglab.lab.checks import CheckRow, shown_checks
 from sfglab.lab.checks.naming import checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Experiment
@@ -77,10 +77,7 @@ _EXAMPLES = {
 
 def check_table(run: Run[Config]) -> pd.DataFrame:
     """Return the checks of a run, with the sentence that each states."""
-    table = run["check"].replace({"check": STATEMENTS, "example": _EXAMPLES})
-    return table.rename(
-        columns={"check": "property", "checked": "cases", "held": "cases that hold"}
-    )
+    return shown_checks(run["check"], STATEMENTS, _EXAMPLES)
 
 
 @exp.claim("A-FQN", how=How.EXACT)
@@ -116,18 +113,22 @@ def permitted() -> dict[str, list[Resource]]:
 def draw_schema(axes: Axes, fqn: RosFqn | None = None) -> None:
     """Draw Fig. 2; of a given name draw its segments, and highlight the exit that it takes."""
     places = {label: 2.2 * i for i, label in enumerate(SEGMENTS)}
-    ways = permitted()
     for label, x in places.items():
         _draw_segment(axes, label, x, fqn)
-    for source, target in pairwise(ways):
-        _arrow(axes, places[source] + 0.75, places[target] - 0.75, height=0.0)
-    for lane, (source, resources) in enumerate(ways.items()):
-        taken = fqn is not None and fqn.segments[-2][0] == source
-        height = 1.1 + 0.45 * (len(ways) - lane)
-        _arrow(axes, places[source], places["resource"], height=height, taken=taken)
+    for start, end in pairwise([*places.values()][:-1]):
+        axes.annotate("", (end - 0.75, 0), (start + 0.75, 0), arrowprops={"arrowstyle": "->"})
+    into = places["resource"]
+    for lane, (source, resources) in enumerate(permitted().items()):
+        x, height = places[source], 2.9 - 0.45 * lane
+        is_taken = fqn is not None and fqn.segments[-2][0] == source
+        line: dict[str, Any] = {"color": COLORS["proxy"], "linewidth": 1}
+        if is_taken:
+            line = {"color": COLORS["standard"], "linewidth": 2.5, "zorder": 3}
+        axes.plot([x, x, into], [0.4, height, height], **line)
+        axes.annotate("", (into, 0.4), (into, height), arrowprops={"arrowstyle": "->", **line})
         label = f"after {source}: {len(resources)} resources"
-        axes.text(places[source] + 0.1, height + 0.06, label, fontsize=8)
-    axes.set(xlim=(-1, places["resource"] + 1), ylim=(-1.6, 3.3))
+        axes.text(x + 0.1, height + 0.06, label, fontsize=8)
+    axes.set(xlim=(-1, into + 1), ylim=(-1.6, 3.3))
     axes.axis("off")
 
 
@@ -149,17 +150,6 @@ def _draw_segment(axes: Axes, label: str, x: float, fqn: RosFqn | None) -> None:
     if text:
         below = label
     axes.text(x, -0.55, below, ha="center", va="top", fontsize=8)
-
-
-def _arrow(axes: Axes, start: float, end: float, *, height: float, taken: bool = False) -> None:
-    color = COLORS["standard" if taken else "proxy"] if height else "black"
-    arrow = {"arrowstyle": "->", "color": color}
-    if not height:
-        axes.annotate("", xy=(end, 0), xytext=(start, 0), arrowprops=arrow)
-        return
-    line: dict[str, Any] = {"linewidth": 2.5, "zorder": 3} if taken else {"linewidth": 1}
-    axes.plot([start, start, end], [0.4, height, height], color=color, **line)
-    axes.annotate("", xy=(end, 0.4), xytext=(end, height), arrowprops=arrow | line)
 
 
 # --- A name to type ---

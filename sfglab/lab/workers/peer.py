@@ -63,13 +63,12 @@ ALL = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1000)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicUse:
-    """A topic with numbered messages."""
+    """A topic with numbered messages, to which the peer subscribes."""
 
     name: str  #: ROS name.
     type: str  #: ROS type: ``std_msgs/msg/String`` or `TRANSFORMS`.
     latched: bool  #: Whether it is published once, transient local.
-    publish: bool  #: Whether the peer publishes.
-    subscribe: bool  #: Whether the peer subscribes.
+    publish: bool  #: Whether the peer also publishes.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,10 +138,9 @@ class _Peer:
             if topic.publish:
                 publisher = self._node.create_publisher(topic.type, topic.name, qos)
                 self._publishers[topic] = publisher
-            if topic.subscribe:
-                qos = LATE if topic.latched else VOLATILE
-                subscription = self._node.create_subscription(topic.type, topic.name, qos=qos)
-                self._spawn(self._count(subscription, topic.name))
+            qos = LATE if topic.latched else VOLATILE
+            subscription = self._node.create_subscription(topic.type, topic.name, qos=qos)
+            self._spawn(self._count(subscription, topic.name))
         for name in self._config.serves:
             self._node.create_service(GET_METADATA, name, self._answer)
         self._publish(latched=True)

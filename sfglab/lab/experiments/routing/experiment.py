@@ -22,20 +22,10 @@ GLOBAL_DOMAIN = 0
 OTHERS = ("ground_1", "ground_2")  #: Parties in the global domain.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PartyRow:
-    """A process that uses every topic and service, in both roles."""
-
-    party: str  #: Its name, which is also that of its host.
-    domain: int  #: Its DDS domain; 0 is the global one.
-
-
-def parties_of(agents: int) -> tuple[PartyRow, ...]:
-    """Return who takes part: agents in domains of their own, then the others in the global one."""
-    domains = {f"agent_{number}": number for number in range(1, agents + 1)}
-    domains |= dict.fromkeys(OTHERS, GLOBAL_DOMAIN)
-    rows = (PartyRow(party=name, domain=domain) for name, domain in domains.items())
-    return tuple(rows)
+def domains_of(agents: int) -> dict[str, int]:
+    """Return the domains of all parties: agents have their own, the others are in the global one."""
+    own = {f"agent_{number}": number for number in range(1, agents + 1)}
+    return own | dict.fromkeys(OTHERS, GLOBAL_DOMAIN)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +36,6 @@ class Config(Profiled):
     agents: int = 3
     seconds: float = 6.0  #: Minimum time for which all parties publish, s.
     rate_hz: float = 10.0  #: Messages per second of every party on every topic.
-    busy: int = 20  #: Further local topics of every agent.
     random_names: int = 20_000  #: Random DDS names that the policy is asked about.
     call_s: float = 1.0  #: Timeout of a call to a server that the caller must not reach, s.
     seed: int = 0  #: Seed of the random names.
@@ -56,9 +45,9 @@ exp = Experiment(
     "routing",
     Config,
     where="A 4.1",
-    smoke={"agents": 2, "seconds": 2.5, "busy": 3, "random_names": 500, "call_s": 0.5},
-    paper={"agents": 6, "seconds": 20.0, "busy": 50, "random_names": 200_000},
-    hosts=lambda config: [party.party for party in parties_of(config.agents)],
+    smoke={"agents": 2, "seconds": 2.5, "random_names": 500, "call_s": 0.5},
+    paper={"agents": 6, "seconds": 20.0, "random_names": 200_000},
+    hosts=lambda config: [*domains_of(config.agents)],
     actors=(
         Actor("router", "agent_i", "at the border of D_i and D_0", count="one per agent"),
         Actor(
@@ -80,9 +69,17 @@ exp = Experiment(
             boundary="network",
         ),
     ),
+    removed={"busy": {"quick": 20, "paper": 50}},
 )
 exp.table("policy")(CheckRow)
-exp.table("party")(PartyRow)
+
+
+@exp.table("party")
+class PartyRow(TableRow):
+    """A process that uses every topic and service, in both roles."""
+
+    party: str  #: Its name, which is also that of its host.
+    domain: int  #: Its DDS domain; 0 is the global one.
 
 
 @exp.table("heard")
@@ -90,11 +87,8 @@ class HeardRow(TableRow):
     """Messages under one name that one party received from another."""
 
     name: str  #: ROS name.
-    dds_topic: str  #: Its DDS topic.
     source: str  #: Party that publishes.
     hearer: str  #: Party that subscribes.
-    source_domain: int  #: DDS domain of the publishing party.
-    hearer_domain: int  #: DDS domain of the subscribing party.
     sent: int  #: Messages that the source published.
     received: int  #: Messages that arrived.
 
@@ -116,8 +110,6 @@ class CallRow(TableRow):
     name: str  #: ROS name.
     caller: str  #: Party that calls.
     server: str  #: Party that serves.
-    caller_domain: int  #: DDS domain of the calling party.
-    server_domain: int  #: DDS domain of the serving party.
     answered: bool  #: Whether an answer of that server came.
 
 

@@ -20,9 +20,9 @@ from sfglab.lab.experiments.routing.experiment import (
     EndpointRow,
     HeardRow,
     PartyRow,
+    domains_of,
     exp,
     may_cross,
-    parties_of,
 )
 from sfglab.lab.workers.peer import TRANSFORMS, PeerConfig, TopicUse
 from sfglab.names import TF, TF_STATIC, Resource, RosFqnBuilder, Scope, dds_topic
@@ -47,37 +47,22 @@ _PEER = "sfglab.lab.workers.peer"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
-    """A topic of the experiment."""
+    """A topic of the experiment, to which all parties subscribe."""
 
     name: str  #: ROS name.
-    type: str  #: ROS type.
-    publishers: tuple[str, ...]  #: Parties that publish it.
-    subscribers: tuple[str, ...]  #: Parties that subscribe it.
+    publishers: Sequence[str]  #: Parties that publish it.
+    type: str = STRING  #: ROS type.
     latched: bool = False  #: Published once, transient local.
 
-    def passages(self) -> Iterator[tuple[str, str, str]]:
-        """Yield its subscribers with its name and each publisher."""
-        for source, hearer in product(self.publishers, self.subscribers):
-            yield hearer, self.name, source
 
-
-def topics(agents: Sequence[str], others: Sequence[str], *, busy: int) -> Iterator[Topic]:
-    """Yield every topic of a run; each agent has ``busy`` further local ones."""
-    parties = (*agents, *others)
-    every: dict[str, Any] = {"publishers": parties, "subscribers": parties}
-    yield Topic(name=TF, type=TRANSFORMS, **every)
-    yield Topic(name=TF_STATIC, type=TRANSFORMS, latched=True, **every)
+def topics(parties: Sequence[str]) -> Iterator[Topic]:
+    """Yield every topic of a run."""
+    yield Topic(name=TF, type=TRANSFORMS, publishers=parties)
+    yield Topic(name=TF_STATIC, type=TRANSFORMS, publishers=parties, latched=True)
     for name in (name_of(Scope.GLOBAL, None, Resource.MAP), DEEP, *NEAR_MISSES):
-        yield Topic(name=name, type=STRING, **every)
-    for party in parties:
-        for scope in Scope:
-            name = name_of(scope, party, Resource.STATE)
-            yield Topic(name=name, type=STRING, publishers=(party,), subscribers=parties)
-    for agent in agents:
-        for number in range(busy):
-            name = f"{name_of(Scope.LOCAL, agent, Resource.STATUS)}{number}"
-            subscribers = (agent, *others)
-            yield Topic(name=name, type=STRING, publishers=(agent,), subscribers=subscribers)
+        yield Topic(name=name, publishers=parties)
+    for party, scope in product(parties, Scope):
+        yield Topic(name=name_of(scope, party, Resource.STATE), publishers=(party,))
 
 
 def service_names(party: str) -> tuple[str, str, str]:
@@ -98,67 +83,68 @@ class Fleet(ProcessGroup):
     """The processes of all parties, each party on a host of its own."""
 
     def __init__(self, config: Config, testbed: Testbed) -> None:
-        self.parties = parties_of(config.agents)  #: All parties.
-        agents = [party.party for party in self.parties if party.domain != GLOBAL_DOMAIN]
-        self.topics = tuple(topics(agents, OTHERS, busy=config.busy))  #: Topics of all parties.
+        self.domains = domains_of(config.agents)  #: Domains of all parties.
+        self.topics = tuple(topics([*self.domains]))  #: Topics of all parties.
         routers = []
         peers = []
-        for party in self.parties:
-            interface = testbed.interface(party.party)
+        for party, domain in self.domains.items():
+            interface = testbed.interface(party)
             own = shared = BusAddress(domain_id=GLOBAL_DOMAIN, interface=interface)
-            if party.party in agents:
-                own = BusAddress(domain_id=party.domain, interface="lo")
-                router = RouterConfig(agent=party.party, local=own, remote=shared)
-                name = f"router of {party.party}"
-                routers.append(Member(name=name, host=party.party, module=_ROUTER, config=router))
-            peer = PeerConfig(
-                name=party.party,
-                address=own,
-                behind_router=party.party in agents,
-                topics=tuple(self._uses(party.party)),
-                serves=service_names(party.party),
-                rate_hz=config.rate_hz,
-            )
-            peers.append(Member(name=party.party, host=party.party, module=_PEER, config=peer))
-        super().__init__((*routers, *peers), wrap_command=testbed.argv)
-
-    def _uses(self, party: str) -> Iterator[TopicUse]:
-        for topic in self.topics:
-            publish, subscribe = party in topic.publishers, party in topic.subscribers
-            if publish or subscribe:
-                yield TopicUse(
+            if domain != GLOBAL_DOMAIN:
+                own = BusAddress(domain_id=domain, interface="lo")
+                router = RouterConfig(agent=party, local=own, remote=shared)
+                name = f"router of {party}"
+                routers.append(Member(name=name, host=party, module=_ROUTER, config=router))
+            uses = [
+                TopicUse(
                     name=topic.name,
                     type=topic.type,
                     latched=topic.latched,
-                    publish=publish,
-                    subscribe=subscribe,
+                    publish=party in topic.publishers,
                 )
+                for topic in self.topics
+            ]
+            peer = PeerConfig(
+                name=party,
+                address=own,
+                behind_router=domain != GLOBAL_DOMAIN,
+                topics=tuple(uses),
+                serves=service_names(party),
+                rate_hz=config.rate_hz,
+            )
+            peers.append(Member(name=party, host=party, module=_PEER, config=peer))
+        super().__init__((*routers, *peers), wrap_command=testbed.argv)
+
+    def passages(self) -> Iterator[tuple[Topic, str, str]]:
+        """Yield each topic with each publisher and each subscriber."""
+        for topic in self.topics:
+            for source, hearer in product(topic.publishers, self.domains):
+                yield topic, source, hearer
 
     async def ask_all(self, answer: str, **order: Any) -> dict[str, Report]:
         """Give all parties the same order and return their reports by party."""
-        names = [party.party for party in self.parties]
-        for name in names:
-            self[name].order(**order)
-        return await self.expect(answer, names, timeout_s=ANSWER_S)
+        self.order(self.domains, **order)
+        return await self.expect(answer, self.domains, timeout_s=ANSWER_S)
 
     async def talk(self, seconds: float) -> dict[str, int]:
         """Let all publish, and return the number of messages that each has sent per topic.
 
         All go on beyond the seconds, within a limit, until each message that may cross was heard.
         """
-        self.order([party.party for party in self.parties], do="talk")
+        self.order(self.domains, do="talk")
         await asyncio.sleep(seconds)
+        crossing = {
+            (hearer, topic.name, source)
+            for topic, source, hearer in self.passages()
+            if in_table_1(dds_topic(topic.name))
+        }
         for _ in range(round(PATIENCE_S / POLL_S)):
-            if self._is_all_heard(await self.ask_all("told", do="tell")):
+            heard = messages_heard(await self.ask_all("told", do="tell"))
+            if crossing <= heard.keys():
                 break
             await asyncio.sleep(POLL_S)
         reports = await self.ask_all("hushed", do="hush")
         return {party: report["sent"] for party, report in reports.items()}
-
-    def _is_all_heard(self, told: dict[str, Report]) -> bool:
-        crossing = [topic for topic in self.topics if in_table_1(dds_topic(topic.name))]
-        wanted = {key for topic in crossing for key in topic.passages()}
-        return wanted <= messages_heard(told).keys()
 
 
 def messages_heard(told: dict[str, Report]) -> dict[tuple[str, str, str], int]:
@@ -175,14 +161,24 @@ async def observe(bench: Bench[Config]) -> None:
     """Let all parties publish, subscribe, call services, and report what they heard."""
     config = bench.config
     async with Fleet(config, bench.testbed) as fleet:
-        bench.write_all("party", fleet.parties)
+        for party, domain in fleet.domains.items():
+            bench.write(PartyRow(party=party, domain=domain))
         sent = await fleet.talk(config.seconds)
         bench.advance("talked")
         bench.write_all("call", await call_all(fleet, config.call_s))
         bench.advance("called")
         told = await fleet.ask_all("told", do="tell")
-        bench.write_all("heard", heard_rows(fleet, sent, told))
-        bench.write_all("endpoint", endpoint_rows(fleet.parties, told))
+        heard = messages_heard(told)
+        for topic, source, hearer in fleet.passages():
+            row = HeardRow(
+                name=topic.name,
+                source=source,
+                hearer=hearer,
+                sent=1 if topic.latched else sent[source],
+                received=heard.get((hearer, topic.name, source), 0),
+            )
+            bench.write(row)
+        bench.write_all("endpoint", endpoint_rows(told))
         bench.advance("told")
 
 
@@ -191,51 +187,25 @@ async def call_all(fleet: Fleet, call_s: float) -> list[CallRow]:
 
     Services that must answer come first, and may take long.
     """
-    servers = {name: party for party in fleet.parties for name in service_names(party.party)}
+    servers = {name: party for party in fleet.domains for name in service_names(party)}
     rows = []
     for must_answer, timeout_s in ((True, ANSWER_S / 2), (False, call_s)):
         names = [name for name in servers if may_cross(name) is must_answer]
         reports = await fleet.ask_all("called", do="call", names=names, timeout_s=timeout_s)
-        for caller, name in product(fleet.parties, names):
-            server = servers[name]
-            if caller == server:
-                continue
-            answer = reports[caller.party]["answers"][names.index(name)]
-            row = CallRow(
-                name=name,
-                caller=caller.party,
-                server=server.party,
-                caller_domain=caller.domain,
-                server_domain=server.domain,
-                answered=answer["message"] == server.party,
-            )
-            rows.append(row)
+        for caller, report in reports.items():
+            for name, answer in zip(names, report["answers"], strict=True):
+                server = servers[name]
+                answered = answer["message"] == server
+                if caller != server:
+                    row = CallRow(name=name, caller=caller, server=server, answered=answered)
+                    rows.append(row)
     return rows
 
 
-def heard_rows(fleet: Fleet, sent: dict[str, int], told: dict[str, Report]) -> Iterator[HeardRow]:
-    """Yield one row per topic, publisher and subscriber."""
-    domains = {party.party: party.domain for party in fleet.parties}
-    heard = messages_heard(told)
-    for topic in fleet.topics:
-        for hearer, name, source in topic.passages():
-            yield HeardRow(
-                name=name,
-                dds_topic=dds_topic(name),
-                source=source,
-                hearer=hearer,
-                source_domain=domains[source],
-                hearer_domain=domains[hearer],
-                sent=1 if topic.latched else sent[source],
-                received=heard.get((hearer, name, source), 0),
-            )
-
-
-def endpoint_rows(parties: Sequence[PartyRow], told: dict[str, Report]) -> Iterator[EndpointRow]:
+def endpoint_rows(told: dict[str, Report]) -> Iterator[EndpointRow]:
     """Yield endpoints that parties in the global domain discovered beside their own."""
-    others = [party.party for party in parties if party.domain == GLOBAL_DOMAIN]
-    own = {told[party]["participant"] for party in others}
-    for party in others:
+    own = {told[party]["participant"] for party in OTHERS}
+    for party in OTHERS:
         for dds, kind, owner, tag in dict.fromkeys(map(tuple, told[party]["endpoints"])):
             if owner not in own:
                 router = entries(tag.encode()).get(ROUTER_KEY, "")
