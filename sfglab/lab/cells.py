@@ -42,8 +42,8 @@ async def run_cells(  # noqa: PLR0913 - options
     stage_of: Callable[[T], S],
     start: Callable[[S], AbstractAsyncContextManager[H]],
     play: Callable[[H, T, int], Awaitable[Any]],
-    at_once: int,
-    write: Callable[[Any], None] | None = None,
+    at_once: int = 1,
+    by_table: bool = False,
 ) -> None:
     """Run cells and write their rows into a table, repetition by repetition.
 
@@ -58,7 +58,7 @@ async def run_cells(  # noqa: PLR0913 - options
         start: Provides the processes of a stage.
         play: Runs a cell on these processes for one repetition; returns a row or a tuple of rows.
         at_once: Number of stages that run at the same time.
-        write: Writes a result of `play`, as the journal returns it. None: its rows go into the table.
+        by_table: Whether `play` returns a dictionary of rows by table instead.
 
     Raises:
         SkippedPartError: There is no cell to run.
@@ -99,10 +99,10 @@ async def run_cells(  # noqa: PLR0913 - options
         async with beside(*map(play_stage, stages)) as played:
             await asyncio.gather(*played)
         reasons = {plays.text_of(job): error for job, error in plays.given_up.items()}
-        write = write or (lambda rows: bench.write_all(table, rows_in(rows)))
         for job in jobs:
-            if job in journal.finished:
-                write(journal.finished[job])
+            result = journal.finished.get(job, ())
+            for name, rows in (result if by_table and result else {table: rows_in(result)}).items():
+                bench.write_all(name, rows)
     bench.metadata(table, {"hindrance": "", FAILED_CELLS: reasons})
 
 

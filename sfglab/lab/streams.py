@@ -9,6 +9,7 @@ import numpy as np
 
 from sfglab.bus.address import BusAddress
 from sfglab.fleet.decoder.streams import routes_of_topic
+from sfglab.lab.workers.camera import CameraConfig
 from sfglab.lab.workers.viewer import ViewerConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
@@ -52,6 +53,17 @@ class StreamProcesses(ProcessGroup):
         return BusAddress(
             domain_id=GLOBAL_DOMAIN, interface=interface, multicast=self._config.multicast
         )
+
+    def camera(self, *places: tuple[BusAddress, str]) -> Member:
+        """Return the camera, which publishes its frames at addresses on topics."""
+        config = CameraConfig(
+            places=places,
+            source=self._config.source,
+            seed=self._config.seed,
+            encoder=self._config.encoder,
+        )
+        module = "sfglab.lab.workers.camera"
+        return Member(name="camera", host="edge", module=module, config=config, ready="running")
 
     def viewer_config(self, topic: str, local: BusAddress, *, joined: bool = False) -> ViewerConfig:
         """Return the configuration of a viewer at the consumer for a stream's topic, with a local domain."""

@@ -43,7 +43,7 @@ class Boundary:
 
 
 def _decoding(run: Run[Any]) -> pd.DataFrame:
-    loads = decode_once.results.cells(run).query("codec == 'h264'")
+    loads = decode_once.results.cells(run)
     table = loads.pivot_table("cpu", "subscribers", "mode")[["standard", "proxy"]].dropna()
     return table.rename_axis("subscribers")
 

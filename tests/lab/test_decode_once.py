@@ -20,8 +20,8 @@ from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.lab.bench import Options
 from sfglab.lab.claims import Verdict, entry_for
 from sfglab.lab.experiments.decode_once import cost_model, decoding_costs, exp, results
-from sfglab.lab.experiments.decode_once.experiment import check_stages, groups_of
-from sfglab.lab.experiments.decode_once.live import HOSTS, LOCAL_DOMAIN, StageProcesses
+from sfglab.lab.experiments.decode_once.experiment import check_counts, groups_of
+from sfglab.lab.experiments.decode_once.live import HOSTS, LOCAL_DOMAIN, Processes
 from sfglab.lab.explore.interactive import argument_texts, setting_of
 from sfglab.lab.sources import open_source
 from sfglab.lab.testbed import Testbed
@@ -44,7 +44,7 @@ def make(path, *, modes=("standard", "dds", "proxy"), repeats=1, ipc=IPC, load=N
     cells = ([(m, n) for n in range(1, 11) for m in modes] + [("network", 5)]) * repeats
     tables = {"cell": [], "load": [], "view": []}
     for cell, (mode, count) in enumerate(cells):
-        tables["cell"].append({"cell": cell, "codec": "h264", "mode": mode, "subscribers": count})
+        tables["cell"].append({"cell": cell, "mode": mode, "subscribers": count})
         for label, cpu in (("consumer", cost(mode, count, ipc)), ("edge", 20.0)):
             row = {"cell": cell, "label": label, "cpu_percent": load(cell, cpu) if load else cpu}
             tables["load"] += 2 * [{**row, "rx_mbit_s": 4.0 * (1 if mode in IPC else count)}]
@@ -104,15 +104,13 @@ def test_each_way_of_passing_pictures_on_is_judged_by_itself(tmp_path, changes, 
 
 
 @pytest.mark.parametrize(
-    ("field", "value"),
-    [("counts", (1,)), ("dds_counts", (1, 9)), ("network_counts", ()), ("codec", "rvl")],
+    ("field", "value"), [("counts", (1,)), ("dds_counts", (1, 9)), ("network_counts", ())]
 )
-def test_stages_without_enough_for_a_fit_are_refused_before_they_run(field, value):
+def test_numbers_of_subscribers_without_enough_for_a_fit_are_refused_before_they_run(field, value):
     config = exp.config("smoke")
-    check_stages(config)
-    stage = replace(config.stages[0], **{field: value})
-    with pytest.raises(InvalidValueError, match=rf"stages\[0\].{field}: given "):
-        check_stages(replace(config, stages=(stage,)))
+    check_counts(config)
+    with pytest.raises(InvalidValueError, match=rf"^{field}: given "):
+        check_counts(replace(config, **{field: value}))
 
 
 @pytest.mark.parametrize(
@@ -158,10 +156,12 @@ def test_size_frame_rate_group_and_bit_rate_all_decide(made, stream, column, val
 def test_cells_are_measured_in_the_order_of_the_committed_log_and_modes_of_a_count_together():
     run = reference(exp)
     groups = groups_of(run.config)
-    rows = pd.DataFrame([cell for group in groups for cell in group.cells()])
-    assert run["cell"][rows.columns].equals(rows)
-    pictures = [set(group.modes) for group in groups if group.modes != ("network",)]
-    assert all({"standard", "proxy"} <= modes <= {"standard", "dds", "proxy"} for modes in pictures)
+    rows = pd.DataFrame([cell for group in groups for cell in group])
+    assert results.stream_cells(run)[rows.columns].equals(rows)
+    for group in groups:
+        modes = {cell.mode for cell in group}
+        assert modes in ({"network"}, {"standard", "proxy"}, {"standard", "proxy", "dds"})
+        assert len({(cell.subscribers, cell.repeat) for cell in group}) == 1
 
 
 def test_the_explorer_has_the_reference_s_costs_and_scales_them():
@@ -185,10 +185,9 @@ def test_the_explorer_has_the_reference_s_costs_and_scales_them():
 @pytest.mark.live
 async def test_the_stamp_of_a_received_picture_is_that_of_the_frame_in_its_pixels():
     config = exp.config("smoke", encoder="libx264")
-    stage = config.stages[0]
     received = {"standard": [], "proxy": []}
     with Testbed(*HOSTS, separate=False) as testbed:
-        async with StageProcesses(config, stage, testbed) as processes:
+        async with Processes(config, testbed) as processes:
             route, local = routes_of_topic(processes.topic)[0], {"domain_id": LOCAL_DOMAIN}
             decoder = image_decoder(route.source_type, route.codec)
 
@@ -233,13 +232,6 @@ async def test_the_stamp_of_a_received_picture_is_that_of_the_frame_in_its_pixel
 @pytest.mark.slow
 def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_path):
     log, journal = tmp_path / "run.mcap", tmp_path / "decode_once-smoke-cells.journal"
-    stage = replace(
-        exp.config("smoke").stages[0],
-        counts=(1, 2),
-        dds_counts=(1, 2),
-        network_counts=(1,),
-        repeats=25,
-    )
     before = set(psutil.Process().children(recursive=True))
     children, ended = [], threading.Event()
 
@@ -254,7 +246,8 @@ def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_p
     thread = threading.Thread(target=interrupt, daemon=True)
     thread.start()
     options = Options(separate=False)
-    changes = {"stages": (stage,), "encoder": "libx264", "raw_s": 0.5}
+    changes = {"counts": (1, 2), "dds_counts": (1, 2), "network_counts": (1,), "repeats": 25}
+    changes |= {"encoder": "libx264", "raw_s": 0.5}
     try:
         with pytest.raises(KeyboardInterrupt):
             asyncio.run(exp.run("smoke", path=log, options=options, **changes))

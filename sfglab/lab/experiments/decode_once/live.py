@@ -3,48 +3,41 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.bus.address import BusAddress
 from sfglab.fleet.decoder.config import DecoderConfig
-from sfglab.fleet.decoder.streams import routes_of_topic
+from sfglab.lab.bench import as_row
 from sfglab.lab.cells import run_cells
 from sfglab.lab.experiments.decode_once.experiment import (
     HANDED_ON,
     CellRow,
     Config,
-    Group,
     LoadRow,
-    Stage,
     ViewRow,
-    check_stages,
+    check_counts,
     exp,
     groups_of,
 )
 from sfglab.lab.meters import MeterRow, measure
 from sfglab.lab.streams import FIRST_PICTURE_S, LINGER_S, StreamProcesses
-from sfglab.lab.workers.camera import CameraConfig
 from sfglab.processes import Member, ProcessFailedError
 from sfglab.record import LogReader
 from sfglab.units import BITS_PER_MBIT, NS_PER_MS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
+    from collections.abc import Iterable, Iterator, Sequence
 
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
-    from sfglab.lab.testbed import Testbed
 
 HOSTS = ("consumer", "edge")
 TOPIC = "/global/edge/camera_front/color/ffmpeg"
 """Topic of the camera's compressed stream."""
 LOCAL_DOMAIN = 7  #: Domain of the decoded pictures on the consumer host.
 _VIEWER = "sfglab.lab.workers.viewer"
-_COUNTS = ("frames", "unreadable", "missed", "disordered", "broken")
 
 
 def viewers(count: int) -> list[str]:
@@ -52,47 +45,34 @@ def viewers(count: int) -> list[str]:
     return [f"viewer {number}" for number in range(count)]
 
 
-class StageProcesses(StreamProcesses):
-    """The processes of a stage, which all its cells share."""
+class Processes(StreamProcesses):
+    """The processes of the run, which all cells share."""
 
-    def __init__(self, config: Config, stage: Stage, testbed: Testbed) -> None:
-        self._stage = stage
-        self._decoder_pids: tuple[int, ...] = ()
-        self.topic = TOPIC  #: Topic of the compressed stream.
-        super().__init__(config, testbed)
+    topic = TOPIC  #: Topic of the compressed stream.
+
+    _decoder_pids: tuple[int, ...] = ()
 
     def first_members(self) -> list[Member]:
         """Return subscribers, decoder and camera."""
-        stage = self._stage
         local = BusAddress(domain_id=LOCAL_DOMAIN, interface="lo")
-        camera = CameraConfig(
-            places=((self.shared("edge"), self.topic),),
-            codec=stage.codec,
-            source=stage.source or self._config.source,
-            seed=self._config.seed,
-            encoder=self._config.encoder,
-        )
+        viewer = self.viewer_config(TOPIC, local)
+        counts = self._config.counts + self._config.dds_counts + self._config.network_counts
+        members = [
+            Member(name=name, host="consumer", module=_VIEWER, config=viewer)
+            for name in viewers(max(counts))
+        ]
         # One process serves one cell after the other, as a component container does: none starts
         # during a cell.
         decoder = DecoderConfig(
             remote=self.shared("consumer"),
             local=local,
-            streams=(self.topic,),
+            streams=(TOPIC,),
             idle_timeout_s=LINGER_S,
             refill=False,
         )
-        viewer = self.viewer_config(self.topic, local)
-        most = max(stage.counts + stage.dds_counts + stage.network_counts)
-        members = [
-            Member(name=name, host="consumer", module=_VIEWER, config=viewer)
-            for name in viewers(most)
-        ]
         module = "sfglab.fleet.decoder.node"
         members.append(Member(name="decoder", host="consumer", module=module, config=decoder))
-        module = "sfglab.lab.workers.camera"
-        members.append(
-            Member(name="camera", host="edge", module=module, config=camera, ready="running")
-        )
+        members.append(self.camera((self.shared("edge"), TOPIC)))
         return members
 
     async def settle(self) -> None:
@@ -141,69 +121,38 @@ class StageProcesses(StreamProcesses):
             if await self.warm("decoder") != self._decoder_pids:
                 raise ProcessFailedError("decoder: it started another process during a cell")
         return {
-            "load": load_rows(cell.cell, readings),
-            "view": view_rows(cell.cell, seen),
+            "load": [*load_rows(cell.cell, readings)],
+            "view": [*view_rows(cell.cell, seen)],
             "cell": [cell],
         }
 
 
-def load_rows(cell: int, readings: Iterable[MeterRow]) -> list[LoadRow]:
-    """Return the rows of a cell's meter readings."""
-    rows = []
+def load_rows(cell: int, readings: Iterable[MeterRow]) -> Iterator[LoadRow]:
+    """Yield the rows of a cell's meter readings."""
     for reading in readings:
-        assert reading.cpu_percent is not None, "every label has processes"
         assert reading.rx_bps is not None, "every label has an interface"
-        row = LoadRow(
-            cell=cell,
-            label=reading.label,
-            cpu_percent=reading.cpu_percent,
-            rx_mbit_s=reading.rx_bps / BITS_PER_MBIT,
-        )
-        rows.append(row)
-    return rows
+        yield as_row(LoadRow, {"cell": cell, "rx_mbit_s": reading.rx_bps / BITS_PER_MBIT}, reading)
 
 
-def view_rows(cell: int, seen: Iterable[Report]) -> list[ViewRow]:
-    """Return the rows of the subscribers' reports."""
-    rows = []
+def view_rows(cell: int, seen: Iterable[Report]) -> Iterator[ViewRow]:
+    """Yield the rows of the subscribers' reports."""
     for viewer, report in enumerate(seen):
-        counts = {name: report[name] for name in _COUNTS}
-        ages_ns = report["ages_ns"] or [np.nan]
-        age_ms = float(np.median(ages_ns)) / NS_PER_MS
-        rows.append(ViewRow(cell=cell, viewer=viewer, age_ms=age_ms, **counts))
-    return rows
+        age_ms = float(np.median(report["ages_ns"] or [np.nan])) / NS_PER_MS
+        yield as_row(ViewRow, {"cell": cell, "viewer": viewer, "age_ms": age_ms}, report)
 
 
-@exp.part("stream", total=lambda config: len(config.stages))
-async def record_streams(bench: Bench[Config]) -> None:
-    """Record the first messages of each stream as they arrive at the consumer host."""
-    check_stages(bench.config)
-    for stage in bench.config.stages:
-        alone = replace(stage, counts=(1,), dds_counts=(), network_counts=())
-        path = bench.folder(f"stream {stage.codec}") / "stream.mcap"
-        async with StageProcesses(bench.config, alone, bench.testbed) as processes:
-            facts = {
-                "topic": processes.topic,
-                "type": routes_of_topic(processes.topic)[0].source_type,
-                "encoder": processes.encoder,
-                "source": stage.source or bench.config.source,
-            }
-            bench.metadata(f"stream_{stage.codec}", facts)
-            await processes.look(1, mode="network", path=str(path))
-            await asyncio.sleep(bench.config.raw_s)
-            await processes.stop(1)
-        copy_messages(bench, path)
-        bench.advance(stage.codec)
-
-
-def copy_messages(bench: Bench[Config], path: Path) -> None:
-    """Copy messages of a log into that of the run, up to the configured amount."""
-    left = bench.config.raw_bytes
+@exp.part("stream")
+async def record_stream(bench: Bench[Config]) -> None:
+    """Record the stream's first messages as they arrive at the consumer host."""
+    check_counts(bench.config)
+    path = bench.folder("stream") / "stream.mcap"
+    async with Processes(bench.config, bench.testbed) as processes:
+        bench.metadata("stream_h264", {"topic": TOPIC, "encoder": processes.encoder})
+        await processes.look(1, mode="network", path=str(path))
+        await asyncio.sleep(bench.config.raw_s)
+        await processes.stop(1)
     with LogReader(path) as reader:
         for message in reader.messages():
-            left -= len(message.cdr)
-            if left < 0:
-                return
             bench.log.write_raw(
                 message.topic,
                 message.type_name,
@@ -215,27 +164,22 @@ def copy_messages(bench: Bench[Config], path: Path) -> None:
 
 @exp.part("cells", total=lambda config: len(groups_of(config)))
 async def measure_cells(bench: Bench[Config]) -> None:
-    """Measure all cells, stream by stream."""
+    """Measure all cells on the same processes."""
     config = bench.config
 
-    async def play(processes: StageProcesses, group: Group, _: int) -> dict[str, list[Any]]:
+    async def play(processes: Processes, cells: Sequence[CellRow], _: int) -> dict[str, list[Any]]:
         rows: dict[str, list[Any]] = {"load": [], "view": [], "cell": []}
-        for cell in group.cells():
+        for cell in cells:
             for table, measured in (await processes.measure(cell)).items():
                 rows[table] += measured
         return rows
-
-    def write(rows: dict[str, list[Any]]) -> None:
-        for table, measured in rows.items():
-            bench.write_all(table, measured)
 
     await run_cells(
         bench,
         "cells",
         dict.fromkeys(groups_of(config), 1),
-        stage_of=lambda group: group.stage,
-        start=lambda stage: StageProcesses(config, stage, bench.testbed),
+        stage_of=lambda _: "all",
+        start=lambda _: Processes(config, bench.testbed),
         play=play,
-        write=write,
-        at_once=1,
+        by_table=True,
     )

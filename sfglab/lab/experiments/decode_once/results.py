@@ -12,7 +12,7 @@ import pandas as pd
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.decode_once.experiment import H264, HANDED_ON, Config, exp
+from sfglab.lab.experiments.decode_once.experiment import HANDED_ON, Config, exp
 from sfglab.lab.figures import PAPER_STYLE, note, series
 from sfglab.lab.paper import paper
 from sfglab.lab.paths import find_project
@@ -55,9 +55,16 @@ THROUGH = "% of one core per subscriber, through the decoder"  #: Key of the pap
 
 
 @derived
+def stream_cells(run: Run[Config]) -> pd.DataFrame:
+    """Return the cells; earlier logs also have those of a stream with another codec."""
+    table = run["cell"]
+    return table.query("codec == 'h264'") if "codec" in table else table
+
+
+@derived
 def readings(run: Run[Config]) -> pd.DataFrame:
     """Return one row per meter reading, with the columns of its cell."""
-    return run["load"].merge(run["cell"], on="cell")
+    return run["load"].merge(stream_cells(run), on="cell")
 
 
 @derived
@@ -65,24 +72,22 @@ def cells(run: Run[Config]) -> pd.DataFrame:
     """Return one row per cell with medians of its readings at the consumer host: `cpu`, `paced`, `rx`.
 
     `paced` is the CPU at one pace of the machine. Each reading is divided by what the camera's work,
-    which is always the same, cost in the same window, relative to its median over the stream.
+    which is always the same, cost in the same window, relative to its median.
     """
     table = readings(run)
     window = table.groupby(["cell", "label"]).cumcount()
-    by_window = table.assign(window=window).pivot_table(
-        "cpu_percent", ["codec", "cell", "window"], "label"
-    )
-    pace = by_window["edge"] / by_window.groupby("codec")["edge"].transform("median")
-    paced = (by_window["consumer"] / pace).groupby("cell").median()
+    cpu = table.assign(window=window).pivot_table("cpu_percent", ["cell", "window"], "label")
+    paced = cpu["consumer"] / (cpu["edge"] / cpu["edge"].median())
     consumer = table[table["label"] == "consumer"].groupby("cell")
     medians = consumer.agg(cpu=("cpu_percent", "median"), rx=("rx_mbit_s", "median"))
-    return run["cell"].merge(medians.assign(paced=paced), left_on="cell", right_index=True)
+    medians["paced"] = paced.groupby("cell").median()
+    return stream_cells(run).merge(medians, left_on="cell", right_index=True)
 
 
 def points(run: Run[Config], mode: str, column: str) -> Floats:
-    """Return the number of subscribers and a load of each cell of the colour stream, shape (cells, 2)."""
+    """Return the number of subscribers and a load of each cell of a mode, shape (cells, 2)."""
     table = cells(run)
-    chosen = table[(table["codec"] == H264) & (table["mode"] == mode)]
+    chosen = table[table["mode"] == mode]
     return chosen[["subscribers", column]].to_numpy(dtype=np.float64)
 
 
@@ -120,9 +125,8 @@ def slopes(run: Run[Config]) -> pd.DataFrame:
 
 
 def frame_checks(run: Run[Config]) -> pd.DataFrame:
-    """Return sums of the subscribers' counts of frames of the colour stream by mode, and the median age, ms."""
-    colour = run["cell"][run["cell"]["codec"] == H264]
-    views = run["view"].merge(colour, on="cell").groupby("mode", sort=False)
+    """Return sums of the subscribers' counts of frames by mode, and the median age, ms."""
+    views = run["view"].merge(stream_cells(run), on="cell").groupby("mode", sort=False)
     table = views[["frames", "unreadable", "missed", "disordered", "broken"]].sum()
     return table.assign(age_ms=views["age_ms"].median()).reset_index()
 
@@ -132,7 +136,7 @@ def frame_checks(run: Run[Config]) -> pd.DataFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CostModel:
-    """Eq. 2 and 3 fitted to the cells of a stream, in per cent of one core."""
+    """Eq. 2 and 3 fitted to the cells, in per cent of one core."""
 
     net: Estimate  #: c_net: receiving the compressed stream once.
     dec: Estimate  #: c_dec: decoding it once and reading the pixels.
@@ -174,8 +178,7 @@ def residual_percent(rows: Floats) -> float:
 def cost_cells(run: Run[Config], way: str) -> pd.DataFrame:
     """Return the cells that Eq. 2 and 3 describe if the decoder passes pictures on in one mode."""
     table = cells(run)
-    modes = ["standard", "network", way]
-    return table[(table["codec"] == H264) & table["mode"].isin(modes)]
+    return table[table["mode"].isin(["standard", "network", way])]
 
 
 def cost_rows(table: pd.DataFrame) -> Floats:
@@ -192,7 +195,7 @@ def residual_table(run: Run[Config]) -> pd.DataFrame:
 
 @derived
 def cost_model(run: Run[Config], way: str = PAPERS) -> CostModel:
-    """Fit Eq. 2 and 3 to the cells of the colour stream, without any term that the paper does not have.
+    """Fit Eq. 2 and 3 to the cells, without any term that the paper does not have.
 
     Args:
         run: The run.
@@ -260,7 +263,7 @@ def reduction_by(run: Run[Config], way: str) -> Finding:
 @exp.claim("A-BW", how=How.LIVE)
 def bandwidth(run: Run[Config]) -> Finding:
     """Return what the consumer receives through the decoder with the most subscribers, and both slopes."""
-    table = readings(run).query("label == 'consumer' and codec == @H264 and mode == @PAPERS")
+    table = readings(run).query("label == 'consumer' and mode == @PAPERS")
     most = table["subscribers"].max()
     received = table[table["subscribers"] == most]["rx_mbit_s"].to_numpy(dtype=np.float64)
     standard = points(run, "standard", "rx")
@@ -297,7 +300,7 @@ def beside(percent: float) -> str:
 
 @derived
 def packets(run: Run[Config]) -> pd.DataFrame:
-    """Return one row per recorded message of the colour stream."""
+    """Return one row per recorded message of the stream."""
     rows = []
     for entry in run.messages(run.metadata("stream_h264")["topic"]):
         packet = entry.message
@@ -339,7 +342,7 @@ def stream_of_table_two(run: Run[Config]) -> Finding:
 
 @exp.figure("decode_once_h264", size=(10, 4.3))
 def draw_colour(figure: Figure, run: Run[Config]) -> None:
-    """Draw CPU and network load of the colour stream over the number of subscribers."""
+    """Draw CPU and network load over the number of subscribers."""
     cpu, net = figure.subplots(1, 2)
     each_mbit_s = paper("A-BW")
     each_percent = {"standard": paper("A-CPU-BASE"), PAPERS: paper("A-CPU-SFG", THROUGH)}
@@ -365,9 +368,8 @@ def draw_load(
         stated: The paper's slopes by mode.
         first: The paper's load of the first subscriber; None: the paper's lines begin at our first points.
     """
-    table = readings(run)
-    chosen = table[(table["label"] == "consumer") & (table["codec"] == H264)]
-    loads = chosen.groupby(["mode", "subscribers"])[column].agg(["mean", "std"])
+    consumer = readings(run).query("label == 'consumer'")
+    loads = consumer.groupby(["mode", "subscribers"])[column].agg(["mean", "std"])
     for mode, label in LABELS.items():
         load = loads.loc[mode]
         # The decoder's modes receive the same, so that one line is a frame of the other.

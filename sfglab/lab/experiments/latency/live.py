@@ -25,6 +25,7 @@ from sfglab.fleet.decoder.config import DecoderConfig
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.gop_config import GopCacheConfig
 from sfglab.fleet.router.config import RouterConfig
+from sfglab.lab.bench import as_row
 from sfglab.lab.cells import run_cells
 from sfglab.lab.experiments.latency.experiment import (
     GOP_S,
@@ -40,7 +41,6 @@ from sfglab.lab.experiments.latency.experiment import (
     groups_of,
 )
 from sfglab.lab.streams import FIRST_PICTURE_S, LINGER_S, StreamProcesses
-from sfglab.lab.workers.camera import CameraConfig
 from sfglab.processes import Member
 from sfglab.units import NS_PER_S
 
@@ -69,7 +69,6 @@ ROUTERS = {"router": ("edge", "outward"), "router 2": ("consumer", "inward")}
 In the other direction a path is always open: the GOP cache subscribes to a topic that may cross.
 """
 DOMAINS = {"edge": 41, "consumer": 42}
-_COUNTS = ("unreadable", "missed", "disordered", "broken")
 
 
 class Processes(StreamProcesses):
@@ -82,51 +81,41 @@ class Processes(StreamProcesses):
 
     def first_members(self) -> list[Member]:
         """Return camera, GOP caches, routers, viewer and decoders."""
-        config, own = self._config, self._own
-        places = [(self.shared("edge"), TOPICS["standard"])]
-        places += [(own("edge"), TOPICS[path]) for path in ("agent", *PAPER_PATHS)]
-        camera = CameraConfig(
-            places=tuple(places),
-            source=config.source,
-            seed=config.seed,
-            encoder=config.encoder,
-        )
-        module = "sfglab.lab.workers.camera"
-        members = [
-            Member(name="camera", host="edge", module=module, config=camera, ready="running")
-        ]
+        own = self._own
+        places = [(own("edge"), TOPICS[path]) for path in ("agent", *PAPER_PATHS)]
+        members = [self.camera((self.shared("edge"), TOPICS["standard"]), *places)]
+        started: list[tuple[str, str, str, Any]] = []
         caches = {"agent": own("edge"), "decoder": self.shared("edge")}
         for path, address in caches.items():
-            name, module = f"GOP cache of {path}", "sfglab.fleet.gop_cache"
             cache = GopCacheConfig(address=address, streams=(TOPICS[path],))
-            members.append(Member(name=name, host="edge", module=module, config=cache))
+            started.append((f"GOP cache of {path}", "edge", "sfglab.fleet.gop_cache", cache))
         for name, (host, _) in ROUTERS.items():
-            module, remote = "sfglab.fleet.router.node", self.shared(host)
             router = RouterConfig(
-                agent=host, local=own(host), remote=remote, idle_timeout_s=LINGER_S
+                agent=host, local=own(host), remote=self.shared(host), idle_timeout_s=LINGER_S
             )
-            members.append(Member(name=name, host=host, module=module, config=router))
-        module = "sfglab.lab.workers.viewer"
+            started.append((name, host, "sfglab.fleet.router.node", router))
         viewer = self.viewer_config(TOPICS["standard"], own("consumer"), joined=True)
-        members.append(Member(name="viewer", host="consumer", module=module, config=viewer))
+        started.append(("viewer", "consumer", "sfglab.lab.workers.viewer", viewer))
         for path in DECODER_PATHS:
-            module, decoder = "sfglab.fleet.decoder.node", self._decoder(path)
-            members.append(Member(name=path, host="consumer", module=module, config=decoder))
+            decoder = self._decoder(path)
+            started.append((path, "consumer", "sfglab.fleet.decoder.node", decoder))
+        for name, host, module, config in started:
+            members.append(Member(name=name, host=host, module=module, config=config))
         return members
 
     def _own(self, host: str) -> BusAddress:
         return BusAddress(domain_id=DOMAINS[host], interface="lo")
 
     def _decoder(self, path: str) -> DecoderConfig:
-        own = self._own("consumer")
+        own, is_ours = self._own("consumer"), path not in PAPER_PATHS
         return DecoderConfig(
             remote=self.shared("consumer") if path == "decoder" else own,
             local=own,
             streams=(TOPICS[path],),
             idle_timeout_s=LINGER_S,
-            replay=path not in PAPER_PATHS,
+            replay=is_ours,
             spare=path != "on_demand",
-            refill=path not in PAPER_PATHS,
+            refill=is_ours,
         )
 
     async def settle(self) -> None:
@@ -184,49 +173,35 @@ class Processes(StreamProcesses):
                 await asyncio.sleep(0.01)
         return seen["viewer"]
 
-    async def frames_until(self, number: int) -> list[tuple[int, int, int]]:
-        """Return the frames that the camera has sent, once it has reported a number."""
-        while self.sent[-1][0] < number:
-            await self["camera"].expect("sent", timeout_s=FIRST_PICTURE_S)
-        return self.sent
-
     async def measure(self, group: Group) -> dict[str, list[Any]]:
-        """Subscribe on each path of a group.
-
-        Returns:
-            Rows by table.
-        """
-        rows: dict[str, list[Any]] = {"camera": [], "sight": [], "look": []}
+        """Subscribe on each path of a group, and return rows by table."""
         # A replay begins with the key frame before the subscription.
         del self.sent[: -TABLE_2.gop]
         base = group.repeat * NUMBERS
-        newest = 0
-        for place, path in enumerate(group.paths):
+        looks, sights = [], []
+        for look, path in enumerate(group.paths, start=group.first):
             await self.wait_for_phase(group.phase)
             self.replayed = 0
             first = await self.subscribe(path)
             if path in STEADY_PATHS:
                 await asyncio.sleep(self._config.look_s)
             seen = await self.stop(path)
-            look = group.first + place
             for number, seen_ns in seen["sightings"]:
-                rows["sight"].append(SightRow(look=look, number=base + number, seen_ns=seen_ns))
-                newest = max(newest, number)
-            counts = {name: seen[name] for name in _COUNTS}
-            row = LookRow(
-                look=look,
-                repeat=group.repeat,
-                path=path,
-                ordered_ns=first["ordered_ns"],
-                first_ns=first["seen_ns"],
-                pictures=seen["frames"],
-                replay_packets=self.replayed,
-                **counts,
-            )
-            rows["look"].append(row)
-        for number, stamp_ns, _ in await self.frames_until(newest):
-            rows["camera"].append(ShotRow(number=base + number, stamp_ns=stamp_ns))
-        return rows
+                sights.append(SightRow(look=look, number=base + number, seen_ns=seen_ns))
+            row = {
+                "look": look,
+                "repeat": group.repeat,
+                "path": path,
+                "first_ns": first["seen_ns"],
+                "pictures": seen["frames"],
+                "replay_packets": self.replayed,
+            }
+            looks.append(as_row(LookRow, row, first, seen))
+        # A viewer's report comes after those of the frames that it has seen.
+        shots = [
+            ShotRow(number=base + number, stamp_ns=stamp_ns) for number, stamp_ns, _ in self.sent
+        ]
+        return {"camera": shots, "sight": sights, "look": looks}
 
 
 @exp.part("looks", total=lambda config: config.repeats)
@@ -239,10 +214,6 @@ async def measure_groups(bench: Bench[Config]) -> None:
         encoders.add(processes.encoder)
         return await processes.measure(group)
 
-    def write(rows: dict[str, list[Any]]) -> None:
-        for table, measured in rows.items():
-            bench.write_all(table, measured)
-
     await run_cells(
         bench,
         "looks",
@@ -250,7 +221,6 @@ async def measure_groups(bench: Bench[Config]) -> None:
         stage_of=lambda _: "all",
         start=lambda _: Processes(config, bench.testbed),
         play=play,
-        write=write,
-        at_once=1,
+        by_table=True,
     )
     bench.metadata("stream", {"encoder": ", ".join(sorted(encoders)), "gop_s": GOP_S})
