@@ -4,30 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sfglab.fleet.discovery.config import Timing
 from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.lab.bench import TableRow
-from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.units import NS_PER_S
+from sfglab.lab.experiment import Experiment, Profiled
 
 ROBOT, STATION = "robot", "station"
 """The two hosts. The station is also the agent whose discoverer is led through its table."""
 
 
-def timing(backoff_s: float) -> Timing:
-    """Return short waits of a discoverer; `backoff_s` is the first wait after a failed query, s."""
-    return Timing(
-        slack_ns=300_000_000,
-        backoff_ns=round(backoff_s * NS_PER_S),
-        backoff_max_ns=2 * round(backoff_s * NS_PER_S),
-        # Longer than the process of a lost agent takes to start again.
-        forget_ns=3 * NS_PER_S,
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """Agents, periods and waits of the run."""
+    """Agents and periods of the run."""
 
     #: Number of status providers whose heartbeats are timed, each behind a router, as in the paper.
     #: Transitions are run without routers.
@@ -38,14 +25,17 @@ class Config(Profiled):
     steady_beats: int = 3  #: Number of intervals in the steady state that are timed per agent.
     #: Largest deviation of a median period from the announced or stated one, relative to it.
     tolerance: float = 0.05
-    walker_period_s: float = 0.5  #: Period of the agent that is stopped and killed, s.
-    #: Waits of the discoverer that is led through its table: short, so that the run takes seconds.
-    timing: Timing = field(default_factory=lambda: timing(1.0))
-    query_timeout_s: float = 1.0  #: Time limit of its queries, s.
-    #: Number of attempts at a transition that was missed, as happens on a machine that stalls.
-    attempts: int = 3
     seed: int = 0  #: Without effect; nothing is random.
 
+
+_FORMER_TIMING = {
+    "missed": 3.0,
+    "slack_ns": 300_000_000,
+    "backoff_ns": 1_000_000_000,
+    "backoff_max_ns": 2_000_000_000,
+    "forget_ns": 3_000_000_000,
+}
+"""Removed field ``timing``; these are still the waits of the run."""
 
 exp = Experiment(
     "lifecycle",
@@ -55,33 +45,16 @@ exp = Experiment(
         "agents": 2,
         "schedule": Schedule(startup_period_s=0.1, steady_period_s=0.5, startup_s=0.5),
         "tolerance": 0.2,
-        "walker_period_s": 0.3,
-        "timing": timing(0.6),
-        "query_timeout_s": 0.6,
     },
-    paper={"agents": 6, "schedule": Schedule(), "steady_beats": 24, "walker_period_s": 1.0},
+    paper={"agents": 6, "schedule": Schedule(), "steady_beats": 24},
     hosts=(ROBOT, STATION),
-    actors=(
-        Actor(
-            "status provider", ROBOT, "sends heartbeats, serves its metadata", count="agents + 1"
-        ),
-        Actor("router", ROBOT, "joins the agent's domain with the global one", count="agents"),
-        Actor("made-up agents", ROBOT, "send heartbeats and answer as ordered, or do not"),
-        Actor("discoverer", STATION, "follows its table"),
-        Actor("listener", STATION, "records heartbeats and events", count="2, one joins late"),
-    ),
-    links=(
-        Link("status provider", "router", "heartbeats, metadata"),
-        Link("router", "listener", "heartbeats, metadata", boundary="domain, network"),
-        Link("listener", "router", "metadata calls", boundary="domain, network"),
-        Link("router", "status provider", "metadata calls"),
-        Link("status provider", "discoverer", "heartbeats, metadata", boundary="network"),
-        Link("discoverer", "status provider", "metadata calls", boundary="network"),
-        Link("made-up agents", "discoverer", "heartbeats, metadata", boundary="network"),
-        Link("discoverer", "made-up agents", "metadata calls", boundary="network"),
-        Link("discoverer", "listener", "discovery events"),
-    ),
-    removed={"routed": {"quick": True, "paper": True}},
+    removed={
+        "routed": {"quick": True, "paper": True},
+        "walker_period_s": {"quick": 0.5, "paper": 1.0},
+        "timing": {"quick": _FORMER_TIMING, "paper": _FORMER_TIMING},
+        "query_timeout_s": {"quick": 1.0, "paper": 1.0},
+        "attempts": {"quick": 3, "paper": 3},
+    },
 )
 
 

@@ -13,7 +13,7 @@ from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
+from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings, Timing
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Announced, Input, State
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
 from sfglab.fleet.router.config import RouterConfig
@@ -56,6 +56,18 @@ FIRST_LOCAL_DOMAIN = 94  #: Domain of the first agent behind a router, on its ho
 WALKER = "walker"  #: The agent with a status provider of its own; all others are made up.
 MADE_UP = "made-up agents"  #: Name of the process that plays them.
 PLACES = 40  #: Places in the discoverer's table.
+#: Waits of the discoverer: short, so that the run takes seconds.
+TIMING = Timing(
+    slack_ns=300_000_000,
+    backoff_ns=1_000_000_000,
+    backoff_max_ns=2_000_000_000,
+    # Longer than the process of a lost agent takes to start again.
+    forget_ns=3_000_000_000,
+)
+QUERY_TIMEOUT_S = 1.0  #: Time limit of the discoverer's queries, s.
+WALKER_PERIOD_S = 0.5  #: Period of the walker's heartbeats, s.
+#: Number of attempts at a transition that was missed, as happens on a machine that stalls.
+ATTEMPTS = 3
 STEP_S = 60.0  #: Longest time of a step.
 CALL_S = 10.0  #: Time limit of a call of a metadata service, s.
 LONG_S = 30.0  #: Announced period of a made-up agent whose silence must not be noticed, s.
@@ -207,21 +219,20 @@ async def call_services(stage: Stage, agents: Sequence[str]) -> None:
 @exp.part("transitions")
 async def lead_discoverer(bench: Bench[Config]) -> None:
     """Lead a discoverer through its table, with a real status provider and with made-up agents."""
-    config = bench.config
     async with Stage(bench) as stage:
         settings = DiscoverySettings(
             agent=STATION,
             max_queries=32,
             use_published_descriptions=False,
-            timing=config.timing,
+            timing=TIMING,
             max_agents=PLACES,
-            query_timeout_s=config.query_timeout_s,
+            query_timeout_s=QUERY_TIMEOUT_S,
         )
         discovery = DiscoveryConfig(
             address=stage.address(STATION), settings=settings, report_moves=True
         )
         made_up = PeerConfig(
-            name="made_up", address=stage.address(ROBOT), late_s=1.5 * config.query_timeout_s
+            name="made_up", address=stage.address(ROBOT), late_s=1.5 * QUERY_TIMEOUT_S
         )
         await stage.start(
             stage.listener("first", discovery_topic(STATION)),
@@ -366,7 +377,7 @@ async def play_scripts(stage: Stage) -> None:
         await puppet.is_announced(announced)
         await script(puppet, announced)
 
-    for attempt in range(stage.bench.config.attempts):
+    for attempt in range(ATTEMPTS):
         plays = []
         for number, (script, announced) in enumerate(SCRIPTS):
             puppet = Agent(f"puppet{number}_{attempt}", stage)
@@ -380,8 +391,9 @@ async def play_scripts(stage: Stage) -> None:
 
 async def walk(stage: Stage) -> None:
     """Change, stop, continue, kill and restart the status provider of a real agent."""
-    period_s = stage.bench.config.walker_period_s
-    schedule = Schedule(startup_period_s=period_s, steady_period_s=period_s, startup_s=0)
+    schedule = Schedule(
+        startup_period_s=WALKER_PERIOD_S, steady_period_s=WALKER_PERIOD_S, startup_s=0
+    )
     member = status_provider(WALKER, schedule, stage.address(ROBOT))
     track = Agent(WALKER, stage)
     await stage.start(member)
