@@ -1,4 +1,4 @@
-"""Run the experiment `ros2` into its committed logs, and renew its figures: ``make ros2``.
+"""Run the experiment `ros2` into its committed logs: ``make ros2``.
 
     python tests/ros2/record.py PROFILE [PART ...]
 
@@ -19,7 +19,6 @@ from mcap.writer import Writer
 import sfglab
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments import ros2, transmission
-from sfglab.lab.ledger import redraw_figures
 from sfglab.lab.paths import find_project
 
 
@@ -37,7 +36,6 @@ async def record(profile, *parts):
         if not run.skipped(own):
             pack(path, project.reference_logs / path.name)
         path.unlink()
-    redraw_figures(project, ["ros2"])
 
 
 def pack(source: Path, target: Path) -> None:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import numpy as np
 
 from sfglab.fields import Bounds, between
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
 STANDARD: Final = "standard"
 #: The paper's method: the start order launches all processes of an agent, and agents query each
@@ -53,28 +56,20 @@ _FEW = tuple(
 )
 
 
-def _former_fleet(mode: str, agents: list[int], nodes: int, repeats: int) -> dict[str, Any]:
-    """Return fleets of one mode of the removed field ``ros2`` as logs have it."""
-    size = {"agents": agents, "talkers": nodes, "listeners": nodes}
-    return {"mode": mode, **size, "repeats": repeats, "pace_s": 0.0}
-
-
-def _former_fleets(repeats: int, *sizes: tuple[int, int]) -> list[dict[str, Any]]:
-    """Return the fleets of each mode that the field compared; a size is agents and nodes of a role."""
-    counts = {"standard ROS 2": repeats, STANDARD: repeats, ROUTED: 1}
-    pairs = product(sizes, counts.items())
-    return [_former_fleet(mode, [size[0]], size[1], count) for size, (mode, count) in pairs]
-
-
-_COMPOSED = "standard ROS 2, composed"
-_FORMER_ROS2 = {
-    "quick": [*_former_fleets(2, (2, 10), (4, 3)), _former_fleet(_COMPOSED, [6], 10, 1)],
-    "paper": [
-        *_former_fleets(20, (2, 10), (3, 6), (4, 3), (6, 2)),
-        _former_fleet(_COMPOSED, [*_FLEETS], 10, 20),
-    ],
-}
-"""The removed field ``ros2``, by profile."""
+def _former_ros2(
+    repeats: int, sizes: Mapping[int, int], composed: Sequence[int], starts: int
+) -> list[dict[str, Any]]:
+    """Return the removed field ``ros2`` as logs have it; `sizes` are nodes of a role by agents."""
+    fleets = []
+    for agents, nodes in sizes.items():
+        for mode, count in (("standard ROS 2", repeats), (STANDARD, repeats), (ROUTED, 1)):
+            fleets.append((mode, [agents], nodes, count))
+    fleets.append(("standard ROS 2, composed", [*composed], 10, starts))
+    names = ("mode", "agents", "talkers", "listeners", "repeats", "pace_s")
+    return [
+        dict(zip(names, (mode, agents, nodes, nodes, count, 0.0), strict=True))
+        for mode, agents, nodes, count in fleets
+    ]
 
 
 def paced(repeats: int, sizes: tuple[int, ...]) -> tuple[Stage, ...]:
@@ -151,12 +146,6 @@ def cells_of(stages: tuple[Stage, ...], seed: int) -> list[Cell]:
     return [cell for group in ordered for cell in group]
 
 
-def hosts_of(config: Config) -> list[str]:
-    """Return the names of the hosts that the largest live fleet needs."""
-    sizes = [max(stage.agents) for stage in config.stages]
-    return host_names(max(sizes, default=0))
-
-
 exp = Experiment(
     "discovery",
     Config,
@@ -182,7 +171,7 @@ exp = Experiment(
         "simulated": Scale(agents=(2, 3, 4, 5, 6, 10, 15, 20, 25), repeats=5),
         "timeout_s": 300.0,
     },
-    hosts=hosts_of,
+    hosts=lambda config: host_names(max((max(one.agents) for one in config.stages), default=0)),
     actors=(
         Actor(
             "nodes",
@@ -202,7 +191,12 @@ exp = Experiment(
         Link("router", "discoverer", "peers' heartbeats, descriptions"),
         Link("router", "peers", "with routers: heartbeats, description", boundary="the network"),
     ),
-    removed={"ros2": _FORMER_ROS2},
+    removed={
+        "ros2": {
+            "quick": _former_ros2(2, {2: 10, 4: 3}, [6], 1),
+            "paper": _former_ros2(20, {2: 10, 3: 6, 4: 3, 6: 2}, _FLEETS, 20),
+        },
+    },
 )
 
 
@@ -212,8 +206,7 @@ class FleetRow(Cell, TableRow):
 
     cell: int  #: Counter from 0.
     window_s: float  #: Time from the first start order to the last reading of the meters, s.
-    nodes_cpu_s: float  #: CPU time of the ROS 2 nodes in that window, s.
-    components_cpu_s: float  #: CPU time of routers, status providers and discoverers, s.
+    cpu_s: float  #: CPU time of all processes of the fleet in that window, s.
 
 
 @exp.table("host")
@@ -225,7 +218,8 @@ class HostRow(TableRow):
     resolved_s: float  #: Time from the last start order until it had discovered its peers, s.
     #: Whether it was given up; `resolved_s` is then the time that was waited.
     censored: bool
-    own_bytes: float  #: Bytes received at its interface from the first start order until then.
+    #: Bytes received at its interface from the first start order until it reported that.
+    own_bytes: float
 
 
 @exp.table("simulated")

@@ -8,17 +8,12 @@ only.
 from __future__ import annotations
 
 import asyncio
-import math
 import time
-from contextlib import suppress
-from dataclasses import asdict, replace
-from functools import partial
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from sfglab.bus.address import BusAddress
-from sfglab.component import beside, end_tasks
+from sfglab.component import end_tasks
 from sfglab.fleet.discovery.config import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
@@ -39,20 +34,19 @@ from sfglab.processes import Member, ProcessGroup
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
+    from sfglab.component import Report
     from sfglab.lab.bench import Bench
-    from sfglab.lab.testbed import CountsBytes, Testbed
+    from sfglab.lab.testbed import Testbed
 
 GLOBAL_DOMAIN = 0
 LOAD_S = 300.0  #: Longest time until all processes are loaded, s.
-PERIOD_S = 0.02  #: Time between two readings of the interfaces' counters, s.
 ROUTER, STATUS, DISCOVERER = (
     "sfglab.fleet.router.node",
     "sfglab.fleet.status.node",
     "sfglab.fleet.discovery.node",
 )
 """Components of a routed agent."""
+_IDLE = "sfglab.lab.workers.idle"
 _NEVER = "never"  #: Kind of report that no process sends.
 NODES = ", nodes"  #: End of the names of processes with ROS 2 nodes.
 
@@ -64,24 +58,13 @@ async def start_fleets(bench: Bench[Config]) -> None:
         return
     for number, cell in enumerate(cells_of(bench.config.stages, bench.config.seed)):
         async with LiveFleet(cell, bench.testbed, multicast=bench.config.multicast) as fleet:
-            hosts, meters = await fleet.measure(bench.config.timeout_s, cell=number)
+            hosts, load = await fleet.measure(bench.config.timeout_s, cell=number)
         bench.write_all("host", hosts)
-        nodes, components = meters["nodes"], meters["components"]
-        row = FleetRow(
-            cell=number,
-            **asdict(cell),
-            window_s=nodes.window_s,
-            nodes_cpu_s=cpu_s(nodes),
-            components_cpu_s=cpu_s(components),
-        )
+        cpu_s = (load.cpu_percent or 0.0) / 100 * load.window_s
+        row = FleetRow(cell=number, **asdict(cell), window_s=load.window_s, cpu_s=cpu_s)
         # Last, so that a cell that is in the log is complete.
         bench.write(row)
         bench.advance(f"{cell.mode} {cell.agents}")
-
-
-def cpu_s(meter: MeterRow) -> float:
-    """Return the CPU time in the window of a meter, s; NaN without processes."""
-    return math.nan if meter.cpu_percent is None else meter.cpu_percent / 100 * meter.window_s
 
 
 class LiveFleet(ProcessGroup):
@@ -97,9 +80,15 @@ class LiveFleet(ProcessGroup):
         self._testbed = testbed
         self._multicast = multicast
         self._is_launched = cell.mode == LAUNCHED
+        self._is_routed = cell.mode in (ROUTED, LAUNCHED)
         self._agents = {host: self.processes_of(n, host) for n, host in enumerate(self.hosts, 1)}
         idle = [] if self._is_launched else [m for each in self._agents.values() for m in each]
-        super().__init__(idle, wrap_command=testbed.argv, start_s=LOAD_S)
+        #: Time at which an agent had discovered its peers, ns since the epoch, and what its interface
+        #: had received when it reported so, by host.
+        self.resolved: dict[str, tuple[int, int]] = {}
+        self._peers: dict[str, set[str]] = {host: set() for host in self.hosts}
+        self._is_complete = asyncio.Event()
+        super().__init__(idle, wrap_command=testbed.argv, on_report=self._take, start_s=LOAD_S)
 
     @property
     def start_order(self) -> dict[str, Any]:
@@ -111,89 +100,80 @@ class LiveFleet(ProcessGroup):
             "listeners": self._cell.listeners,
         }
 
-    def pids(self, *, nodes: bool) -> list[int]:
-        """Return the process ids of the ROS 2 nodes, or of routers, status providers and discoverers."""
-        return [self[name].pid for name in self if name.endswith(NODES) is nodes]
-
-    async def measure(
-        self, timeout_s: float, *, cell: int = 0
-    ) -> tuple[list[HostRow], dict[str, MeterRow]]:
+    async def measure(self, timeout_s: float, *, cell: int = 0) -> tuple[list[HostRow], MeterRow]:
         """Start the fleet, and measure until it is complete, or given up some seconds after the last order.
 
         Returns:
-            One row per agent with the counter of the cell, and the reading of the meters by label.
+            One row per agent with the counter of the cell, and the CPU of all processes.
 
         Raises:
             ProcessFailedError: A process failed.
         """
-        ingress = Ingress([self._testbed.meter(host) for host in self.hosts])
-        pids = {
-            "nodes": partial(self.pids, nodes=True),
-            "components": partial(self.pids, nodes=False),
-        }
-        window = Window(cpu=pids, interfaces={})
-        ingress.read()
-        window.sample(time.time_ns())
-        begin_ns = time.time_ns()
-        async with beside(ingress.run()):
-            ordered_ns, resolved_ns = await self.discover(timeout_s)
-        self.check()
-        ingress.read()
+        load = Window(cpu={"fleet": lambda: [self[name].pid for name in self]}, interfaces={})
+        before = {host: self.received_bytes(host) for host in self.hosts}
+        load.sample(time.time_ns())
+        ordered_ns = await self.order_starts()
+        await self.wait_until_complete(timeout_s)
         given_up_ns = time.time_ns()
-        meters = {row.label: row for row in window.sample(given_up_ns)}
+        [used] = load.sample(given_up_ns)
         rows = []
-        for host, at_ns in enumerate(resolved_ns):
-            end_ns = given_up_ns if at_ns is None else at_ns
+        for number, host in enumerate(self.hosts):
+            given_up = given_up_ns, self.received_bytes(host)
+            end_ns, received = self.resolved.get(host, given_up)
             row = HostRow(
                 cell=cell,
-                host=host,
+                host=number,
                 resolved_s=(end_ns - ordered_ns) / NS_PER_S,
-                censored=at_ns is None,
-                own_bytes=ingress.between(host, begin_ns, end_ns),
+                censored=host not in self.resolved,
+                own_bytes=float(received - before[host]),
             )
             rows.append(row)
-        return rows, meters
+        return rows, used
 
-    async def discover(self, timeout_s: float) -> tuple[int, list[int | None]]:
-        """Order all starts, and wait until each agent has discovered its peers.
+    def received_bytes(self, host: str) -> int:
+        """Return what the interface of a host has received so far, bytes."""
+        return self._testbed.meter(host).interface_bytes().rx_bytes
 
-        Args:
-            timeout_s: Longest wait after the last order, s.
-
-        Returns:
-            Time of the last order, and the time at which each agent was complete, ns since the epoch;
-            None for an agent that was not complete in time.
-
-        Raises:
-            ProcessFailedError: A process failed.
-        """
-        orders_ns, starts = [], []
+    async def order_starts(self) -> int:
+        """Order the agents' starts at the cell's pace; return the time of the last order, ns since the epoch."""
+        starts = []
         begin_s = time.monotonic()
         for number, host in enumerate(self.hosts):
             await asyncio.sleep(begin_s + number * self._cell.pace_s - time.monotonic())
-            orders_ns.append(time.time_ns())
+            ordered_ns = time.time_ns()
             starts.append(asyncio.create_task(self._begin(host)))
         await asyncio.gather(*starts)
-        wait = asyncio.create_task(self._resolved(timeout_s))
-        watch = asyncio.create_task(self._watch())
+        return ordered_ns
+
+    async def wait_until_complete(self, timeout_s: float) -> None:
+        """Return when each agent has discovered its peers, or after a time limit.
+
+        Raises:
+            ProcessFailedError: A process failed.
+        """
+        failure = asyncio.create_task(self.expect(_NEVER, timeout_s=None))
+        complete = asyncio.create_task(self._is_complete.wait())
         try:
-            await asyncio.wait([wait, watch], return_when=asyncio.FIRST_COMPLETED)
-            if watch.done():
-                await watch
-            return max(orders_ns), await wait
+            await asyncio.wait(
+                [failure, complete], timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
+            )
+            if failure.done():
+                await failure
         finally:
-            await end_tasks(wait, watch)
+            await end_tasks(failure, complete)
 
-    async def _resolved(self, timeout_s: float) -> list[int | None]:
-        """Return the time at which each agent had discovered its peers."""
-        waits = [self._within(timeout_s, host) for host in self.hosts]
-        return list(await asyncio.gather(*waits))
-
-    async def _watch(self) -> None:
-        """Raise `ProcessFailedError` when a process fails that `_within` does not follow."""
-        awaited = {members[-1].name for members in self._agents.values()}
-        names = [name for name in self if name not in awaited]
-        await self.expect(_NEVER, names, timeout_s=None)
+    def _take(self, name: str, report: Report) -> None:
+        """Take the reports of nodes that know all others, and of discoverers that announce a peer."""
+        host, _, _ = name.partition(", ")
+        # Nodes behind a router have no peers to discover.
+        knows_all = report["is"] == "resolved" and not self._is_routed
+        if report["is"] == "event" and report["event"] == "DISCOVERED":
+            self._peers[host].add(report["agent"])
+            knows_all = len(self._peers[host]) == len(self.hosts) - 1
+        if knows_all:
+            self.resolved.setdefault(host, (report["t_ns"], self.received_bytes(host)))
+        if len(self.resolved) == len(self.hosts):
+            self._is_complete.set()
 
     async def _begin(self, host: str) -> None:
         """Order an agent's start; its processes are launched if they do not exist."""
@@ -209,31 +189,9 @@ class LiveFleet(ProcessGroup):
 
         await asyncio.gather(begin_nodes(), *map(self.start, components))
 
-    async def _within(self, timeout_s: float, host: str) -> int | None:
-        """Return the time at which an agent had discovered its peers; None: not in time."""
-        nodes, *components = self._agents[host]
-        with suppress(TimeoutError):
-            async with asyncio.timeout(timeout_s):
-                if components:
-                    return await self._announced(components[-1].name)
-                report = await self[nodes.name].expect("resolved", timeout_s=None)
-                return int(report["t_ns"])
-        return None
-
-    async def _announced(self, discoverer: str) -> int:
-        """Return the time at which a discoverer had announced each peer."""
-        found: set[str] = set()
-        while True:
-            event = await self[discoverer].expect("event", timeout_s=None)
-            if event["event"] == "DISCOVERED":
-                found.add(event["agent"])
-            if len(found) == len(self.hosts) - 1:
-                return int(event["t_ns"])
-
     def processes_of(self, number: int, host: str) -> list[Member]:
         """Return the processes of an agent, its nodes first."""
         cell, name = self._cell, host + NODES
-        is_routed = cell.mode in (ROUTED, LAUNCHED)
         remote = BusAddress(
             domain_id=GLOBAL_DOMAIN,
             interface=self._testbed.interface(host),
@@ -242,14 +200,14 @@ class LiveFleet(ProcessGroup):
         local = BusAddress(domain_id=GLOBAL_DOMAIN + number, interface="lo")
         nodes = RosNodesConfig(
             namespace=f"/{host}",
-            address=local if is_routed else remote,
+            address=local if self._is_routed else remote,
             talkers=cell.talkers,
             listeners=cell.listeners,
-            peers=0 if is_routed else cell.agents - 1,
+            peers=0 if self._is_routed else cell.agents - 1,
         )
         module = "sfglab.lab.workers.ros_nodes"
         members = [Member(name=name, host=host, module=module, config=nodes)]
-        if is_routed:
+        if self._is_routed:
             members += self._components(host, local, remote)
         return members
 
@@ -264,44 +222,17 @@ class LiveFleet(ProcessGroup):
             STATUS: StatusConfig(address=local, settings=status, detect=False),
             DISCOVERER: DiscoveryConfig(address=local, settings=discovery),
         }
+        # A launched process starts at once; others are loaded, and start when they are ordered to.
+        ready, through = ("ready", "") if self._is_launched else ("idle", _IDLE)
         members = []
         for module, config in configs.items():
-            member = Member(name=f"{host}, {module}", host=host, module=module, config=config)
-            if not self._is_launched:
-                member = replace(member, ready="idle", through="sfglab.lab.workers.idle")
+            member = Member(
+                name=f"{host}, {module}",
+                host=host,
+                module=module,
+                config=config,
+                ready=ready,
+                through=through,
+            )
             members.append(member)
         return members
-
-
-class Ingress:
-    """Bytes that interfaces have received, over time.
-
-    Each reading has a time stamp of its own. Where a busy machine delays readings, only the
-    resolution suffers.
-    """
-
-    def __init__(self, meters: Sequence[CountsBytes]) -> None:
-        self._meters = meters
-        self._readings: list[list[tuple[int, int]]] = [[] for _ in meters]
-
-    def read(self) -> None:
-        """Read all counters once."""
-        for meter, readings in zip(self._meters, self._readings, strict=True):
-            received = meter.interface_bytes().rx_bytes
-            readings.append((time.time_ns(), received))
-
-    async def run(self) -> None:
-        """Read until cancelled."""
-        while True:
-            self.read()
-            await asyncio.sleep(PERIOD_S)
-
-    def between(self, place: int, start_ns: int, end_ns: int) -> float:
-        """Return the bytes that an interface received between two times, ns since the epoch.
-
-        Between readings they are interpolated. `place` is that of the interface among the meters.
-        """
-        times_ns, received = np.array(self._readings[place], dtype=np.int64).T
-        ends_s = (0.0, (end_ns - start_ns) / NS_PER_S)
-        first, last = np.interp(ends_s, (times_ns - start_ns) / NS_PER_S, received - received[0])
-        return float(last - first)

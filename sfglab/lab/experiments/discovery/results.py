@@ -32,7 +32,7 @@ from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, Floats, bootstrap
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -54,12 +54,11 @@ RECEIVED_MB = "MB received by standard"  #: Key of ours.
 @derived
 def agents_of(run: Run[Config]) -> pd.DataFrame:
     """Return one row per agent of the live fleets, with its fleet's columns, `nodes` and `cpu_s`."""
-    # Earlier logs have further columns with the names of those of agents.
+    # Earlier logs have further columns with the names of those of agents, and the CPU time in two parts.
     cells = run["cell"].drop(columns=[TIME, "censored"], errors="ignore")
-    fleets = cells.assign(
-        nodes=cells["talkers"] + cells["listeners"],
-        cpu_s=cells["nodes_cpu_s"] + cells["components_cpu_s"],
-    )
+    if "cpu_s" not in cells:
+        cells["cpu_s"] = cells["nodes_cpu_s"] + cells["components_cpu_s"]
+    fleets = cells.assign(nodes=cells["talkers"] + cells["listeners"])
     return run["host"].merge(fleets, on="cell")
 
 
@@ -72,30 +71,38 @@ def main_nodes(run: Run[Config]) -> int:
 @derived
 def main_fleets(run: Run[Config]) -> pd.DataFrame:
     """Return the rows of `agents_of` of fleets with the most nodes per agent."""
-    table = agents_of(run)
-    is_largest: pd.Series[bool] = table["nodes"] == table["nodes"].max()
-    return table[is_largest]
+    return agents_of(run).query("nodes == nodes.max()")
 
 
 def samples(rows: pd.DataFrame, column: str) -> Floats:
-    """Return a column of agents of fleets of one size, shape (fleets, agents)."""
-    return rows.pivot_table(column, "cell", "host").to_numpy(dtype=np.float64)
+    """Return a column of agents of fleets of one size as it is resampled, shape (n, ...).
+
+    Rows are whole fleets, because the agents of a fleet are not independent. The interval of a single
+    fleet is one of its agents.
+    """
+    table = rows.pivot_table(column, "cell", "host").to_numpy(dtype=np.float64)
+    return table if len(table) > 1 else table.T
+
+
+def at_pace(run: Run[Config], mode: str, agents: int) -> pd.DataFrame:
+    """Return the agents of main fleets of one size that were started at a pace."""
+    table = main_fleets(run)
+    return table[(table["mode"] == mode) & (table["agents"] == agents) & (table["pace_s"] > 0)]
 
 
 def by_pace(run: Run[Config], mode: str, agents: int, column: str) -> list[Floats]:
     """Return the samples of main fleets of one size that were started at a pace, the fastest pace first."""
-    table = main_fleets(run)
-    of_size = table[(table["mode"] == mode) & (table["agents"] == agents)]
-    at_pace = of_size[of_size["pace_s"] > 0].groupby("pace_s")
-    return [samples(rows, column) for _, rows in at_pace]
+    paces = at_pace(run, mode, agents).groupby("pace_s")
+    return [samples(rows, column) for _, rows in paces]
 
 
 def by_nodes(run: Run[Config]) -> list[Few]:
     """Return what agents of standard fleets with fewer nodes received, by their number of nodes."""
-    table = agents_of(run)
-    of_size = table[(table["mode"] == STANDARD) & (table["agents"] == PAPERS_LARGEST)]
-    few: Any = of_size[of_size["nodes"] < table["nodes"].max()].groupby("nodes")
-    return [(int(nodes), samples(rows, BYTES)) for nodes, rows in few]
+    few = agents_of(run).query(
+        "mode == @STANDARD and agents == @PAPERS_LARGEST and nodes < nodes.max()"
+    )
+    by_number: Any = few.groupby("nodes")
+    return [(int(nodes), samples(rows, BYTES)) for nodes, rows in by_number]
 
 
 def fleet_table(run: Run[Config]) -> pd.DataFrame:
@@ -136,36 +143,31 @@ def endpoints(mode: str, agents: Any, nodes: int) -> Any:
 # --- Claims -----------------------------------------------------------------------------------
 
 
-def draws(table: Floats) -> Floats:
-    """Return what is resampled: whole fleets, or the agents of the only fleet, as rows.
+def extrapolated(wanted: int, less: Few, more: Few) -> float:
+    """Return the median of the bytes that agents with a number of nodes receive.
 
-    The agents of a fleet are not independent. The interval of a single fleet is one of its agents.
+    The bytes per node are on the line through those with two known numbers of nodes.
     """
-    return table if len(table) > 1 else table.reshape(-1, 1)
-
-
-def at_nodes(wanted: int, less: tuple[int, float], more: tuple[int, float]) -> float:
-    """Return the bytes of agents with a number of nodes; bytes per node are on the line through two known ones."""
-    (few, low), (many, high) = less, more
-    slope = (high / many - low / few) / (many - few)
-    return wanted * (low / few + slope * (wanted - few))
+    (few, received_by_few), (many, received_by_many) = less, more
+    low = float(np.median(received_by_few)) / few
+    high = float(np.median(received_by_many)) / many
+    return wanted * (low + (high - low) / (many - few) * (wanted - few))
 
 
 def fewer_bytes(less: Few, more: Few, wanted: int, routed: Floats) -> Estimate:
     """Estimate how much less routed agents receive than standard ones with a number of nodes."""
 
     def orders(groups: Sequence[Floats]) -> float:
-        low, high, own = (float(np.median(group)) for group in groups)
-        return float(np.log10(at_nodes(wanted, (less[0], low), (more[0], high)) / own))
+        standard = extrapolated(wanted, (less[0], groups[0]), (more[0], groups[1]))
+        return float(np.log10(standard / np.median(groups[2])))
 
-    groups = [draws(less[1]), draws(more[1]), draws(routed)]
+    groups = [less[1], more[1], routed]
     return bootstrap(groups, orders, unit="orders of magnitude fewer bytes")
 
 
-def median_time(table: Floats) -> Estimate:
-    """Estimate the median discovery time of fleets of the paper's largest size."""
-    unit = f"s at {PAPERS_LARGEST} agents"
-    return bootstrap([draws(table)], lambda drawn: float(np.median(drawn[0])), unit=unit)
+def median(groups: Sequence[Floats]) -> float:
+    """Return the median of the only group of samples."""
+    return float(np.median(groups[0]))
 
 
 def time_of(run: Run[Config], mode: str) -> Finding | None:
@@ -173,15 +175,14 @@ def time_of(run: Run[Config], mode: str) -> Finding | None:
     times = by_pace(run, mode, PAPERS_LARGEST, TIME)
     if not times:
         return None
-    estimates = [median_time(each) for each in times]
+    unit = f"s at {PAPERS_LARGEST} agents"
+    estimates = [bootstrap([each], median, unit=unit) for each in times]
     ends = {}
     if few := by_pace(run, mode, 2, TIME):
-        few_s = float(np.median(few[0]))
+        few_s = median(few)
         ends["s at 2 agents"] = few_s
         ends["times as long at 6 agents as at 2"] = estimates[0].value / few_s
-    table = main_fleets(run)
-    paced = table[(table["agents"] == PAPERS_LARGEST) & (table["pace_s"] > 0)]
-    agents = paced[paced["mode"] == mode]
+    agents = at_pace(run, mode, PAPERS_LARGEST)
     cpu_s = agents.drop_duplicates("cell")["cpu_s"].median() / PAPERS_LARGEST
     reason = (
         f"starting one agent takes {cpu_s:.1f} s of CPU on this machine, which all agents share"
@@ -211,9 +212,8 @@ def bytes_of(run: Run[Config], mode: str) -> Finding | None:
     for name, received in zip([SLOWER], routed[1:], strict=False):
         under[name] = fewer_bytes(few[0], few[1], wanted, received)
     estimate = fewer_bytes(few[0], few[1], wanted, routed[0])
-    own_kb = float(np.median(routed[0])) / 1e3
-    known = [(nodes, float(np.median(received))) for nodes, received in few[:2]]
-    standard_mb = at_nodes(wanted, *known) / 1e6
+    own_kb = median(routed) / 1e3
+    standard_mb = extrapolated(wanted, *few[:2]) / 1e6
     paper_mb = paper("A-DISC-BYTES", STANDARD_MB)
     paper_kb = 1e3 * paper_mb / 10 ** paper("A-DISC-BYTES")
     return Finding(
@@ -259,8 +259,7 @@ _STAR: dict[str, Any] = {"marker": "*", "markersize": 13, "linestyle": "", "fill
 
 def drawn_fleets(run: Run[Config]) -> pd.DataFrame:
     """Return the agents that Fig. 9 shows: standard fleets, and others at their fastest pace."""
-    table = main_fleets(run)
-    table = table[(table["pace_s"] > 0) | (table["mode"] == STANDARD)]
+    table = main_fleets(run).query("pace_s > 0 or mode == @STANDARD")
     fastest_s = table.groupby(["mode", "agents"])["pace_s"].transform("min")
     return table[table["pace_s"] == fastest_s]
 
@@ -270,30 +269,30 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the discovery time and received bytes of each agent of the live fleets, and the paper's values."""
     fleets = drawn_fleets(run)
     time_axes, bytes_axes = figure.subplots(1, 2)
-    draw_agents(time_axes, fleets, TIME, "s")
-    draw_agents(bytes_axes, fleets, BYTES, "B")
+    times_s = {
+        (PAPERS_LARGEST, STANDARD): paper("A-DISC-TIME", "s at 6 agents, standard"),
+        (2, LAUNCHED): paper("A-DISC-TIME", "s at 2 agents"),
+        (PAPERS_LARGEST, LAUNCHED): paper("A-DISC-TIME"),
+    }
+    standard = 1e6 * paper("A-DISC-BYTES", STANDARD_MB)
+    received = {
+        (PAPERS_LARGEST, STANDARD): standard,
+        (PAPERS_LARGEST, LAUNCHED): standard / 10 ** paper("A-DISC-BYTES"),
+    }
+    draw_agents(time_axes, fleets, TIME, "s", times_s)
+    draw_agents(bytes_axes, fleets, BYTES, "B", received)
     time_axes.set_ylabel("discovery time per agent (s)")
     bytes_axes.set_ylabel("received per agent during discovery")
-    standard = 1e6 * paper("A-DISC-BYTES", STANDARD_MB)
-    stars = (
-        (time_axes, STANDARD, PAPERS_LARGEST, paper("A-DISC-TIME", "s at 6 agents, standard")),
-        (time_axes, LAUNCHED, 2, paper("A-DISC-TIME", "s at 2 agents")),
-        (time_axes, LAUNCHED, PAPERS_LARGEST, paper("A-DISC-TIME")),
-        (bytes_axes, STANDARD, PAPERS_LARGEST, standard),
-        (bytes_axes, LAUNCHED, PAPERS_LARGEST, standard / 10 ** paper("A-DISC-BYTES")),
-    )
-    for axes, mode, agents, value in stars:
-        axes.plot(agents, value, color=STYLES[mode]["color"], **_STAR)
     time_axes.plot([], [], color="black", label="paper A, Fig. 9", **_STAR)
     time_axes.legend(loc="upper left")
-    title = "Discovery in small live fleets"
     saved = []
     for mode in (ROUTED, LAUNCHED):
         if finding := bytes_of(run, mode):
-            saved.append(f"{float(f'{10**finding.estimate.value:.2g}'):g} times ({NAMES[mode]})")
-            received_mb = finding.ends[RECEIVED_MB]
+            times = float(f"{10**finding.estimate.value:.2g}")
+            saved.append(f"{times:g} times ({NAMES[mode]})")
+    title = "Discovery in small live fleets"
     if saved:
-        draw_extrapolated(bytes_axes, received_mb, by_nodes(run))
+        draw_extrapolated(bytes_axes, main_nodes(run), *by_nodes(run)[:2])
         title = f"Six agents receive {' and '.join(saved)} fewer bytes than with plain ROS 2"
     figure.suptitle(title)
     started = "plain ROS 2 started at once, the others agent after agent"
@@ -304,8 +303,22 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return {**default_sidecar(run), "repetitions": int(fleets["repeat"].nunique())}
 
 
-def draw_agents(axes: Axes, table: pd.DataFrame, column: str, unit: str) -> None:
-    """Draw one marker per agent and bars at medians, on a logarithmic axis."""
+def draw_agents(
+    axes: Axes,
+    table: pd.DataFrame,
+    column: str,
+    unit: str,
+    stated: Mapping[tuple[int, str], float],
+) -> None:
+    """Draw one marker per agent, bars at medians, and the paper's values, on a logarithmic axis.
+
+    Args:
+        axes: Axes to draw into.
+        table: One row per agent.
+        column: Column with the values.
+        unit: Unit of the values.
+        stated: The paper's values by number of agents and mode.
+    """
     from matplotlib.ticker import EngFormatter, NullLocator
 
     for mode, style in STYLES.items():
@@ -314,18 +327,20 @@ def draw_agents(axes: Axes, table: pd.DataFrame, column: str, unit: str) -> None
         axes.plot(places, rows[column], linestyle="", markersize=4, label=NAMES[mode], **style)
         medians = rows.groupby(places)[column].median()
         axes.plot(medians, "_", color=style["color"], markersize=11, markeredgewidth=2)
+    for (agents, mode), value in stated.items():
+        axes.plot(agents, value, color=STYLES[mode]["color"], **_STAR)
     axes.set_xticks(sorted(table["agents"].unique()))
     axes.set(xlabel="number of agents", yscale="log")
     axes.yaxis.set_major_formatter(EngFormatter(unit=unit))
     axes.yaxis.set_minor_locator(NullLocator())
 
 
-def draw_extrapolated(axes: Axes, received_mb: float, few: Sequence[Few]) -> None:
+def draw_extrapolated(axes: Axes, nodes: int, less: Few, more: Few) -> None:
     """Draw the bytes of the standard fleet that the claims use."""
-    place = PAPERS_LARGEST + SHIFTS[STANDARD]
-    at = (place, 1e6 * received_mb)
+    received = extrapolated(nodes, less, more)
+    at = (PAPERS_LARGEST + SHIFTS[STANDARD], received)
     axes.plot(*at, "o", color=STYLES[STANDARD]["color"], markersize=8, fillstyle="none")
-    text = f"{received_mb:.0f} MB, extrapolated\nfrom {few[0][0]} and {few[1][0]} nodes"
+    text = f"{received / 1e6:.0f} MB, extrapolated\nfrom {less[0]} and {more[0]} nodes"
     side: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center"}
     axes.annotate(text, at, (-8, 0), fontsize=9, **side)
 

@@ -5,22 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfglab.lab.bench import TableRow
-from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.lab.experiments.discovery.experiment import ROUTED
+from sfglab.lab.experiment import Experiment, Profiled
 from sfglab.lab.ros2 import TESTED
 
 REAL, STAND_IN = "standard ROS 2", "stand-in"
 """Kinds of a baseline: nodes of rclpy, and the nodes of sfglab that stand for them."""
 TABLE = "ros2"
 """Table of the baselines."""
-BASELINES = {
-    "discovery": "Discovery: ROS 2 nodes (rclpy on Fast DDS), their stand-in, and agents behind routers",
-    "decode_once": "Raw images: rclpy takes more CPU than the stand-in, and loses some",
-    "latency": "Raw images, one subscriber: rclpy is later than the stand-in, and loses some",
-}
-"""Titles of the baselines' figures, by the experiment that has the stand-in."""
-SETTINGS = {"discovery": "agents x nodes", "decode_once": "subscribers", "latency": "subscribers"}
-"""Names of the baselines' settings."""
+BASELINES = ("discovery", "decode_once", "latency")
+"""Baselines, by the experiment that has the stand-in."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +32,6 @@ class Fleets:
     agents: int  #: Number of agents.
     nodes: int = 10  #: Number of publishing nodes of an agent, and of subscribing ones.
     repeats: int  #: Number of starts of each kind.
-    #: `REAL`, `STAND_IN` or ``routed``.
-    kinds: tuple[str, ...] = (REAL, STAND_IN, ROUTED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,14 +78,6 @@ exp = Experiment(
         ),
         "timeout_s": 300.0,
     },
-    actors=(
-        Actor("node", "this machine or a host", "sfglab's nodes, routers and decoders"),
-        Actor("rclpy", "the same, or another host", "a ROS 2 node on its own Fast DDS"),
-    ),
-    links=(
-        Link("node", "rclpy", "topics, services, actions"),
-        Link("rclpy", "node", "topics, services, actions"),
-    ),
     removed={"slow": {"quick": False, "paper": True}},
 )
 
@@ -114,10 +97,10 @@ class FeatureRow(TableRow):
 
 @exp.table(TABLE)
 class BesideRow(TableRow):
-    """One value of real ROS 2, of its stand-in, or of another kind beside them."""
+    """One value of real ROS 2 or of its stand-in; earlier logs have further kinds."""
 
     setting: str  #: Setting of the measurement, the same for all kinds.
     quantity: str  #: Quantity with its unit.
-    kind: str  #: `REAL`, `STAND_IN` or another kind.
+    kind: str  #: `REAL` or `STAND_IN`.
     repeat: int  #: Number of the repetition.
     value: float  #: The value.

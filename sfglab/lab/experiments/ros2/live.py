@@ -243,7 +243,7 @@ def cells_of(config: Config) -> list[Cell]:
     for place in rng.permutation(len(config.fleets)):
         one = config.fleets[place]
         size = {"agents": one.agents, "talkers": one.nodes, "listeners": one.nodes}
-        starts = list(itertools.product(one.kinds, range(one.repeats)))
+        starts = list(itertools.product((REAL, STAND_IN), range(one.repeats)))
         rng.shuffle(starts)
         cells += [Cell(mode=kind, repeat=int(repeat), **size) for kind, repeat in starts]
     return cells
@@ -254,19 +254,17 @@ async def measure_discovery(bench: Bench[Config]) -> None:
     """Measure how long agents need to know each other, and what they receive until then."""
     config = bench.config
     cells = cells_of(config)
-    agents = max(cell.agents for cell in cells)
-    testbed = separate_hosts(bench, *host_names(agents))
+    testbed = separate_hosts(bench, *host_names(max(cell.agents for cell in cells)))
     distribution()  # so that a missing ROS 2 is noticed at once
     for cell in cells:
         kind = RosFleet if cell.mode == REAL else LiveFleet
-        mode = STANDARD if cell.mode == STAND_IN else cell.mode
-        async with kind(replace(cell, mode=mode), testbed, multicast=config.multicast) as fleet:
-            hosts, meters = await fleet.measure(config.timeout_s)
-        cpu_percent = sum(meter.cpu_percent or 0.0 for meter in meters.values())
+        standard = replace(cell, mode=STANDARD)
+        async with kind(standard, testbed, multicast=config.multicast) as fleet:
+            hosts, load = await fleet.measure(config.timeout_s)
         values = {
             "until an agent knows its peers (s)": [host.resolved_s for host in hosts],
             "received until then (MB)": [host.own_bytes / 1e6 for host in hosts],
-            "cores busy": [cpu_percent / 100],
+            "cores busy": [(load.cpu_percent or 0.0) / 100],
         }
         setting = f"{cell.agents} x {cell.talkers + cell.listeners}"
         bench.write_all(TABLE, rows_of(values, setting, cell.mode, cell.repeat))
