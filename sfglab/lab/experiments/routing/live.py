@@ -123,7 +123,8 @@ class Fleet(ProcessGroup):
 
     async def ask_all(self, answer: str, **order: Any) -> dict[str, Report]:
         """Give all parties the same order and return their reports by party."""
-        self.order(self.domains, **order)
+        for party in self.domains:
+            self[party].order(**order)  # an order to call has a field that is called names
         return await self.expect(answer, self.domains, timeout_s=ANSWER_S)
 
     async def talk(self, seconds: float) -> dict[str, int]:
