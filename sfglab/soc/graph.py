@@ -258,7 +258,7 @@ def graph_text(graph: Graph) -> str:
 
 
 def _changed(member: Node | Topic) -> dict[str, Any]:
-    """Return the member's values that differ from their defaults, without the name."""
+    """Return the fields of a node or topic, except its name, whose values differ from the defaults."""
     changed = {}
     for field in fields(member)[1:]:
         value = getattr(member, field.name)

@@ -169,7 +169,10 @@ def _check_plain(key: str, names: Iterable[str]) -> None:
 
 
 def _identifiers(names: Iterable[str]) -> dict[str, str]:
-    """Return an identifier for each name; the identifiers differ in more than upper and lower case, as cores must."""
+    """Return an identifier for the name of each node and topic.
+
+    Two identifiers differ in more than upper and lower case, because build.cfg names cores of hardware by them.
+    """
     found: dict[str, str] = {}
     taken = set()
     for name in names:

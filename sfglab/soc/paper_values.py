@@ -68,7 +68,7 @@ def speed_ups(
     """Return the memory model's value of every bar of Fig. 6 and 7, panel by panel.
 
     Args:
-        costs: Constants of the model.
+        costs: Constants of the memory model.
         subscribers: Numbers of hardware subscribers.
         sizes_bytes: Sizes of the message.
     """

@@ -76,7 +76,7 @@ class Load:
         return self.software_s + self.hardware_s + self.communication_s
 
     def check_fits(self, platform: Platform) -> None:
-        """Raise an SfglabError if the platform has less area."""
+        """Raise an SfglabError if the nodes need more LUT or BRAM than the platform has."""
         if self.lut > platform.lut or self.bram > platform.bram:
             raise SfglabError(
                 f"mapping: takes {self.lut} LUT and {self.bram:g} BRAM, "
@@ -111,7 +111,7 @@ def topic_load(graph: Graph, topic: Topic) -> float:
     """Return the seconds per second for which a mapped topic occupies the memory interface.
 
     Raises:
-        InvalidValueError: The topic crosses the interface, and the topic's size or rate is unknown.
+        InvalidValueError: The topic's messages cross the memory interface, and their size or rate is unknown.
     """
     carriages = carriages_per_message(graph, topic)
     return carriages * carriage_load(topic, topic.mapping) if carriages else 0.0
