@@ -5,7 +5,8 @@ once instead of once per subscriber. A gateway has three parts (Fig. 3): the sof
 hardware-mapped topic (HMT), and the gateway core, which copies messages between both topics. The gateway core is a
 hardware node. The core calls ROS 2 through its delegate, a software thread, over the interface OSIF.
 
-The core requests the next message of the SMT from its delegate. The core then polls OSIF and HMT in turn:
+The core requests the next message of the SMT from its delegate; a *request* is the call `CALL_TAKE`. The core then
+polls OSIF and HMT in turn:
 
 - Software to hardware: after the delegate has answered with a message, the core sends the message to the HMT and
   requests the next message.
@@ -15,14 +16,17 @@ The core requests the next message of the SMT from its delegate. The core then p
   after the publication.
 - Filters on both sides discard messages that the core itself published, so that no message circulates.
 
-The paper leaves three points open, and our table decides each point:
+The paper leaves three points open. Our table decides each point, and the decisions add the seven states of
+`ADDED_STATES`:
 
 - The delegate answers each request exactly once. The delegate answers a cancelled request with `CANCELLED`, or with
-  a message if the delegate received a message before the cancel.
+  a message if the delegate received a message before the cancel. The paper sends this message to the HMT before the
+  next request, and does not say whether the core publishes its output message before. Our core publishes first
+  (`PUBLISH_HOLDING`, `PUBLISH_WAIT_HOLDING`).
 - The core claims the HMT before the core sends (`CLAIM`). A message from a hardware node may occupy the HMT and wait
   until the core takes the message. The core then serves the hardware node's message first and keeps the message that
-  the core holds. Without the claim the core waits for the HMT, and the hardware message waits for the core,
-  indefinitely.
+  the core holds (the other states `..._HOLDING`). Without the claim the core waits for the HMT, and the hardware
+  message waits for the core, indefinitely.
 - The core waits until a publication is complete (`PUBLISH_WAIT`), because the core has only one output message.
 
 `sfglab.soc.exploration` checks the table exhaustively. `sfglab.soc.rtl` generates the hardware's control from it.
@@ -41,15 +45,19 @@ if TYPE_CHECKING:
 class State(Enum):
     """A `State` is one of the core's states.
 
-    In the states `..._HOLDING` the core serves or publishes another message while the core holds one for the HMT. The
-    core enters the states `..._HOLDING` from `CLAIM`, or from `CANCEL_WAIT` if the delegate answered with a message.
+    In the states `..._HOLDING` the core serves or publishes another message while the core holds a message of the
+    SMT. From `CLAIM` the core enters these states with a message for the HMT. From `CANCEL_WAIT` the core enters
+    `PUBLISH_HOLDING` with an answer that no filter has compared, which may be the core's own echo. `FILTER_SMT` then
+    filters the held message.
     """
 
     START = auto()  #: Wait for the address of the output message.
     REQUEST = auto()  #: Request the next message of the SMT.
     POLL_OSIF = auto()  #: Check whether the delegate has answered the request.
     POLL_HMT = auto()  #: Check whether a message is at the core's port of the HMT.
-    FILTER_SMT = auto()  #: Compare the publisher ID of the held message with the core's own.
+    #: Compare the publisher ID of the held message with the core's own. The next request frees the
+    #: memory of the core's own message.
+    FILTER_SMT = auto()
     CLAIM = auto()  #: Wait until the HMT is reserved for the held message.
     TO_HMT = auto()  #: Copy the held message from memory to the HMT.
     FILTER_HMT = auto()  #: Compare the publisher ID of the message at the port with the core's own.
@@ -86,8 +94,8 @@ class Action(Enum):
     """An `Action` is what the core does in a state; the control sets one output signal for each action."""
 
     LISTEN_OSIF = auto()  #: Take the next answer of the delegate.
-    CALL_TAKE = auto()  #: Call the delegate: take the next message of the SMT.
-    CALL_CANCEL = auto()  #: Call the delegate: cancel the take.
+    CALL_TAKE = auto()  #: Call the delegate: request the next message of the SMT.
+    CALL_CANCEL = auto()  #: Call the delegate: cancel the request.
     CALL_PUBLISH = auto()  #: Call the delegate: publish the output message on the SMT.
     PEEK_HMT = auto()  #: Look at the port of the HMT without taking a word.
     COMPARE_HELD = auto()  #: Compare the publisher ID of the held message with the core's own.
@@ -102,7 +110,7 @@ class Register(Enum):
     """A `Register` is an address register of the core; a transition may load a register with its input's address."""
 
     OUTPUT = auto()  #: Address of the output message.
-    HELD = auto()  #: Address of the held message, which is to be sent to the HMT.
+    HELD = auto()  #: Address of the held message: the delegate's latest answer.
 
 
 @dataclass(frozen=True, slots=True)

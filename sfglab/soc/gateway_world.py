@@ -260,6 +260,7 @@ def _core_steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
             name = event.input.name
             fault = Fault(f"{world.state.name} has no transition for {name}")
             yield Step("gateway", f"{world.state.name} --{name}--> ?", fault)
+    # A table without `CLAIM` enters `TO_HMT` before the HMT is reserved, and begins to send once the HMT is free.
     if row.action is Action.MEMORY_TO_HMT and world.hmt is None:
         yield Step("gateway", f"begins to send {world.held}", _reserved_for_core(world, bound))
 

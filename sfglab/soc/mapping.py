@@ -22,12 +22,15 @@ if TYPE_CHECKING:
 
 
 STAGES = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
-"""`STAGES` names the mappings in Fig. 8 b, c and d."""
+"""`STAGES` names the three alternative mappings in Fig. 8 b, c and d."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommunicationMapping:
-    """A `CommunicationMapping` has the three stages of section 5, in which each node has the same placement."""
+    """A `CommunicationMapping` has the three stages of section 5: alternative mappings of the topics of one graph.
+
+    Each node has the same placement in all three stages.
+    """
 
     all_software: Graph  #: Graph with all topics in software, the default (Fig. 8b).
     #: Graph with the topics that join only hardware nodes in hardware, the others in software (Fig. 8c).
@@ -188,6 +191,8 @@ def arrival_s(graph: Graph, edge: Edge) -> float:
 
 def chain_s(graph: Graph, chain: Sequence[str]) -> dict[Edge, float]:
     """Return when each next node of a chain has the message, s, from the start of the first node's work.
+
+    If the chain uses an edge twice, the result has the later time of the edge.
 
     Args:
         graph: Graph with its mapping.

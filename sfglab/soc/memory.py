@@ -50,8 +50,8 @@ class MemoryInterface:
     #: Cycles from a read request to its first word. Assumed: the memory controller is not in the
     #: reference design.
     read_latency_cycles: float = 30.0
-    #: Cycles from the last word of a write to its response. Fitted in `STORED`; the default is
-    #: rounded for simulated hardware.
+    #: Cycles from the last word of a write to its response. `STORED` has the fitted value
+    #: 8.758; the default is the whole number that simulated hardware counts.
     write_latency_cycles: float = 9.0
 
     def chunks(self, message_bytes: float) -> int:
@@ -263,7 +263,8 @@ def transfer_times(setup: Setup, costs: Costs = STORED) -> dict[Placement, float
             Placement.SOFTWARE: published_s + (subscribers + 1) / 2 * deliver_s,
         }
     else:
-        # The subscribers of the gateway's SMT are the software nodes and the core.
+        # The n subscribers of the gateway's SMT are the software nodes and the core. The mean place
+        # of a subscriber over all orders of delivery is (n + 1) / 2.
         over_smt_s = publish_s + (setup.software_subscribers + 2) / 2 * deliver_s
         if is_from_hardware:
             in_memory_s = endpoint_s + costs.message_s(size_bytes, costs.stream_to_memory_cycles)

@@ -6,6 +6,11 @@ the memory model and live.
 """
 
 from sfglab.lab.experiments.driving.experiment import exp
-from sfglab.lab.experiments.driving.results import chain_table, part_table
+from sfglab.lab.experiments.driving.results import (
+    chain_table,
+    live_saving,
+    part_table,
+    saved_ms,
+)
 
-__all__ = ["chain_table", "exp", "part_table"]
+__all__ = ["chain_table", "exp", "live_saving", "part_table", "saved_ms"]

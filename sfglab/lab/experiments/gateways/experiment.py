@@ -111,7 +111,7 @@ def explore_core(bench: Bench[Config]) -> None:
             violation=found.counterexample.property if found.counterexample else "",
         )
         bench.write(row)
-        bench.advance(f"{found.worlds} reachable states")
+        bench.advance(f"{found.worlds} reachable worlds")
     for state in State:
         bench.cases[COVERAGE].append((state.name, state in visited))
 

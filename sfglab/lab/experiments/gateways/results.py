@@ -13,7 +13,7 @@ from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import exactly
 from sfglab.soc import STAGES, draw_mapping
-from sfglab.soc.gateway import Input, State, transitions
+from sfglab.soc.gateway import ADDED_STATES, Input, State, transitions
 from sfglab.soc.gateway_drawing import draw_core
 from sfglab.soc.gateway_world import Step, World
 
@@ -84,22 +84,27 @@ def draw_gateway(figure: Figure, run: Run[Config]) -> None:
     found = run["exploration"]
     violations = (found["violation"] != "").sum()
     draw_core(figure.subplots())
-    title = (
-        f"The gateway core (Fig. 4): {violations} violations in {found['worlds'].sum():,} states"
+    figure.suptitle(
+        f"The gateway core (Fig. 4) with {len(ADDED_STATES)} added states: "
+        f"{violations} violations in {len(found)} explorations"
     )
-    figure.suptitle(title)
-    note(figure, "yellow: delegate; blue: hardware-mapped topic; dashed: not in the paper")
+    note(
+        figure,
+        "yellow state: uses the delegate; blue: uses the hardware-mapped topic; "
+        "white: compares publisher IDs; dashed: added, not in the paper",
+    )
 
 
 @exp.figure("graph_mapping", size=(10, 5.2))
 def draw_stages(figure: Figure, run: Run[Config]) -> None:
     """Draw the example of Fig. 8 in its three stages, from software alone to gateways."""
     draw_mapping(mapped_example(run.config), figure)
-    first, *_, last = edges(run)
+    in_software, in_hardware, by_gateways = edges(run)
     stated = [paper("C-MAP", STAGES[0]), paper("C-MAP", STAGES[1]), paper("C-MAP")]
     numbers = ", ".join(f"{value:g}" for value in stated)
     figure.suptitle(
-        f"{first} edges cross the boundary without gateways, {last} with them (paper: {numbers})"
+        f"{in_software} edges cross the boundary with all topics in software, {in_hardware} with "
+        f"topics in hardware, {by_gateways} with gateways (paper: {numbers})"
     )
 
 
