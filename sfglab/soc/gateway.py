@@ -25,7 +25,7 @@ The paper leaves three points open. Our table decides each point, and the decisi
   (`PUBLISH_HOLDING`, `PUBLISH_WAIT_HOLDING`).
 - The core claims the HMT before the core sends (`CLAIM`). A message from a hardware node may occupy the HMT and wait
   until the core takes the message. The core then serves the hardware node's message first and keeps the message that
-  the core holds (the other states `..._HOLDING`). Without the claim the core waits for the HMT, and the hardware
+  the core holds (all states `..._HOLDING`). Without the claim the core waits for the HMT, and the hardware
   message waits for the core, indefinitely.
 - The core waits until a publication is complete (`PUBLISH_WAIT`), because the core has only one output message.
 
