@@ -18,7 +18,7 @@ from sfglab.errors import InvalidValueError, KeyPath, key_text
 from sfglab.fields import Bounds
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Collection, Iterable
 
     from pydantic_core import ErrorDetails, SchemaValidator
 
@@ -255,14 +255,19 @@ def value_at(value: Any, path: KeyPath) -> Any:
     return value
 
 
-def lost_values(
-    given: Mapping[str, Any], read: Mapping[str, Any], above: str = ""
-) -> dict[str, Any]:
-    """Return what a log holds by keys that the value which was read from it does not have."""
+def lost_values(given: Any, read: Any, above: str = "") -> dict[str, Any]:
+    """Return what a log holds by keys that the value which was read from it does not have.
+
+    The name of a key has the keys and places above it, such as ``fleets.0.kinds``.
+    """
+    if isinstance(given, list) and isinstance(read, list):
+        given, read = dict(enumerate(given)), dict(enumerate(read))
+    if not isinstance(given, dict) or not isinstance(read, dict):
+        return {}
     found: dict[str, Any] = {}
     for key, value in given.items():
-        if key not in read:
-            found[above + key] = value
-        elif isinstance(value, dict) and isinstance(read[key], dict):
+        if key in read:
             found |= lost_values(value, read[key], f"{above}{key}.")
+        else:
+            found[f"{above}{key}"] = value
     return found

@@ -71,6 +71,7 @@ def test_a_log_of_another_version_is_read_and_what_is_lost_of_it_is_known():
     whole = read(Whole, logged, source=Source.LOG)
     assert whole == Whole(count=20)
     assert lost_values(logged, to_json(whole)) == {"part.old": 2, "gone": 1}
+    assert lost_values([{"a": 1}, {"a": 1, "b": 2}], [{"a": 1}, {"a": 1}]) == {"1.b": 2}
 
 
 @pytest.mark.parametrize("log", sorted(REFERENCE.glob("*.mcap")), ids=lambda log: log.stem)
@@ -80,7 +81,7 @@ def test_the_configuration_of_every_committed_log_is_read(log):
     run = experiment(logged.pop("experiment")).load(log)
     read_again = to_json(run.config)
     for name in lost_values(logged, read_again):
-        *outer, last = name.split(".")
+        *outer, last = (int(key) if key.isdigit() else key for key in name.split("."))
         del value_at(logged, tuple(outer))[last]
     assert read_again == logged
     assert run.unread == (), "a removed field had another value than its profile"

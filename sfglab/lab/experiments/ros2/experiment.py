@@ -55,6 +55,9 @@ class Config(Profiled):
     seed: int = 0  #: Seed of the order of measurements.
 
 
+_FORMER_KINDS = [REAL, STAND_IN, "routed"]
+"""Value of the removed field ``kinds`` of fleets in committed logs, except the last fleet."""
+
 exp = Experiment(
     "ros2",
     Config,
@@ -78,7 +81,12 @@ exp = Experiment(
         ),
         "timeout_s": 300.0,
     },
-    removed={"slow": {"quick": False, "paper": True}},
+    removed={
+        "slow": {"quick": False, "paper": True},
+        "fleets.0.kinds": {"quick": _FORMER_KINDS},
+        "fleets.1.kinds": {"quick": _FORMER_KINDS},
+        "fleets.2.kinds": {"quick": ["standard ROS 2, composed"]},
+    },
 )
 
 
