@@ -163,7 +163,7 @@ async def test_the_results_of_the_last_goals_are_kept_and_of_older_ones_forgotte
         assert await first.cancel_goal() is Code.UNKNOWN_GOAL_ID
 
 
-async def test_a_server_that_goes_aborts_its_goals_and_says_so(world, node):
+async def test_a_server_that_goes_aborts_its_goals_and_ends_the_waiting_of_its_clients(world, node):
     steps, said = Steps(), set()
     async with pair(node, steps) as (client, here, server):
         latched = here.create_subscription(STATUS, "/agent/count/_action/status", None, LATCHED)
@@ -172,6 +172,10 @@ async def test_a_server_that_goes_aborts_its_goals_and_says_so(world, node):
         await steps.begun.wait()
         server.close()
         server.close()
+        with pytest.raises(bus.BusError, match=f"has gone with goal {handle.goal_id.hex()}"):
+            await handle.result()
+        with pytest.raises(bus.BusTimeoutError, match="action '/agent/count': a server"):
+            await client.send_goal(goal(1), timeout_s=0.01)
         assert steps.handles[0].status is Status.ABORTED
         ended = (handle.goal_id, Status.ABORTED)
         while world.kind == "live" and ended not in said:  # others' last words may be lost

@@ -14,7 +14,7 @@ from waiting import program
 
 from sfglab import bus
 from sfglab.bus.api import NodeInfo
-from sfglab.bus.dds.discovery import gid_bytes, pack_nodes, unpack_nodes
+from sfglab.bus.dds.discovery import Discovery, gid_bytes, pack_nodes, unpack_nodes
 
 world = pytest.fixture(lambda live: live)
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
@@ -107,6 +107,21 @@ async def test_the_graph_names_nodes_with_exactly_their_endpoints_while_they_liv
             assert await graph.wait_for(lambda: is_listed([2, 1]))
             assert "ros_discovery_info" not in str(graph.topics())
         assert await graph.wait_for(lambda: [n.name for n in graph.nodes()] == ["here"])
+
+
+@pytest.mark.live
+async def test_twenty_endpoints_at_once_are_few_messages(here, node, until):
+    messages = []
+    async with node("watcher") as watcher:
+
+        def note(participant, nodes):
+            if participant == here.guid:
+                messages.append(set(nodes[0].writers))
+
+        Discovery(watcher.backend.participant, lambda _: None).read_nodes(note)
+        gids = {here.create_publisher(STRING, f"/t{i}").gid for i in range(20)}
+        await until(lambda: gids in messages)
+    assert len(messages) < 10
 
 
 @pytest.mark.live

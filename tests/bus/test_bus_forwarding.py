@@ -114,6 +114,8 @@ def test_only_a_volatile_writer_with_a_lease_vanishes_with_its_source(qos, wante
     writer = Guarded(**qos)
     for alive in (True, False, False, True, True):
         writer.show_life(alive=alive)
+    writer.closed = True
+    writer.show_life(alive=False)
     assert writer.log == wanted
 
 
@@ -367,3 +369,37 @@ async def test_no_sample_is_leaked_whether_forwarded_dropped_held_or_transformed
             )
             sizes.append(psutil.Process().memory_info().rss)
         assert sizes[11] - sizes[3] < 60e6, "two rounds more forward 240 MB"
+
+
+@pytest.mark.live
+@pytest.mark.slow
+async def test_a_reader_that_stands_still_costs_bounded_memory_and_the_others_go_on(
+    domains, domain_ids, child, until, monkeypatch
+):
+    monkeypatch.setattr(forwarding, "MAX_BACKLOG_BYTES", 4 << 20)
+    monkeypatch.setattr(forwarding, "STANDS_STILL_S", 0.1)
+    listening = """
+    sub = node.create_subscription(String, "/t")
+    await sub.wait_for_publishers()
+    await asyncio.sleep(1000)
+    """
+    cdr = serialize(text("x" * 1_000_000))
+    async with (
+        domains as (talker, near, far, listener),
+        child(listening, "slow", domain_id=domain_ids[1]) as slow,
+    ):
+        publisher = talker.create_publisher(STRING, "/t", QoSProfile(depth=4))
+        forward, outlet = way(near, far, qos=QoSProfile(depth=256))
+        forward.admit(publisher.gid, outlet)
+        heard = listener.create_subscription(STRING, "/t", raw=True)
+        await publisher.wait_for_subscriptions()
+        await matched(until, outlet, count=2)
+        await slow.stop()
+        before = psutil.Process().memory_info().rss
+        for _ in range(80):
+            publisher.publish_raw(cdr)
+            await asyncio.sleep(0.01)
+        assert psutil.Process().memory_info().rss - before < 40e6, "half of what was sent"
+        last = cdr[:-2] + b"y\0"
+        while await heard.take(60) != last:
+            publisher.publish_raw(last)

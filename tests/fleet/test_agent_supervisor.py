@@ -29,6 +29,12 @@ print('a banner')
 print('{"is": "ready"}', flush=True)
 sys.stdin.read()
 """
+STUBBORN = """
+import signal, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print('{"is": "ready"}', flush=True)
+time.sleep(1000)
+"""
 REFUSES = """
 import sys
 print('{"is": "failed", "why": "network interface: given \\'wlan7\\', allowed are eth0, lo"}', flush=True)
@@ -116,6 +122,17 @@ async def test_a_refused_configuration_or_one_that_dies_on_import_ends_the_agent
         await watched.agent.run()
     lines = [report["line"] for report in watched.reports if report["is"] == "line"]
     assert "ModuleNotFoundError: No module named 'no_such_module'" in lines
+
+
+async def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time_or_told_twice_at_once():
+    async with running(component("router", STUBBORN)) as watched:
+        pid = await watched.pid("router")
+    assert not lives(pid)
+    never = ProcessTiming(stop_ns=10**15)
+    async with running(component("router", STUBBORN), timing=never) as watched:
+        pid = await watched.pid("router")
+        watched.agent.stop()
+    assert not lives(pid)
 
 
 @pytest.mark.parametrize("how", ["killed", "stopped", "cancelled"])

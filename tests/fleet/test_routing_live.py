@@ -3,13 +3,14 @@
 import asyncio
 import os
 import signal
+import sys
 import tempfile
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from waiting import process, until
+from waiting import DEADLINE_S, process, program, until
 
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
@@ -159,6 +160,20 @@ async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_
             await until(lambda: len(heard) >= 2)
             await _stillness(lambda: len(heard))
             assert sorted(message.data for message in heard) == ["claimed", "new"]
+
+
+@pytest.mark.parametrize(("name", "other"), [("router", "global"), ("decoder", "remote")])
+def test_alone_at_a_terminal_a_component_says_when_it_is_ready_and_when_it_has_ended(
+    ids, name, other
+):
+    words = (
+        f"{name} --domain {ids[1]} --interface lo --{other}-domain {ids[0]} --{other}-interface lo"
+    )
+    with program(sys.executable, "-u", "-m", "sfglab", *words.split()) as component:
+        assert component.stdout.readline() == f"{name}: ready, end it with Ctrl-C\n"
+        component.send_signal(signal.SIGINT)
+        assert component.stdout.read() == f"{name}: everything is released\n"
+        assert component.wait(DEADLINE_S) == 0
 
 
 def test_the_lock_names_its_holder_and_is_free_as_soon_as_it_is_released():
