@@ -118,7 +118,7 @@ class Publisher(TopicEnd):
             self._writer, "loan", None
         )
         if lend is None:
-            said = "only a publisher with transport='shm' lends memory"
+            said = "only a live publisher with transport='shm' lends memory"
             raise TypeError(f"topic {self.topic_name!r}: {said}")
         return lend(size_bytes)
 

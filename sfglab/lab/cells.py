@@ -53,7 +53,7 @@ async def run_cells(  # noqa: PLR0913 - options
     Args:
         bench: Context of the run.
         table: Name of the table, and of the journal.
-        cells: Number of repetitions by cell. A cell is a frozen dataclass.
+        cells: Number of repetitions by cell. A cell is a frozen dataclass, or a tuple of them.
         stage_of: Returns the stage of a cell.
         start: Provides the processes of a stage.
         play: Runs a cell on these processes for one repetition; returns a row or a tuple of rows.

@@ -1,6 +1,7 @@
 """Robot or station of paper B's hallway as a process: ``python -m sfglab.lab.workers.hallway CONFIG``.
 
-Robots have local caches, as in the method of the live lap (`sfglab.arp.robots.BEST`). The process adds topics and timers to the state machines of `sfglab.arp.hallway`. For a robot it also
+Robots have local caches, as in the method of the live lap (`sfglab.arp.robots.BEST`). The process adds
+topics and timers to the state machines of `sfglab.arp.hallway`. For a robot it also
 simulates the physics in real time. A robot's process has its sensing and actuation nodes, the station's has
 localisation and planning. Order: ``{"do": "start"}``. Reports: ``ready`` when every topic has its peer,
 ``pose`` at each turn of the LIDAR, ``stopped`` when the station stopped all robots because of an obstacle,
