@@ -78,8 +78,12 @@ def test_a_log_of_another_version_is_read_and_what_is_lost_of_it_is_known():
 def test_the_configuration_of_every_committed_log_is_read(log):
     with LogReader(log) as reader:
         logged = reader.metadata("config")
-    run = experiment(logged.pop("experiment")).load(log)
+    exp = experiment(logged.pop("experiment"))
+    run = exp.load(log)
     read_again = to_json(run.config)
+    usual = to_json(exp.config(logged.get("profile", "quick")))
+    for name in read_again.keys() - logged.keys():
+        assert read_again.pop(name) == usual[name], "a newer field"
     for name in lost_values(logged, read_again):
         *outer, last = (int(key) if key.isdigit() else key for key in name.split("."))
         del value_at(logged, tuple(outer))[last]

@@ -355,7 +355,7 @@ class Experiment(Generic[C]):
 
     def load(self, log: Path) -> Run[C]:
         """Return a finished run from its log."""
-        return Run(log, self.config_class, self.tables, self._removed)
+        return Run(log, self.config_class, self.tables, self._removed, self._profiles)
 
     async def run(
         self,

@@ -46,6 +46,7 @@ class Run(Generic[C]):
         config_class: type[C],
         row_classes: Mapping[str, type[Any]],
         removed: Mapping[str, Mapping[str, Any]],
+        profiles: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         self.log = log  #: Path of the log.
         self._row_classes = row_classes
@@ -55,8 +56,10 @@ class Run(Generic[C]):
         with LogReader(log) as reader:
             self._tables = reader.tables
             self._metadata = {name: reader.metadata(name) for name in reader.metadata_names}
-        #: Configuration of the run.
-        self.config: C = read(config_class, self._metadata["config"], source=Source.LOG)
+        logged = self._metadata["config"]
+        usual = (profiles or {}).get(logged.get("profile"), {})
+        #: Configuration of the run. A field that is newer than the log has the value of its profile.
+        self.config: C = read(config_class, {**usual, **logged}, source=Source.LOG)
         #: Fields of the log's configuration that no longer exist and had another value than their profile.
         self.unread = tuple(self._unread(removed))
 

@@ -23,10 +23,10 @@ _ALL = tuple(range(1, 11))
 _FEW = (1, 4, 7, 10)
 
 
-def _former_stage(source: str, few: tuple[int, ...]) -> dict[str, Any]:
+def _former_stage(codec: str, source: str, few: tuple[int, ...]) -> dict[str, Any]:
     """Return a stage of the removed field ``stages`` as logs have it."""
     counts = {"counts": [*_ALL], "dds_counts": [*few], "network_counts": [*few]}
-    return {"codec": H264, "source": source, **counts, "repeats": 2}
+    return {"codec": codec, "source": source, **counts, "repeats": 2}
 
 
 _FORMER_DEPTH = {
@@ -37,7 +37,7 @@ _FORMER_DEPTH = {
     "network_counts": [4],
     "repeats": 1,
 }
-"""Stage with a stream of depth images in committed logs."""
+"""Stage with a stream of depth images in committed logs of the profile `quick`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,8 +104,11 @@ exp = Experiment(
         "ros2": {"quick": [1, 3], "paper": [1, 3]},
         "raw_bytes": {"quick": 1_200_000, "paper": 20_000_000},
         "stages": {
-            "quick": [_former_stage("photos", _FEW), _FORMER_DEPTH],
-            "paper": [_former_stage("", _ALL)],
+            "quick": [_former_stage(H264, "photos", _FEW), _FORMER_DEPTH],
+            "paper": [
+                _former_stage(H264, "photos", _ALL),
+                _former_stage("rvl", "stereo", _ALL),
+            ],
         },
     },
 )
