@@ -64,7 +64,7 @@ class Exploration:
 
 
 class _Found:
-    """`_Found` has the worlds that the search has found so far, in their order, and the steps to the worlds."""
+    """`_Found` has the global states (worlds) that the search has found so far, in their order, and the steps to them."""
 
     def __init__(self, first: World) -> None:
         #: Previous world and description of the step that first led to each world.

@@ -172,7 +172,10 @@ def _line(chain: Sequence[Box]) -> NDArray[np.float64]:
 
 
 def _box(name: str) -> Box:
-    """Return a name's frame; the function breaks a long name, if possible after marks, and cuts very long names."""
+    """Return the box of a name in the drawing.
+
+    The function breaks a long name, if possible after a dot, slash, dash or underscore, and cuts a very long one.
+    """
     # Marks become places where a line may end.
     marked = re.sub(r"(?<=[_./-])(?=[^_./-])", "\t", name)
     lines = textwrap.wrap(
