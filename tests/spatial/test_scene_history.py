@@ -3,14 +3,27 @@
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from sfglab.lab.experiments.planning.facts import edited
 from sfglab.spatial import Pose
 from sfglab.spatial.scene.editor import Editor
-from sfglab.spatial.scene.model import SceneError
+from sfglab.spatial.scene.model import SceneError, TrajectoryObject
 from sfglab.spatial.trajectory.path import Align
 
 S = 1_000_000_000
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_after_any_edits_holders_and_held_agree_and_waypoints_are_in_order_of_time(seed):
+    scene = edited(np.random.default_rng(seed))[0].scene
+    assert {thing.id for thing in scene.walk()} == scene.objects.keys()
+    for holder, held in scene.children.items():
+        assert {scene.objects[id_].parent for id_ in held} == {holder}
+    for path in scene.all_of(TrajectoryObject):
+        times = [waypoint.time_ns for waypoint in scene.waypoints(path.id)]
+        assert times == sorted(set(times))
 
 
 def refusal(edit, *given, **more):
@@ -150,6 +163,8 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(editor, ids):
     )
     for id_, key, value, says in (
         (agent, "radius", 1.0, "did you mean 'radius_m'?"),
+        (agent, "id", 7, "another field"),
+        (agent, "kind", "group", "allowed"),
         (agent, "name", "two\nlines", "printable"),
         (other, "agent", agent, f"follows {path}"),
         (points[0], "parent", hall, "the id of a trajectory"),

@@ -20,6 +20,7 @@ from sfglab.spatial.scene.model import (
     TrajectoryObject,
     WaypointObject,
     changed,
+    place_of,
     read_object,
 )
 from sfglab.spatial.scene.tree import SETTINGS, Scene, SceneSettings, scene_of
@@ -254,7 +255,10 @@ class Editor:
 
     def set_property(self, id_: int, key: str, value: Any) -> bool:
         """Change a field of an object, such as a radius, but not its id or kind; the value is as in `add`."""
-        made = changed(self.scene.get(id_), id=id_, **{key: value})
+        thing = self.scene.get(id_)
+        if key == "id":
+            raise SceneError(f"{place_of(thing)}, id", value, "another field")
+        made = changed(thing, **{key: value})
         label = "Rename" if key == "name" else f"Change {key.removesuffix('_ns')}"
         return self._put(label, made)
 

@@ -279,6 +279,6 @@ def read_object(cls: type[T], values: Mapping[str, Any], place: str) -> T:
     return made
 
 
-def changed(thing: Thing, **values: Any) -> Thing:
+def changed(thing: Thing, /, **values: Any) -> Thing:
     """Return an object with other values of some fields; SceneError as of `read_object`."""
     return read_object(type(thing), {**settings_of(thing), **values}, place_of(thing))
