@@ -33,6 +33,7 @@ HIDDEN = Lapse.OCCLUDED
         ([HERE, *[AWAY, THERE] * 20], ["sound", *["jumped"] * 40], "suspect"),
         # An occlusion ends the time for which a place is held.
         ([HERE, *[AWAY] * 9, HIDDEN, AWAY], ["sound", *["jumped"] * 9, "occluded", "jumped"], "suspect"),
+        ([HERE, *[HIDDEN] * 70, AWAY], ["sound", *["occluded"] * 70, "sound"], "tracked"),
         # A half turn is doubted however long the object was hidden.
         ([HERE, *[HIDDEN] * 70, FLIPPED], ["sound", *["occluded"] * 70, "flipped"], "suspect"),
     ],
