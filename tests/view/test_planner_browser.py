@@ -70,3 +70,6 @@ def test_a_trajectory_is_made_dragged_undone_redone_and_saved_with_mouse_and_key
         browser.evaluate("document.activeElement.blur()")
         delete_key(browser)
         edited(planner, lambda e: waypoint not in e.scene.objects)
+        browser.open(planner.url)  # as a second browser does
+        browser.find("Undo: Remove")
+        browser.find("trajectory 1 #1")

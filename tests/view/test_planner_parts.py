@@ -104,6 +104,20 @@ def test_an_aligned_waypoint_cannot_be_turned_and_a_group_is_never_offered_to_it
     assert field(editor, inner, "parent").choices == ("the scene", "team  #1")
 
 
+@pytest.mark.parametrize("typed", [(30.0, 20.0, -10.25), (50.0, 90.0, 0.0), (50.0, -90.0, 0.0)])
+def test_turns_read_back_as_they_were_typed(editor, typed):
+    put(editor, 2, "angles", typed)
+    assert field(editor, 2, "angles").value == pytest.approx(typed, abs=0.01)
+
+
+def test_a_line_passes_every_waypoint_and_is_in_linear_colours(editor):
+    points = looks.line_of(editor.scene.world_trajectory(3))
+    assert points[0, 0].tolist() == [0, 0, 0]
+    assert points[-1, 1].tolist() == [2, 0, 0]
+    assert (points[1:, 0] == points[:-1, 1]).all()
+    assert looks.linear((0, 255, 128)).tolist() == [0, 255, 55]
+
+
 def test_a_typed_coordinate_or_angle_leaves_the_others_which_are_shown_rounded(editor):
     turned = Rotation.from_euler("ZYX", (0.123456789, 1.0, 0.0), degrees=True)
     editor.set_pose(2, Pose.from_rotation((1.0 / 3.0, 0.0, 0.0), turned))

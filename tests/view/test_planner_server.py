@@ -23,7 +23,7 @@ from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.trajectory.path import Trajectory
-from sfglab.view.planner import drawing
+from sfglab.view.planner import drawing, server
 from sfglab.view.planner.server import Planner, show_planner
 
 pytest.importorskip("viser", reason="the scene editor needs the extra 'view'")
@@ -76,6 +76,7 @@ UPGRADE = {
         ("", UPGRADE, 403),
         ("{token}x/", UPGRADE, 403),
         ("{token}/", UPGRADE | {"Origin": "https://evil.example"}, 403),
+        ("{token}/", UPGRADE | {"Origin": "null"}, 403),
         (
             "{token}/",
             UPGRADE | {"Host": "evil.example:80", "Origin": "http://evil.example:80"},
@@ -202,6 +203,16 @@ def test_a_part_that_fails_to_draw_hides_no_edit_and_draws_all_the_next_time(
     assert sorted(planner._viewport._objects.nodes) == ["/objects/2", "/objects/3"]
 
 
+def test_a_check_for_conflicts_that_fails_says_so_until_the_next_one(planner, editor, monkeypatch):
+    head = planner._warnings._head
+    with monkeypatch.context() as broken:
+        broken.setattr(Editor, "conflicts", Mock(side_effect=RuntimeError("broken")))
+        editor.rename(1, "cat")
+        wait_until(lambda: head.content == "the check failed")
+    editor.undo()
+    wait_until(lambda: "1 conflict" in head.content)
+
+
 def test_a_loaded_scene_takes_the_place_of_what_was_drawn_but_reload_loses_no_changes(
     planner, editor
 ):
@@ -254,10 +265,23 @@ def test_playing_moves_the_time_and_nothing_of_the_planner_outlives_it(planner, 
     others = len(job_threads()) - 1  # of planners that other tests show in notebooks
     clicked(planner._timeline._button)
     wait_until(lambda: editor.time_s)
+    assert f'src="{planner.url}"' in planner._repr_html_()
     planner.close()
+    assert "iframe" not in planner._repr_html_()
     assert len(job_threads()) == others
     with pytest.raises(SfglabError, match="closed"):
         editor.undo()
+
+
+def test_an_editor_that_cannot_be_furnished_frees_its_port_and_leaves_no_thread(monkeypatch):
+    monkeypatch.setattr(server, "Warnings", Mock(side_effect=RuntimeError("broken")))
+    others = job_threads()
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with pytest.raises(RuntimeError, match="broken"):
+        Planner(Editor(), port=port)
+    with socket.create_server(("127.0.0.1", port)):
+        assert job_threads() == others
 
 
 def test_a_port_in_use_and_viser_that_is_missing_are_one_clear_error(tmp_path, monkeypatch):
