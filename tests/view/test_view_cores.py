@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import replace
+from itertools import accumulate
 
 import pytest
 from hypothesis import given
@@ -33,6 +34,19 @@ def test_a_budget_passes_a_stream_of_its_rate_whole_and_a_faster_one_evenly(
 ):
     budget = RateBudget()
     assert [budget.allows(now_ns, max_hz) for now_ns in times_ns] == passes
+
+
+@given(st.lists(st.integers(0, S // 5), min_size=1, max_size=200), st.floats(0.5, 200))
+def test_a_budget_never_lets_more_pass_than_its_rate(gaps_ns, max_hz):
+    budget, times_ns = RateBudget(), [*accumulate(gaps_ns)]
+    passed = sum(budget.allows(now_ns, max_hz) for now_ns in times_ns)
+    assert passed <= times_ns[-1] / S * max_hz + 2
+
+
+def test_a_budget_follows_a_new_rate_at_once():
+    budget = RateBudget()
+    found = [budget.allows(now_ns, hz) for now_ns, hz in enumerate((1, 1, 1000, None))]
+    assert found == [True, False, True, True]
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,8 @@ class Word(Visualizer):
     parameters = (Parameter("prefix", "", "in front of every word"),)
 
     def show(self, update, canvas):
+        if update.only.data == "crash":
+            raise RuntimeError("a mistake in a plugin")
         canvas.log(self.entity, self["prefix"] + update.only.data)
 
 
@@ -69,8 +71,8 @@ def session():
     return Session()
 
 
-def said(text):
-    return Arrival("/words", STRING, 1, serialize(message_type(STRING)(data=text)))
+def said(text, topic="/words"):
+    return Arrival(topic, STRING, 1, serialize(message_type(STRING)(data=text)))
 
 
 def words(paper):
@@ -114,11 +116,14 @@ def test_displays_are_added_tuned_and_removed_while_messages_flow(paper, session
     assert words(paper) == ["one", "> two"]
 
 
-def test_bytes_that_are_no_message_are_noted_at_their_display_and_hurt_no_other(paper, session):
-    display = session.add(Word, "/words")
-    replay([Arrival("/words", STRING, 1, b"\0\1\0\0garbage"), said("fine")], session, paper)
-    assert "not in these 11 bytes of CDR" in display.last_error
-    assert (display.errors, words(paper)) == (1, ["fine"])
+def test_what_a_plugin_or_a_message_breaks_is_noted_at_its_display_and_hurts_no_other(
+    paper, session
+):
+    first, second = session.add(Word, "/words"), session.add(Word, "/others")
+    garbled = Arrival("/words", STRING, 1, b"\0\1\0\0garbage")
+    replay([said("crash"), garbled, said("fine"), said("too", "/others")], session, paper)
+    assert "not in these 11 bytes of CDR" in first.last_error
+    assert (first.errors, second.errors, words(paper)) == (2, 0, ["fine", "too"])
 
 
 def test_a_type_that_only_the_log_knows_is_read_by_the_logs_definition(pytestconfig):

@@ -92,8 +92,14 @@ RECTIFIED = camera_info(HEADER, (6, 4))
 RECTIFIED.p = np.insert(2 * CAMERA_INFO.k, (3, 6, 9), 0)
 DEPTH, COLOR = image(METRES, "32FC1"), image(PICTURE, "bgr8")
 PLANE = "camera/image_plane"
-BGR = rr.components.ImageFormat(width=6, height=4, color_model="BGR", channel_datatype="U8")
-FORMAT = rr.components.ImageFormatBatch(BGR).as_arrow_array().to_pylist()
+
+
+def form(color_model):
+    size = {"width": 6, "height": 4, "channel_datatype": "U8"}
+    made = rr.components.ImageFormat(color_model=color_model, **size)
+    return rr.components.ImageFormatBatch(made).as_arrow_array().to_pylist()
+
+
 PINHOLE = [4.32, 0.0, 0.0, 0.0, 4.32, 0.0, 2.5, 1.5, 1.0]  # column by column
 
 
@@ -104,9 +110,11 @@ PINHOLE = [4.32, 0.0, 0.0, 0.0, 4.32, 0.0, 2.5, 1.5, 1.0]  # column by column
             "image",
             [image(BLUE, "bgr8")],
             "/image",
-            {"buffer": [[*BLUE.tobytes()]], "format": FORMAT},
+            {"buffer": [[*BLUE.tobytes()]], "format": form("BGR")},
             PLANE,
         ),
+        ("image", [image(BLUE, "rgb8")], "/image", {"format": form("RGB")}, PLANE),
+        ("image", [image(BLUE[..., 0], "mono8")], "/image", {"format": form("L")}, PLANE),
         ("image", [DEPTH], "/image", {"meter": [1.0]}, PLANE),
         ("compressed_image", [coded(RVL.data, RVL.format)], "/image", {"meter": [1000.0]}, None),
         ("compressed_image", [FLOAT_DEPTH], "/image", {"meter": [1.0]}, PLANE),
