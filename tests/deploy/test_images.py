@@ -99,6 +99,7 @@ def test_three_layers_follow_each_other_no_image_runs_as_root_and_only_arm64_com
         assert ("cyclonedds" in below) is arm
         assert ("cyclonedds==" in files["image/requirements.lock"].text) is not arm
         assert ("image/cyclonedds.lock" in files) is arm
+        assert ("!workspace/src" in files[".dockerignore"].text) is (made is workspace)
 
 
 def test_without_ros_nothing_of_it_is_in_the_images_and_a_workspace_is_built_apart():
