@@ -245,8 +245,7 @@ def test_a_trajectory_is_sent_to_an_action_cancelled_and_stopped_by_closing(doma
         for action, words in (("/walk", "no network"), ("no name", "no name")):
             form._action.value = action
             clicked(form._send)
-            wait_until(lambda words=words: words in form._text.content)
-            assert not wait_until(lambda: states[walk]).running
+            wait_until(lambda words=words: words in form._text.content and not states[walk].running)
         form._action.value = "/walk"
         clicked(form._send)
         wait_until(lambda: "m from the plan" in form._text.content)
