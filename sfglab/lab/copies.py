@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _MADE = "sfglab"  #: Key of a copy's metadata with the digests of its cells and of its source's.
 _LOG = re.compile(r'^(log\w*: str = )""$', re.MULTILINE)
-_TIME = re.compile(r"\*\*Expected time\.\*\* ([\d.]+ \w+)")
+_TIME = re.compile(r"\*\*Expected time\.\*\*[^\d\n]*([\d.]+ \w+)")
 _CHOICES = f'# A log is "{REFERENCE}", "{NEWEST}" (your newest run), a path, or "" to run now.'
 
 

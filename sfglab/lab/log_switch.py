@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sfglab.errors import MissingExtraError
 from sfglab.lab.notebooks import NEWEST, REFERENCE
 from sfglab.view.widgets import widgets
 
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
 
 _ADVICE = "Then choose <b>Run > Run Selected Cell and All Below</b>."
 _OWN = "The parameters cell names other logs."
-# The parameters before the last choice, and the choice.
+# The values of the parameters cell at the last choice, and the choice.
 _last: list[tuple[dict[str, str], str]] = []
 
 
@@ -20,23 +21,29 @@ def log_switch(namespace: MutableMapping[str, Any], expected_time: str) -> Any:
     """Return buttons that choose the logs of all experiments of a notebook.
 
     A choice sets the variables `log` and `log_<experiment>`. When the cell runs again, as by *Run
-    All*, the last choice is made again unless the parameters cell was changed since.
+    All*, the last choice is made again unless the parameters cell was changed since. Without
+    ipywidgets the parameters cell chooses the logs, and a sentence says so.
 
     Args:
         namespace: Variables of the notebook.
         expected_time: Time that a run takes, e.g. "4 min".
-
-    Raises:
-        MissingExtraError: ipywidgets is not installed.
     """
     given = {
         name: value
         for name, value in namespace.items()
         if name.partition("_")[0] == "log" and isinstance(value, str)
     }
-    if _last and _last[-1][0] == given:
-        namespace.update(dict.fromkeys(given, _last[-1][1]))
-    made = widgets()
+    try:
+        made = widgets()
+    except MissingExtraError as error:
+        return f"{error}. Without it, edit the parameters cell."
+    if _last:
+        parameters, choice = _last[-1]
+        chosen = dict.fromkeys(parameters, choice)
+        if given == parameters:
+            namespace.update(chosen)
+        elif given == chosen:  # the parameters cell did not run again
+            given = parameters
     choices = {
         "reference": REFERENCE,
         "newest own run": NEWEST,

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import sys
 from pathlib import Path
 
 import nbformat
@@ -60,6 +61,34 @@ def test_the_switch_chooses_all_logs_and_is_heard_again_after_the_parameters_cel
     buttons, text = log_switch(cells, "1 min").children
     assert (cells["log_naming"], buttons.value) == ("mine.mcap", None)
     assert text.value == "The parameters cell names other logs."
+
+
+def test_the_switch_is_heard_after_the_parameters_cell_also_if_it_ran_alone_in_between():
+    parameters = {"log": "mine.mcap"}
+    cells = dict(parameters)
+    for choice in ("newest", "reference"):
+        buttons, _ = log_switch(cells, "1 min").children  # Run Selected Cell
+        buttons.value = choice
+    cells.update(parameters)  # Run All
+    log_switch(cells, "1 min")
+    assert cells == {"log": "reference"}
+    cells.update(log="newest")  # another parameters cell
+    log_switch(cells, "1 min")
+    assert cells == {"log": "newest"}
+
+
+def test_without_widgets_the_parameters_cell_chooses(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ipywidgets", None)
+    cells = {"log": "mine.mcap"}
+    assert "ipywidgets" in log_switch(cells, "1 min")
+    assert cells == {"log": "mine.mcap"}
+
+
+def test_every_switch_names_the_time_that_its_notebook_states(tmp_path):
+    shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks")
+    copy_notebooks(Project(root=tmp_path))
+    for copy in (tmp_path / "runs" / "lab").glob("*.ipynb"):
+        assert "time not stated" not in copy.read_text("utf-8"), copy.name
 
 
 def test_a_changed_copy_is_kept_and_another_follows_its_notebook(project):
