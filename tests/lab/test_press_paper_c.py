@@ -14,7 +14,7 @@ from sfglab.soc.driving import CHAIN, Chain
 from sfglab.soc.exploration import walk
 from sfglab.soc.gateway import TABLE, State, Table
 from sfglab.soc.gateway_world import Bound, is_finished
-from sfglab.soc.graph import TopicMapping
+from sfglab.soc.graph import Graph, Node, Topic, TopicMapping
 
 pytest.importorskip("anywidget")
 from sfglab.lab.explore.mapping import PressedMapping
@@ -106,3 +106,16 @@ def test_a_chains_time_is_that_of_its_transfers_and_nodes():
     nodes = [DRIVING.node(name).hardware.time_s for name in CHAIN[:-1]]
     assert along[-1] == pytest.approx(chain.gateway_s + sum(chain.fixed_s.values()) + sum(nodes))
     assert all(a < b for a, b in pairwise(along))
+
+
+def test_a_chain_that_goes_round_ends_with_its_last_transfer():
+    nodes = tuple(Node(name=name) for name in "ab")
+    topics = [
+        Topic(name=f"/{after}", publishers=(before,), subscribers=(after,), size_bytes=10**6)
+        for before, after in ("ab", "ba")
+    ]
+    graph = Graph(nodes=nodes, topics=tuple(topics))
+    once_ms, all_ms = (
+        float(PressedMapping(graph, chain=chain)._cost().split()[-2]) for chain in ("ab", "abab")
+    )
+    assert all_ms == pytest.approx(3 * once_ms, abs=0.02)

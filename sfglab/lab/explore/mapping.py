@@ -214,7 +214,7 @@ class PressedMapping(Pressed):
             areas = f"{load.lut} LUT, {load.bram:g} BRAM"
             titles.append(f"load {_MS * load.total_s:.1f} ms per second ({parts}); {areas}")
         if self._chain:
-            end_s = [*mapping.chain_s(self.graph, self._chain).values()][-1]
+            end_s = max(mapping.chain_s(self.graph, self._chain).values())
             whole_s = end_s + mapping.activation_s(self.graph.node(self._chain[-1]))
             titles.append(f"chain (\N{GREEK CAPITAL LETTER SIGMA}) {_MS * whole_s:.2f} ms")
         return "; ".join(titles)
