@@ -85,6 +85,7 @@ def plain(xml: str) -> str:
 def test_fast_dds_profiles_say_the_plan_with_names_of_the_schema(format_, names):
     text = EXPORTS[format_].text(plan_of())
     for old, new in names.items():
+        assert old not in text
         text = text.replace(new, old)
     assert found_in(text, "profiles/data_writer") == plain(WRITER)
     assert found_in(text, "profiles/data_reader/times") == plain(READER_TIMES)

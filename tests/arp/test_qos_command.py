@@ -45,29 +45,43 @@ def test_what_is_recommended_follows_what_ros_2_runs_on(rmw, named, depth, forma
     assert said in call(PAPER_B, "--rmw", rmw, "--format", format_)
 
 
+def test_the_front_has_a_line_for_each_latency_weight_and_a_file_profiles_for_each_topic():
+    warning, _, *lines = call(WAREHOUSE, "--pareto").splitlines()
+    assert warning.startswith("warning: samples above one frame")
+    assert [len(line.split()) for line in lines] == [5] * 13
+    text = call(PAPER_B, "--format", "fastdds3")
+    assert text.count("<data_writer ") == text.count("<data_reader ") == 18
+
+
 def test_json_has_the_deadlines_and_no_number_that_json_has_not():
-    text = call(PAPER_B, "--method", "paper", "--json")
-    plan = json.loads(text[text.index("{") :], parse_constant=pytest.fail)
+    def read(*options):
+        text = call(PAPER_B, *options, "--json")
+        return json.loads(text[text.index("{") :], parse_constant=pytest.fail)
+
+    assert read("--latency-weight", "5")["latency_price_hz"] == 5
+    plan = read("--method", "paper")
     assert plan["latency_s"] is None, "the channel is overloaded"
     for part in plan["topics"]:
         assert part["deadline_ns"] == pytest.approx(1e9 * part["depth"] / part["rate_hz"])
 
 
 @pytest.mark.parametrize(
-    ("topic", "options", "warned"),
+    ("loss", "topic", "options", "warned"),
     [
-        ("size_bytes: 1380", [], ""),
-        ("size_bytes: 1400", [], "IP fragments (Cyclone DDS has its own): /a"),
-        ("size_bytes: 8, rate_min_hz: 9", ["--rate-max", "5"], "file's rate_min_hz: /a"),
-        ("size_bytes: 8, rate_min_hz: 600", ["--method", "paper"], "or rate_max_hz: /a"),
+        (0.01, "size_bytes: 1380", [], ""),
+        (0.01, "size_bytes: 1400", [], "IP fragments (Cyclone DDS has its own): /a"),
+        (0.2, "size_bytes: 8", [], "losses up to 10%: /a, /b"),
+        (0.01, "size_bytes: 8, rate_min_hz: 9", ["--rate-max", "5"], "file's rate_min_hz: /a"),
+        (0.01, "size_bytes: 8, rate_min_hz: 600", ["--method", "paper"], "or rate_max_hz: /a"),
     ],
 )
 def test_a_warning_names_topics_beyond_the_model_or_the_limits_of_their_file(
-    topic, options, warned, tmp_path
+    loss, topic, options, warned, tmp_path
 ):
     file = tmp_path / "topics.yaml"
     ends = "from: robot, to: station"
-    file.write_text(f"topics:\n  /a: {{{ends}, {topic}}}\n  /b: {{{ends}, size_bytes: 8}}\n")
+    topics = f"  /a: {{{ends}, {topic}}}\n  /b: {{{ends}, size_bytes: 8}}\n"
+    file.write_text(f"link: {{loss: {loss}}}\ntopics:\n{topics}")
     found = re.findall(r"^warning: .*$", call(str(file), *options), re.MULTILINE)
     assert len(found) == bool(warned)
     assert warned in "".join(found)
