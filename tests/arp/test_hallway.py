@@ -53,6 +53,12 @@ def test_what_the_lidar_cannot_see_has_no_echo(range_m):
     assert hallway.range_from_step(hallway.step_from_range(range_m)) == math.inf
 
 
+@pytest.mark.parametrize("command", [STOP, hallway.Command(moving=True, turn_mrad_s=-300)])
+def test_a_command_its_number_and_its_velocities_say_the_same(command):
+    assert command.from_number(command.number) == command
+    assert command.from_velocities(command.speed_m_s, command.turn_rad_s) == command
+
+
 def test_wheels_of_different_speed_make_an_arc():
     """A quarter of a circle of 0.5 m in 200 steps; the wheels are 0.16 m apart."""
     poses = np.zeros((1, 3))

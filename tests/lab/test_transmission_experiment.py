@@ -94,6 +94,14 @@ def test_a_run_repeats_to_the_byte_and_fills_its_claims(tmp_path):
     assert (results.causes(one)["channel utilisation (%)"] > 0).all()
 
 
+def test_a_cell_of_the_log_is_simulated_again_from_its_row():
+    rows = reference(exp)["cell"].query("rate_max_hz == 100 and method == 'OPT+LC'")
+    row = next(rows.itertuples())
+    cell = hello.GridCell(rate_max_hz=100, depth=row.depth, method=row.method, duration_s=60.0)
+    again = simulate_cell(cell, row.seed)
+    assert {name: getattr(row, name) for name in again} == pytest.approx(again, nan_ok=True)
+
+
 def test_a_method_that_lacks_a_depth_is_drawn_at_its_own_depths():
     columns = ["rate_max_hz", "depth", "method", "median"]
     rows = [(100, "1", "none", 1.0), (100, "10", "none", 2.0), (100, "10", "LC", 3.0)]

@@ -133,6 +133,24 @@ def test_a_heartbeat_rides_with_the_same_sample_as_on_real_fast_dds(size_bytes, 
         assert done.counts["acknack"] == (count == sample)
 
 
+@pytest.mark.parametrize(
+    ("mode", "rule", "depth", "throttled"),
+    [
+        ("async", "block", 1, True),  # a full history waits for the thread that sends
+        ("async", "block", 4000, False),  # what waits there travels together
+        ("sync", "block", 1, True),  # the publishing thread waits
+        ("async", "tail", 1, False),
+    ],
+)
+def test_what_a_crowded_medium_costs_depends_on_who_waits(mode, rule, depth, throttled):
+    """It carries some 600 samples per second of 1,000."""
+    medium = Medium(loss=0.0, overhead_s=1.5e-3, queue_frames=50, queue_rule=rule)
+    given = {"vendor": PRESETS[f"fast_dds_{mode}"], "qos": QoSProfile(depth=depth)}
+    done = played(medium, rate_hz=1000.0, duration_s=3.0, **given)
+    assert (done.counts["throttled"] > 0) == throttled
+    assert (done.flows["a"].loss > 0.3) == (rule == "tail")
+
+
 @pytest.mark.parametrize(("relayed", "loss", "airtime"), [(False, 0.1, 1.0), (True, 0.19, 1.9)])
 def test_best_effort_loses_as_often_as_it_is_on_air_and_an_access_point_costs_twice(
     relayed, loss, airtime
