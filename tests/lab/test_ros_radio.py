@@ -9,7 +9,8 @@ from commands import called
 from sfglab.errors import InvalidValueError
 from sfglab.lab.experiments.transmission.live import Cell
 from sfglab.lab.live_flows import MODES, live_hosts
-from sfglab.rtps import run
+from sfglab.qos import QoSProfile
+from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
 from sfglab.rtps.session import age_ms
 from sfglab.rtps.vendors import SEND_BUFFER_BYTES
 
@@ -23,6 +24,7 @@ CELL = {
     "loss": 0.08,
     "overhead_us": 300,
 }
+CALM = Medium(rate_bps=1e8, loss=0.0, overhead_s=50e-6)
 RADIO = {"queue_frames": 500, "queue_rule": "tail", "burst_frames": 0, "access_point": False}
 
 FRAME_TRUE_BYTES = 2048 + 256
@@ -38,6 +40,23 @@ async def test_a_deep_history_stalls_in_the_mode_in_which_the_model_says_so(pres
     soon = [np.sum(flow.latency_ns < 500_000_000) / len(flow.fate) for flow in flows]
     assert played.radio.lost > 10
     assert [share < 0.5 for share in soon] == [stalls, stalls], soon
+
+
+async def test_chains_and_local_caches_run_on_ros2_as_in_the_model():
+    flow = {"source": "robot", "target": "station", "rate_hz": 100.0, "qos": QoSProfile(depth=100)}
+    flows = (
+        Flow(name="cached", change_s=0.1, cached=True, phase_s=1e-3, **flow),
+        Flow(name="hello", size_bytes=14, then="move", service_s=5e-3, **flow),
+        Flow(name="move", size_bytes=14, source="station", target="robot", qos=flow["qos"]),
+    )
+    times = {"vendor": PRESETS["fast_dds_sync"], "duration_s": 1.0, "drain_s": 3.0}
+    async with live_hosts("robot", "station", ros="SYNCHRONOUS") as hosts:
+        played = await hosts.play(Scenario(flows=flows, medium=CALM, **times), seed=3)
+    cached, hello, move = (played.outcome.flows[flow.name] for flow in flows)
+    assert 1 < len(cached.fate) < 40, "what did not change is held back"
+    assert 50 < len(hello.fate) == len(move.fate), "at most a machine that is busy with others"
+    assert cached.loss == hello.loss == move.loss == 0
+    assert (move.published_ns >= hello.published_ns + 5_000_000).all()
 
 
 # ROS 2's usual ten: of fewer, a sending thread that waits for a CPU loses more (of five 13 % beside six loops).
