@@ -42,6 +42,7 @@ def test_nodes_and_gateways_have_slots_of_their_own_on_the_paper_s_board():
         assert thread["Slot"].replace("(*)", "(0:0)") in slots
         assert thread["ResourceGroup"] in sections(EXAMPLE, "ResourceGroup")
     assert EXAMPLE["General"]["Name"] == "Fig_8"
+    assert EXAMPLE["General"]["TargetPart"] == "xczu7ev-ffvc1156-2-e"
 
 
 def test_a_topic_in_hardware_or_at_a_gateway_is_a_stream_and_one_in_software_a_message():
