@@ -20,9 +20,9 @@ _last: list[tuple[dict[str, str], str]] = []
 def log_switch(namespace: MutableMapping[str, Any], expected_time: str) -> Any:
     """Return buttons that choose the logs of all experiments of a notebook.
 
-    A choice sets the variables `log` and `log_<experiment>`. When the cell runs again, as by *Run
-    All*, the last choice is made again unless the parameters cell was changed since. Without
-    ipywidgets the parameters cell chooses the logs, and a sentence says so.
+    A choice sets the variables that name the logs. *Run All* keeps the last choice, but a changed
+    parameters cell replaces it. Without ipywidgets the parameters cell chooses the logs, and a
+    sentence says so.
 
     Args:
         namespace: Variables of the notebook.
