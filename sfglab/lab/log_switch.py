@@ -20,9 +20,8 @@ _last: list[tuple[dict[str, str], str]] = []
 def log_switch(namespace: MutableMapping[str, Any], expected_time: str) -> Any:
     """Return buttons that choose the logs of all experiments of a notebook.
 
-    A choice sets the variables that name the logs. *Run All* keeps the last choice, but a changed
-    parameters cell replaces it. Without ipywidgets the parameters cell chooses the logs, and a
-    sentence says so.
+    A run of all cells keeps the last choice, and a changed parameters cell replaces it. Without ipywidgets
+    the result is a sentence that tells to edit the parameters cell.
 
     Args:
         namespace: Variables of the notebook.
