@@ -45,9 +45,13 @@ def run_component(
     config_class: type[C],
     serve: Callable[[C, Reporter, Orders], Awaitable[None]],
 ) -> None:
-    """Run a component, given configuration, reports and orders, until it is told to end; or fail, status 1.
+    """Run a component until its parent orders the end; an error of sfglab ends it with exit status 1.
 
-    One that has not ended `END_LIMIT_S` later, the kernel ends.
+    The kernel ends a component that is still there `END_LIMIT_S` after the order.
+
+    Args:
+        config_class: Class of the configuration in the process's argument.
+        serve: Function of the component; it takes configuration, reporter and orders.
     """
     # The parent decides when the component ends; an interrupt from the terminal reaches the parent as well.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

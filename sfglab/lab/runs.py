@@ -46,7 +46,7 @@ class Run(Generic[C]):
         config_class: type[C],
         row_classes: Mapping[str, type[Any]],
         removed: Mapping[str, Mapping[str, Any]],
-        profiles: Mapping[str, Mapping[str, Any]] | None = None,
+        profiles: Mapping[str, Mapping[str, Any]],
     ) -> None:
         self.log = log  #: Path of the log.
         self._row_classes = row_classes
@@ -57,7 +57,7 @@ class Run(Generic[C]):
             self._tables = reader.tables
             self._metadata = {name: reader.metadata(name) for name in reader.metadata_names}
         logged = self._metadata["config"]
-        usual = (profiles or {}).get(str(logged.get("profile")), {})
+        usual = profiles.get(str(logged.get("profile")), {})
         #: Configuration of the run. A field that is newer than the log has the value of its profile.
         self.config: C = read(config_class, {**usual, **logged}, source=Source.LOG)
         #: Fields of the log's configuration that no longer exist and had another value than their profile.

@@ -151,15 +151,16 @@ def test_a_removed_field_that_held_another_value_than_usual_counts_for_no_claim(
     class Later:
         profile: str = "quick"
         seeds: int = 2
+        newer: int = 1
 
     log = run(tmp_path / "a.mcap").log
     gone = {name: {"smoke": value} for name, value in {"seed": 0, "breaks": False}.items()}
     gone |= {"kinds": {"smoke": ["a", "b"]}, "loss": {"smoke": 0.01, "paper": 0.3}}
-    assert Run(log, Later, exp.tables, gone).unread == ()
+    assert Run(log, Later, exp.tables, gone, {}).unread == ()
     gone["loss"] = {"smoke": 0.02, "paper": 0.01}
-    later = Run(log, Later, exp.tables, gone)
+    later = Run(log, Later, exp.tables, gone, {"smoke": {"seeds": 3, "newer": 4}})
     assert later.unread == ("loss",)
-    assert later.config == Later(profile="smoke", seeds=1)
+    assert later.config == Later(profile="smoke", seeds=1, newer=4)
     assert later.why_not == "it is a smoke test"
 
 

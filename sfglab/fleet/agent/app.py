@@ -1,7 +1,7 @@
-"""Agent of a fleet as a process, `sfglab agent up`, which tells a person or a program what happens.
+"""The command `sfglab agent up`, which runs the components of an agent and prints what happens to them.
 
 The module is an I/O wrapper of `supervision`. One task handles one event after the other. `Narrator` turns
-the reports of an agent into a few lines for a person; with ``--json``, a program reads the reports:
+the reports of an agent into a few lines for a person. With ``--json`` the command prints the reports:
 
 - ``{"is": "ready"}``, once when all components have served,
 - ``{"is": "component", "component", "state", "pid", "crashes", "why", "retry_s"}``, for every change of a

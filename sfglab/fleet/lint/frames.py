@@ -52,8 +52,10 @@ def roots_of(edges: Iterable[Edge]) -> dict[str, str]:
     roots = {}
     for frame in [*parents, *parents.values()]:
         root = frame
-        for _ in parents:  # a longer path is a circle
-            root = parents.get(root, root)
+        path = set()
+        while root in parents and root not in path:
+            path.add(root)
+            root = parents[root]
         if root not in parents:
             roots[frame] = root
     return roots

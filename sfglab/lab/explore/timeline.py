@@ -43,9 +43,8 @@ _KINDS = {
 class Exchange:
     """One writer, one reader, and the wireless channel between them."""
 
-    vendor: Literal["fast_dds", "cyclone_dds"] = (
-        "fast_dds"  #: Middleware whose timing is simulated.
-    )
+    #: Middleware whose timing is simulated.
+    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"
     rate_hz: float = between(20.0, 1.0, 200.0, log=True)  #: Rate of the samples [Hz].
     depth: int = between(8, 1, 50)  #: Depth of each history, samples.
     #: Share of frames that the channel loses beside the clicked ones.

@@ -197,7 +197,7 @@ class Processes(StreamProcesses):
                 "replay_packets": self.replayed,
             }
             looks.append(as_row(LookRow, row, first, seen))
-        # A viewer's report comes after those of the frames that it has seen.
+        # `seen` has waited for the camera's reports of all frames that the viewer saw.
         shots = [
             ShotRow(number=base + number, stamp_ns=stamp_ns) for number, stamp_ns, _ in self.sent
         ]
