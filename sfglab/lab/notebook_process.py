@@ -66,8 +66,12 @@ def run_notebook(path: str, copy: str, parameters: Mapping[str, Any]) -> str:
     skipper = _Skipper()
     try:
         with tempfile.TemporaryDirectory() as folder:
-            # Only this user can reach a kernel, and not over TCP.
-            sockets = {"transport": "ipc", "ip": f"{folder}/kernel"}
+            # Only this user can reach a kernel, and not over TCP. All its files end with the folder.
+            sockets = {
+                "transport": "ipc",
+                "ip": f"{folder}/kernel",
+                "connection_file": f"{folder}/kernel.json",
+            }
             papermill.execute_notebook(
                 path,
                 copy,
