@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 from sfglab.errors import InvalidValueError
-from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Vendor
+from sfglab.rtps import CYCLONE_DDS, FAST_DDS
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from sfglab.arp.plan import Plan, TopicPlan
     from sfglab.qos import QoSProfile
+    from sfglab.rtps import Vendor
 
 
 def _summary(plan: Plan) -> str:
@@ -143,10 +144,8 @@ def _seconds(duration_ns: int) -> dict[str, int]:
 
 
 _NAMESPACE = "https://cdds.io/config"
-#: HeartbeatInterval's `min`, Cyclone's default; the model does not reckon with it.
-_LEAST_NS = 5_000_000
-
-_SCHEDULED_LEAST_NS = 20_000_000  #: HeartbeatInterval's `minsched`, Cyclone's default.
+#: HeartbeatInterval's `min`, `minsched` and `max`, Cyclone's defaults; the model does not reckon with them.
+_LEAST_NS, _SCHEDULED_LEAST_NS, _LONGEST_NS = 5_000_000, 20_000_000, 8_000_000_000
 
 _CYCLONE_HOW = (
     "Set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp and CYCLONEDDS_URI to this file. It contains timing only: this "
@@ -168,7 +167,7 @@ def cyclone_xml(plan: Plan) -> str:
         "HeartbeatInterval",
         min=_duration(min(_LEAST_NS, vendor.heartbeat_ns)),
         minsched=_duration(min(_SCHEDULED_LEAST_NS, vendor.heartbeat_ns)),
-        max=_duration(vendor.heartbeat_max_ns),
+        max=_duration(max(_LONGEST_NS, vendor.heartbeat_ns)),
     )
     interval.text = _duration(vendor.heartbeat_ns)
     delays = {
@@ -223,11 +222,12 @@ class Export(NamedTuple):
 
     file: str  #: Usual name of the file.
     render: Callable[[Plan], str]  #: Writes a plan of this vendor.
-    vendor: Vendor | None  #: Vendor whose timing the plan must have; None: any vendor.
+    #: Beginning of the name of the vendor whose timing the plan must have, which its presets share.
+    vendor: str
 
     def suits(self, vendor: Vendor) -> bool:
-        """Return whether the format can say the timing of a vendor, also of its presets."""
-        return self.vendor is None or vendor.name.startswith(self.vendor.name)
+        """Return whether the format can say the timing of a vendor."""
+        return vendor.name.startswith(self.vendor)
 
     def text(self, plan: Plan) -> str:
         """Return a plan as the file's text.
@@ -235,16 +235,18 @@ class Export(NamedTuple):
         Raises:
             InvalidValueError: The plan has the timing of another vendor.
         """
-        if self.vendor and not self.suits(plan.vendor):
-            allowed = f"a plan with the timing of {self.vendor.name}"
+        if not self.suits(plan.vendor):
+            allowed = f"a plan with the timing of {self.vendor}"
             raise InvalidValueError(self.file, plan.vendor.name, allowed)
         return self.render(plan)
 
 
 EXPORTS = {
-    "fastdds": Export("fastdds.xml", fast_dds_xml, FAST_DDS),
-    "fastdds3": Export("fastdds3.xml", partial(fast_dds_xml, generation=GENERATION_3), FAST_DDS),
-    "cyclone": Export("cyclonedds.xml", cyclone_xml, CYCLONE_DDS),
-    "ros2": Export("qos_overrides.yaml", ros2_parameters, None),
+    "fastdds": Export("fastdds.xml", fast_dds_xml, FAST_DDS.name),
+    "fastdds3": Export(
+        "fastdds3.xml", partial(fast_dds_xml, generation=GENERATION_3), FAST_DDS.name
+    ),
+    "cyclone": Export("cyclonedds.xml", cyclone_xml, CYCLONE_DDS.name),
+    "ros2": Export("qos_overrides.yaml", ros2_parameters, ""),
 }
 """By the name that the command line uses."""

@@ -1,12 +1,13 @@
 """The link under topics: what they cost on it and how long retransmissions hold them up, in closed form.
 
-The arithmetic of a plan: airtime of samples and acknowledgements, mean wait in the queue, mean delay by
-retransmissions (`repairs`). A sample that fits into one frame has the frames, delays and heartbeats of the
-simulation in `sfglab.rtps`. A larger one takes several IP fragments here and one long frame in the simulation.
+The link is a half-duplex medium that all hosts share, as Wi-Fi is. The arithmetic of a plan: airtime of samples
+and acknowledgements, mean wait in the queue, mean delay by retransmissions (`repairs`). A sample that fits into
+one frame has the frames, delays and heartbeats of the simulation in `sfglab.rtps`. A larger one takes several
+IP fragments here and one long frame in the simulation.
 Cyclone DDS divides samples from about 1.3 kB into RTPS fragments instead, which neither includes.
 Given the depths, every formula is convex in the rates; it is written once, for numbers and for CVXPY's
 expressions. First-order in losses; heartbeats that travel alone and GAPs are left out, which are rare where
-heartbeats ride with samples. Shapes: n topics, S senders.
+heartbeats ride with samples. Shapes: n topics.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.arp.repairs import NOT_HELD, Held, alone_held, riding_held
+from sfglab.arp.repairs import alone_held, riding_held
 from sfglab.errors import InvalidValueError
 from sfglab.qos import Durability
 from sfglab.rtps.frames import ACKNACK_BYTES, IP_BYTES, IP_PAYLOAD_BYTES, data_bytes
@@ -34,27 +35,22 @@ if TYPE_CHECKING:
 
 _LEAST = 1e-9
 _LOSS_MOST = 0.99  # beyond, no number of retransmissions helps
-_UTILISATION_MOST = 1 - 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
     """Topics on a medium, as arrays."""
 
-    #: Names of the senders: the medium where it is shared, else each host. Each sends one frame at a time.
-    senders: tuple[str, ...]
-    sender: NDArray[np.intp]  #: Sender that carries a topic's samples, shape (n,).
-    #: Time of a sender that one sample costs with all hosts contending, with repeats, seconds, shape (S, n).
+    #: Airtime that one sample costs with all hosts contending, with repeats, seconds, shape (n,).
     data_s: Floats
-    #: Time of a sender that one acknowledgement costs alike, seconds, shape (S, n).
+    #: Airtime that the acknowledgements of one sample cost alike, seconds, shape (n,).
     acknack_s: Floats
     acknack_share: Floats  #: Acknowledgements per sample, shape (n,).
     #: Acknowledgements per second at most, as the reader's delay bundles heartbeats, shape (n,).
     acknack_most_hz: Floats
     #: Changes per second of a topic's value where a local cache lets only those pass, else infinite, shape (n,).
     change_most_hz: Floats
-    #: Mean airtime of one frame without contention, seconds, shape (S,).
-    frame_s: Floats
+    frame_s: float  #: Mean airtime of one frame without contention, seconds.
     contention: float  #: Share by which all hosts together stretch a frame.
     #: Time from being sent to arrival without queue and contention, seconds, shape (n,).
     way_s: Floats
@@ -69,7 +65,7 @@ class Link:
     loss: Floats
     reliable: NDArray[np.bool_]  #: Whether a topic's losses are retransmitted, shape (n,).
     batching: NDArray[np.bool_]  #: Whether heartbeats come once in `depth` samples, shape (n,).
-    #: `repairs.Held` of each topic, shape (3, n).
+    #: `repairs.Held` of each topic, shape (3, n); zeros of best-effort topics, where nothing waits for what is lost.
     held: Floats
 
     @property
@@ -82,13 +78,10 @@ class Link:
         """Whether a local cache lets only changes of a topic's value pass, shape (n,)."""
         return np.isfinite(self.change_most_hz)
 
-    def utilisation(self, rates_hz: Floats) -> Floats:
-        """Return the share of each sender's time that rates take, shape (S,)."""
-        return self.load(self.sent_hz(rates_hz))
-
-    def load(self, sent_hz: Floats) -> Floats:
-        """Return the share of each sender's time that samples take, of which so many are sent, shape (S,)."""
-        return np.asarray(self.data_s @ sent_hz + self.acknack_s @ self.acknacks_hz(sent_hz))
+    def utilisation(self, rates_hz: Floats) -> float:
+        """Return the share of the medium's time that rates take."""
+        sent_hz = self.sent_hz(rates_hz)
+        return float(self.data_s @ sent_hz + self.acknack_s @ self.acknacks_hz(sent_hz))
 
     def acknacks_hz(self, sent_hz: Floats) -> Floats:
         """Return the acknowledgements per second of each topic, shape (n,)."""
@@ -107,46 +100,46 @@ class Link:
 def link_of(given: TopicFile) -> Link:
     """Return what topics cost on their link with their vendor's timing, with histories of one sample (`at_depths`).
 
-    On a shared medium every further host that contends stretches each frame (`Medium.contention`). Capacity is
-    reckoned with all hosts contending, as they do when the medium is nearly full, which is when it decides.
+    Every further host that contends stretches each frame (`Medium.contention`). Capacity is reckoned with all
+    hosts contending, as they do when the medium is nearly full, which is when it decides.
     """
     topics = given.topics
     medium = given.medium
     vendor = given.vendor
-    hosts = sorted({host for topic in topics for host in _sending_hosts(topic)})
-    senders = ("the medium",) if medium.shared else tuple(hosts)
-    contention = medium.contention * (len(hosts) - 1) if medium.shared else 0.0
-    data_s, acknack_s = _frames_s(topics, medium, senders)
-    way_s = data_s.sum(axis=0) + medium.latency_s
+    hosts: set[str] = set()
+    for topic in topics:
+        hosts.add(topic.source)
+        if topic.reliable:  # receivers acknowledge
+            hosts.update(topic.targets)
+    contention = medium.contention * (len(hosts) - 1)
+    data_s, acknack_s = _frames_s(topics, medium)
+    way_s = data_s + medium.latency_s
     acknack_way_s = _air_s(medium, ACKNACK_BYTES) + medium.latency_s
     reliable = np.array([topic.reliable for topic in topics])
     volatile = np.array([topic.durability is Durability.VOLATILE for topic in topics])
     change_most_hz = np.array([1 / t.change_s if t.cached else np.inf for t in topics])
     loss = np.array([loss_of(topic, medium) for topic in topics])
-    spacing_s = 0.0 if vendor.prompt or vendor.piggyback_when_full else vendor.heartbeat_ns / 1e9
-    bundled_s = 0.0 if vendor.prompt else max(vendor.ack_delay_ns / 1e9, spacing_s)
+    bundled_s = 0.0 if vendor.prompt else vendor.ack_delay_ns / 1e9
     # Time of a retransmission beside its way; a prompt reader waits only before its second request.
     answer_ns = (0 if vendor.prompt else vendor.nack_delay_ns) + vendor.nack_response_ns
-    frames_s = np.concatenate([data_s, acknack_s], axis=1)
+    frames_s = np.concatenate([data_s, acknack_s])
     link = Link(
-        senders=senders,
-        sender=data_s.argmax(axis=0),
         data_s=data_s * (1 + contention) * np.where(reliable, 1 / (1 - loss), 1.0),
         acknack_s=acknack_s * (1 + contention),
         acknack_share=np.ones(len(topics)),
         acknack_most_hz=np.full(len(topics), 1 / max(bundled_s, _LEAST)),
         change_most_hz=change_most_hz,
-        frame_s=frames_s.sum(axis=1) / np.maximum((frames_s > 0).sum(axis=1), 1),
+        frame_s=float(frames_s.sum() / np.count_nonzero(frames_s)),
         contention=contention,
         way_s=way_s,
-        round_s=answer_ns / 1e9 + spacing_s + acknack_way_s + way_s,
+        round_s=answer_ns / 1e9 + acknack_way_s + way_s,
         again_s=vendor.nack_delay_ns / 1e9 if vendor.prompt else 0.0,
         period_s=vendor.heartbeat_ns / 1e9,
         final_within_s=vendor.final_within_ns / 1e9,
         nack_most=vendor.nack_most,
         loss=loss,
         reliable=reliable,
-        batching=reliable & volatile & (vendor.piggyback_when_full and not vendor.shows_each),
+        batching=reliable & volatile & (not vendor.shows_each),
         held=np.zeros((3, len(topics))),
     )
     rates_hz = np.array([topic.rate_max_hz for topic in topics])
@@ -164,11 +157,6 @@ def loss_of(topic: Topic, medium: Medium) -> float:
     return loss
 
 
-def _sending_hosts(topic: Topic) -> tuple[str, ...]:
-    """Return the hosts that send samples or acknowledgements of a topic."""
-    return (topic.source, *topic.targets) if topic.reliable else (topic.source,)
-
-
 def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: Floats) -> Link:
     """Return a link with the acknowledgements and delays that depths bring.
 
@@ -180,47 +168,35 @@ def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: Floats) -> Link:
     sent_hz, cached = link.sent_hz(rates_hz), link.cached
     share = np.ones_like(sent_hz)
     most_hz = link.acknack_most_hz.copy()
-    held = [NOT_HELD] * len(sent_hz)
+    held = np.zeros((3, len(sent_hz)))
     for i in np.flatnonzero(link.reliable).tolist():
-        sent, loss = float(sent_hz[i]), float(link.loss[i])
+        sent, loss, round_s = float(sent_hz[i]), float(link.loss[i]), float(link.round_s[i])
         batch = int(depths[i]) if link.batching[i] else 1
-        is_alone = batch > sent * link.period_s
-        held[i] = _held_up(link, i, sent, batch)
+        is_alone = batch > sent * link.period_s  # the period ends before a heartbeat can ride
+        if is_alone:
+            held[:, i] = alone_held(sent, link.period_s, round_s, loss)
+        else:
+            held[:, i] = riding_held(batch, round_s, link.again_s, loss)
         if is_alone and batch > 1:
             most_hz[i] = 1 / link.period_s
         else:
-            unasked = _unasked(link, sent, at_random=bool(cached[i]))
+            # The share of samples that follow too soon for their heartbeat to ask for an answer.
+            within = sent * link.final_within_s
+            unasked = -math.expm1(-within) if cached[i] else float(within > 1)
             share[i] = min(1.0, (1 - unasked) / batch + max(loss, _LEAST))
-    columns = np.array(held).T
-    return replace(link, acknack_share=share, acknack_most_hz=most_hz, held=columns)
+    return replace(link, acknack_share=share, acknack_most_hz=most_hz, held=held)
 
 
-def _held_up(link: Link, topic: int, sent_hz: float, batch: int) -> Held:
-    """Return by how much one loss holds up a topic's samples; heartbeats come alone where samples are rare."""
-    round_s, loss = float(link.round_s[topic]), float(link.loss[topic])
-    if batch > sent_hz * link.period_s:
-        return alone_held(sent_hz, link.period_s, round_s, loss)
-    return riding_held(batch, round_s, link.again_s, loss)
-
-
-def _unasked(link: Link, sent_hz: float, *, at_random: bool) -> float:
-    """Return the share of samples that follow too soon for their heartbeat to ask for an answer."""
-    if at_random:
-        return -math.expm1(-sent_hz * link.final_within_s)
-    return float(sent_hz * link.final_within_s > 1)
-
-
-def waits_s(link: Link, rates_hz: Floats) -> Floats:
-    """Return how long each topic's samples wait, infinite where the sender is overloaded, shape (n,)."""
+def wait_s(link: Link, rates_hz: Floats) -> float:
+    """Return how long samples wait in the mean, infinite where the medium is overloaded."""
     utilisation = link.utilisation(rates_hz)
-    # Up to 1 the formula holds; beyond, there is no mean.
-    capped = np.minimum(utilisation, _UTILISATION_MOST)
-    waits = queue_wait_s(capped, link, inverse=np.reciprocal)
-    return np.where(utilisation < 1, waits, math.inf)[link.sender]
+    if utilisation >= 1:
+        return math.inf
+    return float(queue_wait_s(utilisation, link, inverse=np.reciprocal))
 
 
 def queue_wait_s(utilisation: Any, link: Link, *, inverse: Callable[[Any], Any]) -> Any:
-    """Return the mean time that contention and the queue add to each frame, of every sender, shape (S,).
+    """Return the mean time that contention and the queue add to each frame.
 
     Frames of one length at random times wait s u / (2 (1 - u)) (M/D/1), u being the utilisation, below 1.
     Contention makes them longer the busier the medium is, s = f (1 + k u), and so the frame itself:
@@ -228,7 +204,7 @@ def queue_wait_s(utilisation: Any, link: Link, *, inverse: Callable[[Any], Any])
     `inverse` is 1 / x for positive x, of the kind of `utilisation`.
     """
     k = link.contention
-    return _times(0.5 * link.frame_s, (1 + k) * (inverse(1 - utilisation) - 1) + k * utilisation)
+    return 0.5 * link.frame_s * ((1 + k) * (inverse(1 - utilisation) - 1) + k * utilisation)
 
 
 def repair_delay_s(link: Link, sent_hz: Any, *, inverse: Callable[[Any], Any]) -> Any:
@@ -251,20 +227,16 @@ def _times(factor: NDArray[Any], value: Any) -> Any:
     return multiply(factor, value)
 
 
-def _frames_s(
-    topics: Sequence[Topic], medium: Medium, senders: tuple[str, ...]
-) -> tuple[Floats, Floats]:
-    """Return the airtime of one sample and one acknowledgement of each topic per sender, shape (S, n) each."""
-    data_s, acknack_s = np.zeros((2, len(senders), len(topics)))
+def _frames_s(topics: Sequence[Topic], medium: Medium) -> tuple[Floats, Floats]:
+    """Return the airtime of one sample and of its acknowledgements of each topic, shape (n,) each."""
+    data_s, acknack_s = np.zeros((2, len(topics)))
     for i, topic in enumerate(topics):
-        source = 0 if medium.shared else senders.index(topic.source)
+        receivers = len(topic.targets)
         more = frames_of(topic) - 1
         size_bytes = data_bytes(topic.size_bytes, with_heartbeat=topic.reliable) + more * IP_BYTES
-        each_s = _air_s(medium, size_bytes) + more * medium.overhead_s
-        data_s[source, i] = len(topic.targets) * each_s
-        for target in topic.targets if topic.reliable else ():
-            acknowledges = 0 if medium.shared else senders.index(target)
-            acknack_s[acknowledges, i] += _air_s(medium, ACKNACK_BYTES)
+        data_s[i] = receivers * (_air_s(medium, size_bytes) + more * medium.overhead_s)
+        if topic.reliable:
+            acknack_s[i] = receivers * _air_s(medium, ACKNACK_BYTES)
     return data_s, acknack_s
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.arp.balancing import BalanceInput, balance_closed_form
-from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s, waits_s
+from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s, wait_s
 from sfglab.arp.repairs import failing_share
 from sfglab.qos import SENSOR_DATA, QoSProfile
 
@@ -70,7 +70,7 @@ def expected_losses(link: Link, depths: Depths, rates_hz: Floats) -> Floats:
     rounds = np.ceil(longer_s / (_round_s(link, rates_hz) + link.again_s)) - 1
     failing = 1 - (1 - link.loss) ** 2
     steady = link.loss * failing ** np.maximum(rounds, 0)
-    during = np.minimum(sent_hz * _repair_s(link, waits_s(link, rates_hz)), _DURING_MOST)
+    during = np.minimum(sent_hz * _repair_s(link, wait_s(link, rates_hz)), _DURING_MOST)
     # Periodic samples are published during a retransmission in whole numbers, changes at random in the mean.
     overwritten = np.where(link.cached, during, np.floor(during)) / depths
     in_batches = link.loss * np.minimum(1.0, overwritten + failing_share(link.loss))
@@ -91,7 +91,7 @@ def rates_most_hz(link: Link, highest_hz: Floats, *, utilisation_max: float) -> 
     low, high = 0.0, utilisation_max
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        if link.utilisation(_rates_at_hz(link, highest_hz, middle, bounded)).max() > middle:
+        if link.utilisation(_rates_at_hz(link, highest_hz, middle, bounded)) > middle:
             low = middle
         else:
             high = middle
@@ -102,15 +102,14 @@ def _rates_at_hz(
     link: Link, highest_hz: Floats, utilisation: float, bounded: NDArray[np.bool_]
 ) -> Floats:
     """Return the highest rates on a link that is so busy."""
-    busy = np.full(len(link.senders), utilisation)
-    wait_s = queue_wait_s(busy, link, inverse=np.reciprocal)[link.sender]
-    most_hz = np.minimum(highest_hz, _RATE_MARGIN / _repair_s(link, wait_s))
+    waiting_s = queue_wait_s(utilisation, link, inverse=np.reciprocal)
+    most_hz = np.minimum(highest_hz, _RATE_MARGIN / _repair_s(link, waiting_s))
     return np.where(bounded, most_hz, highest_hz)
 
 
-def _repair_s(link: Link, wait_s: Floats) -> Floats:
+def _repair_s(link: Link, waiting_s: float) -> Floats:
     """Return how long a retransmission takes after the heartbeat, with slack for longer queues."""
-    return link.round_s + _SLACK * wait_s
+    return link.round_s + _SLACK * waiting_s
 
 
 def rounds_needed(loss: float, residual_loss: float) -> int:
@@ -123,7 +122,7 @@ def rounds_needed(loss: float, residual_loss: float) -> int:
 def _round_s(link: Link, rates_hz: Floats) -> Floats:
     """Return how long one round takes where heartbeats ride with every sample."""
     shown_s = np.minimum(1 / link.sent_hz(rates_hz), link.period_s)
-    return np.asarray(shown_s + link.round_s + _WAITS_PER_ROUND * waits_s(link, rates_hz))
+    return np.asarray(shown_s + link.round_s + _WAITS_PER_ROUND * wait_s(link, rates_hz))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,8 +168,8 @@ class Plan:
     method: str  #: Method that found it.
     medium: Medium  #: The link that was reckoned with.
     vendor: Vendor  #: The timing that was reckoned with.
-    #: Largest share of a sender's time that is taken, repeats and acknowledgements included; above 1, queues
-    #: grow without end.
+    #: Share of the medium's time that is taken, repeats and acknowledgements included; above 1, queues grow
+    #: without end.
     utilisation: float
     #: Objective without latency: mean by weight of r t / (1 + r t), the share of time in which the value
     #: sent last is still true, t being the mean time between changes.
@@ -210,7 +209,7 @@ def assess(given: TopicFile, rates_hz: Floats, depths: Depths, *, method: str) -
         method=method,
         medium=given.medium,
         vendor=given.vendor,
-        utilisation=float(link.utilisation(rates_hz).max()),
+        utilisation=link.utilisation(rates_hz),
         freshness=float(np.average(per_change / (1 + per_change), weights=weights)),
         latency_s=float(np.average(latency_s, weights=weights)),
         up_to_date=float(np.average(up_to_date, weights=weights)),
@@ -246,5 +245,5 @@ def _latency_s(link: Link, depths: Depths, rates_hz: Floats) -> Floats:
     gone_s = depths / sent_hz
     bounded = np.where(behind, gone_s, np.minimum(repairs, gone_s))
     return np.asarray(
-        link.way_s + np.where(link.batching, bounded, repairs) + waits_s(link, rates_hz)
+        link.way_s + np.where(link.batching, bounded, repairs) + wait_s(link, rates_hz)
     )

@@ -6,7 +6,7 @@ more samples behind each gap, so latency grows. With rates r, times between chan
 topics:
 
     maximise    sum_i w_i [ 1 - 1 / (1 + r_i t_i) - price * latency_i(r, u) ] / sum_i w_i
-    subject to  airtime_s(r) <= u_s <= utilisation_max     for every sender s
+    subject to  airtime(r) <= u <= utilisation_max
                 rate_min_i <= r_i <= rate_max_i, and <= the rate at which the allowed loss can be kept
 
 The utility r t / (1 + r t) is the share of time in which the value sent last is still true when changes and
@@ -21,6 +21,7 @@ optimum; of the rounds, the best is kept. That need not be the best of all pairs
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from sfglab.arp.plan import Depths
     from sfglab.arp.topics import TopicFile
 
-PRICES_HZ = tuple(float(price) for price in np.geomspace(0.1, 1000, 13))
+PRICES_HZ = np.geomspace(0.1, 1000, 13).tolist()
 """Prices of latency that the front is drawn with: from a second costing a tenth of the freshness to a
 millisecond costing all of it."""
 
@@ -88,15 +89,16 @@ class _Planner:
 
     def plan(self, price: float) -> Plan:
         """Return the plan at a price of latency: the best of the rounds."""
-        link, best = self._first, None
+        link, best, best_worth = self._first, None, -math.inf
         for _ in range(_ALTERNATIONS_MOST):
             programme = self._programme(link)
             rates_hz, depths = self._within_capacity(link, programme.solve(link, price))
             found = assess(self._given, rates_hz, depths, method="ours")
             found = replace(found, latency_price_hz=price)
-            if best is not None and _worth(found) <= _worth(best) + _GAIN_LEAST:
+            worth = found.freshness - price * found.latency_s
+            if worth <= best_worth + _GAIN_LEAST:
                 break
-            best = found
+            best, best_worth = found, worth
             link = at_depths(self._bare, depths, rates_hz)
             if self._programme(link) is programme:
                 break
@@ -109,7 +111,7 @@ class _Planner:
             lowered_hz = self._lowest + share * (rates_hz - self._lowest)
             depths = self._depths(link, lowered_hz)
             taken = at_depths(self._bare, depths, lowered_hz).utilisation(lowered_hz)
-            if taken.max() <= self._given.utilisation_max + _TAKEN_MORE:
+            if taken <= self._given.utilisation_max + _TAKEN_MORE:
                 break
         return lowered_hz, depths
 
@@ -126,24 +128,18 @@ class _Planner:
         return self._programmes[key]
 
 
-def _worth(found: Plan) -> float:
-    return found.freshness - (found.latency_price_hz or 0.0) * found.latency_s
-
-
 def _check_feasible(given: TopicFile, link: Link) -> None:
-    """Raise an SfglabError if the minimal rates take more of a sender's time than is allowed."""
+    """Raise an SfglabError if the minimal rates take more of the medium's time than is allowed."""
     sent_hz = np.minimum([topic.rate_min_hz for topic in given.topics], link.change_most_hz)
     allowed = given.utilisation_max
-    needs = link.load(sent_hz)
-    worst = int(needs.argmax())
-    needed = float(needs[worst])
+    taken = link.data_s * sent_hz + link.acknack_s * link.acknacks_hz(sent_hz)
+    needed = float(taken.sum())
     if needed <= allowed:
         return
-    taken = link.data_s[worst] * sent_hz + link.acknack_s[worst] * link.acknacks_hz(sent_hz)
     largest = [given.topics[i].name for i in np.argsort(-taken, kind="stable")[:3]]
     raise SfglabError(
-        f"QoS plan has no solution: the minimal rates take {needed:.3g} of the time of {link.senders[worst]}, "
-        f"allowed is {allowed:.3g}, so {needed - allowed:.3g} is lacking; most is taken by "
+        f"QoS plan has no solution: the minimal rates take {needed:.3g} of the time of the medium, "
+        f"allowed is {allowed:.3g}; most is taken by "
         f"{', '.join(largest)}: lower minimal rates (to {allowed / needed:.2g} of them if "
         "all alike), send fewer topics, or use a faster link"
     )
@@ -176,7 +172,7 @@ class _Programme:
         shares = cp.Variable(n, name="rate_share")
         # A variable of its own, as a product of parameters would not do (DPP).
         sent_shares = cp.Variable(n, name="sent_share")
-        busy = cp.Variable(len(link.senders), name="utilisation")
+        busy = cp.Variable(name="utilisation")
         #: Cost of a second of mean latency.
         self._price = cp.Parameter(nonneg=True)
         #: Samples that travel, per reading and per second, in the branch that bounds them; then the same of
@@ -235,13 +231,12 @@ class _Programme:
 
 def _mean_latency_s(link: Link, sent: Any, busy: Any, weights: Floats, usual: Floats) -> Any:
     """Return the mean by weight of the topics' latencies, as an expression."""
-    carried = np.bincount(link.sender, weights, minlength=len(link.senders))
-    waits = carried @ queue_wait_s(busy, link, inverse=_inverse_at(np.ones(len(link.senders))))
+    waits = queue_wait_s(busy, link, inverse=_inverse_at(1.0))
     repairs = weights @ repair_delay_s(link, sent, inverse=_inverse_at(usual))
     return waits + repairs + weights @ link.way_s
 
 
-def _inverse_at(usual: Floats) -> Callable[[Any], Any]:
+def _inverse_at(usual: Floats | float) -> Callable[[Any], Any]:
     """Return 1 / x, written so that the solver sees numbers near 1 where x is near its usual value."""
     from cvxpy.atoms.affine.binary_operators import multiply
     from cvxpy.atoms.elementwise.inv_pos import inv_pos

@@ -86,7 +86,8 @@ def _topic(found: Traffic, ways: tuple[str, tuple[str, ...]], qos: QoSProfile) -
 def host_of(name: str) -> str:
     """Return the host in a full name, go2 for ``/global/go2/camera``; empty without one."""
     parts = [part for part in name.split("/") if part]
-    parts = parts[1:] if parts and parts[0] in _SCOPES else parts
+    if parts and parts[0] in _SCOPES:
+        del parts[0]
     return parts[0] if len(parts) > 1 else ""
 
 

@@ -28,34 +28,23 @@ class Held(NamedTuple):
     growing: float  #: Seconds squared.
 
 
-NOT_HELD = Held(0.0, 0.0, 0.0)
-"""Best-effort topics: nothing waits for what is lost."""
-
-
 def failing_share(loss: Any) -> Any:
     """Return the share of lost samples that one retransmission does not bring back: it needs three frames."""
     return 1 - (1 - loss) ** 3
-
-
-def samples_until_heartbeat(batch: int) -> float:
-    """Return after how many samples a heartbeat shows a loss, in the mean over the samples of a batch.
-
-    The last sample of a batch of d carries the heartbeat: sample j waits for d - j others, the last for one.
-    """
-    return (batch - 1) / 2 + 1 / batch
 
 
 def riding_held(batch: int, round_s: float, again_s: float, loss: float) -> Held:
     """Return by how much one loss holds up others where a heartbeat rides with one sample in `batch`.
 
     Rounds follow each other until one succeeds, so that their number N is geometric:
-    T = N m / r + N c + (N - 1) a. A heartbeat comes after m samples, the retransmission c after the heartbeat
+    T = N m / r + N c + (N - 1) a. A heartbeat comes after m samples in the mean: the last of a batch of d carries
+    it, so that sample j waits for d - j others, the last for one. The retransmission comes c after the heartbeat
     (`round_s`). The reader waits a longer before it requests the same again (`again_s`).
     """
     succeeds = (1 - loss) ** 2
     n = 1 / succeeds
     n2 = (2 - succeeds) / succeeds**2
-    m = samples_until_heartbeat(batch)
+    m = (batch - 1) / 2 + 1 / batch
     each = round_s + again_s
     delay = n * each - again_s
     growing = n2 * each**2 - 2 * n * each * again_s + again_s**2

@@ -68,13 +68,11 @@ class Topic:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Link:
-    """The link that all topics share."""
+    """The link that all topics share: one half-duplex medium for all hosts, as Wi-Fi is."""
 
     #: Megabits per second.
     rate_mbps: float = between(20.0, 1 / _FIELD_MOST, _FIELD_MOST)
     loss: float = between(0.01, 0, 1, without=(1,))  #: Share of frames that are lost.
-    #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
-    shared: bool = True
     overhead_us: float = between(300.0, 0, _FIELD_MOST)  #: Airtime of a frame beside its bits.
     #: By which share each further host that wants to send stretches a frame.
     contention: float = between(0.15, 0, _FIELD_MOST)
@@ -88,7 +86,6 @@ class _Link:
         return Medium(
             rate_bps=self.rate_mbps * 1e6,
             loss=self.loss,
-            shared=self.shared,
             overhead_s=self.overhead_us / 1e6,
             contention=self.contention,
             latency_s=self.latency_ms / 1e3,
@@ -115,7 +112,7 @@ class _Timing:
 class _Shared:
     """Fields that a file of topics and its values have in common."""
 
-    #: The most of a sender's time that may be planned.
+    #: The most of the medium's time that may be planned.
     utilisation_max: float = between(0.9, 0.01, 1, without=(1,))
     #: Share of samples that may stay lost after repairs, where a history can keep it; a plan says what it
     #: expects (`TopicPlan.loss`).
@@ -141,7 +138,8 @@ class TopicKeys(_Shared):
 class TopicFile(_Shared):
     """Topics with the link that all of them share."""
 
-    medium: Medium = field(default_factory=Medium)  #: The link that all of them share.
+    #: The link that all of them share; its `shared` and `access_point` are not reckoned with.
+    medium: Medium = field(default_factory=Medium)
     #: The DDS implementation, with the file's timing where it says any.
     vendor: Vendor = FAST_DDS
 
@@ -149,10 +147,11 @@ class TopicFile(_Shared):
         """Return the same with no topic faster than a rate; a minimal rate above it is lowered to it."""
         if rate_max_hz is None:
             return self
-        limits = ("rate_max_hz", "rate_min_hz")
-        topics = (
-            replace(t, **{n: min(getattr(t, n), rate_max_hz) for n in limits}) for t in self.topics
-        )
+        topics = []
+        for topic in self.topics:
+            least_hz = min(topic.rate_min_hz, rate_max_hz)
+            most_hz = min(topic.rate_max_hz, rate_max_hz)
+            topics.append(replace(topic, rate_min_hz=least_hz, rate_max_hz=most_hz))
         return replace(self, topics=tuple(topics))
 
     def topics_of_agents(self) -> tuple[int, ...]:
@@ -204,17 +203,8 @@ def _topic(document: Document, topic: Topic, ceiling_hz: float) -> Topic:
 
 
 def _vendor(vendor: Vendor, timing: _Timing) -> Vendor:
-    given = {name.removesuffix("_ms") + "_ns": ms for name, ms in asdict(timing).items()}
-    changes: dict[str, Any] = {
-        name: round(ms * NS_PER_MS) for name, ms in given.items() if ms is not None
-    }
-    if "heartbeat_ns" in changes:
-        # If a vendor's heartbeat period never grows, its preset keeps a constant period.
-        steady = vendor.heartbeat_ns == vendor.heartbeat_max_ns
-        longest = (
-            changes["heartbeat_ns"]
-            if steady
-            else max(vendor.heartbeat_max_ns, changes["heartbeat_ns"])
-        )
-        changes["heartbeat_max_ns"] = longest
+    changes: dict[str, Any] = {}
+    for name, value_ms in asdict(timing).items():
+        if value_ms is not None:
+            changes[name.removesuffix("_ms") + "_ns"] = round(value_ms * NS_PER_MS)
     return replace(vendor, **changes)

@@ -29,20 +29,12 @@ def topic(name: str = "/a", **values) -> Topic:
     return Topic(name=name, **usual | values)
 
 
-def equal_topics(count: int, **values) -> list[Topic]:
-    return [topic(f"/t{i}", **values) for i in range(count)]
-
-
 def given(topics, medium, vendor, **limits) -> TopicFile:
     return TopicFile(topics=tuple(topics), medium=medium, vendor=vendor, **limits)
 
 
 def plan(topics, medium, vendor, *, latency_price_hz=None, **limits):
     return plan_file(given(topics, medium, vendor, **limits), latency_price_hz=latency_price_hz)
-
-
-def rates_of(planned):
-    return np.array([part.rate_hz for part in planned.topics])
 
 
 def simulated(planned, *, duration_s: float = 40.0):
@@ -82,28 +74,19 @@ def latency_of(outcome) -> float:
 # --- The programme -----------------------------------------------------------------------------
 
 
-ALONE = topic("/alone", target="other", change_s=0.02)
-CROWD = equal_topics(30, source="crowd", size_bytes=1400, change_s=0.02)
 WEIGHED = [replace(one, weight=1 + i % 3) for i, one in enumerate(PAPER_B.topics)]
 
 
-@pytest.mark.parametrize(
-    ("topics", "medium", "vendor"),
-    [
-        (PAPER_B.topics, Medium(), FAST_DDS),
-        (WEIGHED, Medium(), ASYNC),
-        ([ALONE, *CROWD], Medium(shared=False, rate_bps=10e6), CYCLONE_DDS),
-    ],
-    ids=["Fast DDS", "weights, asynchronous", "a host with time to spare"],
-)
-def test_no_neighbour_of_the_optimum_that_takes_no_more_is_better(topics, medium, vendor):
-    found = plan(topics, medium, vendor, latency_price_hz=30.0)
+@pytest.mark.parametrize(("topics", "vendor"), [(PAPER_B.topics, FAST_DDS), (WEIGHED, ASYNC)])
+def test_no_neighbour_of_the_optimum_that_takes_no_more_is_better(topics, vendor):
+    found = plan(topics, Medium(), vendor, latency_price_hz=30.0)
     depths, rng = [part.depth for part in found.topics], np.random.default_rng(1)
+    best_hz = np.array([part.rate_hz for part in found.topics])
     for size in np.repeat([1e-3, 1e-2, 0.05], 40):
-        rates_hz = rates_of(found) * (1 + size * rng.standard_normal(len(topics)))
+        rates_hz = best_hz * (1 + size * rng.standard_normal(len(topics)))
         # No more than the losses let through.
-        rates_hz = np.clip(rates_hz, 1, rates_of(found).max())
-        other = assessed(topics, medium, vendor, rates_hz, depths)
+        rates_hz = np.clip(rates_hz, 1, best_hz.max())
+        other = assessed(topics, Medium(), vendor, rates_hz, depths)
         gain = other.freshness - found.freshness - 30.0 * (other.latency_s - found.latency_s)
         assert other.utilisation > found.utilisation or gain <= 1e-5
 
@@ -158,7 +141,7 @@ BIG = topic("/big", rate_min_hz=900, size_bytes=1400)
     [
         ([topic()], 1e300, "solver CLARABEL ended"),
         ([topic("/cam", size_bytes=6_220_800)], 0.0, "'/cam': given '6220800 bytes in 4204 frames"),
-        ([topic(), BIG], 0.0, "time of the medium.*lacking.*/big, /a"),
+        ([topic(), BIG], 0.0, "time of the medium.*/big, /a"),
     ],
 )
 def test_what_has_no_plan_is_refused(topics, price, message):
@@ -246,5 +229,5 @@ def test_a_large_message_is_lost_with_any_of_its_frames_and_each_receiver_has_it
     asked = [topic(size_bytes=1384), topic(size_bytes=1385), topic(target=HOSTS), topic()]
     link = link_of(given(asked, Medium(), FAST_DDS))
     assert link.loss == pytest.approx([0.01, 1 - 0.99**2, 0.01, 0.01])
-    for cost_s in (link.data_s[0], link.acknack_s[0]):
+    for cost_s in (link.data_s, link.acknack_s):
         assert cost_s[2] == pytest.approx(3 * cost_s[3])

@@ -1,5 +1,6 @@
 """Files of topics: what they say, what they may leave out, and how each mistake is named."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -29,12 +30,12 @@ def test_paper_bs_file_has_table_1s_sensors_hello_the_localisation_result_and_th
     assert (given.medium, given.vendor, given.agents) == (Medium(), FAST_DDS, tuple(ROBOTS))
 
 
-def test_what_a_file_leaves_out_has_the_usual_value_also_of_a_vendor_without_back_off():
+def test_what_a_file_leaves_out_has_the_usual_value():
     given = read(ONE)
     assert given.topics == (Topic(name="/a", source="robot", target="station", size_bytes=8),)
     assert (given.medium, given.vendor, given.agents) == (Medium(), FAST_DDS, ("robot",))
     vendor = read(f"timing: {{heartbeat_ms: 50}}\n{ONE}").vendor
-    assert vendor.heartbeat_ns == vendor.heartbeat_max_ns == 50_000_000
+    assert vendor == replace(FAST_DDS, heartbeat_ns=50_000_000)
 
 
 def line(text: str) -> str:
@@ -47,10 +48,7 @@ MISTAKES = [  # beside what `test_documents.py` has for every file
         "topics: {a: {from: r, to: s, size_bytes: 8}}",
         r"topics\.a: given 'a', allowed: a full topic name",
     ),
-    *(
-        (f'topics: {{"{name}": {{from: r, to: s, size_bytes: 8}}}}', "allowed: a full topic name")
-        for name in (r"/a\nb", "/a b", "/a//b", "/1")
-    ),
+    (r'topics: {"/a\nb": {from: r, to: s, size_bytes: 8}}', "allowed: a full topic name"),
     (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
     (
         line("from: r, to: [s, s], size_bytes: 8"),
@@ -60,13 +58,10 @@ MISTAKES = [  # beside what `test_documents.py` has for every file
         line("from: r, to: {s: 1}, size_bytes: 8"),
         r"/a\.to: given .*, allowed: a text or a list",
     ),
-    (line("from: r, to: s, size_bytes: big"), r"t\.yaml:2: topics\./a\.size_bytes: given 'big'"),
     (
         line("from: r, to: s, size_bytes: 8, rate_min_hz: 9, rate_max_hz: 5"),
         r"/a\.rate_min_hz: given 9, allowed: up to the topic's rate_max_hz, 5",
     ),
-    (f"vendor: rti\n{ONE}", r"vendor: given 'rti', allowed: fast_dds, cyclone_dds"),
-    (f"link: {{loss: 1}}\n{ONE}", r"link\.loss: given 1, allowed: a finite number from 0, below 1"),
     (
         f"agents: [moon]\n{ONE}",
         r"agents: given \['moon'\], allowed: a list of hosts among robot, station",
@@ -76,7 +71,6 @@ MISTAKES = [  # beside what `test_documents.py` has for every file
         line("from: r, to: s, size_bytes: 8, rate_max_hz: 1e-300"),
         "given '1e-300', .*a finite number from 1e-09 to 1000000000; .*as in 1.0e-9",
     ),
-    (f"timing: {{nack_delay_ms: 0}}\n{ONE}", r"timing\.nack_delay_ms: given 0"),
 ]
 
 

@@ -88,7 +88,7 @@ def test_the_demand_has_a_cache_for_sensors_and_none_for_hello():
     link = link_of(replace(given, topics=tuple(cached)))
     assert len(hellos) == len(cached) - sum(map(len, ROBOTS.values()))
     rates_hz, depths = np.full(len(cached), 165.667), np.full(len(cached), 827)
-    expected = at_depths(link, depths, rates_hz).utilisation(rates_hz).max()
+    expected = at_depths(link, depths, rates_hz).utilisation(rates_hz)
     assert demand[1000] == pytest.approx(expected, rel=1e-3)
     assert demand[1000] == pytest.approx(0.294, abs=1e-3)
 

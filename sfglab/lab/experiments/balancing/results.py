@@ -117,7 +117,7 @@ def demand(link: Link, rate_hz: float, depth: int) -> float:
     """Return the share of the channel that topics ask for with one rate and depth for all of them."""
     rates_hz = np.full(len(link.loss), rate_hz)
     depths = np.full(len(link.loss), depth)
-    return float(at_depths(link, depths, rates_hz).utilisation(rates_hz).max())
+    return at_depths(link, depths, rates_hz).utilisation(rates_hz)
 
 
 # --- Claims -----------------------------------------------------------------------------------
