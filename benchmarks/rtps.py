@@ -80,9 +80,7 @@ class Channel:
     values: list[int] = field(default_factory=lambda: [0])
     last: int = 0
     acked: int = 0
-    acked_at_heartbeat: int = 0
     armed: bool = False
-    interval: int = 0
     value: int = 0
     change_at: float = 0
     sent_value: int = -1
@@ -184,12 +182,12 @@ class SimpyModel:
         channel.arrived.append(0)
         self.send_data(channel, channel.last)
         if not channel.armed:
-            channel.armed, channel.interval = True, self.vendor.heartbeat_ns
-            self.later(channel.interval, self.heartbeat, channel)
+            channel.armed = True
+            self.later(self.vendor.heartbeat_ns, self.heartbeat, channel)
 
     def send_data(self, channel: Channel, sample: int) -> None:
-        """Send a sample, with a heartbeat where the vendor does that."""
-        rides = self.vendor.piggyback_when_full and channel.last - channel.acked >= channel.depth
+        """Send a sample, with a heartbeat while the history is full."""
+        rides = channel.last - channel.acked >= channel.depth
         self.counts["data"] += 1
         self.enqueue(
             channel.flow.source, (DATA, channel, sample, rides, channel.first_kept, channel.last)
@@ -204,11 +202,8 @@ class SimpyModel:
         self.enqueue(
             channel.flow.source, (HEARTBEAT, channel, 0, False, channel.first_kept, channel.last)
         )
-        stuck = channel.acked == channel.acked_at_heartbeat
-        longer = min(2 * channel.interval, self.vendor.heartbeat_max_ns)
-        channel.interval = longer if stuck else self.vendor.heartbeat_ns
-        channel.acked_at_heartbeat, channel.armed = channel.acked, True
-        self.later(channel.interval, self.heartbeat, channel)
+        channel.armed = True
+        self.later(self.vendor.heartbeat_ns, self.heartbeat, channel)
 
     def hear_acknack(self, channel: Channel, base: int, bits: int) -> None:
         """Take a reader's acknowledgement and request."""

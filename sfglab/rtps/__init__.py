@@ -10,7 +10,7 @@ from __future__ import annotations
 from sfglab.rtps.channel import Medium
 from sfglab.rtps.model import Flow, Scenario
 from sfglab.rtps.session import AirFrame, FlowOutcome, Outcome, Session, run, trace
-from sfglab.rtps.state import Fate, Frame, Watch
+from sfglab.rtps.state import Fate, Frame
 from sfglab.rtps.vendors import (
     CYCLONE_DDS,
     FAST_DDS,
@@ -36,7 +36,6 @@ __all__ = [
     "Scenario",
     "Session",
     "Vendor",
-    "Watch",
     "run",
     "trace",
 ]

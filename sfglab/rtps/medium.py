@@ -35,15 +35,22 @@ _frame_bytes = compiled(frame_bytes)
 fragment_count = compiled(fragments)
 
 
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)  #: Step of SplitMix64's state.
+
+
 @compiled
-def uniform(random: Any) -> float:
-    """Return the next number of [0, 1): SplitMix64, so that a seed gives the same run on every machine."""
-    random[0] += np.uint64(0x9E3779B97F4A7C15)
-    z = random[0]
+def scattered(z: Any) -> Any:
+    """Return the output of SplitMix64 for a state, both of type uint64 (S. Vigna, prng.di.unimi.it)."""
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
-    return float(z >> np.uint64(11)) / 9007199254740992.0
+    return z ^ (z >> np.uint64(31))
+
+
+@compiled
+def uniform(random: Any) -> float:
+    """Return the next number of [0, 1), such that a seed gives the same run on every machine."""
+    random[0] += GOLDEN
+    return float(scattered(random[0]) >> np.uint64(11)) / 9007199254740992.0
 
 
 @compiled
@@ -155,7 +162,7 @@ def _choose_host(world: Any, transmitter: int) -> tuple[int, int]:
 @compiled
 def _send_next(world: Any, now: int, transmitter: int) -> None:
     """Send the next host's oldest frame, if the medium is free."""
-    sender, timing, rates = world.transmitter[transmitter], world.timing, world.rates
+    sender, timing = world.transmitter[transmitter], world.timing
     if sender.busy:
         return
     host, contenders = _choose_host(world, transmitter)
@@ -168,12 +175,12 @@ def _send_next(world: Any, now: int, transmitter: int) -> None:
         frame.kind, world.flows[frame.flow].size_bytes, frame.samples, frame.heartbeats
     )
     size += timing.extra_bytes
-    airtime = _airtime_ns(size, contenders, timing.overhead_ns, rates.rate_bps, rates.contention)
+    airtime = _airtime_ns(size, contenders, timing.overhead_ns, timing.rate_bps, timing.contention)
     world.counts[Count.AIRTIME_NS] += airtime
     sender.busy = 1
     sender.host = host
     sender.began_ns = _after_stall_ns(now, timing.stall_every_ns, timing.stall_ns)
-    push(world.heap, world.heap_sizes, sender.began_ns + airtime, Event.SENT, transmitter)
+    push(world, sender.began_ns + airtime, Event.SENT, transmitter)
 
 
 @compiled
@@ -199,7 +206,7 @@ def sent_frame(world: Any, now: int, transmitter: int) -> bool:
     there = False
     host = sender.host
     bad = world.bad[host] != 0
-    lost = _is_lost(bad, uniform(world.random), world.rates.loss, world.rates.burst_frames)
+    lost = _is_lost(bad, uniform(world.random), world.timing.loss, world.timing.burst_frames)
     world.bad[host] = lost
     is_first_hop = 0 <= world.timing.access_point != host
     if world.trace_end[0] < world.trace.shape[0]:
@@ -226,7 +233,7 @@ def _fly(world: Any, now: int, transmitter: int, frame: Any) -> None:
     copy_frame(world.flight[transmitter, place], frame)
     sender.in_flight += 1
     arrives = now + world.timing.latency_ns
-    push(world.heap, world.heap_sizes, arrives, Event.ARRIVED, transmitter)
+    push(world, arrives, Event.ARRIVED, transmitter)
 
 
 @compiled

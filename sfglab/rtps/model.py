@@ -19,7 +19,6 @@ from sfglab.rtps.frames import LEAST_BYTES
 from sfglab.rtps.state import (
     FlowFields,
     Params,
-    Rates,
     Sizes,
     State,
     TimingFields,
@@ -63,8 +62,8 @@ class Flow:
     change_s: float = between(0.0, 0, _LONGEST_S)
     #: Whether a local cache suppresses repeated values (paper B, section 2.2).
     cached: bool = False
-    #: Name of the flow that is published, with the same value, when a sample was processed. Its own value does
-    #: not change with time (`change_s`).
+    #: Name of the flow that is published, with the same value, when a sample was processed. It is later in
+    #: `Scenario.flows`, and its own value does not change with time (`change_s`).
     then: str | None = None
 
     def __post_init__(self) -> None:
@@ -79,8 +78,8 @@ class Scenario:
     """Everything that a run needs but the seed.
 
     Raises:
-        InvalidValueError: Names are not unique, a field is out of its range, or flows publish each other in a
-            ring (`Flow.then`).
+        InvalidValueError: Names are not unique, a field is out of its range, or a flow publishes none of
+            those after it (`Flow.then`).
     """
 
     flows: tuple[Flow, ...]  #: The topics.
@@ -99,20 +98,12 @@ class Scenario:
 
 
 def check_chains(flows: Sequence[Flow]) -> None:
-    """Refuse a flow whose `then` names no flow, one with changes of its own, or one that leads back to it."""
-    named = {flow.name: flow for flow in flows}
-    steady = [flow.name for flow in flows if not flow.change_s]
-    for flow in flows:
-        before = [flow.name]
-        after = flow.then
-        while after is not None:
-            if after in before or after not in steady:
-                allowed = (
-                    f"flows that do not lead back to it, without change_s: {', '.join(steady)}"
-                )
-                raise InvalidValueError(f"flow {before[-1]!r}: then", after, allowed)
-            before.append(after)
-            after = named[after].then
+    """Refuse a flow whose `then` names no later flow, or one with changes of its own."""
+    for place, flow in enumerate(flows, 1):
+        later = [other.name for other in flows[place:] if not other.change_s]
+        if flow.then is not None and flow.then not in later:
+            allowed = f"later flows without change_s: {', '.join(later)}"
+            raise InvalidValueError(f"flow {flow.name!r}: then", flow.then, allowed)
 
 
 def compile_scenario(scenario: Scenario, *, seed: int, trace: int = 0) -> tuple[Params, State]:
@@ -131,7 +122,6 @@ def compile_scenario(scenario: Scenario, *, seed: int, trace: int = 0) -> tuple[
     params = Params(
         flows=_flow_table(scenario, hosts, executors),
         timing=_timing(scenario, access_point),
-        rates=_filled(Rates, medium),
     )
     sizes = Sizes(
         hosts=len(hosts) + medium.access_point,
@@ -206,15 +196,12 @@ def end_ns(scenario: Scenario) -> int:
 
 def most_samples(scenario: Scenario) -> int:
     """Return how many samples one flow can have at most; a chain publishes once for each that it follows."""
-    then = {flow.name: flow.then for flow in scenario.flows}
-    most = dict.fromkeys(then, 0)
+    most = dict.fromkeys((flow.name for flow in scenario.flows), 0)
     for flow in scenario.flows:
         if flow.rate_hz:
-            own = _ns(scenario.duration_s) // _ns(1 / flow.rate_hz) + 2
-            name: str | None = flow.name
-            while name is not None:
-                most[name] += own
-                name = then[name]
+            most[flow.name] += _ns(scenario.duration_s) // _ns(1 / flow.rate_hz) + 2
+        if flow.then is not None:
+            most[flow.then] += most[flow.name]
     return max(most.values())
 
 

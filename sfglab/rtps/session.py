@@ -20,7 +20,7 @@ from sfglab.rtps.model import (
     compile_scenario,
     end_ns,
 )
-from sfglab.rtps.state import BITMAP, SET, Count, Fate, Frame, Watch
+from sfglab.rtps.state import BITMAP, SET, Count, Fate, Frame
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -116,10 +116,9 @@ class Session:
     Args:
         scenario: Flows, whose values change only from outside.
         seed: Seed of losses; the same seed and the same calls give the same run to the bit.
-        watch: Deliveries that are returned.
     """
 
-    def __init__(self, scenario: Scenario, *, seed: int, watch: Watch = Watch.EACH) -> None:
+    def __init__(self, scenario: Scenario, *, seed: int) -> None:
         from sfglab.rtps.world import World
 
         self._flows = scenario.flows
@@ -129,7 +128,7 @@ class Session:
         for name, number in self._numbers.items():
             if name not in followed:
                 params.flows["change_ns"][number] = SET
-        self._state.delivery["watch"] = watch
+        self._state.delivery["watched"] = 1
         self._world = World(params, self._state)
         self.now_ns = 0  #: Time that the run has reached.
 
@@ -138,7 +137,11 @@ class Session:
         self._state.writer["value"][self._numbers[flow]] = value
 
     def advance(self, until_ns: int) -> Delivery | None:
-        """Run to the next watched delivery, whose time is `now_ns` then, or to `until_ns`, and return None."""
+        """Run to the next delivery of a new value and return it; `now_ns` is then its time.
+
+        A value is new if it differs from that of the flow's delivery before. Without such a delivery the run
+        reaches `until_ns`, and None is returned.
+        """
         from sfglab.rtps.engine import advance
 
         reached_ns = int(advance(self._world, until_ns))
@@ -146,7 +149,7 @@ class Session:
             self.now_ns = until_ns
             return None
         self.now_ns = reached_ns
-        _watch, _fresh, flow, sample = self._state.delivery.item()
+        flow, sample = self._state.delivery["flow"], self._state.delivery["sample"]
         value = int(self._state.value[flow, sample])
         return Delivery(flow=self._flows[flow].name, value=value)
 
@@ -263,10 +266,11 @@ def age_ms(outcome: FlowOutcome, *, duration_s: float) -> float:
     It is how long ago the newest sample that it has was published; before it has any, the time since the start
     (S. Kaul, R. Yates and M. Gruteser, Real-time status: How often should one update?, INFOCOM 2012).
     """
-    order = np.argsort(outcome.received_ns[outcome.delivered], kind="stable")
-    received_s = outcome.received_ns[outcome.delivered][order] / NS_PER_S
-    newest_s = np.maximum.accumulate(outcome.published_ns[outcome.delivered][order] / NS_PER_S)
-    times = np.concatenate(([0.0], np.minimum(received_s, duration_s), [duration_s]))
+    received_s = outcome.received_ns[outcome.delivered] / NS_PER_S
+    published_s = outcome.published_ns[outcome.delivered] / NS_PER_S
+    order = np.argsort(received_s, kind="stable")
+    newest_s = np.maximum.accumulate(published_s[order])
+    times = np.concatenate(([0.0], np.minimum(received_s[order], duration_s), [duration_s]))
     since = np.concatenate(([0.0], newest_s))
     area = ((times[1:] - since) ** 2 - (times[:-1] - since) ** 2).sum() / 2
     return float(1e3 * area / duration_s)

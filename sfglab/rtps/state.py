@@ -1,15 +1,15 @@
 """State of the compiled engine, and its parameters: named tuples of arrays, many of them of records.
 
 Indices are flow, host, transmitter, server (a node's executor) or sample, counted from 1 as in RTPS. Times
-are nanoseconds. A record's fields are those of a class below, each a whole number of 64 bits, so that
-compiled code reads them as attributes (``world.writer[flow].last``).
+are nanoseconds. A record's fields are those of a class below, each a number of 64 bits, so that compiled
+code reads them as attributes (``world.writer[flow].last``).
 """
 
 from __future__ import annotations
 
 from enum import IntEnum
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
@@ -96,11 +96,9 @@ class FlowFields(NamedTuple):
 
 
 class TimingFields(NamedTuple):
-    """Parameters of the vendor, the medium and the run; most have the name of a field there."""
+    """Parameters of the vendor, the medium and the run; most have the name of a field or property there."""
 
     heartbeat_ns: int
-    heartbeat_max_ns: int
-    piggyback_when_full: int
     burst_bytes: int
     nack_delay_ns: int
     ack_delay_ns: int
@@ -124,11 +122,6 @@ class TimingFields(NamedTuple):
     stall_ns: int
     access_point: int  #: Its number among the hosts; -1: there is none.
     duration_ns: int
-
-
-class Rates(NamedTuple):
-    """Parameters of the medium that are real numbers."""
-
     loss: float
     burst_frames: float
     contention: float
@@ -166,9 +159,7 @@ class Writer(NamedTuple):
     last: int  #: Newest sample.
     acked: int  #: Newest sample up to which all are acknowledged.
     armed: int  #: 1: the periodic heartbeat is scheduled.
-    interval_ns: int  #: Period until the next periodic heartbeat.
     last_heartbeat_ns: int  #: Time of the last heartbeat.
-    acked_at_heartbeat: int  #: `acked` at the last periodic heartbeat.
     value: int  #: Number of the value that the sensor has now.
     next_change_ns: int  #: Time of the value's next change.
     sent_value: int  #: Value that was published last.
@@ -223,18 +214,10 @@ class Transmitter(NamedTuple):
     in_flight: int
 
 
-class Watch(IntEnum):
-    """Deliveries at which `engine.advance` returns."""
-
-    NONE = 0
-    NEWS = 1  #: Those of another value than the flow's delivery before.
-    EACH = 2
-
-
 class Delivery(NamedTuple):
-    """The last delivery that is watched."""
+    """The last delivery of another value than the flow's delivery before."""
 
-    watch: int  #: A `Watch`.
+    watched: int  #: 1: `engine.advance` returns at such a delivery.
     fresh: int  #: 1: not yet returned.
     flow: int
     sample: int
@@ -249,8 +232,7 @@ BITMAP = 64 * BITMAP_WORDS
 def record(fields: Any) -> np.dtype[Any]:
     """Return the NumPy type of records with the fields of a class above; ``bits`` is a bitmap."""
     columns: list[tuple[Any, ...]] = []
-    for name in fields._fields:
-        kind = np.float64 if fields is Rates else np.int64
+    for name, kind in get_type_hints(fields).items():
         shape = BITMAP_WORDS if name == "bits" else ()
         columns.append((name, kind, shape))
     return np.dtype((np.record, np.dtype(columns, align=True)))
@@ -261,14 +243,14 @@ class Params(NamedTuple):
 
     flows: Any  # (F,) of FlowFields
     timing: Any  # () of TimingFields
-    rates: Any  # () of Rates
 
 
 class State(NamedTuple):
-    """State of a run. Shapes: F flows, N + 1 samples, H hosts, T transmitters, Q frames, S servers."""
+    """Arrays of a run: F flows, N + 1 samples, H hosts, T transmitters, Q frames, S servers, E events."""
 
+    # (E, 2) each event's time, and in one word its order (from bit 23), argument (20 bits) and kind (3 bits)
     heap: Any
-    heap_sizes: Any
+    heap_sizes: Any  # (2,) number of events in the heap, and of all insertions
     random: Any  # (1,) state of the generator
     counts: Any  # see Count
     published_ns: Any  # (F, N + 1)
@@ -311,32 +293,23 @@ class Sizes(NamedTuple):
     trace: int = 0  #: Frames of which a trace is kept.
 
 
-def _scattered(seed: int) -> int:
-    """Return where a seed's random numbers begin, far from every other seed's: all are of one sequence.
-
-    It is SplitMix64's own scattering (S. Vigna, prng.di.unimi.it); seeds that follow each other would begin one
-    number apart, and lose the same frames.
-    """
-    z = (seed + 1) * 0x9E3779B97F4A7C15 % 2**64
-    z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9 % 2**64
-    z = (z ^ z >> 27) * 0x94D049BB133111EB % 2**64
-    return z ^ z >> 31
-
-
 def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
     """Return the state at time 0, with each periodic flow's first publication scheduled."""
-    from sfglab.rtps.world import new_heap, push  # Numba takes its time to import
+    # Numba takes its time to import.
+    from sfglab.rtps.medium import GOLDEN, scattered
+    from sfglab.rtps.world import World, push
 
     flows, hosts = len(params.flows), sizes.hosts
     transmitters = 1 if params.timing["shared"] else hosts
     frame = record(FrameFields)
     per_sample = (flows, sizes.samples + 1)
     room = 8 * flows + 4 * (transmitters + sizes.servers) + transmitters * sizes.flight + 16
-    heap, heap_sizes = new_heap(room)
     state = State(
-        heap=heap,
-        heap_sizes=heap_sizes,
-        random=np.array([_scattered(seed)], np.uint64),
+        heap=np.zeros((room, 2), np.int64),
+        heap_sizes=np.zeros(2, np.int64),
+        # All random numbers are of one sequence. Seeds that follow each other must not begin one number apart,
+        # because they would lose the same frames.
+        random=np.array([scattered(np.uint64((seed + 1) * int(GOLDEN) % 2**64))], np.uint64),
         counts=np.zeros(len(Count), np.int64),
         published_ns=np.zeros(per_sample, np.int64),
         received_ns=np.zeros(per_sample, np.int64),
@@ -367,7 +340,8 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
     state.reader["next"] = state.reader["writer_oldest"] = state.reader["answered_next"] = 1
     state.reader["value"] = -1
     state.reader["nacked_ns"] = state.reader["answered_ns"] = LONG_AGO
+    world = World(params, state)
     for flow, row in enumerate(params.flows):
         if row["period_ns"]:
-            push(heap, heap_sizes, row["phase_ns"], int(Event.PUBLISH), flow)
+            push(world, row["phase_ns"], int(Event.PUBLISH), flow)
     return state

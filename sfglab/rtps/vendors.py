@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from sfglab.errors import InvalidValueError
 from sfglab.fields import between, bounds, check_bounds
 from sfglab.units import NS_PER_MS, NS_PER_S
 
@@ -17,13 +16,8 @@ class Vendor:
     """How one DDS implementation times its reliability protocol (RTPS 2.5, clause 8.4)."""
 
     name: str  #: Name of the implementation.
-    heartbeat_ns: int  #: Period of heartbeats while something is unacknowledged.
-    #: The period doubles with each heartbeat that brings no progress, up to this; equal to `heartbeat_ns` where
-    #: it does not.
-    heartbeat_max_ns: int
-    #: A heartbeat travels with each sample while the writer's history is full: of samples that are
-    #: unacknowledged, and with TRANSIENT_LOCAL durability of any.
-    piggyback_when_full: bool
+    #: Period of heartbeats while something is unacknowledged.
+    heartbeat_ns: int = field(metadata=bounds(1))
     #: Time from the first heartbeat that shows a gap to the reader's request.
     nack_delay_ns: int = field(metadata=_FROM_ZERO)
     #: Time from a heartbeat that shows no gap to the reader's acknowledgement.
@@ -32,11 +26,12 @@ class Vendor:
     nack_response_ns: int = field(metadata=_FROM_ZERO)
     #: Samples that one request can ask for: a bitmap has 256 bits (RTPS 2.5, clause 9.4.2.6).
     nack_most: int = between(256, 1, 256)
-    #: A heartbeat travels with every sample. The reader answers each at once: with a request if it lacks
-    #: something that it has not asked for yet, with an acknowledgement only if it is asked. `nack_delay_ns` is
-    #: then how long it waits before it asks for the same again, `ack_delay_ns` before it acknowledges the same
-    #: again. The writer's repairs end with a heartbeat to which the reader may ask again at once, and it sends
-    #: a periodic one only if it has sent no other for a period, which does not grow.
+    #: A heartbeat travels with every sample; else only while the writer's history is full, of samples that are
+    #: unacknowledged, or with TRANSIENT_LOCAL durability of any. The reader answers each heartbeat at once: with
+    #: a request if it lacks something that it has not asked for yet, with an acknowledgement only if it is asked.
+    #: `nack_delay_ns` is then how long it waits before it asks for the same again, `ack_delay_ns` before it
+    #: acknowledges the same again. The writer's repairs end with a heartbeat to which the reader may ask again at
+    #: once, and it sends a periodic one only if it has sent no other for a period.
     prompt: bool = False
     #: A heartbeat that travels with a sample asks for no answer (it is FINAL) when the sample before is younger
     #: than this; 0: it always asks.
@@ -68,10 +63,6 @@ class Vendor:
         )
 
     def __post_init__(self) -> None:
-        if not 0 < self.heartbeat_ns <= self.heartbeat_max_ns:
-            place = f"{self.name}: heartbeat_ns, heartbeat_max_ns"
-            periods_ns = self.heartbeat_ns, self.heartbeat_max_ns
-            raise InvalidValueError(place, periods_ns, "0 < heartbeat_ns <= heartbeat_max_ns")
         check_bounds(self, f"{self.name}: ")
 
 
@@ -82,8 +73,6 @@ FAST_DDS = Vendor(
     # StatefulWriter.cpp: a heartbeat is sent along when the history is full; DataWriterImpl.cpp (2.x, 3.x) and
     # PublisherImpl.cpp (before): a VOLATILE writer's sample leaves the history once all have acknowledged it.
     heartbeat_ns=3 * NS_PER_S,
-    heartbeat_max_ns=3 * NS_PER_S,
-    piggyback_when_full=True,
     nack_delay_ns=5 * NS_PER_MS,
     ack_delay_ns=5 * NS_PER_MS,
     nack_response_ns=5 * NS_PER_MS,
@@ -98,8 +87,6 @@ CYCLONE_DDS = Vendor(
     # before; the interval grows after five heartbeats in vain, which is left out. ddsi_acknack.c: what is new
     # is asked for at once. ddsi_radmin.c: no more is asked for than can wait.
     heartbeat_ns=100 * NS_PER_MS,
-    heartbeat_max_ns=8 * NS_PER_S,
-    piggyback_when_full=False,
     nack_delay_ns=100 * NS_PER_MS,
     ack_delay_ns=10 * NS_PER_MS,
     nack_response_ns=0,

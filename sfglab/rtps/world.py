@@ -39,8 +39,6 @@ from numba.np.numpy_support import from_dtype
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
 _F = TypeVar("_F", bound="Callable[..., object]")
 
 
@@ -153,24 +151,17 @@ def _borrow(context: Any, builder: Any, world: Any, pointer: Any, name: str) -> 
 _ARGUMENT_BITS, _KIND_BITS = 20, 3
 
 
-def new_heap(capacity: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return an empty binary heap for at most `capacity` events: `slots` and `sizes`.
-
-    An event is a time, a kind and an argument; earliest first, equal times in the order of insertion. `slots`
-    holds each event's time, and in one word its order (from bit 23), argument (20 bits) and kind (3 bits);
-    `sizes[0]` is how many there are and `sizes[1]` counts insertions. Events move into a gap and are not
-    swapped: half the traffic.
-    """
-    return np.zeros((capacity, 2), np.int64), np.zeros(2, np.int64)
-
-
 @compiled
-def push(slots: Any, sizes: Any, time_ns: int, kind: int, argument: int) -> None:
-    """Insert an event.
+def push(world: Any, time_ns: int, kind: int, argument: int) -> None:
+    """Insert an event of a kind, with its argument, into the binary heap.
+
+    Earliest first, equal times in the order of insertion. Events move into a gap and are not swapped: half the
+    traffic.
 
     Raises:
         IndexError: The heap is full; the caller's capacity is wrong.
     """
+    slots, sizes = world.heap, world.heap_sizes
     i = sizes[0]
     if i >= slots.shape[0]:
         raise IndexError("event heap is full")
@@ -189,8 +180,9 @@ def push(slots: Any, sizes: Any, time_ns: int, kind: int, argument: int) -> None
 
 
 @compiled
-def pop(slots: Any, sizes: Any) -> tuple[int, int, int]:
+def pop(world: Any) -> tuple[int, int, int]:
     """Remove the earliest event and return its time, kind and argument; the heap must not be empty."""
+    slots, sizes = world.heap, world.heap_sizes
     time_ns, key = slots[0, 0], slots[0, 1]
     sizes[0] -= 1
     last = sizes[0]

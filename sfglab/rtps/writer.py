@@ -51,12 +51,6 @@ def _sample_value(world: Any, now: int, flow: int) -> int:
 
 
 @compiled
-def _is_suppressed(world: Any, flow: int, value: int) -> bool:
-    """Return whether the local cache suppresses a value (paper B, section 2.2)."""
-    return bool(world.flows[flow].cached and value == world.writer[flow].sent_value)
-
-
-@compiled
 def _is_full(world: Any, flow: int) -> bool:
     """Return whether one more sample would overwrite one that is not acknowledged, or with BEST_EFFORT not sent."""
     settings, writer = world.flows[flow], world.writer[flow]
@@ -65,28 +59,21 @@ def _is_full(world: Any, flow: int) -> bool:
 
 
 @compiled
-def _is_refused(world: Any, flow: int, room: bool, sends: bool) -> bool:  # noqa: FBT001 - compiled
-    """Return whether a publication is skipped, because the real writer would still wait in its last one.
+def write(world: Any, now: int, flow: int) -> None:
+    """Publish the sensor's value, unless the local cache suppresses it or the writer still waits in its last one.
 
     A synchronous writer waits until its last sample has left the history. An asynchronous one waits for the
     sending thread, but only if its history is full, since only then the oldest sample must go.
     """
-    if not sends and not world.timing.asynchronous:
-        return True
-    return bool(not room and _is_full(world, flow))
-
-
-@compiled
-def write(world: Any, now: int, flow: int) -> None:
-    """Publish the sensor's value, unless the local cache suppresses it or the writer cannot publish."""
     writer, reliable = world.writer[flow], world.flows[flow].reliable
     value = _sample_value(world, now, flow)
-    if _is_suppressed(world, flow, value):
+    if world.flows[flow].cached and value == writer.sent_value:  # the local cache (paper B, 2.2)
         world.counts[Count.HELD] += 1
         return
     room = has_room(world, world.flows[flow].source)
     sends = room and writer.last_queued == writer.last
-    if _is_refused(world, flow, room, sends):
+    waits = not sends and not world.timing.asynchronous
+    if waits or (not room and _is_full(world, flow)):
         world.counts[Count.THROTTLED] += 1
         return
     sample = writer.last + 1
@@ -100,8 +87,7 @@ def write(world: Any, now: int, flow: int) -> None:
         writer.last_queued = sample
         _send_data(world, now, flow, sample)
     if reliable and not writer.armed:
-        writer.interval_ns = world.timing.heartbeat_ns
-        _schedule_heartbeat(world, flow, now + writer.interval_ns)
+        _schedule_heartbeat(world, flow, now + world.timing.heartbeat_ns)
 
 
 @compiled
@@ -168,11 +154,9 @@ def _send_burst(world: Any, now: int, frame: Any) -> None:
 @compiled
 def _shows_each(world: Any, flow: int) -> bool:
     """Return whether a heartbeat travels with every sample: always, or while the history is full."""
-    timing, settings, writer = world.timing, world.flows[flow], world.writer[flow]
-    if timing.prompt:
+    settings, writer = world.flows[flow], world.writer[flow]
+    if world.timing.prompt:
         return True
-    if not timing.piggyback_when_full:
-        return False
     # Without late joiners to keep it for, what is acknowledged leaves the history.
     gone = 0 if settings.keeps_acked else writer.acked
     return bool(writer.last - gone >= settings.depth)
@@ -215,12 +199,12 @@ def _add_heartbeats(world: Any, frame: Any, count: int) -> None:
 @compiled
 def _schedule_heartbeat(world: Any, flow: int, due: int) -> None:
     world.writer[flow].armed = 1
-    push(world.heap, world.heap_sizes, due, Event.HEARTBEAT, flow)
+    push(world, due, Event.HEARTBEAT, flow)
 
 
 @compiled
 def heartbeat(world: Any, now: int, flow: int) -> None:
-    """Announce the samples while any is unacknowledged, and again after the interval."""
+    """Announce the samples while any is unacknowledged, and again after the period."""
     writer, timing = world.writer[flow], world.timing
     writer.armed = 0
     if writer.acked >= writer.last:
@@ -235,12 +219,7 @@ def heartbeat(world: Any, now: int, flow: int) -> None:
     _add_heartbeats(world, frame, 1)
     world.counts[Count.HEARTBEAT] += 1
     enqueue(world, now, world.flows[flow].source, frame)
-    is_stuck = writer.acked == writer.acked_at_heartbeat
-    longer_ns = min(2 * writer.interval_ns, timing.heartbeat_max_ns)
-    grows = is_stuck and not timing.prompt
-    writer.interval_ns = longer_ns if grows else timing.heartbeat_ns
-    writer.acked_at_heartbeat = writer.acked
-    _schedule_heartbeat(world, flow, now + writer.interval_ns)
+    _schedule_heartbeat(world, flow, now + timing.heartbeat_ns)
 
 
 # --- Retransmissions ---------------------------------------------------------------------------
@@ -258,7 +237,7 @@ def hear_acknack(world: Any, now: int, frame: Any) -> None:
     copy_frame(request, frame)
     if is_first:
         due = now + world.timing.nack_response_ns
-        push(world.heap, world.heap_sizes, due, Event.REPAIR, flow)
+        push(world, due, Event.REPAIR, flow)
 
 
 @compiled

@@ -115,15 +115,14 @@ def test_all_move_when_all_are_heard_each_in_its_own_way_and_an_obstacle_of_one_
 
 
 @pytest.mark.parametrize(
-    ("clearance_m", "wound_rad", "stopped_by", "end", "robot"),
+    ("clearance_m", "wound_rad", "stopped_by", "verdict"),
     [
-        (hallway.RADIUS_M, 6.28, 2, End.CONTACT, 1),
-        (0.3, 6.28, 2, End.STOP, 2),
-        (0.3, 6.28, None, End.SUCCESS, -1),
-        (0.3, 3.0, None, End.TIMEOUT, -1),
+        (hallway.RADIUS_M, 6.28, 2, Verdict(end=End.CONTACT, robot=1)),
+        (0.3, 6.28, 2, Verdict(end=End.STOP, robot=2)),
+        (0.3, 6.28, None, Verdict(end=End.SUCCESS)),
+        (0.3, 3.0, None, None),
     ],
 )
-def test_the_verdict_names_the_robot(clearance_m, wound_rad, stopped_by, end, robot):
+def test_the_verdict_names_the_robot(clearance_m, wound_rad, stopped_by, verdict):
     near, around = (0.3, clearance_m, 0.3), (6.28, 6.28, wound_rad)
-    found = judge(near, around, stopped_by=stopped_by, now_s=hallway.LIMIT_S)
-    assert found == Verdict(end=end, robot=robot)
+    assert judge(near, around, stopped_by=stopped_by) == verdict

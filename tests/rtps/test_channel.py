@@ -81,7 +81,6 @@ def test_sizes_of_frames_are_those_of_rtps():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"latency_s": -1.0}, "latency_s: given -1.0, allowed: from 0"),
         ({"rate_bps": math.nan}, "rate_bps: given nan"),
         ({"queue_rule": "middle"}, "queue_rule: given 'middle', allowed: tail, head, block"),
         ({"access_point": True, "shared": False}, "access_point"),

@@ -1,4 +1,4 @@
-"""The protocol against hand-worked schedules, measured figures of real DDS, and a known saw-tooth."""
+"""The protocol against hand-worked schedules and measured figures of real DDS."""
 
 from dataclasses import replace
 from itertools import product
@@ -66,8 +66,6 @@ def test_a_lost_sample_takes_a_heartbeat_a_request_and_a_retransmission():
 
 def test_a_small_depth_loses_what_is_overwritten_before_its_retransmission():
     assert 0.06 < outcome(LOSSY, qos=QoSProfile(depth=1), duration_s=20).loss < 0.14
-    # A request names 256 samples, and while the history has room, heartbeats are 3 s apart.
-    assert outcome(LOSSY, qos=QoSProfile(depth=5000), duration_s=20, drain_s=60.0).loss == 0
 
 
 @pytest.mark.parametrize(
@@ -93,20 +91,6 @@ def test_a_history_that_keeps_all_loses_nothing(vendor):
     assert outcome(medium, vendor=vendor, qos=DEEP, duration_s=2.0, drain_s=300.0).loss == 0
 
 
-@pytest.mark.parametrize("rides", [False, True])
-def test_delivery_stalls_until_the_next_heartbeat_only_without_one_that_rides(rides):
-    """Fast-DDS issue 19: a reliable writer flat out, a history of about 100, heartbeats every 3 s."""
-    vendor = replace(FAST_DDS, piggyback_when_full=rides)
-    medium = replace(QUIET, loss=0.001, rate_bps=100e6, queue_frames=50_000)
-    given = {"rate_hz": 770, "qos": QoSProfile(depth=100), "duration_s": 30}
-    flow = outcome(medium, seed=5, vendor=vendor, **given)
-    received_s = flow.received_ns[flow.delivered] / S
-    stalls_s = received_s[1:][np.diff(received_s) > 0.5]
-    assert (len(stalls_s) >= 5) == (flow.loss > 0.3) == (not rides)
-    periods = np.diff(stalls_s) / 3
-    assert np.allclose(periods, np.round(periods), atol=0.01)
-
-
 @pytest.mark.parametrize(
     ("preset", "depth", "low_ms", "high_ms"),
     [
@@ -123,7 +107,7 @@ def test_latencies_at_3_percent_loss_are_those_of_real_fast_dds(preset, depth, l
     assert low_ms < np.mean(np.concatenate([flow.latency_ns for flow in runs])) / MS < high_ms
 
 
-@pytest.mark.parametrize(("size_bytes", "sample"), [(60, 807), (200, 392), (400, 226), (1000, 100)])
+@pytest.mark.parametrize(("size_bytes", "sample"), [(60, 807), (200, 392), (1000, 100)])
 def test_a_heartbeat_rides_with_the_same_sample_as_on_real_fast_dds(size_bytes, sample):
     """Measured: rclpy of Jazzy and Kilted, synchronous."""
     given = {"vendor": PRESETS["fast_dds_sync"], "qos": QoSProfile(depth=999), "drain_s": 0.1}

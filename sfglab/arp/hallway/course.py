@@ -3,7 +3,7 @@
 Paper B, Fig. 14: "move the robots by parallels in different areas". The paper draws the course without
 measures; ours is a ring of corridors with five corners to the right and one to the left. Metres, x to the right
 and y up. Poses are x, y and heading, shape (robots, 3); walls are x, y of both ends, shape (robots, walls, 4),
-each robot's own, padded with copies of the first.
+each robot's own.
 """
 
 from __future__ import annotations

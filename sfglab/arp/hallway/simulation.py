@@ -19,7 +19,7 @@ from sfglab.arp.hallway.nodes import BEAMS_DEG, STOP, Command, range_from_step
 from sfglab.arp.hallway.station import Manoeuvre, Station
 from sfglab.arp.hallway.world import LIMIT_S, SCAN_STEPS, STEP_NS, End, Verdict, World, judge
 from sfglab.arp.robots import METHODS, PLAN_S, TAKE_S, topic_qos
-from sfglab.rtps import PRESETS, Flow, Medium, Outcome, Scenario, Session, Watch
+from sfglab.rtps import PRESETS, Flow, Medium, Outcome, Scenario, Session
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -86,8 +86,11 @@ def rate_and_depth(settings: LapSettings) -> tuple[float, int]:
 
 @cache
 def _optimum(rate_max_hz: int) -> Balance:
-    """Solve Eq. 6 once per problem: the solver takes longer than a second of a lap."""
-    return balance(BalanceInput(topics=ROBOT_TOPICS, rate_max_hz=float(rate_max_hz)))
+    """Solve Eq. 6 once per problem: the solver takes longer than a second of a lap.
+
+    The closed form would differ in the sixth digit, and so would each lap.
+    """
+    return balance(BalanceInput(topics=ROBOT_TOPICS, rate_max_hz=rate_max_hz))
 
 
 def beam_flow(robot: str, beam: int) -> str:
@@ -165,7 +168,7 @@ class SimulatedLap:
 
     def __init__(self, settings: LapSettings, seed: int, *, record: bool = False) -> None:
         self._world = World(seed=seed)
-        self._station = Station(len(ROBOTS))
+        self._station = Station()
         self._measured: list[list[int]] = []  # of each robot's LIDAR, in its last turn
         self._executed = [STOP] * len(ROBOTS)  # last command that each robot received
         #: Index of robot and beam by topic.
@@ -176,8 +179,7 @@ class SimulatedLap:
         }
         #: Index of the robot by topic.
         self._commands = {command_flow(name): robot for robot, name in enumerate(ROBOTS)}
-        # A node that receives the same value again does nothing.
-        self._session = Session(scenario_of(settings, seed=seed), seed=seed, watch=Watch.NEWS)
+        self._session = Session(scenario_of(settings, seed=seed), seed=seed)
         self._publish_commands()
         self._steps = 0
         self.verdict: Verdict | None = None  #: End of the lap; None before.
@@ -189,20 +191,15 @@ class SimulatedLap:
         """Time since the start, s."""
         return self._steps * STEP_NS / NS_PER_S
 
-    def run(self, limit_s: float = LIMIT_S) -> LapResult:
-        """Drive until the lap ends or is given up at a limit, s, and return its result."""
-        self.drive(limit_s, limit_s=limit_s)
+    def run(self) -> LapResult:
+        """Drive until the lap ends, at `LIMIT_S` at the latest, and return its result."""
+        self.drive(LIMIT_S)
         return self.result()
 
-    def drive(self, until_s: float, *, limit_s: float = LIMIT_S) -> bool:
-        """Drive on until a time, s, and return whether the lap has ended by then.
-
-        Args:
-            until_s: Time at which driving pauses. A later call continues at this time.
-            limit_s: Time at which the lap is given up.
-        """
+    def drive(self, until_s: float) -> bool:
+        """Drive on until a time, s, and return whether the lap has ended by then; a later call continues."""
         while self.verdict is None and self.time_s < until_s:
-            self._step(limit_s)
+            self._step()
         return self.verdict is not None
 
     def result(self) -> LapResult:
@@ -216,7 +213,7 @@ class SimulatedLap:
             outcome=self._session.outcome(),
         )
 
-    def _step(self, limit_s: float) -> None:
+    def _step(self) -> None:
         """Drive for `STEP_NS`."""
         if self._steps % SCAN_STEPS == 0:
             self._scan()
@@ -227,9 +224,9 @@ class SimulatedLap:
             self._world.clearance_m.tolist(),
             self._world.wound_rad(),
             stopped_by=self._station.stopped_by,
-            now_s=self.time_s,
-            limit_s=limit_s,
         )
+        if self.verdict is None and self.time_s >= LIMIT_S:
+            self.verdict = Verdict(end=End.TIMEOUT)
         if self.verdict is not None:
             self._scan()
 
@@ -238,7 +235,8 @@ class SimulatedLap:
         self._measured = [self._world.scan(robot) for robot in range(len(ROBOTS))]
         for flow, (robot, beam) in self._beams.items():
             self._session.set_value(flow, self._measured[robot][beam])
-        self._take_snapshot()
+        if self._record:
+            self._take_snapshot()
 
     def _exchange(self, until_ns: int) -> None:
         """Let messages travel until a time, and give their readers those that arrive."""
@@ -255,8 +253,6 @@ class SimulatedLap:
             self._session.set_value(flow, command.number)
 
     def _take_snapshot(self) -> None:
-        if not self._record:
-            return
         measured_m = [[range_from_step(step) for step in steps] for steps in self._measured]
         believed_m = [node.ranges_m for node in self._station.localisations]
         self.snapshots.append(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-from sfglab.arp.hallway.course import HALF_WIDTH_M
+from sfglab.arp.hallway.course import HALF_WIDTH_M, ROBOTS
 from sfglab.arp.hallway.nodes import SPEED_M_S, STOP, Command, LocalisationNode, View
 
 TURN_MRAD_S = round(1000 * SPEED_M_S / HALF_WIDTH_M)
@@ -115,12 +115,12 @@ LEADER = 0  #: Robot that plans for all.
 
 
 class Station:
-    """The nodes at the station, for so many robots; the first one leads."""
+    """The nodes at the station; the first robot leads."""
 
-    def __init__(self, robots: int = 3) -> None:
-        self.localisations = [LocalisationNode() for _ in range(robots)]  #: One per robot.
+    def __init__(self) -> None:
+        self.localisations = [LocalisationNode() for _ in ROBOTS]  #: One per robot.
         self._planning = PlanningNode()
-        self.commands = [STOP] * robots  #: Present command of each robot.
+        self.commands = [STOP] * len(ROBOTS)  #: Present command of each robot.
         #: Robot whose localisation was the last to see an obstacle and stop all; None: none has.
         self.stopped_by: int | None = None
         self.manoeuvre = Manoeuvre.STOP  #: Manoeuvre that was released last.

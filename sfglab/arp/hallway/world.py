@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.arp.hallway.course import AREAS, HOME, Area, clearances, drive, scan, winding_rad
+from sfglab.arp.hallway.course import AREAS, HOME, clearances, drive, scan, winding_rad
 from sfglab.arp.hallway.nodes import BEAMS_DEG, SCAN_HZ, Command, step_from_range
 
 if TYPE_CHECKING:
@@ -38,16 +38,10 @@ _ANGLES = np.radians(BEAMS_DEG)
 class World:
     """The physics of one run, one area per robot; the seed draws first places, wheels and slip."""
 
-    def __init__(self, *, seed: int, areas: Sequence[Area] = AREAS) -> None:
+    def __init__(self, *, seed: int) -> None:
         self._random = np.random.default_rng(seed)
-        robots = len(areas)
-        most = max(len(area.segments) for area in areas)
-        self._walls = np.ascontiguousarray(
-            [
-                np.concatenate((a.segments, a.segments[:1].repeat(most - len(a.segments), axis=0)))
-                for a in areas
-            ]
-        )
+        robots = len(AREAS)
+        self._walls = np.array([area.segments for area in AREAS])
         put = self._random.normal(size=(robots, 3)) * (_PUT_SIGMA_M, _PUT_SIGMA_M, _PUT_SIGMA_RAD)
         #: x, y (metres) and heading (radians) of each robot, shape (robots, 3).
         self.poses: NDArray[np.float64] = np.array(HOME) + put
@@ -106,10 +100,11 @@ def judge(
     wound_rad: Sequence[float],
     *,
     stopped_by: int | None,
-    now_s: float,
-    limit_s: float = LIMIT_S,
 ) -> Verdict | None:
-    """Return how a run has ended, or None while it goes on, from what the `World` says of its robots."""
+    """Return how a run has ended, or None while it goes on, from what the `World` says of its robots.
+
+    The time limit is not judged here.
+    """
     for robot, clearance in enumerate(clearance_m):
         if clearance <= RADIUS_M:
             return Verdict(end=End.CONTACT, robot=robot)
@@ -117,4 +112,4 @@ def judge(
         return Verdict(end=End.STOP, robot=stopped_by)
     if min(wound_rad) >= math.tau - _HOME_RAD:
         return Verdict(end=End.SUCCESS)
-    return Verdict(end=End.TIMEOUT) if now_s >= limit_s else None
+    return None

@@ -113,7 +113,7 @@ class _Station:
 
     def __init__(self, node: Node, config: HallwayConfig, report: Reporter) -> None:
         self._node, self._config, self._report = node, config, report
-        self._station = hallway.Station(len(hallway.ROBOTS))
+        self._station = hallway.Station()
         self._said = self._station.manoeuvre
         self.publishers = [
             node.create_publisher(COMMAND, command_topic(name), config.qos)

@@ -29,7 +29,7 @@ from sfglab.fields import Bounds, between
 from sfglab.lab.bench import TableRow
 from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.rtps import Flow, FlowOutcome, Medium, Scenario, Session, Watch
+from sfglab.rtps import Flow, FlowOutcome, Medium, Scenario, Session
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -334,13 +334,19 @@ def _simulated(values: list[Any], rate_hz: float, *, loss: float, cached: bool) 
     flow = Flow(name="a", source="robot", target="station", rate_hz=rate_hz, cached=cached)
     duration_s = len(values) / rate_hz
     scenario = Scenario(flows=(flow,), medium=Medium(loss=loss), duration_s=duration_s)
-    session = Session(scenario, seed=0, watch=Watch.NONE)
+    session = Session(scenario, seed=0)
     period_ns = round(NS_PER_S / rate_hz)
     for place, number in enumerate(np.cumsum(changes_of(values)), 1):
         session.set_value("a", int(number))
-        session.advance(place * period_ns)
-    session.advance((len(values) + 1) * period_ns + _REPAIRS_NS)
+        _advance(session, place * period_ns)
+    _advance(session, (len(values) + 1) * period_ns + _REPAIRS_NS)
     return session.outcome().flows["a"]
+
+
+def _advance(session: Session, until_ns: int) -> None:
+    """Run to a time, past all deliveries."""
+    while session.advance(until_ns) is not None:
+        pass
 
 
 # --- Eq. 6 ------------------------------------------------------------------------------------

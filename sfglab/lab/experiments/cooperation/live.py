@@ -57,7 +57,8 @@ async def drive_and_simulate(bench: Bench[Config]) -> None:
         raise SkippedPartError(f"no live lap: {capability.reason}")
     live, radio = await drive_again_if_failed(config.seed, limit_s=config.live_s)
     simulated = SimulatedLap(LIVE_SETTINGS, config.seed, record=True)
-    lap = simulated.run(limit_s=config.live_s)
+    simulated.drive(config.live_s)
+    verdict = simulated.verdict
     write_tracks(bench, live.tracks)
     write_tracks(bench, track_rows(SIMULATED, simulated.snapshots))
     values = {
@@ -66,7 +67,7 @@ async def drive_and_simulate(bench: Bench[Config]) -> None:
         "lasted_s": live.lasted_s,
         "radio": radio.said(),
         "kept_up": radio.kept_up,
-        "simulated_end": GIVEN_UP if lap.end is hallway.End.TIMEOUT else lap.end.value,
+        "simulated_end": verdict.end.value if verdict else GIVEN_UP,
     }
     bench.metadata("live", values)
 
@@ -98,9 +99,7 @@ class LiveLap:
         if len(self._last) == len(ROBOTS):
             clearances_m = [self._last[robot]["clearance_m"] for robot in ROBOTS]
             angles_rad = [self._last[robot]["wound_rad"] for robot in ROBOTS]
-            self.verdict = hallway.judge(
-                clearances_m, angles_rad, stopped_by=self._stopped_by, now_s=0.0
-            )
+            self.verdict = hallway.judge(clearances_m, angles_rad, stopped_by=self._stopped_by)
         return self.verdict is not None
 
     @property
