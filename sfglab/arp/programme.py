@@ -85,7 +85,23 @@ class _Planner:
         self._programmes: dict[bytes, _Programme] = {}
         middle_hz = np.sqrt(self._lowest * self._highest)
         self._first = at_depths(self._bare, self._depths(self._bare, middle_hz), middle_hz)
-        _check_feasible(given, self._first)
+        self._check_feasible()
+
+    def _check_feasible(self) -> None:
+        """Raise an SfglabError if the minimal rates take more of the medium's time than is allowed."""
+        link, allowed = self._first, self._given.utilisation_max
+        sent_hz = np.minimum(self._lowest, link.change_most_hz)
+        taken = link.data_s * sent_hz + link.acknack_s * link.acknacks_hz(sent_hz)
+        needed = float(taken.sum())
+        if needed <= allowed:
+            return
+        largest = np.argsort(-taken, kind="stable")[:3]
+        names = [self._given.topics[i].name for i in largest]
+        raise SfglabError(
+            f"QoS plan has no solution: the minimal rates take {needed:.3g} of the time of the medium, "
+            f"allowed is {allowed:.3g}; most is taken by {', '.join(names)}: lower minimal rates (to "
+            f"{allowed / needed:.2g} of them if all alike), send fewer topics, or use a faster link"
+        )
 
     def plan(self, price: float) -> Plan:
         """Return the plan at a price of latency: the best of the rounds."""
@@ -126,23 +142,6 @@ class _Planner:
             bounds_hz = self._lowest, self._highest
             self._programmes[key] = _Programme(self._given, link, bounds_hz)
         return self._programmes[key]
-
-
-def _check_feasible(given: TopicFile, link: Link) -> None:
-    """Raise an SfglabError if the minimal rates take more of the medium's time than is allowed."""
-    sent_hz = np.minimum([topic.rate_min_hz for topic in given.topics], link.change_most_hz)
-    allowed = given.utilisation_max
-    taken = link.data_s * sent_hz + link.acknack_s * link.acknacks_hz(sent_hz)
-    needed = float(taken.sum())
-    if needed <= allowed:
-        return
-    largest = [given.topics[i].name for i in np.argsort(-taken, kind="stable")[:3]]
-    raise SfglabError(
-        f"QoS plan has no solution: the minimal rates take {needed:.3g} of the time of the medium, "
-        f"allowed is {allowed:.3g}; most is taken by "
-        f"{', '.join(largest)}: lower minimal rates (to {allowed / needed:.2g} of them if "
-        "all alike), send fewer topics, or use a faster link"
-    )
 
 
 _BRANCHINGS_MOST = 12

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.arp.balancing import Balance, BalanceInput, balance
-from sfglab.arp.hallway.course import AREAS, ROBOTS
+from sfglab.arp.hallway.course import ROBOTS
 from sfglab.arp.hallway.nodes import BEAMS_DEG, STOP, Command, range_from_step
 from sfglab.arp.hallway.station import Manoeuvre, Station
 from sfglab.arp.hallway.world import LIMIT_S, SCAN_STEPS, STEP_NS, End, Verdict, World, judge
@@ -38,7 +38,7 @@ TABLE_BEAM_BYTES = 24
 
 COMMAND_BYTES = 52  #: Size of a geometry_msgs/msg/Twist in CDR: six doubles and the header.
 
-ROBOT_TOPICS = (len(BEAMS_DEG) + 1,) * len(AREAS)
+ROBOT_TOPICS = (len(BEAMS_DEG) + 1,) * len(ROBOTS)
 """T_a of Eq. 1 in the hallway: eight beams and one command per robot."""
 
 
@@ -106,7 +106,7 @@ def command_flow(robot: str) -> str:
 def scenario_of(settings: LapSettings, *, seed: int) -> Scenario:
     """Return a lap's 27 topics on its channel; the seed draws when in its period each begins."""
     rate_hz, _ = rate_and_depth(settings)
-    starts = np.random.default_rng((seed, 1)).uniform(0, 1 / rate_hz, 9 * len(ROBOTS))
+    starts = np.random.default_rng((seed, 1)).uniform(0, 1 / rate_hz, sum(ROBOT_TOPICS))
     phases_s = iter(starts.tolist())
     beams = list(_beams(settings, phases_s))
     commands = list(_commands(settings, phases_s))
