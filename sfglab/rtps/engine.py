@@ -53,7 +53,7 @@ def _serve(world: Any, now: int, number: int) -> None:
     server.sample = sample
     server.next = flow + 1
     cost = settings.compare_ns if skips else settings.service_ns
-    push(world, now + cost, Event.SERVED, number)
+    push(world.heap, world.heap_sizes, now + cost, Event.SERVED, number)
 
 
 @compiled
@@ -116,7 +116,7 @@ def _step(world: Any, now: int, kind: int, argument: int) -> None:
     elif kind == Event.PUBLISH:
         write(world, now, argument)
         again = now + world.flows[argument].period_ns
-        push(world, again, Event.PUBLISH, argument)
+        push(world.heap, world.heap_sizes, again, Event.PUBLISH, argument)
     elif kind == Event.ACKNACK:
         world.reader[argument].armed = 0
         request(world, now, argument)
@@ -133,7 +133,7 @@ def advance(world: Any, until: int) -> int:
     Publications end with the run's duration. Events at `until`, in nanoseconds, are left for the next call.
     """
     while world.heap_sizes[0] > 0 and world.heap[0, 0] < until:
-        now, kind, argument = pop(world)
+        now, kind, argument = pop(world.heap, world.heap_sizes)
         if now >= world.timing.duration_ns and kind == Event.PUBLISH:
             continue
         world.counts[Count.EVENTS] += 1

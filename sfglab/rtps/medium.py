@@ -180,7 +180,7 @@ def _send_next(world: Any, now: int, transmitter: int) -> None:
     sender.busy = 1
     sender.host = host
     sender.began_ns = _after_stall_ns(now, timing.stall_every_ns, timing.stall_ns)
-    push(world, sender.began_ns + airtime, Event.SENT, transmitter)
+    push(world.heap, world.heap_sizes, sender.began_ns + airtime, Event.SENT, transmitter)
 
 
 @compiled
@@ -233,7 +233,7 @@ def _fly(world: Any, now: int, transmitter: int, frame: Any) -> None:
     copy_frame(world.flight[transmitter, place], frame)
     sender.in_flight += 1
     arrives = now + world.timing.latency_ns
-    push(world, arrives, Event.ARRIVED, transmitter)
+    push(world.heap, world.heap_sizes, arrives, Event.ARRIVED, transmitter)
 
 
 @compiled

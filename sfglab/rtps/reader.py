@@ -173,7 +173,7 @@ def hear_heartbeat(world: Any, now: int, frame: Any) -> None:
         delay_ns = (
             timing.nack_delay_ns if reader.next <= reader.writer_newest else timing.ack_delay_ns
         )
-        push(world, now + delay_ns, Event.ACKNACK, flow)
+        push(world.heap, world.heap_sizes, now + delay_ns, Event.ACKNACK, flow)
 
 
 @compiled

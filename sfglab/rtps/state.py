@@ -297,7 +297,7 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
     """Return the state at time 0, with each periodic flow's first publication scheduled."""
     # Numba takes its time to import.
     from sfglab.rtps.medium import GOLDEN, scattered
-    from sfglab.rtps.world import World, push
+    from sfglab.rtps.world import push
 
     flows, hosts = len(params.flows), sizes.hosts
     transmitters = 1 if params.timing["shared"] else hosts
@@ -340,8 +340,7 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
     state.reader["next"] = state.reader["writer_oldest"] = state.reader["answered_next"] = 1
     state.reader["value"] = -1
     state.reader["nacked_ns"] = state.reader["answered_ns"] = LONG_AGO
-    world = World(params, state)
     for flow, row in enumerate(params.flows):
         if row["period_ns"]:
-            push(world, row["phase_ns"], int(Event.PUBLISH), flow)
+            push(state.heap, state.heap_sizes, row["phase_ns"], int(Event.PUBLISH), flow)
     return state

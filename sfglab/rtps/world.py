@@ -152,16 +152,15 @@ _ARGUMENT_BITS, _KIND_BITS = 20, 3
 
 
 @compiled
-def push(world: Any, time_ns: int, kind: int, argument: int) -> None:
-    """Insert an event of a kind, with its argument, into the binary heap.
+def push(slots: Any, sizes: Any, time_ns: int, kind: int, argument: int) -> None:
+    """Insert an event of a kind, with its argument, into the binary heap of a world: its arrays.
 
     Earliest first, equal times in the order of insertion. Events move into a gap and are not swapped: half the
-    traffic.
+    traffic. With the world as the argument, a run takes 4 % longer.
 
     Raises:
         IndexError: The heap is full; the caller's capacity is wrong.
     """
-    slots, sizes = world.heap, world.heap_sizes
     i = sizes[0]
     if i >= slots.shape[0]:
         raise IndexError("event heap is full")
@@ -180,9 +179,8 @@ def push(world: Any, time_ns: int, kind: int, argument: int) -> None:
 
 
 @compiled
-def pop(world: Any) -> tuple[int, int, int]:
+def pop(slots: Any, sizes: Any) -> tuple[int, int, int]:
     """Remove the earliest event and return its time, kind and argument; the heap must not be empty."""
-    slots, sizes = world.heap, world.heap_sizes
     time_ns, key = slots[0, 0], slots[0, 1]
     sizes[0] -= 1
     last = sizes[0]

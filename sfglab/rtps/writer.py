@@ -199,7 +199,7 @@ def _add_heartbeats(world: Any, frame: Any, count: int) -> None:
 @compiled
 def _schedule_heartbeat(world: Any, flow: int, due: int) -> None:
     world.writer[flow].armed = 1
-    push(world, due, Event.HEARTBEAT, flow)
+    push(world.heap, world.heap_sizes, due, Event.HEARTBEAT, flow)
 
 
 @compiled
@@ -237,7 +237,7 @@ def hear_acknack(world: Any, now: int, frame: Any) -> None:
     copy_frame(request, frame)
     if is_first:
         due = now + world.timing.nack_response_ns
-        push(world, due, Event.REPAIR, flow)
+        push(world.heap, world.heap_sizes, due, Event.REPAIR, flow)
 
 
 @compiled
