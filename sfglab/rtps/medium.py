@@ -23,7 +23,7 @@ from sfglab.rtps.channel import (
 )
 from sfglab.rtps.frames import INFO_DST_BYTES, NETWORK_BYTES, fragments, frame_bytes
 from sfglab.rtps.state import BITMAP_WORDS, Count, Event, Frame
-from sfglab.rtps.world import compiled, push
+from sfglab.rtps.world import GOLDEN, compiled, push, scattered
 
 _airtime_ns = compiled(airtime_ns)
 _next_sender = compiled(next_sender)
@@ -33,17 +33,6 @@ _after_stall_ns = compiled(after_stall_ns)
 _is_lost = compiled(is_lost)
 _frame_bytes = compiled(frame_bytes)
 fragment_count = compiled(fragments)
-
-
-GOLDEN = np.uint64(0x9E3779B97F4A7C15)  #: Step of SplitMix64's state.
-
-
-@compiled
-def scattered(z: Any) -> Any:
-    """Return the output of SplitMix64 for a state, both of type uint64 (S. Vigna, prng.di.unimi.it)."""
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
 
 
 @compiled

@@ -296,8 +296,7 @@ class Sizes(NamedTuple):
 def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
     """Return the state at time 0, with each periodic flow's first publication scheduled."""
     # Numba takes its time to import.
-    from sfglab.rtps.medium import GOLDEN, scattered
-    from sfglab.rtps.world import push
+    from sfglab.rtps.world import GOLDEN, push, scattered
 
     flows, hosts = len(params.flows), sizes.hosts
     transmitters = 1 if params.timing["shared"] else hosts

@@ -146,6 +146,19 @@ def _borrow(context: Any, builder: Any, world: Any, pointer: Any, name: str) -> 
     return array._getvalue()  # noqa: SLF001 - the name that Numba gives its extensions
 
 
+# --- Random numbers -----------------------------------------------------------------------------------------
+
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)  #: Step of SplitMix64's state.
+
+
+@compiled
+def scattered(z: Any) -> Any:
+    """Return the output of SplitMix64 for a state, both of type uint64 (S. Vigna, prng.di.unimi.it)."""
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
 # --- Events -------------------------------------------------------------------------------------------------
 
 _ARGUMENT_BITS, _KIND_BITS = 20, 3
