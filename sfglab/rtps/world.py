@@ -1,4 +1,4 @@
-"""The run as one value for compiled functions, a pointer to where the arrays are; and its heap of events.
+"""The run as one value for compiled functions, a pointer to where the arrays are; its random numbers and events.
 
 Numba passes a tuple of arrays by value, some two hundred words per call, and counts a reference to each; its
 own mutable structure (`structref`) counts one at each access to a field. Here a call passes a plain pointer to
