@@ -8,10 +8,10 @@ from pathlib import Path
 GROUPS = ("messages", "names", "pictures", "depth", "logs", "documents", "machines")
 
 
-def through(group, seconds="", seed=""):
+def through(group, seconds="0", seed="0"):
     """Return what came of a group's doors in its share of the time."""
     argv = [sys.executable, str(Path(__file__).with_name("group.py")), group]
-    argv += [f"{float(seconds) / len(GROUPS)}", seed] if seconds else []
+    argv += [f"{float(seconds) / len(GROUPS)}", seed]
     return json.loads(subprocess.run(argv, stdout=subprocess.PIPE, text=True, check=True).stdout)
 
 

@@ -12,7 +12,6 @@ memory of all components and pipelines is judged, and may grow by less than 2 MB
 
 import argparse
 import asyncio
-import math
 import os
 import random
 import signal
@@ -27,7 +26,6 @@ from pathlib import Path
 import numpy as np
 import psutil
 from nodes import AGENTS, CAMERAS, STATE, VIEWER, Config, streams_of
-from scipy import stats
 
 from sfglab.component import argument_of
 from sfglab.lab.hosts import Network
@@ -58,8 +56,6 @@ GIVEN_UP_S = 60.0
 GAP_S = 1.0
 WARM_S = 600.0
 JUDGED_S = 600.0
-MEAN_S = 300.0
-"""Duration over which memory is averaged, so that the means are nearly independent."""
 MOST_MB_PER_H = 2.0
 LOOP = (sys.executable, "-S", "-c", "while True: pass")
 
@@ -259,34 +255,26 @@ class Soak(ProcessGroup):
             pin([loop.pid], {max(cores)})
 
     def _read_memory(self):
-        agents = AGENTS if self._keep_processes else (SPARED,)
-        for name in agents:
-            for component, pid in self._pids[name].items():
-                with suppress(psutil.Error):
-                    process = psutil.Process(pid)
-                    self._note_memory(f"{component} of {name}", process)
-                    if component == "decoder":
-                        for child in process.children(recursive=True):
-                            self._note_memory(f"{PIPELINE} of {name}", child)
-
-    def _note_memory(self, who, process):
-        size_mb = process.memory_info().rss / 1e6
-        readings = self._memory_mb.setdefault((who, process.pid), [])
-        readings.append((time.monotonic(), size_mb))
+        for name in AGENTS if self._keep_processes else (SPARED,):
+            with suppress(psutil.Error):
+                for process in psutil.Process(self[name].pid).children(recursive=True):
+                    module = process.cmdline()[2]
+                    readings = self._memory_mb.setdefault((name, module, process.pid), [])
+                    readings.append((time.monotonic(), process.memory_info().rss / 1e6))
 
     def _judge_memory(self):
-        for (who, _), readings in self._memory_mb.items():
+        for (name, module, _), readings in self._memory_mb.items():
             at_s, sizes_mb = np.array(readings).T
             warm_s = at_s[0] + WARM_S
             if at_s[-1] <= warm_s + JUDGED_S:
                 continue
             warm = at_s > warm_s
-            slope, half_width = line_of(at_s[warm], sizes_mb[warm])
-            growth = f"{sizes_mb[-1]:.0f} MB, {slope:+.2f} MB/h (95 %: +-{half_width:.2f})"
-            print(f"memory of {who}: {growth}")
+            slope = np.polyfit(at_s[warm] / 3600, sizes_mb[warm], 1)[0]
+            growth = f"{sizes_mb[-1]:.0f} MB, {slope:+.2f} MB/h"
+            print(f"memory of {module} of {name}: {growth}")
             grows = slope > MOST_MB_PER_H if self._keep_processes else 24 * slope > sizes_mb[-1]
             if grows:
-                self.problems.append(f"memory of {who}: {growth}")
+                self.problems.append(f"memory of {module} of {name}: {growth}")
 
     async def _judge_streams(self, nodes):
         told = await self.ask("told", nodes, timeout_s=60, do="tell")
@@ -318,29 +306,18 @@ class Soak(ProcessGroup):
                 self.problems.append(f"left: {psutil.Process(pid).cmdline()}")
 
 
-def line_of(at_s, sizes_mb):
-    """Return the slope of memory, MB per hour, and half its 95 % interval, from means of `MEAN_S`."""
-    windows = (at_s - at_s[0]) // MEAN_S
-    hours = [at_s[windows == window].mean() / 3600 for window in np.unique(windows)]
-    means_mb = [sizes_mb[windows == window].mean() for window in np.unique(windows)]
-    if len(hours) < 3:
-        return np.polyfit(at_s / 3600, sizes_mb, 1)[0], math.inf
-    fit = stats.linregress(hours, means_mb)
-    return fit.slope, fit.stderr * stats.t.ppf(0.975, len(hours) - 2)
-
-
-def signal_all(pids, number):
-    for pid in pids:
-        with suppress(ProcessLookupError):
-            os.kill(pid, number)
-
-
 def pin(pids, cores):
     """Allow processes to run on some cores only."""
     for pid in pids:
         with suppress(OSError):
             for thread in Path(f"/proc/{pid}/task").iterdir():
                 os.sched_setaffinity(int(thread.name), cores)
+
+
+def signal_all(pids, number):
+    for pid in pids:
+        with suppress(ProcessLookupError):
+            os.kill(pid, number)
 
 
 async def soak(minutes, seed, limit_s, *, keep_processes=False):
