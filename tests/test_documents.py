@@ -13,7 +13,6 @@ import pytest
 from sfglab import documents
 from sfglab.errors import InvalidValueError
 from sfglab.fields import Bounds, between, bounds
-from sfglab.validation import suggestion
 
 
 class Colour(Enum):
@@ -45,28 +44,12 @@ def test_what_is_no_yaml_or_could_mislead_is_refused_with_its_place(text, said):
     assert said in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["[1]", "", "1", "null"])
-def test_a_document_that_is_no_mapping_is_refused(text):
-    with pytest.raises(documents.DocumentError, match="allowed: a mapping of keys to values"):
-        read(Wheel, text)
-
-
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
     with pytest.raises(documents.DocumentError, match=r"none\.yaml: .*, allowed: a fleet file$"):
         documents.Document.of_file(tmp_path / "none.yaml", "a fleet file")
     (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(documents.DocumentError, match=r"bytes\.yaml"):
         documents.Document.of_file(tmp_path / "bytes.yaml")
-
-
-def test_what_is_missing_stands_where_its_holder_does():
-    document = documents.Document("x: 1\na:\n  b: 1\n", "f.yaml")
-    assert document.place(("a", "c")) == documents.Place(file="f.yaml", key="a.c", line=2)
-
-
-def test_only_a_close_word_is_suggested():
-    assert suggestion("hardwear", ["hardware"]) == "; did you mean 'hardware'?"
-    assert not suggestion("moon", ["hardware"])
 
 
 def even(value: int) -> int:
@@ -98,11 +81,9 @@ class Car:
     doors: int = field(metadata=bounds(1, 5))
     seats: Annotated[int, documents.ReadAs(int, even)] = 2
     colour: Colour = Colour.RED
-    colours: frozenset[Colour] = frozenset()
     load: float = between(0.5, 0, 1, without=(1,))
     lit: bool = False
     maybe: Annotated[float | None, documents.OR_NULL] = None
-    limit: float | str = "none"
     at_m: tuple[float, float] = (0, 0)
     engine: Engine = field(default_factory=Engine)
     spare: Wheel | None = None
@@ -123,11 +104,9 @@ from: berlin
 doors: 3
 seats: 4
 colour: green
-colours: [red]
 load: 0
 lit: true
 maybe:
-limit: 3
 at_m: [1, 2.5]
 engine: {fuel: wind}
 tags: [t1, t2]
@@ -142,10 +121,8 @@ prices: {x: 1.5}
         doors=3,
         seats=4,
         colour=Colour.GREEN,
-        colours=frozenset({Colour.RED}),
         load=0.0,
         lit=True,
-        limit=3.0,
         at_m=(1, 2.5),
         engine=Engine(fuel="wind"),
         tags=("t1", "t2"),
@@ -154,7 +131,7 @@ prices: {x: 1.5}
         parts={"b": Wheel(name="b")},
         prices={"x": 1.5},
     )
-    assert str(car.wheels[1].place) == "f.yaml:13: wheels[1]"
+    assert str(car.wheels[1].place) == "f.yaml:11: wheels[1]"
 
 
 def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
@@ -175,29 +152,15 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
         ("colour: rad", "colour: given 'rad', allowed: red or green; did you mean 'red'?"),
         ("load: 1", "load: given 1, allowed: a finite number from 0, below 1"),
         ("load: 1" + "0" * 400, "allowed: a finite number from 0, below 1"),
-        ("prices: {x: .inf}", "prices.x: given inf, allowed: a finite number"),
         ("lit: 1", "lit: given 1, allowed: true or false"),
-        ("limit: []", "limit: given [], allowed: a number or a text"),
-        ("at_m: [1]", "at_m: given [1], allowed: 2 values"),
         ("at_m: [1, 2, 3]", "at_m: given [1, 2, 3], allowed: 2 values"),
-        ("at_m: [1, yes]", "at_m[1]: given True, allowed: a number"),
-        (
-            "engine: {fuel: sum}",
-            "engine.fuel: given 'sum', allowed: sun or wind; did you mean 'sun'?",
-        ),
-        ("spare:", "spare: nothing is given, allowed: a mapping"),
-        ("tags: [x]", "tags[0]: given 'x', allowed: tags"),
+        ("engine: {fuel: sum}", "engine.fuel: given 'sum', allowed: sun or wind; did you mean"),
         ("tags: [1]", "tags[0]: given 1, allowed: a text (quote it)"),
         ("place: {}", "place: given 'place', allowed: at_m, axles"),
         ("maybe: x", "maybe: given 'x', allowed: a number or nothing"),
-        ("wheels: 3", "wheels: given 3, allowed: a list"),
-        (
-            "wheels: [a, {name: b, size_m: 0}]",
-            "wheels[1].size_m: given 0, allowed: a finite number above zero",
-        ),
+        ("wheels: [a, {name: b, size_m: 0}]", "wheels[1].size_m: given 0, allowed: a finite"),
         ("axles: {a: {name: b}}", "axles.a.name: given 'name', allowed: no such key"),
         ("axles: {'': {}}", "f.yaml:3: axles: given '', allowed: names that are not empty"),
-        ("door: 2", "door: given 'door', allowed: at_m, axles, colour"),
         ("door: 2", "; did you mean 'doors'?"),
     ],
 )
@@ -208,13 +171,6 @@ def test_a_mistake_in_what_a_dataclass_says_is_named_alike(text, said):
     assert said in str(caught.value)
 
 
-def test_a_key_of_nested_aliases_takes_no_time():
-    lists = [f"&a{n} [{', '.join([f'*a{n - 1}'] * 10)}]," for n in range(1, 10)]
-    text = "\n".join(["? [&a0 [x],", *lists, "]", ": 1"])
-    with pytest.raises(documents.DocumentError, match=r"^f\.yaml:1: given 'an alias, a list"):
-        documents.Document(text, "f.yaml")
-
-
 def test_a_document_may_be_a_list():
     text = "- name: a\n- name: b\n  size_m: "
     front, back = read(list[Wheel], f"{text}2\n")
@@ -222,5 +178,6 @@ def test_a_document_may_be_a_list():
     assert str(back.place) == "f.yaml:2: [1]"
     with pytest.raises(documents.DocumentError, match=r"^f\.yaml:3: \[1\]\.size_m: given 0"):
         read(list[Wheel], f"{text}0\n")
-    with pytest.raises(documents.DocumentError, match="given 1, allowed: a list"):
-        read(list[Wheel], "1")
+    for hint, text, allowed in ((list[Wheel], "1", "a list"), (Wheel, "[1]", "a mapping of keys")):
+        with pytest.raises(documents.DocumentError, match=f"allowed: {allowed}"):
+            read(hint, text)

@@ -15,116 +15,56 @@ from sfglab import cli
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "data"
-FLEET, QOS, GRAPH = (
-    DATA / "fleets/lab.yaml",
-    DATA / "qos/paper_b.yaml",
-    DATA / "graphs/figure_8.yaml",
-)
-SCENE, MOCAP, LOG = (
-    DATA / "scenes/hall.yaml",
-    DATA / "mocap/two_agents.yaml",
-    DATA / "reference/mocap.mcap",
-)
+FLEET = DATA / "fleets/lab.yaml"
+QOS = DATA / "qos/paper_b.yaml"
+GRAPH = DATA / "graphs/figure_8.yaml"
+SCENE = DATA / "scenes/hall.yaml"
+MOCAP = DATA / "mocap/two_agents.yaml"
+LOG = DATA / "reference/mocap.mcap"
 LIMIT_S = 60
+pytestmark = pytest.mark.timeout(2 * LIMIT_S)
 
-DOCUMENTS = {  # a command, BAD where the file stands, and a good one
-    "fleet lint BAD": FLEET,
-    "fleet router BAD --agent go2": FLEET,
-    "agent up --fleet BAD --agent go2": FLEET,
-    "router --fleet BAD --agent go2": FLEET,
-    "deploy plan BAD": FLEET,
-    "deploy render BAD -o OUT": FLEET,
-    "deploy check BAD": FLEET,
-    "deploy apply BAD": FLEET,
-    "deploy releases BAD": FLEET,
-    f"view {LOG} --fleet BAD --to OUT.rrd": FLEET,
-    "qos BAD": QOS,
-    "map BAD": GRAPH,
-    "plan BAD --no-browser --port 0": SCENE,
-    "follow serve --agent go2 --interface lo --scene BAD": SCENE,
-    "follow run BAD --interface lo": SCENE,
-    "mocap run BAD --domain 99 --interface lo --synthetic": MOCAP,
-}
+# Commands with BAD where a file stands: one for each format, one that starts processes, and one that writes.
+DOCUMENTS = [
+    "fleet lint BAD",
+    "agent up --fleet BAD --agent go2",
+    "deploy render BAD -o OUT",
+    "qos BAD",
+    "map BAD",
+    "plan BAD --no-browser --port 0",
+    "mocap run BAD --domain 99 --interface lo --synthetic",
+]
 LOGS = [
     "log info BAD",
     "view BAD --to OUT.rrd",
     "frames lint BAD",
     f"mocap run {MOCAP} --log BAD --topic agent_x=/p --domain 99 --interface lo",
     "map BAD",
-    "camera /global/go2/camera_front/color/ffmpeg --interface lo --source bag:BAD#/image",
     "camera /global/go2/camera_front/color/ffmpeg --interface lo --source BAD",
     "try decode_once --profile smoke source=BAD",
 ]
-
-
-TEXTS = {  # what stands in a user's file, in place of a good one's bytes
-    "empty": lambda _: b"",
-    "binary": lambda _: bytes(range(256)) * 8,
-    "other text": lambda _: b"a line\nand another\n",
-    "a list": lambda _: b"- 1\n- 2\n",
-    "null": lambda _: b"null\n",
-    "a number": lambda _: b"17\n",
-    "an unknown key": lambda _: b"nonesuch: 1\n",
-    "latin 1": lambda _: b"name: caf\xe9\n",
-    "a tab": lambda _: b"a:\n\t- b\n",
-    "unclosed": lambda _: b"a: [1, 2\n",
-    "a key twice": lambda _: b"a: 1\na: 2\n",
-    "an alias": lambda _: b"a: &x 1\nb: *x\n",
-    "numbers as keys": lambda _: b"1: 2\n",
-    "deep": lambda _: b"a: " + b"[" * 5000,
-    "cut": lambda good: good[: len(good) // 3] + b"\n  x: [",
-    "of lists": lambda good: re.sub(
-        rb"(?m)^(\w+):.*$", rb"\1: [[]]", re.sub(rb"(?m)^[ #-].*\n", b"", good)
-    ),
-    "of words": lambda good: re.sub(rb"(?m): *[-\d.]+ *$", b": lots", good) + b"\nnonesuch: 1\n",
-    "misspelt": lambda good: re.sub(rb"(?m)^(\w+)(\w):", rb"\1:", good),
+# Contents of wrong files. tests/test_documents.py has the mistakes of YAML itself.
+TEXTS = {
+    "empty": b"",
+    "binary": bytes(range(256)) * 8,
+    "a list": b"- 1\n- 2\n",
+    "an unknown key": b"nonesuch: 1\n",
+    "latin 1": b"name: caf\xe9\n",
+    "unclosed": b"a: [1, 2\n",
+    "deep": b"a: " + b"[" * 5000,
 }
-LINKS = {"dangling": "none", "endless": "/dev/zero", "a device": "/dev/null"}
-PATHS = ["missing", "a folder", "in no folder", "below a file", "too long", "a loop", *LINKS]
-
-
-def _broken(name, folder, good, suffix):
-    """Make what a user may give in place of a good file; return its path."""
-    path = folder / f"bad{suffix}"
-    match name:
-        case "missing":
-            pass
-        case "a folder":
-            path.mkdir()
-        case "in no folder":
-            return folder / "none" / path.name
-        case "below a file":
-            (folder / "file").write_text("")
-            return folder / "file" / path.name
-        case "too long":
-            return folder / ("x" * 300 + suffix)
-        case "a loop":
-            path.symlink_to(path)
-        case _ if name in LINKS:
-            path.symlink_to(LINKS[name])
-        case _:
-            path.write_bytes(TEXTS[name](good.read_bytes()))
-    return path
+PATHS = ["missing", "folder", "file/below", "x" * 300, "dangling", "endless", "loop"]
 
 
 @pytest.fixture
 def attempt(monkeypatch, capfd):
     """Give what runs a command as a process would; it must refuse in one sentence."""
 
-    def overdue(*_):
-        raise TimeoutError
-
     def run(*arguments):
         capfd.readouterr()
         monkeypatch.setattr(sys, "argv", ["sfglab", *map(str, arguments)])
-        before = signal.signal(signal.SIGALRM, overdue)
-        signal.alarm(LIMIT_S)
-        try:
-            with pytest.raises(SystemExit) as ended:
-                cli.main()
-        finally:
-            signal.alarm(0)
-            signal.signal(signal.SIGALRM, before)
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
         said = capfd.readouterr()
         lines = [line for line in (said.err or said.out).splitlines() if line.strip()]
         assert ended.value.code not in (0, None), lines
@@ -136,28 +76,42 @@ def attempt(monkeypatch, capfd):
     return run
 
 
-def _wrong_files():
-    """Yield all mistakes for one command of each format, and some for the others."""
-    tried = set()
-    for command, good in DOCUMENTS.items():
-        for mistake in ("missing", "cut") if good in tried else (*PATHS, *TEXTS):
-            yield command, good, mistake, ".yaml"
-        tried.add(good)
-    for command in LOGS:
-        for mistake in ("missing", "a folder") if LOG in tried else PATHS:
-            yield command, LOG, mistake, ".mcap"
-        for suffix in (".mcap", ".db3", ".bag"):
-            for mistake in ("empty",) if LOG in tried else ("empty", "binary", "other text"):
-                yield command, LOG, mistake, suffix
-        tried.add(LOG)
+@pytest.fixture
+def refused(tmp_path, attempt):
+    """Give what runs a command with a wrong file; it must leave nothing."""
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("")
+    for link, target in {"dangling": "none", "endless": "/dev/zero", "loop": "loop"}.items():
+        (tmp_path / link).symlink_to(target)
+
+    def run(command, bad):
+        words = command.replace("BAD", f"{tmp_path}/{bad}").replace("OUT", f"{tmp_path}/out")
+        attempt(*words.split())
+        assert not list(tmp_path.glob("out*"))
+
+    return run
 
 
-@pytest.mark.parametrize(("command", "good", "mistake", "suffix"), [*_wrong_files()])
-def test_a_wrong_document_or_log(command, good, mistake, suffix, tmp_path, attempt):
-    bad = _broken(mistake, tmp_path, good, suffix)
-    out = tmp_path / "out"
-    attempt(*(word.replace("BAD", str(bad)).replace("OUT", str(out)) for word in command.split()))
-    assert not list(tmp_path.glob("out*"))
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("command", ["fleet lint BAD", "log info BAD", "frames lint BAD"])
+def test_a_path_that_leads_to_no_file(command, path, refused):
+    refused(command, path)
+
+
+@pytest.mark.parametrize("mistake", TEXTS)
+@pytest.mark.parametrize("command", DOCUMENTS)
+def test_a_wrong_document(command, mistake, tmp_path, refused):
+    """tests/test_schema.py has wrong values and keys in good documents."""
+    (tmp_path / "bad.yaml").write_bytes(TEXTS[mistake])
+    refused(command, "bad.yaml")
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".db3", ".bag"])
+@pytest.mark.parametrize("mistake", ["empty", "binary"])
+@pytest.mark.parametrize("command", LOGS)
+def test_a_wrong_log(command, mistake, suffix, tmp_path, refused):
+    (tmp_path / f"bad{suffix}").write_bytes(TEXTS[mistake])
+    refused(command, f"bad{suffix}")
 
 
 GOOD = {"qos": QOS, "map": GRAPH, "plan": SCENE, "mocap": MOCAP, "follow": SCENE}
@@ -177,8 +131,6 @@ def _argument_mistakes():
     for words, command in commands():
         needed = [str(word) for word in _needed(words, command)]
         yield (*words, *needed, "--nonesuch")
-        if not any(p.nargs == -1 for p in command.params):
-            yield (*words, *needed, "one", "too", "many", "of", "these")
         if needed:
             yield words
         for option in (p for p in command.params if not getattr(p, "is_flag", True)):
@@ -187,7 +139,6 @@ def _argument_mistakes():
                 yield (*words, *needed, option.opts[0], "lots")
             if option.name in {"delay", "rate_max", "lut", "seed", "duration", "port"}:
                 yield (*words, *needed, option.opts[0], "-1")
-                yield (*words, *needed, option.opts[0], "nan")
 
 
 @pytest.mark.parametrize("words", sorted(set(_argument_mistakes())), ids=" ".join)
@@ -195,7 +146,7 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said = attempt(*words)
     assert not list(tmp_path.iterdir())
-    assert re.search(r"(?i)missing|one too many", said) or any(word in said for word in words[-2:])
+    assert re.search(r"(?i)missing", said) or any(word in said for word in words[-2:])
 
 
 @pytest.mark.parametrize(
@@ -203,32 +154,27 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
     {
         f"view {LOG} --to OUT.rrd --domain 3 --interface lo": "--domain and --interface: no effect with a log",
         f"map {GRAPH} --figure OUT.gif": ".png, .svg or .pdf",
-        f"map {GRAPH} --figure OUT/map.png": "out/map.png: no such file or directory",
-        f"map {GRAPH} --lut 5": "no effect without --optimise-placement",
-        f"map {DATA}/graphs/driving.yaml --optimise-placement --gateway-rule paper": "no effect with --optimise-placement",
         f"map {DATA}/graphs/driving.yaml --build-cfg OUT/build.cfg": "a file that can be written",
         f"qos {QOS} --pareto --out OUT": "--out: no effect with --pareto",
         f"qos {QOS} --method paper --latency-weight 2": "--latency-weight: no effect with --method paper",
+        f"plan {SCENE} --new --no-browser --port 0": "--new: given",
+        f"frames lint {LOG} --listen 3": "--listen: no effect with a log",
+        "router --domain 7 --agent torq": "torq",
+        f"map {GRAPH} --lut 5": "no effect without --optimise-placement",
+        f"map {DATA}/graphs/driving.yaml --optimise-placement --gateway-rule paper": "no effect with --optimise-placement",
         f"qos {QOS} --rmw fastrtps-sync --format cyclone": "--rmw chooses another middleware",
-        f"qos {QOS} --latency-weight inf": "--latency-weight",
         f"qos {QOS} --format topics": f"--format topics: given {QOS}, allowed: a log",
         f"qos {DATA}/reference/latency.mcap": "no topic goes from one host to another",
         "plan OUT --no-browser --port 0": "--new begins one",
-        f"plan {SCENE} --new --no-browser --port 0": "--new: given",
         f"deploy render {DATA}/fleets/esslingen.yaml -o OUT --agent go3": "did you mean 'go2'",
-        f"frames lint {LOG} --listen 3": "--listen: no effect with a log",
         f"mocap run {MOCAP} --domain 99 --synthetic --type pose": "--type: no effect without",
         f"view {LOG} --to OUT.rrd --topic /typo": "the beginning of one of /",
         "topic pub /a std_msgs/msg/String '{datum: x}'": "datum",
         "topic pub /a std_msgs/Sting ''": "did you mean std_msgs/msg/String",
-        "topic pub /a std_msgs/msg/String --once --qos-durability maybe": "not one of 'volatile', 'transient_local'",
         "topic list --domain 233": "less than or equal to 232",
-        "topic hz /a --window 1": "greater than or equal to 2",
         "qos --fromat table": "Possible options: --domain, --format, --rmw",
         "router": "its own domain",
-        "router --domain 233": "--domain",
         "router --domain 0": "domain on both sides: given 0, allowed: two",
-        "router --domain 7 --agent torq": "torq",
         f"router --fleet {FLEET} --agent pi9": "given 'pi9', allowed: go2, pi1",
         "router --domain 101 --agent go2 --interface nowhere0": "no network interface 'nowhere0'",
     }.items(),
@@ -254,11 +200,10 @@ WRITERS = [
 
 
 @pytest.mark.parametrize("command", WRITERS)
-@pytest.mark.parametrize("mistake", ["below a file", "too long"])
-def test_an_output_that_cannot_be(command, mistake, tmp_path, attempt):
+@pytest.mark.parametrize("place", ["file", "x" * 300], ids=["below a file", "too long"])
+def test_an_output_that_cannot_be(command, place, tmp_path, attempt):
     (tmp_path / "file").write_text("kept")
-    out = tmp_path / ("file" if mistake == "below a file" else "x" * 300)
-    attempt(*command.replace("OUT", str(out)).split())
+    attempt(*command.replace("OUT", f"{tmp_path}/{place}").split())
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
     assert (tmp_path / "file").read_text() == "kept"
 
@@ -269,16 +214,14 @@ FULL, READ_ONLY = "head -c 4096 /dev/zero > {out}/filler", "mount -o remount,ro 
 
 
 @pytest.mark.netns
-@pytest.mark.parametrize(
-    ("command", "more"), [*((w, FULL) for w in WRITERS), *((w, READ_ONLY) for w in WRITERS[:3])]
-)
+@pytest.mark.parametrize("command", WRITERS)
+@pytest.mark.parametrize("more", [FULL, READ_ONLY], ids=["full", "read-only"])
 def test_a_disk_that_is_full_or_read_only(command, more, tmp_path):
     """In mounts of the process's own."""
     run = f"{sys.executable} -P -m sfglab {command.replace('OUT', str(tmp_path))} >/dev/null"
     script = MOUNT.format(out=tmp_path, more=more.format(out=tmp_path), run=run)
-    done = subprocess.run(
-        ["unshare", "-rm", "sh", "-c", script], capture_output=True, text=True, check=False
-    )
+    argv = ["unshare", "-rm", "sh", "-c", script]
+    done = subprocess.run(argv, capture_output=True, text=True, check=False)
     assert done.returncode in (1, 2)
     assert re.fullmatch(r"sfglab: [^\n]*\n", done.stderr), done.stderr
     assert not done.stdout, "something half is left"
@@ -291,14 +234,10 @@ def test_a_disk_that_is_full_or_read_only(command, more, tmp_path):
 )
 def test_ctrl_c_is_one_line(command, delay_s, tmp_path):
     """From when Python has begun with the package, which it tells: what its own start prints is not ours."""
-    argv, told = (
-        [sys.executable, "-X", "importtime", "-P", "-m", "sfglab", *command.split()],
-        tmp_path / "told",
-    )
-    with (
-        told.open("w") as out,
-        subprocess.Popen(argv, stdout=subprocess.DEVNULL, stderr=out) as process,
-    ):
+    argv = [sys.executable, "-X", "importtime", "-P", "-m", "sfglab", *command.split()]
+    told = tmp_path / "told"
+    silent = {"stdout": subprocess.DEVNULL}
+    with told.open("w") as out, subprocess.Popen(argv, stderr=out, **silent) as process:
         while "| sfglab\n" not in told.read_text():
             assert process.poll() is None
             time.sleep(0.01)
