@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import nbformat
 import pytest
 from browser import Browser
 from commands import commands
@@ -71,9 +71,8 @@ def test_a_constant_without_a_docstring_has_no_sentence(tmp_path):
 def book(tmp_path_factory):
     """Build it as `make book` does, in a network namespace of its own, where nothing can be reached."""
     folder = tmp_path_factory.mktemp("book")
-    commands = re.search(r"^book:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)[
-        1
-    ]
+    makefile = (ROOT / "Makefile").read_text()
+    [commands] = re.findall(r"^book:.*\n((?:\t.*\n)+)", makefile, re.MULTILINE)
     for line in commands.strip().splitlines():
         told = line.strip().replace("$(BIN)/python", sys.executable).replace("build/", f"{folder}/")
         alone = ["unshare", "--map-root-user", "--net", *told.split()]
@@ -118,26 +117,24 @@ def dead_links(pages, file):
 
 def missing(shown):
     """Yield what the book lacks: notebooks' pictures, keys of files, fields of experiments, commands."""
-    for notebook in (ROOT / "notebooks").glob("*.ipynb"):
-        outputs = [
-            o
-            for c in json.loads(notebook.read_text("utf-8"))["cells"]
-            for o in c.get("outputs", ())
+    for path in (ROOT / "notebooks").glob("*.ipynb"):
+        cells = nbformat.read(path, as_version=4).cells
+        kinds = [
+            kind for cell in cells for o in cell.get("outputs", ()) for kind in o.get("data", ())
         ]
-        pictures = [o for o in outputs if {"image/png", "image/jpeg"} & {*o.get("data", ())}]
-        if shown[f"notebooks/{notebook.stem}.html"].count("../_images/") < len(pictures):
-            yield notebook.stem
+        pictures = kinds.count("image/png") + kinds.count("image/jpeg")
+        if shown[f"notebooks/{path.stem}.html"].count("../_images/") < pictures:
+            yield path.stem
     for name, form in FORMATS.items():
         written = set(re.findall(r"class=\"pre\">(\w+)<", shown[f"reference/formats/{name}.html"]))
         yield from set(keys(form.schema())) - written
-    fields = {
-        f.name for name in EXPERIMENTS for f in dataclasses.fields(experiment(name).config_class)
-    }
+    configs = [experiment(name).config_class for name in EXPERIMENTS]
+    fields = {field.name for config in configs for field in dataclasses.fields(config)}
     yield from (name for name in fields if f">{name}<" not in shown["reference/experiments.html"])
-    yield from (word for word in COMMANDS if f">{word}<" not in shown["reference/commands.html"])
-    yield from ["examples"] * (
-        shown["reference/commands.html"].count("highlight-bash") < len(COMMANDS) / 2
-    )
+    commands_page = shown["reference/commands.html"]
+    yield from (word for word in COMMANDS if f">{word}<" not in commands_page)
+    if commands_page.count("highlight-bash") < len(COMMANDS) / 2:
+        yield "examples"
 
 
 def keys(part):

@@ -16,22 +16,10 @@ import yaml
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
+COMMON = """names lazy domains qos errors machine component fields units files
+processes documents schema tables compiling validation"""
 FLOORS = (
-    (
-        *(
-            "names",
-            "lazy",
-            "domains",
-            "qos",
-            "errors",
-            "machine",
-            "component",
-            "fields",
-            "units",
-            "files",
-        ),
-        *("processes", "documents", "schema", "tables", "compiling", "validation"),
-    ),
+    COMMON.split(),
     ("messages", "rtps", "codecs"),
     ("bus", "record"),
     ("fleet", "arp", "soc", "spatial"),
@@ -47,14 +35,13 @@ def normal(requirement: str) -> str:
 
 
 def test_environment_yml_lists_the_dependencies_and_the_extras_of_the_notebooks():
-    conda = yaml.safe_load((ROOT / "environment.yml").read_text())["dependencies"]
-    pip = next(d for d in conda if isinstance(d, dict))["pip"]
-    listed = {normal(d) for d in [*conda, *pip] if isinstance(d, str)} - {"pip", "python>=3.11"}
+    *conda, pip = yaml.safe_load((ROOT / "environment.yml").read_text())["dependencies"]
+    listed = {normal(each) for each in [*conda, *pip["pip"]]} - {"pip", "python>=3.11"}
     project = PYPROJECT["project"]
-    wanted = {normal(d) for d in project["dependencies"]}
+    wanted = [*project["dependencies"]]
     for extra in ("view", "rtl", "deploy"):
-        wanted |= {normal(d) for d in project["optional-dependencies"][extra]}
-    assert listed == wanted
+        wanted += project["optional-dependencies"][extra]
+    assert listed == {*map(normal, wanted)}
 
 
 def locked(name: str) -> dict[str, str]:
@@ -71,23 +58,19 @@ def locked(name: str) -> dict[str, str]:
 def test_the_locks_hold_every_dependency_with_hashes_and_no_address_and_agree():
     project = PYPROJECT["project"]
     extras = {"": project["dependencies"], **project["optional-dependencies"]}
-    names = {
-        e: {re.split(r"[\[<>=]", normal(d))[0] for d in listed} for e, listed in extras.items()
-    }
-    of_tests, of_book = names.pop("dev"), names.pop("book")
-    run, tests, book = (
-        locked(f"install/{name}.lock") for name in ("requirements", "tests", "book")
-    )
-    assert set().union(*names.values()) <= set(run.values())
-    assert of_tests <= set(tests.values())
-    assert of_book <= set(book.values())
-    assert {block for block, name in tests.items() if name in run.values()} <= set(run)
-    # The book wants some on other platforms, too: there the versions and hashes agree, and not the markers.
-    pins = {re.sub(" ; .*", " \\\\", block) for block in run}
-    assert {
-        re.sub(" ; .*", " \\\\", block) for block, name in book.items() if name in run.values()
-    } <= pins
-    assert "pyside6-webengine" not in run.values()
+    locks = {name: locked(f"install/{name}.lock") for name in ("requirements", "tests", "book")}
+    of_extra = {"dev": "tests", "book": "book"}
+    for extra, listed in extras.items():
+        names = {re.split(r"[\[<>=]", normal(one))[0] for one in listed}
+        assert names <= set(locks[of_extra.get(extra, "requirements")].values()), extra
+    assert "pyside6-webengine" not in locks["requirements"].values()
+    # Some are wanted on other platforms, too: versions and hashes agree, and not the markers.
+    pins = [
+        {re.sub(" ; .*", " \\\\", block): name for block, name in lock.items()}
+        for lock in locks.values()
+    ]
+    for other in pins[1:]:
+        assert {block for block, name in other.items() if name in pins[0].values()} <= set(pins[0])
 
 
 @cache
@@ -123,17 +106,11 @@ def part_of(module: str) -> str:
 
 def test_imports_run_downwards_only():
     floor_of = {part: i for i, floor in enumerate(FLOORS) for part in floor}
-    arrows = [(m, d) for m, found in imports().items() for d in found if part_of(m) != part_of(d)]
-    wrong = [
-        f"{module} imports {other}"
-        for module, other in arrows
-        if part_of(other)
-        and (
-            floor_of.get(part_of(module), -1) < floor_of[part_of(other)]
-            or {part_of(module), part_of(other)} <= SIBLINGS_APART
-        )
-    ]
-    assert not wrong, "\n".join(wrong)
+    for module, found in imports().items():
+        part = part_of(module)
+        for other in {part_of(name) for name in found} - {"", part}:
+            assert floor_of.get(part, -1) >= floor_of[other], f"{module} imports {other}"
+            assert not {part, other} <= SIBLINGS_APART, f"{module} imports {other}"
 
 
 def test_there_are_no_import_circles():
@@ -145,15 +122,12 @@ def test_there_are_no_import_circles():
 
 
 def test_only_facades_list_what_they_export_and_each_name_exists_once():
-    listing = [
-        path
-        for path, tree in trees().items()
-        if "__all__" in {getattr(n, "id", "") for n in ast.walk(tree)}
-    ]
-    assert [path for path in listing if path.name != "__init__.py"] == []
-    for module in map(import_module, map(name_of, listing)):
-        assert len(set(module.__all__)) == len(module.__all__), module
-        assert [name for name in module.__all__ if not hasattr(module, name)] == [], module
+    for path, tree in trees().items():
+        if "__all__" in {getattr(node, "id", "") for node in ast.walk(tree)}:
+            assert path.name == "__init__.py", path
+            module = import_module(name_of(path))
+            assert len(set(module.__all__)) == len(module.__all__), module
+            assert [name for name in module.__all__ if not hasattr(module, name)] == [], module
 
 
 @pytest.mark.parametrize(
@@ -178,29 +152,19 @@ def test_no_file_is_big_and_none_holds_a_path_of_a_machine():
     )
     if done.returncode:
         pytest.skip("needs a git checkout")
-    tracked = [ROOT / line for line in done.stdout.splitlines() if (ROOT / line).is_file()]
-    for path in tracked:
-        if path.suffix != ".mcap":
-            assert path.stat().st_size < 2_000_000, path
-            assert not re.search(rb"/(?:home|root|work)/[a-z]", path.read_bytes()), path
-    assert sum(path.stat().st_size for path in tracked if path.suffix == ".mcap") < 6_000_000
+    of_logs = 0
+    for path in filter(Path.is_file, (ROOT / line for line in done.stdout.splitlines())):
+        if path.suffix == ".mcap":
+            of_logs += path.stat().st_size
+            continue
+        assert path.stat().st_size < 2_000_000, path
+        assert not re.search(rb"/(?:home|root|work)/[a-z]", path.read_bytes()), path
+    assert of_logs < 6_000_000
 
 
 def test_classes_of_rows_have_names_of_their_own():
     """A row's class becomes a type in logs, and types of one process must not share a name."""
-    classes = [
-        node
-        for tree in trees().values()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ClassDef)
-    ]
-    counts = Counter(node.name for node in classes if node.name.endswith("Row"))
-    assert [name for name, count in counts.items() if count > 1] == []
-
-
-def test_the_list_of_figures_has_a_line_for_each():
-    folder = ROOT / "figures"
-    listed = re.findall(r"^\| `(\w+)` \|", (folder / "README.md").read_text("utf-8"), re.MULTILINE)
-    assert sorted(listed) == sorted(
-        path.stem for path in folder.iterdir() if path.suffix in {".png", ".gif"}
-    )
+    nodes = [node for tree in trees().values() for node in ast.walk(tree)]
+    counts = Counter(node.name for node in nodes if isinstance(node, ast.ClassDef))
+    rows = {name: count for name, count in counts.items() if name.endswith("Row")}
+    assert [name for name, count in rows.items() if count > 1] == []

@@ -12,7 +12,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +21,7 @@ import pytest
 from made_logs import share_findings
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
+from waiting import wait_until
 
 from sfglab.lab.hosts import Network
 
@@ -57,11 +57,9 @@ def blocks_of(page: Path) -> list[Block]:
 
 def missing(block: Block, output: str) -> list[str]:
     """Return the lines that a block should say and did not."""
-    patterns = {
-        line: ".*".join(map(re.escape, re.split(r" *\.\.\. *", line.strip())))
-        for line in block.says
-    }
-    return [line for line, pattern in patterns.items() if not re.search(pattern, output)]
+    gaps = [re.split(r" *\.\.\. *", line.strip()) for line in block.says]
+    patterns = [".*".join(map(re.escape, parts)) for parts in gaps]
+    return [pattern for pattern in patterns if not re.search(pattern, output)]
 
 
 class Terminals:
@@ -73,23 +71,19 @@ class Terminals:
     def run(self, block: Block) -> None:
         log = self.folder / f"terminal{len(list(self.folder.glob('terminal*')))}"
         environment = os.environ | {"SFGLAB_ROOT": str(self.folder), "PYTHONPATH": str(ROOT)}
+        text = f"exec {block.text}" if block.mark == "stays" else block.text
+        argv = ["bash", "-c", f"set -e\n{self.set_up}\n{text}"]
         with log.open("wb") as file:
-            script = f"set -e\n{self.set_up}\n{block.text if block.mark != 'stays' else 'exec ' + block.text}"
-            argv = ["bash", "-c", script]
             # Without a terminal, so that JupyterLab ends at once and does not ask.
             streams = {"stdin": subprocess.DEVNULL, "stdout": file, "stderr": file}
             shell = self.host.popen(argv, cwd=self.folder, env=environment, **streams)
-        self.set_up += "".join(
-            f"{line}\n" for line in block.text.splitlines() if line.startswith("source ")
-        )
+        self.set_up += "".join(re.findall(r"^source .*\n", block.text, re.MULTILINE))
         if block.mark == "stays":
             self.kept.append((shell, block, log))
-            deadline = time.monotonic() + WAIT_S
-            while missing(block, log.read_text("utf-8")):
-                said = log.read_text("utf-8")
-                assert shell.poll() is None, said
-                assert time.monotonic() < deadline, (block, said)
-                time.sleep(0.05)
+            wait_until(
+                lambda: shell.poll() is not None or not missing(block, log.read_text()), WAIT_S
+            )
+            assert shell.poll() is None, log.read_text("utf-8")
             return
         status = shell.wait(WAIT_S)
         said = log.read_text("utf-8")
@@ -101,8 +95,9 @@ class Terminals:
         for shell, _, _ in reversed(self.kept):
             shell.send_signal(signal.SIGINT)
         for shell, block, log in self.kept:
-            assert shell.wait(WAIT_S) in {0, 130}, (block, log.read_text("utf-8"))
-            assert "Traceback" not in log.read_text("utf-8"), (block, log.read_text("utf-8"))
+            status, said = shell.wait(WAIT_S), log.read_text("utf-8")
+            assert status in {0, 130}, (block, said)
+            assert "Traceback" not in said, (block, said)
 
 
 @contextmanager
