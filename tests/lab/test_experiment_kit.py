@@ -9,8 +9,8 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 
 import nbformat
 import pytest
@@ -88,11 +88,6 @@ def claim(run):
     return Finding(estimate=exactly(total(run), "things"))
 
 
-@exp.claim("Y", how=lambda run: How.LIVE if run.config.seeds else How.EXACT)
-def no_claim(_):
-    return None
-
-
 @exp.figure("kit", size=(3, 2))
 def draw(figure, run):
     figure.subplots().plot(run["cell"]["value"])
@@ -116,10 +111,7 @@ def test_a_run_has_its_tables_its_configuration_and_its_completion(tmp_path):
     assert made["other"]["value"].tolist() == [2.0]
     assert made.skipped("impossible") == "no device"
     assert made.profile == "smoke"
-    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"], (
-        "no journal, no scratch folder, no half log"
-    )
-    assert exp.load(made.log).config == made.config
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"], "no journal, no scratch, no half log"
 
 
 def test_equal_seeds_give_equal_rows_and_derived_values_are_computed_once(tmp_path):
@@ -128,7 +120,6 @@ def test_equal_seeds_give_equal_rows_and_derived_values_are_computed_once(tmp_pa
     calls.clear()
     assert (exp.measure(one)["X"].estimate.value, list(exp.figures(one))) == (2.0, ["kit"])
     assert calls == ["value"]
-    assert set(exp.measure(one)) == {"X"}
 
 
 def test_profiles_and_changes_are_checked():
@@ -138,7 +129,6 @@ def test_profiles_and_changes_are_checked():
         ("long", {}, "profile: given 'long', allowed: smoke, quick, paper"),
         ("smoke", {"sede": 1}, "kit: sede: given 'sede', allowed: .*did you mean 'seed'"),
         ("smoke", {"loss": 0.4}, "kit: loss: given 0.4, allowed: a number from 0 to 0.3"),
-        ("smoke", {"seeds": "many"}, "kit: seeds: given 'many', allowed: a whole number"),
     ]:
         with pytest.raises(InvalidValueError, match=message):
             exp.config(profile, **changes)
@@ -155,13 +145,13 @@ def test_a_removed_field_that_held_another_value_than_usual_counts_for_no_claim(
 
     log = run(tmp_path / "a.mcap").log
     gone = {name: {"smoke": value} for name, value in {"seed": 0, "breaks": False}.items()}
-    gone |= {"kinds": {"smoke": ["a", "b"]}, "loss": {"smoke": 0.01, "paper": 0.3}}
-    assert Run(log, Later, exp.tables, gone, {}).unread == ()
-    gone["loss"] = {"smoke": 0.02, "paper": 0.01}
-    later = Run(log, Later, exp.tables, gone, {"smoke": {"seeds": 3, "newer": 4}})
+    gone["kinds"] = {"smoke": ["a", "b"]}
+    usual = gone | {"loss": {"smoke": 0.01, "paper": 0.3}}
+    assert Run(log, Later, exp.tables, usual, {}).unread == ()
+    other = gone | {"loss": {"smoke": 0.02, "paper": 0.01}}
+    later = Run(log, Later, exp.tables, other, {"smoke": {"seeds": 3, "newer": 4}})
     assert later.unread == ("loss",)
     assert later.config == Later(profile="smoke", seeds=1, newer=4)
-    assert later.why_not == "it is a smoke test"
 
 
 def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finished(
@@ -171,45 +161,35 @@ def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finish
     path = tmp_path / "runs" / "logs" / "kit" / "20260101T000000-quick.mcap"
     with pytest.raises(KeyboardInterrupt):
         run(path, "quick", breaks=True)
-    assert sorted(p.name for p in path.parent.iterdir()) == [
-        f"{path.name}.part",
-        "kit-quick-cell.journal",
-    ]
+    left = {entry.name for entry in path.parent.iterdir()}
+    assert left == {f"{path.name}.part", "kit-quick-cell.journal"}
     assert find_log(project, "kit") is None
     assert [standing(log).why_not for log in logs_of(project, "kit")] == ["it is not finished"]
     monkeypatch.setattr("sfglab.lab.sweep.run.connected", None)
     again = path.with_name("20260102T000000-quick.mcap")
     run(again, "quick")  # what is in the journal is not run again, and asks for no workers
     assert find_log(project, "kit") == again
-    assert sorted(p.name for p in path.parent.iterdir()) == [f"{path.name}.part", again.name], (
-        "and no journal"
-    )
+    assert {entry.name for entry in path.parent.iterdir()} == {f"{path.name}.part", again.name}
 
 
 DESIGN = Path(__file__).parents[2] / "DESIGN.md"
 
 
 @pytest.fixture
-def example(monkeypatch, tmp_path):
-    """Return the page's experiment as a module, with its test."""
-    code, test = re.findall(r"```python\n(.*?)```", DESIGN.read_text(encoding="utf-8"), re.DOTALL)[
-        :2
-    ]
-    module = ModuleType("design_example")
-    monkeypatch.setitem(sys.modules, module.__name__, module)
-    (tmp_path / "example.py").write_text(code + test)
-    module.__file__ = str(tmp_path / "example.py")
-    module.asyncio = asyncio
-    exec(compile(code + test, module.__file__, "exec"), vars(module))  # noqa: S102  # it is ours
-    return module, code
+def example(tmp_path, monkeypatch):
+    """Return the code of the page's experiment, and it and its test as a module."""
+    blocks = re.findall(r"```python\n(.*?)```", DESIGN.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "design_example.py").write_text("import asyncio\n" + blocks[0] + blocks[1])
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "design_example", raising=False)
+    return blocks[0], import_module("design_example")
 
 
 def test_the_example_is_short_and_passes_its_own_test(example, tmp_path):
-    module, code = example
+    code, module = example
     assert len([line for line in code.splitlines() if line.strip()]) <= 60
     module.test_every_size_is_measured(tmp_path)
     run = module.exp.load(tmp_path / "a.mcap")
-    assert run.config.repeats == 5
     figure, numbers = module.exp.figures(run)["cdr"]
     assert figure.axes
     assert list(numbers) == [64, 256, 1024]
@@ -234,7 +214,7 @@ def test_the_ledger_runs_with_an_experiment_of_ones_own(example, tmp_path):
         # Without committed logs, which say nothing of an experiment of one's own.
         shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("*.mcap"))
     experiments = tmp_path / "sfglab" / "lab" / "experiments"
-    (experiments / "cdr.py").write_text(example[1], encoding="utf-8")
+    (experiments / "cdr.py").write_text(example[0], encoding="utf-8")
     listing = experiments / "__init__.py"
     text = listing.read_text("utf-8")
     listing.write_text(text.replace('    "naming",\n', '    "naming",\n    "cdr",\n'), "utf-8")
@@ -246,10 +226,8 @@ def test_the_ledger_runs_with_an_experiment_of_ones_own(example, tmp_path):
         "run = await notebook.run(cdr.exp, profile, log, settings, seed=seed)",
         "notebook.claims_of(run)",
     )
-    cells = [nbformat.v4.new_markdown_cell("# Serialisation")]
-    cells += [nbformat.v4.new_code_cell(source) for source in sources]
-    cells[2].metadata["tags"] = ["parameters"]
-    page = nbformat.v4.new_notebook(cells=cells)
+    page = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(each) for each in sources])
+    page.cells[1].metadata["tags"] = ["parameters"]
     nbformat.write(page, tmp_path / "notebooks" / "22_cdr.ipynb")
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "SFGLAB_ROOT": str(tmp_path)}
     argv = [sys.executable, "-P", "-m", "sfglab", "reproduce", "22_cdr", "01_ledger"]

@@ -85,9 +85,11 @@ def test_an_exception_inside_the_block_cleans_up_and_passes(error):
     before = descriptors()
     with pytest.raises(error), Network() as net:  # noqa: PT012 - the block is what is tested
         host = net.add_host("edge")
-        guest = host.popen(["sleep", "1000"])
+        guest = host.popen(["sh", "-c", "echo; exec sleep 1000"], stdout=subprocess.PIPE)
+        guest.stdout.readline()
         raise error
-    assert guest.returncode is not None
+    guest.stdout.close()
+    assert guest.returncode == -signal.SIGTERM, "an obedient guest is asked"
     assert members([host.inode]) == []
     assert descriptors() <= before
 
@@ -104,20 +106,6 @@ def test_an_interrupted_farewell_still_ends_everything(monkeypatch):
     guest.stdout.close()
     assert guest.returncode == -signal.SIGKILL
     assert members([inode]) == []
-
-
-def test_the_obedient_get_term_and_the_stubborn_kill():
-    with Network(grace_s=0.2) as net:
-        host = net.add_host("edge")
-        sleeps = "import time; print(1, flush=True); time.sleep(1000)"
-        obedient = host.popen([*PYTHON, sleeps], stdout=subprocess.PIPE)
-        stubborn = host.popen([*PYTHON, STUBBORN], stdout=subprocess.PIPE)
-        for process in (obedient, stubborn):
-            assert process.stdout.readline()
-    assert obedient.returncode == -signal.SIGTERM
-    assert stubborn.returncode == -signal.SIGKILL
-    obedient.stdout.close()
-    stubborn.stdout.close()
 
 
 def test_processes_elsewhere_are_left_alone():
