@@ -8,6 +8,7 @@ import threading
 from contextlib import closing
 from typing import Annotated
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -15,7 +16,6 @@ from sfglab.errors import InvalidValueError
 from sfglab.fields import Bounds
 from sfglab.lab.explore import explore, interactive, vega
 from sfglab.lab.explore.follower import Follower
-from sfglab.lab.explore.interactive import argument_texts
 from sfglab.lab.pictures import Axis, Panel, Picture, Series
 
 pytest.importorskip("altair", reason="the extra view is not installed")
@@ -55,28 +55,20 @@ def walk():
 def test_parameters_become_sliders_with_their_bounds_texts_and_units(walk):
     slope, points = walk.form.controls["slope"], walk.form.controls["points"]
     assert (slope.min, slope.max, slope.value) == (1, 9, 2)
-    assert (points.min, points.max, points.value) == (2, 9, 3)
-    assert argument_texts(line) == {
-        "slope": "Time for one metre [s/m].",
-        "points": "Number of points, which are one metre apart.",
-    }
     assert slope.tooltip == "Time for one metre [s/m]."
+    assert points.tooltip == "Number of points, which are one metre apart."
 
 
 def test_the_figure_has_the_values_of_the_function_and_a_press_prints_their_call(walk):
     walk.form.controls["slope"].value = 3.5
     assert walk.wait(WAIT_S)
-    assert walk._figure.rows["line0"] == vega.rows_of(line(slope=3.5))["line0"]
-    assert walk._figure.rows["dot0"][0]["words"] == "walk: 3.5 s at 1 m"
+    assert walk._figure.rows == vega.rows_of(line(slope=3.5))
     walk._figure._handle_custom_msg({"place": 0, "x": 2}, [])
     assert "line(slope=3.5).at(&#x27;way&#x27;, 2)" in walk._printed.value
-    text = walk.print_values("way", 2)
-    values, call = text.split("\n\n")
+    values, call = walk.print_values("way", 2).split("\n\n")
     names = {}
     exec(call.replace("\nline(", "\ntable = line("), names)  # noqa: S102
-    repeated = names["table"]
-    assert repeated.to_string(index=False) == values
-    assert repeated["y"].tolist() == [7.0]
+    assert names["table"].to_string(index=False) == values
     walk._figure._handle_custom_msg({"place": 0, "x": 0.5}, [])
     assert "given (&#x27;way&#x27;, 0.5)" in walk._printed.value
 
@@ -112,15 +104,15 @@ def test_a_setting_without_a_picture_is_refused_and_the_next_one_is_shown(walk):
 
 def test_a_simulation_shows_coarse_pictures_and_leaves_settings_that_are_passed_over():
     shown, may_go_on, began = [], threading.Event(), threading.Event()
-    pictures = {name: line(slope=slope) for name, slope in (("coarse", 1.0), ("whole", 2.0))}
+    pictures = [line(slope=1.0), line(slope=2.0)]
 
     def simulate(setting):
         yield None
-        yield pictures["coarse"]
+        yield pictures[0]
         began.set()
         may_go_on.wait(WAIT_S)
         yield None
-        yield pictures["whole"]
+        yield pictures[1]
 
     def refuse(request, reason):
         raise AssertionError(request, reason)
@@ -133,9 +125,13 @@ def test_a_simulation_shows_coarse_pictures_and_leaves_settings_that_are_passed_
     may_go_on.set()
     assert follower.wait(WAIT_S)
     follower.close()
-    coarse, whole = pictures.values()
-    assert shown[:2] == [(first, 0, coarse, False), (last, 4, coarse, False)]
-    assert shown[2:] == [(last, 4, whole, False), (last, 4, whole, True)]
+    coarse, whole = pictures
+    assert shown == [
+        (first, 0, coarse, False),
+        (last, 4, coarse, False),
+        (last, 4, whole, False),
+        (last, 4, whole, True),
+    ]
 
 
 def simulated(*, slope: Annotated[float, Bounds(1, 9)] = 2.0):
@@ -162,9 +158,8 @@ def test_the_output_holds_a_small_still_with_alt_text_made_without_a_browser(wal
     assert "application/vnd.jupyter.widget-view+json" in data
     assert len(json.dumps(data)) < 100_000
     with Image.open(io.BytesIO(base64.b64decode(data["image/png"]))) as still:
-        colors = {color for _, color in still.convert("RGB").getcolors()}
-    assert (255, 255, 255) in colors
-    assert any(abs(r) + abs(g - 0x52) + abs(b - 0x8A) < 30 for r, g, b in colors)
+        colors = np.array(still.convert("RGB"), int)
+    assert (abs(colors - (0, 0x52, 0x8A)).sum(axis=2) < 30).any(), "the line's colour"
 
 
 def test_the_script_is_an_es_module_that_is_made_once_and_needs_no_writable_home(
@@ -172,9 +167,7 @@ def test_the_script_is_an_es_module_that_is_made_once_and_needs_no_writable_home
 ):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     made = vega._packed_script()
-    code = gzip.decompress(made).decode()
-    assert code.rstrip().endswith(" as default};")
-    assert "https://cdn" not in code.partition("export{")[0][:1000]
+    assert gzip.decompress(made).decode().rstrip().endswith(" as default};")
     (file,) = (tmp_path / "sfglab").iterdir()
     file.write_bytes(b"kept")
     assert vega._packed_script() == b"kept"

@@ -1,22 +1,18 @@
 """JupyterLab as `sfglab lab` serves it, below a path, seen through a reverse proxy on another host."""
 
-import os
-import shutil
 import socket
 import subprocess
 import sys
-from contextlib import closing
-from pathlib import Path
+from contextlib import ExitStack, closing
 
 import pytest
-from lab_page import ANSWER_S, OPTIONS, run_all, write_notebook
+from lab_page import ANSWER_S, ROOT, run_all, served_lab, write_notebook
 from machine import open_browser
 
 from sfglab.lab.hosts import Network
 
 pytestmark = [pytest.mark.live, pytest.mark.browser, pytest.mark.netns]
 
-ROOT = Path(__file__).parents[2]
 BASE, PORT = "/user/a/", 8888
 # Serves the listening socket that it inherits, and passes on what begins with the path; names all else.
 PROXY = """
@@ -54,43 +50,23 @@ CANVAS = "document.querySelector('.jp-OutputArea iframe')?.contentDocument?.quer
 def address(tmp_path):
     """The address, on this host, of a proxy that leads to a JupyterLab on another; it must refuse nothing."""
     project = tmp_path / "checkout"
-    for folder in ("notebooks", "data/scenes"):
-        shutil.copytree(ROOT / folder, project / folder)
-    for file in ("data/claims.yaml", "data/reference/mocap.mcap"):
-        (project / file).parent.mkdir(exist_ok=True)
-        shutil.copy(ROOT / file, project / file)
+    (project / "data/reference").mkdir(parents=True)
+    for name in ("notebooks", "data/scenes", "data/claims.yaml", "data/reference/mocap.mcap"):
+        (project / name).symlink_to(ROOT / name)
     write_notebook(project / "cell.ipynb", CELL)
-    environment = os.environ | {
-        "SFGLAB_ROOT": str(project),
-        "HOME": str(tmp_path),
-        "PYTHONPATH": str(ROOT),
-    }
-    with Network() as network, socket.create_server(("127.0.0.1", 0)) as listener:
+    with ExitStack() as ending:
+        network = ending.enter_context(Network())
+        listener = ending.enter_context(socket.create_server(("127.0.0.1", 0)))
         server, proxy = network.add_host("server"), network.add_host("proxy")
-        options = [
-            f"--ServerApp.{one}"
-            for one in (f"ip={server.address}", f"port={PORT}", f"base_url={BASE}")
-        ]
-        argv = [sys.executable, "-m", "sfglab", "lab", "--", *OPTIONS, *options]
-        lab = server.popen(argv, env=environment, cwd=project, stderr=subprocess.PIPE, text=True)
-        lines = iter(lab.stderr.readline, "")
-        assert any("is running at" in line for line in lines), "JupyterLab does not serve"
-        argv = [
-            sys.executable,
-            "-c",
-            PROXY,
-            str(listener.fileno()),
-            server.address,
-            str(PORT),
-            BASE,
-        ]
-        passing = proxy.popen(argv, pass_fds=[listener.fileno()], stdout=subprocess.PIPE, text=True)
-        port = listener.getsockname()[1]
-        yield f"http://127.0.0.1:{port}{BASE}"
+        options = f"--ServerApp.ip={server.address}", f"--ServerApp.base_url={BASE}"
+        lab = served_lab(project, tmp_path, *options, port=PORT, start=server.popen)
+        ending.enter_context(lab)
+        number = listener.fileno()
+        argv = [sys.executable, "-c", PROXY, str(number), server.address, str(PORT), BASE]
+        passing = proxy.popen(argv, pass_fds=[number], stdout=subprocess.PIPE, text=True)
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}{BASE}"
         passing.terminate()
-        lab.terminate()
         assert passing.communicate(timeout=ANSWER_S)[0] == "", "asked for beside the path"
-        lab.communicate(timeout=ANSWER_S)
 
 
 def test_index_widgets_and_editor_work_below_a_path_on_another_host(address):

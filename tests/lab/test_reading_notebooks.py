@@ -1,20 +1,16 @@
 """Notebooks that are only read in `sfglab lab` ask nothing and stay as they are in git."""
 
 import json
-import os
 import shutil
 import subprocess
-import sys
 from contextlib import closing
-from pathlib import Path
 
 import pytest
-from lab_page import ANSWER_S, OPTIONS, SESSION
+from lab_page import ANSWER_S, ROOT, SESSION, served_lab
 from machine import open_browser
 
 pytestmark = [pytest.mark.live, pytest.mark.browser, pytest.mark.slow]
 
-ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted(path.name for path in (ROOT / "notebooks").glob("*.ipynb"))
 EDITED, OTHER_PYTHON = NOTEBOOKS[:2]
 COMMANDS = "window.jupyterapp.commands"
@@ -55,20 +51,8 @@ def checkout(tmp_path_factory):
 @pytest.fixture(scope="module")
 def address(checkout, tmp_path_factory):
     """The address of the JupyterLab that `sfglab lab` serves."""
-    environment = os.environ | {
-        "SFGLAB_ROOT": str(checkout),
-        "HOME": str(tmp_path_factory.mktemp("home")),
-        "PYTHONPATH": str(ROOT),
-    }
-    options = (*OPTIONS, "--ServerApp.port=0", "--ServerApp.ip=127.0.0.1")
-    argv = [sys.executable, "-m", "sfglab", "lab", "--", *options]
-    pipe = subprocess.PIPE
-    lab = subprocess.Popen(argv, env=environment, cwd=checkout, stderr=pipe, text=True)
-    lines = iter(lab.stderr.readline, "")
-    served = (line.split()[-1] for line in lines if " http://127.0.0.1:" in line)
-    yield next(served).partition("/lab")[0]
-    lab.terminate()
-    lab.communicate(timeout=ANSWER_S)
+    with served_lab(checkout, tmp_path_factory.mktemp("home")) as address:
+        yield address
 
 
 @pytest.fixture
