@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from sfglab.lab import doctor
-from sfglab.lab.doctor import Finding, Level, diagnose, render
+from sfglab.lab.doctor import Level, diagnose, render
 from sfglab.lab.hosts import HostsUnavailableError, Network
 
 examined = doctor._examine
@@ -19,18 +19,11 @@ def test_every_topic_has_a_finding_with_a_consequence_and_names_no_path_of_the_m
     assert [finding.topic for finding in findings] == list(doctor._CHECKS)
     assert all(finding.said and finding.consequence for finding in findings)
     text = render(findings)
+    assert all(
+        f"] {f.topic}\n    found: {f.said}\n    so:    {f.consequence}" in text for f in findings
+    )
     assert not re.findall(r"(?<!\w)/(?!dev/shm|proc/|sys/)\w+/\w+", text)
     assert not re.search(rf"\b{re.escape(socket.gethostname())}\b", text)
-
-
-def test_a_finding_is_rendered_as_what_was_found_and_what_follows():
-    found = [
-        Finding(topic="bread", level=Level.OK, said="fresh", consequence="we eat"),
-        Finding(topic="butter", level=Level.MISSING, said="none", consequence="we eat dry bread"),
-    ]
-    bread = "[ok] bread\n    found: fresh\n    so:    we eat\n"
-    butter = "[missing] butter\n    found: none\n    so:    we eat dry bread\n"
-    assert render(found) == f"{bread}{butter}\n1 of 2 are in order."
 
 
 def test_a_machine_without_namespaces_gets_one_clear_error_and_is_told_what_is_done_instead(
@@ -70,8 +63,6 @@ def test_a_small_receive_buffer_and_a_busy_machine_are_called_limited(
 def test_dds_that_hangs_or_crashes_is_missing_and_said_why(monkeypatch):
     monkeypatch.setattr(doctor, "_DDS_PROBE", "raise SystemExit('no such interface')")
     assert examined("DDS").said == "no such interface"
-    monkeypatch.setattr(doctor, "_DDS_PROBE", "raise SystemExit(3)")
-    assert examined("DDS").said == "it ended with status 3"
     says = "import os, signal; os.write(2, b'deaf'); signal.pause()"
     monkeypatch.setattr(doctor, "_DDS_PROBE", says)
     monkeypatch.setattr(doctor, "_DDS_TIMEOUT_S", 1.0)
