@@ -150,7 +150,7 @@ def _discovery(found: Discovery) -> Iterator[tuple[str, ...]]:
     counts = ("participants", "endpoints", "pairs of participants", "announcements", "bytes")
     yield "", *counts, "grows with"
     yield _announcements("one domain for all", found.standard, "(processes in the fleet)^2")
-    yield _announcements("through routers", found.routed, "agents^2, whatever runs inside")
+    yield _announcements("through routers", found.routed, "agents x endpoints shown outside")
     for agent, (participants, endpoints) in found.local.items():
         shown = f"shows {found.shown[agent]} outside"
         yield f"  inside {agent}", str(participants), str(endpoints), "", "", "", shown

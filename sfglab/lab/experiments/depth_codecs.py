@@ -180,7 +180,7 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> None:
     )
     figure.suptitle(
         f"Depth 640 x 360, lossless: RVL encodes {encoding:.1f} times and decodes {decoding:.1f} times as "
-        "fast as the fastest PNG (paper: faster)"
+        "fast as the fastest PNG"
     )
     text = "boxes: quartiles and median, whiskers: up to 1.5 x IQR, outliers not drawn"
     note(figure, f"measured on {len(codings(run, 'exact'))} frames; {text}")

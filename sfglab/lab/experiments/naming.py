@@ -91,8 +91,12 @@ def share_of_names(run: Run[Config]) -> Finding:
 def draw_naming(figure: Figure, run: Run[Config]) -> None:
     """Draw the naming schema (Fig. 2): the chain of segments and the exits into the resource."""
     draw_schema(figure.subplots())
-    held, checked = run["check"]["held"].sum(), run["check"]["checked"].sum()
-    figure.suptitle(f"The naming schema (Fig. 2): {held:,} of {checked:,} checks hold")
+    held = int((run["check"]["held"] == run["check"]["checked"]).sum())
+    names_checked = run["check"]["checked"].max()
+    figure.suptitle(
+        f"The naming schema (Fig. 2): {held} of {len(run['check'])} properties hold, on up to "
+        f"{names_checked:,} names"
+    )
     note(figure, "dashed: a name may leave this segment out; blue: exits into the resource")
 
 
@@ -111,7 +115,7 @@ def permitted() -> dict[str, list[Resource]]:
 
 
 def draw_schema(axes: Axes, fqn: RosFqn | None = None) -> None:
-    """Draw Fig. 2; of a given name draw its segments, and highlight the exit that it takes."""
+    """Draw Fig. 2; of a given name draw its segments, and only the exit that it takes."""
     places = {label: 2.2 * i for i, label in enumerate(SEGMENTS)}
     for label, x in places.items():
         _draw_segment(axes, label, x, fqn)
@@ -119,11 +123,10 @@ def draw_schema(axes: Axes, fqn: RosFqn | None = None) -> None:
         axes.annotate("", (end - 0.75, 0), (start + 0.75, 0), arrowprops={"arrowstyle": "->"})
     into = places["resource"]
     for lane, (source, resources) in enumerate(permitted().items()):
+        if fqn is not None and fqn.segments[-2][0] != source:
+            continue
         x, height = places[source], 2.9 - 0.45 * lane
-        is_taken = fqn is not None and fqn.segments[-2][0] == source
-        line: dict[str, Any] = {"color": COLORS["proxy"], "linewidth": 1}
-        if is_taken:
-            line = {"color": COLORS["standard"], "linewidth": 2.5, "zorder": 3}
+        line: dict[str, Any] = {"color": COLORS["standard" if fqn else "proxy"], "linewidth": 1}
         axes.plot([x, x, into], [0.4, height, height], **line)
         axes.annotate("", (into, 0.4), (into, height), arrowprops={"arrowstyle": "->", **line})
         label = f"after {source}: {len(resources)} resources"

@@ -8,6 +8,7 @@ sfglab's variant, it shares them in memory. CPU and received bytes are black-box
 from sfglab.lab.experiments.decode_once import live  # noqa: F401 - declares its parts
 from sfglab.lab.experiments.decode_once.experiment import exp
 from sfglab.lab.experiments.decode_once.results import (
+    NAMES,
     cost_model,
     decoding_costs,
     frame_checks,
@@ -17,6 +18,7 @@ from sfglab.lab.experiments.decode_once.results import (
 )
 
 __all__ = [
+    "NAMES",
     "cost_model",
     "decoding_costs",
     "exp",

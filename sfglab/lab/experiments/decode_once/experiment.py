@@ -94,7 +94,12 @@ exp = Experiment(
         Actor("subscriber", "consumer", "reads every pixel", count="1 to 10"),
     ),
     links=(
-        Link("camera", "subscriber", "standard: compressed, to each", boundary="network"),
+        Link(
+            "camera",
+            "subscriber",
+            "standard, receive only: compressed, to each",
+            boundary="network",
+        ),
         Link("camera", "decoder", "decode once: compressed, once", boundary="network"),
         Link("decoder", "subscriber", "pictures over DDS"),
         Link("decoder", "subscriber", "or pictures", over="shared memory"),

@@ -188,8 +188,15 @@ exp = Experiment(
         Link("nodes", "peers", "plain ROS 2: DDS discovery of all nodes", boundary="the network"),
         Link("nodes", "router", "with routers: DDS discovery of the nodes stays here"),
         Link("status provider", "router", "heartbeats, description"),
+        Link("discoverer", "router", "paper's method: queries"),
+        Link(
+            "router",
+            "peers",
+            "with routers: routers' DDS discovery, heartbeats, descriptions, queries",
+            boundary="the network",
+        ),
+        Link("peers", "router", "the same from the peers", boundary="the network"),
         Link("router", "discoverer", "peers' heartbeats, descriptions"),
-        Link("router", "peers", "with routers: heartbeats, description", boundary="the network"),
     ),
     removed={
         "ros2": {

@@ -106,7 +106,7 @@ def by_nodes(run: Run[Config]) -> list[Few]:
 
 
 def fleet_table(run: Run[Config]) -> pd.DataFrame:
-    """Return medians over agents and fleets, and busy cores, by method, size, nodes and pace."""
+    """Return medians over agents and fleets, and busy cores, by method, size, nodes and pace, largest fleets first."""
     table = agents_of(run).rename(
         columns={"nodes": "nodes per agent", "pace_s": "time between starts (s)"}
     )
@@ -122,7 +122,8 @@ def fleet_table(run: Run[Config]) -> pd.DataFrame:
         "CPU time of the fleet (s)": fleets["cpu_s"].median(),
         "cores busy, mean": fleets["cpu_s"].sum() / fleets["window_s"].sum(),
     }
-    return pd.DataFrame(columns).reset_index()
+    found = pd.DataFrame(columns).reset_index()
+    return found.sort_values("agents", ascending=False, kind="stable")
 
 
 def endpoints(mode: str, agents: Any, nodes: int) -> Any:
@@ -138,6 +139,16 @@ def endpoints(mode: str, agents: Any, nodes: int) -> Any:
     if mode == PUBLISHING:
         return 5 * agents
     return 4 * agents + 2 * agents * (agents - 1)  # two per query, from each agent to each other
+
+
+def announcements(mode: str, agents: Any, nodes: int) -> Any:
+    """Return the number of announcements by formula: each endpoint, to each participant of another agent.
+
+    The arguments are those of `endpoints`. Each node has a participant in the global domain, or each
+    router has one.
+    """
+    participants = nodes if mode == STANDARD else 1
+    return endpoints(mode, agents, nodes) * participants * (agents - 1)
 
 
 # --- Claims -----------------------------------------------------------------------------------
@@ -258,9 +269,10 @@ _STAR: dict[str, Any] = {"marker": "*", "markersize": 13, "linestyle": "", "fill
 
 
 def drawn_fleets(run: Run[Config]) -> pd.DataFrame:
-    """Return the agents that Fig. 9 shows: standard fleets, and others at their fastest pace."""
-    table = main_fleets(run).query("pace_s > 0 or mode == @STANDARD")
-    fastest_s = table.groupby(["mode", "agents"])["pace_s"].transform("min")
+    """Return the agents that Fig. 9 shows, with ``at_once``: fleets started at once, and at their fastest pace."""
+    table = main_fleets(run)
+    table = table.assign(at_once=table["pace_s"] == 0)
+    fastest_s = table.groupby(["mode", "agents", "at_once"])["pace_s"].transform("min")
     return table[table["pace_s"] == fastest_s]
 
 
@@ -283,23 +295,20 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     draw_agents(bytes_axes, fleets, BYTES, "B", received)
     time_axes.set_ylabel("discovery time per agent (s)")
     bytes_axes.set_ylabel("received per agent during discovery")
-    time_axes.plot([], [], color="black", label="paper A, Fig. 9", **_STAR)
-    time_axes.legend(loc="upper left")
+    bytes_axes.plot([], [], color="black", label="paper A, Fig. 9, all at once", **_STAR)
+    bytes_axes.legend(loc=(0.1, 0.34), fontsize=9)
+    time_axes.set_title("Discovery time, from the start of the last agent")
+    title = "Received bytes"
     saved = []
-    for mode in (ROUTED, LAUNCHED):
+    for mode in (LAUNCHED, ROUTED):
         if finding := bytes_of(run, mode):
             times = float(f"{10**finding.estimate.value:.2g}")
             saved.append(f"{times:g} times ({NAMES[mode]})")
-    title = "Discovery in small live fleets"
     if saved:
         draw_extrapolated(bytes_axes, main_nodes(run), *by_nodes(run)[:2])
-        title = f"Six agents receive {' and '.join(saved)} fewer bytes than with plain ROS 2"
-    figure.suptitle(title)
-    started = "plain ROS 2 started at once, the others agent after agent"
-    note(
-        figure,
-        f"live, {main_nodes(run)} nodes per agent; {started}; one marker per agent; bars: medians",
-    )
+        title = f"Six agents, fewer bytes than with plain ROS 2:\n{', '.join(saved)}"
+    bytes_axes.set_title(title)
+    note(figure, f"live, {main_nodes(run)} nodes per agent; one marker per agent; bars: medians")
     return {**default_sidecar(run), "repetitions": int(fleets["repeat"].nunique())}
 
 
@@ -321,12 +330,14 @@ def draw_agents(
     """
     from matplotlib.ticker import EngFormatter, NullLocator
 
-    for mode, style in STYLES.items():
-        rows = table[table["mode"] == mode]
-        places = rows["agents"] + SHIFTS[mode]
-        axes.plot(places, rows[column], linestyle="", markersize=4, label=NAMES[mode], **style)
+    for (mode, at_once), rows in table.groupby(["mode", "at_once"]):
+        style = {**STYLES[mode], "fillstyle": "none" if at_once else "full"}
+        start = "all at once" if at_once else "one after the other"
+        places = rows["agents"] + SHIFTS[mode] - 0.07 * at_once
+        label = f"{NAMES[mode]}, {start}"
+        axes.plot(places, rows[column], linestyle="", markersize=4, label=label, **style)
         medians = rows.groupby(places)[column].median()
-        axes.plot(medians, "_", color=style["color"], markersize=11, markeredgewidth=2)
+        axes.plot(medians, "_", color=style["color"], markersize=11, markeredgewidth=1)
     for (agents, mode), value in stated.items():
         axes.plot(agents, value, color=STYLES[mode]["color"], **_STAR)
     axes.set_xticks(sorted(table["agents"].unique()))
@@ -339,8 +350,8 @@ def draw_extrapolated(axes: Axes, nodes: int, less: Few, more: Few) -> None:
     """Draw the bytes of the standard fleet that the claims use."""
     received = extrapolated(nodes, less, more)
     at = (PAPERS_LARGEST + SHIFTS[STANDARD], received)
-    axes.plot(*at, "o", color=STYLES[STANDARD]["color"], markersize=8, fillstyle="none")
-    text = f"{received / 1e6:.0f} MB, extrapolated\nfrom {less[0]} and {more[0]} nodes"
+    axes.plot(*at, "x", color=STYLES[STANDARD]["color"], markersize=8)
+    text = f"{received / 1e6:.0f} MB, extrapolated from\n{less[0]} and {more[0]} nodes per agent"
     side: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center"}
     axes.annotate(text, at, (-8, 0), fontsize=9, **side)
 
@@ -350,9 +361,9 @@ LARGEST = 1000  #: Number of agents up to which the formula is drawn.
 SCALES = {STANDARD: STANDARD, QUERYING: LAUNCHED, PUBLISHING: ROUTED}
 
 
-@exp.figure("discovery_scale", size=(7, 4.4))
+@exp.figure("discovery_scale", size=(7, 4.4), measured=False)
 def draw_scale(figure: Figure, run: Run[Config]) -> None:
-    """Draw the endpoints in the global domain over the number of agents, by formula and simulated."""
+    """Draw the discovery announcements between agents over the number of agents, by formula."""
     axes = figure.subplots()
     table = run["simulated"]
     nodes = int((table["talkers"] + table["listeners"]).max())
@@ -362,18 +373,20 @@ def draw_scale(figure: Figure, run: Run[Config]) -> None:
     is_counted = "endpoints" in table
     for mode, method in SCALES.items():
         color = STYLES[method]["color"]
-        axes.plot(many, endpoints(mode, many, nodes), label=NAMES[method], color=color)
+        axes.plot(many, announcements(mode, many, nodes), label=NAMES[method], color=color)
         if is_counted:
             counted = table[table["mode"] == mode].groupby("agents")["endpoints"].max()
+            counted *= counted.index - 1
             axes.plot(counted, STYLES[method]["marker"], color=color, markersize=6)
     axes.set(xscale="log", yscale="log", xlabel="number of agents")
-    axes.set_ylabel("endpoints in the global domain")
+    axes.set_ylabel("announcements between agents")
     axes.set_xticks([2, 6, 25, 100, LARGEST], ["2", "6", "25", "100", f"{LARGEST:,}"])
     axes.legend()
-    querying, publishing = (endpoints(mode, LARGEST, nodes) for mode in (QUERYING, PUBLISHING))
+    counts = [f"{announcements(mode, LARGEST, nodes) / 1e6:,.0f} million" for mode in SCALES]
     figure.suptitle(
-        f"Queries, not routers, cause the quadratic growth: {querying:,} endpoints at\n"
-        f"{LARGEST:,} agents, and {publishing:,} where descriptions are published"
+        f"By formula, {LARGEST:,} agents exchange {counts[0]} announcements with plain ROS 2,\n"
+        f"{counts[1]} with the paper's method and {counts[2]} with the sfglab variant",
+        fontsize=11,
     )
     note(figure, f"{text}; markers: simulated" if is_counted else text)
 
@@ -386,16 +399,16 @@ Nodes = Annotated[int, Bounds(2, 100)]
 #: Numbers of agents at which the curves are drawn.
 COUNTS = [2, 3, 6, 10, 25, 60, 100, 250, 600, LARGEST]
 _AGENTS = pictures.Axis("agents", "", 2, LARGEST, log=True, ticks=(2, 10, 100, LARGEST))
-_ENDPOINTS = pictures.Axis(
-    "endpoints", "", 1, 1e7, log=True, si=True, ticks=(1, 10, 100, 1e3, 1e4, 1e5, 1e6, 1e7)
+_ANNOUNCEMENTS = pictures.Axis(
+    "announcements", "", 1, 1e12, log=True, si=True, ticks=(1, 1e3, 1e6, 1e9, 1e12)
 )
 
 
 @exp.explorer
-def fleet_endpoints(*, agents: Agents = 6, nodes_per_agent: Nodes = 20) -> pictures.Picture:
-    """Return the endpoints in the global domain over the number of agents, by formula.
+def fleet_announcements(*, agents: Agents = 6, nodes_per_agent: Nodes = 20) -> pictures.Picture:
+    """Return the announcements between agents over the number of agents, by formula.
 
-    Every participant of the domain has to discover all endpoints in it.
+    Each endpoint in the global domain is announced to each participant of another agent.
 
     Args:
         agents: Number of agents of the dots.
@@ -404,16 +417,16 @@ def fleet_endpoints(*, agents: Agents = 6, nodes_per_agent: Nodes = 20) -> pictu
     drawn: list[pictures.Series] = []
     counted = []
     for mode, method in SCALES.items():
-        values = [endpoints(mode, count, nodes_per_agent) for count in (*COUNTS, agents)]
+        values = [announcements(mode, count, nodes_per_agent) for count in (*COUNTS, agents)]
         drawn += pictures.curve(
             NAMES[method], str(STYLES[method]["color"]), [*COUNTS, agents], values
         )
         counted.append(f"{values[-1]:,} ({NAMES[method]})")
     said = (
-        f"Endpoints in the global domain of {agents} agents with {nodes_per_agent} nodes each: "
+        f"Announcements between {agents} agents with {nodes_per_agent} nodes each: "
         f"{', '.join(counted)}."
     )
     panel = pictures.Panel(
-        title="endpoints in the global domain", x=_AGENTS, y=_ENDPOINTS, series=tuple(drawn)
+        title="announcements between agents", x=_AGENTS, y=_ANNOUNCEMENTS, series=tuple(drawn)
     )
     return pictures.Picture(said=said, panels=(panel,))

@@ -6,6 +6,12 @@ picture. Compared are standard ROS 2, the paper's decoder behind two routers, an
 
 from sfglab.lab.experiments.latency import live  # noqa: F401 - declares its part
 from sfglab.lab.experiments.latency.experiment import exp
-from sfglab.lab.experiments.latency.results import added, checks, first_ratio
+from sfglab.lab.experiments.latency.results import (
+    NAMES,
+    added,
+    checks,
+    first_ratio,
+    loading,
+)
 
-__all__ = ["added", "checks", "exp", "first_ratio"]
+__all__ = ["NAMES", "added", "checks", "exp", "first_ratio", "loading"]

@@ -59,8 +59,11 @@ BETWEEN_ROWS: dict[tuple[State, State], tuple[float, float, float, Point]] = {
     (State.REJOINING, State.ACTIVE): (6.8, 1.2, 3.4, (6.9, 1.55)),
     (State.REFRESH_BACK_OFF, State.LOST): (12.8, 1.0, 2.1, (9.2, 2.34)),
 }
-KEY = "\u21ba: the state stays. CAPITALS: discovery event. Bold: stated by the paper.\n"
-KEY_OF_RUN = f"input / actions \u00d7 number in this run. {KEY}Orange: not taken in this run."
+KEY = (
+    "\u21ba: the state stays. CAPITALS: discovery event. Bold: stated by the paper.\n"
+    "Texts between two boxes: above the line for the arrow to the right, below it for the one to the left. "
+)
+KEY_OF_RUN = f"input / actions \u00d7 number in this run. {KEY}Grey: not taken."
 KEY_OF_MOMENT = (
     f"input / actions. {KEY}Orange: present state and last transition. Blue: possible now."
 )
@@ -175,10 +178,10 @@ class _Table:
         return text if self._taken is None else f"{text} \u00d7{self._taken[transition]}"
 
     def _style(self, transitions: Sequence[Transition]) -> dict[str, Any]:
-        """Return the style of an arrow: orange if one of its transitions was not taken."""
+        """Return the style of an arrow: grey if one of its transitions was not taken."""
         taken = self._taken
         is_whole = taken is None or all(taken[transition] for transition in transitions)
-        return {"color": COLORS["proxy" if is_whole else "standard"], "linewidth": 1.2}
+        return {"color": COLORS["proxy"] if is_whole else "0.45", "linewidth": 1.2}
 
 
 def _route(source: State, target: State) -> tuple[Sequence[Point], Point, bool]:

@@ -53,21 +53,16 @@ exp = Experiment(
         Actor(
             "agent",
             "agent_i",
-            "publishes, subscribes, serves and calls every name",
+            "publishes, subscribes, serves and calls every name of the figure",
             count="2, 3 or 6",
         ),
-        Actor("ground", "ground_i", "does the same in the global domain D_0", count="2"),
+        Actor("ground", "ground_i", "as an agent, in D_0 without a router", count="2"),
     ),
     links=(
-        Link("agent", "router", "announces all names, sends only those of Table 1"),
-        Link("router", "agent", "forwards names of Table 1"),
-        Link("router", "ground", "forwards names of Table 1", boundary="network"),
-        Link(
-            "ground",
-            "router",
-            "announces all names, sends only those of Table 1",
-            boundary="network",
-        ),
+        Link("agent", "router", "messages under names of Table 1"),
+        Link("router", "ground", "the same, also to all other routers", boundary="network"),
+        Link("ground", "router", "messages under names of Table 1", boundary="network"),
+        Link("router", "agent", "the same, also from all other routers"),
     ),
     removed={"busy": {"quick": 20, "paper": 50}},
 )

@@ -51,13 +51,13 @@ STATEMENTS = {
         "Each of these endpoints belongs to a router."
     ),
     "a topic of Table 1 is heard in every other domain": (
-        "A topic of Table 1 is received in every other domain."
+        "A topic of Table 1 is received by each party in another domain."
     ),
     "any other topic is not heard in another domain": (
-        "Any other topic is not received in another domain."
+        "Any other topic is not received by a party in another domain."
     ),
     "every topic is heard in its own domain": (
-        "Every topic is received in the domain in which it is published."
+        "Every topic is received by each party in the domain in which it is published."
     ),
     "every rule is seen open at every agent, both ways": (
         "Each row of Table 1 was seen to be forwarded at each agent, outward and inward."
@@ -71,7 +71,8 @@ STATEMENTS = {
         "otherwise."
     ),
     "a message is heard in the domains that Eq. 1 says": (
-        "By the policy, a name can be received exactly in the domains of Eq. 1."
+        "By the policy, a name of Table 1 can be received in every domain, and any other name only in "
+        "the domain in which it is published (Eq. 1)."
     ),
     "what a rule opens one way crosses from that side alone, services by half": (
         "With a rule for one direction, the policy forwards a topic in that direction only. A "
@@ -224,13 +225,21 @@ def draw_border(figure: Figure, run: Run[Config]) -> None:
     _draw_matrix(right, panels[GROUND], names, domains)
     left.set_title("published in an agent's domain, $D_1$", fontsize=10)
     right.set_title("published in the global domain, $D_0$", fontsize=10)
+    shown = {*panels[AGENT]["outcome"], *panels[GROUND]["outcome"]}
     for outcome, color in OUTCOMES.items():
-        left.bar(0, 0, color=color, label=outcome)
-    figure.legend(loc="outside lower right", ncols=2, fontsize=9)
-    sums = checks(run).groupby("how")[["held", "checked"]].sum()
-    shares = [f"{row.held:,} of {row.checked:,} {row.Index}" for row in sums.itertuples()]
-    figure.suptitle(f"Only Table 1 of paper A crosses the border: {', '.join(shares)} checks hold")
-    note(figure, "above the line: names of Table 1; numbers: share that arrived, %")
+        if outcome in shown:
+            left.bar(0, 0, color=color, label=outcome)
+    figure.legend(loc="outside lower right", ncols=len(shown), fontsize=9)
+    live = checks(run).query("how == @How.LIVE.value")
+    figure.suptitle(
+        f"{live['held'].sum():,} of {live['checked'].sum():,} live cases hold: names of Table 1 cross the "
+        "border, and no others"
+    )
+    note(
+        figure,
+        "above the line: names of Table 1; white: not tested;\n"
+        "numbers: share of messages or calls that arrived, %",
+    )
 
 
 def _order(name: str) -> tuple[bool, int, str]:
