@@ -101,8 +101,8 @@ exp = Experiment(
             boundary="network",
         ),
         Link("camera", "decoder", "decode once: compressed, once", boundary="network"),
-        Link("decoder", "subscriber", "pictures over DDS"),
-        Link("decoder", "subscriber", "or pictures", over="shared memory"),
+        Link("decoder", "subscriber", "frames over DDS"),
+        Link("decoder", "subscriber", "or frames", over="shared memory"),
     ),
     removed={
         "most": {"quick": 10, "paper": 10},

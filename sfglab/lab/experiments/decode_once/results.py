@@ -128,11 +128,9 @@ def frame_checks(run: Run[Config]) -> pd.DataFrame:
     """Return sums of the subscribers' counts of frames by mode, and median ages with the fewest and the most."""
     views = run["view"].merge(stream_cells(run), on="cell")
     counts = ["frames", "unreadable", "missed", "disordered", "broken"]
+    ages = views.pivot_table("age_ms", "mode", "subscribers", aggfunc="median").iloc[:, [0, -1]]
     table = views.groupby("mode", sort=False)[counts].sum()
-    ages = views.pivot_table("age_ms", "mode", "subscribers", aggfunc="median")
-    for count in (ages.columns.min(), ages.columns.max()):
-        table[f"latency with {count} (ms)"] = ages[count]
-    return table.reset_index()
+    return table.join(ages.add_prefix("latency (ms) with ")).reset_index()
 
 
 # --- Cost model -------------------------------------------------------------------------------
@@ -357,7 +355,7 @@ def draw_colour(figure: Figure, run: Run[Config]) -> None:
     cpu.legend(loc="upper left")
     saved = [f"{reduction(run, mode).value:.0f} % less {WAYS[mode]}" for mode in HANDED_ON]
     figure.suptitle(f"CPU of an added subscriber: {', '.join(saved)} than in standard")
-    note(figure, "dashed: slopes of the paper; bands: standard deviation of the readings", run)
+    note(figure, "dashed: slopes of the paper; bands: standard deviation", run)
 
 
 def draw_load(
@@ -452,7 +450,12 @@ def decoding_costs(
         f"at {rate_hz:g} Hz and a {decoder} decoder. Of one core: {text}."
     )
     panels = (
-        curves("CPU by Eq. 2 and 3", _CPU, cpu, f"with {subscribers}: {text}"),
+        curves(
+            "CPU by Eq. 2 and 3",
+            _CPU,
+            cpu,
+            f"with {subscribers}, as in the legend: {', '.join(costs.values())} %",
+        ),
         curves("network", _NET, net, "decode once: equal over DDS and shared memory"),
     )
     return pictures.Picture(said=said, panels=panels)

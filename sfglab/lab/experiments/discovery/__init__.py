@@ -9,6 +9,7 @@ from sfglab.lab.experiments.discovery import live, simulated  # they declare par
 from sfglab.lab.experiments.discovery.experiment import Fleet, exp
 from sfglab.lab.experiments.discovery.results import (
     PAPERS_LARGEST,
+    endpoints,
     fleet_table,
     main_nodes,
 )
@@ -16,6 +17,7 @@ from sfglab.lab.experiments.discovery.results import (
 __all__ = [
     "PAPERS_LARGEST",
     "Fleet",
+    "endpoints",
     "exp",
     "fleet_table",
     "live",

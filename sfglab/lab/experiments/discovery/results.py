@@ -297,7 +297,7 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     bytes_axes.set_ylabel("received per agent during discovery")
     bytes_axes.plot([], [], color="black", label="paper A, Fig. 9, all at once", **_STAR)
     bytes_axes.legend(loc=(0.1, 0.34), fontsize=9)
-    time_axes.set_title("Discovery time, from the start of the last agent")
+    time_axes.set_title("Discovery time, from the start of the last agent", fontsize=10)
     title = "Received bytes"
     saved = []
     for mode in (LAUNCHED, ROUTED):
@@ -307,7 +307,7 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     if saved:
         draw_extrapolated(bytes_axes, main_nodes(run), *by_nodes(run)[:2])
         title = f"Six agents, fewer bytes than with plain ROS 2:\n{', '.join(saved)}"
-    bytes_axes.set_title(title)
+    bytes_axes.set_title(title, fontsize=10)
     note(figure, f"live, {main_nodes(run)} nodes per agent; one marker per agent; bars: medians")
     return {**default_sidecar(run), "repetitions": int(fleets["repeat"].nunique())}
 
@@ -357,7 +357,7 @@ def draw_extrapolated(axes: Axes, nodes: int, less: Few, more: Few) -> None:
 
 
 LARGEST = 1000  #: Number of agents up to which the formula is drawn.
-#: Style and name for readers by simulated mode; standard fleets are not simulated.
+#: Style and name for readers by mode of the formula.
 SCALES = {STANDARD: STANDARD, QUERYING: LAUNCHED, PUBLISHING: ROUTED}
 
 
@@ -368,16 +368,9 @@ def draw_scale(figure: Figure, run: Run[Config]) -> None:
     table = run["simulated"]
     nodes = int((table["talkers"] + table["listeners"]).max())
     many = np.geomspace(2, LARGEST, 60)
-    text = f"lines: formula for {nodes} nodes per agent"
-    # The committed log is from before the endpoints were counted.
-    is_counted = "endpoints" in table
     for mode, method in SCALES.items():
         color = STYLES[method]["color"]
         axes.plot(many, announcements(mode, many, nodes), label=NAMES[method], color=color)
-        if is_counted:
-            counted = table[table["mode"] == mode].groupby("agents")["endpoints"].max()
-            counted *= counted.index - 1
-            axes.plot(counted, STYLES[method]["marker"], color=color, markersize=6)
     axes.set(xscale="log", yscale="log", xlabel="number of agents")
     axes.set_ylabel("announcements between agents")
     axes.set_xticks([2, 6, 25, 100, LARGEST], ["2", "6", "25", "100", f"{LARGEST:,}"])
@@ -388,7 +381,7 @@ def draw_scale(figure: Figure, run: Run[Config]) -> None:
         f"{counts[1]} with the paper's method and {counts[2]} with the sfglab variant",
         fontsize=11,
     )
-    note(figure, f"{text}; markers: simulated" if is_counted else text)
+    note(figure, f"{nodes} nodes per agent")
 
 
 # --- Explorer ---------------------------------------------------------------------------------

@@ -53,16 +53,16 @@ exp = Experiment(
         Actor(
             "agent",
             "agent_i",
-            "publishes, subscribes, serves and calls every name of the figure",
+            "publishes, subscribes, serves and calls every name",
             count="2, 3 or 6",
         ),
         Actor("ground", "ground_i", "as an agent, in D_0 without a router", count="2"),
     ),
     links=(
-        Link("agent", "router", "messages under names of Table 1"),
-        Link("router", "ground", "the same, also to all other routers", boundary="network"),
-        Link("ground", "router", "messages under names of Table 1", boundary="network"),
-        Link("router", "agent", "the same, also from all other routers"),
+        Link("agent", "router", "messages of Table 1 only"),
+        Link("router", "ground", "the same, to all routers", boundary="network"),
+        Link("ground", "router", "messages of Table 1 only", boundary="network"),
+        Link("router", "agent", "the same, from all routers"),
     ),
     removed={"busy": {"quick": 20, "paper": 50}},
 )
