@@ -166,15 +166,15 @@ def test_cells_are_measured_in_the_order_of_the_committed_log_and_modes_of_a_cou
 
 def test_the_explorer_has_the_reference_s_costs_and_scales_them():
     run = reference(exp)
-    fit = cost_model(run)
-    usual = decoding_costs(subscribers=7).at("CPU", 7).set_index("series")["y"]
+    fit, panel = cost_model(run), "CPU by Eq. 2 and 3"
+    usual = decoding_costs(subscribers=7).at(panel, 7).set_index("series")["y"]
     standard, dds = usual[results.LABELS["standard"]], usual[results.LABELS["dds"]]
     assert standard == pytest.approx(7 * (fit.net.value + fit.dec.value))
     assert dds == pytest.approx(fit.net.value + fit.dec.value + 7 * fit.ipc.value)
     large = {"picture_size": "1920 x 1080", "rate_hz": 60.0}
-    more = decoding_costs(subscribers=7, **large).at("CPU", 7).set_index("series")["y"]
+    more = decoding_costs(subscribers=7, **large).at(panel, 7).set_index("series")["y"]
     assert more.to_dict() == pytest.approx((18 * usual).to_dict())
-    hardware = decoding_costs(subscribers=7, hardware_decoding=True).at("CPU", 7)
+    hardware = decoding_costs(subscribers=7, hardware_decoding=True).at(panel, 7)
     assert (hardware.set_index("series")["y"] < usual).all()
     assert set(argument_texts(decoding_costs)) == {*vars(setting_of(decoding_costs))}
 

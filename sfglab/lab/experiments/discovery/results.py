@@ -330,7 +330,8 @@ def draw_agents(
     """
     from matplotlib.ticker import EngFormatter, NullLocator
 
-    for (mode, at_once), rows in table.groupby(["mode", "at_once"]):
+    groups: Any = table.groupby(["mode", "at_once"])
+    for (mode, at_once), rows in groups:
         style = {**STYLES[mode], "fillstyle": "none" if at_once else "full"}
         start = "all at once" if at_once else "one after the other"
         places = rows["agents"] + SHIFTS[mode] - 0.07 * at_once
