@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     import pandas as pd
 
@@ -40,6 +40,9 @@ class Axis:
         return f"{number} {self.unit}".strip()
 
 
+Kind = Literal["line", "path", "dot"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Series:
     """Values of one name and colour."""
@@ -50,13 +53,25 @@ class Series:
     y: Sequence[float]  #: Values.
     #: Kind of the marks: a line joins the values from left to right, a path joins them in their order, dots
     #: are not joined.
-    kind: Literal["line", "path", "dot"] = "line"
+    kind: Kind = "line"
 
 
 def curve(name: str, color: str, x: Sequence[float], y: Sequence[float]) -> tuple[Series, Series]:
     """Return a line through all values except the last, and a dot at the last."""
     line = Series(name=name, color=color, x=x[:-1], y=y[:-1])
     return line, Series(name=name, color=color, x=x[-1:], y=y[-1:], kind="dot")
+
+
+def lines(
+    table: pd.DataFrame, colors: Mapping[str, str], kind: Kind = "line"
+) -> tuple[Series, ...]:
+    """Return a series for each column of a table, over the table's index, without missing values."""
+    series = []
+    for name in table:
+        values = table[name].dropna()
+        x, y = values.index.tolist(), values.tolist()
+        series.append(Series(name=str(name), color=colors[str(name)], x=x, y=y, kind=kind))
+    return tuple(series)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

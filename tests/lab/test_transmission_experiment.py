@@ -46,7 +46,7 @@ def test_the_order_is_judged_by_winner_and_by_loser(best, small, deep, wins, wor
         ("1", "OPT", 0.0),  # not the depth that OPT chooses: no rival
     ]
     table = pd.DataFrame(medians, columns=["depth", "method", "median"])
-    judged = results.order_of(table.assign(min=table["median"], max=table["median"]))
+    judged = results.order_of(table)
     assert (bool(judged["wins"]), bool(judged["small_is_worst"])) == (wins, worst)
 
 
@@ -172,11 +172,13 @@ def test_a_cell_that_did_not_keep_its_schedule_is_marked():
     assert not played(outcome, late_p95_s=3e-3).kept_up
 
 
-def test_live_cells_are_counted_whole_and_saturated_ones_apart():
-    assert results.agreement(reference(exp)).to_numpy().tolist() == [
-        ["with room", 11, 11, 11],
-        ["saturated", 3, 1, 3],
-    ]
+def test_live_cells_agree_in_latency_and_but_for_two_saturated_ones_in_loss():
+    table = results.agreeing(reference(exp)["live"])
+    assert table["latency_agrees"].all()
+    differing = table[~table["loss_agrees"]][["method", "rate_max_hz", "depth"]].drop_duplicates()
+    assert differing.to_numpy().tolist() == [["none", 200, "10"], ["none", 200, "1000"]]
+    figure, _ = exp.draw("transmission_live", reference(exp))
+    assert "14 of 14 plays" in figure.get_supxlabel()
 
 
 def test_optimised_methods_have_the_depth_of_eq_6_live_as_well():

@@ -29,7 +29,7 @@ PIXEL = cv2.imencode(".png", np.zeros((1, 1), np.uint8))[1].tobytes()
 RUN = re.compile(r"^(\w+) = await notebook\.run\((\w+)\.exp.*\n?", re.MULTILINE)
 # What runs something or waits for a reader; and what says where files are.
 ELSEWHERE = re.compile(
-    r"await |live\.session|(setup|explore|Viewer|PressedMapping|press_core|press_map|save_figures)\("
+    r"await |live\.session|(setup|explore|Viewer|PressedMapping|press_core|save_figures)\("
 )
 
 

@@ -4,11 +4,6 @@ What the local cache and cache control suppress, and the published optimum of ra
 """
 
 from sfglab.lab.experiments.balancing.experiment import exp
-from sfglab.lab.experiments.balancing.results import (
-    cache_curves,
-    channel_loads,
-    frames_saved,
-    saved,
-)
+from sfglab.lab.experiments.balancing.results import cache_curves, channel_loads
 
-__all__ = ["cache_curves", "channel_loads", "exp", "frames_saved", "saved"]
+__all__ = ["cache_curves", "channel_loads", "exp"]

@@ -1,4 +1,4 @@
-"""Claims, figures and explorers of caches and balanced QoS.
+"""Claims, figures and the explorer of caches and balanced QoS.
 
 Balanced QoS is Eq. 6 of the paper: from Rmax, the rate at which one topic alone could be sent, it
 finds the rate R of all topics and the depth D of their histories.
@@ -176,17 +176,19 @@ def optimum(run: Run[Config]) -> Finding:
 @exp.claim("B-TAB1", how=How.EXACT)
 def table_one(run: Run[Config]) -> Finding:
     """Return the share of messages whose type and sizes are those of Table 1."""
-    rows = lines_of(run["table_one"])
-    sent = {row.sensor: {(row.type, row.table_bytes), (row.type, row.object_bytes)} for row in rows}
-    names = sorted(sent.keys() | TABLE_1.keys())
-    wrong = [name for name in names if sent.get(name) != {TABLE_1.get(name)}]
-    sizes = [f"{row.sensor} {row.table_bytes}/{row.cdr_bytes}" for row in rows]
+    table = run["table_one"].set_index("sensor")
+    wrong = []
+    for name, (kind, size_bytes) in TABLE_1.items():
+        sent = table[table.index == name][["type", "table_bytes", "object_bytes"]]
+        if sent.to_numpy().tolist() != [[kind, size_bytes, size_bytes]]:
+            wrong.append(name)
+    sizes = table["table_bytes"].astype(str) + "/" + table["cdr_bytes"].astype(str)
     details = {
-        "paper's bytes / CDR on the wire": ", ".join(sizes),
+        "paper's bytes / CDR on the wire": ", ".join(sizes.index + " " + sizes),
         "what the paper's bytes are": "the size of the value as a Python object",
     }
     return Finding(
-        estimate=exactly(1 - len(wrong) / len(names), "share of messages that match"),
+        estimate=exactly(1 - len(wrong) / len(TABLE_1), "share of messages that match"),
         details=details,
         reason=f"not as printed: {', '.join(wrong)}" if wrong else "",
     )
@@ -218,21 +220,20 @@ _SHADES = ("#cfe3f2", "#86b9de", "#3d8fc8", COLORS["proxy"])
 @exp.figure("balancing_caches", size=(8.4, 6.2))
 def draw_caches(figure: Figure, run: Run[Config]) -> None:
     """Draw what the local cache (LC) saves: readings of each sensor, and RTPS frames by kind."""
-    frames = frames_saved(run)
-    panels = figure.subplots(2)
+    suppressed, frames = saved(run), frames_saved(run)
+    readings, transport = figure.subplots(2)
     changes = run["table_one"].set_index("sensor")["change_s"]
-    names = [f"{name}\nchanges every\n{changes[name]:g} s" for name in saved(run).index]
-    draw_shares(panels[0], saved(run), names)
-    panels[0].set_ylabel("readings suppressed (%)")
-    place = {"loc": "upper center", "bbox_to_anchor": (0.5, 1.3)}
-    panels[0].legend(title="reading rate (above), Rmax (below)", ncols=4, **place)
+    names = [f"{name}\nchanges every\n{changes[name]:g} s" for name in suppressed.index]
+    draw_shares(readings, suppressed, names)
+    readings.set_ylabel("readings suppressed (%)")
+    title = "reading rate (above), Rmax (below)"
+    readings.legend(title=title, ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.3))
     names = [f"{frame}\ncompared with\n{method}" for method, frame in frames.index]
-    draw_shares(panels[1], frames, names)
-    panels[1].set_ylabel("frames saved by LC (%)")
-    highest = saved(run).iloc[:, -1].mean()
+    draw_shares(transport, frames, names)
+    transport.set_ylabel("frames saved by LC (%)")
     figure.suptitle(
-        f"At {saved(run).columns[-1]} Hz the local cache (LC) suppresses {highest:.0%} of the "
-        "readings (mean of the sensors)"
+        f"At {suppressed.columns[-1]} Hz the local cache (LC) suppresses "
+        f"{suppressed.iloc[:, -1].mean():.0%} of the readings (mean of the sensors)"
     )
     what = f"random readings of {run.config.readings_s:g} s per sensor, one run"
     note(figure, f"{what}; frames: RTPS model, reference run of transmission")
@@ -345,11 +346,6 @@ def cache_curves(
 
 def curves(title: str, axis: pictures.Axis, table: pd.DataFrame) -> pictures.Panel:
     """Return a panel with a curve for each column of a table, and dots at the sensors of Table 1."""
-    series = []
-    for name, color in CACHE_COLORS.items():
-        values = table[name]
-        line = pictures.Series(name=name, color=color, x=table.index.tolist(), y=values.tolist())
-        at_sensors = values[_SENSORS_S].tolist()
-        dots = pictures.Series(name=name, color=color, kind="dot", x=_SENSORS_S, y=at_sensors)
-        series += [line, dots]
-    return pictures.Panel(title=title, x=_CHANGE, y=axis, series=tuple(series))
+    drawn = pictures.lines(table, CACHE_COLORS)
+    dots = pictures.lines(table.loc[_SENSORS_S], CACHE_COLORS, "dot")
+    return pictures.Panel(title=title, x=_CHANGE, y=axis, series=(*drawn, *dots))

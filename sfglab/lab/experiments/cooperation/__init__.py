@@ -8,14 +8,12 @@ from sfglab.lab.experiments.cooperation import drawn, live  # noqa: F401 - decla
 from sfglab.lab.experiments.cooperation.experiment import exp
 from sfglab.lab.experiments.cooperation.explorer import hallway_lap
 from sfglab.lab.experiments.cooperation.results import (
-    causes,
     difference,
     endings,
     laps,
 )
 
 __all__ = [
-    "causes",
     "difference",
     "endings",
     "exp",

@@ -13,6 +13,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+import pandas as pd
 
 from sfglab.arp.hallway import AREAS, BEAMS_DEG, LIMIT_S, ROBOTS, SCAN_HZ, Area
 from sfglab.arp.hallway.simulation import OPTIMUM, LapSettings, SimulatedLap
@@ -188,16 +189,13 @@ def wrong_for_s(snapshots: list[Snapshot]) -> NDArray[np.float64]:
 def _wrong_panel(snapshots: list[Snapshot], place: int) -> pictures.Panel:
     """Return how long the station has been wrong about each robot, with dots at the time that is shown."""
     times_s = [snapshot.time_s for snapshot in snapshots]
-    lasting_s = wrong_for_s(snapshots)
-    lines, dots = [], []
-    for robot, values in zip(ROBOTS, lasting_s.T.tolist(), strict=True):
-        x, y = times_s[::_EVERY], values[::_EVERY]
-        lines.append(pictures.Series(name=robot, color=_COLORS[robot], x=x, y=y))
-        dots.append(_dot(robot, times_s[place], values[place]))
+    lasting_s = pd.DataFrame(wrong_for_s(snapshots), index=times_s, columns=ROBOTS)
+    drawn = pictures.lines(lasting_s[::_EVERY], _COLORS)
+    dots = pictures.lines(lasting_s[place : place + 1], _COLORS, "dot")
     return pictures.Panel(
         title="a beam is wrong at the station",
         x=_TIME,
         y=_WRONG_FOR,
-        series=(*lines, *dots),
-        note=f"longest: {lasting_s.max():.1f} s",
+        series=(*drawn, *dots),
+        note=f"longest: {lasting_s.to_numpy().max():.1f} s",
     )

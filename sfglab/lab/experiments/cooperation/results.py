@@ -58,23 +58,6 @@ def endings(table: pd.DataFrame) -> pd.DataFrame:
     return ends.join(robots).reindex(index=methods, columns=[*ENDS, *ROBOTS], fill_value=0)
 
 
-def causes(table: pd.DataFrame) -> pd.DataFrame:
-    """Return rate, history depth, channel utilisation and success by method, Rmax and DEPTH."""
-    keys = ["method", "rate_max_hz", "depth"]
-    columns = ["rate_hz", "depth_used", "airtime", "success"]
-    found = table.groupby(keys)[columns].mean().reset_index()
-    found["depth"] = found["depth"].map(depth_text)
-    names = {
-        "rate_max_hz": "Rmax (Hz)",
-        "depth": "DEPTH",
-        "rate_hz": "rate of a topic (Hz)",
-        "depth_used": "history depth",
-        "airtime": "channel utilisation",
-        "success": "laps completed",
-    }
-    return found.rename(columns=names)
-
-
 def depth_text(depth: int) -> str:
     """Return a value of DEPTH, as Table 2 has it."""
     return "Eq. 6" if depth == OPTIMUM else str(depth)
@@ -125,10 +108,8 @@ def _reason(table: pd.DataFrame) -> str:
     if failed.empty:
         return ""
     depth = int(failed["depth_used"].median())
-    robots = counts_text(endings(best).loc[BEST, [*ROBOTS]])
-    whose = f" ({robots})" if robots else ""
     return (
-        f"OPT+LC fails in {len(failed)} of {len(best)} laps{whose}: at a history depth of {depth} the "
+        f"OPT+LC fails in {len(failed)} of {len(best)} laps: at a history depth of {depth} the "
         "history seldom fills, so a lost sample is requested only after the next heartbeat, every 3 s, "
         "and RELIABLE holds back all samples behind it"
     )
@@ -140,30 +121,28 @@ def _reason(table: pd.DataFrame) -> str:
 @exp.figure("cooperation", size=(7.5, 5.6), measured=False)
 def draw_success(figure: Figure, run: Run[Config]) -> None:
     """Draw how many laps are completed, one row per method and DEPTH, one column per Rmax."""
-    by_depth = laps(run).sort_values(["depth", "rate_max_hz"])
-    place = [*METHODS].index
-    table = by_depth.sort_values("method", key=lambda names: names.map(place), kind="stable")
-    settings = table["method"] + ", DEPTH " + table["depth"].map(depth_text)
-    by_rate: Any = {"index": "setting", "columns": "rate_max_hz", "sort": False}
-    grid = table.assign(setting=settings)
-    done = grid.pivot_table(values="success", aggfunc="sum", **by_rate)
-    driven = grid.pivot_table(values="success", aggfunc="count", **by_rate).to_numpy()
+    table = laps(run)
+    rows = ["method", "depth"]
+    counts = table.pivot_table("success", rows, "rate_max_hz", aggfunc=["sum", "count"])
+    ordered = counts.reindex([*METHODS], level="method")
+    done, driven = ordered["sum"], ordered["count"].to_numpy()
     axes = figure.subplots()
     axes.imshow(done / driven, cmap="Greens", vmin=0, vmax=2, aspect="auto")
     for (y, x), count in np.ndenumerate(done):
         axes.text(x, y, f"{count} of {driven[y, x]}", ha="center", va="center", fontsize=8)
+    names = [f"{method}, DEPTH {depth_text(depth)}" for method, depth in done.index]
     axes.set_xticks(range(len(done.columns)), done.columns)
-    axes.set_yticks(range(len(done)), done.index, fontsize=8)
+    axes.set_yticks(range(len(done)), names, fontsize=8)
     axes.set_xlabel("maximum rate Rmax (Hz)")
     axes.grid(visible=False)
-    best, none = (completed(table, method) for method in (BEST, NONE))
     figure.suptitle(
-        f"Laps completed: {best} with OPT+LC, {none} without a method\n"
-        "(paper: OPT+LC completes the task)"
+        f"Laps completed: {completed(table, BEST)} with OPT+LC, {completed(table, NONE)} without a "
+        "method\n(paper: OPT+LC completes the task)"
     )
-    seeds = table["seed"].nunique()
     note(
-        figure, f"simulated, {seeds} seeds per setting, {100 * run.config.loss:g} % of frames lost"
+        figure,
+        f"simulated, {table['seed'].nunique()} seeds per setting, {100 * run.config.loss:g} % of "
+        "frames lost",
     )
 
 
@@ -179,17 +158,22 @@ def completed(table: pd.DataFrame, method: str) -> str:
 @exp.figure("cooperation_tracks", size=(10, 5), measured=False)
 def draw_tracks(figure: Figure, run: Run[Config]) -> None:
     """Draw the robots' tracks in a lap that was completed (Fig. 17) and one that failed (Fig. 18)."""
-    examples: dict[str, dict[str, Any]] = run.metadata("examples")
-    panels = figure.subplots(1, max(1, len(examples)), squeeze=False)[0]
-    tracks = run["track"]
-    for axes, (name, values) in zip(panels, examples.items(), strict=False):
+    titles = {}
+    for name, values in run.metadata("examples").items():
         lap = SimpleNamespace(**values)
-        draw_lap(axes, tracks[tracks["run"] == name])
-        axes.set_title(
-            f"{setting_text(lap)}: {ending_text(End(lap.end), lap.robot, lap.ended_s)}", fontsize=9
-        )
+        ending = ending_text(End(lap.end), lap.robot, lap.ended_s)
+        titles[name] = f"{setting_text(lap)}: {ending}"
+    draw_laps(figure, run["track"], titles)
     figure.suptitle("A lap that is completed, and one that fails")
     note(figure, "simulated, first lap that ends so")
+
+
+def draw_laps(figure: Figure, tracks: pd.DataFrame, titles: dict[str, str]) -> None:
+    """Draw the tracks of laps side by side, with their titles by the laps' names."""
+    panels = figure.subplots(1, max(1, len(titles)), squeeze=False)[0]
+    for axes, (name, title) in zip(panels, titles.items(), strict=False):
+        draw_lap(axes, tracks[tracks["run"] == name])
+        axes.set_title(title, fontsize=9)
 
 
 def draw_lap(axes: Axes, tracks: pd.DataFrame) -> None:
@@ -228,11 +212,9 @@ def _has_live_lap(run: Run[Config]) -> bool:
 @exp.figure("cooperation_live", size=(10, 5), when=_has_live_lap)
 def draw_live(figure: Figure, run: Run[Config]) -> None:
     """Draw the robots' tracks in the live lap, and in the simulated one beside it."""
-    tracks, values = run["track"], run.metadata("live")
-    ends = {LIVE: values["end"], SIMULATED: values["simulated_end"]}
-    for axes, (name, end) in zip(figure.subplots(1, 2), ends.items(), strict=True):
-        draw_lap(axes, tracks[tracks["run"] == name])
-        axes.set_title(f"{name}: {end}", fontsize=9)
+    values = run.metadata("live")
+    titles = {LIVE: f"live: {values['end']}", SIMULATED: f"simulated: {values['simulated_end']}"}
+    draw_laps(figure, run["track"], titles)
     schedule = "kept its schedule" if values["kept_up"] else "did not keep its schedule"
     figure.suptitle(f"{setting_text(LIVE_SETTINGS)}: the live lap over DDS {schedule}")
     note(figure, f"one live lap of {values['lasted_s']:.0f} s, over Cyclone DDS")

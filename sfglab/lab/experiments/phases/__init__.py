@@ -5,6 +5,6 @@ Each condition is simulated with all methods and rates that the criteria of B-LA
 """
 
 from sfglab.lab.experiments.phases.experiment import conditions, exp
-from sfglab.lab.experiments.phases.results import ANSWERS, phases, press_map, shares
+from sfglab.lab.experiments.phases.results import ANSWERS, phases, press_map
 
-__all__ = ["ANSWERS", "conditions", "exp", "phases", "press_map", "shares"]
+__all__ = ["ANSWERS", "conditions", "exp", "phases", "press_map"]

@@ -38,7 +38,7 @@ from sfglab.lab.stats import Estimate, bootstrap, difference_of, share_of
 from sfglab.rtps import PRESETS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -139,20 +139,6 @@ def phases(run: Run[Config]) -> pd.DataFrame:
     return table.merge(pd.DataFrame(asked, columns=PLACE), on=PLACE)
 
 
-@derived
-def shares(run: Run[Config]) -> pd.DataFrame:
-    """Return the mean outcomes by preset and queue rule, over all and over the plausible conditions."""
-    table = phases(run)
-    is_inside = [table[name].between(*ends) for name, ends in criterion().region.items()]
-    parts = {"all": table, "region": table[np.all(is_inside, axis=0)]}
-    found = []
-    for name, part in parts.items():
-        groups = part.groupby(["preset", "queue_rule"], sort=False)
-        means = groups[list(ANSWERS)].mean()
-        found.append(means.assign(of=name, conditions=groups.size()))
-    return pd.concat(found).reset_index()
-
-
 # --- Claims -----------------------------------------------------------------------------------
 
 
@@ -193,30 +179,32 @@ def agreement_finding(run: Run[Config], of: str) -> Finding | None:
         return None
     table = run.once("plausible", lambda: answers(*tables))
     found = agreement(table, of)
-    values: dict[str, Estimate] = {}
-    reasons: dict[str, str] = {}
-    details: dict[str, str] = {}
+    findings = {}
     for mode in criterion().modes:
         part = found[found["preset"] == mode]
         count = len(part)
         agreeing, lowest, small = part[["agrees", "lowest", "small"]].sum()
-        values[mode] = share_of(int(agreeing), count, unit="share of plausible conditions")
+        share = share_of(int(agreeing), count, unit="share of plausible conditions")
         counts = f"{BEST} lowest in {lowest} of {count}; a small depth worse in {small} of {count}"
-        reasons[mode] = f"{counts}; agree {by_axis(part, 'agrees')}"
-        details[f"{mode}, agree"] = f"{values[mode]}: {agreeing} of {count}; {counts}"
         best_ms, other_ms = table[table["preset"] == mode][["age_ms", "age_lowest_ms"]].median()
-        ages = f"{BEST} {best_ms:.3g} ms, lowest other {other_ms:.3g} ms"
-        details[f"{mode}, age at the station"] = ages
-    return finding_of(values, reasons, details)
+        details = {
+            "agree": f"{share}: {agreeing} of {count}; {counts}",
+            "age at the station": f"{BEST} {best_ms:.3g} ms, lowest other {other_ms:.3g} ms",
+        }
+        findings[mode] = Finding(estimate=share, details=details, reason=counts)
+    return lowest_of(findings)
 
 
-def finding_of(
-    values: Mapping[str, Estimate], reasons: Mapping[str, str], details: dict[str, str]
-) -> Finding:
-    """Return the finding of the mode with the lowest value, by which a criterion is judged."""
-    mode = min(values, key=lambda mode: values[mode].value)
-    reason = f"with the timing of {PRESETS[mode].name}, {reasons[mode]} ({_MAP})"
-    return Finding(estimate=values[mode], details=details, reason=reason, by_criterion=True)
+def lowest_of(findings: Mapping[str, Finding]) -> Finding:
+    """Return the finding of the mode with the lowest value, which is judged, with the details of all modes."""
+    details = {}
+    for mode, finding in findings.items():
+        for name, text in finding.details.items():
+            details[f"{mode}, {name}"] = text
+    mode = min(findings, key=lambda mode: findings[mode].estimate.value)
+    lowest = findings[mode]
+    reason = f"with the timing of {PRESETS[mode].name}, {lowest.reason} ({_MAP})"
+    return Finding(estimate=lowest.estimate, details=details, reason=reason, by_criterion=True)
 
 
 def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
@@ -244,25 +232,23 @@ def laps_completed(run: Run[Config]) -> Finding | None:
     if tables is None:
         return None
     laps = tables[1].assign(done=tables[1]["end"] == End.SUCCESS.value)
-    values: dict[str, Estimate] = {}
-    reasons: dict[str, str] = {}
-    details: dict[str, str] = {}
+    findings = {}
     for mode in criterion().modes:
         part = laps[laps["preset"] == mode]
         best, none = (part[part["method"] == method] for method in (BEST, "none"))
-        rates = [
-            share_of(int(of_method["done"].sum()), len(of_method), unit="success rate")
-            for of_method in (best, none)
-        ]
-        values[mode] = difference_of(*rates, unit="success rate difference")
-        reasons[mode] = f"{BEST} completes {by_axis(best, 'done')}"
-        details[f"{mode}, {BEST} less none"] = f"{rates[0]} less {rates[1]}: {values[mode]}"
-        details[f"{mode}, by conditions"] = (
-            f"{by_conditions(part)}: bootstrap of conditions, because laps of one condition are "
-            "not independent"
+        more, less = (
+            share_of(int(of["done"].sum()), len(of), unit="success rate") for of in (best, none)
         )
-        details[f"{mode}, none: ends of laps"] = obstacles(none)
-    return finding_of(values, reasons, details)
+        apart = difference_of(more, less, unit="success rate difference")
+        details = {
+            f"{BEST} less none": f"{more} less {less}: {apart}",
+            "by conditions": f"{by_conditions(part)}: bootstrap of conditions, because laps of one "
+            "condition are not independent",
+            "none: ends of laps": obstacles(none),
+        }
+        reason = f"{BEST} completes {by_loss(best)}"
+        findings[mode] = Finding(estimate=apart, details=details, reason=reason)
+    return lowest_of(findings)
 
 
 def by_conditions(laps: pd.DataFrame) -> Estimate:
@@ -287,24 +273,10 @@ def obstacles(laps: pd.DataFrame) -> str:
     return f"{', '.join(texts)} of {len(laps)} laps"
 
 
-_AXES: dict[str, tuple[str, Callable[[float], str]]] = {
-    "loss": ("frame loss", "{:.2%}".format),
-    "frame_us": ("airtime of a frame", "{:.0f} us".format),
-    "stall_ms": ("longest stall", "{:.0f} ms".format),
-}
-"""Words and number format of the axes of the region."""
-
-
-def by_axis(table: pd.DataFrame, column: str) -> str:
-    """Return the mean of a column for each value of each axis of the region, as a text."""
-    texts = []
-    for axis in criterion().region:
-        means = table.groupby(axis)[column].mean()
-        words, show = _AXES[axis]
-        shares = zip(means.index.to_numpy(float), means, strict=True)
-        shares_of = ", ".join(f"{show(value)}: {share:.0%}" for value, share in shares)
-        texts.append(f"by {words} {shares_of}")
-    return "; ".join(texts)
+def by_loss(laps: pd.DataFrame) -> str:
+    """Return the share of laps that are ``done`` for each frame loss, as a text."""
+    means = laps.groupby("loss")["done"].mean()
+    return ", ".join(f"{share:.0%} of laps at {loss:.2%} loss" for loss, share in means.items())
 
 
 # --- Map --------------------------------------------------------------------------------------

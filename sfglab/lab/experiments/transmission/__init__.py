@@ -5,7 +5,7 @@ back to robot 1: latency and loss for every rate, depth and method, with what fi
 """
 
 from sfglab.lab.experiments.transmission.experiment import exp
-from sfglab.lab.experiments.transmission.results import agreement, causes, order, validated
+from sfglab.lab.experiments.transmission.results import causes, order, validated
 from sfglab.lab.explore.timeline import Timeline
 
-__all__ = ["Timeline", "agreement", "causes", "exp", "order", "validated"]
+__all__ = ["Timeline", "causes", "exp", "order", "validated"]

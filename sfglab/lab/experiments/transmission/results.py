@@ -30,9 +30,8 @@ from sfglab.lab.experiments.transmission.live import (
     HELLO_TO_STATION,
     SENSORS,
     Cell,
-    live_cells,
 )
-from sfglab.lab.figures import COLORS, METHOD_COLORS, note, series
+from sfglab.lab.figures import METHOD_COLORS, note, series
 from sfglab.lab.live_flows import MODES
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import Run, derived, lines_of
@@ -47,7 +46,6 @@ if TYPE_CHECKING:
 
 LOSS_WITHIN = 0.03  #: Largest difference in loss that agrees.
 LATENCY_WITHIN = 0.30  #: Largest difference in median latency that agrees, of the live one.
-SATURATED_LOSS = 0.1  #: Loss in the model from which a live cell counts as saturated.
 _CELL = ["rate_max_hz", "depth", "method"]
 _MEASURED = ["loss_live", "loss_model", "p50_live_ms", "p50_model_ms"]
 
@@ -85,13 +83,12 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
     depth of Table 2, and with those without its local cache, at its own depth.
 
     Args:
-        table: ``depth``, ``method``, and ``median``, ``min`` and ``max`` of each cell.
+        table: ``depth``, ``method`` and ``median`` of each cell.
         tie: Share within which another cell counts as equal.
 
     Returns:
-        ``best``, ``best_min`` and ``best_max`` (the winner's median and range), ``lowest`` (the lowest of the
-        others), ``wins``; and ``highest_method``, ``highest_depth``, ``highest`` (the cell with the highest
-        value) and ``small_is_worst``.
+        ``best`` (the winner's median), ``lowest`` (that of the others), ``wins``; and ``highest_method``,
+        ``highest_depth`` (the cell with the highest median) and ``small_is_worst``.
     """
     optimised = table["method"].map(lambda name: METHODS[name].optimised)
     cached = table["method"].map(lambda name: METHODS[name].local_cache)
@@ -103,13 +100,10 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
     small = worst["depth"] != OPT_DEPTH and int(worst["depth"]) <= SMALL_DEPTH
     return {
         "best": winner["median"],
-        "best_min": winner["min"],
-        "best_max": winner["max"],
         "lowest": lowest,
         "wins": winner["median"] <= lowest * (1 + tie),
         "highest_method": worst["method"],
         "highest_depth": worst["depth"],
-        "highest": worst["median"],
         "small_is_worst": small and not METHODS[worst["method"]].optimised,
     }
 
@@ -118,18 +112,16 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
 def causes(run: Run[Config]) -> pd.DataFrame:
     """Return loss with its causes, means over seeds: without cache control, at DEPTH 10 and Eq. 6's.
 
-    Per second of the cell: frames that full queues dropped, and retransmissions.
+    The frames that full queues dropped are counted per second of the cell.
     """
     rows = losses(run)
     chosen = rows[rows["method"].isin(LABELS) & rows["depth"].isin(["10", OPT_DEPTH])]
-    groups = chosen.groupby(_CELL, sort=False)
-    means = groups[["loss", "air_share", "queue_full", "repeated"]].mean()
+    means = chosen.groupby(_CELL, sort=False)[["loss", "air_share", "queue_full"]].mean()
     table = pd.DataFrame(index=means.index)
     table["loss (%)"] = 100 * means["loss"]
     table["channel utilisation (%)"] = 100 * means["air_share"]
     table["dropped by full queues (frames/s)"] = means["queue_full"] / run.config.duration_s
-    table["retransmissions (frames/s)"] = means["repeated"] / run.config.duration_s
-    return table.reset_index().rename(columns={"rate_max_hz": "Rmax (Hz)", "depth": "DEPTH"})
+    return table.reset_index()
 
 
 # --- Claims -----------------------------------------------------------------------------------
@@ -186,8 +178,6 @@ def share_of_grid(run: Run[Config]) -> Finding:
         "cells": str(len(is_right)),
         "with another rate, depth or number of messages than Table 2's": str(len(wrong)),
         "with other policies": str(len(others)),
-        "seeds": str(rows["seed"].nunique()),
-        "simulated seconds per cell": str(run.config.duration_s),
     }
     reasons = [f"not as in Table 2: {cell}" for cell in [*wrong, *others][:3]]
     estimate = exactly(share, "share of the grid that was run as printed")
@@ -244,15 +234,16 @@ LABELS = {
     "OPT+LC": "both (OPT+LC)",
 }
 """Names of the methods without cache control."""
-_CROSSES: dict[str, Any] = {"marker": "x", "linestyle": "", "elinewidth": 0}
+_LINE: dict[str, Any] = {"linewidth": 1.2, "elinewidth": 0.8}
+_CROSS: dict[str, Any] = {"marker": "x", "linestyle": "", "elinewidth": 0}
 STYLES: dict[str, dict[str, Any]] = {
-    "none": {"marker": "o", "linestyle": ":"},
-    "LC": {"marker": "D", "linestyle": "--"},
-    "OPT": {"marker": "s", "linestyle": "-."},
-    "OPT+LC": {"marker": "^", "linestyle": "-"},
-    "CC": {"label": "with cache control (CC)", **_CROSSES},
-    "OPT+CC": _CROSSES,
-    "OPT+LC+CC": _CROSSES,
+    "none": {"label": LABELS["none"], "marker": "o", "linestyle": ":", **_LINE},
+    "LC": {"label": LABELS["LC"], "marker": "D", "linestyle": "--", **_LINE},
+    "OPT": {"label": LABELS["OPT"], "marker": "s", "linestyle": "-.", **_LINE},
+    "OPT+LC": {"label": LABELS["OPT+LC"], "marker": "^", "linestyle": "-", **_LINE},
+    "CC": {"label": "with cache control (CC)", **_CROSS},
+    "OPT+CC": _CROSS,
+    "OPT+LC+CC": _CROSS,
 }
 """Styles of all methods; one with cache control has the colour of that without it."""
 
@@ -274,11 +265,9 @@ def draw_grid(figure: Figure, table: pd.DataFrame, quantity: str, *, scale: str)
             base = method.removesuffix("CC").removesuffix("+") or "none"
             places = [depths.index(depth) for depth in rows["depth"]]
             at = np.array(places) + 0.15 * ([*LABELS].index(base) - 1.5)
-            middle = rows["median"].to_numpy()
+            middle = rows["median"]
             spread = [middle - rows["min"], rows["max"] - middle]
-            usual: dict[str, Any] = {"label": LABELS.get(method), "color": METHOD_COLORS[base]}
-            usual |= {"elinewidth": 0.8, "linewidth": 1.2, "markersize": 4.5}
-            axes.errorbar(at, middle, spread, **{**usual, **style})
+            axes.errorbar(at, middle, spread, color=METHOD_COLORS[base], markersize=4.5, **style)
             if "few" in rows:
                 axes.plot(at[rows["few"]], middle[rows["few"]], "w.", markersize=4, zorder=3)
         axes.set_title(f"Rmax = {rate} Hz", fontsize=9)
@@ -340,30 +329,19 @@ def on_time(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["kept_up"].astype(bool)]
 
 
-@derived
-def agreement(run: Run[Config]) -> pd.DataFrame:
-    """Return how many live cells agree with the model in all flows, saturated ones apart.
-
-    Counted are cells that kept their schedules. A cell is saturated if the model loses more than
-    `SATURATED_LOSS` of a flow.
-    """
-    groups = agreeing(on_time(run["live"])).groupby(_CELL, sort=False)
-    table = groups[["loss_agrees", "latency_agrees"]].all()
-    is_full = groups["loss_model"].max() > SATURATED_LOSS
-    channel = is_full.map({False: "with room", True: "saturated"})
-    counts = table.groupby(channel.rename("channel"), sort=False).sum()
-    counts.insert(0, "cells", channel.value_counts())
-    return counts.reset_index()
+def counts_text(run: Run[Config], part: str, plays: pd.DataFrame) -> str:
+    """Return how many plays of a part are shown and how many are left out, and what is grey."""
+    failed = len(failed_plays(run, part))
+    return (
+        f"{len(on_time(plays))} of {len(plays)} plays kept their schedule and are shown; {failed} "
+        "failed; grey: acceptance range"
+    )
 
 
-GROUP_STYLES: dict[str, dict[str, Any]] = {
-    SENSORS: {"label": "sensors' topics", "color": COLORS["third"], "marker": "s"},
-    HELLO_TO_STATION: {
-        "label": '"Hello" to the station',
-        "color": COLORS["proxy"],
-        "marker": "^",
-    },
-    HELLO: {"label": '"Hello" to its actuation', "color": COLORS["standard"], "marker": "o"},
+GROUP_STYLES = {
+    SENSORS: {"label": "sensors' topics", **series("third")},
+    HELLO_TO_STATION: {"label": '"Hello" to the station', **series("proxy")},
+    HELLO: {"label": '"Hello" to its actuation', **series("standard")},
 }
 
 
@@ -388,13 +366,7 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
     figure.suptitle(
         "Live cells on Cyclone DDS beside the model" if len(kept) else run.skipped("live")
     )
-    planned, late = len(live_cells(run.config)), len(run["live"]) - len(kept)
-    failed = len(failed_plays(run, "live"))
-    note(
-        figure,
-        f"{planned} cells, {late // len(GROUP_STYLES)} late and left out, {failed} failed; "
-        "grey: acceptance range",
-    )
+    note(figure, counts_text(run, "live", run["live"].drop_duplicates(_CELL)))
 
 
 # --- Validation of the presets ----------------------------------------------------------------
@@ -426,30 +398,29 @@ def _earlier_cells(log: Run[Config]) -> list[pd.DataFrame]:
 def validated(run: Run[Config]) -> pd.DataFrame:
     """Return how far each preset is validated, by its topics and by the grid's cells.
 
+    Counted are plays that kept their schedule.
+
     Returns:
-        ``preset``, ``of`` (``topics`` or ``grid``); numbers of ``plays``, and of those that were ``late``; how
-        many ``cells`` were played and how many ``kept`` their schedule. Of these, the share whose medians
-        agree in loss and latency, ``both_within``, and the share whose first play does, ``first_within``.
+        ``preset``, ``of`` (``topics`` or ``grid``), number of ``cells``; the share of these whose medians over
+        all plays agree in loss and latency, ``both_within``, and whose first play does, ``first_within``.
     """
-    rows = played(run)
-    kept = on_time(rows)
-    medians = kept.groupby([*KEYS, "of"], sort=False, dropna=False)[_MEASURED].median()
+    kept = on_time(played(run))
+    cells = kept.groupby([*KEYS, "of"], sort=False, dropna=False)
+    medians = agreeing(cells[_MEASURED].median().reset_index())
     whose = ["preset", "of"]
-    firsts = agreeing(kept.drop_duplicates(KEYS)).groupby(whose)["agrees"]
-    table = rows.groupby(whose, sort=False).size().to_frame("plays")
-    table["late"] = rows.assign(late=~rows["kept_up"].astype(bool)).groupby(whose)["late"].sum()
-    table["cells"] = rows.drop_duplicates(KEYS).groupby(whose).size()
-    table["kept"] = firsts.size().reindex(table.index, fill_value=0)
-    table["both_within"] = agreeing(medians.reset_index()).groupby(whose)["agrees"].mean()
-    table["first_within"] = firsts.mean()
+    of_presets = medians.groupby(whose, sort=False)["agrees"]
+    table = of_presets.agg(cells="size", both_within="mean")
+    firsts = agreeing(kept.drop_duplicates(KEYS))
+    table["first_within"] = firsts.groupby(whose)["agrees"].mean()
     return table.reset_index()
 
 
+_MARKS: dict[str, Any] = {"linestyle": "", "markersize": 3.5, "alpha": 0.7}
 KIND_STYLES = {
-    "calm": {"label": "calm topic", **series("third")},
-    "lossy": {"label": "lossy topic", **series("proxy")},
-    "saturated": {"label": "saturated topic", **series("standard")},
-    GRID: {"label": '"Hello" of the grid', **series("fourth")},
+    "calm": {"label": "calm topic", **series("third"), **_MARKS},
+    "lossy": {"label": "lossy topic", **series("proxy"), **_MARKS},
+    "saturated": {"label": "saturated topic", **series("standard"), **_MARKS},
+    GRID: {"label": '"Hello" of the grid', **series("fourth"), **_MARKS},
 }
 
 
@@ -460,16 +431,16 @@ def draw_validation(figure: Figure, run: Run[Config]) -> None:
     kept = on_time(rows)
     panels = figure.subplots(2, len(MODES), sharex="row", sharey="row")
     for preset, (loss, latency) in zip(MODES, panels.T, strict=True):
-        loss.set_title(PRESETS[preset].name, fontsize=9)
+        own = kept[kept["preset"] == preset]
         for kind, style in KIND_STYLES.items():
-            part = kept[(kept["preset"] == preset) & (kept["kind"] == kind)]
-            marks = {"linestyle": "", "markersize": 3.5, "alpha": 0.7, **style}
-            loss.plot(100 * part["loss_model"], 100 * part["loss_live"], **marks)
-            latency.plot(part["p50_model_ms"], part["p50_live_ms"], **marks)
+            part = own[own["kind"] == kind]
+            loss.plot(100 * part["loss_model"], 100 * part["loss_live"], **style)
+            latency.plot(part["p50_model_ms"], part["p50_live_ms"], **style)
         equal = np.array([0.0, 100.0])
         draw_band(loss, equal, equal - 100 * LOSS_WITHIN, equal + 100 * LOSS_WITHIN)
         equal = np.array([0.4, 4e4])
         draw_band(latency, equal, equal / (1 + LATENCY_WITHIN), equal / (1 - LATENCY_WITHIN))
+        loss.set_title(PRESETS[preset].name, fontsize=9)
         loss.set_xlabel("packet loss, model (%)")
         latency.set(xlabel="median latency, model (ms)", xscale="log", yscale="log")
     panels[0, 0].set_ylabel("packet loss, live (%)")
@@ -478,10 +449,7 @@ def draw_validation(figure: Figure, run: Run[Config]) -> None:
     shares = validated(run).groupby("of")["first_within"].agg(["min", "max"])
     texts = [f"{share.Index} {share.min:.0%} to {share.max:.0%}" for share in lines_of(shares)]
     figure.suptitle(f"First plays that agree with the model: {', '.join(texts)} (by preset)")
-    said = f"{len(kept)} of {len(rows)} plays, which kept their schedule; grey: acceptance range"
-    if failed := failed_plays(run, "validation"):
-        said += f"; {len(failed)} more plays failed"
-    note(figure, said)
+    note(figure, counts_text(run, "validation", rows))
 
 
 def draw_band(axes: Axes, equal: Floats, low: Floats, high: Floats) -> None:
@@ -505,6 +473,7 @@ _QUANTITIES = {
     "loss": pictures.Axis("packet loss", "%", 0, 100),
     "utilisation": pictures.Axis("channel utilisation", "%", 0, 100),
 }
+_LINE_COLORS = {label: METHOD_COLORS[method] for method, label in LABELS.items()}
 
 
 @exp.explorer
@@ -544,19 +513,14 @@ def hello_over_depth(
 
 def _picture(simulated: list[GridCell], rows: list[dict[str, Any]]) -> pictures.Picture:
     """Return the picture of simulated cells: a line over DEPTH for each method."""
-    table = pd.DataFrame(rows).assign(method=[cell.method for cell in simulated])
+    table = pd.DataFrame(rows).assign(method=[LABELS[cell.method] for cell in simulated])
     table["loss"] = 100 * (1 - table["arrived"] / table["published"])
     table["utilisation"] = 100 * table["air_share"]
-    table = table.sort_values("history_depth")
     panels = []
     for column, axis in _QUANTITIES.items():
-        drawn = []
-        for method, label in LABELS.items():
-            points = table[table["method"] == method].dropna(subset=column)
-            x, y = points["history_depth"].tolist(), points[column].tolist()
-            line = pictures.Series(name=label, color=METHOD_COLORS[method], x=x, y=y)
-            drawn.append(line)
-        panels.append(pictures.Panel(title=axis.quantity, x=_DEPTH, y=axis, series=tuple(drawn)))
+        values = table.pivot_table(column, "history_depth", "method")
+        drawn = pictures.lines(values.reindex(columns=[*_LINE_COLORS]), _LINE_COLORS)
+        panels.append(pictures.Panel(title=axis.quantity, x=_DEPTH, y=axis, series=drawn))
     cell = simulated[-1]
     _, optimum = rate_and_depth(cell)
     said = (
