@@ -8,10 +8,9 @@ from sfglab.lab.experiments.transfer import live  # noqa: F401 - declares its pa
 from sfglab.lab.experiments.transfer.experiment import exp
 from sfglab.lab.experiments.transfer.results import (
     constants,
-    cycles,
     live_bars,
     stated,
     transfer_curves,
 )
 
-__all__ = ["constants", "cycles", "exp", "live_bars", "stated", "transfer_curves"]
+__all__ = ["constants", "exp", "live_bars", "stated", "transfer_curves"]

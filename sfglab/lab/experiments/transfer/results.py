@@ -16,17 +16,7 @@ import pandas as pd
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.transfer.experiment import (
-    IN,
-    MODEL,
-    OUT,
-    READS,
-    RTL,
-    WRITE,
-    Config,
-    exp,
-    memory_in_hardware,
-)
+from sfglab.lab.experiments.transfer.experiment import MODEL, RTL, Config, exp
 from sfglab.lab.figures import COLORS, bytes_axis, lines, note, paper_line
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived, lines_of
@@ -95,23 +85,6 @@ def live_bars(run: Run[Config]) -> pd.DataFrame:
     model = bars(run)[[*key, "ratio"]].rename(columns={"ratio": "model"})
     columns = [*key, "smt_ms", "gateway_ms", "ratio", "low", "high", "model", "repeats"]
     return table.merge(model, on=key, how="left")[columns]
-
-
-@derived
-def cycles(run: Run[Config]) -> pd.DataFrame:
-    """Return the cycles per chunk of each path, in simulated hardware and in the model."""
-    law = run["law"]
-    memory = memory_in_hardware()
-    per_chunk = {
-        OUT: memory.memory_to_stream_cycles,
-        IN: memory.stream_to_memory_cycles,
-        READS: memory.read_cycles,
-        WRITE: memory.write_cycles,
-    }
-    readers = law["subscribers"].where(law["path"] == READS, 1)
-    model = law["path"].map(per_chunk) * readers
-    table = law.assign(model_cycles=model, difference=model / law["chunk_cycles"] - 1)
-    return table.rename(columns={"chunk_cycles": "rtl_cycles"})
 
 
 @derived
