@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-Part: TypeAlias = State | tuple[State, Input]
-"""A `Part` of the diagram is a state, or the transition of a state by an input."""
+Part: TypeAlias = State | tuple[tuple[State, Input]]
+"""A `Part` of the diagram is a state, or an arrow with its only transition, a state and an input."""
 
 LAYOUT = """
 -                TO_HMT             -                    REQUEST   START       -
@@ -51,7 +51,7 @@ def draw_core(axes: Axes) -> dict[Part, list[Artist]]:
     """Draw the core into axes of 10 by 5 inches: OSIF states yellow, HMT states blue, `ADDED_STATES` dashed.
 
     Returns:
-        The artists of each state, with the state's box first, and the artists of each transition.
+        The artists of each state, with the state's box first, and the artists of each arrow.
     """
     from matplotlib.patches import FancyArrowPatch
 
@@ -80,7 +80,7 @@ def draw_core(axes: Axes) -> dict[Part, list[Artist]]:
         text = _words(given.name)
         label = axes.text(x, y, text, ha="center", va="center", fontsize=7, zorder=1)
         label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
-        artists[state, given] = [arrow, label]
+        artists[((state, given),)] = [arrow, label]
     axes.set(xlim=(-0.6, 9.4), ylim=(-4.2, 0.4), aspect="equal")
     axes.axis("off")
     return artists

@@ -30,15 +30,15 @@ def undrawn(monkeypatch):
     monkeypatch.setattr("sfglab.lab.explore.press.Pressed._svg", lambda _: "<svg/>")
 
 
-def test_a_walk_is_stepped_through_by_the_cores_inputs_and_one_that_comes_to_a_fault_says_so():
+def test_the_core_to_press_follows_a_walk_and_one_that_comes_to_a_fault_says_so():
     run = walk(Bound(), np.random.default_rng(1))
     assert is_finished(run[-1].after, Bound())
-    given = gateways.inputs_of(run)
-    moves = [step.what.split("--")[1] for step in run if "-->" in step.what]
-    assert [each.name for each in given] == moves
-    core = gateways.press_core(run)
-    core.at.value = len(given)
-    assert core.moment.state is run[-1].after.state
+    core = gateways.press_core()
+    for step in run:
+        if "-->" in step.what:
+            core.press(f"{core.moment.state.name}/{step.what.split('--')[1]}")
+            assert core.moment.state is step.after.state
+    assert not core.said
     broken: Table = {**TABLE, State.FILTER_HMT: TABLE[State.FILTER_HMT_HOLDING]}
     with pytest.raises(SfglabError, match="walk of"):
         walk(Bound(), np.random.default_rng(0), broken)

@@ -48,7 +48,7 @@ def test_an_arrow_passes_over_no_state():
 
 def test_every_state_and_every_transition_is_drawn_once():
     axes = Figure().add_subplot()
-    assert set(draw_core(axes)) == {*State, *transitions()}
+    assert set(draw_core(axes)) == {*State, *((transition,) for transition in transitions())}
     texts = [text.get_text() for text in axes.texts]
     assert len(texts) == 2 * len(State) + len(transitions())
     assert texts.count("filter SMT") == 1

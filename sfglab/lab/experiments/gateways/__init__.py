@@ -5,6 +5,6 @@ is mapped to software, hardware and gateways.
 """
 
 from sfglab.lab.experiments.gateways.experiment import exp
-from sfglab.lab.experiments.gateways.results import inputs_of, press_core
+from sfglab.lab.experiments.gateways.results import press_core
 
-__all__ = ["exp", "inputs_of", "press_core"]
+__all__ = ["exp", "press_core"]

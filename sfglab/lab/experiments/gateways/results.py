@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sfglab.lab.checks import share_of_checks
 from sfglab.lab.claims import Finding, How
@@ -13,15 +12,11 @@ from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import exactly
 from sfglab.soc import STAGES, draw_mapping
-from sfglab.soc.gateway import ADDED_STATES, Input, State, transitions
+from sfglab.soc.gateway import ADDED_STATES, State, transitions
 from sfglab.soc.gateway_drawing import draw_core
-from sfglab.soc.gateway_world import Step, World
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import pandas as pd
-    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
     from sfglab.lab.explore import Automaton, Parts
@@ -67,10 +62,7 @@ def edges_left(run: Run[Config]) -> Finding:
     ends["topics in another set than the text's, of 5"] = float(len(other_mappings))
     other_edges = PAPER_EDGES.symmetric_difference(last["left"].split(", "))
     ends["edges other than A -> 8, C -> 6, 9 -> E that are left"] = float(len(other_edges))
-    transfers = run["stage"]["carriages"].map("{:g}".format)
     details = {
-        "edges, by stage": " -> ".join(map(str, edges(run))),
-        "transfers of one message per topic": " -> ".join(transfers),
         "edges left": last["left"],
         "assumed": "which nodes the edges join, where the text does not state it",
     }
@@ -108,35 +100,16 @@ def draw_stages(figure: Figure, run: Run[Config]) -> None:
     )
 
 
-def press_core(run: Sequence[Step] = ()) -> Automaton:
+def press_core() -> Automaton:
     """Return the core as a picture whose transitions answer clicks; the table decides what an input does.
-
-    Args:
-        run: Steps of a walk to go through with a slider.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
     """
     from sfglab.lab.explore.press import Automaton
 
-    walked = {"a walk": inputs_of(run)} if run else {}
-    return Automaton(
-        "gateway core", transitions(), State.START, _draw_to_press, size=(10, 5), runs=walked
-    )
-
-
-def inputs_of(run: Sequence[Step]) -> list[Input]:
-    """Return the inputs of the core in a walk, without the beats of a transfer."""
-    reached = [step.after.state for step in run if isinstance(step.after, World)]
-    given = {}
-    for (source, event), target in transitions().items():
-        given[source, target] = event
-    return [given[pair] for pair in pairwise([State.START, *reached]) if pair in given]
+    return Automaton("gateway core", transitions(), State.START, _draw_to_press, size=(10, 5))
 
 
 def _draw_to_press(figure: Figure) -> Parts:
-    parts: dict[Any, Sequence[Artist]] = {}
-    for drawn, artists in draw_core(figure.subplots()).items():
-        key = drawn if isinstance(drawn, State) else (drawn,)
-        parts[key] = artists
-    return parts
+    return draw_core(figure.subplots())
