@@ -10,7 +10,6 @@ scheduler, also those that are hardware in the paper.
 from __future__ import annotations
 
 import math
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -43,13 +42,9 @@ from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from sfglab.lab.bench import Bench
 
-STANDING_MPS = 0.02  #: Speed below which the car stands.
 IMAGE_TOPIC = "/image/compressed"
-PATH_TOPIC = "/lane/path"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,17 +99,6 @@ exp = Experiment(
 )
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Limit OpenCV to the calling thread."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
-
-
 @exp.table("lap")
 class DrivingLapRow(TableRow):
     """A lap."""
@@ -133,8 +117,8 @@ class DrivingLapRow(TableRow):
 )
 def drive_lap(point: DrivePoint, seed: int) -> DrivingLapRow:
     """Drive one lap in the town of a seed."""
-    with _one_thread():
-        lap = run_lap(seed, timeout_s=point.limit_s)
+    cv2.setNumThreads(1)  # the sweep has one process per core
+    lap = run_lap(seed, timeout_s=point.limit_s)
     return DrivingLapRow(
         seed=seed,
         passed=lap.verdict.passed,
@@ -167,8 +151,8 @@ def time_chain(point: DrivePoint, seed: int) -> tuple[dict[Any, Any], ...]:
     The seed is that of the town and of the orders in which topic A is delivered.
     """
     stack = Stack(Camera(width=WIDTH, height=HEIGHT))
-    with _one_thread():
-        run_lap(seed, stack=stack, timeout_s=point.limit_s)
+    cv2.setNumThreads(1)  # as the only executor of a node does
+    run_lap(seed, stack=stack, timeout_s=point.limit_s)
     chain = load_chain()
     times_ns = {f"{node}_ns": stack.times_ns[node] for node in CHAIN}
     frames = len(stack.times_ns[CHAIN[0]])
@@ -227,15 +211,14 @@ def log_lap(bench: Bench[Config]) -> None:
     config = bench.config
     town = make_town(np.random.default_rng(config.seed))
     lines = [town.lane.at(light.stop_m) for light in town.lights]
-    lights = [(line.x_m, line.y_m, line.yaw_rad) for line in lines]
+    lights = [(line.x_m, line.y_m) for line in lines]
     bench.metadata("town", {"road": town.road.points_xy[::4].tolist(), "lights": lights})
     recorder = Recorder(bench)
     run_lap(config.seed, timeout_s=config.lap.limit_s, watch=recorder.record)
 
 
 _TRACK_FRAMES = 3  #: Frames per row of the track.
-_IMAGE_FRAMES = 6  #: Frames per logged image of a driving car.
-_STANDING_FRAMES = 30  #: Frames per logged image of a standing car.
+_IMAGE_FRAMES = 6  #: Frames per logged image.
 _IMAGE_SIZE = (240, 180)  #: Width and height of logged images.
 _JPEG_QUALITY = 25
 _PATH_M = (0.6, 0.9, 1.2, 1.5, 1.8, 2.1, 2.4)  #: Distances ahead of the points of a logged lane.
@@ -277,8 +260,7 @@ class Recorder:
         estimate = _stamped("geometry_msgs/msg/PoseStamped", "odom", now_ns)
         estimate.pose = Pose.from_yaw((seen.x_m, seen.y_m, 0.0), seen.yaw_rad).to_pose_msg()
         self._write("/pose", estimate, now_ns)
-        every = _STANDING_FRAMES if car.speed_mps < STANDING_MPS else _IMAGE_FRAMES
-        if number % every == 0:
+        if number % _IMAGE_FRAMES == 0:
             self._write_images(moment.frame, now_ns)
 
     def _write_images(self, frame: Frame, now_ns: int) -> None:
@@ -298,7 +280,7 @@ class Recorder:
                 point.pose.position.x = x
                 point.pose.position.y = frame.lane.y_m(x)
                 path.poses.append(point)
-        self._write(PATH_TOPIC, path, now_ns)
+        self._write("/lane/path", path, now_ns)
 
     def _write(self, topic: str, message: Any, now_ns: int) -> None:
         self._bench.log.write(topic, message, log_time_ns=now_ns)

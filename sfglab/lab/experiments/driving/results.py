@@ -11,13 +11,7 @@ import numpy as np
 import pandas as pd
 
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.driving.experiment import (
-    IMAGE_TOPIC,
-    STANDING_MPS,
-    Config,
-    exp,
-    load_chain,
-)
+from sfglab.lab.experiments.driving.experiment import IMAGE_TOPIC, Config, exp, load_chain
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived
@@ -25,7 +19,6 @@ from sfglab.lab.stats import Estimate, Floats, bootstrap, exactly
 from sfglab.lab.workers.driving import GATEWAY, SOFTWARE
 from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Chain
 from sfglab.soc.driving.town import LANE_M, Road
-from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,6 +35,7 @@ _COLUMNS = {SOFTWARE: "smt_s", GATEWAY: "gateway_s"}  #: Columns of topic A in t
 _COLORS = {SOFTWARE: COLORS["standard"], GATEWAY: COLORS["proxy"]}
 _RED = "#D62728"
 _MS = 1e3
+_STANDING_MPS = 0.02  #: Speed below which the car stands.
 _FEWEST = 30  #: Smallest number of live images that a standard deviation is computed from.
 
 
@@ -222,15 +216,15 @@ def draw_chain(figure: Figure, run: Run[Config]) -> None:
 def stopped(run: Run[Config]) -> pd.DataFrame:
     """Return the rows of the track in which the car stands, after its start."""
     track = run["track"]
-    return track[(track["speed_mps"] < STANDING_MPS) & (track["t_s"] > 1.0)]
+    return track[(track["speed_mps"] < _STANDING_MPS) & (track["t_s"] > 1.0)]
 
 
 @exp.figure("driving_lap", size=(10, 4.6))
 def draw_lap(figure: Figure, run: Run[Config]) -> None:
-    """Draw one lap: the road, the track and the stops from above, and the camera image at the first stop."""
+    """Draw one lap: the road, the track and the stops from above, and the camera image at the start."""
     left, right = figure.subplots(1, 2)
     _draw_map(left, run)
-    _draw_first_stop(right, run)
+    _draw_first_image(right, run)
     lap = run["lap"].iloc[0]
     result = "passes" if lap["passed"] else "does not pass"
     figure.suptitle(
@@ -240,16 +234,12 @@ def draw_lap(figure: Figure, run: Run[Config]) -> None:
     note(figure, "simulated town and car; nodes in software")
 
 
-def _draw_first_stop(axes: Axes, run: Run[Config]) -> None:
-    """Draw the camera image at the first stop, without one the first image."""
-    images = list(run.messages(IMAGE_TOPIC))
-    stop_ns = stopped(run)["t_s"].min() * NS_PER_S
-    later = [image for image in images if image.log_time_ns >= stop_ns]
-    image = (later or images)[0]
+def _draw_first_image(axes: Axes, run: Run[Config]) -> None:
+    image = next(iter(run.messages(IMAGE_TOPIC)))
     bgr = cv2.imdecode(image.message.data, cv2.IMREAD_COLOR)
     axes.imshow(np.asarray(bgr)[:, :, ::-1])
     axes.set_axis_off()
-    axes.set_title(f"camera image at {image.log_time_ns / NS_PER_S:.1f} s")
+    axes.set_title("camera image at the start")
 
 
 def _draw_map(axes: Axes, run: Run[Config]) -> None:
