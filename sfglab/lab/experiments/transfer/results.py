@@ -52,11 +52,11 @@ def bars(run: Run[Config], model: str = MODEL) -> pd.DataFrame:
     )
 
 
-def ratios_of(run: Run[Config], panel: Panel, model: str = MODEL) -> pd.Series[float]:
+def ratios_of(run: Run[Config], panel: Panel, model: str = MODEL) -> dict[tuple[int, int], float]:
     """Return the speed-ups of a panel by message size and number of subscribers."""
     table = bars(run, model)
     chosen = table[table["panel"] == panel.value]
-    return chosen.set_index(["message_bytes", "subscribers"])["ratio"]
+    return {(bar.message_bytes, bar.subscribers): bar.ratio for bar in lines_of(chosen)}
 
 
 def by_size(table: pd.DataFrame, panel: Panel, value: str = "ratio") -> pd.DataFrame:
@@ -99,7 +99,7 @@ def stated(run: Run[Config]) -> pd.DataFrame:
             "unit": "times as slow" if one.slower else _FAST,
             "bar": one.bar,
             "paper": number,
-            "model": one.by(ratios_of(run, one.panel).to_dict()),
+            "model": one.by(ratios_of(run, one.panel)),
             "predicted": prediction.value,
             "low": prediction.low,
             "high": prediction.high,
@@ -137,7 +137,7 @@ def hardware_to_hardware(run: Run[Config]) -> Finding:
 def hardware_to_software(run: Run[Config]) -> Finding:
     """Return the largest slow-down at 10 kB; the other end is the speed-up at 10 MB, 8 subscribers."""
     ratios = ratios_of(run, Panel.HARDWARE_TO_SOFTWARE)
-    count = ratios[SMALL].idxmin()
+    count = min(SUBSCRIBERS, key=lambda count: ratios[SMALL, count])
     return Finding(
         estimate=exactly(1 / ratios[SMALL, count], "times as slow at 10 kB"),
         ends={f"{_FAST} at 10 MB, 8 nodes": ratios[LARGE, MANY]},
@@ -149,10 +149,10 @@ def hardware_to_software(run: Run[Config]) -> Finding:
 def software_to_hardware(run: Run[Config]) -> Finding:
     """Return the largest speed-up; the other end is the largest one at 10 kB."""
     ratios = ratios_of(run, Panel.SOFTWARE_TO_HARDWARE)
-    size, count = ratios.idxmax()
+    size, count = max(ratios, key=lambda bar: ratios[bar])
     return Finding(
         estimate=exactly(ratios[size, count], f"{_FAST} at 10 MB"),
-        ends={"largest at 10 kB": ratios[SMALL].max()},
+        ends={"largest at 10 kB": max(ratios[SMALL, count] for count in SUBSCRIBERS)},
         **evidence(run, Panel.SOFTWARE_TO_HARDWARE, size, count),
     )
 
@@ -161,10 +161,10 @@ def software_to_hardware(run: Run[Config]) -> Finding:
 def software_to_software(run: Run[Config]) -> Finding:
     """Return the largest speed-up; the other end is the least one."""
     ratios = ratios_of(run, Panel.SOFTWARE_TO_SOFTWARE)
-    size, count = ratios.idxmax()
+    size, count = max(ratios, key=lambda bar: ratios[bar])
     return Finding(
         estimate=exactly(ratios[size, count], f"{_FAST}, largest"),
-        ends={f"{_FAST}, least": ratios.min()},
+        ends={f"{_FAST}, least": min(ratios.values())},
         **evidence(run, Panel.SOFTWARE_TO_SOFTWARE, size, count),
     )
 
