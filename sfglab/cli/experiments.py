@@ -239,6 +239,7 @@ def lab(
         "jupyterlab",
         f"--ServerApp.root_dir={project.root.resolve()}",
         "--ServerApp.contents_manager_class=sfglab.lab.contents.Contents",
+        "--ServerApp.kernel_websocket_connection_class=sfglab.lab.connection.PromptConnection",
     ]
     if os.getuid() == 0:  # in a container every user is root
         argv.append("--allow-root")

@@ -4,13 +4,17 @@ import re
 import shutil
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import nbformat
 import pytest
 from commands import called
+from jupyter_client import KernelManager
+from jupyter_server.services.kernels.websocket import KernelWebsocketHandler
 from made_logs import reference
 
 from sfglab.lab import notebook
+from sfglab.lab.connection import PromptConnection
 from sfglab.lab.copies import copy_notebooks
 from sfglab.lab.experiments import naming
 from sfglab.lab.log_switch import log_switch
@@ -109,6 +113,18 @@ def test_without_a_folder_for_copies_the_notebooks_themselves_open(project, monk
     assert "so the notebooks themselves open: " in said
     [(_, argv, _)] = started
     assert "--LabApp.default_url=/lab/tree/notebooks/00_start.ipynb" in argv
+    [chosen] = [one for one in argv if "kernel_websocket_connection_class" in one]
+    assert chosen.endswith(f"={PromptConnection.__module__}.{PromptConnection.__name__}")
+
+
+def test_the_page_s_connection_to_a_kernel_waits_for_no_acknowledgement(monkeypatch):
+    base = PromptConnection.__bases__[0]
+    monkeypatch.setattr(base, "connect", lambda connection: connection)
+    page = Mock(spec=KernelWebsocketHandler)
+    kernel = KernelManager()
+    connection = PromptConnection(parent=kernel, websocket_handler=page)
+    assert connection.connect() is connection
+    page.set_nodelay.assert_called_once_with(True)
 
 
 def test_all_copies_have_links_to_files_and_a_switch_with_the_time_of_a_run(tmp_path):

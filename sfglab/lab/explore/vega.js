@@ -44,12 +44,13 @@ async function render({ model, el, host, signal }) {
   const widths = Object.keys(view.getState().signals).filter((name) => /^(childWidth|concat_\d+_width)$/.test(name));
   const margin = box.querySelector("svg").viewBox.baseVal.width / panels - view.signal(widths[0]);
 
-  const shown = {}; // rows by data set; those that are equal are not sent through the dataflow again
+  const shown = {}; // rows by data set, as JSON; those that are equal are not drawn again
   let shownWidth = 0;
   const show = (sets) => {
     for (const [name, rows] of Object.entries(sets)) {
-      if (shown[name] !== rows) view.data(name, rows);
-      shown[name] = rows;
+      const text = JSON.stringify(rows);
+      if (shown[name] !== text) view.data(name, rows);
+      shown[name] = text;
     }
   };
   const fit = () => {
