@@ -26,8 +26,8 @@ def write_bag(log, folder, storage=StoragePlugin.MCAP, compression=CompressionMo
             connections[topic] = writer.add_connection(
                 topic,
                 info.type_name,
-                msgdef=reader.definition(topic),
-                rihs01=hash_of(info.type_name, reader.definition(topic)),
+                msgdef=info.definition,
+                rihs01=hash_of(info.type_name, info.definition),
                 offered_qos_profiles=parse_qos(offered_qos_profiles(reader.offered_qos(topic))),
             )
         for message in reader.messages():

@@ -205,7 +205,8 @@ class Player:
         if qos.durability is Durability.VOLATILE and qos.history is History.KEEP_LAST:
             qos = replace(qos, depth=max(qos.depth, _UNACKNOWLEDGED))
         try:
-            if text := reader.definition(topic):
+            text = reader.topics[topic].definition
+            if text:
                 register_definition(name, text)
             self._publishers[topic] = self._node.create_publisher(type_name(name), topic, qos)
         except (MessageError, UnknownTypeError, FqnError) as error:

@@ -7,12 +7,13 @@ damaged, all MCAP and SQLite files of the folder are read.
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 import sqlite3
 import tempfile
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
@@ -21,15 +22,22 @@ from zstandard import ZstdDecompressor, ZstdError
 from sfglab.documents import Document
 from sfglab.errors import InvalidValueError
 from sfglab.record.mcap_file import McapFile
-from sfglab.record.parts import QOS_KEY, Channel, LogError, LogMessage, damage_named, most_bytes
+from sfglab.record.parts import (
+    MSG,
+    QOS_KEY,
+    Channel,
+    LogError,
+    LogMessage,
+    damage_named,
+    most_bytes,
+)
 from sfglab.validation import Source, read
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from contextlib import ExitStack
 
-    from sfglab.record.parts import StoredMessage
-
+_LOG = logging.getLogger(__name__)
 _SUFFIXES = (".mcap", ".db3")
 _COMPRESSED = ".zstd"
 _DEFINITIONS = """
@@ -79,45 +87,44 @@ class _Metadata:
     rosbag2_bagfile_information: _Bag
 
 
-@dataclass(slots=True)
-class OpenedLog:
-    """The files of a log that could be opened."""
-
-    files: list[McapFile | SqliteFile] = field(default_factory=list)  #: The opened files.
-    warnings: list[str] = field(default_factory=list)  #: Differences from metadata.yaml.
-    compressed_messages: bool = False  #: Whether each message is compressed by itself.
-
-
-def open_log(path: Path, stack: ExitStack) -> OpenedLog:
+def open_log(path: Path, stack: ExitStack) -> tuple[list[McapFile | SqliteFile], bool]:
     """Open an MCAP file, a .db3 file, or each file of a rosbag2 folder; `stack` closes them.
+
+    Returns the files, and whether each message is compressed by itself. Differences from metadata.yaml
+    and files that cannot be read are logged as warnings.
 
     Raises:
         LogError: There is no such file, or nothing in the folder can be read.
     """
     if not os.path.isdir(path):  # noqa: PTH112  # Path.is_dir raises an error for long names
-        return OpenedLog(files=[_opened(path, stack)])
-    opened = OpenedLog()
-    bag = _bag_of(path, opened)
-    parts = _parts_of(path, bag)
-    if not parts:
-        raise LogError(f"log {path}: given a folder without .mcap or .db3 files")
-    for part in parts:
+        return [_opened(path, stack)], False
+    bag = _bag_of(path)
+    files = _opened_parts(path, bag, stack)
+    if bag is None:
+        return files, False
+    counts = [channel.count for file in files for channel in file.channels.values()]
+    if bag.message_count != sum(counts):
+        said = f"metadata.yaml names {bag.message_count} messages, the files hold {sum(counts)}"
+        _LOG.warning("log %s: %s", path, said)
+    return files, bag.compression_mode.lower() == "message"
+
+
+def _opened_parts(path: Path, bag: _Bag | None, stack: ExitStack) -> list[McapFile | SqliteFile]:
+    """Open the files of a folder that can be read."""
+    files = []
+    error = LogError(f"log {path}: given a folder without .mcap or .db3 files")
+    for part in _parts_of(path, bag):
         try:
-            opened.files.append(_opened(part, stack))
-        except LogError as error:
-            opened.warnings.append(str(error))
-    if not opened.files:
-        raise LogError(opened.warnings[-1])
-    if bag:
-        opened.compressed_messages = bag.compression_mode.lower() == "message"
-        counts = [channel.count for file in opened.files for channel in file.channels.values()]
-        if bag.message_count != sum(counts):
-            said = f"metadata.yaml names {bag.message_count} messages, the files hold {sum(counts)}"
-            opened.warnings.append(f"log {path}: {said}")
-    return opened
+            files.append(_opened(part, stack))
+        except LogError as found:
+            _LOG.warning("%s", found)
+            error = found
+    if not files:
+        raise error
+    return files
 
 
-def _bag_of(path: Path, opened: OpenedLog) -> _Bag | None:
+def _bag_of(path: Path) -> _Bag | None:
     """Return what the metadata.yaml of a folder says; None if it is missing or damaged."""
     file = path / "metadata.yaml"
     if not file.exists():
@@ -125,8 +132,8 @@ def _bag_of(path: Path, opened: OpenedLog) -> _Bag | None:
     try:
         metadata: _Metadata = read(_Metadata, Document.of_file(file).value, source=Source.LOG)
     except InvalidValueError as error:
-        said = f"metadata.yaml cannot be read, all files of the folder are: {error}"
-        opened.warnings.append(f"log {path}: {said}")
+        said = "metadata.yaml cannot be read, all files of the folder are"
+        _LOG.warning("log %s: %s: %s", path, said, error)
         return None
     return metadata.rosbag2_bagfile_information
 
@@ -210,7 +217,7 @@ class SqliteFile:
                 topic=topic,
                 type_name=kind,
                 encoding=encoding,
-                definition=definition,
+                definition=definition if definition_encoding == MSG else "",
                 definition_encoding=definition_encoding,
                 offered_qos=qos,
                 count=count,
@@ -220,15 +227,13 @@ class SqliteFile:
 
     def messages(
         self, channels: Collection[Channel], start_ns: int, end_ns: int
-    ) -> Iterator[StoredMessage]:
+    ) -> Iterator[LogMessage]:
         """Yield messages in the order of log time."""
         wanted = [number for number, channel in self.channels.items() if channel in channels]
         bounds = json.dumps(wanted), str(start_ns), str(end_ns)
         with damage_named(self.path):
             for number, time_ns, cdr in self._database.execute(_MESSAGES, bounds):
-                channel = self.channels[number]
-                message = LogMessage(channel.topic, channel.type_name, time_ns, time_ns, cdr)
-                yield channel, message
+                yield LogMessage(self.channels[number], time_ns, time_ns, cdr)
 
 
 def _database(file: Path, stack: ExitStack) -> sqlite3.Connection:

@@ -16,7 +16,7 @@ from itertools import islice
 from operator import attrgetter
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
-from lz4.frame import LZ4FrameDecompressor
+import lz4.frame
 from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -24,6 +24,7 @@ from mcap.opcode import Opcode
 
 from sfglab.record.parts import (
     DAMAGE,
+    MSG,
     QOS_KEY,
     Channel,
     LogError,
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from contextlib import ExitStack
     from pathlib import Path
-
-    from sfglab.record.parts import StoredMessage
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # opcode, length
@@ -80,8 +79,8 @@ class _Index:
     channels: dict[int, records.Channel] = field(default_factory=dict)
     counts: Counter[int] = field(default_factory=Counter)
     blocks: list[_Block] = field(default_factory=list)
-    metadata: list[int] = field(default_factory=list)  # offsets
-    attachments: dict[str, int] = field(default_factory=dict)  # offsets
+    metadata: dict[str, int] = field(default_factory=dict)  # offsets by name
+    attachments: dict[str, int] = field(default_factory=dict)  # offsets by name
     is_whole: bool = False
 
     @property
@@ -120,9 +119,10 @@ class _Index:
                 channels = frozenset(chunk.message_index_offsets)
                 self.blocks.append(_Block(chunk.chunk_start_offset, *times, channels))
             case Opcode.METADATA:
-                self.metadata.append(record.offset)
+                self.metadata[records.Metadata.read(stream).name] = record.offset
             case Opcode.METADATA_INDEX:
-                self.metadata.append(records.MetadataIndex.read(stream).offset)
+                metadata = records.MetadataIndex.read(stream)
+                self.metadata[metadata.name] = metadata.offset
             case Opcode.ATTACHMENT:
                 self.attachments[records.Attachment.read(stream).name] = record.offset
             case Opcode.ATTACHMENT_INDEX:
@@ -174,6 +174,7 @@ class McapFile:
             for number, record in index.channels.items()
         }
         self.truncated = not index.is_whole  #: Whether the file ends before its data does.
+        self.metadata = index.metadata  #: Offsets of the metadata records, by name.
         self.attachments = index.attachments  #: Offsets of the attached files, by name.
         self._index = index
 
@@ -189,25 +190,25 @@ class McapFile:
 
     def messages(
         self, channels: Collection[Channel], start_ns: int, end_ns: int
-    ) -> Iterator[StoredMessage]:
+    ) -> Iterator[LogMessage]:
         """Yield messages in the order of log time; blocks are read one after the other."""
         wanted = {number for number, channel in self.channels.items() if channel in channels}
         # Messages of one time come in the order of the file: by block, then within the block.
-        pending: list[tuple[int, int, int, StoredMessage]] = []
+        pending: list[tuple[int, int, int, LogMessage]] = []
         for block in sorted(self._index.blocks, key=attrgetter("start_ns")):
             is_elsewhere = block.channels and block.channels.isdisjoint(wanted)
             if is_elsewhere or block.end_ns < start_ns or block.start_ns >= end_ns:
                 continue
             while pending and pending[0][0] < block.start_ns:
                 yield heappop(pending)[-1]
-            for number, stored in enumerate(self._stored(block, wanted)):
-                time_ns = stored[1].log_time_ns
+            for number, message in enumerate(self._stored(block, wanted)):
+                time_ns = message.log_time_ns
                 if start_ns <= time_ns < end_ns:
-                    heappush(pending, (time_ns, block.offset, number, stored))
+                    heappush(pending, (time_ns, block.offset, number, message))
         while pending:
             yield heappop(pending)[-1]
 
-    def _stored(self, block: _Block, wanted: set[int]) -> list[StoredMessage]:
+    def _stored(self, block: _Block, wanted: set[int]) -> list[LogMessage]:
         stored = []
         with damage_named(self.path):
             for record in _records_of_block(self._record(block.offset)):
@@ -215,20 +216,15 @@ class McapFile:
                     continue
                 number, _, log_ns, publish_ns = _MESSAGE.unpack_from(record.content)
                 if number in wanted:
-                    channel = self.channels[number]
                     cdr = record.content[_MESSAGE.size :]
-                    message = LogMessage(channel.topic, channel.type_name, log_ns, publish_ns, cdr)
-                    stored.append((channel, message))
+                    stored.append(LogMessage(self.channels[number], log_ns, publish_ns, cdr))
         return stored
 
-    def metadata(self) -> dict[str, dict[str, str]]:
-        """Return the metadata records by name; of several with one name, the last."""
-        found = {}
+    def strings(self, name: str) -> dict[str, str]:
+        """Return the content of one metadata record."""
         with damage_named(self.path):
-            for offset in self._index.metadata:
-                record = records.Metadata.read(self._record(offset).stream)
-                found[record.name] = record.metadata
-        return found
+            record = self._record(self.metadata[name])
+            return dict(records.Metadata.read(record.stream).metadata)
 
     def attachment(self, name: str) -> bytes:
         """Return the content of one attached file."""
@@ -273,7 +269,7 @@ def _channel(record: records.Channel, schema: records.Schema, count: int) -> Cha
         topic=record.topic,
         type_name=schema.name,
         encoding=record.message_encoding,
-        definition=schema.data.decode(errors="replace"),
+        definition=schema.data.decode(errors="replace") if schema.encoding == MSG else "",
         definition_encoding=schema.encoding,
         offered_qos=record.metadata.get(QOS_KEY, ""),
         count=count,
@@ -318,7 +314,7 @@ def _decompressed(chunk: records.Chunk) -> bytes:
     if chunk.compression == "zstd":
         data = decompress(data, size)
     elif chunk.compression == "lz4":
-        data = LZ4FrameDecompressor().decompress(data, max_length=size)
+        data = lz4.frame.decompress(data)  # at most 255 times its size
     elif chunk.compression:
         raise McapError(f"a chunk is compressed by {chunk.compression!r}; allowed are zstd and lz4")
     if len(data) != chunk.uncompressed_size:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+MSG = "ros2msg"  #: Encoding of a definition as `.msg`.
 QOS_KEY = "offered_qos_profiles"  #: Key of QoS profiles in a channel of MCAP and a topic of SQLite.
 # Checksums and text that are wrong are ValueErrors, lz4's error is a RuntimeError, and mcap
 # believes the lengths and offsets within a record.
@@ -55,7 +56,7 @@ class Channel:
     topic: str  #: Name of the topic.
     type_name: str  #: ROS type of the messages; empty where the file does not name it.
     encoding: str  #: Encoding of the messages.
-    definition: str  #: Definition of the type; empty where the file has none.
+    definition: str  #: Definition of the type as `.msg`; empty where the file has none.
     definition_encoding: str  #: Encoding of the definition, such as `ros2msg`.
     offered_qos: str  #: QoS profiles of the publishers, as rosbag2's YAML.
     count: int  #: Number of messages.
@@ -64,15 +65,20 @@ class Channel:
 class LogMessage(NamedTuple):
     """One message as it was recorded."""
 
-    topic: str  #: Name of the topic.
-    type_name: str  #: ROS type.
+    channel: Channel  #: Channel of its file.
     log_time_ns: int  #: Time of reception, on the clock of the run.
     publish_time_ns: int  #: Time of publication, on the same clock.
     cdr: bytes  #: Serialised message.
 
+    @property
+    def topic(self) -> str:
+        """Name of the topic."""
+        return self.channel.topic
 
-StoredMessage = tuple[Channel, LogMessage]
-"""One message of a file with its channel."""
+    @property
+    def type_name(self) -> str:
+        """ROS type."""
+        return self.channel.type_name
 
 
 def most_bytes(compressed: int) -> int:

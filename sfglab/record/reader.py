@@ -28,12 +28,12 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Collection, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
     import pandas as pd
 
     from sfglab.qos import QoSProfile
-    from sfglab.record.parts import Channel, StoredMessage
+    from sfglab.record.parts import Channel
 
 _LOG = logging.getLogger(__name__)
 #: Number of messages of a topic that its rate and size are taken from.
@@ -66,7 +66,7 @@ class LogReader(AbstractContextManager["LogReader"]):
     A bag is a rosbag2 folder (SQLite or MCAP, also compressed) or its .db3 file, of any ROS 2.
 
     A file whose writer was killed, or that is still being written, is read up to its last whole chunk
-    at the time of opening; `truncated` is then true.
+    at the time of opening; `truncated` is then true. What else cannot be read is logged as a warning.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -77,19 +77,16 @@ class LogReader(AbstractContextManager["LogReader"]):
         """
         self.path = Path(path)  #: The file or folder.
         with ExitStack() as stack:
-            self._opened = open_log(self.path, stack)
+            self._files, self._is_compressed = open_log(self.path, stack)
             self._stack = stack.pop_all()
-        #: Sentences on what cannot be read or was counted otherwise.
-        self.warnings: list[str] = []
-        for warning in self._opened.warnings:
-            self._warn(warning)
-        files = self._opened.files
-        self.files = tuple(file.path for file in files)  #: The files that are read.
+        self.files = tuple(file.path for file in self._files)  #: The files that are read.
         #: Whether a file ends before its data does.
-        self.truncated = any(file.truncated for file in files)
-        # Metadata and attached files are in MCAP files only.
-        self._mcap_files = [file for file in files if isinstance(file, McapFile)]
-        channels = [channel for file in files for channel in file.channels.values()]
+        self.truncated = any(file.truncated for file in self._files)
+        # Metadata and attached files are in MCAP files only. The last one of a name counts.
+        mcap_files = [file for file in self._files if isinstance(file, McapFile)]
+        self._metadata = {name: file for file in mcap_files for name in file.metadata}
+        self._attachments = {name: file for file in mcap_files for name in file.attachments}
+        channels = [channel for file in self._files for channel in file.channels.values()]
         self._channels: dict[str, list[Channel]] = {}
         for channel in sorted(channels, key=attrgetter("topic")):
             self._channels.setdefault(channel.topic, []).append(channel)
@@ -98,30 +95,28 @@ class LogReader(AbstractContextManager["LogReader"]):
     def topics(self) -> dict[str, Channel]:
         """The topics in this log, sorted by name, each with the number of all its messages.
 
-        Tables are among them. Of several definitions of a topic, it is the last.
+        Tables are among them. If the files describe a topic differently, its type is that of the last
+        file, and its definition and QoS profiles are the first ones.
         """
         found = {}
         for topic, channels in self._channels.items():
-            count = sum(channel.count for channel in channels)
-            found[topic] = replace(channels[-1], count=count)
+            found[topic] = replace(
+                channels[-1],
+                count=sum(channel.count for channel in channels),
+                definition=_first(channel.definition for channel in channels),
+                offered_qos=_first(channel.offered_qos for channel in channels),
+            )
         return found
 
     @property
     def span_ns(self) -> tuple[int, int]:
         """Log times [ns] of the first and the last message; zeros without messages."""
-        times_ns = [time_ns for file in self._opened.files for time_ns in file.times_ns]
+        times_ns = [time_ns for file in self._files for time_ns in file.times_ns]
         return min(times_ns, default=0), max(times_ns, default=0)
 
     def offered_qos(self, topic: str) -> QoSProfile:
         """Return the recorded profile of a topic's publishers; what is left open is ROS 2's default."""
-        texts = (channel.offered_qos for channel in self._channels[topic])
-        return profile_from_bag(next(filter(None, texts), ""))
-
-    def definition(self, topic: str) -> str:
-        """Return the definition of a topic's type in the log; empty where it has none as `.msg`."""
-        channels = self._channels[topic]
-        texts = (c.definition for c in channels if c.definition_encoding == "ros2msg")
-        return next(filter(None, texts), "")
+        return profile_from_bag(self.topics[topic].offered_qos)
 
     def first(self, topic: str) -> list[LogMessage]:
         """Return a topic's first messages, at most 200: enough for its rate and size."""
@@ -143,23 +138,13 @@ class LogReader(AbstractContextManager["LogReader"]):
         """Return one metadata record as it was written; LogError if there is none of that name."""
         if name not in self._metadata:
             raise _missing("metadata", name, self._metadata)
-        return values_from_strings(self._metadata[name])
-
-    @cached_property
-    def _metadata(self) -> dict[str, dict[str, str]]:
-        found: dict[str, dict[str, str]] = {}
-        for file in self._mcap_files:
-            found |= file.metadata()
-        return found
+        return values_from_strings(self._metadata[name].strings(name))
 
     def attachment(self, name: str) -> bytes:
         """Return the content of one attached file, by its name; LogError if there is none."""
-        names: list[str] = []
-        for file in reversed(self._mcap_files):  # The last one of a name counts.
-            if name in file.attachments:
-                return file.attachment(name)
-            names += file.attachments
-        raise _missing("attachment", name, names)
+        if name not in self._attachments:
+            raise _missing("attachment", name, self._attachments)
+        return self._attachments[name].attachment(name)
 
     def messages(
         self, topic: str | None = None, *, start_ns: int | None = None, end_ns: int | None = None
@@ -170,12 +155,17 @@ class LogReader(AbstractContextManager["LogReader"]):
         Raises LogError where there is no such topic, or while iterating: a chunk is damaged, or the log was
         closed.
         """
-        return (message for _, message in self._found(topic, start_ns, end_ns))
+        if topic is not None and topic not in self._channels:
+            raise _missing("topic", topic, self._channels)
+        topics = self._channels if topic is None else [topic]
+        channels = [channel for name in topics for channel in self._channels[name]]
+        # Other integers, as of NumPy, are none for SQLite.
+        start = 0 if start_ns is None else int(start_ns)
+        end = _AFTER_ALL_NS if end_ns is None else int(end_ns)
+        return self._merged(channels, start, end)
 
-    def decoded(
-        self, topic: str, *, start_ns: int | None = None, end_ns: int | None = None
-    ) -> Iterator[DecodedMessage]:
-        """Return the messages of a topic, deserialised by the definition in the log; arguments of `messages`.
+    def decoded(self, topic: str) -> Iterator[DecodedMessage]:
+        """Return the messages of a topic, deserialised by the definition in the log.
 
         Types that this process does not know are read as well. Where the definition is the one that sfglab has,
         or the log has none, the messages are of the type that `sfglab.messages.message_type` returns. Raises
@@ -184,8 +174,14 @@ class LogReader(AbstractContextManager["LogReader"]):
         """
         decoder_of = functools.cache(self._decoder)
         return (
-            DecodedMessage(*message[:-1], decoder_of(channel)(message.cdr))
-            for channel, message in self._found(topic, start_ns, end_ns)
+            DecodedMessage(
+                topic,
+                entry.type_name,
+                entry.log_time_ns,
+                entry.publish_time_ns,
+                decoder_of(entry.channel)(entry.cdr),
+            )
+            for entry in self.messages(topic)
         )
 
     def knows(self, topic: str) -> bool:
@@ -212,38 +208,19 @@ class LogReader(AbstractContextManager["LogReader"]):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _found(
-        self, topic: str | None, start_ns: int | None, end_ns: int | None
-    ) -> Iterator[StoredMessage]:
-        if topic is not None and topic not in self._channels:
-            raise _missing("topic", topic, self._channels)
-        topics = self._channels if topic is None else [topic]
-        channels = [channel for name in topics for channel in self._channels[name]]
-        # Other integers, as of NumPy, are none for SQLite.
-        start = 0 if start_ns is None else int(start_ns)
-        end = _AFTER_ALL_NS if end_ns is None else int(end_ns)
-        return self._merged(channels, start, end)
-
     def _merged(
         self, channels: Sequence[Channel], start_ns: int, end_ns: int
-    ) -> Iterator[StoredMessage]:
+    ) -> Iterator[LogMessage]:
         """Yield the messages of all files in the order of log time; count them if all are asked for."""
-        parts = [file.messages(channels, start_ns, end_ns) for file in self._opened.files]
-        is_compressed = self._opened.compressed_messages
+        parts = [file.messages(channels, start_ns, end_ns) for file in self._files]
         read = 0
-        for channel, message in heapq.merge(*parts, key=_log_time):
-            yield channel, self._decompressed(message) if is_compressed else message
+        for message in heapq.merge(*parts, key=attrgetter("log_time_ns")):
+            yield self._decompressed(message) if self._is_compressed else message
             read += 1
         expected = sum(channel.count for channel in channels)
         if (start_ns, end_ns) == (0, _AFTER_ALL_NS) and read != expected:
             said = f"the index names {expected} messages, {read} were read"
-            self._warn(f"log {self.path}: {said}")
-
-    def _warn(self, warning: str) -> None:
-        """Log a warning, once."""
-        if warning not in self.warnings:
-            self.warnings.append(warning)
-            _LOG.warning(warning)
+            _LOG.warning("log %s: %s", self.path, said)
 
     def _decompressed(self, message: LogMessage) -> LogMessage:
         with damage_named(self.path):
@@ -251,10 +228,9 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def _decoder(self, channel: Channel) -> Callable[[bytes], Any]:
         name = channel.type_name
-        text = channel.definition if channel.definition_encoding == "ros2msg" else ""
         if channel.encoding == "cdr":
-            if text and not is_known_as(name, text):
-                return decoder_from_definition(name, text)
+            if channel.definition and not is_known_as(name, channel.definition):
+                return decoder_from_definition(name, channel.definition)
             if is_known(name):
                 return decoder(name)
         said = f"given messages {channel.encoding!r}, definition {channel.definition_encoding!r}"
@@ -262,8 +238,9 @@ class LogReader(AbstractContextManager["LogReader"]):
         raise LogError(f"log {self.path}: topic {channel.topic}: {said}; {allowed}")
 
 
-def _log_time(stored: StoredMessage) -> int:
-    return stored[1].log_time_ns
+def _first(texts: Iterable[str]) -> str:
+    """Return the first text that is not empty."""
+    return next(filter(None, texts), "")
 
 
 def _missing(kind: str, name: str, present: Collection[str]) -> LogError:

@@ -82,7 +82,7 @@ def _sides(log: LogReader) -> dict[str, _Sides]:
 
 def _change_s(log: LogReader, found: list[LogMessage], rate_hz: float) -> float:
     values = [message.cdr for message in found]
-    if _HEADER_FIRST.match(log.definition(found[0].topic)):
+    if _HEADER_FIRST.match(log.topics[found[0].topic].definition):
         values = [value[: _STAMP.start] + value[_STAMP.stop :] for value in values]
     changes = sum(one != other for one, other in pairwise(values))
     return (len(found) - 1) / rate_hz / max(changes, 1)

@@ -15,7 +15,7 @@ from sfglab import __version__
 from sfglab.errors import SfglabError
 from sfglab.messages import definition, row_message, row_type, serialize, type_name
 from sfglab.record.metadata import offered_qos_profiles, strings_from_values
-from sfglab.record.parts import QOS_KEY, LogError
+from sfglab.record.parts import MSG, QOS_KEY, LogError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -51,9 +51,8 @@ class LogWriter(AbstractContextManager["LogWriter"]):
 
         self.path = Path(path)
         self._lock = threading.RLock()
-        self._channels: dict[tuple[str, str, QoSProfile | None], int] = {}
+        self._channels: dict[str, tuple[str, int]] = {}  # types and numbers by topic
         self._schemas: dict[str, int] = {}
-        self._types: dict[str, str] = {}
         self._chunk_start_ns: int | None = None
         self._closed_because = "it is closed"
         self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -104,7 +103,7 @@ class LogWriter(AbstractContextManager["LogWriter"]):
             cdr: CDR with its 4-byte header; copied, so the buffer is free afterwards.
             log_time_ns: When it was received, in nanoseconds of the run's clock; not negative.
             publish_time_ns: When it was published; None means the same.
-            qos: What its writer offers; recorded with the topic for `ros2 bag play`.
+            qos: What its writer offers; that of a topic's first message is recorded for `ros2 bag play`.
 
         Raises:
             UnknownTypeError: There is no definition to write down for the type.
@@ -182,21 +181,19 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         self.close()
 
     def _channel(self, topic: str, type_name: str, qos: QoSProfile | None) -> int:
-        """Return the number of a channel, which is written the first time."""
-        key = topic, type_name, qos
-        if key not in self._channels:
-            schema = definition(type_name).encode()
-            known = self._types.setdefault(topic, type_name)
-            if known != type_name:
-                said = f"given {type_name}, allowed is {known} as before"
-                raise LogError(f"log, topic {topic}: {said}")
-            metadata = {} if qos is None else {QOS_KEY: offered_qos_profiles(qos)}
+        """Return the number of a topic's channel, which is written the first time."""
+        if topic not in self._channels:
             if type_name not in self._schemas:
-                self._schemas[type_name] = self._mcap.register_schema(type_name, "ros2msg", schema)
-            self._channels[key] = self._mcap.register_channel(
-                topic, "cdr", self._schemas[type_name], metadata
-            )
-        return self._channels[key]
+                text = definition(type_name).encode()
+                self._schemas[type_name] = self._mcap.register_schema(type_name, MSG, text)
+            metadata = {} if qos is None else {QOS_KEY: offered_qos_profiles(qos)}
+            schema = self._schemas[type_name]
+            number = self._mcap.register_channel(topic, "cdr", schema, metadata)
+            self._channels[topic] = (type_name, number)
+        known, number = self._channels[topic]
+        if known != type_name:
+            raise LogError(f"log, topic {topic}: given {type_name}, allowed is {known} as before")
+        return number
 
     def _end_old_chunk(self, log_time_ns: int) -> None:
         if self._chunk_start_ns is None:
