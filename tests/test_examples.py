@@ -114,7 +114,7 @@ def test_help_has_examples_that_its_parser_takes_and_the_list_of_commands_its_wh
     for option in command.params:
         if option.name in ("domain", "remote_domain", "global_domain"):
             text = said.partition(f"{option.opts[0]} <")[2].partition(" --")[0]
-            assert f"[0<=x<={MAX_DOMAIN}]" in text
+            assert f"0<=x<={MAX_DOMAIN}]" in text
 
 
 def words_in(domain, example):

@@ -20,7 +20,6 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 from typer import Option
-from typer.core import TyperGroup
 
 from sfglab import __version__
 from sfglab.cli import (
@@ -50,20 +49,7 @@ def _set_help(info: Any, text: str | None) -> None:
     info.help = text.replace("\n\nExample", "\n\n\b\nExample")
 
 
-class _Program(TyperGroup):
-    """All commands; Ctrl-C is one line for each of them."""
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run a command."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            typer.echo("sfglab: interrupted", err=True)
-            raise typer.Exit(130) from None
-
-
 app = typer.Typer(
-    cls=_Program,
     help="""Run multi-robot ROS 2 components beside real robots, and the experiments of three papers.
 
 Paper A: communication between robots. Paper B: QoS of topics on a wireless link. Paper C: topics
@@ -115,6 +101,10 @@ for _app in (app, *_GROUPS.values()):
         _set_help(_info, _info.callback and _info.callback.__doc__)
 
 
+#: Exit status of a command that Ctrl-C ended; typer returns it for each command.
+_INTERRUPTED = 130
+
+
 def main() -> NoReturn:
     """Run the command line and exit.
 
@@ -123,6 +113,8 @@ def main() -> NoReturn:
     logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.WARNING)
     try:
         status = app(prog_name="sfglab", standalone_mode=False)
+        if status == _INTERRUPTED:
+            typer.echo("sfglab: interrupted", err=True)
         sys.stdout.flush()
     except Exception as error:
         sentence, status = _sentence(error)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -145,11 +146,8 @@ def _failed(outcomes: Sequence[Outcome]) -> int:
 
 def _new_folder(project: Project, experiment: str, name: str) -> Path:
     """Return the folder of a try that has no finished log yet."""
-    number = 1
-    while not name:
-        if not (project.tries / f"{experiment}-{number}").exists():
-            name = f"{experiment}-{number}"
-        number += 1
+    numbered = (f"{experiment}-{number}" for number in count(1))
+    name = name or next(new for new in numbered if not (project.tries / new).exists())
     folder = project.tries / name
     if folder.parent != project.tries or name.startswith("."):
         raise InvalidValueError("--name", name, "the name of one folder")
@@ -181,12 +179,9 @@ def _counted(
     from sfglab.lab.experiments import experiment
     from sfglab.lab.ledger import compute_ledger
 
-    if all_claims:
-        return render(compute_ledger(project, profile=profile))
-    only: set[str] = set()
-    for outcome in outcomes:
-        only.update(*(experiment(name).claims for name in outcome.logs))
-    ledger = compute_ledger(project, profile=profile, only=only)
+    names = [name for outcome in outcomes for name in outcome.logs]
+    only = {claim for name in names for claim in experiment(name).claims}
+    ledger = compute_ledger(project, profile=profile, only=None if all_claims else only)
     return render(ledger) if ledger else "No claim of the ledger was measured."
 
 

@@ -170,8 +170,8 @@ def _agent_config(
     if domain is None and fleet is None and VARIABLE in os.environ:
         domain = usual_domain_id()
     described = None if fleet is None else load_fleet(fleet)
-    own = (domain, interface)
-    return config_of(agent or default_agent(), described, local=own, remote=remote)
+    local = (domain, interface)
+    return config_of(agent or default_agent(), described, local=local, remote=remote)
 
 
 def decoder(
@@ -179,7 +179,7 @@ def decoder(
         list[str] | None,
         Argument(help="Remote streams, e.g. /global/go2/camera_front/color/ffmpeg."),
     ] = None,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     remote_domain: Annotated[
         int | None,
@@ -203,11 +203,10 @@ def decoder(
     from sfglab.fleet.narration import StreamNarrator, serve_terminal
     from sfglab.names import default_agent
 
-    own = usual_domain_id() if domain is None else domain
-    local = BusAddress(domain_id=own, interface=interface)
+    local = BusAddress(domain_id=domain, interface=interface)
     remote = local
     if remote_domain is not None or remote_interface is not None:
-        far = own if remote_domain is None else remote_domain
+        far = domain if remote_domain is None else remote_domain
         remote = BusAddress(domain_id=far, interface=remote_interface)
     config = DecoderConfig(
         remote=remote,
@@ -232,7 +231,7 @@ def camera(
         Literal["h264", "rvl"],
         Option(help="h264: colour. rvl: depth, of a source that has it, e.g. stereo."),
     ] = "h264",
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
 ) -> None:
     """Publish a compressed camera stream of a video, camera or bag (paper A, Table 2).
@@ -243,7 +242,6 @@ def camera(
     from sfglab.bus.address import BusAddress
     from sfglab.lab.workers.camera import CameraConfig, run_camera
 
-    own = usual_domain_id() if domain is None else domain
-    address = BusAddress(domain_id=own, interface=interface)
+    address = BusAddress(domain_id=domain, interface=interface)
     config = CameraConfig(places=((address, topic),), codec=codec, source=source)
     run(run_until_interrupted(run_camera(config, typer.echo)))

@@ -86,13 +86,14 @@ def info(path: _Path, as_json: Json = False) -> None:
             return
     start_ns, end_ns = values["start_ns"], values["end_ns"]
     start = datetime.fromtimestamp(start_ns // NS_PER_S, UTC).astimezone()
+    rows = [[_cell(value) for value in topic.values()] for topic in values["topics"]]
     lines = [
         f"files     {', '.join(values['files'])}",
         f"size      {values['size_bytes'] / 2**20:.3f} MiB",
         f"start     {start:%Y-%m-%d %H:%M:%S %z}",
         f"duration  {(end_ns - start_ns) / NS_PER_S:.3f} s",
         f"messages  {values['messages']}",
-        text_table([_COLUMNS, *map(_row, values["topics"])]),
+        text_table([_COLUMNS, *rows]),
     ]
     for name, value in values["metadata"].items():
         lines.append(f"metadata  {name}: {json.dumps(value)}")
@@ -104,10 +105,10 @@ def info(path: _Path, as_json: Json = False) -> None:
 _COLUMNS = ("topic", "type", "messages", "Hz", "bytes", "encoding")
 
 
-def _row(topic: Mapping[str, Any]) -> tuple[str, ...]:
-    rate = f"{topic['rate_hz']:.3g}" if topic["rate_hz"] else ""
-    size = f"{topic['size_bytes'] or 0:.0f}" if topic["count"] else ""
-    return (topic["name"], topic["type"], str(topic["count"]), rate, size, topic["encoding"])
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def _content(reader: LogReader) -> dict[str, Any]:
@@ -121,9 +122,9 @@ def _content(reader: LogReader) -> dict[str, Any]:
             "name": name,
             "type": topic.type_name,
             "count": topic.count,
-            "encoding": topic.encoding,
             "rate_hz": rate_hz or None,
-            "size_bytes": size_bytes or None,
+            "size_bytes": round(size_bytes) or None,
+            "encoding": topic.encoding,
         }
         topics.append(described)
     counts = [topic.count for topic in reader.topics.values()]
@@ -189,7 +190,7 @@ def record(
         ),
     ] = None,
     duration: Duration = None,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
@@ -248,7 +249,7 @@ def play(
         float | None,
         Option(min=0.0, help="Time of the log to play, s. [default: to the end of the log]"),
     ] = None,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:

@@ -131,11 +131,11 @@ def _placed(graph: Graph, lut: int | None, bram: float | None) -> tuple[Communic
     """Return the mapping with nodes placed as well, and its load as text."""
     from sfglab.soc import ZCU104, TopicMapping, map_communication, place_nodes
 
-    board = ZCU104
-    if lut is not None:
-        board = replace(board, lut=lut)
-    if bram is not None:
-        board = replace(board, bram=bram)
+    board = replace(
+        ZCU104,
+        lut=ZCU104.lut if lut is None else lut,
+        bram=ZCU104.bram if bram is None else bram,
+    )
     found = place_nodes(graph, board)
     load = found.load
     proved = "no mapping takes less"

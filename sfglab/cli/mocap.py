@@ -33,7 +33,7 @@ def mocap_run(
     file: Annotated[
         Path, Argument(help="Mapping of objects to TF frames, e.g. data/mocap/two_agents.yaml.")
     ],
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     vicon: Annotated[str | None, Option(help="Address of a Vicon Tracker.")] = None,
     topic: Annotated[

@@ -8,16 +8,14 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from sfglab.domains import MAX_DOMAIN
+from sfglab.domains import MAX_DOMAIN, VARIABLE
 
 domain_option = partial(Option, min=0, max=MAX_DOMAIN)  #: Option for a DDS domain.
 
 Json = Annotated[
     bool, Option("--json", help="Print JSON instead of text; null stands for NaN and infinity.")
 ]
-Domain = Annotated[
-    int | None, domain_option(help="DDS domain. [default: ROS_DOMAIN_ID, otherwise 0]")
-]
+Domain = Annotated[int, domain_option(envvar=VARIABLE, help="DDS domain.")]
 RecordedDomain = Annotated[
     int | None,
     domain_option(help="DDS domain to observe instead of a file. [default: ROS_DOMAIN_ID]"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -40,7 +41,7 @@ def plan(
     new: Annotated[
         bool, Option("--new", help="Begin an empty scene; the first save creates the file.")
     ] = False,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
 ) -> None:
     """Edit the trajectories of several robots in a 3D scene, in the browser (paper A, section 4.5).
@@ -66,14 +67,11 @@ def plan(
         raise InvalidValueError("scene", str(scene), "a file in an existing folder")
     editor = Editor.open(scene)
     node = partial(Node, "planner", domain_id=domain, interface=interface)
-    with Planner(editor, port=port, node=node) as planner:
-        try:
-            typer.echo(f"{scene.name}: {planner.url}  (Ctrl-C ends)")
-            if not no_browser:
-                typer.launch(planner.url)
-            planner.wait()
-        except KeyboardInterrupt:
-            typer.echo("")
+    with Planner(editor, port=port, node=node) as planner, suppress(KeyboardInterrupt):
+        typer.echo(f"{scene.name}: {planner.url}  (Ctrl-C ends)")
+        if not no_browser:
+            typer.launch(planner.url)
+        planner.wait()
     if editor.dirty:
         typer.echo(f"{scene.name}: changes since the last save were not saved", err=True)
 
@@ -81,7 +79,7 @@ def plan(
 @app.command()
 def serve(
     agent: Annotated[str, Option(help="Name of the agent.")],
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     scene: Annotated[
         Path | None,
@@ -129,7 +127,7 @@ def _setup(agent: str, scene: Path | None) -> AgentSetup:
 def run_scene(
     file: SceneFile,
     agent: Agents = None,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     delay: Annotated[
         float,

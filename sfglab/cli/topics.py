@@ -37,7 +37,7 @@ _SHOWN = 128  #: Printed length of a string or array, in characters or elements.
 @node_app.command("list")
 def list_nodes(
     as_json: Json = False,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     spin_time: SpinTime = None,
 ) -> None:
@@ -58,7 +58,7 @@ def list_nodes(
 def list_topics(
     show_types: Annotated[bool, Option("--show-types", "-t", help="Also print the types.")] = False,
     as_json: Json = False,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     spin_time: SpinTime = None,
 ) -> None:
@@ -92,7 +92,7 @@ def echo(
         Option(min=0.0, help="Time to wait for the first message, s. [default: indefinitely]"),
     ] = None,
     as_json: Json = False,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
@@ -138,7 +138,7 @@ def hz(
     ] = 10000,
     duration: Duration = None,
     as_json: Json = False,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
@@ -203,7 +203,7 @@ def pub(
     durability: Annotated[
         Durability, Option("--qos-durability", help="Offered durability.")
     ] = DEFAULT.durability,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,7 +14,6 @@ from sfglab.cli.buses import Place, until_interrupted, unused
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import Domain, Fleet, Interface
 from sfglab.cli.removed import refuse
-from sfglab.domains import usual_domain_id
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -54,7 +52,7 @@ def view(
     topic: Annotated[
         list[str] | None, Option(help="Only topics that begin with this text (repeatable).")
     ] = None,
-    domain: Domain = None,
+    domain: Domain = 0,
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
@@ -84,13 +82,12 @@ def view(
         unused("with a log, because only a domain is observed", "domain", "interface")
         _show_log(log, options)
         return
-    _show_domain((usual_domain_id() if domain is None else domain, interface), options)
+    _show_domain((domain, interface), options)
 
 
 def _default_output() -> tuple[str]:
     """Return the viewer if it has a display."""
-    displays = ("DISPLAY", "WAYLAND_DISPLAY")
-    if sys.platform in {"darwin", "win32"} or any(map(os.environ.get, displays)):
+    if any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
         return ("viewer",)
     raise SfglabError(
         "there is no display for a viewer: give --to FILE.rrd, and open the file with rerun on "
@@ -114,11 +111,7 @@ def _show_log(log: Path, options: ViewOptions) -> None:
         line += "; the log was cut off, and its rest is shown"
     typer.echo(line)
     bar = partial(tqdm, total=count, unit=" messages", leave=False, disable=None)
-    try:
-        session = view_log(log, options, progress=bar)
-    except KeyboardInterrupt:
-        typer.echo("ended", err=True)
-        return
+    session = view_log(log, options, progress=bar)
     _report(session)
     if not session.displays:
         types = {info.type_name for info in topics}
