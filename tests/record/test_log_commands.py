@@ -50,7 +50,6 @@ MISTAKES = {
     ("record", "-a", "-o", "/proc/bag.mcap"): "allowed: a writable file",
     ("record", "-e", "(", "-o", "{tmp}/bag.mcap"): "regular expression",
     ("play", "{tmp}/typo"): "no such file",
-    ("info", "{tmp}/typo"): "no such file",
 }
 
 

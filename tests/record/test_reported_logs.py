@@ -290,6 +290,8 @@ def test_the_encoding_of_messages_is_named(tmp_path):
     path = write_mcap(tmp_path / "a.mcap", [*THREE, ("/json", 1, b"{}")], schemas=schemas)
     said = called("log", "info", str(path))
     assert re.search(r"^ +/json +demo\.Pose +1 .* json$", said, re.MULTILINE)
+    with LogReader(path) as log, pytest.raises(LogError, match="given messages 'json'"):
+        next(log.decoded("/json"))
 
 
 # --- Found by trying to break the reader.
