@@ -56,9 +56,8 @@ def add_removed(apps: Mapping[str, typer.Typer]) -> None:
         apps[group].command(name, hidden=True, context_settings=_ANYTHING)(_refusal(command))
 
 
-def _refusal(command: str) -> Callable[[typer.Context], None]:
-    # typer gives the rest of the line to the parameter that is annotated as its context.
-    def refused(_context: typer.Context) -> None:
+def _refusal(command: str) -> Callable[[], None]:
+    def refused() -> None:
         refuse(command, REPLACEMENTS[command])
 
     return refused

@@ -107,7 +107,6 @@ def echo(
       sfglab topic echo /odom --field pose.pose.position
       sfglab topic echo /chatter --json | jq .data
     """
-    from sfglab.bus.listing import view
     from sfglab.messages.text import to_yaml, value_at, values_of
 
     most = None if full_length or as_json else _SHOWN
@@ -120,9 +119,7 @@ def echo(
             typer.echo(f"{to_yaml(values)}---")
 
     async def listen(node: Node) -> None:
-        publishers = await _publishers(node, topic, _TOPIC_S)
-        name = type_ or _type_of(view(node), topic, "; give one of them as TYPE")
-        subscription = _subscribed(node, topic, name, publishers)
+        subscription = await _subscribed(node, topic, type_, "; give one of them as TYPE")
         show(await subscription.take(timeout))
         while not once:
             show(await subscription.take())
@@ -149,19 +146,16 @@ def hz(
       sfglab topic hz /camera/image_raw --window 100 --domain 7
       sfglab topic hz /chatter --duration 5 --json
     """
-    from sfglab.bus.listing import view
     from sfglab.bus.meters import Rate
 
     meter = Rate(window)
 
     async def measure(node: Node) -> None:
-        publishers = await _publishers(node, topic, _REPORT_S)
-        if not publishers:
+        if not await _is_published(node, topic, _REPORT_S):
             typer.echo(f"WARNING: topic [{topic}] does not appear to be published yet", err=True)
-        while not publishers:
-            publishers = await _publishers(node, topic, _TOPIC_S)
-        name = _type_of(view(node), topic)
-        subscription = _subscribed(node, topic, name, publishers, raw=True)
+        while not await _is_published(node, topic, _TOPIC_S):
+            pass
+        subscription = await _subscribed(node, topic, raw=True)
         typer.echo(f"Subscribed to [{topic}]", err=as_json)
         printed_ns: int | None = None
         try:
@@ -250,29 +244,34 @@ def _full_type(name: str) -> str:
     return type_name(name if not rest or "/" in rest else f"{package}/msg/{rest}")
 
 
-async def _publishers(node: Node, topic: str, timeout_s: float) -> list[EndpointInfo]:
-    """Return the publishers of a topic after a time in which they are discovered."""
+def _publishers(node: Node, topic: str) -> list[EndpointInfo]:
+    """Return the publishers of a topic that are discovered."""
     from sfglab.bus import EndpointKind
     from sfglab.bus.listing import view
 
-    def found() -> list[EndpointInfo]:
-        ends = view(node).ends(topic, EndpointKind.PUBLISHER)
-        return [end for end in ends if end.transport == "dds"]
-
-    if await node.graph.wait_for(lambda: bool(found()), timeout_s):
-        await asyncio.sleep(_OTHERS_S)
-    return found()
+    ends = view(node).ends(topic, EndpointKind.PUBLISHER)
+    return [end for end in ends if end.transport == "dds"]
 
 
-def _subscribed(
-    node: Node, topic: str, type_name: str, publishers: list[EndpointInfo], *, raw: bool = False
+async def _is_published(node: Node, topic: str, timeout_s: float) -> bool:
+    return await node.graph.wait_for(lambda: bool(_publishers(node, topic)), timeout_s)
+
+
+async def _subscribed(
+    node: Node, topic: str, type_name: str | None = None, advice: str = "", *, raw: bool = False
 ) -> Subscription:
-    """Return a subscription to a topic with the QoS that matches all publishers."""
-    from sfglab.bus.listing import usual_qos
+    """Return a subscription to a topic with the QoS that matches all publishers.
 
-    return node.create_subscription(
-        _full_type(type_name), topic, qos=usual_qos(publishers), raw=raw
-    )
+    It waits until publishers are discovered. Without `type_name`, it takes their type; `advice` ends the error
+    for several types.
+    """
+    from sfglab.bus.listing import usual_qos, view
+
+    if await _is_published(node, topic, _TOPIC_S):
+        await asyncio.sleep(_OTHERS_S)
+    name = _full_type(type_name or _type_of(view(node), topic, advice))
+    qos = usual_qos(_publishers(node, topic))
+    return node.create_subscription(name, topic, qos=qos, raw=raw)
 
 
 def _type_of(seen: View, topic: str, advice: str = "") -> str:

@@ -86,6 +86,7 @@ class LogReader(AbstractContextManager["LogReader"]):
         mcap_files = [file for file in self._files if isinstance(file, McapFile)]
         self._metadata = {name: file for file in mcap_files for name in file.metadata}
         self._attachments = {name: file for file in mcap_files for name in file.attachments}
+        self._decoder_of = functools.cache(self._decoder)
         channels = [channel for file in self._files for channel in file.channels.values()]
         self._channels: dict[str, list[Channel]] = {}
         for channel in sorted(channels, key=attrgetter("topic")):
@@ -165,24 +166,29 @@ class LogReader(AbstractContextManager["LogReader"]):
         return self._merged(channels, start, end)
 
     def decoded(self, topic: str) -> Iterator[DecodedMessage]:
-        """Return the messages of a topic, deserialised by the definition in the log.
-
-        Types that this process does not know are read as well. Where the definition is the one that sfglab has,
-        or the log has none, the messages are of the type that `sfglab.messages.message_type` returns. Raises
-        LogError as `messages`, and while iterating where something is no CDR or no text, CdrError where bytes
-        or definition are of no use.
-        """
-        decoder_of = functools.cache(self._decoder)
+        """Return the messages of a topic, deserialised; errors as of `messages`, and while iterating of `decode`."""
         return (
             DecodedMessage(
                 topic,
                 entry.type_name,
                 entry.log_time_ns,
                 entry.publish_time_ns,
-                decoder_of(entry.channel)(entry.cdr),
+                self.decode(entry),
             )
             for entry in self.messages(topic)
         )
+
+    def decode(self, message: LogMessage) -> Any:
+        """Return a message of this log, deserialised by the definition in the log.
+
+        Types that this process does not know are read as well. If the definition is the one that sfglab has,
+        or the log has none, the message is of the type that `sfglab.messages.message_type` returns.
+
+        Raises:
+            LogError: The message is no CDR, or its type is not known.
+            CdrError: The bytes or the definition are damaged.
+        """
+        return self._decoder_of(message.channel)(message.cdr)
 
     def knows(self, topic: str) -> bool:
         """Return whether this process has the type of a topic's messages with the same fields."""

@@ -7,9 +7,7 @@ read from its place in the bytes.
 from __future__ import annotations
 
 import functools
-import heapq
 import struct
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfglab.messages import decoder, message_type, ns_from_stamp
@@ -83,23 +81,12 @@ def _from_message(message: Any) -> int:
 
 
 def arrivals_of(log: LogReader, topics: Collection[str]) -> Iterator[Arrival]:
-    """Return the messages of some topics of a log, in the order of reception.
+    """Yield the messages of some topics of a log, in the order of reception.
 
     The log's own definitions decode types that this process does not know as they are there.
     """
-    foreign = [topic for topic in topics if not log.knows(topic)]
-    own = set(topics).difference(foreign)
-    sources = [_own_arrivals(log, own)]
-    sources += [_decoded_arrivals(log, topic) for topic in foreign]
-    return heapq.merge(*sources, key=attrgetter("received_ns"))
-
-
-def _own_arrivals(log: LogReader, topics: Collection[str]) -> Iterator[Arrival]:
+    foreign = {topic for topic in topics if not log.knows(topic)}
     for entry in log.messages():
         if entry.topic in topics:
-            yield Arrival(entry.topic, entry.type_name, entry.log_time_ns, entry.cdr)
-
-
-def _decoded_arrivals(log: LogReader, topic: str) -> Iterator[Arrival]:
-    for entry in log.decoded(topic):
-        yield Arrival(topic, entry.type_name, entry.log_time_ns, b"", entry.message)
+            message = log.decode(entry) if entry.topic in foreign else None
+            yield Arrival(entry.topic, entry.type_name, entry.log_time_ns, entry.cdr, message)
