@@ -112,15 +112,16 @@ def open_log(path: Path, stack: ExitStack) -> tuple[list[McapFile | SqliteFile],
 def _opened_parts(path: Path, bag: _Bag | None, stack: ExitStack) -> list[McapFile | SqliteFile]:
     """Open the files of a folder that can be read."""
     files = []
-    error = LogError(f"log {path}: given a folder without .mcap or .db3 files")
+    problems = [LogError(f"log {path}: given a folder without .mcap or .db3 files")]
     for part in _parts_of(path, bag):
         try:
             files.append(_opened(part, stack))
-        except LogError as found:
-            _LOG.warning("%s", found)
-            error = found
+        except LogError as error:
+            problems.append(error)
     if not files:
-        raise error
+        raise problems[-1]
+    for problem in problems[1:]:
+        _LOG.warning("%s", problem)
     return files
 
 

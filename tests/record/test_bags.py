@@ -119,20 +119,25 @@ WRONG = {
     "a.db3": (b"SQLite format 3\0" * 10, "damaged or not readable"),
     "a.bag": (b"#ROSBAG V2.0\n", "a bag of ROS 1: convert it with rosbags-convert"),
     "folder": (None, "given a folder without .mcap or .db3 files"),
+    "damaged": (None, "not an MCAP file"),
     "cut.db3": (None, "damaged or not readable"),
 }
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_no_log_is_one_sentence(tmp_path, name):
+def test_what_is_no_log_is_one_sentence(tmp_path, name, caplog):
     path = tmp_path / name
     content, said = WRONG[name]
     if name == "folder":
         path.mkdir()
+    elif name == "damaged":
+        path.mkdir()
+        (path / "a.mcap").write_bytes(b"nothing")
     elif name == "cut.db3":
         write_db3(path, [("/a", second, bytes(99)) for second in range(2000)]).close()
         content = path.read_bytes()[:99_999]
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(LogError, match=f"log {path}: {said}"), LogReader(path) as log:
+    with pytest.raises(LogError, match=rf"log {path}\S*: {said}"), LogReader(path) as log:
         list(log.messages())
+    assert caplog.text == ""
