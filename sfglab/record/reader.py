@@ -66,7 +66,7 @@ class LogReader(AbstractContextManager["LogReader"]):
     A bag is a rosbag2 folder (SQLite or MCAP, also compressed) or its .db3 file, of any ROS 2.
 
     A file whose writer was killed, or that is still being written, is read up to its last whole chunk
-    at the time of opening; `truncated` is then true. What else cannot be read is logged as a warning.
+    at the time of opening; `truncated` is then true. A warning is logged for each other part that cannot be read.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
