@@ -3,7 +3,6 @@
 import asyncio
 import os
 import signal
-import threading
 from contextlib import closing
 from dataclasses import replace
 
@@ -14,7 +13,6 @@ import pytest
 from made_logs import CLAIMS, made_run, reference
 
 from sfglab.bus import Node
-from sfglab.codecs import image_decoder
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.lab.bench import Options
@@ -22,12 +20,11 @@ from sfglab.lab.claims import Verdict, entry_for
 from sfglab.lab.experiments.decode_once import cost_model, decoding_costs, exp, results
 from sfglab.lab.experiments.decode_once.experiment import check_counts, groups_of
 from sfglab.lab.experiments.decode_once.live import HOSTS, LOCAL_DOMAIN, Processes
-from sfglab.lab.explore.interactive import argument_texts, setting_of
 from sfglab.lab.sources import open_source
 from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.viewer import IMAGE
 from sfglab.messages import ns_from_stamp
-from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
+from sfglab.qos import SENSOR_DATA
 from sfglab.record import LogReader
 
 NET, DEC, IPC = 1.5, 5.0, {"dds": 2.0, "proxy": 0.5}
@@ -71,11 +68,10 @@ def judged(claim, run):
 
 
 def test_slopes_reduction_and_terms_of_known_costs_are_found_and_explain_everything(made):
-    streams = {"standard": 4, "dds": 0, "proxy": 0}
-    for mode, each in {"standard": NET + DEC, **IPC}.items():
-        assert results.slope(made, mode, "cpu").value == pytest.approx(each)
-        assert results.slope(made, mode, "rx").value == pytest.approx(streams[mode])
+    received = {mode: results.slope(made, mode, "rx").value for mode in ("standard", "dds")}
+    assert received == pytest.approx({"standard": 4, "dds": 0})
     for way, ipc in IPC.items():
+        assert results.slope(made, way, "cpu").value == pytest.approx(ipc)
         less = results.reduction(made, way)
         assert less.value == pytest.approx(100 * (1 - ipc / (NET + DEC)))
         model = cost_model(made, way=way)
@@ -92,15 +88,10 @@ def test_slopes_reduction_and_terms_of_known_costs_are_found_and_explain_everyth
         ({"dds": {"missed": 2}}, {"A-CPU-SFG": "deviates", "A-CPU-OURS": "better"}),
         ({"ipc": {"dds": 2, "proxy": 9}}, {"A-CPU-SFG": "reproduced", "A-CPU-OURS": "deviates"}),
     ],
-    ids=["all", "pictures are lost", "a load that grows more"],
 )
 def test_each_way_of_passing_pictures_on_is_judged_by_itself(tmp_path, changes, verdicts):
     run = make(tmp_path / "made.mcap", **changes)
-    found = exp.measure(run)
-    entries = {claim: entry_for(CLAIMS[claim], found.get(claim)) for claim in verdicts}
-    assert {claim: entry.verdict.value for claim, entry in entries.items()} == verdicts
-    figure, _ = exp.draw("decode_once_h264", run)
-    assert len(figure.axes) == 2
+    assert {claim: judged(claim, run).verdict.value for claim in verdicts} == verdicts
 
 
 @pytest.mark.parametrize(
@@ -159,24 +150,25 @@ def test_cells_are_measured_in_the_order_of_the_committed_log_and_modes_of_a_cou
     rows = pd.DataFrame([cell for group in groups for cell in group])
     assert results.stream_cells(run)[rows.columns].equals(rows)
     for group in groups:
-        modes = {cell.mode for cell in group}
-        assert modes in ({"network"}, {"standard", "proxy"}, {"standard", "proxy", "dds"})
         assert len({(cell.subscribers, cell.repeat) for cell in group}) == 1
+        modes = {cell.mode for cell in group}
+        assert modes == {"network"} or modes >= {"standard", "proxy"}
 
 
 def test_the_explorer_has_the_reference_s_costs_and_scales_them():
-    run = reference(exp)
-    fit, panel = cost_model(run), "CPU by Eq. 2 and 3"
-    usual = decoding_costs(subscribers=7).at(panel, 7).set_index("series")["y"]
+    fit = cost_model(reference(exp))
+
+    def costs(**setting):
+        shown = decoding_costs(subscribers=7, **setting).at("CPU by Eq. 2 and 3", 7)
+        return shown.set_index("series")["y"]
+
+    usual = costs()
     standard, dds = usual[results.LABELS["standard"]], usual[results.LABELS["dds"]]
     assert standard == pytest.approx(7 * (fit.net.value + fit.dec.value))
     assert dds == pytest.approx(fit.net.value + fit.dec.value + 7 * fit.ipc.value)
-    large = {"picture_size": "1920 x 1080", "rate_hz": 60.0}
-    more = decoding_costs(subscribers=7, **large).at(panel, 7).set_index("series")["y"]
+    more = costs(picture_size="1920 x 1080", rate_hz=60.0)
     assert more.to_dict() == pytest.approx((18 * usual).to_dict())
-    hardware = decoding_costs(subscribers=7, hardware_decoding=True).at(panel, 7)
-    assert (hardware.set_index("series")["y"] < usual).all()
-    assert set(argument_texts(decoding_costs)) == {*vars(setting_of(decoding_costs))}
+    assert (costs(hardware_decoding=True) < usual).all()
 
 
 # --- Live -------------------------------------------------------------------------------------
@@ -185,33 +177,21 @@ def test_the_explorer_has_the_reference_s_costs_and_scales_them():
 @pytest.mark.live
 async def test_the_stamp_of_a_received_picture_is_that_of_the_frame_in_its_pixels():
     config = exp.config("smoke", encoder="libx264")
-    received = {"standard": [], "proxy": []}
+    received = []
+
+    def take(image):
+        pixels = np.array(image.data).reshape(image.height, image.width, 3)
+        received.append((ns_from_stamp(image.header.stamp), pixels))
+
     with Testbed(*HOSTS, separate=False) as testbed:
         async with Processes(config, testbed) as processes:
-            route, local = routes_of_topic(processes.topic)[0], {"domain_id": LOCAL_DOMAIN}
-            decoder = image_decoder(route.source_type, route.codec)
-
-            def decode(message):
-                images = [image.array for image in decoder.feed(message)]
-                received["standard"] += [(message.header.stamp, image) for image in images]
-
-            def take(image):
-                pixels = np.array(image.data).reshape(image.height, image.width, 3)
-                received["proxy"].append((image.header.stamp, pixels))
-
-            async with (
-                Node("there", **processes.shared("consumer").options()) as there,
-                Node("here", interface="lo", **local) as here,
-            ):
-                there.create_subscription(
-                    route.source_type, processes.topic, decode, COMPRESSED_STREAM
-                )
+            [route, *_] = routes_of_topic(processes.topic)
+            async with Node("here", domain_id=LOCAL_DOMAIN, interface="lo") as here:
                 here.create_subscription(IMAGE, route.local_topic, take, SENSOR_DATA)
                 await processes.look(1, mode="proxy")
-                for pictures in received.values():
-                    pictures.clear()
+                received.clear()
                 async with asyncio.timeout(60):
-                    while min(map(len, received.values())) < 40:
+                    while len(received) < 40:
                         await asyncio.sleep(0.1)
                 [seen] = await processes.stop(1)
     assert (seen["unreadable"], seen["disordered"], seen["broken"]) == (0, 0, 0)
@@ -219,42 +199,31 @@ async def test_the_stamp_of_a_received_picture_is_that_of_the_frame_in_its_pixel
     numbers = {stamp_ns: number for number, stamp_ns, _ in processes.sent}
     with closing(open_source(config.source, seed=config.seed)) as source:
         frames = [source.frame().bgr.astype(int) for _ in range(max(numbers.values()) + 3)]
-    for mode, pictures in received.items():
-        assert len(pictures) > 10, mode
-        for stamp, pixels in pictures[:10]:
-            number = numbers[ns_from_stamp(stamp)]
-            first = max(0, number - 2)
-            errors = [np.abs(frame - pixels).mean() for frame in frames[first : number + 3]]
-            assert np.argmin(errors) == number - first, (mode, number)
+    for stamp_ns, pixels in received[-10:]:
+        number = numbers[stamp_ns]
+        first = max(0, number - 2)
+        errors = [np.abs(frame - pixels).mean() for frame in frames[first : number + 3]]
+        assert np.argmin(errors) == number - first
 
 
 @pytest.mark.live
 @pytest.mark.slow
-def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_path):
+def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_path, monkeypatch):
     log, journal = tmp_path / "run.mcap", tmp_path / "decode_once-smoke-cells.journal"
-    before = set(psutil.Process().children(recursive=True))
-    children, ended = [], threading.Event()
+    measure, children = Processes.measure, []
 
-    def interrupt():
-        # Until a group of cells is measured.
-        while not journal.exists() or journal.read_bytes().count(b"\n") < 2:
-            if ended.wait(0.1):
-                return
-        children.extend(set(psutil.Process().children(recursive=True)) - before)
-        os.kill(os.getpid(), signal.SIGINT)
+    async def interrupted(processes, cell):
+        # After the first group of cells.
+        if journal.read_bytes().count(b"\n") == 2:
+            children.extend(psutil.Process().children(recursive=True))
+            os.kill(os.getpid(), signal.SIGINT)
+        return await measure(processes, cell)
 
-    thread = threading.Thread(target=interrupt, daemon=True)
-    thread.start()
+    monkeypatch.setattr(Processes, "measure", interrupted)
+    changes = {"counts": (1, 2), "dds_counts": (1, 2), "network_counts": (1,)}
     options = Options(separate=False)
-    changes = {"counts": (1, 2), "dds_counts": (1, 2), "network_counts": (1,), "repeats": 25}
-    changes |= {"encoder": "libx264", "raw_s": 0.5}
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            asyncio.run(exp.run("smoke", path=log, options=options, **changes))
-    finally:
-        # If the run ended by itself, no signal must end the tests.
-        ended.set()
-        thread.join()
+    with pytest.raises(KeyboardInterrupt):
+        asyncio.run(exp.run("smoke", path=log, options=options, encoder="libx264", **changes))
     assert len(children) >= 3
     _, alive = psutil.wait_procs(children, timeout=60)
     assert not alive

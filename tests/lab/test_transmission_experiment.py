@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections import deque
 from dataclasses import replace
@@ -13,15 +12,13 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_logs import reference
-from matplotlib.figure import Figure
+from made_logs import ran, reference
 
 from sfglab.arp import hello
 from sfglab.arp.cache import CacheControl
 from sfglab.lab.experiments.transmission import exp, results
 from sfglab.lab.experiments.transmission.experiment import grid, simulate_cell
 from sfglab.lab.experiments.transmission.live import GROUPS, compare, live_cells, measure
-from sfglab.lab.explore import interactive
 from sfglab.lab.hosts import RadioCounters
 from sfglab.lab.live_flows import Played, hosts_of, live_hosts
 from sfglab.lab.workers.scenario_player import Player, _Executor, _Inlet, text_of, value_of
@@ -29,9 +26,8 @@ from sfglab.messages import deserialize
 from sfglab.qos import Durability, QoSProfile
 from sfglab.rtps import CYCLONE_DDS, Fate, Flow, Medium, Outcome, Scenario, run
 
-CHANGES = {"live_s": 0.0, "seeds": 2, "duration_s": 1.0, "rates_hz": (100, 1000)}
-CHANGES |= {"depths": (1, 1000), "methods": ("none", "OPT", "LC", "OPT+LC")}
-SMALL = exp.config("smoke", **CHANGES)
+NO_LIVE = {"live_s": 0.0, "seeds": 1, "duration_s": 0.5, "rates_hz": (1000,)}
+SMALL = exp.config("smoke", depths=(1,), methods=("none", "OPT+LC"), **NO_LIVE)
 CALM = Medium(rate_bps=1e8, loss=0.0, overhead_s=50e-6)
 
 
@@ -42,7 +38,7 @@ CALM = Medium(rate_bps=1e8, loss=0.0, overhead_s=50e-6)
 def test_the_order_is_judged_by_winner_and_by_loser(best, small, deep, wins, worst):
     medians = [
         *(("opt", "OPT+LC", best), ("1", "none", small), ("1000", "none", deep)),
-        *(("opt", "OPT", 0.2), ("10", "LC", 0.2)),
+        *(("opt", "OPT", 0.2), ("10", "LC", 0.4)),
         ("1", "OPT", 0.0),  # not the depth that OPT chooses: no rival
     ]
     table = pd.DataFrame(medians, columns=["depth", "method", "median"])
@@ -63,35 +59,24 @@ def test_a_cell_counts_with_the_rate_the_depth_and_the_messages_of_table_2_alone
     assert results.as_in_table_2(table, 1.0).tolist() == [True, False, False, False]
 
 
-@pytest.mark.parametrize(
-    "change", [{"durability": Durability.TRANSIENT_LOCAL}, {"deadline_ns": 1}, {"depth": 11}]
-)
+@pytest.mark.parametrize("change", [{"durability": Durability.TRANSIENT_LOCAL}, {"depth": 11}])
 def test_a_cell_whose_flow_has_other_policies_than_table_2s_is_found(monkeypatch, change):
     assert results.other_policies(SMALL) == []
 
     def changed(cell):
         scenario = hello.scenario_of(cell)
-        flow = scenario.flows[0]
-        qos = replace(flow.qos, **change)
-        return replace(scenario, flows=(replace(flow, qos=qos), *scenario.flows[1:]))
+        first, *others = scenario.flows
+        flow = replace(first, qos=replace(first.qos, **change))
+        return replace(scenario, flows=(flow, *others))
 
     monkeypatch.setattr(results, "scenario_of", changed)
     assert results.other_policies(SMALL) == grid(SMALL)
 
 
-@pytest.mark.slow
-def test_a_run_repeats_to_the_byte_and_fills_its_claims(tmp_path):
-    paths = [tmp_path / name / "a.mcap" for name in ("one", "two")]
-    one, two = (asyncio.run(exp.run("smoke", path=path, **CHANGES)) for path in paths)
-    assert one.table("cell").equals(two.table("cell"))
-    assert len(one["cell"]) == len(grid(SMALL)) * SMALL.seeds
-    assert one.skipped("live") == one.skipped("validation") == "not asked for"
-    measured = exp.measure(one)
-    assert set(measured) == {"B-TAB2", "B-LAT", "B-LOSS"}
-    assert measured["B-TAB2"].estimate.value == pytest.approx(len(grid(SMALL)) / 196)
-    figures = {f"transmission_{name}" for name in ("latency", "loss", "live", "validation")}
-    assert set(exp.figures(one)) == figures
-    assert (results.causes(one)["channel utilisation (%)"] > 0).all()
+def test_what_was_not_run_is_said_and_does_not_count(tmp_path):
+    run = ran(exp, tmp_path / "a.mcap", depths=(1,), methods=("none", "OPT+LC"), **NO_LIVE)
+    assert run.skipped("live") == run.skipped("validation") == "not asked for"
+    assert exp.measure(run)["B-TAB2"].estimate.value == pytest.approx(len(grid(SMALL)) / 196)
 
 
 def test_a_cell_of_the_log_is_simulated_again_from_its_row():
@@ -100,18 +85,6 @@ def test_a_cell_of_the_log_is_simulated_again_from_its_row():
     cell = hello.GridCell(rate_max_hz=100, depth=row.depth, method=row.method, duration_s=60.0)
     again = simulate_cell(cell, row.seed)
     assert {name: getattr(row, name) for name in again} == pytest.approx(again, nan_ok=True)
-
-
-def test_a_method_that_lacks_a_depth_is_drawn_at_its_own_depths():
-    columns = ["rate_max_hz", "depth", "method", "median"]
-    rows = [(100, "1", "none", 1.0), (100, "10", "none", 2.0), (100, "10", "LC", 3.0)]
-    table = pd.DataFrame(rows, columns=columns)
-    figure = Figure()
-    table = table.assign(min=table["median"], max=table["median"])
-    results.draw_grid(figure, table, "loss", scale="linear")
-    axes = figure.axes[0]
-    (place,) = [line.get_xdata()[0] for line in axes.lines if list(line.get_ydata()) == [3.0]]
-    assert round(place) == 1, "the second depth"
 
 
 # --- Live cells beside the model --------------------------------------------------------------
@@ -132,18 +105,10 @@ def outcome_of_losses(lost_up: int, lost_down: int) -> Outcome:
     return outcome
 
 
-def played(outcome: Outcome, **changes) -> Played:
-    """Return what was played without lateness, but for changes."""
-    radio = RadioCounters(delivered=100)
-    usual = {"radio": radio, "late_p95_s": 0.0}
-    scenario = hello.scenario_of(grid(SMALL)[0])
-    return Played(scenario=scenario, outcome=outcome, **usual | changes)
-
-
 def test_losses_and_latencies_are_those_of_their_group():
     measured = [measure(outcome_of_losses(1, 2), group) for group in GROUPS]
-    assert [loss for loss, _ in measured] == pytest.approx([0.0, 0.1, 0.3])
-    up_ms, round_ms = (p50_ms for _, p50_ms in measured[1:])
+    losses, (_, up_ms, round_ms) = zip(*measured, strict=True)
+    assert losses == pytest.approx([0.0, 0.1, 0.3])
     assert 1.0 < up_ms < 1.3
     assert round_ms == pytest.approx(2 * up_ms, rel=0.1)
 
@@ -151,25 +116,29 @@ def test_losses_and_latencies_are_those_of_their_group():
 @pytest.mark.parametrize(
     ("live", "model", "agrees"),
     [
-        ((0, 0), (0, 0), [True, True]),
-        ((0, 0), (0, 1), [False, True]),
-        ((10, 0), (0, 0), [False] * 2),
+        ((0.03, 10.0), (0.0, 7.0), [True, True]),
+        ((0.031, 10.0), (0.0, 6.9), [False, False]),
+        ((0.0, np.nan), (0.0, 10.0), [True, False]),
     ],
 )
 def test_three_points_and_thirty_percent_agree_and_nothing_agrees_with_no_latency(
     live, model, agrees
 ):
-    row = compare(played(outcome_of_losses(*live)), [outcome_of_losses(*model)], "hello")
-    table = results.agreeing(pd.DataFrame([row]))
+    columns = ["loss_live", "p50_live_ms", "loss_model", "p50_model_ms"]
+    table = results.agreeing(pd.DataFrame([[*live, *model]], columns=columns))
     assert table[["loss_agrees", "latency_agrees"]].iloc[0].tolist() == agrees
 
 
-def test_a_cell_that_did_not_keep_its_schedule_is_marked():
-    outcome = outcome_of_losses(0, 0)
-    late = RadioCounters(delivered=100, late=2)
-    assert played(outcome).kept_up
-    assert not played(outcome, radio=late).kept_up
-    assert not played(outcome, late_p95_s=3e-3).kept_up
+@pytest.mark.parametrize(
+    ("late", "late_p95_s", "kept_up"), [(0, 0.0, True), (2, 0.0, False), (0, 3e-3, False)]
+)
+def test_a_cell_that_did_not_keep_its_schedule_is_marked(late, late_p95_s, kept_up):
+    scenario, radio = hello.scenario_of(grid(SMALL)[0]), RadioCounters(delivered=100, late=late)
+    outcome = outcome_of_losses(0, 1)
+    played = Played(scenario=scenario, outcome=outcome, radio=radio, late_p95_s=late_p95_s)
+    row = compare(played, [outcome_of_losses(0, 2)], "hello")
+    assert row["kept_up"] is kept_up
+    assert (row["loss_live"], row["loss_model"]) == pytest.approx((0.1, 0.2))
 
 
 def test_live_cells_agree_in_latency_and_but_for_two_saturated_ones_in_loss():
@@ -183,8 +152,8 @@ def test_live_cells_agree_in_latency_and_but_for_two_saturated_ones_in_loss():
 
 def test_optimised_methods_have_the_depth_of_eq_6_live_as_well():
     cells = live_cells(exp.config("quick"))
-    assert len(cells) == 2 * (3 + 4)
     assert {cell.method for cell in cells if cell.depth == "opt"} == {"OPT+LC"}
+    assert len({cell.depth for cell in cells}) > 1
     assert live_cells(SMALL) == []
 
 
@@ -226,46 +195,25 @@ async def test_flows_caches_and_chains_run_live_as_in_the_model():
         Flow(name="move", size_bytes=14, source="station", target="robot", qos=flow["qos"]),
     )
     scenario = Scenario(flows=flows, medium=CALM, vendor=CYCLONE_DDS, duration_s=1.0, drain_s=3.0)
-    lossy = replace(scenario, medium=replace(CALM, loss=0.3), flows=flows[:1])
     async with live_hosts(*hosts_of(scenario)) as hosts:
-        live, worse = [await hosts.play(one, seed=3) for one in (scenario, lossy)]
+        live = await hosts.play(scenario, seed=3)
     found = live.outcome.flows
-    assert {name: f.loss for name, f in found.items()} == dict.fromkeys(found, 0.0)
+    assert [outcome.loss for outcome in found.values()] == [0.0] * len(flows)
     assert [len(found[name].fate) for name in ("plain", "compared", "hello", "move")] == [100] * 4
     assert 1 < len(found["cached"].fate) == len(np.unique(found["cached"].value)) < 40
     assert (found["move"].value == found["hello"].value).all()
     assert (found["move"].published_ns >= found["hello"].received_ns).all()
-    assert live.scenario.medium.latency_s > 0
-    assert worse.radio.lost > 10
 
 
 # --- Explorer ---------------------------------------------------------------------------------
 
 
-def test_the_explorer_shows_a_coarse_picture_and_then_the_whole_one():
-    found = [picture for picture in results.hello_over_depth(rate_max_hz=50) if picture]
-    coarse, whole = found
+def test_the_explorer_can_be_left_and_shows_a_coarse_picture_and_then_the_whole_one():
+    # Between cells it yields nothing.
+    began, *others = results.hello_over_depth(rate_max_hz=50)
+    assert began is None
+    coarse, whole = [picture for picture in others if picture]
     assert "simulated for 1 s" in coarse.said
     assert "simulated for 20 s" in whole.said
-    titles = [[panel.title for panel in picture.panels] for picture in found]
-    assert titles[0] == titles[1]
     used = whole.at("channel utilisation", 10).set_index("series")["y"]
     assert used["both (OPT+LC)"] < used["balanced QoS (OPT)"] < used["no method"]
-    assert set(interactive.argument_texts(exp.explorers["hello_over_depth"])) == {
-        *vars(interactive.setting_of(results.hello_over_depth))
-    }
-
-
-def test_an_explorer_that_is_left_simulates_no_further_cell(monkeypatch):
-    simulated = []
-
-    def simulate(cell, seed):
-        simulated.append(cell)
-        time.sleep(0.02)
-        return simulate_cell(cell, seed)
-
-    monkeypatch.setattr(results, "simulate_cell", simulate)
-    pictures = results.hello_over_depth()
-    assert next(pictures) is None
-    pictures.close()
-    assert len(simulated) < 4 * 7
