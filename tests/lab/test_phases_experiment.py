@@ -13,13 +13,7 @@ from made_logs import CLAIMS, ran, reference
 from sfglab.lab.claims import Verdict, entry_for
 from sfglab.lab.experiments.phases import exp, phases, press_map
 from sfglab.lab.experiments.phases.experiment import CELLS, LAPS, PLACE, conditions, plausible
-from sfglab.lab.experiments.phases.results import (
-    ANSWERS,
-    answers,
-    by_conditions,
-    command_of,
-    mapped,
-)
+from sfglab.lab.experiments.phases.results import by_conditions, command_of, mapped
 from sfglab.lab.runs import COMPLETION, lines_of
 
 
@@ -28,13 +22,11 @@ def test_there_are_432_conditions_and_27_of_the_criterion_for_each_mode_and_rate
     found = pd.DataFrame(plausible(), columns=PLACE)
     assert (found.groupby(["preset", "rate_max_hz"]).size() == 27).all()
     assert found["loss"].unique() == pytest.approx([0.0003, 0.001732, 0.01])
-    assert sorted(found["stall_ms"].unique()) == [0, 50, 100]
+    assert found["stall_ms"].unique().tolist() == [0, 50, 100]
 
 
-def test_a_small_run_is_drawn_and_not_judged(tmp_path):
+def test_a_small_run_is_not_judged(tmp_path):
     run = ran(exp, tmp_path / "a.mcap")
-    assert len(run["cell"]) == 14 * len(run["course"]) / 4
-    assert set(exp.figures(run)) == {"phases"}
     assert exp.measure(run) == {}
     assert len(phases(run)) == 2
 
@@ -43,12 +35,13 @@ def test_a_click_prints_the_cells_and_a_command_that_simulates_the_condition_aga
     pytest.importorskip("ipywidgets", reason="the extra view is not installed")
     run = reference(exp)
     place = lines_of(mapped(run))[-1]
-    words = shlex.split(command_of(run, place))[3:]
-    fields = {name: yaml.safe_load(value) for name, value in (word.split("=") for word in words)}
-    again = conditions(exp.config("quick", **fields))
-    assert [one.rate_max_hz for one in again] == [100, 200, 500, 1000]
-    for one in again:
-        assert (one.preset, one.loss, one.frame_us) == (place.preset, place.loss, place.frame_us)
+    words = [word.split("=") for word in shlex.split(command_of(run, place))[3:]]
+    again = conditions(
+        exp.config("quick", **{name: yaml.safe_load(value) for name, value in words})
+    )
+    found = [(one.rate_max_hz, one.preset, one.loss, one.frame_us) for one in again]
+    here = (place.preset, place.loss, place.frame_us)
+    assert found == [(rate_hz, *here) for rate_hz in (100, 200, 500, 1000)]
     pressed = press_map(run, place.preset)
     pressed.press(str(place.Index))
     assert "OPT+LC" in pressed.widget.children[0].value
@@ -88,16 +81,6 @@ def agreeing() -> tuple[pd.DataFrame, pd.DataFrame]:
     laps[["method", "depth"]] = laps.pop("cell").to_list()
     laps["end"] = np.where(laps["method"] == "OPT+LC", "success", "contact")
     return places.merge(cells, "cross"), places.merge(laps.assign(robot="robot2"), "cross")
-
-
-@pytest.mark.parametrize(("best_ms", "lowest"), [(10.0, 1), (22.0, 0)])
-def test_each_question_has_an_answer(best_ms, lowest):
-    cells, laps = agreeing()
-    changed = cells["pooled_ms"].mask(cells["method"] == "OPT+LC", best_ms)
-    [shown] = (
-        answers(cells.assign(pooled_ms=changed), laps)[[*ANSWERS]].drop_duplicates().to_numpy()
-    )
-    assert shown.tolist() == [lowest, 1, 1, 1, 1, 0]
 
 
 BEST = "method == 'OPT+LC'"
@@ -184,25 +167,13 @@ def test_conditions_that_the_configuration_does_not_ask_for_are_not_shown():
     run = reference(exp)
     assert len(run["course"].drop_duplicates(PLACE)) == 264
     assert len(phases(run)) == len(conditions(run.config)) == 252
-    assert mapped(run)["loss"].nunique() == 6
 
 
 def test_an_interval_by_conditions_takes_laps_of_a_condition_together():
     _, laps = agreeing()
     laps = laps.query(FOXY)
-    half = laps["method"].eq("OPT+LC") & (laps["loss"] == 0.01)
-    done = laps.assign(done=laps["method"].eq("OPT+LC") & ~half)
-    whole = by_conditions(laps.assign(done=laps["method"].eq("OPT+LC")))
-    assert (whole.value, whole.low, whole.high) == (1, 1, 1)
-    part = by_conditions(done)
+    laps = laps.assign(done=laps["method"].eq("OPT+LC") & laps["loss"].lt(0.01))
+    part = by_conditions(laps)
     assert part.value == pytest.approx(2 / 3)
     # As for 27 draws, and not for 27 x 8 laps.
     assert part.high - part.low == pytest.approx(2 * 1.96 * np.sqrt(2 / 9 / 27), rel=0.15)
-
-
-def test_contacts_and_stops_are_told_apart():
-    details = exp.measure(reference(exp))["B-COOP"].details
-    assert (
-        details["fast_dds_foxy, none: ends of laps"] == "contact in 648 (robot2 in 20) of 648 laps"
-    )
-    assert "[0.153, 0.356]" in details["fast_dds_foxy, by conditions"]

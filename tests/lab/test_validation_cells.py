@@ -70,22 +70,22 @@ def test_what_judges_on_the_papers_own_middleware_is_written_down():
         assert set(criterion.region) == {"loss", "frame_us", "stall_ms"}
 
 
-MEASURED = ["loss_live", "loss_model", "p50_live_ms", "p50_model_ms", "kept_up"]
-
-
 def test_shares_are_of_cells_that_kept_their_schedule_by_medians_and_by_the_first_play(tmp_path):
     grid = replace(live.grid_cells(transmission.exp.config("paper"))[0], preset="fast_dds_sync")
-    differs, never_kept = live.topic_cells()[:2]
+    topic = replace(live.topic_cells()[0], preset="fast_dds_sync")
     plays = [
-        (grid, 0.9, 0.3, 10.0, 10.0, False),
-        (grid, 0.3, 0.3, 10.0, 20.0, True),
-        (grid, 0.3, 0.3, 10.0, 10.0, True),
-        (grid, 0.3, 0.3, 10.0, 10.0, True),
-        (differs, 0.5, 0.3, 9.0, 9.0, True),
-        (never_kept, 0.3, 0.3, 10.0, 10.0, False),
-        (replace(never_kept, preset="cyclone_dds"), 0.3, 0.3, 10.0, 10.0, False),
+        (grid, 0.9, 10.0, False),
+        (grid, 0.3, 20.0, True),
+        (grid, 0.3, 10.0, True),
+        (grid, 0.3, 10.0, True),
+        (topic, 0.5, 10.0, True),
+        (replace(topic, preset="cyclone_dds"), 0.3, 10.0, False),
     ]
-    rows = [asdict(cell) | dict(zip(MEASURED, values, strict=True)) for cell, *values in plays]
+    rows = []
+    for cell, loss, late_ms, kept_up in plays:
+        model = {"loss_model": 0.3, "p50_model_ms": 10.0}
+        seen = {"loss_live": loss, "p50_live_ms": late_ms, "kept_up": kept_up}
+        rows.append(asdict(cell) | model | seen)
     failed = {"failed": {"a cell": "no reason"}}
     run = made_run(
         transmission.exp, tmp_path / "made.mcap", {"validation": rows}, validation=failed
@@ -93,7 +93,7 @@ def test_shares_are_of_cells_that_kept_their_schedule_by_medians_and_by_the_firs
     table = results.validated(run).set_index(["of", "preset"])
     columns = ["cells", "both_within", "first_within"]
     assert table.loc[("grid", "fast_dds_sync"), columns].tolist() == [1, 1, 0]
-    assert table.loc[("topics", differs.preset), columns].tolist() == [1, 0, 0]
+    assert table.loc[("topics", "fast_dds_sync"), columns].tolist() == [1, 0, 0]
     assert ("topics", "cyclone_dds") not in table.index, "it has no play on time"
     figure, _ = transmission.exp.draw("transmission_validation", run)
     assert any(
@@ -102,33 +102,19 @@ def test_shares_are_of_cells_that_kept_their_schedule_by_medians_and_by_the_firs
     )
 
 
-def test_the_committed_log_shows_topics_and_the_grids_cells_on_fast_dds():
-    run = transmission.exp.load(DATA / "reference" / "transmission.mcap")
-    table = results.validated(run).set_index("of")
-    assert table.loc["topics", "preset"].tolist() == [*MODES]
-    assert len(table.loc["grid"]) == 2
-    both = table.loc["topics", "both_within"].tolist()
-    assert both == pytest.approx([0.875, 0.95, 0.925])
-    first = table.loc["topics", "first_within"].tolist()
-    assert first == pytest.approx([0.825, 0.925, 0.9])
-    assert len(results.played(run)) == 634
-    assert len(results.on_time(results.played(run))) == 501
-    best = results.on_time(results.played(run)).query("of == 'grid' and method == 'OPT+LC'")
-    assert best.groupby(["preset", "rate_hz"])["loss_live"].median().max() == 0
-
-
 def test_cells_of_the_grid_are_slowed_where_python_is_too_slow():
     cells = live.grid_cells(transmission.exp.config("paper"))
     factors = {cell.rate_hz: cell.slowed for cell in cells}
     assert factors == {100: 2, 200: 4, 500: 10, 1000: 20}
-    fast, slow = (replace(cells[-1], slowed=factor).scenario(8.0) for factor in (1.0, 20.0))
-    assert slow.flows[0].rate_hz == pytest.approx(fast.flows[0].rate_hz / 20)
-    airtimes_ns = [
-        airtime_ns(100, 1, medium.overhead_ns, medium.rate_bps, medium.contention)
-        for medium in (fast.medium, slow.medium)
-    ]
+    rates_hz, airtimes_ns = [], []
+    for factor in (1.0, 20.0):
+        scenario = replace(cells[-1], slowed=factor).scenario(8.0)
+        medium = scenario.medium
+        rates_hz.append(scenario.flows[0].rate_hz)
+        air = (medium.overhead_ns, medium.rate_bps, medium.contention)
+        airtimes_ns.append(airtime_ns(100, 1, *air))
+    assert rates_hz[0] == pytest.approx(20 * rates_hz[1])
     assert airtimes_ns[1] == pytest.approx(20 * airtimes_ns[0], rel=1e-6)
-    assert live.validation_cells(transmission.exp.config("quick")) == {}
 
 
 # --- The runner of live cells -----------------------------------------------------------------
@@ -142,51 +128,61 @@ class Cell:
     stage: str = "a"
 
 
-def test_a_run_that_is_broken_off_goes_on_and_one_whose_cell_fails_twice_counts_for_no_claim(
-    tmp_path,
-):
-    cells, played, started = [Cell(0), Cell(1), Cell(2, "b"), Cell(3)], [], []
+@asynccontextmanager
+async def started(stage):
+    """Provide the processes of a stage, which are its name."""
+    yield stage
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """The context of a run of a made-up experiment."""
     config, log = SimpleNamespace(profile="quick"), SimpleNamespace(path=tmp_path / "a.mcap")
-    bench = Mock(experiment="made", config=config, log=log)
+    return Mock(experiment="made", config=config, log=log)
 
-    @asynccontextmanager
-    async def start(stage):
-        started.append(stage)
-        yield stage
 
-    async def play(stage, cell, repeat):
-        assert stage == cell.stage
+def run(bench, cells, play, *, start=started, repeats=1):
+    how = {"stage_of": lambda cell: cell.stage, "start": start, "play": play}
+    with ExitStack() as bench.stack:
+        asyncio.run(run_cells(bench, "made", dict.fromkeys(cells, repeats), **how))
+
+
+def test_a_run_that_is_broken_off_goes_on(bench, tmp_path):
+    played = []
+
+    async def play(_, cell, repeat):
         played.append((cell.number, repeat))
-        if cell.number == 1:
-            raise ProcessFailedError("it ended")
-        if played.count((3, 1)) == 1 and cell.number == 3:
+        if len(played) == 3:
             raise KeyboardInterrupt
         return {"number": cell.number, "repeat": repeat}
 
-    def run(repeats):
-        stage_of = lambda cell: cell.stage  # noqa: E731
-        how = {"stage_of": stage_of, "start": start, "play": play, "at_once": 1}
-        with ExitStack() as bench.stack:
-            asyncio.run(run_cells(bench, "made", dict.fromkeys(cells, repeats), **how))
-
+    cells = [Cell(0), Cell(1)]
     with pytest.raises(KeyboardInterrupt):
-        run(2)
+        run(bench, cells, play, repeats=2)
     assert not bench.write_all.called
-    before = len(played)
-    run(2)
+    run(bench, cells, play, repeats=2)
+    assert played == [(0, 0), (1, 0), (0, 1), (0, 1), (1, 1)]
     written = [row for call in bench.write_all.call_args_list for row in call.args[1]]
-    assert written == [{"number": n, "repeat": r} for r in (0, 1) for n in (0, 2, 3)]
-    assert list(bench.metadata.call_args.args[1]["failed"].values()) == ["it ended"] * 2
-    assert {"a", "b"} == set(started)
-    assert played[before:].count((0, 0)) == 0, "it is in the journal"
+    assert written == [{"number": n, "repeat": r} for r in (0, 1) for n in (0, 1)]
     assert not list(tmp_path.iterdir()), "a finished run leaves no journal"
-    completion = {"profile": "quick", "changed": [], "explored": False}
-    with LogWriter(log.path) as made:
-        made.write_metadata(*bench.metadata.call_args.args)
-        made.write_metadata(COMPLETION, completion)
-    assert standing(log.path).why_not == "cells failed in made"
+
+
+def test_a_run_whose_cell_fails_twice_counts_for_no_claim(bench):
+    async def play(stage, cell, _):
+        assert stage == cell.stage
+        if cell.number == 1:
+            raise ProcessFailedError("it ended")
+        return {"number": cell.number}
+
+    run(bench, [Cell(0), Cell(1), Cell(2, "b")], play)
+    name, told = bench.metadata.call_args.args
+    assert list(told["failed"].values()) == ["it ended"]
+    with LogWriter(bench.log.path) as made:
+        made.write_metadata(name, told)
+        made.write_metadata(COMPLETION, {"profile": "quick", "changed": [], "explored": False})
+    assert standing(bench.log.path).why_not == "cells failed in made"
     with pytest.raises(SkippedPartError, match="not asked for"):
-        run(0)
+        run(bench, [Cell(0)], play, repeats=0)
 
 
 @pytest.mark.parametrize(
@@ -201,35 +197,30 @@ def test_a_run_that_is_broken_off_goes_on_and_one_whose_cell_fails_twice_counts_
         ({"start": 1, "play": [0], "again": 1}, [0, 0, 1, 2], []),
     ],
 )
-def test_a_cell_counts_as_failed_if_it_is_not_played_at_the_end(tmp_path, failures, played, failed):
-    config, log = SimpleNamespace(profile="quick"), SimpleNamespace(path=tmp_path / "a.mcap")
-    bench = Mock(experiment="made", config=config, log=log)
-    left, seen, starts = {"play": [], **failures}, [], []
+def test_a_cell_counts_as_failed_if_it_is_not_played_at_the_end(bench, failures, played, failed):
+    left, seen = {"start": 0, "again": 0, "end": 0, "play": [], **failures}, []
+
+    def fail(when):
+        if left[when]:
+            left[when] -= 1
+            raise ProcessFailedError(f"{when}: it did not")
 
     @asynccontextmanager
     async def start(stage):
-        starts.append(stage)
-        counted = "again" if seen else "start"
-        if left.get(counted, 0):
-            left[counted] -= 1
-            raise ProcessFailedError("it did not start")
+        fail("again" if seen else "start")
         yield stage
-        if left.pop("end", 0):
-            raise ProcessFailedError("it did not end")
+        fail("end")
 
-    async def play(stage, cell, repeat):
+    async def play(_, cell, __):
         seen.append(cell.number)
         if cell.number in left["play"]:
-            left["play"] = left["play"][1:]
+            left["play"].remove(cell.number)
             raise ProcessFailedError("it ended")
         return {"number": cell.number}
 
-    cells = dict.fromkeys(map(Cell, range(3)), 1)
-    how = {"stage_of": lambda cell: cell.stage, "start": start, "play": play, "at_once": 1}
-    with ExitStack() as bench.stack:
-        asyncio.run(run_cells(bench, "made", cells, **how))
+    run(bench, [Cell(0), Cell(1), Cell(2)], play, start=start)
     assert seen == played
     reasons = bench.metadata.call_args.args[1]["failed"]
     assert [*reasons] == [f"{Cell(number)}, repetition 0" for number in failed]
-    assert bench.advance.call_count == len(cells), "the bar is full"
-    assert seen or len(starts) == 2, "a stage that cannot start is not started for each cell"
+    assert bench.advance.call_count == 3, "the bar is full"
+    assert left["start"] == 0, "it is tried twice"
