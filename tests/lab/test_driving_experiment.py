@@ -5,11 +5,10 @@ import pytest
 from made_logs import ran
 
 from sfglab.lab.bench import Options
-from sfglab.lab.experiments.driving import chain_table, exp, part_table
+from sfglab.lab.experiments.driving import exp, part_table
 from sfglab.lab.experiments.driving.experiment import IMAGE_TOPIC, DrivePoint
 from sfglab.lab.experiments.driving.results import (
     ASSUMED,
-    LIVE,
     MEASURED,
     chain_ms,
     parts_ms,
@@ -46,28 +45,25 @@ def test_the_chain_is_the_sum_of_its_nodes_and_topics_in_order(run):
     assert chain_ms(run, MEASURED)[SOFTWARE] == pytest.approx(parts.sum(axis=1).to_numpy())
     assumed = parts_ms(run, ASSUMED, GATEWAY)
     assert set(assumed["compensation"]) == {3.5}
-    assert assumed["lane_control"].tolist() == parts["lane_control"].tolist(), "in software"
+    assert assumed["lane_control"].equals(parts["lane_control"]), "in software"
 
 
 def test_claims_are_the_time_saved_also_by_image_size_and_the_ratio_of_deviations(run):
     found = exp.measure(run)
     claim = found["C-DRIVE"]
-    table = chain_table(run).set_index(["source", "topic A"])["mean (ms)"]
-    for source in (ASSUMED, MEASURED):
-        saved = table[source, SOFTWARE] - table[source, GATEWAY]
-        assert claim.estimate.value == pytest.approx(saved)
+    times = chain_ms(run)
+    saved_ms = times[SOFTWARE].mean() - times[GATEWAY].mean()
+    assert claim.estimate.value == pytest.approx(saved_ms)
     small, large = (estimate.value for estimate in claim.under.values())
-    assert small < claim.estimate.value < large
-    assert table["paper", SOFTWARE] == 28.264
-    standard, through = (chain_ms(run)[mapping].std(ddof=1) for mapping in (SOFTWARE, GATEWAY))
-    assert 10 ** found["C-DRIVE-DEV"].estimate.value == pytest.approx(standard / through)
+    assert small < saved_ms < large
+    ratio = times[SOFTWARE].std(ddof=1) / times[GATEWAY].std(ddof=1)
+    assert 10 ** found["C-DRIVE-DEV"].estimate.value == pytest.approx(ratio)
+    assert not found["C-DRIVE-DEV"].ends, "without the live part"
 
 
 @pytest.mark.live
 def test_the_chain_runs_across_processes_with_both_mappings(run, tmp_path):
     assert run.skipped("live") == "live: no time was asked for (live_s)"
-    assert chain_ms(run, LIVE) == {}
-    assert not exp.measure(run)["C-DRIVE-DEV"].ends
     only = Options(only=frozenset({"live"}))
     rows = ran(exp, tmp_path / "live.mcap", options=only, live_s=2.0)["live"]
     assert set(rows["mapping"]) == {SOFTWARE, GATEWAY}
@@ -79,9 +75,7 @@ def test_the_logged_lap_is_in_the_log_as_messages_with_the_same_positions(run):
     track = run["track"]
     moves = [entry.message.transforms for entry in run.messages("/tf")]
     assert [move[0].transform.translation.x for move in moves] == track["x_m"].tolist()
-    assert [move[1].child_frame_id for move in moves if len(move) > 1] == ["odom"]
     assert len(list(run.messages("/pose"))) == len(track)
-    assert {len(entry.message.poses) for entry in run.messages("/lane/path")} == {7}
     times_ns = set()
     for topic in (IMAGE_TOPIC, "/lane_mask/compressed", "/lane/path"):
         times_ns.add(tuple(entry.log_time_ns for entry in run.messages(topic)))

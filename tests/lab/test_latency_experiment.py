@@ -1,5 +1,7 @@
 """The latency experiment: known delays are found again. Its live run is that of its notebook."""
 
+from itertools import product
+
 import pytest
 from made_logs import CLAIMS, made_run
 
@@ -14,32 +16,24 @@ REPEATS = 4
 
 
 def looked(look, repeat, path, ordered_ns):
-    row = {
-        "look": look,
-        "repeat": repeat,
-        "path": path,
-        "pictures": 6,
-        "ordered_ns": ordered_ns,
-    }
-    replayed = 15 if path in ("decoder", "agent") else 0
     first_ns = ordered_ns + (FIRST_MS[path] + 10 * repeat) * MS
-    return {**row, "first_ns": first_ns, "replay_packets": replayed}
+    times = {"ordered_ns": ordered_ns, "first_ns": first_ns}
+    return {"look": look, "repeat": repeat, "path": path, "pictures": 6, **times}
 
 
 @pytest.fixture
 def made(tmp_path):
     """A log as a run writes it, with known delays, and a slow beginning of every look."""
     tables = {"look": [], "sight": [], "camera": []}
-    for repeat in range(REPEATS):
-        for place, name in enumerate(PATHS):
-            look, started_ns = repeat * len(PATHS) + place, (repeat * 10 + place) * 1000 * MS
-            tables["look"].append(looked(look, repeat, name, started_ns))
-            for position in range(6):
-                number, stamp_ns = 6 * look + position, started_ns + position * 150 * MS
-                late = 100 if position < 3 else 0  # what the first pictures are must not count
-                seen_ns = stamp_ns + (GLASS_MS[name] + repeat + late) * MS
-                tables["camera"].append({"number": number, "stamp_ns": stamp_ns})
-                tables["sight"].append({"look": look, "number": number, "seen_ns": seen_ns})
+    for look, (repeat, name) in enumerate(product(range(REPEATS), PATHS)):
+        started_ns = look * 1000 * MS
+        tables["look"].append(looked(look, repeat, name, started_ns))
+        for position in range(6):
+            number, stamp_ns = 6 * look + position, started_ns + position * 150 * MS
+            late = 100 if position < 3 else 0  # what the first pictures are must not count
+            seen_ns = stamp_ns + (GLASS_MS[name] + repeat + late) * MS
+            tables["camera"].append({"number": number, "stamp_ns": stamp_ns})
+            tables["sight"].append({"look": look, "number": number, "seen_ns": seen_ns})
     return made_run(exp, tmp_path / "made.mcap", tables, stream={"encoder": "none"})
 
 
@@ -50,25 +44,22 @@ def test_what_a_path_adds_is_found_within_a_repetition(made):
     assert "on_demand" not in set(results.sights(made)["path"])
 
 
-def judged(run):
-    return {name: entry_for(CLAIMS[name], measured) for name, measured in exp.measure(run).items()}
-
-
 def test_the_papers_way_and_ours_are_claims_of_their_own(made):
-    entries = judged(made)
-    found = {
-        name: (entry.measured.estimate.value, entry.verdict.value)
-        for name, entry in entries.items()
-    }
+    measured = exp.measure(made)
+    found = {}
+    for name, finding in measured.items():
+        entry = entry_for(CLAIMS[name], finding)
+        found[name] = (finding.estimate.value, entry.verdict.value)
     assert found == {
         "A-G2G": (pytest.approx(4), "deviates"),
         "A-G2G-OURS": (pytest.approx(3), "deviates"),
         "A-FIRST": (pytest.approx(915 / 515), "reproduced"),
         "A-FIRST-OURS": (pytest.approx(90 / 515), "better"),
     }
-    assert entries["A-FIRST"].measured.ends == {"on demand (ms)": 915, "standard (ms)": 515}
+    first = measured["A-FIRST"]
+    assert first.ends == {"on demand (ms)": 915, "standard (ms)": 515}
     said = "loading adds 400 ms [400, 400] in a container and 700 ms [700, 700] in a new process"
-    assert said in entries["A-FIRST"].measured.reason
+    assert said in first.reason
 
 
 def test_every_repetition_subscribes_on_all_paths_at_one_phase_and_phases_cover_the_gop():
@@ -79,6 +70,5 @@ def test_every_repetition_subscribes_on_all_paths_at_one_phase_and_phases_cover_
         counter += len(group.paths)
         left_out = {"on_demand"} if repeat % 2 else set()
         assert sorted(group.paths) == sorted(set(PATHS) - left_out)
-    assert counter == 10 * len(PATHS) - 5
     assert len({group.paths for group in groups}) > 1
     assert sorted(int(10 * group.phase) for group in groups) == list(range(10))

@@ -1,6 +1,6 @@
 """Pictures of paper C that answer: the core's table and the programme of node mapping have the say."""
 
-from itertools import combinations, pairwise
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,7 +8,6 @@ from made_logs import DATA
 
 from sfglab.errors import SfglabError
 from sfglab.lab.experiments import gateways
-from sfglab.lab.figures import drawn, png_of
 from sfglab.soc import ZCU104, assess, chain_s, load_graph, map_communication, place_nodes
 from sfglab.soc.driving import CHAIN, Chain
 from sfglab.soc.exploration import walk
@@ -20,7 +19,6 @@ pytest.importorskip("anywidget")
 from sfglab.lab.explore.mapping import PressedMapping
 
 DRIVING = load_graph(DATA / "graphs/driving.yaml")
-FIGURE_8 = load_graph(DATA / "graphs/figure_8.yaml")
 BEGIN = map_communication(DRIVING).gateways
 
 
@@ -69,7 +67,6 @@ def test_a_node_that_moves_takes_its_topics_along_and_what_does_not_fit_is_refus
     picture.press("node:polyfit")
     assert "polyfit" not in picture.graph.hardware_nodes
     assert picture.graph.topic("/lane_mask").mapping is TopicMapping.SOFTWARE
-    assert picture.graph.topic("/A").mapping is TopicMapping.GATEWAY
     picture.lut.value = assess(picture.graph).lut
     before = picture.graph
     picture.press("node:polyfit")
@@ -78,26 +75,12 @@ def test_a_node_that_moves_takes_its_topics_along_and_what_does_not_fit_is_refus
 
 
 def test_optimise_is_what_the_programme_chooses_with_what_other_choices_would_cost():
-    picture = PressedMapping(FIGURE_8)
-    picture.answer(picture.optimise)
-    assert picture.graph.mapped_to(TopicMapping.GATEWAY) == ("A", "C", "E")
-    assert "D to software: 2.04 ms with software, 2.25 ms with gateway" in picture.why.value
     picture = PressedMapping(DRIVING, ZCU104)
     picture.answer(picture.optimise)
     found = place_nodes(DRIVING, ZCU104)
     assert picture.graph == found.graph
     assert f"{1e3 * found.load.total_s:.2f} ms per second" in picture.why.value
     assert "/A without a gateway" in picture.why.value
-
-
-def test_notes_cover_no_other_text():
-    picture = pressed()
-    figure = drawn(picture._size, picture._draw)
-    png_of(figure)
-    texts = [text for text in figure.axes[0].texts if text.get_text()]
-    frames = [text.get_window_extent() for text in texts]
-    assert sum("ms" in text.get_text() for text in texts) > 10
-    assert not any(one.overlaps(other) for one, other in combinations(frames, 2))
 
 
 def test_a_chains_time_is_that_of_its_transfers_and_nodes():
@@ -109,13 +92,10 @@ def test_a_chains_time_is_that_of_its_transfers_and_nodes():
 
 
 def test_a_chain_that_goes_round_ends_with_its_last_transfer():
-    nodes = tuple(Node(name=name) for name in "ab")
-    topics = [
-        Topic(name=f"/{after}", publishers=(before,), subscribers=(after,), size_bytes=10**6)
-        for before, after in ("ab", "ba")
-    ]
-    graph = Graph(nodes=nodes, topics=tuple(topics))
-    once_ms, all_ms = (
-        float(PressedMapping(graph, chain=chain)._cost().split()[-2]) for chain in ("ab", "abab")
-    )
-    assert all_ms == pytest.approx(3 * once_ms, abs=0.02)
+    topics = []
+    for before, after in ("ab", "ba"):
+        ends = {"publishers": (before,), "subscribers": (after,)}
+        topics.append(Topic(name=f"/{after}", size_bytes=10**6, **ends))
+    graph = Graph(nodes=(Node(name="a"), Node(name="b")), topics=tuple(topics))
+    once_s, thrice_s = (max(chain_s(graph, chain).values()) for chain in ("ab", "abab"))
+    assert thrice_s == pytest.approx(3 * once_s)

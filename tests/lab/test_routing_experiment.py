@@ -98,10 +98,8 @@ def test_each_fault_breaks_its_check_alone_is_named_and_not_hidden_by_exact_or_l
 
 
 def test_a_rule_that_is_closed_at_one_agent_is_missed_there(tmp_path):
-    def closed(row):
-        return {**row, "answered": row["answered"] and row["caller"] != "agent_1"}
-
-    found = broken(checks(made(tmp_path / "m.mcap", call=closed)))
+    call = spoiled({"caller": "agent_1"}, answered=False)
+    found = broken(checks(made(tmp_path / "m.mcap", call=call)))
     assert found["every rule is seen open at every agent, both ways"] == "rq/global/*, agent_1, out"
     assert "a service of Table 1 answers calls from other domains" in found
 
@@ -111,23 +109,17 @@ def test_a_run_without_anything_seen_in_the_global_domain_has_not_shown_anything
     assert "an endpoint seen in the global domain is of Table 1" in broken(checks(run))
 
 
-def test_the_figure_shows_what_is_heard_what_leaks_and_what_is_missing(tmp_path):
+def test_what_is_heard_what_leaks_and_what_is_missing_is_told_apart(tmp_path):
     here = {"source": "agent_1", "hearer": "agent_2"}
     leaks = spoiled({"name": "/tf2", **here}, received=3)
     silent = spoiled({"name": "/tf", **here}, received=0)
     run = made(tmp_path / "m.mcap", heard=lambda row: leaks(silent(row)))
     cells = reached(run, "agent_1").set_index(["name", "domain"])
-    outcome = cells["outcome"]
-    assert outcome["rt/tf", 0] == HEARD
-    assert outcome["rt/tf", 2] == MISSING
-    assert outcome["rt/tf2", 2] == FORBIDDEN
-    assert outcome["rt/tf2", 0] == SILENT
-    assert outcome["rt/tf2", 1] == HEARD
-    assert cells["share"]["rq/global/<agent>/get_metadataRequest", 0] == 1
+    tf = cells.loc["rt/tf", "outcome"]
+    assert (tf[0], tf[2]) == (HEARD, MISSING)
+    tf2 = cells.loc["rt/tf2", "outcome"]
+    assert (tf2[0], tf2[1], tf2[2]) == (SILENT, HEARD, FORBIDDEN)
     assert cells["share"]["rt/tf2", 2] == 0.3
-    figure, _ = exp.figures(run)["routing_border"]
-    drawn = {text.get_text() for axes in figure.axes for text in axes.texts}
-    assert {"100", "30"} <= drawn
 
 
 def test_near_misses_are_not_of_table_1_and_some_random_names_are():
@@ -135,7 +127,6 @@ def test_near_misses_are_not_of_table_1_and_some_random_names_are():
     assert any(in_table_1(name) for name in random_dds_names(300, rng=np.random.default_rng(1)))
 
 
-def test_everybody_publishes_the_shared_names_in_domains_of_their_own():
-    shared = [topic for topic in topics(("agent_1", "ground_1")) if len(topic.publishers) == 2]
-    assert {topic.name for topic in shared} >= {"/tf", "/tf_static", *NEAR_MISSES}
-    assert DOMAINS == {"agent_1": 1, "agent_2": 2, "ground_1": 0, "ground_2": 0}
+def test_everybody_publishes_the_shared_names():
+    shared = {topic.name for topic in topics(("agent_1", "ground_1")) if len(topic.publishers) == 2}
+    assert shared >= {"/tf", "/tf_static", *NEAR_MISSES}

@@ -4,14 +4,12 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import psutil
 import pytest
-from made_logs import CLAIMS, ran
+from made_logs import ran
 
-from sfglab.fields import bounds_of
 from sfglab.lab.experiments.transfer import exp, experiment, stated, transfer_curves
 from sfglab.lab.experiments.transfer.experiment import (
     IN,
@@ -23,7 +21,6 @@ from sfglab.lab.experiments.transfer.experiment import (
 )
 from sfglab.lab.experiments.transfer.live import Crossing, message_count
 from sfglab.lab.experiments.transfer.results import bars, live_bars
-from sfglab.lab.explore.interactive import setting_of
 from sfglab.lab.workers.crossing import Message, random_bytes
 from sfglab.processes import ProcessFailedError
 from sfglab.soc.paper_values import speed_ups, stated_by_model
@@ -35,11 +32,10 @@ def run(tmp_path_factory):
     return ran(exp, tmp_path_factory.mktemp("transfer") / "a.mcap")
 
 
-def test_claims_have_their_units_and_say_what_was_fitted_and_measured(run):
-    measured = exp.measure(run)
-    assert all(CLAIMS[name].unit == found.estimate.unit for name, found in measured.items())
-    assert measured["C-HWSW"].fitted.startswith("6 constants to 7 stated numbers")
-    assert "2 hardware subscribers, 10000 B" in measured["C-HWSW"].details["live"]
+def test_claims_say_what_was_fitted_and_measured(run):
+    found = exp.measure(run)["C-HWSW"]
+    assert found.fitted.startswith("6 constants to 7 stated numbers")
+    assert "2 hardware subscribers, 10000 B" in found.details["live"]
 
 
 def test_bars_and_stated_numbers_are_the_model_s(run):
@@ -60,19 +56,6 @@ def test_the_explorer_shows_the_model_s_times_and_its_speed_up():
     picture = transfer_curves(message_bytes=10_000_000, subscribers=8)
     dots = [row["y"] for row in picture.values() if row["kind"] == "dot"]
     assert dots == [1e3 * time_s for bar in here for time_s in (bar.smt_s, bar.gateway_s)]
-    notes = [f"speed-up: {bar.ratio:.2f}" for bar in here]
-    assert [panel.note for panel in picture.panels] == notes
-
-
-def test_the_explorer_s_axes_hold_every_setting_of_its_form():
-    bounds = bounds_of(type(setting_of(transfer_curves)))
-    ends = {name: (one.low, one.high) for name, one in bounds.items()}
-    assert len(ends) == 4
-    for values in product(*ends.values()):
-        picture = transfer_curves(**dict(zip(ends, values, strict=True)))
-        for row in picture.values():
-            axis = picture.panels[row["place"]].y
-            assert axis.low <= row["y"] <= axis.high
 
 
 def test_simulated_hardware_takes_the_model_s_cycles_on_all_paths(run):
@@ -95,7 +78,6 @@ def test_without_amaranth_the_claims_say_why(tmp_path, monkeypatch):
     details = exp.measure(run)["C-HWHW"].details
     assert details["RTL"].startswith("left out: amaranth is not installed")
     assert details["live"] == "this bar was not measured"
-    assert list(exp.figures(run)) == ["transfer"]
 
 
 BYTES = 10_000
