@@ -42,6 +42,14 @@ def test_a_wrong_depth_fails_its_checks():
     ]
 
 
+def test_details_of_the_reference_run_say_what_was_saved_and_what_was_recorded():
+    details = exp.measure(reference(exp))["B-LC"].details
+    assert details["fewer HEARTBEAT frames than with no method"].startswith("55% at 100 Hz")
+    assert details["fewer bytes sent"].startswith("87% at 100 Hz")
+    assert details["fewer messages sent, electrode (as Float32)"] == "43%"
+    assert details["fewer messages sent, electrode (as String)"] == "98%"
+
+
 def test_the_explorer_has_the_messages_and_outdated_values_of_a_cache_on_a_lossy_link():
     lidar, loss, rate_hz, silence_s = SENSORS["lidar"], 0.3, 100, 0.25
     rng = np.random.default_rng(0)

@@ -42,6 +42,11 @@ def test_the_reason_is_empty_without_failures_and_names_no_robot_that_did_not_fa
     assert "fails in 1 of 1 laps: at a history" in results._reason(late)
 
 
+def test_contacts_are_counted_by_robot():
+    details = exp.measure(REFERENCE)["B-COOP"].details
+    assert "contact in 72; by robot: robot1 in 42" in details["none, 72 laps"]
+
+
 def test_the_difference_is_the_mean_over_rates_and_has_an_interval_where_no_lap_succeeds():
     rows = [("none", 100, False)] * 6 + [("none", 200, False)] * 2
     best = [("OPT+LC", 100, True)] * 3 + [("OPT+LC", 200, True), ("OPT+LC", 200, False)]

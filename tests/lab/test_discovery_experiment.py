@@ -136,10 +136,11 @@ def test_standard_and_routed_fleets_of_one_size_are_run_side_by_side():
         Stage(mode=ROUTED, agents=(2, 3), repeats=2),
         Stage(mode=ROUTED, agents=(2,), talkers=1, listeners=1),
     )
-    cells = cells_of(stages, 1)
-    assert len(set(cells)) == 2 + 4 + 1
-    groups = [size for size, _ in groupby(cells, lambda cell: (cell.agents, cell.talkers))]
-    assert sorted(groups) == [(2, 1), (2, 10), (3, 10)]
+    for seed in range(5):
+        cells = cells_of(stages, seed)
+        assert len(set(cells)) == 2 + 4 + 1
+        groups = [size for size, _ in groupby(cells, lambda cell: (cell.agents, cell.talkers))]
+        assert sorted(groups) == [(2, 1), (2, 10), (3, 10)]
 
 
 @pytest.mark.parametrize("role", [TALKER, LISTENER])

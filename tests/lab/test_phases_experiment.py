@@ -177,3 +177,10 @@ def test_an_interval_by_conditions_takes_laps_of_a_condition_together():
     assert part.value == pytest.approx(2 / 3)
     # As for 27 draws, and not for 27 x 8 laps.
     assert part.high - part.low == pytest.approx(2 * 1.96 * np.sqrt(2 / 9 / 27), rel=0.15)
+
+
+def test_contacts_and_stops_are_told_apart():
+    details = exp.measure(reference(exp))["B-COOP"].details
+    ends = details["fast_dds_foxy, none: ends of laps"]
+    assert ends == "contact in 648 (robot2 in 20) of 648 laps"
+    assert "[0.153, 0.356]" in details["fast_dds_foxy, by conditions"]
