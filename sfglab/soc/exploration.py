@@ -1,4 +1,4 @@
-"""This module explores all worlds of a gateway core with its surroundings, up to a bound (claim C-FSM).
+"""The module `exploration` explores all worlds of a gateway core with its surroundings, up to a bound (claim C-FSM).
 
 A *state* is one of the gateway core's states (`sfglab.soc.gateway.State`). A *world* is one global state: the core's
 state together with the core's messages, the queues, the topics and the subscribers (`World`).
@@ -11,9 +11,9 @@ exploration shows two properties:
 - From every reachable world a path leads to the end, in which all subscribers have received all messages. Hence no
   message is lost, and the model has no deadlock.
 
-The core always reaches the end only under fairness: the scheduler runs each process now and then, and the arbiter of
-the HMT grants the core's claim now and then. A counterexample is a shortest path to the reported violation, because
-the search is breadth first.
+The core always reaches the end only if the processes are fair: the scheduler runs each process now and then, and
+the arbiter of the HMT grants the core's claim now and then. A counterexample is a shortest path to the reported
+violation, because the exploration is breadth first.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Counterexample:
     """A `Counterexample` is a shortest sequence of steps to a violation."""
 
     property: str  #: Violated property.
-    trace: tuple[str, ...]  #: Steps in order, each with its process.
+    trace: tuple[str, ...]  #: Steps from the first world in order, each step with its process.
     #: Last world before the violation, or the world from which no path leads to the end.
     last: World
 
@@ -60,11 +60,12 @@ class Exploration:
     worlds: int  #: Number of reachable worlds.
     steps: int  #: Number of steps between the worlds.
     visited: frozenset[State]  #: States of the core that occur in the worlds.
-    counterexample: Counterexample | None  #: Violation; None: all properties hold within the bound.
+    #: Violation of a property; None if all properties hold within the bound.
+    counterexample: Counterexample | None
 
 
 class _Found:
-    """`_Found` has the global states (worlds) that the search has found so far, in their order, and the steps to them."""
+    """`_Found` has the worlds that the search has found so far, in their order, and the steps to these worlds."""
 
     def __init__(self, first: World) -> None:
         #: Previous world and description of the step that first led to each world.

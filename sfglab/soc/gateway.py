@@ -1,4 +1,4 @@
-"""This module describes the gateway core of paper C, section 3, as one state-transition table (Fig. 4).
+"""The module `gateway` describes the gateway core of paper C, section 3, as one state-transition table (Fig. 4).
 
 A gateway joins a topic in software to the same topic in hardware, so that a message crosses the memory interface
 once instead of once per subscriber. A gateway has three parts (Fig. 3): the software-mapped topic (SMT), the
@@ -20,16 +20,18 @@ The paper leaves three points open. Our table decides each point, and the decisi
 `ADDED_STATES`:
 
 - The delegate answers each request exactly once. The delegate answers a cancelled request with `CANCELLED`, or with
-  a message if the delegate received a message before the cancel. The paper sends this message to the HMT before the
-  next request, and does not say whether the core publishes its output message before. Our core publishes first
-  (`PUBLISH_HOLDING`, `PUBLISH_WAIT_HOLDING`).
-- The core claims the HMT before the core sends (`CLAIM`). A message from a hardware node may occupy the HMT and wait
-  until the core takes the message. The core then serves the hardware node's message first and keeps the message that
-  the core holds (all states `..._HOLDING`). Without the claim the core waits for the HMT, and the hardware
-  message waits for the core, indefinitely.
+  a message if the delegate received a message before the cancel. By the paper the core sends the message of a
+  cancelled request to the HMT before the next request. The paper does not say whether the core publishes its output
+  message before the message of the cancelled request. Our core publishes its output message first
+    (`PUBLISH_HOLDING`, `PUBLISH_WAIT_HOLDING`).
+- The core claims the HMT before the core sends a message (`CLAIM`). A message from a hardware node may occupy the
+  HMT and wait until the core takes the message. The core then serves the hardware node's message first and keeps
+  the message that the core holds (all states `..._HOLDING`). A core without the claim waits for the HMT, and the
+  hardware node's message waits for the core, indefinitely.
 - The core waits until a publication is complete (`PUBLISH_WAIT`), because the core has only one output message.
 
-`sfglab.soc.exploration` checks the table exhaustively. `sfglab.soc.rtl` generates the hardware's control from it.
+The module `sfglab.soc.exploration` checks the table exhaustively. The package `sfglab.soc.rtl` generates the
+hardware's control from the table.
 """
 
 from __future__ import annotations
@@ -46,32 +48,38 @@ class State(Enum):
     """A `State` is one of the core's states.
 
     In the states `..._HOLDING` the core serves or publishes another message while the core holds a message of the
-    SMT. From `CLAIM` the core enters these states with a message for the HMT. From `CANCEL_WAIT` the core enters
-    `PUBLISH_HOLDING` with an answer that no filter has compared, which may be the core's own echo. `FILTER_SMT` then
-    filters the held message.
+    SMT. The core enters the states `..._HOLDING` from `CLAIM` with a message for the HMT. From `CANCEL_WAIT` the core
+    enters `PUBLISH_HOLDING` with an answer of the delegate that no filter has compared. The answer may be the echo of
+    the core's own message, so `FILTER_SMT` filters the held message after the publication.
     """
 
     START = auto()  #: Wait for the address of the output message.
     REQUEST = auto()  #: Request the next message of the SMT.
     POLL_OSIF = auto()  #: Check whether the delegate has answered the request.
     POLL_HMT = auto()  #: Check whether a message is at the core's port of the HMT.
-    #: Compare the publisher ID of the held message with the core's own. The next request frees the
+    #: Compare the publisher ID of the held message with the core's own ID. The next request frees the
     #: memory of the core's own message.
     FILTER_SMT = auto()
     CLAIM = auto()  #: Wait until the HMT is reserved for the held message.
     TO_HMT = auto()  #: Copy the held message from memory to the HMT.
-    FILTER_HMT = auto()  #: Compare the publisher ID of the message at the port with the core's own.
+    #: Compare the publisher ID of the message at the port with the core's own ID.
+    FILTER_HMT = auto()
     DROP_HMT = auto()  #: Discard the message at the port.
     TO_MEMORY = auto()  #: Copy the message at the port to the output message in memory.
     CANCEL = auto()  #: Cancel the request.
     CANCEL_WAIT = auto()  #: Wait for the answer to the request: cancelled, or a message.
     PUBLISH = auto()  #: Ask the delegate to publish the output message on the SMT.
     PUBLISH_WAIT = auto()  #: Wait until the output message is published and may be overwritten.
-    FILTER_HMT_HOLDING = auto()  #: Like `FILTER_HMT`, while a message is held.
-    DROP_HMT_HOLDING = auto()  #: Like `DROP_HMT`, while a message is held.
-    TO_MEMORY_HOLDING = auto()  #: Like `TO_MEMORY`, while a message is held.
-    PUBLISH_HOLDING = auto()  #: Like `PUBLISH`, while a message is held.
-    PUBLISH_WAIT_HOLDING = auto()  #: Like `PUBLISH_WAIT`, while a message is held.
+    #: Compare publisher IDs as in `FILTER_HMT`, while the core holds a message.
+    FILTER_HMT_HOLDING = auto()
+    #: Discard the message at the port as in `DROP_HMT`, while the core holds a message.
+    DROP_HMT_HOLDING = auto()
+    #: Copy the message at the port as in `TO_MEMORY`, while the core holds a message.
+    TO_MEMORY_HOLDING = auto()
+    #: Ask the delegate to publish as in `PUBLISH`, while the core holds a message.
+    PUBLISH_HOLDING = auto()
+    #: Wait for the publication as in `PUBLISH_WAIT`, while the core holds a message.
+    PUBLISH_WAIT_HOLDING = auto()
 
 
 class Input(Enum):
@@ -79,35 +87,40 @@ class Input(Enum):
 
     LOCATED = auto()  #: OSIF: address of the output message.
     SENT = auto()  #: OSIF: the delegate's call queue has accepted the call.
-    EMPTY = auto()  #: OSIF or HMT: nothing is there.
+    EMPTY = auto()  #: OSIF or HMT: there is no answer or no message.
     ANSWERED = auto()  #: OSIF: address of the requested message.
     CANCELLED = auto()  #: OSIF: the request is cancelled; there is no message.
     PUBLISHED = auto()  #: OSIF: the publication is complete.
     OFFERED = auto()  #: HMT: the first word of a message is at the core's port.
-    GRANTED = auto()  #: HMT: the topic is reserved until the core has sent its message.
+    #: HMT: the arbiter has reserved the topic until the core has sent its message.
+    GRANTED = auto()
     OWN = auto()  #: Filter: the core itself published the message.
     FOREIGN = auto()  #: Filter: another publisher published the message.
     DONE = auto()  #: Data path: the last word of the message is transferred.
 
 
 class Action(Enum):
-    """An `Action` is what the core does in a state; the control sets one output signal for each action."""
+    """An `Action` is what the core does in a state; the control has one output signal for each action."""
 
     LISTEN_OSIF = auto()  #: Take the next answer of the delegate.
     CALL_TAKE = auto()  #: Call the delegate: request the next message of the SMT.
     CALL_CANCEL = auto()  #: Call the delegate: cancel the request.
     CALL_PUBLISH = auto()  #: Call the delegate: publish the output message on the SMT.
     PEEK_HMT = auto()  #: Look at the port of the HMT without taking a word.
-    COMPARE_HELD = auto()  #: Compare the publisher ID of the held message with the core's own.
-    COMPARE_PORT = auto()  #: Compare the publisher ID at the port with the core's own.
-    CLAIM_HMT = auto()  #: Request the HMT from its arbiter, and look at the port meanwhile.
-    MEMORY_TO_HMT = auto()  #: Send the held message to the HMT. Its echo then is at the port.
-    HMT_TO_MEMORY = auto()  #: Take the message at the port and write it to the output message.
-    HMT_TO_NOWHERE = auto()  #: Take the message at the port and discard it.
+    COMPARE_HELD = auto()  #: Compare the publisher ID of the held message with the core's own ID.
+    #: Compare the publisher ID of the message at the port with the core's own ID.
+    COMPARE_PORT = auto()
+    #: Request the HMT from the arbiter of the HMT, and meanwhile look at the core's port.
+    CLAIM_HMT = auto()
+    #: Send the held message to the HMT. The echo of the held message then is at the port.
+    MEMORY_TO_HMT = auto()
+    #: Take the message at the port and write the message to the output message.
+    HMT_TO_MEMORY = auto()
+    HMT_TO_NOWHERE = auto()  #: Take the message at the port and discard the message.
 
 
 class Register(Enum):
-    """A `Register` is an address register of the core; a transition may load a register with its input's address."""
+    """A `Register` is an address register of the core; a transition may load its input's address into a register."""
 
     OUTPUT = auto()  #: Address of the output message.
     HELD = auto()  #: Address of the held message: the delegate's latest answer.
@@ -118,14 +131,15 @@ class Transition:
     """A `Transition` is the effect of an input in a state."""
 
     target: State  #: Next state.
-    loads: Register | None = None  #: Register that is loaded; None: none.
+    #: Register that the transition loads; None if the transition loads no register.
+    loads: Register | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
     """A `Row` of the table describes one state."""
 
-    action: Action  #: Action in this state.
+    action: Action  #: Action of the core in the state.
     transitions: Mapping[Input, Transition]  #: Transitions by input.
 
 

@@ -1,4 +1,4 @@
-"""This module draws the gateway core's transition table as a state diagram (paper C, Fig. 4)."""
+"""The module `gateway_drawing` draws the gateway core's transition table as a state diagram (paper C, Fig. 4)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ COLUMN_WIDTH = 1.76  #: Distance between columns, inches.
 ROW_HEIGHT = 0.95  #: Distance between rows, inches.
 BOX_WIDTH = 1.02  #: Width of a state's box, inches.
 BOX_HEIGHT = 0.54  #: Height of a state's box, inches.
-BEND = 0.3  #: Bend of each of two opposite arrows, as a share of their length.
+BEND = 0.3  #: Bend of each of two opposite arrows, as a share of the length of the arrow.
 
 OSIF_COLOR = GATEWAY  #: Fill of states that use the delegate's interface.
 HMT_COLOR = HARDWARE  #: Fill of states that use the hardware-mapped topic.
@@ -48,7 +48,7 @@ def positions() -> dict[State, tuple[float, float]]:
 
 
 def draw_core(axes: Axes) -> dict[Part, list[Artist]]:
-    """Draw the core into axes of 10 by 5 inches: OSIF states yellow, HMT states blue, `ADDED_STATES` dashed.
+    """Draw the core into axes of 10 by 5 inches with yellow OSIF states, blue HMT states and dashed `ADDED_STATES`.
 
     Returns:
         The artists of each state, with the state's box first, and the artists of each arrow.

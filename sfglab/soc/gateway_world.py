@@ -1,11 +1,11 @@
-"""This module models a gateway core with its surroundings: the world, and all steps that can follow a world.
+"""The module `gateway_world` models a gateway core with its surroundings: worlds, and the steps between worlds.
 
-A `World` is one global state of the core and its surroundings. The surroundings are those of paper C, Fig. 3. The
-model moves a message as a whole, not word by word:
+A `World` is one global state of the core and its surroundings. Paper C, Fig. 3, shows the surroundings of the core.
+The model moves a message as a whole, not word by word:
 
 - The software-mapped topic (SMT) is reliable. The SMT delivers a published message at once to all software
   subscribers, and to a queue from which the delegate serves the core's requests.
-- The delegate takes the core's calls from one short queue, and puts its answers into another queue (OSIF).
+- The delegate takes the core's calls from one short queue, and puts the answers to the calls into another queue (OSIF).
 - The hardware-mapped topic (HMT) carries one message at a time. A message occupies the HMT until all hardware
   subscribers, and the core's own port, have taken the message.
 
@@ -23,10 +23,13 @@ from sfglab.soc.gateway import Action, Input, Register, State, Table, Transition
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-GATEWAY_ID = -1  #: Publisher ID of the core, which it writes into each message that it forwards.
+#: Publisher ID of the core; the core writes this ID into each message that the core forwards.
+GATEWAY_ID = -1
 SOFTWARE = 0  #: Index of all software subscribers together; hardware subscribers have 1, 2, ...
-CORE_PORT = -1  #: The core's port among those that have yet to take the HMT's message.
-CORE_TRANSFER = -2  #: The core's transfer to the HMT, which must also end before the HMT is free.
+#: Number of the core's port among the receivers that have yet to take the HMT's message.
+CORE_PORT = -1
+#: Number of the core's transfer to the HMT; the HMT is free only after the transfer has ended.
+CORE_TRANSFER = -2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,12 +40,13 @@ class Bound:
     hardware: tuple[int, ...] = (2,)  #: Number of messages of each hardware publisher.
     subscribers: int = 1  #: Number of hardware subscribers besides the core.
     calls: int = 1  #: Number of calls to the delegate that may wait.
-    echoes: bool = True  #: Whether both topics return the core's own messages to it.
-    #: Whether the delegate accepts calls while it waits for a message, as it must.
+    echoes: bool = True  #: Whether both topics return the core's own messages to the core.
+    #: Whether the delegate accepts calls while the delegate waits for a message, as our core requires.
     listens_while_blocked: bool = True
-    #: Whether the delegate answers once per request, as it must; else also once per cancel.
+    #: Whether the delegate answers once per request, as our core requires; else also once per cancel.
     answers_once: bool = True
-    port_messages: int = 0  #: Number of whole messages that the core's port can store; 0: a stream.
+    #: Number of whole messages that the core's port can store; 0 for a stream without storage.
+    port_messages: int = 0
 
     @property
     def totals(self) -> tuple[int, ...]:
@@ -58,8 +62,9 @@ class Message(NamedTuple):
     """A `Message` is a message between its publisher and a subscriber."""
 
     publisher: int  #: Original publisher, an index of `Bound.totals`.
-    number: int  #: Place among the messages of that publisher, from 0.
-    publisher_id: int  #: Publisher ID that the message carries: the original one, or `GATEWAY_ID`.
+    number: int  #: Place of the message among the messages of its publisher, from 0.
+    #: Publisher ID that the message carries: the original publisher's ID, or `GATEWAY_ID`.
+    publisher_id: int
 
     def __str__(self) -> str:
         suffix = "'" if self.publisher_id == GATEWAY_ID else ""
@@ -70,7 +75,7 @@ class Transmission(NamedTuple):
     """A `Transmission` is the message that occupies the HMT, with the receivers that have yet to take the message."""
 
     message: Message
-    #: Hardware subscribers, `CORE_PORT` and `CORE_TRANSFER`, as far as not done with the message.
+    #: Hardware subscribers, `CORE_PORT` and `CORE_TRANSFER`, until each is done with the message.
     pending: frozenset[int]
 
 
@@ -94,7 +99,7 @@ class World(NamedTuple):
     sent: tuple[int, ...]  #: Number of messages that each publisher has sent.
     hmt: Transmission | None  #: Message that occupies the HMT.
     port_queue: tuple[Message, ...]  #: Messages that the core's port stores.
-    #: Number of messages of each publisher, by subscriber, that the subscriber has received.
+    #: Number of messages that each subscriber has received from each publisher.
     received: tuple[tuple[int, ...], ...]
 
 
@@ -116,12 +121,13 @@ class Event(NamedTuple):
     """An `Event` is an input that the core can receive now."""
 
     input: Input
-    after: World | Fault  #: World after the input, with the core's state as before.
+    #: World after the input; the state of the core is the same as before the input.
+    after: World | Fault
     message: Message | None = None  #: Message whose address the input carries.
 
 
 def first_world(bound: Bound) -> World:
-    """Return the first world, in which nothing is sent and the delegate has located the output message."""
+    """Return the first world: the output message is located, and no publisher has sent a message."""
     nothing = (0,) * len(bound.totals)
     return World(
         state=State.START,
@@ -164,7 +170,7 @@ def steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
 
 
 def _publisher_steps(world: World, bound: Bound) -> Iterator[Step]:
-    """Yield the publications: software publishes at any time, hardware publishes while the HMT is free."""
+    """Yield the publications; software can publish at any time, hardware can publish while the HMT is free."""
     for publisher, number in enumerate(world.sent):
         if number == bound.totals[publisher]:
             continue
@@ -228,7 +234,7 @@ def _take(world: World) -> Step:
 
 
 def _cancel(world: World, bound: Bound) -> Step:
-    """Return the delegate's step for a cancel; the delegate does not answer an answered request again."""
+    """Return the delegate's step for a cancel; the delegate does not answer an answered request a second time."""
     if bound.answers_once and not world.blocked:
         return Step("delegate", "ignores the cancel, having answered", world)
     answers = (*world.answers, Answer(Input.CANCELLED))
@@ -250,7 +256,7 @@ def _publish(world: World, bound: Bound) -> Step:
 
 
 def _core_steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
-    """Yield the core's transitions for all inputs that it can receive now."""
+    """Yield the core's transitions for all inputs that the core can receive now."""
     row = table[world.state]
     for event in _events(world, bound, row.action):
         transition = row.transitions.get(event.input)
@@ -280,7 +286,7 @@ def _transition_step(world: World, event: Event, transition: Transition) -> Step
 
 
 def _events(world: World, bound: Bound, action: Action) -> Iterator[Event]:
-    """Yield the inputs that the core can receive now, given its action."""
+    """Yield the inputs that the core can receive in a world during an action."""
     at_port = _at_port(world, bound)
     match action:
         case Action.LISTEN_OSIF:
@@ -303,7 +309,7 @@ def _events(world: World, bound: Bound, action: Action) -> Iterator[Event]:
 def _hmt_events(
     world: World, bound: Bound, action: Action, at_port: Message | None
 ) -> Iterator[Event]:
-    """Yield the inputs that the core can receive while it claims the HMT, sends to it or takes from it."""
+    """Yield the inputs that the core can receive while the core claims the HMT, sends to it or takes from it."""
     match action:
         case Action.CLAIM_HMT:
             if at_port is not None:

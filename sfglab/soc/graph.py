@@ -1,4 +1,4 @@
-"""This module has a ROS computation graph with its mapping onto a system-on-chip, in memory and as a YAML file.
+"""The module `graph` has a ROS computation graph with its mapping onto a system-on-chip, in memory and as a YAML file.
 
 Paper C, section 5, defines the graph as G = (V, E). The vertices V = (N, T) are ROS nodes and topics. The edges
 E = (E_pub, E_sub) are publications and subscriptions. Each node is placed in software or in hardware. Each topic is
@@ -55,7 +55,8 @@ class Implementation:
     """An `Implementation` describes a node in the configurable logic."""
 
     lut: int = between(0)  #: Number of look-up tables.
-    bram: float = between(0.0)  #: Number of block memories of 36 kbit; one of 18 kbit is a half.
+    #: Number of block memories of 36 kbit; a block memory of 18 kbit counts as a half.
+    bram: float = between(0.0)
     time_s: float = between(0.0)  #: Time of one activation, s.
 
 
@@ -67,7 +68,7 @@ class Node:
     placement: Placement = Placement.SOFTWARE  #: Side on which the node runs.
     rate_hz: float = between(0.0)  #: Activations per second; 0 if unknown.
     software_s: float = between(0.0)  #: Time of one activation in software, s; 0 if unknown.
-    #: Implementation in hardware; None if there is none or if nothing is known of it.
+    #: Implementation in hardware; None if the node has no or no known implementation in hardware.
     hardware: Annotated[Implementation | None, OR_NULL] = None
 
     @property
@@ -78,11 +79,12 @@ class Node:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
-    """A `Topic` is a ROS topic with the nodes that publish and subscribe."""
+    """Draw the background of the parts in the logic: a wide band and, on top, a slightly narrower band."""
 
     name: str  #: Name in the graph.
     type: str = ""  #: ROS type of the messages; empty if unknown.
-    size_bytes: int | None = between(None)  #: Size of a message; 0: it is empty; None: unknown.
+    #: Size of a message in bytes; 0 for an empty message; None if unknown.
+    size_bytes: int | None = between(None)
     #: Messages per second of all publishers together; None if unknown.
     rate_hz: float | None = between(None)
     publishers: tuple[str, ...]  #: Names of the nodes of E_pub^t.
@@ -127,9 +129,10 @@ class Graph:
             publisher, or a topic in hardware has a node in software.
     """
 
-    #: N, in the order of the file.
+    #: Nodes N of the graph, in the order of the file.
     nodes: Annotated[tuple[Node, ...], ByName("name")]
-    topics: Annotated[tuple[Topic, ...], ByName("name")] = ()  #: T, in the order of the file.
+    #: Topics T of the graph, in the order of the file.
+    topics: Annotated[tuple[Topic, ...], ByName("name")] = ()
     name: str = ""  #: Title of the graph.
     description: str = ""  #: Source and purpose of the graph.
 
@@ -239,7 +242,7 @@ def load_graph(path: Path | str) -> Graph:
 
 
 def graph_text(graph: Graph) -> str:
-    """Return a graph as the text of a YAML file, which leaves out values that are equal to their defaults."""
+    """Return a graph as the text of a YAML file; the text leaves out values that are equal to their defaults."""
     import yaml
 
     values: dict[str, Any] = {}
@@ -252,7 +255,7 @@ def graph_text(graph: Graph) -> str:
         values["nodes"][node.name] = {"placement": node.placement.value, **_changed(node)}
     if graph.topics:
         values["topics"] = {topic.name: _changed(topic) for topic in graph.topics}
-    # Characters beyond ASCII are escaped, because YAML reads some of them as line breaks.
+    # The file has escapes for characters beyond ASCII, because YAML reads some of these characters as line breaks.
     text: str = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=110)
     return text
 

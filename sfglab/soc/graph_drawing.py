@@ -1,4 +1,4 @@
-"""This module draws a mapped graph as in paper C, Fig. 8: crossing edges in colour, parts in hardware on blue."""
+"""The module `graph_drawing` draws a mapped graph like paper C, Fig. 8: crossing edges in colour, hardware on blue."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.patches import FancyBboxPatch
 
-# Okabe and Ito's palette, distinct for all common kinds of colour blindness; light where text stands on it.
-CROSSING = "#D55E00"  #: Edges across the boundary.
-PLAIN = "#666666"  #: Other edges.
-LOGIC = "#DCECF8"  #: Background of parts in hardware.
-OUTLINE = "#0072B2"  #: Outline of that background.
-FRAME = "#333333"  #: Frames and texts.
+# The palette is that of Okabe and Ito, which suits people with common kinds of colour blindness. The colours behind
+# texts are light.
+CROSSING = "#D55E00"  #: Colour of edges across the boundary.
+PLAIN = "#666666"  #: Colour of edges that do not cross the boundary.
+LOGIC = "#DCECF8"  #: Background colour of the parts in hardware.
+OUTLINE = "#0072B2"  #: Outline colour of the background of parts in hardware.
+FRAME = "#333333"  #: Colour of frames and texts.
 SOFTWARE = "#FFFFFF"
 HARDWARE = "#85BCE6"
 GATEWAY = "#F7DD92"
@@ -28,13 +29,13 @@ _FILLS = {
     TopicMapping.HARDWARE: HARDWARE,
     TopicMapping.GATEWAY: GATEWAY,
 }
-# Lengths in inches.
+# All lengths of the drawing are in inches.
 LEGEND_WIDTH = 7.6
-_PAGE = 15.0  # width of the widest layered picture
-_TITLE = 0.3  # height of a title
-_CELL = 0.17  # side of a cell of a matrix
-_NAMES = 1.8  # room for the names beside a matrix
-_BAND_PT = 15.0  # width in points of the background along lines and frames
+_PAGE = 15.0  # A layered picture is at most this wide.
+_TITLE = 0.3  # A title is this high.
+_CELL = 0.17  # A cell of a matrix has sides of this length.
+_NAMES = 1.8  # The names beside a matrix have this room.
+_BAND_PT = 15.0  # The background along lines and frames is this wide, in points.
 
 
 def draw_graph(
@@ -46,7 +47,7 @@ def draw_graph(
         ax: Axes to draw on.
         graph: Graph with its mapping.
         layout: Places of the vertices, so that several pictures agree. [default: the places of `layered_layout`]
-        title: Text above the picture; the number of crossing edges follows the text.
+        title: Text above the picture. The drawing adds the number of crossing edges to the text.
 
     Returns:
         The frame and the text of each node and topic.
@@ -78,7 +79,7 @@ def draw_graph(
 
 
 def _draw_parts(ax: Axes, layout: Layout, logic: set[Vertex]) -> None:
-    """Draw the background of the parts in the logic as a wide band with a slightly narrower band on top."""
+    """Draw the background of the parts in the logic: a wide band and, on top, a slightly narrower band."""
     for width, color in ((_BAND_PT + 2, OUTLINE), (_BAND_PT, LOGIC)):
         band: dict[str, Any] = {"color": color, "linewidth": width, "zorder": 1}
         for vertex in sorted(logic):
@@ -107,7 +108,7 @@ def draw_mapping(mapping: CommunicationMapping, figure: Figure) -> None:
     """Draw the three stages of a communication mapping below each other, with a legend, as in Fig. 8 (b) to (d).
 
     Args:
-        mapping: Mapping to draw. The function draws a graph that is wider than a page as a matrix.
+        mapping: Mapping to draw. A graph that is wider than a page is drawn as a matrix.
         figure: Empty figure; the function sets the figure's size to the size of the pictures.
     """
     graph = mapping.gateways

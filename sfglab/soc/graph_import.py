@@ -1,8 +1,9 @@
-"""This module makes a graph from a log, and writes the hardware part of a mapped graph as ReconROS's `build.cfg`.
+"""The module `graph_import` makes a graph from a log, and writes a graph's hardware part as ReconROS's `build.cfg`.
 
-A log does not say where nodes run, so all nodes of a log's graph are in software. A log may be a recording, or the
-messages that `sfglab map --domain` received. The file `build.cfg` follows ReconROS's demonstration of gateways. Users
-add the sources of the threads and the board's address. The project has built no written `build.cfg` with Vivado.
+A log does not say where nodes run, so the graph of a log has all nodes in software. A log may be a recording, or the
+messages that `sfglab map --domain` received. The file `build.cfg` has the form of ReconROS's demonstration of
+gateways. Users add the sources of the threads and the board's address to the file. The project has built no written
+`build.cfg` with Vivado.
 """
 
 from __future__ import annotations
@@ -25,15 +26,15 @@ if TYPE_CHECKING:
 class ImportedGraph:
     """An `ImportedGraph` is the graph of a log."""
 
-    graph: Graph  #: All nodes in software.
-    left_out: dict[str, str]  #: Reason for each topic of the log that the graph leaves out.
+    graph: Graph  #: Graph of the log, with all nodes in software.
+    left_out: dict[str, str]  #: Reason why the graph leaves a topic out, by the topic's name.
 
 
 def graph_from_log(log: LogReader) -> ImportedGraph:
     """Return the graph of an open log of any recorder; the graph's topics have types, sizes and rates.
 
-    If the log does not name a topic's publishers (`traffic_of`), the topic gets one node of its own, called
-    ``publisher of <topic>``, and no subscribers.
+    If the log does not name a topic's publishers (`traffic_of`), the graph has one node for this topic, called
+    ``publisher of <topic>``, and no subscribers of the topic.
 
     Raises:
         DocumentError: The metadata record does not have the form that `graph_metadata` returns.
@@ -64,7 +65,7 @@ def graph_from_log(log: LogReader) -> ImportedGraph:
     return ImportedGraph(graph=graph, left_out=left_out)
 
 
-#: The board and tools of paper C, section 4, as in ReconROS's demonstration of gateways.
+#: The board and tools are those of paper C, section 4, as in ReconROS's demonstration of gateways.
 _GENERAL = {
     "TargetBoard": "zcu104,0",
     "TargetPart": "xczu7ev-ffvc1156-2-e",
@@ -77,15 +78,16 @@ _GENERAL = {
     "SystemClock": "System",
 }
 _CLOCK = {"ClockSource": "static", "ClockFreq": "100000000"}
-_TAKE = "10000"  #: Last argument of a subscription in software, as in all demonstrations.
+#: Last argument of a subscription in software, as in all demonstrations of ReconROS.
+_TAKE = "10000"
 
 
 def build_cfg(graph: Graph, *, name: str = "application") -> str:
     """Return the text of `build.cfg` for the hardware part of a placed and mapped graph.
 
     Each node in hardware gets a slot, a thread with HLS source and the thread's resources; each gateway gets a slot
-    and a section. Names of threads and streams become identifiers, ROS names stay. ReconROS's gateway supports only
-    ``sensor_msgs/Image``, but the function writes topics of all types.
+    and a section. Names of threads and streams become identifiers; ROS names stay unchanged. ReconROS's gateway
+    supports only ``sensor_msgs/Image``, but the function writes topics of all types.
 
     Raises:
         InvalidValueError: A topic has no message type, or a name has a blank, a comma or a quote.
@@ -161,7 +163,7 @@ def _message_type(topic: Topic) -> tuple[str, str]:
 
 
 def _check_plain(key: str, names: Iterable[str]) -> None:
-    """Refuse names with a blank, a comma or a quote, where ReconROS splits a resource's arguments even in quotes."""
+    """Refuse names with a blank, a comma or a quote, because ReconROS splits a resource's text there even in quotes."""
     for name in names:
         if not re.fullmatch(r'[^\s,"]+', name):
             allowed = "names without blanks, commas and quotes in a build.cfg"
@@ -171,7 +173,7 @@ def _check_plain(key: str, names: Iterable[str]) -> None:
 def _identifiers(names: Iterable[str]) -> dict[str, str]:
     """Return an identifier for the name of each node and topic.
 
-    Two identifiers differ in more than upper and lower case, because build.cfg names cores of hardware by them.
+    Two identifiers differ in more than upper and lower case, because build.cfg names hardware cores by identifiers.
     """
     found: dict[str, str] = {}
     taken = set()

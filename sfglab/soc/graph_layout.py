@@ -1,4 +1,4 @@
-"""This module places a graph's nodes, topics and edges in layers of a picture, from publishers to subscribers.
+"""The module `graph_layout` places nodes, topics and edges in layers of a picture, from publishers to subscribers.
 
 The module uses Sugiyama's method with networkx. The layer of a vertex follows from the longest path to the vertex.
 An edge that passes a layer has a bend point in the layer. Sweeps over the layers sort the vertices of each layer by
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
     from sfglab.soc.graph import Edge, Graph, Vertex
 
-# All lengths are in inches.
-_LETTER = 0.072  # width of a letter
-_LINE = 0.142  # height of a line
-_PAD = 0.07  # room around a name
-_LETTERS = 12  # largest number of letters per line of a name
-_LINES = 4  # largest number of lines of a name
-_COLUMN_GAP = 0.65  # between layers
-_BOX_GAP = 0.4  # between a frame and its neighbours in the layer
-_BEND_GAP = 0.25  # between bend points of a layer
-_BACKWARDS = 0.08  # distance of an edge that runs backwards below the middle of its frames
-_MARGIN = 0.2  # around the picture, for outlines and notes
+# All lengths of the layout are in inches.
+_LETTER = 0.072  # A letter is this wide.
+_LINE = 0.142  # A line is this high.
+_PAD = 0.07  # A name has this room around it.
+_LETTERS = 12  # A line of a name has at most this number of letters.
+_LINES = 4  # A name has at most this number of lines.
+_COLUMN_GAP = 0.65  # Two layers have this gap between them.
+_BOX_GAP = 0.4  # A frame has this gap to its neighbours in the layer.
+_BEND_GAP = 0.25  # Two bend points of a layer have this gap.
+_BACKWARDS = 0.08  # An edge that runs backwards is this far below the middle of its frames.
+_MARGIN = 0.2  # The picture has this margin for outlines and notes.
 _SWEEPS = 48
 
 
@@ -103,7 +103,7 @@ def layered_layout(graph: Graph) -> Layout:
 
 
 def _layers(graph: Graph) -> dict[Any, int]:
-    """Return the layer of each vertex: the length of the longest path to it, with edges of cycles reversed."""
+    """Return the layer of each vertex: the length of the longest path to the vertex, with edges of cycles reversed."""
     import networkx as nx
 
     onward = nx.DiGraph()
@@ -158,7 +158,7 @@ def _apart(wanted: Mapping[Any, float], boxes: Mapping[Any, Box]) -> dict[Any, f
 
 
 def _line(chain: Sequence[Box]) -> NDArray[np.float64]:
-    """Return a curve from left to right that is level beside frames and at bends, and so passes between frames."""
+    """Return a curve from left to right; the curve is level beside frames and at bends, to pass between frames."""
     along = np.linspace(0, 1, 30)
     eased = along * along * (3 - 2 * along)
     pieces = []
@@ -174,9 +174,10 @@ def _line(chain: Sequence[Box]) -> NDArray[np.float64]:
 def _box(name: str) -> Box:
     """Return the box of a name in the drawing.
 
-    The function breaks a long name, if possible after a dot, slash, dash or underscore, and cuts a very long one.
+    The function breaks a long name into lines, if possible after a dot, slash, dash or underscore, and cuts a name
+    that has too many lines.
     """
-    # Marks become places where a line may end.
+    # A tab marks each place where a line may end.
     marked = re.sub(r"(?<=[_./-])(?=[^_./-])", "\t", name)
     lines = textwrap.wrap(
         marked,

@@ -1,6 +1,6 @@
-"""This module maps the topics of a graph to software, to hardware or to gateways (paper C, section 5).
+"""The module `mapping` maps the topics of a graph to software, to hardware or to gateways (paper C, section 5).
 
-The developer, or `sfglab.soc.placement`, has placed the nodes of the graph before. The function `map_communication`
+The developer, or `sfglab.soc.placement`, places the nodes of the graph first. The function `map_communication` then
 maps the topics by the paper's three cases. The function `crossing_edges` finds the edges that cross the boundary
 between software and hardware. The function `carriages_per_message` counts how often a message crosses the memory
 interface. The functions whose names end in `_s` predict times with the memory model (`sfglab.soc.memory`), for one
@@ -33,7 +33,7 @@ class CommunicationMapping:
     """
 
     all_software: Graph  #: Graph with all topics in software, the default (Fig. 8b).
-    #: Graph with the topics that join only hardware nodes in hardware, the others in software (Fig. 8c).
+    #: Graph with topics in hardware if all their nodes are in hardware, other topics in software (Fig. 8c).
     without_gateways: Graph
     gateways: (
         Graph  #: The graph of Fig. 8c with gateways for the topics that the rule selects (Fig. 8d).
@@ -55,7 +55,7 @@ class CommunicationMapping:
 
 
 def more_than_one_hardware_subscriber(graph: Graph, topic: Topic) -> bool:
-    """Return whether the rule of section 5, which ignores message sizes, gives a topic a gateway."""
+    """Return whether section 5's rule gives a topic a gateway; the rule ignores the size of messages."""
     return len(graph.hardware_nodes.intersection(topic.subscribers)) > 1
 
 
@@ -70,7 +70,7 @@ def map_communication(
     2. If all publishers and subscribers of t are in N_HW, t goes to T_HW.
     3. If t joins both sides, the rule `gateway` decides whether t goes to T_GW or to T_SW.
 
-    The function ignores the mappings that the given graph has. Mapping a result again therefore changes nothing.
+    The function ignores the mappings that the given graph has. To map a result again therefore changes nothing.
 
     Args:
         graph: Graph with placed nodes.
@@ -79,7 +79,7 @@ def map_communication(
     hardware_nodes = graph.hardware_nodes
     all_software = graph.with_placements(
         {}
-    )  # changes no placement, and maps all topics to software
+    )  # The call keeps all placements and maps all topics to software.
     to_hardware: dict[str, TopicMapping] = {}
     to_gateway: dict[str, TopicMapping] = {}
     for topic in all_software.topics:
@@ -98,7 +98,7 @@ def map_communication(
 def crossing_edges(graph: Graph) -> list[Edge]:
     """Return the edges across the boundary between software and hardware, publications first.
 
-    Section 5 counts an edge if its node and its topic are on different sides. A topic in software is on the
+    Section 5 counts an edge if the edge's node and topic are on different sides. A topic in software is on the
     software side. A topic in hardware and a gateway are on the hardware side.
     """
     node_sides = {node.name: node.placement for node in graph.nodes}
@@ -111,10 +111,10 @@ def crossing_edges(graph: Graph) -> list[Edge]:
 def carriages_per_message(graph: Graph, topic: Topic) -> float:
     """Return how often a message crosses the memory interface, as the mean over the topic's publishers.
 
-    A gateway reduces the number of carriages (section 3), and the number of crossing edges only stands for that
-    number. A gateway with n subscribers in software has n crossing edges. The gateway still carries a message
-    once, because its software subscribers share main memory. On a topic in software each hardware publisher writes
-    a message once, and each hardware subscriber reads the message once.
+    A gateway reduces the number of carriages (section 3); section 5 uses the number of crossing edges in place of the
+    number of carriages. A gateway with n subscribers in software has n crossing edges. The gateway still carries a
+    message once, because its software subscribers share main memory. On a topic in software each hardware publisher
+    writes a message once, and each hardware subscriber reads the message once.
     """
     if topic.mapping is TopicMapping.HARDWARE:
         return 0.0
@@ -128,13 +128,12 @@ def carriages_per_message(graph: Graph, topic: Topic) -> float:
 def transfer_s(graph: Graph, topic: Topic, *, side: Placement | None = None) -> float:
     """Return how long a message takes from its publisher to its subscribers as its topic is mapped, s.
 
-    A topic with publishers on both sides takes the time of the slower side. Without subscribers, or without
-    subscribers on the side asked for, the time is 0 s.
+    A topic with publishers on both sides takes the time of the slower side. If no subscriber counts, the time is 0 s.
 
     Args:
         graph: Graph of the topic.
         topic: Topic with its mapping.
-        side: Side of the subscribers whose time counts. None: the time at which all subscribers have the message.
+        side: Side of the subscribers whose time counts. None: the time until all subscribers have the message.
 
     Raises:
         InvalidValueError: The size of the messages is unknown.
@@ -159,7 +158,7 @@ def transfer_s(graph: Graph, topic: Topic, *, side: Placement | None = None) -> 
 
 
 def message_bytes(topic: Topic) -> int:
-    """Return the size of a topic's messages for the memory model, B; an empty message counts as one byte.
+    """Return the size of a topic's messages in bytes for the memory model; an empty message counts as one byte.
 
     Raises:
         InvalidValueError: The size of the messages is unknown.
@@ -171,7 +170,7 @@ def message_bytes(topic: Topic) -> int:
 
 
 def faster_by_gateway(graph: Graph, topic: Topic) -> bool:
-    """Return whether the memory model predicts a shorter time through a gateway: a rule for `map_communication`."""
+    """Return whether a topic is faster through a gateway by the memory model: a rule for `map_communication`."""
     software = replace(topic, mapping=TopicMapping.SOFTWARE)
     gateway = replace(topic, mapping=TopicMapping.GATEWAY)
     return transfer_s(graph, gateway) < transfer_s(graph, software)
@@ -180,8 +179,8 @@ def faster_by_gateway(graph: Graph, topic: Topic) -> bool:
 def arrival_s(graph: Graph, edge: Edge) -> float:
     """Return how long a message takes to the node of a subscription as its topic is mapped, s.
 
-    A node in hardware gets the time of the last hardware subscriber. A node in software gets the mean time over
-    all orders of delivery.
+    A message to a node in hardware takes the time until the last hardware subscriber has the message. A message to a
+    node in software takes the mean time over all orders of delivery.
 
     Raises:
         InvalidValueError: The size of the messages is unknown.
@@ -190,13 +189,13 @@ def arrival_s(graph: Graph, edge: Edge) -> float:
 
 
 def chain_s(graph: Graph, chain: Sequence[str]) -> dict[Edge, float]:
-    """Return when each next node of a chain has the message, s, from the start of the first node's work.
+    """Return when each next node of a chain has received the message, s, since the first node started its work.
 
     If the chain uses an edge twice, the result has the later time of the edge.
 
     Args:
         graph: Graph with its mapping.
-        chain: Names of nodes; a topic whose size is known joins each node to the next node. If such a topic has
+        chain: Names of nodes. A topic of known size joins each node to the next node. If such a topic has
             publishers on both sides, the slower side counts.
 
     Raises:
@@ -225,7 +224,7 @@ def link(graph: Graph, before: str, after: str) -> Edge:
 
 
 def activation_s(node: Node) -> float:
-    """Return the time that one activation of a node takes on the node's side, s; 0 if the time is unknown."""
+    """Return the time of one activation of a node on the side where the node is placed, s; 0 if the time is unknown."""
     if not node.in_hardware:
         return node.software_s
     return node.hardware.time_s if node.hardware else 0.0

@@ -1,4 +1,4 @@
-"""This module computes how long a message takes between software and hardware nodes (paper C, section 4).
+"""The module `memory` computes how long a message takes between software and hardware nodes (paper C, section 4).
 
 All hardware nodes share one interface to main memory, the MEMIF (section 2.2). The MEMIF moves a message in
 chunks of 256 bytes, one request after the other without overlap, and serves the requesting nodes in turn. The
@@ -7,9 +7,9 @@ class `MemoryInterface` counts the cycles of the MEMIF as in ReconROS' reference
 The function `transfer_times` has all formulas for the setup of Fig. 5, in which one publisher sends a message on
 one topic to hardware and software subscribers. The model has three kinds of topic:
 
-- A software-mapped topic (SMT) keeps messages in main memory. A hardware publisher writes its message there. The
-  SMT delivers a message to its subscribers one after the other. After a delivery the delegate thread of a hardware
-  subscriber wakes the hardware node, and the node reads the message over the MEMIF. An SMT with n hardware
+- A software-mapped topic (SMT) keeps messages in main memory. A hardware publisher writes its message to main memory.
+  The SMT delivers a message to its subscribers one after the other. After a delivery the delegate thread of a hardware
+  subscriber wakes the hardware subscriber, and this subscriber reads the message over the MEMIF. An SMT with n hardware
   subscribers therefore causes n reads per message.
 - A hardware-mapped topic (HMT) sends one word per cycle to all hardware subscribers.
 - A gateway joins an SMT and an HMT with a gateway core. The gateway core is one subscriber of the SMT and one port
@@ -55,7 +55,7 @@ class MemoryInterface:
     write_latency_cycles: float = 9.0
 
     def chunks(self, message_bytes: float) -> int:
-        """Return the number of requests for a message."""
+        """Return the number of requests that move a message."""
         return int(-(-message_bytes // self.chunk_bytes))
 
     @property
@@ -75,12 +75,12 @@ class MemoryInterface:
 
     @property
     def memory_to_stream_cycles(self) -> float:
-        """Return the cycles that a gateway core takes to read one chunk, to store it and to send it."""
+        """Return the cycles that a gateway core takes to read, store and send one chunk."""
         return self.read_cycles + self.data_cycles
 
     @property
     def stream_to_memory_cycles(self) -> float:
-        """Return the cycles that a gateway core takes to receive one chunk, to store it and to write it."""
+        """Return the cycles that a gateway core takes to receive, store and write one chunk."""
         return self.write_cycles + self.data_cycles
 
     def read_s(self, message_bytes: float) -> float:
@@ -108,8 +108,8 @@ def shared_s(releases_s: Sequence[float], work_s: float) -> float:
         work_s: Time that a node needs alone, s.
 
     Returns:
-        The maximum over j of release j plus the work of all nodes whose releases are not before release j. Turns
-        of the MEMIF lose no time, so the last node ends its read with the busy period, for turns of any size.
+        The maximum over j of release j plus the work of all nodes whose releases are not before release j. The turns
+        of the MEMIF lose no time, so the last node ends its read when the busy period ends, for turns of any size.
         Without nodes the function returns 0.
     """
     ordered = sorted(releases_s)
@@ -118,9 +118,9 @@ def shared_s(releases_s: Sequence[float], work_s: float) -> float:
 
 
 def round_robin_s(releases_s: Sequence[float], chunks: int, chunk_s: float) -> list[float]:
-    """Return when each of several nodes has read its message, if the MEMIF serves one chunk per turn, s.
+    """Return when each of several nodes has read its message, s; the MEMIF serves one chunk per turn.
 
-    The function `shared_s` returns the last of the nodes' times.
+    The function `shared_s` returns the largest of the nodes' times.
 
     Args:
         releases_s: Start of each node, s, in the order of the turns.
@@ -198,7 +198,7 @@ FITTED = (
     "endpoint_s",
     "cancel_s",
 )
-"""`FITTED` names the fitted constants; the other constants are assumed or from the reference design."""
+"""`FITTED` names the fitted constants; the constants without a fit are assumed or from the reference design."""
 
 
 # --- Transfer times ---------------------------------------------------------------------------
@@ -268,7 +268,7 @@ def transfer_times(setup: Setup, costs: Costs = STORED) -> dict[Placement, float
         over_smt_s = publish_s + (setup.software_subscribers + 2) / 2 * deliver_s
         if is_from_hardware:
             in_memory_s = endpoint_s + costs.message_s(size_bytes, costs.stream_to_memory_cycles)
-            # The stream waits for the core, so the hardware subscribers take as long as the core.
+            # The hardware subscribers take as long as the core, because the stream waits for the core.
             forward_s = endpoint_s + costs.cancel_s + delegate_s
             times_s = {
                 Placement.HARDWARE: in_memory_s + endpoint_s,

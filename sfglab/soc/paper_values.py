@@ -1,8 +1,8 @@
-"""This module computes the bars of paper C's Fig. 6 and 7 with the memory model, and names the stated numbers.
+"""The module `paper_values` computes the bars of paper C's Fig. 6 and 7, and names the numbers that the paper states.
 
-The project has paper C only as text. Section 4 states only seven ratios: the ends of the ranges of the gateway's
-speed-up. The file ``data/claims.yaml`` has the seven ratios. The constant `STATED` says which speed-up of the model
-belongs to each ratio.
+The project has paper C only as text. Section 4 of this text states only seven ratios: the ends of the ranges of the
+gateway's speed-up. The file ``data/claims.yaml`` has the seven ratios. The constant `STATED` names the speed-up of
+the model that belongs to each ratio.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)  #: Sizes of the images.
-SUBSCRIBERS = (2, 4, 8)  #: Numbers of hardware subscribers; one software node subscribes too.
+#: Numbers of hardware subscribers; one software node is a further subscriber.
+SUBSCRIBERS = (2, 4, 8)
 
 
 class Panel(Enum):
@@ -39,7 +40,7 @@ class Panel(Enum):
 
     @property
     def subscriber(self) -> Placement:
-        """Return the side of the subscriber whose time counts; in hardware the time of the last subscriber counts."""
+        """Return the side of the subscriber whose time counts; in hardware the last subscriber counts."""
         return Placement(self.value.split()[-1])
 
 
@@ -100,16 +101,19 @@ Ratios = Mapping[tuple[int, int], float]  #: Speed-ups of a panel by message siz
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """A `Stated` number of section 4 belongs to one of a panel's speed-ups."""
+    """A `Stated` is a number that section 4 states, with the speed-up of a panel that belongs to this number."""
 
     claim: str  #: Id of the claim in ``data/claims.yaml`` that has the number.
-    number: str  #: Key among the claim's `numbers`; empty: the value of the claim.
+    #: Key of the number among the claim's `numbers`; empty if the number is the value of the claim.
+    number: str
     panel: Panel  #: Panel of the speed-up.
-    bar: str  #: Message size and number of hardware subscribers of the speed-up, or its rank.
-    slower: bool = False  #: Whether the paper states the reciprocal: how many times as slow.
+    #: Message size and number of hardware subscribers of the speed-up, or the rank of the speed-up.
+    bar: str
+    #: Whether the paper states how many times as slow the gateway is: the reciprocal of the speed-up.
+    slower: bool = False
 
     def by(self, ratios: Ratios) -> float:
-        """Return the value that the given speed-ups of the panel give for the stated number."""
+        """Return the stated number's value by the given speed-ups of the panel."""
         ratio = _RATIOS[self.bar](ratios)
         return 1 / ratio if self.slower else ratio
 

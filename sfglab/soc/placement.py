@@ -1,4 +1,4 @@
-"""This module decides which nodes go to hardware, with one mixed-integer programme that knows gateways.
+"""The module `placement` decides which nodes go to hardware, with one mixed-integer programme that includes gateways.
 
 Paper C leaves the placement of nodes to the developer and names an optimiser as future work (sections 5 and 7). The
 programme has x_n = 1 for a node in hardware and y_t = 1 for a topic at a gateway. The variable h_t belongs to a topic
@@ -12,8 +12,9 @@ in hardware, and e_tn to an edge whose messages cross:
 
 The factors a_n and b_n are a node's seconds of work per second in software and in hardware. The factor w_tn is the
 cost of one carriage of a topic's messages across the memory interface. A topic has one carriage per subscriber, and
-one carriage for all publishers together. The factor g_t is the cost of one carriage through a gateway. If x is whole, the best h and e are
-whole as well. Loads are sums; the module `sfglab.soc.memory` models how carriages wait for each other.
+one carriage for all publishers together. The factor g_t is the cost of one carriage through a gateway. If x is
+whole, the best h and e are whole as well. Loads are sums of times, and leave out how carriages wait for each other;
+the module `sfglab.soc.memory` models these waits.
 """
 
 from __future__ import annotations
@@ -37,13 +38,14 @@ from sfglab.soc.memory import STORED
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-# Times of one carriage across the memory interface, from its model: a delivery, a call to the delegate and a read of
-# the message, and at a gateway also the core's work. Cancels, and the time by which writes exceed reads, are left out.
+# The times of one carriage across the memory interface are from the memory model: a delivery, a call to the delegate,
+# a read of the message, and the core's work if the topic has a gateway. The times leave out cancels, and the time by
+# which a write exceeds a read.
 _CARRIAGE_S = STORED.delegate_s + STORED.deliver_s
 _CHUNK_BYTES = STORED.chunk_bytes
 _BYTE_S = STORED.read_s(_CHUNK_BYTES) / _CHUNK_BYTES + STORED.deliver_s_per_byte
 
-#: Look-up tables of a gateway, about as many as `tests/soc/test_rtl_yosys.py` counts.
+#: Look-up tables of a gateway, approximately the number that `tests/soc/test_rtl_yosys.py` counts.
 GATEWAY_LUT = 690
 
 
@@ -52,8 +54,8 @@ class Platform:
     """A `Platform` is the area of a system-on-chip."""
 
     name: str  #: Name of the board.
-    lut: int  #: Look-up tables for nodes and gateways.
-    bram: float  #: Block memories of 36 kbit for nodes.
+    lut: int  #: Number of look-up tables for nodes and gateways.
+    bram: float  #: Number of block memories of 36 kbit for nodes.
 
 
 ZCU104 = Platform(name="ZCU104", lut=230_400, bram=312.0)
@@ -64,15 +66,15 @@ ZCU104 = Platform(name="ZCU104", lut=230_400, bram=312.0)
 class Load:
     """A `Load` is the work of a mapped graph on a platform, in seconds of work per second of operation."""
 
-    software_s: float  #: Nodes in software.
-    hardware_s: float  #: Nodes in hardware.
-    communication_s: float  #: Carriages across the memory interface.
-    lut: int  #: Look-up tables of nodes and gateways.
-    bram: float  #: Block memories of nodes; a gateway takes none.
+    software_s: float  #: Work of the nodes in software.
+    hardware_s: float  #: Work of the nodes in hardware.
+    communication_s: float  #: Time of the carriages across the memory interface.
+    lut: int  #: Number of look-up tables of nodes and gateways.
+    bram: float  #: Number of block memories of nodes; a gateway takes none.
 
     @property
     def total_s(self) -> float:
-        """Return the sum of all times, which node placement minimises."""
+        """Return the sum of all times; the placement of nodes minimises this sum."""
         return self.software_s + self.hardware_s + self.communication_s
 
     def check_fits(self, platform: Platform) -> None:
@@ -118,7 +120,7 @@ def topic_load(graph: Graph, topic: Topic) -> float:
 
 
 def carriage_load(topic: Topic, mapping: TopicMapping) -> float:
-    """Return the seconds per second that one carriage of each message takes, at a gateway or of a software topic.
+    """Return the seconds per second that one carriage per message takes, with the topic in software or at a gateway.
 
     Raises:
         InvalidValueError: The topic's size or rate is unknown.
@@ -132,7 +134,8 @@ def carriage_load(topic: Topic, mapping: TopicMapping) -> float:
     return topic.rate_hz * time_s
 
 
-_MS = 1e3  # The programme counts in milliseconds: numbers near 1 suit the solver's tolerances.
+# The programme counts in milliseconds, because numbers near 1 suit the solver's tolerances.
+_MS = 1e3
 _GAP = 1e-7
 
 
@@ -177,11 +180,11 @@ def place_nodes(
         return NodeMapping(graph=graph, load=assess(graph), gap=0.0)
     problem, hardware, gateways = _programme(graph, platform, fixed)
     with warnings.catch_warnings():
-        # `NodeMapping.gap` tells that the time limit was reached.
+        # `NodeMapping.gap` shows that the solver reached the time limit.
         warnings.filterwarnings("ignore", message="Solution may be inaccurate")
         try:
             problem.solve(solver=cp.HIGHS, mip_rel_gap=_GAP, time_limit=time_limit_s)
-        # Without a solution CVXPY raises a ValueError.
+        # CVXPY raises a ValueError if the solver has no solution.
         except (cp.error.SolverError, ValueError) as error:
             raise SfglabError(f"node mapping: HiGHS failed: {error}") from error
     if problem.status == cp.INFEASIBLE:
@@ -192,17 +195,17 @@ def place_nodes(
     chosen = {name for name, gateway in gateways.items() if gateway.value > 0.5}
     placed = graph.with_placements(sides)
     mapped = map_communication(placed, gateway=lambda _, topic: topic.name in chosen).gateways
-    # Without a lower bound HiGHS' gap is infinite; no load is below 0.
+    # HiGHS reports an infinite gap if HiGHS has no lower bound; no load is below 0.
     gap = min(1.0, problem.solver_stats.extra_stats.mip_gap)
     return NodeMapping(graph=mapped, load=assess(mapped), gap=gap)
 
 
 def check_fixed(graph: Graph, fixed: Mapping[str, Placement]) -> None:
-    """Check that the fixed nodes exist and can have their placements; all other nodes can be in software.
+    """Check that the fixed nodes exist and can have their placements; the other nodes can always be in software.
 
     Raises:
         InvalidValueError: A node does not exist.
-        SfglabError: A node in hardware has no implementation there.
+        SfglabError: A node in hardware has no implementation in hardware.
     """
     for name, placement in fixed.items():
         if graph.node(name).hardware is None and placement is Placement.HARDWARE:
@@ -216,7 +219,7 @@ def _programme(
     import cvxpy as cp
 
     x = cp.Variable(len(graph.nodes), boolean=True)
-    # A variable of its own, because HiGHS' gap leaves out a constant of the objective.
+    # The variable `in_software` is separate, because HiGHS' gap leaves out a constant of the objective.
     in_software = cp.Variable(len(graph.nodes))
     rows: list[Any] = [in_software == 1 - x]
     work = []

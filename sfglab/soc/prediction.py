@@ -1,11 +1,11 @@
-"""This module predicts each number that paper C states in section 4 from the other six numbers.
+"""The module `prediction` predicts each number that paper C states in section 4 from the other six numbers.
 
 The project fitted six constants of the memory model to the seven numbers, so the agreement of model and paper
-shows little. A prediction shows more, because the predicted number does not take part. The module leaves out each
-number in turn:
+shows little. A prediction of a number shows more, because the predicted number does not take part in the fit. The
+module leaves out each number in turn:
 
-1. Log-normal `PRIORS` describe what is known of nine constants without the paper's numbers. Six of the nine
-   constants are the fitted constants of `sfglab.soc.memory.FITTED`. The other three constants are assumed there:
+1. Log-normal `PRIORS` describe nine constants with knowledge that does not use the paper's numbers. Six of the nine
+   constants are the fitted constants of `sfglab.soc.memory.FITTED`. The other three constants are assumed constants:
    the read latency, the call of a delegate and the publication. A prediction treats an assumed constant as
    uncertain too. The constants of the reference design have no prior.
 2. The other six numbers narrow the priors to a posterior distribution of the constants. A number may differ from the
@@ -35,29 +35,30 @@ if TYPE_CHECKING:
 
 #: Assumed relative error of model and stated number together, one standard deviation.
 NOISE = 0.05
-_Z = 1.96  # 95 % of a normal distribution are within so many standard deviations.
-_STEP = 1e-4  # of logarithms, for derivatives
+_Z = 1.96  # A normal distribution has 95 % of its values within this number of standard deviations.
+_STEP = 1e-4  # The derivatives of logarithms use this step.
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """A `Prior` is the log-normal distribution of a constant, as known without the paper's numbers."""
+    """A `Prior` is the log-normal distribution of a constant without knowledge of the paper's numbers."""
 
     median: float  #: Median, in the constant's unit.
-    factor: float  #: 95 % lie between median / factor and median * factor.
+    #: Factor of the 95 % interval, which reaches from median / factor to median * factor.
+    factor: float
 
 
 PRIORS = {
-    "read_latency_cycles": Prior(30, 3),  # 100 to 900 ns from a request to DDR4's first word
-    # From buffered by the port (Xilinx UG1085) to as slow as a read.
+    "read_latency_cycles": Prior(30, 3),  # DDR4's first word comes 100 to 900 ns after a request
+    # A write response can come from the port's buffer (Xilinx UG1085), or take as long as a read.
     "write_latency_cycles": Prior(15, 4),
-    "delegate_s": Prior(80e-6, 4),  # two thread switches on a Cortex-A53
-    "publish_s": Prior(80e-6, 4),  # like a delegate's round trip
+    "delegate_s": Prior(80e-6, 4),  # a call takes two thread switches on a Cortex-A53
+    "publish_s": Prior(80e-6, 4),  # a publication is like a delegate's round trip
     "publish_s_per_byte": Prior(1e-9, 4),  # a Cortex-A53 copies 0.25 to 4 GB/s
-    "deliver_s": Prior(80e-6, 4),  # one subscriber is woken
-    "deliver_s_per_byte": Prior(0.5e-9, 8),  # between a loan and two copies
-    "endpoint_s": Prior(200e-6, 10),  # nothing is known
-    "cancel_s": Prior(160e-6, 4),  # two round trips to the delegate
+    "deliver_s": Prior(80e-6, 4),  # a delivery wakes one subscriber
+    "deliver_s_per_byte": Prior(0.5e-9, 8),  # a delivery makes no copy (loan) to two copies
+    "endpoint_s": Prior(200e-6, 10),  # no knowledge limits the time of an endpoint
+    "cancel_s": Prior(160e-6, 4),  # a cancellation takes two round trips to the delegate
 }
 """`PRIORS` has an assumed prior for each of the six fitted and the three assumed constants."""
 
@@ -69,19 +70,19 @@ _DEVIATIONS = np.log([prior.factor for prior in PRIORS.values()]) / _Z
 class Prediction:
     """A `Prediction` of one number of `STATED` follows from the priors and the other numbers."""
 
-    value: float  #: Median.
+    value: float  #: Median of the predicted number.
     low: float  #: Lower end of the 95 % interval.
     high: float  #: Upper end of the 95 % interval.
 
 
 def predictions(numbers: Sequence[float]) -> list[Prediction]:
-    """Predict each of the numbers in `STATED` from the other numbers; the function takes about a second.
+    """Predict each of the numbers in `STATED` from the other numbers; the prediction takes about a second.
 
     Args:
         numbers: Numbers that the paper states, in the order of `STATED`.
     """
     logs = np.log(numbers)
-    # The start of the search does not change the result, so the number that is left out has no influence.
+    # The result does not depend on the start of the search, so the number that is left out has no influence.
     start, _ = _posterior(logs, list(range(len(STATED))), _MEDIANS)
     return [_prediction(logs, left_out, start) for left_out in range(len(STATED))]
 
@@ -99,7 +100,7 @@ def _prediction(logs: Floats, left_out: int, start: Floats) -> Prediction:
 
 
 def _posterior(logs: Floats, kept: list[int], start: Floats) -> tuple[Floats, Floats]:
-    """Return the most likely logarithms of the constants, shape (9,), and their covariance."""
+    """Return the most likely logarithms of the constants, shape (9,), and the covariance of the logarithms."""
     from scipy.optimize import least_squares
 
     def errors(constants: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""This package has the driving application of paper C, section 6, Fig. 9: a car drives in a simulated town.
+"""The package `driving` has the driving application of paper C, section 6, Fig. 9: a car drives in a simulated town.
 
 The modules `town`, `scene` and `car` simulate the town, the camera's images and the car's motion. The modules
 `nodes` and `odometry` have the nodes of Fig. 9: compensation, Gaussian blur, lane planner, polyfit, detection of red

@@ -1,8 +1,8 @@
-"""This module has the geometry of the car's camera and the kinematic bicycle model of the car's motion.
+"""The module `car` has the geometry of the car's camera and the kinematic bicycle model of the car's motion.
 
-The origin of the vehicle frame is on the ground below the camera, which is mounted above the rear axle. The vehicle
-frame has x forward, y left and z up, in metres. An image has u to the right and v down, in pixels. This module does
-not know lanes and traffic lights.
+The origin of the vehicle frame is on the ground below the camera; the camera is mounted above the rear axle. The
+vehicle frame has x forward, y left and z up, in metres. An image has u to the right and v down, in pixels. This
+module does not depend on lanes and traffic lights.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ _PITCH_RAD = math.radians(6.0)  #: Downward pitch of the camera.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """A `Camera` is a pinhole camera that has no distortion and looks down by 6 degrees."""
+    """A `Camera` is a pinhole camera without distortion that looks down by 6 degrees."""
 
     width: int = 320  #: Columns of an image.
     height: int = 240  #: Rows of an image.
 
     @property
     def focal_px(self) -> float:
-        """Return the focal length in pixels; the horizontal field of view has 65 degrees."""
+        """Return the focal length in pixels; the camera's horizontal field of view has 65 degrees."""
         return 0.78125 * self.width
 
     @property
     def horizon_row(self) -> int:
-        """Return the first row of an image in which each pixel shows the ground."""
+        """Return the first row of an image in which all pixels show the ground."""
         horizon = self.height / 2 - self.focal_px * math.tan(_PITCH_RAD)
         return math.ceil(horizon) + 1
 
@@ -96,7 +96,7 @@ class CarState(Pose):
     steer_rad: float = 0.0  #: Angle of the front wheels, positive to the left.
 
 
-# Limits of the car; all values are assumed, as for a model car of scale 1:10.
+# The limits of the car are assumed, as for a model car of scale 1:10.
 _WHEELBASE_M = 0.26  #: Distance between the axles.
 _ACCELERATION_MPS2 = 1.5  #: Largest acceleration and deceleration.
 _STEER_RAD = 0.5  #: Largest steering angle.

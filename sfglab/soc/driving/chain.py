@@ -1,11 +1,12 @@
-"""This module computes the transfer times of paper C's node chain alpha from an image to a command (section 6).
+"""The module `chain` computes the transfer times of paper C's node chain alpha from an image to a command (section 6).
 
 The memory model gives the time of each message, with topic A mapped to software or to a gateway. All other topics
 have the same mapping in both cases. The paper draws the chain as a red dotted line in Fig. 9 and does not list the
-chain's members, so `CHAIN` is our reading of the figure. This module leaves out the execution times of nodes.
+chain's members, so `CHAIN` is our reading of the figure. The module `chain` leaves out the execution times of nodes.
 
-The model's time of a frame depends only on the order in which a software-mapped topic A serves its subscribers. The
-order of delivery decides which subscribers share the memory interface. A gateway serves all hardware subscribers at once.
+By the model the time of a frame depends only on the order in which a software-mapped topic A serves its subscribers.
+The order of delivery decides which subscribers share the memory interface. A gateway serves all hardware subscribers
+at once.
 """
 
 from __future__ import annotations
@@ -26,18 +27,18 @@ if TYPE_CHECKING:
 CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")
 """`CHAIN` has the nodes of the chain in their order."""
 
-#: Topic that the paper maps to software in one version, to a gateway in the other.
+#: Topic that the paper maps to software in one version of the application and to a gateway in the other version.
 SHARED_TOPIC = "/A"
 
 Order = tuple[str, ...]  #: Subscribers of a software-mapped topic in the order of their delivery.
 
 
-@dataclass(frozen=True)  # without slots: computed properties are kept
+@dataclass(frozen=True)  # The class has no slots, because its cached properties need a dictionary.
 class Chain:
     """A `Chain` has the transfer times of the node chain in a graph.
 
-    The chain maps the topics of the graph by the cases of section 5 without gateways, and only topic A also has a
-    time through a gateway. A property raises an InvalidValueError if the graph lacks a topic of the chain.
+    The graph's topics have the mappings of section 5's cases without gateways. Only topic A also has a time through a
+    gateway. A property raises an InvalidValueError if the graph lacks a topic of the chain.
     """
 
     graph: Graph  #: Graph in which the chain's nodes are placed.
@@ -48,7 +49,7 @@ class Chain:
 
     @cached_property
     def _edges(self) -> list[Edge]:
-        """Return the edges from the chain's topics to the chain's next nodes."""
+        """Return the edge from each topic of the chain to the next node of the chain."""
         return [link(self._mapped, before, after) for before, after in pairwise(CHAIN)]
 
     @property

@@ -1,4 +1,4 @@
-"""This module judges whether a car stayed in its lane, stopped at red lights and completed a lap."""
+"""The module `judge` judges whether a car stayed in its lane, stopped at red lights and completed a lap."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _STANDING_MPS = 0.02
-#: Largest distance of the rear axle from the lane's middle: half a lane minus half a car of 18 cm.
+#: Largest distance of the rear axle from the lane's middle: half a lane minus half a car of 18 cm width.
 _LATERAL_M = LANE_M / 2 - 0.09
-#: Time after a light turned red in which its line may be crossed: the car needs 0.6 s to brake from
+#: Time after a light turned red in which the car may cross the light's line. The car needs 0.6 s to brake from
 #: 0.9 m/s, and some frames to detect the light.
 _GRACE_S = 1.0
-_STOP_M = 2.0  #: Largest distance to the line at which a standing car has stopped for a light.
+#: Largest distance to the stop line at which a standing car counts as stopped for the light.
+_STOP_M = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,8 +27,8 @@ class Verdict:
     red_lights_obeyed: int  #: Number of red lights that the car stopped at and did not run.
     red_lights_run: int  #: Number of stop lines that the car crossed at red.
     largest_lateral_m: float  #: Largest distance of the rear axle from the lane's middle.
-    lap_s: float  #: Duration in the town.
-    passed: bool  #: Whether all rules are met.
+    lap_s: float  #: Duration of the lap on the town's clock.
+    passed: bool  #: Whether the car met all rules.
 
 
 class Judge:
@@ -35,7 +36,7 @@ class Judge:
 
     Args:
         town: Town of the drive.
-        timeout_s: Time in the town after which the lap has failed.
+        timeout_s: Time on the town's clock after which the lap has failed.
         red_lights: Smallest number of red lights that the car must stop at.
     """
 
@@ -56,10 +57,10 @@ class Judge:
         """Observe one frame of the drive.
 
         Args:
-            now_s: Time in the town.
+            now_s: Time on the town's clock.
             car: True place of the rear axle on the lane.
             speed_mps: True speed.
-            red_since_s: Time at which each light turned red, None for a green light.
+            red_since_s: Time at which each light turned red; None for a green light.
         """
         self._now_s = now_s
         self._largest_m = max(self._largest_m, abs(car.left_m))

@@ -1,7 +1,8 @@
-"""This module connects town, camera, nodes and car to a closed loop for one lap.
+"""The module `loop` connects town, camera, nodes and car to a closed loop for one lap.
 
-The class `Stack` contains the nodes, connected as in the graph of Fig. 9. A stack receives only images. The function
-`run_lap` drives a car with a stack round a town. The stack calls the nodes one after the other, without a bus.
+The class `Stack` contains the nodes and connects the nodes as in the graph of Fig. 9. A stack receives only images.
+The function `run_lap` drives a car with a stack round a town. The stack calls the nodes one after the other, without
+a bus.
 """
 
 from __future__ import annotations
@@ -47,11 +48,11 @@ Ts = TypeVarTuple("Ts")
 class Frame:
     """A `Frame` has the results of the nodes for one image."""
 
-    image: Image  #: The camera's image (height, width, 3), BGR.
+    image: Image  #: Image of the camera (height, width, 3), BGR.
     mask: Image  #: Markings in the bird's-eye view.
-    lane: Lane | None  #: The lane; None if there is none in the image.
-    pose: Pose  #: Pose of the odometry.
-    command: Drive  #: The drive command.
+    lane: Lane | None  #: Lane that the node found; None if the image shows no lane.
+    pose: Pose  #: Pose of the car by the odometry.
+    command: Drive  #: Drive command of the lane control.
 
 
 class Stack:
@@ -73,7 +74,7 @@ class Stack:
         blurred = self._timed("gaussian_blur", blur, compensated)
         mask = self._timed("lane_planner", lane_mask, blurred, self.camera)
         lane = self._timed("polyfit", fit_lane, mask)
-        # Both detections see the image before either receives the message of the other.
+        # Both detection nodes see the image before either node receives the message of the other node.
         red_found = self._timed("red_light_detection", self.red.detect, compensated)
         green_found = self._timed("green_light_detection", self.green.detect, compensated)
         if red_found:

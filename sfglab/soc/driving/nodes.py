@@ -1,4 +1,4 @@
-"""This module has the nodes of the driving application, except the odometry (paper C, section 6).
+"""The module `nodes` has the nodes of the driving application, except the odometry (paper C, section 6).
 
 Compensation and Gaussian blur reduce the noise of an image. The lane planner masks yellow and white pixels and
 transforms the mask into a bird's-eye view. Polyfit fits a parabola to the mask by least squares. If the red-light
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
     Floats = NDArray[np.float64]
 
-#: Smallest difference of an outlier from the median of its neighbours, in levels; no pixel of a marking
-#: differs as much.
+#: Smallest difference of an outlier pixel from the median of its neighbours, in levels. The pixels of markings
+#: have smaller differences.
 _OUTLIER = 48
 
 _TAIL = 0.005  #: Share of the darkest and of the brightest pixels that saturate.
@@ -70,7 +70,7 @@ def blur(bgr: Image) -> Image:
     return np.asarray(cv2.GaussianBlur(bgr, (5, 5), 1.0), np.uint8)
 
 
-#: Level of yellow pixels in the mask; the paper does not say whether it separates colours.
+#: Level of yellow pixels in the mask. The paper does not say whether its lane planner separates colours.
 YELLOW = 128
 WHITE = 255  #: Level of white pixels in the mask.
 
@@ -79,14 +79,14 @@ _WHITE_HSV = ((0, 0, 175), (179, 60, 255))
 
 
 _BIRD_SIZE = (320, 240)  #: Columns and rows of the bird's-eye view.
-_BIRD_PIXEL_M = 0.01  #: Side of its pixels.
-_BIRD_NEAR_M = 0.58  #: Distance of its lower edge from the car, which is below the edge's middle.
+_BIRD_PIXEL_M = 0.01  #: Side of a pixel of the bird's-eye view.
+_BIRD_NEAR_M = 0.58  #: Distance of the lower edge of the bird's-eye view from the car.
 _BIRD_LEFT_M = (_BIRD_SIZE[0] / 2 - 0.5) * _BIRD_PIXEL_M
 _BIRD_FAR_M = _BIRD_NEAR_M + (_BIRD_SIZE[1] - 0.5) * _BIRD_PIXEL_M
 _GROUND_FROM_BIRD = np.array(
     [[0.0, -_BIRD_PIXEL_M, _BIRD_FAR_M], [-_BIRD_PIXEL_M, 0.0, _BIRD_LEFT_M], [0.0, 0.0, 1.0]]
 )
-"""The matrix maps pixels (column, row, 1) to points (x, y, 1) of the vehicle frame, m; up is forward."""
+"""The matrix maps bird's-eye pixels (column, row, 1) to points (x, y, 1) of the vehicle frame, m; up is forward."""
 
 
 def lane_mask(bgr: Image, camera: Camera) -> Image:
@@ -97,7 +97,7 @@ def lane_mask(bgr: Image, camera: Camera) -> Image:
         camera: Geometry of the image.
     """
     matrix = camera.image_from_ground @ _GROUND_FROM_BIRD
-    nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP  # levels are not mixed
+    nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP  # the filter must not mix levels
     mask = cv2.warpPerspective(_marking_mask(bgr), matrix, _BIRD_SIZE, flags=nearest)
     return np.asarray(mask, np.uint8)
 
@@ -112,7 +112,7 @@ def _marking_mask(bgr: Image) -> Image:
 
 
 _MIN_PIXELS = 60  #: Smallest number of pixels that a line is fitted to.
-_GATE_M = 0.10  #: Largest distance of a pixel from its expected line.
+_GATE_M = 0.10  #: Largest distance of a pixel from the expected line.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,16 +124,16 @@ class Lane:
     bend_per_m: float  #: Quadratic coefficient.
 
     def y_m(self, x_m: T) -> T:
-        """Return the lateral position of the lane's middle at a distance ahead, or at several distances."""
+        """Return the lateral position of the lane's middle at one distance ahead or at several distances ahead."""
         return self.offset_m + self.slope * x_m + self.bend_per_m * x_m * x_m
 
 
 def fit_lane(mask: Image) -> Lane | None:
     """Fit the middle of the lane between its yellow line (left) and white line (paper C: Polyfit).
 
-    The function `fit_lane` knows the width of the lane. The function moves the pixels of both lines by half a lane, so that
-    all pixels belong to one parabola. A first fit to one colour selects the pixels of the lane, because the image
-    also shows white lines beyond the lane and across the lane.
+    `fit_lane` uses the known width of the lane. The function moves the pixels of both lines by half a lane,
+    so that all pixels belong to one parabola. A first fit to one colour selects the pixels of the lane, because the
+    image also shows white lines beyond the lane and across the lane.
 
     Args:
         mask: Bird's-eye view that `lane_mask` returns.
@@ -165,7 +165,7 @@ def _near(points: Floats, lane: Lane) -> Floats:
 
 
 def _parabola(points: Floats) -> Lane | None:
-    """Return the parabola through points, a straight line if the points are near each other, or None."""
+    """Return the parabola through points: None for too few points, a straight line for points close together."""
     if len(points) < _MIN_PIXELS:
         return None
     x, y = points.T
@@ -185,7 +185,8 @@ class Colour(Enum):
 
 _SATURATION = 130
 _VALUE = 150
-_ROUND = 0.6  #: Least share of its enclosing circle that a lamp covers: a disc 1, a square 0.64.
+#: Smallest share of its enclosing circle that a lamp covers: a disc covers 1, a square 0.64.
+_ROUND = 0.6
 
 _RADII = {Colour.RED: (0.024, 0.045), Colour.GREEN: (0.014, 0.1)}
 """`_RADII` has the smallest and largest radius of a lamp that concerns the car, relative to the image width.
@@ -215,7 +216,7 @@ class LightDetector:
 
     def __init__(self, colour: Colour) -> None:
         self.colour = colour
-        #: Whether the node looks for its light; the other detection node sets it when it found one.
+        #: Whether the node looks for its light; the other detection node activates this node.
         self.active = colour is Colour.RED
 
     def detect(self, bgr: Image) -> bool:
@@ -235,7 +236,7 @@ class LightDetector:
         return False
 
 
-#: Speed on a straight lane. This and the next three are chosen here; the paper gives none.
+#: Speed on a straight lane. The project chose this value and the next three values; the paper has none.
 _SPEED_MPS = 0.9
 _LOOKAHEAD_M = 0.9  #: Distance of the point that the car drives towards.
 _LATERAL_MPS2 = 0.35  #: Largest lateral acceleration, which limits the speed in bends.
@@ -246,20 +247,21 @@ class LaneControl:
     """`LaneControl` is the lane control node.
 
     The node follows the arc through the point of the lane's middle that is 0.9 m ahead. If an image shows no lane,
-    the node drives the car towards the last point and stops there; the odometry tells the node where the point is.
+    the node drives the car towards the last point and stops at this point; the odometry gives the point's position.
     """
 
     def __init__(self) -> None:
-        #: Whether a red light holds the car; the detection nodes set it.
+        #: Whether a red light holds the car; the detection nodes set this value.
         self.held = False
-        self._target: tuple[float, float] | None = None  # in the frame of the odometry
+        # The target is a point in the frame of the odometry.
+        self._target: tuple[float, float] | None = None
 
     def step(self, lane: Lane | None, pose: Pose) -> Drive:
         """Return the drive command for a frame.
 
         Args:
             lane: Result of `fit_lane`; None if the image shows no lane.
-            pose: Pose of the odometry at that frame.
+            pose: Pose of the odometry at the frame of the lane.
         """
         if lane is not None:
             self._target = pose.to_parent(_LOOKAHEAD_M, lane.y_m(_LOOKAHEAD_M))

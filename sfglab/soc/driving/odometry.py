@@ -1,9 +1,9 @@
-"""This module has the visual odometry, which is the software subscriber of topic A.
+"""The module `odometry` has the visual odometry, which is the software subscriber of topic A.
 
 The odometry matches ORB features (Rublee et al., 2011) of the ground ahead between a frame and the last keyframe.
 The motion of the matched features gives the car's planar motion in metres, because the camera's height is known.
 The paper runs ORB-SLAM 3, which creates a map, in place of this odometry. The odometry builds no map and closes no
-loop, so the pose of the odometry drifts. The odometry does not know the car's commands and the town.
+loop, so the pose of the odometry drifts. The odometry has no information about the car's commands and the town.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
     Floats = NDArray[np.float64]
 
-#: Number of features, all on one level: positions from the levels of a pyramid are less exact, and the
-#: heading drifts.
+#: Number of features, all on one level of the image pyramid. Features of several levels have less exact positions, so
+#: the heading would drift.
 _FEATURES = 220
-_FARTHEST_M = 3.0  #: Distance of ground points beyond which they are too inexact.
-_RIM_PX = 16  #: Pixels at the edges of an image without features.
+_FARTHEST_M = 3.0  #: Largest distance of ground points whose positions are exact enough.
+_RIM_PX = 16  #: Width of the image's margin without features, pixels.
 _INLIER_M = 0.02  #: Largest distance of a match from the common motion.
 _MIN_MATCHES = 8
-_KEYFRAME_M = 0.15  #: Distance to the last keyframe that starts the next one.
-_KEYFRAME_RAD = 0.08  #: Turn since the last keyframe that starts the next one.
+_KEYFRAME_M = 0.15  #: Distance from the last keyframe at which the next keyframe begins.
+_KEYFRAME_RAD = 0.08  #: Turn since the last keyframe at which the next keyframe begins.
 
 
 def planar_motion(before_xy: Floats, now_xy: Floats) -> Pose | None:
@@ -43,10 +43,10 @@ def planar_motion(before_xy: Floats, now_xy: Floats) -> Pose | None:
 
     Args:
         before_xy: Points (n, 2), m, in the earlier vehicle frame.
-        now_xy: The same points in the present vehicle frame.
+        now_xy: The same ground points in the present vehicle frame.
 
     Returns:
-        The present pose relative to the earlier one, or None if fewer than 8 matches agree.
+        The present pose relative to the earlier pose, or None if fewer than 8 matches agree.
     """
     if len(now_xy) < _MIN_MATCHES:
         return None
@@ -56,11 +56,11 @@ def planar_motion(before_xy: Floats, now_xy: Floats) -> Pose | None:
     if agreeing is None or agreeing.sum() < _MIN_MATCHES:
         return None
     chosen = agreeing.ravel() > 0
-    # Points as complex numbers: the turn is the phase of a product, the shift the rest.
+    # The points are complex numbers, so the turn is the phase of a product, and the shift is the remaining motion.
     now = now_xy[chosen] @ (1, 1j)
     before = before_xy[chosen] @ (1, 1j)
     turn = np.vdot(now - now.mean(), before - before.mean())
-    direction = turn / abs(turn) if turn else 1  # points in one place tell no turn
+    direction = turn / abs(turn) if turn else 1  # Points at one place define no turn.
     shift = before.mean() - direction * now.mean()
     yaw_rad = float(np.angle(turn))
     return Pose(x_m=float(shift.real), y_m=float(shift.imag), yaw_rad=yaw_rad)
@@ -92,7 +92,7 @@ class VisualOdometry:
     def update(self, bgr: Image) -> Pose:
         """Return the car's pose at an image (height, width, 3) of topic A.
 
-        An image that does not match the keyframe leaves the pose unchanged and becomes the keyframe.
+        If an image does not match the keyframe, the pose stays unchanged and the image becomes the keyframe.
         """
         view = self._features(bgr)
         if self._keyframe is None:

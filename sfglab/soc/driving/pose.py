@@ -1,4 +1,4 @@
-"""This module has planar poses: those of the car, of the traffic lights and of the odometry."""
+"""The module `pose` has planar poses for the car, the traffic lights and the odometry."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Pose:
     yaw_rad: float = 0.0  #: Heading relative to the parent.
 
     def to_parent(self, x_m: T, y_m: T) -> tuple[T, T]:
-        """Return the coordinates of a point, or of points, of the pose's frame in the parent frame."""
+        """Return the coordinates in the parent frame of a point, or of points, of the pose's frame."""
         cos = math.cos(self.yaw_rad)
         sin = math.sin(self.yaw_rad)
         return self.x_m + cos * x_m - sin * y_m, self.y_m + sin * x_m + cos * y_m
 
     def from_parent(self, x_m: T, y_m: T) -> tuple[T, T]:
-        """Return the coordinates of a point, or of points, of the parent frame in the pose's frame."""
+        """Return the coordinates in the pose's frame of a point, or of points, of the parent frame."""
         cos = math.cos(self.yaw_rad)
         sin = math.sin(self.yaw_rad)
         x = x_m - self.x_m
@@ -35,7 +35,7 @@ class Pose:
         return cos * x + sin * y, cos * y - sin * x
 
     def then(self, motion: Pose) -> Pose:
-        """Return the pose after a motion; the motion is relative to the present pose."""
+        """Return the pose after a motion; the motion is relative to the pose before."""
         x_m, y_m = self.to_parent(motion.x_m, motion.y_m)
         yaw_rad = math.remainder(self.yaw_rad + motion.yaw_rad, math.tau)
         return Pose(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)

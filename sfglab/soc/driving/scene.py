@@ -1,6 +1,6 @@
-"""This module renders camera images of a town with ground, traffic lights and the camera's noise.
+"""The module `scene` renders camera images of a town with ground, traffic lights and the camera's noise.
 
-The ground is an image from above with grass, asphalt and lines. The scene knows the town and the true pose of the
+The ground is an image from above with grass, asphalt and lines. The scene uses the town and the true pose of the
 car. The nodes receive only the images of the scene.
 """
 
@@ -31,7 +31,7 @@ _ASPHALT = (92, 90, 88)
 _WHITE = (225, 228, 230)
 _YELLOW = (40, 190, 225)
 _SKY = (214, 190, 168)
-_PIXEL_M = 0.0125  #: Side of a pixel of the ground.
+_PIXEL_M = 0.0125  #: Side length of a pixel of the ground.
 _EDGE_M = 9.0  #: Distance from the middle of the ground to its edges.
 _SHIFT = 4  #: Fractional bits of the coordinates that OpenCV draws with.
 
@@ -87,7 +87,7 @@ def _textured(image: Image, rng: np.random.Generator) -> Image:
     return np.asarray(np.clip(image + texture[..., None], 0, 255), np.uint8)
 
 
-_NEAR_M = 0.12  #: Depth below which nothing is drawn.
+_NEAR_M = 0.12  #: Depth below which the scene draws nothing.
 _POLE_AHEAD_M = 1.1  #: Distance of a traffic light behind its stop line.
 _POLE_RIGHT_M = LANE_M / 2 + 0.15  #: Distance of a traffic light to the right of the lane's middle.
 _RED_Z_M = 0.56
@@ -96,12 +96,12 @@ _LAMP_M = 0.06  #: Radius of a lamp.
 _RED_LIT = (45, 45, 250)
 _GREEN_LIT = (70, 235, 60)
 _UNLIT = (45, 45, 45)
-#: Half width, lower and upper edge of a traffic light's pole and head, m, and their colours.
+#: Half width, lower edge and upper edge of a traffic light's pole and head, m, with the colour of each.
 _BOXES = ((0.02, 0.0, 0.34, (110, 110, 112)), (0.09, 0.33, 0.65, (28, 28, 28)))
 
-_NOISES = 8  #: Number of noise images, of which each frame has one.
+_NOISES = 8  #: Number of noise images; the scene adds one of them to each frame.
 _NOISE_LEVELS = 3.0  #: Standard deviation of the noise.
-_STUCK_SHARE = 0.001  #: Share of the pixels that are black or white.
+_STUCK_SHARE = 0.001  #: Share of the pixels that are always black or white.
 
 
 class Scene:
@@ -126,13 +126,13 @@ class Scene:
         Args:
             car: True state of the car.
             red: Whether each of the town's lights is red.
-            now_s: Time in the town; the exposure drifts with time.
+            now_s: Time on the town's clock; the exposure drifts with time.
         """
         image = self._ground_image(car)
         distances_m = [
             math.dist((light.x_m, light.y_m), (car.x_m, car.y_m)) for light in self._lights
         ]
-        for i in np.argsort(distances_m)[::-1]:  # nearer lights hide farther ones
+        for i in np.argsort(distances_m)[::-1]:  # nearer lights hide lights behind them
             self._draw_light(image, car, self._lights[i], red=red[i])
         return self._exposed(image, now_s)
 
@@ -157,7 +157,7 @@ class Scene:
         return image
 
     def _draw_light(self, image: Image, car: CarState, light: Pose, *, red: bool) -> None:
-        """Draw a traffic light, which shows its lamps only to the traffic of its lane."""
+        """Draw a traffic light; the light shows its lamps only to the traffic of its lane."""
         for half, bottom, top, bgr in _BOXES:
             corners = [(half, bottom), (-half, bottom), (-half, top), (half, top)]
             pixels, depths = self._projected(car, light, corners)
@@ -181,10 +181,10 @@ class Scene:
         left, up = np.transpose(points)
         from_car = car.from_parent(*light.to_parent(np.zeros_like(left), left))
         pixels, depths = self._camera.project(np.column_stack([*from_car, up]))
-        return np.clip(pixels, -8000, 8000), depths  # OpenCV draws in 16 bits
+        return np.clip(pixels, -8000, 8000), depths  # OpenCV draws with coordinates of 16 bits
 
     def _exposed(self, image: Image, now_s: float) -> Image:
-        """Return the image as the camera exposes it: with a drifting gain, noise and stuck pixels."""
+        """Return the image as the camera exposes the image: with a drifting gain, noise and stuck pixels."""
         gain = 0.9 + 0.1 * math.sin(0.3 * now_s + self._gain_phase)
         noise = self._noises[self._rng.integers(_NOISES)]
         noisy = cv2.scaleAdd(image.astype(np.float32), gain, noise)

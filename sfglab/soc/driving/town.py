@@ -1,8 +1,8 @@
-"""This module samples a town from a seed: a closed road, and traffic lights with their schedules.
+"""The module `town` samples a town from a seed: a closed road, and traffic lights with their schedules.
 
 The frame of the town has x east and y north, in metres. The road runs anticlockwise. The road has two lanes with a
 yellow line between the lanes and a white line on each outer side. The car drives in the right lane, which is the
-outer lane. This module does not know how the town looks and where the car is.
+outer lane. The module `town` does not contain the look of the town and the place of the car.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-LANE_M = 0.5  #: Width of a lane, between the middles of its lines; about a tenth of a real lane.
+#: Width of a lane, between the middles of its lines; about a tenth of a real lane's width.
+LANE_M = 0.5
 LINE_M = 0.05  #: Width of a line.
 
 _SPACING_M = 0.05
 _PERIOD_S = 12.0
 _RED_S = 6.0
-_LOOP_M = 3.0  #: Distance before its stop line at which a light detects the car.
+_LOOP_M = 3.0  #: Distance before a light's stop line at which the light detects the car.
 _RESTING = 3
 _CLOCKED = 2
 
@@ -43,7 +44,7 @@ class Road:
     """A `Road` is a closed line with equally spaced points in the direction of travel.
 
     Args:
-        points_xy: Corners (n, 2), m; the last corner is not the first corner again.
+        points_xy: Corners (n, 2), m. The last corner joins the first corner.
     """
 
     def __init__(self, points_xy: Floats) -> None:
@@ -91,9 +92,9 @@ class Road:
 class Light:
     """A `Light` is a traffic light on the right of the lane."""
 
-    stop_m: float  #: Position of its stop line along the car's lane.
-    #: Time from the detection of a car to green. A light with this time is red until then, as with an
-    #: induction loop, and green ever after. A light with None follows the clock.
+    stop_m: float  #: Position of the light's stop line along the car's lane.
+    #: Time from the detection of a car to green. A light with `wait_s` is red until this time, as with an
+    #: induction loop, and green afterwards. A light with None follows the clock.
     wait_s: float | None = None
     offset_s: float = 0.0  #: Begin of the first red phase of a light that follows the clock.
 
@@ -113,9 +114,9 @@ class Light:
 class Town:
     """A `Town` has a road, the car's lane and traffic lights."""
 
-    road: Road  #: The yellow line.
+    road: Road  #: Middle line of the road, which is yellow.
     lane: Road  #: Middle of the car's lane.
-    lights: tuple[Light, ...]  #: In the order of the lane.
+    lights: tuple[Light, ...]  #: Traffic lights in the order of the lane.
 
 
 class Signals:
@@ -126,7 +127,7 @@ class Signals:
         self._detected_s: list[float | None] = [None] * len(town.lights)
 
     def red_since_s(self, now_s: float, car: Place) -> list[float | None]:
-        """Detect the car at the lights, and return the time at which each light turned red, None for green."""
+        """Detect the car at the lights, and return the time at which each light turned red; None for a green light."""
         found = []
         for i, light in enumerate(self._lights):
             if self._detected_s[i] is None and 0 <= light.stop_m - car.along_m <= _LOOP_M:
@@ -143,7 +144,7 @@ def make_town(rng: np.random.Generator) -> Town:
 
 
 def _loop(rng: np.random.Generator) -> Floats:
-    """Return the corners of a circle of radius 6 m with two waves; no bend is tighter than about 3 m."""
+    """Return the corners of a circle of radius 6 m with two waves; all bends have a radius of about 3 m or more."""
     angle = np.linspace(0, math.tau, 2000, endpoint=False)
     second = rng.uniform(0.04, 0.12) * np.cos(2 * angle + rng.uniform(0, math.tau))
     third = rng.uniform(0.0, 0.05) * np.cos(3 * angle + rng.uniform(0, math.tau))

@@ -1,4 +1,4 @@
-"""This package has the gateway of paper C, section 3, as hardware in Amaranth (ReconROS' 64-bit template).
+"""The package `rtl` has the gateway of paper C, section 3, as hardware in Amaranth (ReconROS' 64-bit template).
 
 The package `sfglab.soc.rtl` needs the extra `rtl`. The package has these modules:
 
@@ -10,7 +10,7 @@ The package `sfglab.soc.rtl` needs the extra `rtl`. The package has these module
 - The module `cycles` simulates the cycles of a message on each path.
 - The module `synthesis` writes Verilog with Yosys.
 
-The test benches are hardware as well, so that the simulator runs no Python in each simulated cycle.
+The test benches are hardware as well, so the simulator runs no Python code in a simulated cycle.
 """
 
 from sfglab.soc.rtl.bench import Delays

@@ -1,9 +1,8 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""This module has test benches of the memory paths; a test bench is hardware too, so no Python runs per cycle.
+"""The module `bench` has test benches of the memory paths; a test bench is hardware, so no Python code runs per cycle.
 
-The class `GatewayBench` surrounds a gateway with memory, delegate, publisher and subscribers. The class
-`SharedMemoryBench` has nodes that read or write one message each over the arbiter, as hardware nodes do without a
-gateway.
+The class `GatewayBench` surrounds a gateway with memory, delegate, publisher and subscribers. The nodes of the class
+`SharedMemoryBench` read or write one message each over the arbiter, as hardware nodes do without a gateway.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ def new_memory(words: int, content: Sequence[int] = ()) -> Any:
 
 
 class SlowMemory(Elaboratable):
-    """A `SlowMemory` serves one request of its port after the other, with latencies."""
+    """A `SlowMemory` serves one request after the other at its port, with latencies."""
 
     def __init__(self, port: MemoryPort, content: Any, delays: Delays) -> None:
         self.port = port
@@ -112,7 +111,7 @@ class SlowMemory(Elaboratable):
 class GatewayBench(Elaboratable):
     """A `GatewayBench` has a gateway that transfers one message.
 
-    The output message begins at the memory's first word; the message to send follows the output message.
+    The output message begins at the memory's first word; the message that the core sends follows the output message.
 
     Args:
         words: Number of words of the message.
@@ -124,7 +123,7 @@ class GatewayBench(Elaboratable):
     def __init__(self, words: int, subscribers: int, *, from_memory: bool, delays: Delays) -> None:
         self.gateway = Gateway(subscribers)
         self.content = new_memory(2 * words, message_words(0, 2 * words))  #: Words in memory.
-        #: Words that each subscriber has received, without the publisher ID.
+        #: Words that each subscriber has received; the publisher ID is left out.
         self.received = [new_memory(words) for _ in range(subscribers)]
         self.cycles = Signal(COUNT_BITS)  #: Number of cycles of the transfer.
         self.done = Signal()  #: The transfer is complete.
@@ -139,7 +138,7 @@ class GatewayBench(Elaboratable):
         m.submodules.gateway = gateway
         port = gateway.mover.master.port
         m.submodules.memory = SlowMemory(port, self.content, self._delays)
-        # All other publishers of the bench have the ID 0, so that the filters let their message pass.
+        # All other publishers of the bench have the ID 0, so the filters forward the messages of these publishers.
         m.d.comb += [gateway.own_smt.eq(1), gateway.own_hmt.eq(1)]
         m.d.comb += gateway.words.eq(self._words)
         self._add_delegate(m)
@@ -158,7 +157,8 @@ class GatewayBench(Elaboratable):
     def _add_delegate(self, m: Any) -> None:
         """Add a delegate that locates the output message, then answers one request with the message in memory."""
         gateway = self.gateway
-        answers = Signal(2)  # Number of answers that the core has taken.
+        # The signal counts the answers that the core has taken from the delegate.
+        answers = Signal(2)
         is_first = answers == 0
         m.d.comb += [
             gateway.call_ready.eq(1),
@@ -207,8 +207,8 @@ class ChunkNode(Elaboratable):
     def __init__(self, words: int, *, writes: bool = False, start_cycle: int = 0) -> None:
         self.master = MemoryMaster()  #: Master of the memory interface.
         self.received = new_memory(words)  #: Words that a reader has read.
-        self.go = Signal()  #: In: the node may request; stays set.
-        self.done = Signal()  #: Out: the message is complete; set for one cycle.
+        self.go = Signal()  #: In: the node may request; the signal stays set.
+        self.done = Signal()  #: Out: the message is complete; the signal is set for one cycle.
         self.start_cycle = start_cycle
         self.writes = writes
         self._base = Signal(COUNT_BITS)
@@ -246,7 +246,7 @@ class SharedMemoryBench(Elaboratable):
         self.nodes = nodes
         self.arbiter = Arbiter([node.master.port for node in nodes])
         self.memory = SlowMemory(self.arbiter.memory, content, delays)
-        #: Number of cycles after which each node has completed its message; 0: it has not.
+        #: Number of cycles after which each node has completed its message; 0 while the message is incomplete.
         self.ends = [Signal(COUNT_BITS) for _ in nodes]
         self.done = Signal()  #: All nodes have completed their messages.
 
@@ -260,7 +260,7 @@ class SharedMemoryBench(Elaboratable):
         m.d.comb += self.done.eq(Cat(end.any() for end in self.ends).all())
         for node, end in zip(self.nodes, self.ends, strict=True):
             m.submodules += node
-            # Without a comparison in each cycle the simulation is faster.
+            # A node that starts at cycle 0 needs no comparison, which makes the simulation faster.
             started = now >= node.start_cycle if node.start_cycle else Const(1)
             m.d.comb += node.go.eq(started)
             with m.If(node.done):

@@ -1,8 +1,8 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""This module has a gateway in hardware (paper C, Fig. 3): control, data path, hardware-mapped topic and ports.
+"""The module `core` has a gateway in hardware (paper C, Fig. 3): control, data path, hardware-mapped topic and ports.
 
 The class `Control` generates its logic from the core's transition table, so that only the table defines the order of
-events. The class `Gateway` translates between the table and the wires: the wires set the table's inputs, and the
+events. The class `Gateway` connects the table to the wires: the wires set the table's inputs, and the
 table's action drives the wires.
 """
 
@@ -25,14 +25,16 @@ def code(member: State | Input | Action) -> int:
 
 
 class Control(Elaboratable):
-    """A `Control` has the state register and the transitions of a table; it ignores inputs without a transition."""
+    """A `Control` has the state register and the transitions of a table, and ignores inputs without a transition."""
 
     def __init__(self, table: Table = TABLE) -> None:
-        #: In: one bit per input; set if it is present. The first present one in the table's row counts.
+        #: In: one bit per input, set while the input is present. If several inputs are present, the first input in the
+        #: table's row counts.
         self.given = Signal(len(Input))
-        self.value = Signal(WORD_BITS)  #: In: address beside the input.
+        self.value = Signal(WORD_BITS)  #: In: address that comes with the input.
         self.state = Signal(range(len(State)), init=code(State.START))  #: Out: code of the state.
-        self.action = Signal(len(Action))  #: Out: one bit per action; that of the state is set.
+        #: Out: one bit per action; the bit of the present state's action is set.
+        self.action = Signal(len(Action))
         self.output = Signal(WORD_BITS)  #: Out: address of the output message.
         self.held = Signal(WORD_BITS)  #: Out: address of the held message.
         self._table = table
@@ -69,8 +71,8 @@ class Call(IntEnum):
 class Answer(IntEnum):
     """An `Answer` is the code of an answer of the delegate."""
 
-    LOCATED = 0  #: With the address of the output message.
-    ANSWERED = 1  #: With address and publisher ID of a message.
+    LOCATED = 0  #: Answer with the address of the output message.
+    ANSWERED = 1  #: Answer with the address and publisher ID of a message.
     CANCELLED = 2
     PUBLISHED = 3
 
@@ -88,11 +90,11 @@ class Gateway(Elaboratable):
         self.own_hmt = Signal(WORD_BITS)  #: In: the core's publisher ID on the HMT.
         self.words = Signal(COUNT_BITS)  #: In: number of words of each message, without its ID.
         self.call_valid = Signal()  #: Out: OSIF: `call` is valid.
-        self.call_ready = Signal()  #: In: OSIF: the call is taken in this cycle.
-        self.call = Signal(2)  #: Out: OSIF: a `Call`.
+        self.call_ready = Signal()  #: In: OSIF: the delegate takes the call in this cycle.
+        self.call = Signal(2)  #: Out: OSIF: code of the call, a `Call`.
         self.answer_valid = Signal()  #: In: OSIF: `answer` is valid.
-        self.answer_ready = Signal()  #: Out: OSIF: the answer is taken in this cycle.
-        self.answer = Signal(2)  #: In: OSIF: an `Answer`.
+        self.answer_ready = Signal()  #: Out: OSIF: the core takes the answer in this cycle.
+        self.answer = Signal(2)  #: In: OSIF: code of the answer, an `Answer`.
         self.answer_address = Signal(WORD_BITS)  #: In: OSIF: address of a message.
         self.answer_publisher = Signal(WORD_BITS)  #: In: OSIF: publisher ID of a message.
         self._held_publisher = Signal(WORD_BITS)

@@ -1,12 +1,12 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""This module simulates the cycles of a message on each path across the memory interface (paper C, section 4).
+"""The module `cycles` simulates the cycles of a message on each path across the memory interface (paper C, section 4).
 
 A simulation also compares every received word with the sent word. All whole chunks of a message take the same number
-of cycles. Therefore a cycle model through two small simulated messages also holds for sizes that take too long to
+of cycles. Therefore a cycle model through two small simulated messages also holds for messages that are too large to
 simulate.
 
 The simulated hardware and the memory model (`sfglab.soc.memory`) have the same control cycles and latencies. The
-agreement of hardware and model shows that the model adds up the cycles correctly. The agreement of hardware and model does not show that
+agreement of hardware and model shows that the model adds up the cycles correctly. The agreement is no evidence that
 another implementation takes the same number of cycles.
 """
 
@@ -33,18 +33,20 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _PERIOD_S = 10e-9  #: Clock period of a simulation.
-_CYCLES_PER_WORD = 8  #: Upper bound of the cycles that a word takes, beside the memory's latencies.
+#: Upper bound of the cycles that a word takes, in addition to the memory's latencies.
+_CYCLES_PER_WORD = 8
 _FITTED_CHUNKS = (2, 8)  #: Sizes of the two messages of a cycle model.
 
 
 class MemoryPath(Enum):
     """A `MemoryPath` is a path of a message across the memory interface."""
 
-    #: The core reads the message once, and broadcasts it to all nodes.
+    #: The core reads the message once, and broadcasts the message to all nodes.
     GATEWAY_OUT = "gateway, memory to stream"
-    #: A node broadcasts the message, and the core writes it once.
+    #: A node broadcasts the message, and the core writes the message once.
     GATEWAY_IN = "gateway, stream to memory"
-    SHARED_READS = "shared reads"  #: Every node reads the message; they take turns, chunk by chunk.
+    #: Every node reads the message; the nodes take turns, chunk by chunk.
+    SHARED_READS = "shared reads"
     #: One node writes the message. The cycles do not depend on the number of nodes.
     WRITE = "write"
 
@@ -71,10 +73,10 @@ def simulated_cycles(
 
     Args:
         path: Path of the message.
-        nodes: Number of hardware nodes that receive the message. The simulation of shared reads takes a time that
-            grows with the square of the number.
+        nodes: Number of hardware nodes that receive the message. The time of a simulation of shared reads grows with
+            the square of this number.
         message_bytes: Size, a multiple of 8.
-        delays: Latencies of the memory; None: the default ones.
+        delays: Latencies of the memory; None: the default latencies.
 
     Raises:
         SfglabError: A word is wrong, or the message has not arrived.
@@ -98,7 +100,7 @@ def simulate_gateway(words: int, subscribers: int, *, from_memory: bool, delays:
         SfglabError: A word is wrong, or the message has not arrived.
     """
     bench = GatewayBench(words, subscribers, from_memory=from_memory, delays=delays)
-    # The message in memory follows the output message. A publisher's message begins after its ID, word 0.
+    # The message in memory follows the output message. A publisher's message begins after its ID, which is word 0.
     expected = message_words(words if from_memory else 1, words)
 
     def result(ctx: Any) -> int:
@@ -134,7 +136,7 @@ def simulate_nodes(nodes: Sequence[ChunkNode], words: int, delays: Delays) -> li
 
 
 def cycle_limit(words: int, nodes: int, delays: Delays) -> int:
-    """Return an upper bound of the cycles that a message of some words takes for all nodes."""
+    """Return an upper bound of the cycles that a message with a number of words takes for all nodes."""
     chunks = words // CHUNK_WORDS + 1
     chunk_cycles = delays.read + delays.write + _CYCLES_PER_WORD * CHUNK_WORDS
     return nodes * chunks * chunk_cycles

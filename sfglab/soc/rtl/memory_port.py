@@ -1,12 +1,13 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""This module has the memory interface (MEMIF) in hardware: wires, a master that moves chunks, and an arbiter.
+"""The module `memory_port` has the memory interface (MEMIF) in hardware: wires, a master for chunks, and an arbiter.
 
 All hardware nodes and the gateway cores share one interface to main memory (paper C, section 3). A request moves
 one chunk of at most 32 words, and requests do not overlap. A request takes four control cycles, in the order of
 ReconROS' memory controller: grant, command, address, and completion after the words.
 
-ReconROS' arbiter serves waiting masters in turn, one request per master. Our arbiter grants within one of the four
-control cycles, so that the arbiter takes no cycle of its own. Each further control cycle would add 1.5 % to the time of a read.
+ReconROS' arbiter serves waiting masters in turn, one request per master. Our arbiter grants the interface within one
+of the four control cycles, so our arbiter takes no cycle of its own. Each further control cycle would add 1.5 % to
+the time of a read.
 """
 
 from __future__ import annotations
@@ -31,18 +32,19 @@ class MemoryPort:
 
     def __init__(self) -> None:
         self.request = Signal()  #: (m) The master waits for a grant.
-        self.grant = Signal()  #: (s) The master is granted the interface.
+        self.grant = Signal()  #: (s) The memory grants the interface to the master.
         self.command = Signal()  #: (m) `write` and `words` are valid.
         self.write = Signal()  #: (m) Whether the request writes.
-        # The wire is named apart from the gateway's own `words` in the exported Verilog module.
+        # The wire has another name than the gateway's own `words` in the exported Verilog module.
         self.words = Signal(range(CHUNK_WORDS + 1), name="request_words")  #: (m) Number of words.
         self.address_valid = Signal()  #: (m) `address` is valid.
         self.address = Signal(WORD_BITS)  #: (m) Address of the first byte.
-        self.read_valid = Signal()  #: (s) `read_data` is valid; the master always takes it.
-        self.read_data = Signal(WORD_BITS)  #: (s) Word that is read.
+        #: (s) `read_data` is valid; the master takes the word in any case.
+        self.read_valid = Signal()
+        self.read_data = Signal(WORD_BITS)  #: (s) Word that the memory has read.
         self.write_valid = Signal()  #: (m) `write_data` is valid.
         self.write_ready = Signal()  #: (s) The memory takes `write_data` in this cycle.
-        self.write_data = Signal(WORD_BITS)  #: (m) Word to write.
+        self.write_data = Signal(WORD_BITS)  #: (m) Word that the master writes.
         self.response = Signal()  #: (s) All words of a write have arrived.
         self.complete = Signal()  #: (m) The request ends; the interface is free in the next cycle.
 
@@ -52,15 +54,16 @@ class MemoryMaster(Elaboratable):
 
     def __init__(self) -> None:
         self.port = MemoryPort()  #: Wires to the memory.
-        self.start = Signal()  #: In: a request is wanted; stays set until `done`.
-        self.write = Signal()  #: In: from the buffer to memory, else from memory to the buffer.
+        self.start = Signal()  #: In: the owner wants a request; the signal stays set until `done`.
+        #: In: whether the chunk moves from the buffer to memory; otherwise from memory to the buffer.
+        self.write = Signal()
         self.words = Signal(range(CHUNK_WORDS + 1))  #: In: number of words.
         self.address = Signal(WORD_BITS)  #: In: address of the first byte.
         self.index = Signal(range(CHUNK_WORDS))  #: Out: index of the present word in the buffer.
-        self.word_valid = Signal()  #: Out: `word` is to be stored in the buffer at `index`.
-        self.word = Signal(WORD_BITS)  #: Out: word that was read.
+        self.word_valid = Signal()  #: Out: the buffer must store `word` at `index`.
+        self.word = Signal(WORD_BITS)  #: Out: word that the master has read.
         self.buffered = Signal(WORD_BITS)  #: In: word of the buffer at `index`.
-        self.done = Signal()  #: Out: the request ends; set for one cycle.
+        self.done = Signal()  #: Out: the request ends; the signal is set for one cycle.
 
     def elaborate(self, _platform: object) -> Any:
         """Return the logic of the port; the states GRANT, COMMAND, ADDRESS and COMPLETE take one cycle each."""
@@ -104,7 +107,7 @@ class MemoryMaster(Elaboratable):
         return m
 
     def _count_word(self, m: Any, next_state: str) -> None:
-        """Count a word that passes, and change the state after the last one."""
+        """Count a word that passes, and change the state after the last word."""
         m.d.sync += self.index.eq(self.index + 1)
         with m.If(self.index + 1 == self.words):
             m.next = next_state
@@ -120,7 +123,7 @@ class Arbiter(Elaboratable):
     def __init__(self, masters: Sequence[MemoryPort]) -> None:
         self.masters = masters
         self.memory = MemoryPort()  #: Wires to the memory.
-        #: Out: one bit per master; set for the master that is served, or was served last.
+        #: Out: one bit per master; the bit of the master that the arbiter serves or has served last is set.
         self.turn = Signal(len(masters), init=1 << (len(masters) - 1))
         self.busy = Signal()  #: Out: a request is in progress.
 
@@ -151,7 +154,7 @@ class Arbiter(Elaboratable):
         return m
 
     def _choose(self, m: Any) -> Any:
-        """Return one bit per master; the bit of the next waiting master after the last turn is set."""
+        """Return one bit per master; the bit of the waiting master that is next after the last turn is set."""
         count = len(self.masters)
         waiting = Signal(count)
         behind = Signal(count)

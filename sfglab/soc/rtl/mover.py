@@ -1,5 +1,5 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""This module has the data path of a gateway core, which copies a message between memory and the HMT.
+"""The module `mover` has the data path of a gateway core, which copies a message between memory and the HMT.
 
 A message in memory consists of words; the message type fixes the number of words. On the hardware-mapped topic (HMT)
 the publisher's ID precedes the words. The mover stores a chunk in its buffer before the mover passes the chunk on, so
@@ -30,18 +30,20 @@ class Mover(Elaboratable):
         self.master = MemoryMaster()  #: Master of the memory interface.
         self.sent = Stream("sent")  #: Stream to the topic.
         self.port = Stream("port")  #: Stream from the topic.
-        #: In: copy from memory to the topic, and discard the echo at the port.
+        #: In: copy a message from memory to the topic, and discard the message's echo at the port.
         self.send = Signal()
-        self.store = Signal()  #: In: copy from the port to memory.
+        self.store = Signal()  #: In: copy a message from the port to memory.
         self.drop = Signal()  #: In: discard the message at the port.
-        self.source = Signal(WORD_BITS)  #: In: address of the message to send.
-        self.target = Signal(WORD_BITS)  #: In: address to which a message is stored.
+        self.source = Signal(WORD_BITS)  #: In: address of the message that the mover sends.
+        self.target = Signal(WORD_BITS)  #: In: address to which the mover stores a message.
         self.words = Signal(COUNT_BITS)  #: In: number of words of a message without ID, at least 1.
-        self.own_id = Signal(WORD_BITS)  #: In: publisher ID of messages that are sent.
-        self.done = Signal()  #: Out: the last word has passed; set for one cycle.
-        self._left = Signal(COUNT_BITS)  # Words that have not passed the stream.
-        self._address = Signal(WORD_BITS)  # Address of the present chunk.
-        self._index = Signal(range(CHUNK_WORDS + 1))  # Index in the buffer, at the stream's side.
+        self.own_id = Signal(WORD_BITS)  #: In: publisher ID of messages that the mover sends.
+        self.done = Signal()  #: Out: the last word has passed; the signal is set for one cycle.
+        # The signal counts the words that have not passed the stream.
+        self._left = Signal(COUNT_BITS)
+        self._address = Signal(WORD_BITS)  # The signal has the address of the present chunk.
+        # The signal has the index in the buffer for the stream.
+        self._index = Signal(range(CHUNK_WORDS + 1))
         self._buffer = Memory(shape=WORD_BITS, depth=CHUNK_WORDS, init=[])
 
     def elaborate(self, _platform: object) -> Any:

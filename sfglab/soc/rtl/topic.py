@@ -1,8 +1,8 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""This module has the hardware-mapped topic (HMT): streams, a broadcast to all subscribers, and an arbiter.
+"""The module `topic` has the hardware-mapped topic (HMT): streams, a broadcast to all subscribers, and an arbiter.
 
 A stream carries the publisher's ID of a message, then the message's words. One message at a time occupies the HMT. A
-word has passed when all ports have taken the word. After the last word the topic has no word of the message any more.
+word has passed when all ports have taken the word. After the last word the topic no longer has words of the message.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ class Stream:
     """A `Stream` has the wires of a stream; the sender drives the wires marked (s), the receiver those marked (r)."""
 
     def __init__(self, name: str) -> None:
-        self.valid = Signal(name=f"{name}_valid")  #: (s) A word is here, and stays until taken.
-        self.ready = Signal(name=f"{name}_ready")  #: (r) A word is taken in this cycle.
-        self.data = Signal(WORD_BITS, name=f"{name}_data")  #: (s) Word.
-        self.last = Signal(name=f"{name}_last")  #: (s) Whether it is the last word of a message.
+        #: (s) A word is on `data`; the word stays there until the receiver takes the word.
+        self.valid = Signal(name=f"{name}_valid")
+        self.ready = Signal(name=f"{name}_ready")  #: (r) The receiver takes a word in this cycle.
+        self.data = Signal(WORD_BITS, name=f"{name}_data")  #: (s) Word of the stream.
+        #: (s) Whether the word is the last word of a message.
+        self.last = Signal(name=f"{name}_last")
 
     @property
     def passes(self) -> Any:
@@ -42,7 +44,7 @@ class Broadcast(Elaboratable):
         self.ports = ports
 
     def elaborate(self, _platform: object) -> Any:
-        """Return the logic of the broadcast, which stores no word, so that a passed word has reached all ports."""
+        """Return the logic of the broadcast. A broadcast stores no word, so a passed word has reached all ports."""
         m = Module()
         source = self.source
         taken = Signal(len(self.ports))
@@ -72,7 +74,7 @@ class TopicArbiter(Elaboratable):
         self.node = node
         self.topic = topic
         self.claim = Signal()  #: In: the core claims the topic.
-        #: Out: the topic is the core's from the next cycle until the last word of its message.
+        #: Out: the core has the topic from the next cycle until the last word of the core's message.
         self.grant = Signal()
 
     def elaborate(self, _platform: object) -> Any:
