@@ -33,9 +33,9 @@ def map_graph(
     gateway_rule: Annotated[
         Literal["paper", "size"] | None,
         Option(
-            help="Topics between software and hardware that get a gateway. paper: those with "
-            "several subscribers in hardware. size: those that the model predicts to become "
-            "faster. [default: paper]"
+            help="Rule for topics between software and hardware. paper: a topic with several "
+            "subscribers in hardware gets a gateway. size: a topic that the memory model predicts "
+            "to be faster through a gateway gets a gateway. [default: paper]"
         ),
     ] = None,
     optimise_placement: Annotated[
@@ -70,13 +70,13 @@ def map_graph(
 ) -> None:
     """Map each topic of a ROS 2 graph to software, hardware (FPGA) or a gateway (paper C, section 5).
 
-    A gateway transfers each message once across the boundary, for all nodes on the other side.
+    A gateway transfers each message once across the boundary, for all subscribers on the other side.
 
     Examples:
       sfglab map data/graphs/figure_8.yaml
       sfglab map data/graphs/driving.yaml --gateway-rule size --figure driving.png
-      sfglab map bag/ --out graph.yaml   # then set in the file which nodes are in hardware.
-      sfglab map --domain 7 --out graph.yaml   # the same for running nodes.
+      sfglab map bag/ --out graph.yaml   # set in graph.yaml which nodes are in hardware.
+      sfglab map --domain 7 --out graph.yaml   # the graph of running nodes.
       sfglab map data/graphs/driving.yaml --optimise-placement --lut 40000 --out placed.yaml
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
@@ -128,7 +128,7 @@ def _mapped(graph: Graph, gateway_rule: str | None) -> CommunicationMapping:
 
 
 def _placed(graph: Graph, lut: int | None, bram: float | None) -> tuple[CommunicationMapping, str]:
-    """Return the mapping with nodes placed as well, and its load as text."""
+    """Return the mapping with placed nodes, and the load of the mapping as a text."""
     from sfglab.soc import ZCU104, TopicMapping, map_communication, place_nodes
 
     board = replace(
@@ -205,7 +205,7 @@ def _crossing_table(mapping: CommunicationMapping) -> list[str]:
 
 
 def _verilog(graph: Graph) -> dict[Path, str]:
-    """Return one module per number of hardware subscribers, and print the topics of each."""
+    """Return one module per number of hardware subscribers, and print the topics of each module."""
     from sfglab.soc import TopicMapping
 
     if find_spec("amaranth") is None:

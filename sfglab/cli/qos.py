@@ -27,7 +27,8 @@ _PRESET_OF = {
     "fastrtps-sync": "fast_dds_sync",
     "cyclone": "cyclone_dds",
 }
-_LOSS_MOST = 0.1  #: Share of a topic's samples up to which delays are near the simulated ones.
+#: Largest share of lost samples at which the computed delays are near the simulated delays.
+_LOSS_MOST = 0.1
 
 
 def qos(
@@ -59,8 +60,8 @@ def qos(
     rmw: Annotated[
         Literal["fastrtps-async", "fastrtps-sync", "cyclone"] | None,
         Option(
-            help="ROS 2 middleware and its publication mode, with its default timing unless the "
-            "file names the same one. [default: the file's]"
+            help="ROS 2 middleware and publication mode, with the default timing unless the file "
+            "names the same middleware. [default: the file's]"
         ),
     ] = None,
     latency_weight: Annotated[
@@ -92,7 +93,7 @@ def qos(
       sfglab qos data/qos/paper_b.yaml --pareto   # latency and freshness.
       sfglab qos data/qos/paper_b.yaml --format fastdds --out config
       sfglab qos data/qos/warehouse.yaml --format cyclone --out config
-      sfglab qos bag/ --format topics --out config   # then set the link in topics.yaml.
+      sfglab qos bag/ --format topics --out config   # set the link in topics.yaml.
       sfglab qos --domain 7 --seconds 20 --format topics --out config
     """
     from sfglab.arp import plan_as_printed, plan_file
@@ -165,13 +166,13 @@ def _topics_of(found: LogReader | Path) -> TopicFile:
 
 
 def _warn(about: str, topics: list[str]) -> None:
-    """Print a warning about topics, if there are any, on standard error."""
+    """Print a warning about topics on standard error, if there are any topics."""
     if topics:
         typer.echo(f"warning: {about}: {', '.join(topics)}", err=True)
 
 
 def _warn_of_validity(given: TopicFile) -> None:
-    """Warn of topics for which the model of the link is not valid."""
+    """Print a warning about topics for which the model of the link is not valid."""
     from sfglab.arp.link import frames_of, loss_of
 
     large = [topic.name for topic in given.topics if frames_of(topic) > 1]
