@@ -1,8 +1,8 @@
-"""Driving: paper C, section 6, Fig. 9.
+"""The experiment `driving` runs the driving application of paper C, section 6, Fig. 9.
 
-A car drives round simulated towns, and all nodes of the application process the images of its camera.
-The node chain from image to command is timed with its shared topic in software and with a gateway, by
-the memory model and live.
+A car drives round simulated towns, and all nodes of the application process the images of the car's camera. The
+experiment times the node chain from image to command with the chain's shared topic in software and with a gateway,
+by the memory model and live.
 """
 
 from sfglab.lab.experiments.driving.experiment import exp

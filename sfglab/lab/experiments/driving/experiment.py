@@ -1,10 +1,10 @@
-"""Runs of driving: laps by seed, the chain frame by frame, its model, one logged lap and a live chain.
+"""The module `driving.experiment` has the parts of the experiment: laps, timed frames, model, and a live chain.
 
 Execution times of nodes are processor times on this machine, with OpenCV in one thread.
 
-In the live part each node of Fig. 9 is a process on this host. Topic A goes to its subscribers over DDS,
-one copy for each, or as one copy in shared memory, as through a gateway. All nodes wait for the Linux
-scheduler, also those that are hardware in the paper.
+In the live part each node of Fig. 9 is a process on this host. Topic A goes to its subscribers over DDS with one
+copy per subscriber, or over shared memory with one copy, as through a gateway. All nodes wait for the Linux
+scheduler, also the nodes that are hardware in the paper.
 """
 
 from __future__ import annotations
@@ -49,18 +49,18 @@ IMAGE_TOPIC = "/image/compressed"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivePoint:
-    """A drive."""
+    """A `DrivePoint` is a drive of the car."""
 
-    limit_s: float  #: Time in the town after which it ends.
+    limit_s: float  #: Time on the town's clock after which the drive ends.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """Configuration of a run."""
+    """The `Config` has the settings of a run."""
 
     laps: int = 20  #: Number of towns.
-    lap: DrivePoint = DrivePoint(limit_s=150.0)  #: The drive in each town.
-    chain: DrivePoint = DrivePoint(limit_s=150.0)  #: The drive whose frames time the chain.
+    lap: DrivePoint = DrivePoint(limit_s=150.0)  #: Drive in each town.
+    chain: DrivePoint = DrivePoint(limit_s=150.0)  #: Drive whose frames time the chain.
     live_s: float = 10.0  #: Duration of the live part; 0 skips it.
     live_hz: float = 15.0  #: Frame rate of the live part.
     seed: int = 0  #: Seed of the first town.
@@ -101,11 +101,11 @@ exp = Experiment(
 
 @exp.table("lap")
 class DrivingLapRow(TableRow):
-    """A lap."""
+    """A `DrivingLapRow` is one lap."""
 
     seed: int  #: Seed of the town.
-    passed: bool  #: Whether all rules of the judge are met.
-    lap_s: float  #: Duration in the town.
+    passed: bool  #: Whether the lap met all rules of the judge.
+    lap_s: float  #: Duration of the lap on the town's clock.
     lane_m: float  #: Length of the lane.
     red_lights_obeyed: int  #: Number of red lights that the car stopped at.
     largest_lateral_m: float  #: Largest distance from the lane's middle.
@@ -132,13 +132,13 @@ def drive_lap(point: DrivePoint, seed: int) -> DrivingLapRow:
 
 @exp.table("chain")
 class DrivingChainRow(TableRow):
-    """The chain in one frame: execution times in software, and the transfer of topic A by the model."""
+    """A `DrivingChainRow` is one frame: execution times in software, and the model's transfer times of topic A."""
 
-    compensation_ns: int  #: Execution time.
-    gaussian_blur_ns: int  #: Execution time.
-    lane_planner_ns: int  #: Execution time.
-    polyfit_ns: int  #: Execution time.
-    lane_control_ns: int  #: Execution time.
+    compensation_ns: int  #: Execution time of compensation.
+    gaussian_blur_ns: int  #: Execution time of Gaussian blur.
+    lane_planner_ns: int  #: Execution time of the lane planner.
+    polyfit_ns: int  #: Execution time of polyfit.
+    lane_control_ns: int  #: Execution time of lane control.
     #: Time from compensation to blur through main memory; the order of deliveries is random.
     smt_s: float
     gateway_s: float  #: Time from compensation to blur through a gateway.
@@ -146,9 +146,9 @@ class DrivingChainRow(TableRow):
 
 @exp.sweep("chain", over=lambda c: [c.chain], seeds=lambda c: [c.seed], workers=Workers(count=1))
 def time_chain(point: DrivePoint, seed: int) -> tuple[dict[Any, Any], ...]:
-    """Drive with images of the graph's size, and return the chain of each frame.
+    """Drive with images of the graph's size, and return the chain's times in each frame.
 
-    The seed is that of the town and of the orders in which topic A is delivered.
+    The seed selects the town and the orders in which topic A is delivered.
     """
     stack = Stack(Camera(width=WIDTH, height=HEIGHT))
     cv2.setNumThreads(1)  # as the only executor of a node does
@@ -169,24 +169,24 @@ def load_chain() -> Chain:
 
 @exp.table("node")
 class DrivingNodeRow(TableRow):
-    """A node of the chain in the graph."""
+    """A `DrivingNodeRow` is one node of the chain in the graph."""
 
     node: str  #: Name of the node.
-    hardware_s: float  #: Assumed execution time in hardware; NaN if it is placed in software.
+    hardware_s: float  #: Assumed execution time in hardware; NaN for a node in software.
 
 
 @exp.table("transfer")
 class DrivingTransferRow(TableRow):
-    """Transfer time of a topic of the chain other than A by the memory model."""
+    """A `DrivingTransferRow` is the transfer time of a topic of the chain, except topic A, by the memory model."""
 
     topic: str  #: Name of the topic.
-    forwarding: str  #: Forwarding of the memory model; ``cut-through`` in older logs only.
+    forwarding: str  #: Forwarding of the memory model; only older logs have ``cut-through``.
     mean_s: float  #: Transfer time.
 
 
 @exp.part("model", timed=False)
 def write_model(bench: Bench[Config]) -> None:
-    """Write what the graph assumes of the chain's nodes, and the transfer times."""
+    """Write the node times that the graph assumes for the chain, and the transfer times of the memory model."""
     chain = load_chain()
     for node in map(chain.graph.node, CHAIN):
         hardware_s = node.hardware.time_s if node.in_hardware and node.hardware else math.nan
@@ -197,9 +197,9 @@ def write_model(bench: Bench[Config]) -> None:
 
 @exp.table("track")
 class DrivingTrackRow(TableRow):
-    """A moment of the logged lap."""
+    """A `DrivingTrackRow` is one moment of the logged lap."""
 
-    t_s: float  #: Time since its start.
+    t_s: float  #: Time since the start of the lap.
     x_m: float  #: True position of the car, east.
     y_m: float  #: True position of the car, north.
     speed_mps: float  #: True speed.
@@ -207,7 +207,7 @@ class DrivingTrackRow(TableRow):
 
 @exp.part("drawn lap", timed=False)
 def log_lap(bench: Bench[Config]) -> None:
-    """Drive the first lap again, and write its town, its track and its messages."""
+    """Drive the first lap again, and write the lap's town, track and messages."""
     config = bench.config
     town = make_town(np.random.default_rng(config.seed))
     lines = [town.lane.at(light.stop_m) for light in town.lights]
@@ -221,13 +221,14 @@ _TRACK_FRAMES = 3  #: Frames per row of the track.
 _IMAGE_FRAMES = 6  #: Frames per logged image.
 _IMAGE_SIZE = (240, 180)  #: Width and height of logged images.
 _JPEG_QUALITY = 25
-_PATH_M = (0.6, 0.9, 1.2, 1.5, 1.8, 2.1, 2.4)  #: Distances ahead of the points of a logged lane.
+#: Distances from the car at which a logged lane has its points.
+_PATH_M = (0.6, 0.9, 1.2, 1.5, 1.8, 2.1, 2.4)
 
 
 class Recorder:
-    """Writes a lap into a log, as rows and as ROS messages that MCAP viewers show.
+    """A `Recorder` writes a lap into a log, as rows and as ROS messages that MCAP viewers show.
 
-    Frames: ``map`` is the town, ``odom`` the start of the odometry, ``car`` the true pose of the car.
+    The TF frame ``map`` is the town, ``odom`` is the start of the odometry, and ``car`` is the true pose of the car.
     """
 
     def __init__(self, bench: Bench[Config]) -> None:
@@ -235,7 +236,7 @@ class Recorder:
         self._frames = 0
 
     def record(self, moment: Moment) -> None:
-        """Write what is due in a frame of `run_lap`."""
+        """Write the rows and messages that are due in a frame of `run_lap`."""
         number = self._frames
         self._frames += 1
         if number % _TRACK_FRAMES:
@@ -290,19 +291,19 @@ def _stamped(name: str, frame: str, now_ns: int) -> Any:
     return default_message(name, header=header_msg(frame, now_ns))
 
 
-_SLACK_S = 60.0  #: Time that the live nodes have beyond the duration of the live part.
+_SLACK_S = 60.0  #: Time that the live nodes have in addition to the duration of the live part.
 
 
 @exp.table("live")
 class DrivingLiveRow(TableRow):
-    """An image of the live part."""
+    """A `DrivingLiveRow` is one image of the live part."""
 
     mapping: str  #: Mapping of topic A for this image.
     chain_s: float  #: Time from the compensation's start to the command; NaN if the image was lost.
 
 
 def live_nodes(config: Config, address: BusAddress) -> list[DrivingNodeConfig]:
-    """Return the processes of the graph's nodes, except the car, each with its first topics."""
+    """Return the configurations of the graph's nodes, except the car, as processes, each with its first topics."""
     graph = load_chain().graph
     processed: dict[str, str] = {}
     results: dict[str, Topic] = {}
@@ -329,7 +330,7 @@ def live_nodes(config: Config, address: BusAddress) -> list[DrivingNodeConfig]:
 
 @exp.part("live", timed=False)
 async def drive_live(bench: Bench[Config]) -> None:
-    """Run the application's nodes as processes, with a mapping of A sampled for each image."""
+    """Run the application's nodes as processes, and sample the mapping of topic A for each image."""
     config = bench.config
     if not config.live_s:
         raise SkippedPartError("live: no time was asked for (live_s)")

@@ -1,4 +1,4 @@
-"""Results of driving: claims on the node chain, its time by source, and figures of the laps."""
+"""The module `driving.results` has claims on the node chain, the chain's time by source, and figures of laps."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ ASSUMED = "model, node times assumed"
 MEASURED = "model, node times measured in software"
 LIVE = "live across processes"
 PAPER = "paper"
-_COLUMNS = {SOFTWARE: "smt_s", GATEWAY: "gateway_s"}  #: Columns of topic A in the table ``chain``.
+#: Columns of topic A's times in the table ``chain``.
+_COLUMNS = {SOFTWARE: "smt_s", GATEWAY: "gateway_s"}
 _COLORS = {SOFTWARE: COLORS["standard"], GATEWAY: COLORS["proxy"]}
 _RED = "#D62728"
 _MS = 1e3
@@ -45,9 +46,9 @@ def parts_ms(run: Run[Config], source: str, mapping: str) -> pd.DataFrame:
 
     Args:
         run: The run.
-        source: `ASSUMED` takes the assumed times of nodes in hardware, `MEASURED` measured times of the same
-            nodes in software. With both the transfers are those of nodes in hardware.
-        mapping: `SOFTWARE` or `GATEWAY`, for topic A.
+        source: `ASSUMED` takes the assumed times of nodes in hardware, `MEASURED` takes measured times of the same
+            nodes in software. Both sources take the transfer times of nodes in hardware.
+        mapping: Mapping of topic A: `SOFTWARE` or `GATEWAY`.
     """
     frames = run["chain"]
     assumed_s = run["node"].set_index("node")["hardware_s"]
@@ -67,10 +68,10 @@ def parts_ms(run: Run[Config], source: str, mapping: str) -> pd.DataFrame:
 
 @derived
 def chain_ms(run: Run[Config], source: str = ASSUMED) -> dict[str, Floats]:
-    """Return the chain's times by mapping of A, ms.
+    """Return the chain's times by mapping of topic A, ms.
 
-    The source is `ASSUMED` or `MEASURED`, one time per frame, or `LIVE`, one per image that arrived. Without
-    30 live images per mapping the result is empty.
+    The sources `ASSUMED` and `MEASURED` give one time per frame. The source `LIVE` gives one time per image that
+    arrived; with fewer than 30 live images per mapping the result is empty.
     """
     if source != LIVE:
         return {
@@ -84,7 +85,7 @@ def chain_ms(run: Run[Config], source: str = ASSUMED) -> dict[str, Floats]:
 
 
 def chain_table(run: Run[Config]) -> pd.DataFrame:
-    """Return the chain's mean time with its 95 % interval, and the standard deviation, by source and mapping, ms."""
+    """Return the chain's mean with its 95 % interval, and the standard deviation, by source and mapping, ms."""
     rows: list[tuple[Any, ...]] = []
     for source in (ASSUMED, MEASURED, LIVE):
         for mapping, times in chain_ms(run, source).items():
@@ -101,7 +102,7 @@ def chain_table(run: Run[Config]) -> pd.DataFrame:
 
 
 def live_saving(run: Run[Config]) -> Estimate | None:
-    """Return how much shorter the mean of the live chain is with a gateway, ms; None without the live part."""
+    """Return how much a gateway shortens the mean of the live chain, ms; None without the live part."""
     times = list(chain_ms(run, LIVE).values())
     if not times:
         return None
@@ -119,7 +120,7 @@ def part_table(run: Run[Config]) -> pd.DataFrame:
 
 @exp.claim("C-DRIVE", how=How.SIMULATED)
 def shorter_chain(run: Run[Config]) -> Finding:
-    """Return the time saved by a gateway with the graph's images, and under other sizes."""
+    """Return the time that a gateway saves with the graph's images, and in the details for other image sizes."""
     frames = run["chain"]
     saved_ms = (frames["smt_s"] - frames["gateway_s"]).to_numpy(dtype=np.float64) * _MS
     laps = run["lap"]
@@ -135,13 +136,13 @@ def shorter_chain(run: Run[Config]) -> Finding:
 
 
 def _ratio(run: Run[Config], source: str) -> float:
-    """Return how many times as fast the chain is with a gateway."""
+    """Return how many times as fast the chain is with a gateway as without a gateway."""
     times = chain_ms(run, source)
     return float(times[SOFTWARE].mean() / times[GATEWAY].mean())
 
 
 def _other_sizes() -> dict[str, Estimate]:
-    """Return the time saved for other sizes of images than the graph's."""
+    """Return the time that a gateway saves for other image sizes than the graph's."""
     return {
         f"images of {width} x {height}": exactly(saved_ms(width, height), "ms saved")
         for width, height in ((320, 240), (800, 600))
@@ -149,7 +150,7 @@ def _other_sizes() -> dict[str, Estimate]:
 
 
 def saved_ms(width: int, height: int) -> float:
-    """Return the time saved by the model for a size of images, as the mean over all orders of delivery, ms."""
+    """Return the time that a gateway saves by the model for an image size, ms: the mean over all delivery orders."""
     graph = load_chain().graph
     resized = replace(graph.topic(SHARED_TOPIC), size_bytes=3 * width * height)
     others = [topic for topic in graph.topics if topic.name != SHARED_TOPIC]
@@ -162,7 +163,7 @@ _ORDERS = "orders of magnitude less deviation"
 
 @exp.claim("C-DRIVE-DEV", how=How.SIMULATED)
 def steadier_chain(run: Run[Config]) -> Finding:
-    """Return how much smaller the chain's deviation is with a gateway, by the model and live."""
+    """Return how much smaller the chain's standard deviation is with a gateway, by the model and live."""
     frames = np.column_stack(list(chain_ms(run).values()))
     estimate = bootstrap([frames], lambda drawn: orders_less(drawn[0].T), unit=_ORDERS)
     live = chain_ms(run, LIVE)
@@ -183,7 +184,7 @@ def steadier_chain(run: Run[Config]) -> Finding:
 
 
 def orders_less(times: Sequence[Floats] | Floats) -> float:
-    """Return the orders of magnitude by which the second deviation is smaller than the first."""
+    """Return the orders of magnitude by which the second standard deviation is smaller than the first."""
     software, gateway = times
     return float(np.log10(software.std(ddof=1) / gateway.std(ddof=1)))
 

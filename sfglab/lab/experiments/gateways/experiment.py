@@ -1,6 +1,6 @@
-"""Configuration, tables and parts of the experiment on the gateway core and on communication mapping.
+"""The module `gateways.experiment` has configuration, tables and parts of the experiment on core and mapping.
 
-Both parts are computed: nothing in them is measured or sampled.
+The experiment computes both of its parts; no value is measured or sampled.
 """
 
 from __future__ import annotations
@@ -44,16 +44,18 @@ LARGEST = (
     Bound(software=(2, 1), hardware=(2, 1), subscribers=2),
     Bound(software=(2, 1), hardware=(2, 1), port_messages=2),
 )
-COVERAGE = "every state of the core occurs"  #: Name of the check.
+#: Name of the check that every state of the core occurs.
+COVERAGE = "every state of the core occurs"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """Bounds of the exploration, and the graph that is mapped."""
+    """The `Config` has the bounds of the exploration, and the graph whose topics the experiment maps."""
 
-    bounds: tuple[Bound, ...] = (*SMALL, *LARGER)  #: Bounds up to which the core is explored.
+    #: Bounds up to which the experiment explores the core.
+    bounds: tuple[Bound, ...] = (*SMALL, *LARGER)
     graph_file: str = "graphs/figure_8.yaml"  #: File of the paper's example, in the data folder.
-    seed: int = 0  #: Seed without an effect, which every experiment has.
+    seed: int = 0  #: Seed that every experiment has; this experiment uses no seed.
 
 
 exp = Experiment(
@@ -69,28 +71,29 @@ exp.table("check")(CheckRow)
 
 @exp.table("exploration")
 class ExplorationRow(TableRow):
-    """One exploration of the core and its surroundings."""
+    """An `ExplorationRow` is one exploration of the core and its surroundings."""
 
     software: str  #: Number of messages of each software publisher.
     hardware: str  #: Number of messages of each hardware publisher.
     subscribers: int  #: Number of hardware subscribers besides the core.
     calls: int  #: Number of calls to the delegate that may wait.
-    echoes: bool  #: Whether both topics return the core's own messages.
+    echoes: bool  #: Whether both topics return the core's own messages to the core.
     port_messages: int  #: Number of whole messages that the core's port can store.
-    worlds: int  #: Number of reachable states of core and surroundings.
-    violation: str  #: Property that was violated; empty: none.
+    worlds: int  #: Number of reachable states of the core with its surroundings.
+    violation: str  #: Property that a step violated; empty if no step violated a property.
 
 
 @exp.table("stage")
 class StageRow(TableRow):
-    """One stage of the mapping in Fig. 8."""
+    """A `StageRow` is one stage of the mapping in Fig. 8."""
 
     stage: str  #: One of `STAGES`.
     publications: int  #: Number of publishing edges across the boundary.
     subscriptions: int  #: Number of subscribing edges across the boundary.
-    carriages: float  #: Transfers over the memory interface, for one message of each topic.
-    mapped: str  #: Topics and their mappings.
-    left: str  #: Edges across the boundary.
+    #: Number of transfers over the memory interface, for one message of each topic.
+    carriages: float
+    mapped: str  #: Topics with the mapping of each topic.
+    left: str  #: Edges that cross the boundary.
 
 
 @exp.part("exploration", total=lambda config: len(config.bounds), timed=False)

@@ -1,4 +1,4 @@
-"""Claims and figures on the gateway core and on communication mapping, and the core to click on."""
+"""The module `gateways.results` has claims and figures on the core and the mapping, and a core that reacts to clicks."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 PAPER_MAPPINGS = {"A gateway", "B hardware", "C gateway", "D software", "E gateway"}
 PAPER_EDGES = {"A -> 8", "C -> 6", "9 -> E"}
-"""Mappings and edges that the text states for Fig. 8 d."""
+"""Mappings and edges that the paper's text states for Fig. 8 d."""
 
 
 @exp.claim("C-FSM", how=How.EXACT)
 def core_holds(run: Run[Config]) -> Finding:
-    """Return the share of bounds without a violation, or of states that occur if it is lower."""
+    """Return the share of bounds without a violation, or the share of states that occur if this share is lower."""
     holds = run["exploration"]["violation"] == ""
     coverage = share_of_checks(run, COVERAGE)
     share = min(float(holds.mean()), coverage.estimate.value)
@@ -45,14 +45,14 @@ def core_holds(run: Run[Config]) -> Finding:
 
 @derived
 def edges(run: Run[Config]) -> pd.Series[int]:
-    """Return the number of edges across the boundary by stage."""
+    """Return the number of edges across the boundary in each stage."""
     stages = run["stage"].set_index("stage")
     return stages["publications"] + stages["subscriptions"]
 
 
 @exp.claim("C-MAP", how=How.EXACT)
 def edges_left(run: Run[Config]) -> Finding:
-    """Return the number of edges that gateways leave; the other ends are edges and mappings by stage."""
+    """Return the number of edges that remain with gateways; the other ends are edges and mappings by stage."""
     ends = {}
     for stage in lines_of(run["stage"]):
         ends[f"publishing edges, {stage.stage}"] = float(stage.publications)

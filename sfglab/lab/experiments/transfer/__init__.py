@@ -1,7 +1,7 @@
-"""Transfer: paper C, section 4, Fig. 5 to 7.
+"""The experiment `transfer` has the transfer times of paper C, section 4, Fig. 5 to 7.
 
-How long a message takes over a software-mapped topic and through a gateway: by the memory model,
-with the cycles of simulated hardware, and live between processes.
+The experiment shows how long a message takes over a software-mapped topic and through a gateway: by the memory
+model, with the cycles of simulated hardware, and live between processes.
 """
 
 from sfglab.lab.experiments.transfer import live  # noqa: F401 - declares its part

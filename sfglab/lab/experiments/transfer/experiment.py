@@ -1,8 +1,8 @@
-"""Configuration, tables and parts of the experiment on transfer times.
+"""The module `transfer.experiment` has configuration, tables and parts of the experiment on transfer times.
 
-The model gives the bars of Fig. 6 and 7. The memory part of a transfer is simulated in hardware as
-well: its four paths over the memory interface have a law of cycles each, and with these the model
-gives the bars again. The live part plays the setup of Fig. 5 with processes.
+The memory model gives the bars of Fig. 6 and 7. The experiment also simulates the memory part of a transfer in
+hardware: each of the four paths over the memory interface has a law of cycles. With these laws the model gives the
+bars again. The live part exchanges messages between processes in the setup of Fig. 5.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
 
 MODEL = "stored"  #: Name of the memory model's bars in the log.
-RTL = "rtl"  #: Name of the bars with the cycles of simulated hardware.
+RTL = "rtl"  #: Name of the bars with the cycles of simulated hardware in the log.
 OUT, IN, READS, WRITE = PATHS = (
     "gateway, memory to stream",
     "gateway, stream to memory",
@@ -35,14 +35,14 @@ OUT, IN, READS, WRITE = PATHS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """Sizes and counts of the run."""
+    """The `Config` has the sizes and counts of a run."""
 
-    #: Numbers of hardware subscribers in simulated hardware.
+    #: Numbers of hardware subscribers for the simulated hardware.
     rtl_subscribers: tuple[int, ...] = SUBSCRIBERS
-    live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes between processes; multiples of 8.
+    live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes between processes, multiples of 8.
     #: Numbers of subscribing processes on the hardware side.
     live_subscribers: tuple[int, ...] = SUBSCRIBERS
-    live_rounds: int = 40  #: Number of live repetitions; 0: no live part.
+    live_rounds: int = 40  #: Number of live repetitions; 0 for a run without the live part.
     seed: int = 0  #: Seed of the order of live measurements and of the messages.
 
 
@@ -85,7 +85,7 @@ exp = Experiment(
         "small_nodes": {"quick": 8, "paper": 8},
         "large_graphs": {"quick": 4, "paper": 10},
         "large_nodes": {"quick": 50, "paper": 50},
-        # Parameters of the explorer.
+        # These settings were parameters of the explorer.
         "subscribers": {"quick": 4, "paper": 4},
         "message_bytes": {"quick": 1_000_000, "paper": 1_000_000},
         "read_latency_cycles": {"quick": 30.0, "paper": 30.0},
@@ -99,9 +99,9 @@ exp = Experiment(
 
 @exp.table("bar")
 class TransferRow(TableRow):
-    """A bar of Fig. 6 or 7."""
+    """A `TransferRow` is one bar of Fig. 6 or 7."""
 
-    #: Origin of the times: ``stored``: the model; ``rtl``: the model with the cycles of simulated
+    #: Origin of the times: ``stored`` for the memory model, ``rtl`` for the model with the cycles of simulated
     #: hardware.
     model: str
     panel: str  #: Sides of publisher and subscriber.
@@ -113,7 +113,7 @@ class TransferRow(TableRow):
 
 @exp.table("law")
 class CycleLawRow(TableRow):
-    """Cycles of a message on one path in simulated hardware: a straight line over its chunks."""
+    """A `CycleLawRow` is one path's law of cycles in simulated hardware: a straight line over a message's chunks."""
 
     path: str  #: Path over the memory interface.
     subscribers: int  #: Number of hardware subscribers.
@@ -123,17 +123,18 @@ class CycleLawRow(TableRow):
 
 @exp.table("crossing")
 class CrossingRow(TableRow):
-    """A message between processes."""
+    """A `CrossingRow` is one message between processes."""
 
     repeat: int  #: Number of the repetition.
     publisher: str  #: Side of the publisher: ``software`` or ``hardware``.
-    transport: str  #: ``smt`` or ``gateway``.
+    transport: str  #: Path of the message: ``smt`` or ``gateway``.
     message_bytes: int  #: Size of the message.
     subscribers: int  #: Number of subscribing processes on the hardware side.
-    #: Time from the publication until the last of them has read the message, ns.
+    #: Time from the publication until the last subscriber on the hardware side has read the message, ns.
     hardware_ns: int
-    software_ns: int  #: Time until the software subscriber has read it, ns.
-    load: float  #: Load average of the machine over the last minute, before the message.
+    #: Time from the publication until the software subscriber has read the message, ns.
+    software_ns: int
+    load: float  #: Load average of the machine over the last minute, read before the message.
 
 
 @exp.part("model", timed=False)
@@ -145,28 +146,28 @@ def write_model(bench: Bench[Config]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class PathPoint:
-    """A path that is simulated in hardware."""
+    """A `PathPoint` is a path that the experiment simulates in hardware."""
 
     path: str  #: Path over the memory interface.
     subscribers: int  #: Number of hardware subscribers.
 
 
 def simulated_paths(config: Config) -> list[PathPoint]:
-    """Return the paths that are simulated; none without the extra ``rtl``."""
+    """Return the paths that the experiment simulates; without the extra ``rtl`` there is none."""
     if missing_tools():
         return []
     return [PathPoint(path, count) for count in config.rtl_subscribers for path in PATHS]
 
 
 def missing_tools() -> dict[str, str]:
-    """Return why the simulated hardware is left out; empty if it is not."""
+    """Return the reason why the run leaves out the simulated hardware; empty if the run simulates hardware."""
     if find_spec("amaranth") is None:
         return {"rtl": "left out: amaranth is not installed (the extra rtl)"}
     return {}
 
 
 def memory_in_hardware() -> Costs:
-    """Return the model with whole latencies, as simulated hardware counts them."""
+    """Return the model with whole numbers of latency cycles, as simulated hardware counts cycles."""
     return replace(
         STORED,
         read_latency_cycles=round(STORED.read_latency_cycles),
@@ -176,7 +177,7 @@ def memory_in_hardware() -> Costs:
 
 @exp.sweep("law", over=simulated_paths, seeds=lambda _: (0,))
 def simulate_law(point: PathPoint, _seed: int) -> dict[str, float]:
-    """Simulate a path with two message sizes, which give its law of cycles."""
+    """Simulate a path with two message sizes, and return the path's law of cycles."""
     from sfglab.soc.rtl import Delays, MemoryPath, cycle_model
 
     memory = memory_in_hardware()
@@ -196,10 +197,10 @@ def write_hardware(bench: Bench[Config]) -> None:
 
 
 def bars_with_cycles(count: int, chunk_cycles: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return the bars of one number of subscribers with other cycles per chunk, by path."""
+    """Return the bars for a number of subscribers if each path takes other cycles per chunk."""
     words = STORED.data_cycles
     over_topic = _with_cycles(chunk_cycles[READS] / count, chunk_cycles[WRITE])
-    # A gateway's core takes the cycles of the stream besides those of the memory.
+    # A gateway's core takes the cycles of the stream in addition to the cycles of the memory.
     by_gateway = _with_cycles(chunk_cycles[OUT] - words, chunk_cycles[IN] - words)
     smt_bars = speed_ups(over_topic, subscribers=[count])
     gateway_bars = speed_ups(by_gateway, subscribers=[count])
@@ -210,7 +211,7 @@ def bars_with_cycles(count: int, chunk_cycles: Mapping[str, float]) -> list[dict
 
 
 def _with_cycles(read_cycles: float, write_cycles: float) -> Costs:
-    """Return the model with other cycles per chunk; all except its words count as latency."""
+    """Return the model with other cycles per chunk; all cycles except those of the words count as latency."""
     words = STORED.data_cycles
     return replace(
         STORED,

@@ -1,8 +1,8 @@
-"""Live part: the setup of paper C, Fig. 5, with processes on both sides of a boundary.
+"""The module `transfer.live` has the setup of paper C, Fig. 5, with processes on both sides of a boundary.
 
-Over a software-mapped topic each subscriber on the hardware side gets its own copy through a socket.
-Through a gateway one copy crosses, into memory that the hardware side shares. The boundary is not a
-memory interface: a copy takes the time of a processor core, and the processes share the cores.
+Over a software-mapped topic each subscriber on the hardware side gets its own copy through a socket. Through a
+gateway one copy crosses the boundary into memory that the hardware side shares. The boundary is not a memory
+interface: a copy takes the time of a processor core, and the processes share the cores.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
 
-TIMEOUT_S = 20.0  #: Longest time of one message.
+TIMEOUT_S = 20.0  #: Longest time that one message may take.
 TRANSPORTS = ("smt", "gateway")
 _STEP_BYTES = 8
 _MODULE = "sfglab.lab.workers.crossing"
-_NOT_MAPPED = ("software", "subscriber")  # processes without the hardware side's memory
+_NOT_MAPPED = ("software", "subscriber")  # These processes do not map the hardware side's memory.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """One bar of Fig. 6 and 7, measured over both transports."""
+    """A `Cell` is one bar of Fig. 6 and 7, measured over both transports."""
 
     publisher: str  #: Side of the publisher: ``software`` or ``hardware``.
     message_bytes: int  #: Size of the message.
@@ -50,7 +50,7 @@ class Cell:
 
 
 def cells_of(config: Config) -> list[Cell]:
-    """Return all cells."""
+    """Return all cells of a configuration."""
     bars = product(("hardware", "software"), config.live_subscribers, config.live_bytes)
     return [
         Cell(publisher=side, message_bytes=size, subscribers=count) for side, count, size in bars
@@ -58,7 +58,7 @@ def cells_of(config: Config) -> list[Cell]:
 
 
 class Crossing(ProcessGroup):
-    """The processes of Fig. 5. Their sockets, pipes and memory have no names, so none is left.
+    """A `Crossing` runs the processes of Fig. 5. No socket, pipe or memory of a process has a name, so none remains.
 
     Args:
         readers: Largest number of subscribers on the hardware side.
@@ -76,7 +76,7 @@ class Crossing(ProcessGroup):
 
     async def settle(self) -> None:
         """Start the processes, each with its ends of the links."""
-        # The parent closes its copies at once: a link ends when the process at its other end does.
+        # The parent closes its copies of the ends at once, so a link ends with the process at the link's other end.
         with ExitStack() as passed:
             links = self._links(passed)
             shared = os.memfd_create("sfglab-crossing")
@@ -86,7 +86,7 @@ class Crossing(ProcessGroup):
             await self.start(*members)
 
     def _links(self, passed: ExitStack) -> dict[str, dict[str, int]]:
-        """Return the file descriptors of each process by link: sockets, and pipes that wake."""
+        """Return the file descriptors of each process by link: sockets, and pipes that wake a process."""
         hardware = ["gateway", *self._readers]
         names = ["software", "subscriber", "publisher", *hardware]
         links: dict[str, dict[str, int]] = {name: {} for name in names}
@@ -124,13 +124,13 @@ class Crossing(ProcessGroup):
         await super().close()
 
     async def carry(self, message: Message) -> dict[str, int]:
-        """Transfer one message and check its content at all subscribers.
+        """Transfer one message and check the message's content at all subscribers.
 
         Returns:
-            The time from the publication until a subscriber has read the message, by name, ns.
+            The time from the publication until a subscriber has read the message, ns, by the subscriber's name.
 
         Raises:
-            ProcessFailedError: A process ended or was late, or a content is wrong.
+            ProcessFailedError: A process ended, a process was late, or the content at a subscriber is wrong.
         """
         addressed = {*message.order, *message.woken}
         subscribers = [name for name in ("subscriber", *self._readers) if name in addressed]
@@ -153,7 +153,7 @@ class Crossing(ProcessGroup):
     ) -> CrossingRow:
         """Measure one message of a cell over a transport.
 
-        The order of deliveries is random, because the paper states none.
+        The order of deliveries is random, because the paper states no order.
         """
         load = os.getloadavg()[0]
         took_ns = await self.carry(self._message(cell, transport, rng))
@@ -194,18 +194,18 @@ def _shuffled(names: Sequence[str], rng: np.random.Generator) -> tuple[str, ...]
 
 
 async def crossings(config: Config) -> AsyncGenerator[CrossingRow]:
-    """Measure all cells in each repetition, both transports of a cell right after each other.
+    """Measure all cells in each repetition; the two transports of a cell follow each other directly.
 
     The order of cells and of transports is random.
 
     Raises:
-        ProcessFailedError: A process failed, or a message arrived wrong.
+        ProcessFailedError: A process failed, or a message arrived with wrong content.
     """
     rng = np.random.default_rng(config.seed)
     cells = cells_of(config)
     readers, largest_bytes = max(config.live_subscribers), max(config.live_bytes)
     async with Crossing(readers, largest_bytes, config.seed) as crossing:
-        # The first message of a cell is not measured: it takes longer than the others.
+        # The first message of a cell takes longer than later messages, so the experiment does not measure this message.
         for cell in cells:
             for transport in TRANSPORTS:
                 await crossing.measure(cell, transport, -1, rng)
@@ -222,7 +222,7 @@ def message_count(config: Config) -> int:
 
 @exp.part("live", total=message_count, timed=False)
 async def measure_live(bench: Bench[Config]) -> None:
-    """Measure messages between processes."""
+    """Measure the transfer times of messages between processes."""
     if not bench.config.live_rounds:
         return
     async with aclosing(crossings(bench.config)) as rows:

@@ -1,7 +1,7 @@
-"""Claims, figures and the explorer of transfer times.
+"""The module `transfer.results` has the claims, figures and the explorer of transfer times.
 
-Fig. 6 and 7 have four panels, by the sides of publisher and subscriber. In each, the gateway's
-speed-up is the transfer time over a software-mapped topic by that through a gateway.
+Fig. 6 and 7 have four panels, one per side of the publisher and side of the subscriber. In each panel the speed-up
+of a gateway is the transfer time over a software-mapped topic divided by the transfer time through the gateway.
 """
 
 from __future__ import annotations
@@ -60,14 +60,14 @@ def ratios_of(run: Run[Config], panel: Panel, model: str = MODEL) -> dict[tuple[
 
 
 def by_size(table: pd.DataFrame, panel: Panel, value: str = "ratio") -> pd.DataFrame:
-    """Return a value of a panel, one row per message size and one column per number of subscribers."""
+    """Return a column of a panel's bars, one row per message size and one column per number of subscribers."""
     chosen = table[table["panel"] == panel.value]
     return chosen.pivot_table(index="message_bytes", columns="subscribers", values=value)
 
 
 @derived
 def live_bars(run: Run[Config]) -> pd.DataFrame:
-    """Return the medians of the live part, the speed-up with its interval, and the model's."""
+    """Return the live medians, the live speed-up with its interval, and the model's speed-up, one row per bar."""
     pairs = paired_ratios(
         run["crossing"],
         by=["publisher", "subscribers", "message_bytes"],
@@ -89,7 +89,7 @@ def live_bars(run: Run[Config]) -> pd.DataFrame:
 
 @derived
 def stated(run: Run[Config]) -> pd.DataFrame:
-    """Return the numbers of section 4, the model's, and the predictions from the other numbers."""
+    """Return the stated numbers of section 4, the model's values, and the predictions from the other numbers."""
     numbers = [paper(one.claim, one.number) for one in STATED]
     rows = []
     for one, number, prediction in zip(STATED, numbers, predictions(numbers), strict=True):
@@ -109,7 +109,7 @@ def stated(run: Run[Config]) -> pd.DataFrame:
 
 
 def worst_fit(run: Run[Config]) -> float:
-    """Return the largest relative difference between model and stated numbers, without sign."""
+    """Return the largest relative difference, without sign, between the model and the stated numbers."""
     table = stated(run)
     return float((table["model"] / table["paper"] - 1).abs().max())
 
@@ -124,7 +124,7 @@ def constants() -> pd.DataFrame:
 
 @exp.claim("C-HWHW", how=How.SIMULATED)
 def hardware_to_hardware(run: Run[Config]) -> Finding:
-    """Return the speed-up with 8 hardware subscribers at 10 MB; the other end is that at 10 kB."""
+    """Return the speed-up with 8 hardware subscribers at 10 MB; the other end is the speed-up at 10 kB."""
     ratios = ratios_of(run, Panel.HARDWARE_TO_HARDWARE)
     return Finding(
         estimate=exactly(ratios[LARGE, MANY], f"{_FAST} at 10 MB"),
@@ -147,7 +147,7 @@ def hardware_to_software(run: Run[Config]) -> Finding:
 
 @exp.claim("C-SWHW", how=How.SIMULATED)
 def software_to_hardware(run: Run[Config]) -> Finding:
-    """Return the largest speed-up; the other end is the largest one at 10 kB."""
+    """Return the largest speed-up of all bars; the other end is the largest speed-up at 10 kB."""
     ratios = ratios_of(run, Panel.SOFTWARE_TO_HARDWARE)
     size, count = max(ratios, key=lambda bar: ratios[bar])
     return Finding(
@@ -159,7 +159,7 @@ def software_to_hardware(run: Run[Config]) -> Finding:
 
 @exp.claim("C-SWSW", how=How.SIMULATED)
 def software_to_software(run: Run[Config]) -> Finding:
-    """Return the largest speed-up; the other end is the least one."""
+    """Return the largest speed-up; the other end is the smallest speed-up."""
     ratios = ratios_of(run, Panel.SOFTWARE_TO_SOFTWARE)
     size, count = max(ratios, key=lambda bar: ratios[bar])
     return Finding(
@@ -170,7 +170,7 @@ def software_to_software(run: Run[Config]) -> Finding:
 
 
 def evidence(run: Run[Config], panel: Panel, size: int, count: int) -> dict[str, Any]:
-    """Return the details of a claim about one bar of a panel, and what was fitted to its numbers."""
+    """Return the details of a claim about one bar of a panel, and how its numbers were fitted."""
     predicted = []
     for row in lines_of(stated(run)[stated(run)["panel"] == panel.value]):
         interval = f"[{row.low:.3g}, {row.high:.3g}]"
@@ -187,7 +187,7 @@ def evidence(run: Run[Config], panel: Panel, size: int, count: int) -> dict[str,
 
 
 def live_detail(run: Run[Config], panel: Panel, size: int, count: int) -> str:
-    """Return the speed-up of a bar between processes with its interval."""
+    """Return the live speed-up of a bar with its interval, as a text."""
     place = f"panel == '{panel.value}' and message_bytes == {size} and subscribers == {count}"
     found = lines_of(live_bars(run).query(place))
     if not found:
@@ -236,7 +236,7 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> None:
 
 
 def draw_stated(axes: Axes, panel: Panel) -> None:
-    """Draw the paper's speed-ups of a panel, with their numbers where the curves leave room."""
+    """Draw the paper's speed-ups of a panel, with a number at each line where the curves leave room."""
     stated_ratios = []
     for one in STATED:
         if one.panel is panel:
@@ -255,7 +255,7 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
         chosen = table[table["panel"] == panel.value]
         for place, count in enumerate(sorted(set(chosen["subscribers"]))):
             found = chosen[chosen["subscribers"] == count]
-            # The intervals of several numbers of subscribers are beside each other.
+            # The intervals for several numbers of subscribers are beside each other.
             sizes = found["message_bytes"] * 1.15 ** (place - 1)
             style = STYLES.get(count, {})
             ratios.plot(sizes, found["ratio"], markersize=5, **style)
@@ -273,7 +273,7 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
 
 
 def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Panel]]:
-    """Draw the transfer times of each panel with one legend; return the axes of the speed-ups."""
+    """Draw the transfer times of each panel with one legend, and return the axes of the speed-ups."""
     grid = figure.subplots(2, len(Panel), sharex=True, sharey="row")
     for times, ratios, panel in zip(*grid, Panel, strict=True):
         for topic, (_, color) in TOPICS.items():
@@ -315,7 +315,7 @@ def transfer_curves(
     read_latency_cycles: Cycles = STORED.read_latency_cycles,
     delegate_us: Microseconds = _DELEGATE_US,
 ) -> pictures.Picture:
-    """Return transfer times over message sizes, and the gateway's speed-up at one of them.
+    """Return transfer times over message sizes, and the gateway's speed-up at the size of the dots.
 
     Args:
         message_bytes: Message size of the dots [B].
@@ -335,7 +335,7 @@ def transfer_curves(
 
 
 def _curves(panel: Panel, computed: list[SpeedUp]) -> pictures.Panel:
-    """Return the curves of a panel; its last value has the size of the dots."""
+    """Return the curves of a panel; the last value of the panel has the message size of the dots."""
     chosen = [one for one in computed if one.panel is panel]
     here = chosen[-1]
     series: list[pictures.Series] = []
