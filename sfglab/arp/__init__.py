@@ -1,7 +1,8 @@
-"""Paper B: aggregated robot processing, its caches (2.2, 2.3) and its balanced QoS (2.4).
+"""The package `arp` implements paper B: aggregated robot processing, its caches (2.2, 2.3) and its balanced QoS (2.4).
 
-Robots sense and act, a station localises and plans; caches suppress values that repeat between them. The QoS
-problem as published is in `balancing`. Our own (`programme`) includes the link.
+Robots sense and act; a station localises the robots and plans their motion. Caches suppress repeated values between
+robots and station. The module `balancing` has the QoS problem that the paper publishes. The module `programme` has
+our own QoS problem, which includes the link.
 """
 
 from sfglab.arp.cache import CacheControl, LocalCache

@@ -1,8 +1,9 @@
-"""QoS balancing as published in paper B: section 2.4, Eq. 1 to 6, and its closed form.
+"""The module `balancing` has the QoS balancing that paper B publishes: section 2.4, Eq. 1 to 6, and its closed form.
 
-The input is the number of topics per agent, the result a rate R (the paper's DEADLINE, in hertz) and a depth D.
-The published problem has no trade-off: the bound of D rises with R, so one point is best in both with any
-weights. The closed form shows this. The problem contains neither links nor losses.
+The input of the balancing is the number of topics per agent. The result is a rate R (the paper's DEADLINE, in hertz)
+and a depth D. The published problem has no trade-off: the bound of D rises with R, so one point has the best R and
+the best D for any weights. The closed form shows that there is no trade-off. The problem contains neither links nor
+losses.
 """
 
 from __future__ import annotations
@@ -16,20 +17,21 @@ from sfglab.errors import InvalidValueError, SfglabError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-#: Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17).
+#: Dmax: largest number of samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17).
 DEPTH_MAX = 5000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BalanceInput:
-    """Input of the published problem."""
+    """A `BalanceInput` is the input of the published problem."""
 
-    #: Topics of each agent, T_a of Eq. 1: topics of its sensors and of the results that it receives.
+    #: Number of topics of each agent, T_a of Eq. 1: topics of its sensors and of the results that the agent receives.
     topics: tuple[int, ...]
     rate_max_hz: float  #: Rmax, the rate at which a single topic could be sent.
-    rate_min_hz: float = 1.0  #: Rmin; the paper does not state its value.
-    depth_max: float = DEPTH_MAX  #: Dmax.
-    depth_min: float = 1.0  #: Dmin; the paper does not state its value.
+    #: Rmin, the smallest rate; the paper does not state the value of Rmin.
+    rate_min_hz: float = 1.0
+    depth_max: float = DEPTH_MAX  #: Dmax, the largest depth.
+    depth_min: float = 1.0  #: Dmin, the smallest depth; the paper does not state the value of Dmin.
 
     def __post_init__(self) -> None:
         if not self.topics or min(self.topics) < 1:
@@ -42,10 +44,10 @@ class BalanceInput:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Balance:
-    """A solution of the published problem."""
+    """A `Balance` is a solution of the published problem."""
 
-    rate_hz: float  #: R, at which each topic is sent.
-    #: D, the history's depth; a real number as the problem has it, to be rounded down.
+    rate_hz: float  #: R, the rate at which each topic is sent.
+    #: D, the depth of each history, as a real number; users round the depth down.
     depth: float
 
 
@@ -59,10 +61,10 @@ def average_topics(topics: Sequence[int]) -> float:
 
 
 def balance_closed_form(given: BalanceInput) -> Balance:
-    """Return the optimum without a solver: both bounds are attained at once.
+    """Return the optimum without a solver: the optimum attains both upper bounds.
 
-    R* = min(Rmax / T_avg - Rmin, Rmax) and D* = min(Dmax R* / Rmax - Dmin, Dmax); InfeasibleBalanceError where
-    a lower bound lies above what Eq. 4 or Eq. 5 leaves.
+    The optimum is R* = min(Rmax / T_avg - Rmin, Rmax) and D* = min(Dmax R* / Rmax - Dmin, Dmax). The function raises
+    InfeasibleBalanceError if a lower bound lies above the upper bound of Eq. 4 or Eq. 5.
     """
     rate_hz = min(
         given.rate_max_hz / average_topics(given.topics) - given.rate_min_hz, given.rate_max_hz
@@ -85,10 +87,12 @@ def balance_closed_form(given: BalanceInput) -> Balance:
 def balance(given: BalanceInput, *, weight: float = 0.5) -> Balance:
     """Solve Eq. 6 with CVXPY, as the paper does.
 
-    R and D are weighted (between 0 and 1) by their largest values, which leaves the optimum where it is.
+    The objective divides R and D by their largest values, and weights the two quotients with a number between 0 and 1.
+    The weight does not change the optimum.
 
     Raises:
-        InfeasibleBalanceError: No rate and depth satisfy the constraints; names the one that fails, and by how much.
+        InfeasibleBalanceError: No rate and depth satisfy the constraints; the error names the violated constraint
+            and the missing amount.
         SfglabError: The solver ended without an optimum.
     """
     import cvxpy as cp
@@ -107,19 +111,20 @@ def balance(given: BalanceInput, *, weight: float = 0.5) -> Balance:
     try:
         solve_problem(cp.Problem(objective, constraints), "QoS balancing")
     except SfglabError:
-        balance_closed_form(given)  # raises with the constraint that fails, and by how much
+        # This call raises an error with the violated constraint and the missing amount.
+        balance_closed_form(given)
         raise
     found: Any = rate.value, depth.value
     return Balance(rate_hz=float(found[0]), depth=float(found[1]))
 
 
 def solve_problem(problem: Any, about: str, **settings: Any) -> None:
-    """Solve a CVXPY problem; an SfglabError says that the solver ended without an optimum."""
+    """Solve a CVXPY problem; the function raises an SfglabError if the solver ends without an optimum."""
     from cvxpy import SolverError
 
     try:
         with warnings.catch_warnings():
-            # What CVXPY warns of is refused below.
+            # The code below refuses the solutions that CVXPY warns of.
             warnings.filterwarnings("ignore", message="Solution may be inaccurate")
             problem.solve(solver="CLARABEL", **settings)
         ended = f"with status {problem.status!r}"

@@ -1,10 +1,11 @@
-"""Local cache and cache control: both suppress a value that repeats, before the network or before planning.
+"""The module `cache` has local cache and cache control; both suppress repeated values before network or planning.
 
 The local cache is in the robot, before the publisher (paper B, section 2.2, Fig. 3). Cache control is in the
-station, between subscriber and planning (section 2.3, Fig. 5). Both have the same rule, "the same value in a
-row", for scalars, strings, NumPy arrays and messages of `sfglab.messages`, field by field. A maximum silence goes
-beyond the paper. After the maximum silence a value passes although it has not changed; without it, the loss of
-the one message with a change leaves a stale value indefinitely. Both work without I/O and without a clock.
+station, between subscriber and planning (section 2.3, Fig. 5). Both caches suppress a value that equals the value
+before: scalars, strings, NumPy arrays, and messages of `sfglab.messages`, which the caches compare field by field.
+A maximum silence is our addition to the paper. After the maximum silence a cache passes a value even if the value
+has not changed. Without a maximum silence, the loss of the one message with a change leaves a stale value in the
+station indefinitely. Both caches work without I/O and without a clock.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from sfglab.errors import InvalidValueError
 
 
 def exactly_equal(first: Any, second: Any) -> bool:
-    """Return whether two values are equal, NaN to NaN, and numbers of different types by their value."""
+    """Return whether two values are equal; NaN equals NaN, and numbers of different types are compared by value."""
     if _is_number(first) and _is_number(second):
         return bool(first == second or (np.isnan(first) and np.isnan(second)))
     if type(first) is not type(second):
@@ -41,15 +42,17 @@ def _is_number(value: Any) -> bool:
 
 
 class Decision(Enum):
-    """Decision on a value that is offered."""
+    """A `Decision` is the decision of a cache on an offered value."""
 
-    CHANGED = "changed"  #: It differs from the last one that passed, or is the first: it passes.
-    REFRESHED = "refreshed"  #: It is the same, and the longest silence is over: it passes.
-    HELD = "held"  #: It is the same: it is suppressed.
+    #: The value is the first value, or differs from the last passed value: the cache passes the value.
+    CHANGED = "changed"
+    #: The value is unchanged, and the maximum silence is over: the cache passes the value.
+    REFRESHED = "refreshed"
+    HELD = "held"  #: The value is unchanged: the cache suppresses the value.
 
     @property
     def passes(self) -> bool:
-        """Whether the value goes on."""
+        """Whether the cache passes the value."""
         return self is not Decision.HELD
 
 
@@ -61,11 +64,11 @@ class _Entry:
 
 @dataclass(kw_only=True)
 class _ChangeFilter:
-    """Passes a topic's value when it changes."""
+    """A `_ChangeFilter` passes a value of a topic if the value has changed."""
 
-    #: After this long without passing anything a topic's value passes anyway; None: never, as in the paper.
+    #: Time without a passed value after which the filter passes an unchanged value; None: never, as in the paper.
     max_silence_ns: int | None = None
-    held_bytes: int = 0  #: Size of all values that were suppressed, where the caller gives it.
+    held_bytes: int = 0  #: Size of all suppressed values whose size the caller gave.
     _entries: dict[str, _Entry] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -75,9 +78,10 @@ class _ChangeFilter:
             )
 
     def offer(self, topic: str, value: Any, *, now_ns: int, size_bytes: int = 0) -> Decision:
-        """Decide whether a topic's value passes, and remember it if so.
+        """Decide whether the filter passes a topic's value; the filter remembers a passed value.
 
-        The caller must not change the value afterwards. `size_bytes` is only counted in `held_bytes`.
+        The caller must not change the value after the call. The filter adds `size_bytes` of a suppressed value to
+        `held_bytes`.
         """
         decision = self._decide(self._entries.get(topic), value, now_ns)
         if decision.passes:
@@ -95,13 +99,13 @@ class _ChangeFilter:
 
 
 class LocalCache(_ChangeFilter):
-    """Suppresses repeated values of sensors before they are published (paper B, section 2.2, Fig. 3)."""
+    """A `LocalCache` suppresses repeated sensor values before publication (paper B, section 2.2, Fig. 3)."""
 
 
 class CacheControl(_ChangeFilter):
-    """Suppresses repeated values in the station before planning (paper B, section 2.3, Fig. 5)."""
+    """A `CacheControl` suppresses repeated values in the station before planning (paper B, section 2.3, Fig. 5)."""
 
     def current(self, topic: str) -> Any:
-        """Return the value that planning works with; None before the first."""
+        """Return the value that planning works with; None before the first value."""
         entry = self._entries.get(topic)
         return None if entry is None else entry.value

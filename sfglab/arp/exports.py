@@ -1,14 +1,14 @@
-"""Exports of a planned QoS as files that DDS and ROS 2 read: `EXPORTS` by the name of the format.
+"""The module `exports` exports a planned QoS as files that DDS and ROS 2 read: `EXPORTS` has the formats by name.
 
-Fast DDS: one writer and one reader profile a topic, elements as in its own schemas
-(`resources/xsd/fastRTPS_profiles.xsd` of generation 2, ROS 2 Humble and Jazzy; `fastdds_profiles.xsd` of
-generation 3, from Kilted, which renamed the times). Which profile an endpoint takes follows from its topic's
-name; rmw_fastrtps's README describes that, and when the XML is used at all.
+The file for Fast DDS has one writer profile and one reader profile per topic. The elements of the file are those of
+Fast DDS' schemas (`resources/xsd/fastRTPS_profiles.xsd` of generation 2, ROS 2 Humble and Jazzy;
+`fastdds_profiles.xsd` of generation 3, from Kilted, which renamed the times). The name of an endpoint's topic selects
+the profile of the endpoint; rmw_fastrtps's README describes the selection, and when rmw_fastrtps uses the XML file.
 
-Cyclone DDS: its XML configures domains, not endpoints (docs/manual/options.md): it has
-heartbeats and delays, but neither depths nor deadlines. They go into the ROS 2 parameter file, which both vendors' nodes read;
-names and types as rclcpp (`detail/qos_parameters.hpp`) and rclpy (`qos_overriding_options.py`) declare them:
-durations are whole nanoseconds.
+The XML file of Cyclone DDS configures domains, not endpoints (docs/manual/options.md). The file has
+heartbeats and delays, but neither depths nor deadlines. Depths and deadlines go into the ROS 2 parameter file,
+which the nodes of both vendors read. Names and types of parameters are those that rclcpp (`detail/qos_parameters.hpp`)
+and rclpy (`qos_overriding_options.py`) declare. Durations are whole nanoseconds.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ def _summary(plan: Plan) -> str:
 
 
 def _rate_text(part: TopicPlan) -> str:
-    """Return how often a topic's node works; behind a local cache that is how often it reads."""
+    """Return how often the node of a topic works; with a local cache the rate is the rate of readings."""
     passed = ", of which a local cache lets changes pass" if part.topic.cached else ""
     return f"{part.rate_hz:.4g} Hz{passed}"
 
 
 def _new_comment(text: str) -> Any:
-    """Return a comment; XML forbids two hyphens in a row there."""
+    """Return an XML comment without two hyphens in a row, which XML forbids in comments."""
     return ET.Comment(f" {re.sub('-(?=-)', '- ', text)} ")
 
 
 def _fill(parent: ET.Element, values: Mapping[str, Any]) -> None:
-    """Add an element for each value: a mapping's with elements for its own values, any other one's with a text."""
+    """Add an element for each value: a mapping's element has an element per value, any other element has a text."""
     for name, value in values.items():
         element = ET.SubElement(parent, name)
         if isinstance(value, dict):
@@ -65,12 +65,12 @@ def _render(root: ET.Element) -> str:
 
 
 class Generation(NamedTuple):
-    """Names in the profiles of a generation of Fast DDS."""
+    """A `Generation` has the names of elements in the profiles of one generation of Fast DDS."""
 
     namespace: str  #: Namespace of all elements.
     heartbeat: str  #: Element with the period of heartbeats.
     response: str  #: Element with the writer's delay before a retransmission.
-    delay: str  #: Element with the reader's delay before an answer.
+    delay: str  #: Element with the reader's delay before a response.
 
 
 GENERATION_2 = Generation(
@@ -82,7 +82,8 @@ GENERATION_2 = Generation(
 GENERATION_3 = Generation(
     "http://www.eprosima.com", "heartbeat_period", "nack_response_delay", "heartbeat_response_delay"
 )
-_SAMPLES_PER_INSTANCE = 400  #: Default limit before Fast DDS 3.5; a deeper history must raise it.
+#: Default limit of samples per instance before Fast DDS 3.5; a deeper history must raise this limit.
+_SAMPLES_PER_INSTANCE = 400
 
 _FAST_HOW = (
     "Set RMW_IMPLEMENTATION=rmw_fastrtps_cpp, RMW_FASTRTPS_USE_QOS_FROM_XML=1, and "
@@ -94,7 +95,7 @@ _FAST_HOW = (
 
 
 def fast_dds_xml(plan: Plan, generation: Generation = GENERATION_2) -> str:
-    """Return a plan with the timing of Fast DDS as XML for one of its generations."""
+    """Return a plan with the timing of Fast DDS as XML for a generation of Fast DDS."""
     vendor = plan.vendor
     writer_times = {
         generation.heartbeat: vendor.heartbeat_ns,
@@ -117,7 +118,7 @@ def fast_dds_xml(plan: Plan, generation: Generation = GENERATION_2) -> str:
 
 
 def _profile(part: TopicPlan, times: Mapping[str, int]) -> dict[str, Any]:
-    """Return the elements of a topic's writer or reader, which has these times, ns."""
+    """Return the elements of a topic's writer or reader with the given times, ns."""
     qos = part.qos
     topic: dict[str, Any] = {"historyQos": {"kind": qos.history.name, "depth": part.depth}}
     if part.depth > _SAMPLES_PER_INSTANCE:
@@ -134,7 +135,8 @@ def _profile(part: TopicPlan, times: Mapping[str, int]) -> dict[str, Any]:
     profile = {"topic": topic, "qos": policies}
     if part.topic.reliable:
         profile["times"] = {name: _seconds(time_ns) for name, time_ns in times.items()}
-    # Fast DDS's default would refuse messages that grow, such as texts; this is rmw_fastrtps's own choice.
+    # Fast DDS's default would refuse messages that grow, such as texts; the written profile therefore has
+    # rmw_fastrtps's own choice.
     return {**profile, "historyMemoryPolicy": "PREALLOCATED_WITH_REALLOC"}
 
 
@@ -155,7 +157,7 @@ _CYCLONE_HOW = (
 
 
 def cyclone_xml(plan: Plan) -> str:
-    """Return the timing of a plan for Cyclone DDS as its configuration."""
+    """Return the timing of a plan as a configuration file for Cyclone DDS."""
     vendor = plan.vendor
     root = ET.Element("CycloneDDS", xmlns=_NAMESPACE)
     root.append(_new_comment(_summary(plan)))
@@ -200,7 +202,7 @@ def ros2_parameters(plan: Plan) -> str:
     }
     rates = "".join(f"#   {part.topic.name}: {_rate_text(part)}\n" for part in plan.topics)
     content = {"/**": {"ros__parameters": {"qos_overrides": overrides}}}
-    # One mapping for both sides would be dumped once, with an anchor to it; rcl's parser knows none.
+    # YAML would write one mapping for both sides once, with an anchor; rcl's parser does not support anchors.
     body = yaml.safe_dump(content, sort_keys=False)
     return f"# {_summary(plan)}\n{_ROS2_HOW}{rates}{body}"
 
@@ -218,7 +220,7 @@ def _policies(qos: QoSProfile) -> dict[str, str | int]:
 
 
 class Export(NamedTuple):
-    """One format."""
+    """An `Export` is one format of a file."""
 
     file: str  #: Usual name of the file.
     render: Callable[[Plan], str]  #: Writes a plan of this vendor.
@@ -249,4 +251,4 @@ EXPORTS = {
     "cyclone": Export("cyclonedds.xml", cyclone_xml, CYCLONE_DDS.name),
     "ros2": Export("qos_overrides.yaml", ros2_parameters, ""),
 }
-"""By the name that the command line uses."""
+"""Formats by the name that the command line uses."""

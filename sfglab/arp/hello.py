@@ -1,8 +1,9 @@
-"""Paper B, section 3.1: the flows of Fig. 9 with "Hello", and the cells of Table 2's grid. Pure.
+"""The module `hello` has the flows of paper B's Fig. 9 with "Hello", and the cells of Table 2's grid (section 3.1).
 
-Robot 1's sensing node publishes "Hello" to its localisation in the station; when that and robot 3's
-localisation have had it, the station publishes it to robot 1's actuation node. A topic's rate is Rmax, or R of
-Eq. 6; the topics of an agent are those flows that begin or end there (Eq. 1).
+Robot 1's sensing node publishes "Hello" to its localisation in the station. After robot 1's localisation and robot
+3's localisation have received "Hello", the station publishes "Hello" to robot 1's actuation node. The rate of a
+topic is Rmax, or R of Eq. 6. The topics of an agent are the flows that begin or end at the agent (Eq. 1). The module
+works without I/O.
 """
 
 from __future__ import annotations
@@ -22,33 +23,34 @@ if TYPE_CHECKING:
 
     from sfglab.qos import QoSProfile
 
-OPT_DEPTH = "opt"  #: DEPTH as Eq. 6 gives it, beside the numbers of Table 2.
-SMALL_DEPTH = 10  #: A DEPTH up to this is small: the lower half of Table 2.
-TIE = 0.05  #: Latencies that differ by less than this share count as equal.
+OPT_DEPTH = "opt"  #: DEPTH by Eq. 6, an alternative to the numbers of Table 2.
+SMALL_DEPTH = 10  #: Largest DEPTH that counts as small: the lower half of Table 2.
+TIE = 0.05  #: Share below which a difference of two latencies counts as none.
 
-STATION = "station"  #: The host of localisation and planning.
-HELLO_UP = "robot1/hello"  #: "Hello" from robot 1 to the station.
-HELLO_HOP = "robot3/localisation"  #: "Hello" from the station to robot 3, where it goes that way.
-HELLO_DOWN = "robot1/move"  #: "Hello" to robot 1's actuation.
-#: Size of "Hello" in CDR: header, length, text and its final zero (RTPS 2.5, clause 10).
+STATION = "station"  #: Name of the host of localisation and planning.
+HELLO_UP = "robot1/hello"  #: Flow of "Hello" from robot 1 to the station.
+#: Flow of "Hello" from the station to robot 3, for cells with `GridCell.hop`.
+HELLO_HOP = "robot3/localisation"
+HELLO_DOWN = "robot1/move"  #: Flow of "Hello" from the station to robot 1's actuation.
+#: Size of "Hello" in CDR: header, length, text and the text's final zero (RTPS 2.5, clause 10).
 HELLO_BYTES = len("Hello") + 1 + 4 + 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GridCell:
-    """One cell of Table 2's grid, over one channel.
+    """A `GridCell` is one cell of Table 2's grid, over one channel.
 
     Raises:
-        InvalidValueError: There is no such depth.
+        InvalidValueError: The depth is neither a whole number from 1 nor `OPT_DEPTH`.
     """
 
-    rate_max_hz: int  #: Rmax.
+    rate_max_hz: int  #: Rmax, the highest rate of a topic.
     depth: str  #: DEPTH: a number as text, or `OPT_DEPTH`.
-    method: str  #: One of `METHODS`.
+    method: str  #: Name of the method, one of `METHODS`.
     duration_s: float  #: Duration of publishing, s.
-    loss: float = Medium().loss  #: Share of frames that the air loses.
-    vendor: str = "fast_dds"  #: One of `PRESETS`.
-    #: Whether robot 3's localisation, over which "Hello" goes, runs on robot 3 (Fig. 9), not in the station.
+    loss: float = Medium().loss  #: Share of frames that the wireless channel loses.
+    vendor: str = "fast_dds"  #: Name of the timing preset, one of `PRESETS`.
+    #: Whether robot 3's localisation, which forwards "Hello", runs on robot 3 (Fig. 9) or in the station.
     hop: bool = False
 
     def __post_init__(self) -> None:
@@ -57,10 +59,10 @@ class GridCell:
 
 
 def balance_of(rate_max_hz: float) -> Balance:
-    """Return R, in Hz, and D of Eq. 6; T_a of Eq. 1 are the topics that begin or end at each robot.
+    """Return R, in Hz, and D of Eq. 6; T_a of Eq. 1 counts the topics that begin or end at each robot.
 
-    Two of "Hello"'s flows begin or end at robot 1. The two more at robot 3 with `GridCell.hop` are left out, so that
-    both ways have one rate.
+    Two flows of "Hello" begin or end at robot 1. With `GridCell.hop` two more flows begin or end at robot 3. The
+    function leaves out the two flows at robot 3, so that "Hello" has the same rate with and without `hop`.
     """
     hello = {"robot1": 2}
     topics = tuple(len(sensors) + hello.get(robot, 0) for robot, sensors in ROBOTS.items())
@@ -77,9 +79,9 @@ def rate_and_depth(cell: GridCell) -> tuple[float, int]:
 def scenario_of(
     cell: GridCell, *, seed: int = 0, medium: Medium | None = None, vendor: Vendor | None = None
 ) -> Scenario:
-    """Return a cell as what the model runs; by default over an air with the cell's loss, by its vendor.
+    """Return the scenario of a cell; by default the channel has the cell's loss, and the timing is the cell's preset.
 
-    The seed is that of the phases, as nodes do not start together.
+    The seed selects the phases of the flows, because real nodes do not start together.
     """
     rate_hz, depth = rate_and_depth(cell)
     qos = topic_qos(rate_hz, depth)
@@ -120,8 +122,8 @@ def _sensor_flows(
 def _hello_flows(
     cell: GridCell, rate_hz: float, qos: QoSProfile, phase_s: float
 ) -> tuple[Flow, ...]:
-    """Return the ways of "Hello". Each one is counted, so none repeats another, and caches pass them all."""
-    # Robot 1's localisation, and robot 3's if that is in the station.
+    """Return the flows of "Hello"; each "Hello" has a new number, so that caches pass every "Hello"."""
+    # The executor runs robot 1's localisation, and robot 3's localisation if `hop` is False.
     plans = 1 if cell.hop else 2
     up = Flow(
         name=HELLO_UP,
@@ -160,9 +162,9 @@ def hello_latency_ms(outcome: Outcome) -> NDArray[np.float64]:
 
 
 def hello_times_ms(outcome: Outcome) -> NDArray[np.float64]:
-    """Return latencies of all "Hello"s, ms, shape (published,): first those that arrived, then infinity for others.
+    """Return the latencies of all "Hello"s, ms, shape (published,); a "Hello" that never arrived has infinite latency.
 
-    The order is not that of publication.
+    The latencies of arrived "Hello"s come first, so the order is not that of publication.
     """
     arrived = hello_latency_ms(outcome)
     return np.append(arrived, [np.inf] * (len(outcome.flows[HELLO_UP].fate) - len(arrived)))

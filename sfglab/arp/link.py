@@ -1,4 +1,4 @@
-"""The link under topics: what they cost on it and how long retransmissions hold them up, in closed form.
+"""The module `link` computes what topics cost on a link, and how long retransmissions delay topics, in closed form.
 
 The link is a half-duplex medium that all hosts share, as Wi-Fi is. The arithmetic of a plan: airtime of samples
 and acknowledgements, mean wait in the queue, mean delay by retransmissions (`repairs`). A sample that fits into
@@ -39,29 +39,30 @@ _LOSS_MOST = 0.99  # beyond, no number of retransmissions helps
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
-    """Topics on a medium, as arrays."""
+    """A `Link` has the topics on a medium as arrays."""
 
     #: Airtime that one sample costs with all hosts contending, with repeats, seconds, shape (n,).
     data_s: Floats
     #: Airtime that the acknowledgements of one sample cost alike, seconds, shape (n,).
     acknack_s: Floats
-    acknack_share: Floats  #: Acknowledgements per sample, shape (n,).
-    #: Acknowledgements per second at most, as the reader's delay bundles heartbeats, shape (n,).
+    acknack_share: Floats  #: Number of acknowledgements per sample, shape (n,).
+    #: Largest number of acknowledgements per second; the reader's delay bundles heartbeats; shape (n,).
     acknack_most_hz: Floats
-    #: Changes per second of a topic's value where a local cache lets only those pass, else infinite, shape (n,).
+    #: Changes per second of a topic's value if a local cache passes only changes, otherwise infinite, shape (n,).
     change_most_hz: Floats
     frame_s: float  #: Mean airtime of one frame without contention, seconds.
     contention: float  #: Share by which all hosts together stretch a frame.
     #: Time from being sent to arrival without queue and contention, seconds, shape (n,).
     way_s: Floats
-    #: Time from the heartbeat that shows a gap to the retransmission's arrival, seconds, shape (n,).
+    #: Time from the heartbeat that shows a gap to the arrival of the retransmission, seconds, shape (n,).
     round_s: Floats
-    again_s: float  #: Time that a reader waits besides before it requests the same again, seconds.
-    period_s: float  #: Period of heartbeats that travel alone, seconds.
-    #: A heartbeat that follows a sample sooner than this asks for no answer, seconds.
+    #: Additional time that a reader waits before it requests the same samples again, seconds.
+    again_s: float
+    period_s: float  #: Period of heartbeats that travel without a sample, seconds.
+    #: Time between two samples below which the heartbeat of the later sample requests no response, seconds.
     final_within_s: float
-    nack_most: int  #: Samples that one request can name.
-    #: Share of a topic's samples of which the medium loses a frame, shape (n,).
+    nack_most: int  #: Largest number of samples that one request can name.
+    #: Share of a topic's samples that lose a frame on the medium, shape (n,).
     loss: Floats
     reliable: NDArray[np.bool_]  #: Whether a topic's losses are retransmitted, shape (n,).
     batching: NDArray[np.bool_]  #: Whether heartbeats come once in `depth` samples, shape (n,).
@@ -70,12 +71,12 @@ class Link:
 
     @property
     def arriving(self) -> Floats:
-        """Share of samples that arrive at all: what the medium loses of a best-effort topic does not."""
+        """Share of samples that arrive: 1 for a reliable topic, 1 - loss for a best-effort topic, shape (n,)."""
         return np.where(self.reliable, 1.0, 1 - self.loss)
 
     @property
     def cached(self) -> NDArray[np.bool_]:
-        """Whether a local cache lets only changes of a topic's value pass, shape (n,)."""
+        """Whether a local cache passes only changes of a topic's value, shape (n,)."""
         return np.isfinite(self.change_most_hz)
 
     def utilisation(self, rates_hz: Floats) -> float:
@@ -88,9 +89,10 @@ class Link:
         return np.minimum(self.acknack_share * sent_hz, self.acknack_most_hz)
 
     def sent_hz(self, rates_hz: Floats) -> Floats:
-        """Return how many samples per second travel, shape (n,).
+        """Return the number of samples per second that travel, shape (n,).
 
-        All, or where a cache lets only changes pass, r (1 - exp(-1 / (r t))): readings that find a new value.
+        Without a local cache all samples travel. With a local cache r (1 - exp(-1 / (r t))) samples travel: the
+        readings that find a new value.
         """
         cached = self.cached
         new = -np.expm1(-np.where(cached, self.change_most_hz, 1.0) / rates_hz)
@@ -98,7 +100,7 @@ class Link:
 
 
 def link_of(given: TopicFile) -> Link:
-    """Return what topics cost on their link with their vendor's timing, with histories of one sample (`at_depths`).
+    """Return what topics cost on their link with their vendor's timing, for histories of one sample (`at_depths`).
 
     Every further host that contends stretches each frame (`Medium.contention`). Capacity is reckoned with all
     hosts contending, as they do when the medium is nearly full, which is when it decides.
@@ -147,7 +149,7 @@ def link_of(given: TopicFile) -> Link:
 
 
 def loss_of(topic: Topic, medium: Medium) -> float:
-    """Return the share of a topic's samples of which the medium loses a frame; InvalidValueError above the most."""
+    """Return the share of a topic's samples that lose a frame; InvalidValueError if the share is above 99 %."""
     frames = frames_of(topic)
     loss = medium.loss if frames == 1 else float(1 - (1 - medium.loss) ** frames)
     if loss > _LOSS_MOST:
@@ -158,12 +160,12 @@ def loss_of(topic: Topic, medium: Medium) -> float:
 
 
 def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: Floats) -> Link:
-    """Return a link with the acknowledgements and delays that depths bring.
+    """Return a link with the acknowledgements and delays for given depths.
 
-    Where heartbeats come in batches, a history of d samples that fills within the period costs an
-    acknowledgement for every d samples; one that does not, one for each period. Where heartbeats that follow
-    soon ask for no answer, only those after a pause cost one. A request for each lost sample comes on top.
-    Rates, shape (n,) as depths, decide only what follows soon, and whether histories fill within a period.
+    If heartbeats come in batches, a history of d samples that fills within the period causes one acknowledgement per
+    d samples; a history that does not fill causes one acknowledgement per period. If heartbeats soon after a sample
+    request no response, only heartbeats after a pause cause an acknowledgement. Each lost sample also causes a request.
+    The rates, shape (n,) like the depths, decide only which heartbeats follow soon, and which histories fill in time.
     """
     sent_hz, cached = link.sent_hz(rates_hz), link.cached
     share = np.ones_like(sent_hz)
@@ -198,28 +200,29 @@ def wait_s(link: Link, rates_hz: Floats) -> float:
 def queue_wait_s(utilisation: Any, link: Link, *, inverse: Callable[[Any], Any]) -> Any:
     """Return the mean time that contention and the queue add to each frame.
 
-    Frames of one length at random times wait s u / (2 (1 - u)) (M/D/1), u being the utilisation, below 1.
-    Contention makes them longer the busier the medium is, s = f (1 + k u), and so the frame itself:
-    f [(1 + k) (1 / (1 - u) - 1) + k u] / 2 in all; f is the time of a frame without contention.
-    `inverse` is 1 / x for positive x, of the kind of `utilisation`.
+    Frames of one length at random times wait s u / (2 (1 - u)) (M/D/1) at a utilisation u below 1.
+    Contention lengthens frames on a busy medium: s = f (1 + k u). Wait and lengthening together are
+    f [(1 + k) (1 / (1 - u) - 1) + k u] / 2; f is the time of a frame without contention.
+    The argument `inverse` is the function 1 / x for positive x, of the kind of `utilisation`.
     """
     k = link.contention
     return 0.5 * link.frame_s * ((1 + k) * (inverse(1 - utilisation) - 1) + k * utilisation)
 
 
 def repair_delay_s(link: Link, sent_hz: Any, *, inverse: Callable[[Any], Any]) -> Any:
-    """Return by how much losses hold up a topic's samples on average, shape (n,); convex in the rates.
+    """Return the mean delay of a topic's samples by losses, shape (n,); the delay is convex in the rates.
 
-    A lost sample holds up all that follow it until its retransmission, T later: p (T / 2 + r T^2 / 2) per
-    sample, and p T where no other follows within T. `repairs` has the parts of T; T + r T^2 is a / r + b + c r. The link is that of the topics' depths,
-    r the samples per second that travel, shape (n,), and `inverse` 1 / x for positive x, of the kind of r.
+    A lost sample delays all following samples until its retransmission arrives, T later: p (T / 2 + r T^2 / 2) per
+    sample, and p T if no other sample follows within T. The module `repairs` has the parts of T; T + r T^2 is
+    a / r + b + c r. The link is that of the topics' depths. The argument `sent_hz` has r, the samples per second that
+    travel, shape (n,). The argument `inverse` is the function 1 / x for positive x, of the kind of `sent_hz`.
     """
     spread, fixed, growing = 0.5 * link.loss * link.held
     return _times(spread, inverse(sent_hz)) + fixed + _times(growing, sent_hz)
 
 
 def _times(factor: NDArray[Any], value: Any) -> Any:
-    # CVXPY's product by elements; `*` means another one for its matrices.
+    # CVXPY's `multiply` is the product by elements; the operator `*` would be a product of matrices.
     if isinstance(value, np.ndarray):
         return factor * value
     from cvxpy.atoms.affine.binary_operators import multiply
@@ -241,7 +244,7 @@ def _frames_s(topics: Sequence[Topic], medium: Medium) -> tuple[Floats, Floats]:
 
 
 def frames_of(topic: Topic) -> int:
-    """Return into how many frames IP fragments a sample; it is lost with any of them."""
+    """Return the number of frames into which IP fragments a sample; the loss of one frame loses the sample."""
     packet_bytes = data_bytes(topic.size_bytes, with_heartbeat=topic.reliable) - IP_BYTES
     return -(-packet_bytes // IP_PAYLOAD_BYTES)
 

@@ -1,8 +1,8 @@
-"""Plan of the QoS: rate and depth of each topic, and what the link's arithmetic expects of them.
+"""The module `plan` plans QoS: rate and depth of each topic, with the effects that the link's arithmetic predicts.
 
-Plans of every method are judged alike: share of the medium, latency, and the share of time in which the reader
-holds a value that is still true. Histories are as shallow as the allowed loss lets them be, because what is
-deeper waits longer. Arrays have one entry per topic, shape (n,).
+All methods' plans are assessed with the same values: share of the medium, latency, and the share of time in which the
+reader holds a value that is still true. Histories are as shallow as the allowed loss permits, because samples in a
+deeper history wait longer. Arrays have one entry per topic, shape (n,).
 """
 
 from __future__ import annotations
@@ -28,26 +28,28 @@ if TYPE_CHECKING:
     Depths = NDArray[np.int64]
 
 BATCH_DEPTH = 4
-"""Depth where heartbeats come once in `depth` samples: a deeper history holds up more behind each loss, and
-with a shallower one a retransmission that is lost itself comes too late."""
-_BATCH_DEPTH_LEAST = 2  # one sample alone is overwritten before it can be retransmitted
+"""Depth of a history if a heartbeat travels with every `depth`-th sample. Behind a loss a deeper history delays more
+samples; in a shallower history a retransmission that is lost itself comes too late."""
+_BATCH_DEPTH_LEAST = 2  # A history of one sample loses the sample before its retransmission.
 
-_DURING_MOST = 1e6  #: Samples during retransmissions that are reckoned with at most.
-_WAITS_PER_ROUND = 2  #: Waits in queues on the ways of a request and its retransmission.
-#: Mean waits in queues that a retransmission may meet on its three ways before it is too late.
+_DURING_MOST = 1e6  #: Largest number of samples during retransmissions in the arithmetic.
+_WAITS_PER_ROUND = 2  #: Number of waits in queues on the ways of a request and its retransmission.
+#: Number of mean queue waits that a retransmission may meet on its three ways before the retransmission is too late.
 _SLACK = 4.0
-_RATE_MARGIN = 0.99  #: Share of the highest rate that is used, as depths and waits differ a little.
-_HALVINGS = 40  #: Steps of a bisection over a share.
+#: Used share of the highest rate, because depths and waits differ a little from the arithmetic.
+_RATE_MARGIN = 0.99
+_HALVINGS = 40  #: Number of bisection steps over a share.
 
 
 def depths_for(link: Link, rates_hz: Floats, *, residual_loss: float) -> Depths:
-    """Return how deep histories should be at these rates.
+    """Return the depths of the histories for given rates.
 
-    Where a heartbeat rides with every sample, what is published while a sample waits for k retransmissions must
-    fit beside it: k samples until their heartbeats, and r times the delays, with twice the queue's wait each; k
-    follows from the losses (`rounds_needed`). A deeper history retransmits samples that are out of date,
-    before newer ones. Where heartbeats come once in `depth` samples, histories have `BATCH_DEPTH`, or what comes in
-    a heartbeat's period if that is less. Best-effort topics get the depth of rmw's profile for sensors.
+    If a heartbeat travels with every sample, a history holds a sample and the samples that are published while this
+    sample waits for k retransmissions: k samples until the heartbeats, and r times the delays, each with twice the
+    queue's wait; `rounds_needed` derives k from the losses. A deeper history would retransmit outdated samples before
+    newer samples. If a heartbeat travels with every `depth`-th sample, histories have `BATCH_DEPTH` samples, or the
+    samples of a heartbeat's period if the period has fewer samples. Best-effort topics get the depth of rmw's profile
+    for sensors.
     """
     rounds = np.array([rounds_needed(float(loss), residual_loss) for loss in link.loss])
     sent_hz = link.sent_hz(rates_hz)
@@ -59,13 +61,13 @@ def depths_for(link: Link, rates_hz: Floats, *, residual_loss: float) -> Depths:
 
 
 def expected_losses(link: Link, depths: Depths, rates_hz: Floats) -> Floats:
-    """Return the share of each topic's samples that is never delivered because the medium loses frames.
+    """Return the expected share of each topic's samples that is never delivered because the medium loses frames.
 
-    Where heartbeats come in batches, as many samples at the head of each batch are lost for good as are
-    published during a retransmission; of the others, those whose one retransmission fails.
+    If heartbeats come in batches, a batch loses at its head as many samples as are published during a
+    retransmission. A batch also loses each later sample whose one retransmission fails.
     """
     sent_hz = link.sent_hz(rates_hz)
-    # The most rounds that take less time than the history lasts.
+    # `rounds` is the largest number of rounds that take less time than the history lasts.
     longer_s = depths / sent_hz + link.again_s
     rounds = np.ceil(longer_s / (_round_s(link, rates_hz) + link.again_s)) - 1
     failing = 1 - (1 - link.loss) ** 2
@@ -79,11 +81,11 @@ def expected_losses(link: Link, depths: Depths, rates_hz: Floats) -> Floats:
 
 
 def rates_most_hz(link: Link, highest_hz: Floats, *, utilisation_max: float) -> Floats:
-    """Return the highest rates at which the allowed loss can be kept, on a link `at_depths` of batches.
+    """Return the highest rates that keep the allowed loss, on a link `at_depths` of batches.
 
-    Where heartbeats come in batches, a sample that is published during a retransmission is lost for good, so
-    there must be none: r c < 1. Behind a local cache a newer state has replaced it. How long frames wait
-    follows from the rates themselves, so the utilisation at which both agree is found by bisection.
+    If heartbeats come in batches, a sample that is published during a retransmission is lost. Therefore no sample may
+    be published during a retransmission: r c < 1. With a local cache a newer state has replaced the lost sample. The
+    wait of frames depends on the rates, so a bisection finds the utilisation that fits its own rates.
     """
     bounded = link.batching & ~link.cached & (link.loss > 0)
     if not bounded.any():
@@ -113,37 +115,37 @@ def _repair_s(link: Link, waiting_s: float) -> Floats:
 
 
 def rounds_needed(loss: float, residual_loss: float) -> int:
-    """Return how many retransmissions a sample must await: loss (1 - (1 - loss)^2)^k <= residual loss, 1 at least."""
+    """Return the retransmissions that a sample must await: loss (1 - (1 - loss)^2)^k <= residual loss, 1 or more."""
     if loss <= residual_loss:
         return 1
     return max(1, math.ceil(math.log(residual_loss / loss) / math.log(1 - (1 - loss) ** 2)))
 
 
 def _round_s(link: Link, rates_hz: Floats) -> Floats:
-    """Return how long one round takes where heartbeats ride with every sample."""
+    """Return the time of one round if a heartbeat travels with every sample."""
     shown_s = np.minimum(1 / link.sent_hz(rates_hz), link.period_s)
     return np.asarray(shown_s + link.round_s + _WAITS_PER_ROUND * wait_s(link, rates_hz))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicPlan:
-    """One topic's part of a plan."""
+    """A `TopicPlan` is one topic's part of a plan."""
 
-    topic: Topic  #: The topic.
-    rate_hz: float  #: Samples per second, Hz.
-    depth: int  #: History of its writer and of its reader.
-    #: Mean time from publication to delivery, expected; infinite on an overloaded medium.
+    topic: Topic  #: Topic of the plan.
+    rate_hz: float  #: Planned number of samples per second, Hz.
+    depth: int  #: Depth of the writer's and the reader's history.
+    #: Expected mean time from publication to delivery; infinite on an overloaded medium.
     latency_s: float
-    #: Share of time in which the reader holds the value that the sensor has, expected.
+    #: Expected share of time in which the reader holds the value that the sensor has.
     up_to_date: float
-    loss: float  #: Share of samples that never come because the medium loses frames, expected.
+    loss: float  #: Expected share of samples that never arrive because the medium loses frames.
 
     @property
     def deadline_ns(self) -> int | None:
-        """DEADLINE, the longest agreed gap, ns: the history's length in time; None behind a local cache.
+        """DEADLINE: largest agreed gap between samples, ns: the length of the history in time; None with a local cache.
 
         Any jitter and any retransmission would exceed a DEADLINE of one period. After depth / rate a missing
-        sample does not arrive any more. A local cache leaves gaps of any length.
+        sample no longer arrives. With a local cache gaps can have any length.
         """
         if self.topic.cached:
             return None
@@ -151,7 +153,7 @@ class TopicPlan:
 
     @property
     def qos(self) -> QoSProfile:
-        """QoS of the writer and of the reader: equal profiles always match."""
+        """QoS of the writer and of the reader; equal profiles always match."""
         return QoSProfile(
             reliability=self.topic.reliability,
             durability=self.topic.durability,
@@ -162,7 +164,7 @@ class TopicPlan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """Rates and depths of all topics."""
+    """A `Plan` has the rates and depths of all topics."""
 
     topics: tuple[TopicPlan, ...]  #: Each topic's part, in the order given.
     method: str  #: Method that found it.
@@ -171,17 +173,18 @@ class Plan:
     #: Share of the medium's time that is taken, repeats and acknowledgements included; above 1, queues grow
     #: without end.
     utilisation: float
-    #: Objective without latency: mean by weight of r t / (1 + r t), the share of time in which the value
-    #: sent last is still true, t being the mean time between changes.
+    #: Objective without latency: weighted mean of r t / (1 + r t), the share of time in which the value
+    #: sent last is still true, with the mean time t between changes.
     freshness: float
-    latency_s: float  #: Mean by weight of the topics' latencies.
-    up_to_date: float  #: Mean by weight of the topics' shares.
-    #: Freshness that one second of mean latency costs; None where no programme was solved.
+    latency_s: float  #: Weighted mean of the topics' latencies.
+    #: Weighted mean of the topics' shares of time in which readers are up to date.
+    up_to_date: float
+    #: Freshness that one second of mean latency costs; None if no programme was solved.
     latency_price_hz: float | None = None
 
 
 def assess(given: TopicFile, rates_hz: Floats, depths: Depths, *, method: str) -> Plan:
-    """Return rates and depths, which a method found, with what the link's arithmetic expects of them."""
+    """Return the plan with rates and depths that a method found, and with the effects that the arithmetic expects."""
     link = at_depths(link_of(given), depths, rates_hz)
     change_s = np.array([topic.change_s for topic in given.topics])
     weights = np.array([topic.weight for topic in given.topics])
@@ -189,7 +192,7 @@ def assess(given: TopicFile, rates_hz: Floats, depths: Depths, *, method: str) -
     losses = expected_losses(link, depths, rates_hz)
     per_change = rates_hz * link.arriving * change_s
     arriving = rates_hz * (1 - losses) * change_s
-    # Samples are periodic and changes come at random times.
+    # The formula takes samples as periodic and changes as random in time.
     true_when_sent = arriving * -np.expm1(-1 / arriving)
     up_to_date = true_when_sent * np.exp(-latency_s / change_s)
     columns = [column.tolist() for column in (rates_hz, depths, latency_s, up_to_date, losses)]
@@ -217,19 +220,20 @@ def assess(given: TopicFile, rates_hz: Floats, depths: Depths, *, method: str) -
 
 
 def plan_as_printed(given: TopicFile) -> Plan:
-    """Return the plan of paper B's own problem (`balancing`): one rate and one depth for all, the link unseen.
+    """Return the plan of paper B's own problem (`balancing`): one rate and one depth for all topics, without the link.
 
-    Rmax is the largest rate that any topic could have, T_a counts an agent's topics; the depth is rounded down.
+    Rmax is the largest rate that any topic may have, T_a is the number of an agent's topics, and the depth is rounded
+    down.
 
     Raises:
-        InfeasibleBalanceError: No rate and depth satisfy the printed constraints.
+        InfeasibleBalanceError: No rate and depth satisfy the published constraints.
         InvalidValueError: The link loses too many of a topic's samples.
     """
     rate_max_hz = max(t.rate_max_hz for t in given.topics)
     topics = given.topics_of_agents()
     found = balance_closed_form(BalanceInput(topics=topics, rate_max_hz=rate_max_hz))
     count = len(given.topics)
-    depth = int(round(found.depth, 6))  # digits beyond the sixth are noise
+    depth = int(round(found.depth, 6))  # The digits after the sixth digit are noise.
     rates_hz = np.full(count, found.rate_hz)
     depths = np.full(count, depth)
     return assess(given, rates_hz, depths, method="paper")
@@ -238,8 +242,8 @@ def plan_as_printed(given: TopicFile) -> Plan:
 def _latency_s(link: Link, depths: Depths, rates_hz: Floats) -> Floats:
     sent_hz = link.sent_hz(rates_hz)
     repairs = repair_delay_s(link, sent_hz, inverse=np.reciprocal)
-    # A request names only so many samples; where a period brings more, the reader falls behind until what it
-    # asks for is overwritten. Nothing waits longer than that.
+    # A request names a limited number of samples. If a period brings more samples, the reader falls behind until the
+    # samples that the reader requests are overwritten. No sample waits longer than the history lasts.
     within = sent_hz * link.period_s
     behind = (depths > within) & (within > link.nack_most) & (link.loss > 0)
     gone_s = depths / sent_hz

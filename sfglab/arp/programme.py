@@ -1,22 +1,24 @@
-"""Programme of our own QoS balancing: convex, with the link in sight, and its Pareto front.
+"""The module `programme` has our own QoS balancing: a convex programme that includes the link, and its Pareto front.
 
-The problem that paper B publishes (`balancing`) knows neither link nor messages, and has no trade-off. This
-programme has one. A higher rate keeps the reader's value truer. It also takes airtime, fills queues, and puts
-more samples behind each gap, so latency grows. With rates r, times between changes t and weights w of the
-topics:
+The problem that paper B publishes (`balancing`) includes neither link nor messages, and has no trade-off. The
+programme of this module has a trade-off. A higher rate keeps the reader's value true for longer. A higher rate also
+takes airtime, fills queues, and puts more samples behind each gap, so latency grows. With rates r, times between
+changes t and weights w of the topics the programme is:
 
     maximise    sum_i w_i [ 1 - 1 / (1 + r_i t_i) - price * latency_i(r, u) ] / sum_i w_i
     subject to  airtime(r) <= u <= utilisation_max
                 rate_min_i <= r_i <= rate_max_i, and <= the rate at which the allowed loss can be kept
 
-The utility r t / (1 + r t) is the share of time in which the value sent last is still true when changes and
-samples come at random. It saturates for values that change slowly, so such topics leave the medium to others;
-samples at even times do a little better, which a finished plan includes (`Plan.up_to_date`). Latency (`link`)
-is the way, the queue's wait, convex in u, and the delay by retransmissions, convex in r at given depths.
+The utility r t / (1 + r t) is the share of time in which the value sent last is still true if changes and samples
+come at random. The utility saturates for values that change slowly, so such topics leave the medium to others.
+Samples at even times have a slightly higher utility, which a finished plan includes (`Plan.up_to_date`). The latency
+(`link`) is the sum of the way, the queue's wait, convex in u, and the delay by retransmissions, convex in r for
+given depths.
 
-Depths and the answers that heartbeats ask for depend on the rates. So the two alternate: rates from the convex
-programme, then depths (`depths_for`), and again, until nothing gets better. Each programme is solved to its
-optimum; of the rounds, the best is kept. That need not be the best of all pairs.
+Depths depend on the rates, and so do the responses that heartbeats request. Therefore the planner alternates: the
+planner finds rates with the convex programme, then depths (`depths_for`), and repeats both steps until the plan gets
+no better. The solver solves each programme to its optimum, and the planner returns the best plan of all rounds. The
+best plan of all rounds need not be the best of all pairs of rates and depths.
 """
 
 from __future__ import annotations
@@ -45,14 +47,15 @@ millisecond costing all of it."""
 
 _ALTERNATIONS_MOST = 4
 _GAIN_LEAST = 1e-6
-_TAKEN_MORE = 1e-6  # a solver's tolerance
-_LOWERINGS = 51  # shares of the way from the lowest rates that are tried
+_TAKEN_MORE = 1e-6  # The solver has this tolerance.
+# The planner tries this number of rates between the lowest rates and the solver's rates.
+_LOWERINGS = 51
 
 
 def plan_file(given: TopicFile, *, latency_price_hz: float | None = None) -> Plan:
-    """Return rates and depths for topics on their link, with their vendor's timing; raises what `pareto_front` does.
+    """Return rates and depths for topics on their link, with their vendor's timing; errors are those of `pareto_front`.
 
-    The price is what a second of mean latency costs, in freshness; None: the point of the Pareto front at which
+    The price is the freshness that a second of mean latency costs. None selects the point of the Pareto front at which
     readers are expected to be up to date for the largest share of time.
     """
     if latency_price_hz is None:
@@ -61,7 +64,7 @@ def plan_file(given: TopicFile, *, latency_price_hz: float | None = None) -> Pla
 
 
 def pareto_front(given: TopicFile) -> tuple[Plan, ...]:
-    """Return plans of which none is better in both freshness and latency: one for each of `PRICES_HZ`.
+    """Return plans of which none is better in both freshness and latency: one plan per price of `PRICES_HZ`.
 
     Raises:
         InvalidValueError: The link loses too many of a topic's samples.
@@ -72,7 +75,7 @@ def pareto_front(given: TopicFile) -> tuple[Plan, ...]:
 
 
 class _Planner:
-    """Finds the plans of one front; keeps its programmes, as prices share them where depths are the same."""
+    """A `_Planner` finds the plans of one front, and keeps programmes, because equal depths have equal programmes."""
 
     def __init__(self, given: TopicFile) -> None:
         self._given = given
@@ -122,7 +125,7 @@ class _Planner:
         return best
 
     def _within_capacity(self, link: Link, rates_hz: Floats) -> tuple[Floats, Depths]:
-        """Return rates with their depths, lowered where they take more than was reckoned with."""
+        """Return rates with their depths; the function lowers rates that take more of the link than allowed."""
         for share in np.linspace(1, 0, _LOWERINGS):
             lowered_hz = self._lowest + share * (rates_hz - self._lowest)
             depths = self._depths(link, lowered_hz)
@@ -135,7 +138,7 @@ class _Planner:
         return depths_for(link, rates_hz, residual_loss=self._given.residual_loss)
 
     def _programme(self, link: Link) -> _Programme:
-        """Return the programme for a link, which depends on its depths only by three arrays."""
+        """Return the programme for a link; a programme depends on the link's depths only through three arrays."""
         parts = link.held.round(9), link.acknack_share, link.acknack_most_hz
         key = b"".join(part.tobytes() for part in parts)
         if key not in self._programmes:
@@ -147,14 +150,14 @@ class _Planner:
 _BRANCHINGS_MOST = 12
 
 _TOLERANCES = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7)
-"""Ten times the solver's own: where a topic is worth next to nothing more, it would not come closer."""
+"""Tolerances of ten times the solver's own: for topics with nearly no further utility the solver reaches no less."""
 
 
 class _Programme:
-    """The convex programme (DCP). Only its parameters change between solutions, in which it is DPP.
+    """A `_Programme` is the convex programme (DCP). Only parameters, in which it is DPP, change between solutions.
 
-    `link` is what the topics cost, from `at_depths`. The bounds are the least and largest rates, shape (n,) each;
-    a solver keeps to them within its tolerance.
+    The argument `link` has the costs of the topics, from `at_depths`. The argument `bounds_hz` has the smallest and the
+    largest rates, shape (n,) each; a solver keeps to the bounds within its tolerance.
     """
 
     def __init__(self, given: TopicFile, link: Link, bounds_hz: tuple[Floats, Floats]) -> None:
@@ -169,16 +172,16 @@ class _Programme:
         middle = np.sqrt(lowest * highest)
         sent_most = np.minimum(highest, link.change_most_hz)
         shares = cp.Variable(n, name="rate_share")
-        # A variable of its own, as a product of parameters would not do (DPP).
+        # `sent_shares` is a separate variable, because a product of parameters would not be DPP.
         sent_shares = cp.Variable(n, name="sent_share")
         busy = cp.Variable(name="utilisation")
         #: Cost of a second of mean latency.
         self._price = cp.Parameter(nonneg=True)
-        #: Samples that travel, per reading and per second, in the branch that bounds them; then the same of
-        #: acknowledgements; each of shape (n,).
+        #: Samples that travel, per reading and per second, in the branch that bounds the samples; then the same two
+        #: values for acknowledgements; shape (n,) each.
         self._branches = [cp.Parameter(n, nonneg=True) for _ in range(4)]
         per_reading, per_second, acknacks_per_reading, acknacks_per_second = self._branches
-        # Shares of the largest rates: numbers of one size suit the solver.
+        # The variables are shares of the largest rates, because numbers of one size suit the solver.
         self._rates = multiply(highest, shares)
         sent = multiply(sent_most, sent_shares)
         read_shares = multiply(per_reading, multiply(highest / sent_most, shares))
@@ -199,10 +202,11 @@ class _Programme:
         self._problem = cp.Problem(objective, constraints)
 
     def solve(self, link: Link, price: float) -> Floats:
-        """Return rates at a price of latency, after the branches have settled.
+        """Return the rates at a price of latency, after the branches have settled.
 
-        Samples and acknowledgements that travel grow with the readings up to a bound: in one branch they are a
-        share of the readings, in the other the bound. `link` is what the programme was built with.
+        Samples and acknowledgements that travel grow with the readings up to a bound. In one branch the number of
+        travelling samples is a share of the readings; in the other branch the number is the bound. The argument `link`
+        is the link of the constructor.
 
         Raises:
             SfglabError: The solver ended without an optimum.

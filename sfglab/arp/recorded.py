@@ -1,8 +1,8 @@
-"""Topics of a recorded log or bag for a plan of QoS, and the file of topics with them.
+"""The module `recorded` reads the topics of a recorded log or bag for a QoS plan, and writes the file of topics.
 
-A recording has names, sizes, rates, QoS and how often values change. Hosts follow from names, as in
-the naming schema (A 4.1): the namespace of a node, the agent or first segment of a topic. Only the user knows
-the link and the weight of a topic; both belong in the written file.
+A recording has names, sizes, rates, QoS and how often values change. The hosts follow from names, as in the naming
+schema (A 4.1): from the namespace of a node, and from the agent or the first segment of a topic. Only the user knows
+the link and the weight of a topic; the user adds both to the written file.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from sfglab.record import LogReader
 
 _ROBOT, _STATION = "robot", "station"
-"""Hosts of topics whose names contain none, and of readers that were not recorded."""
+"""Host of topics whose names contain no host, and host of readers that were not recorded."""
 
 _SCOPES = frozenset({"global", "local"})
 
 
 def topics_from_log(log: LogReader) -> tuple[tuple[Topic, ...], dict[str, str]]:
-    """Return the topics of an open log that cross from a host to others, and why each other one is left out.
+    """Return the topics of an open log that go from one host to others, and the reason for each topic left out.
 
-    Rates go up to the recorded one.
+    The largest rate of each topic is the recorded rate.
 
     Raises:
-        DocumentError: Its record of publishers and subscribers is not what it must be.
+        DocumentError: The log's record of publishers and subscribers has another form than required.
         LogError: The log is damaged.
     """
     topics, left_out = [], {}
@@ -84,7 +84,7 @@ def _topic(found: Traffic, ways: tuple[str, tuple[str, ...]], qos: QoSProfile) -
 
 
 def host_of(name: str) -> str:
-    """Return the host in a full name, go2 for ``/global/go2/camera``; empty without one."""
+    """Return the host in a full name, such as go2 for ``/global/go2/camera``; empty if the name has no host."""
     parts = [part for part in name.split("/") if part]
     if parts and parts[0] in _SCOPES:
         del parts[0]
@@ -92,7 +92,7 @@ def host_of(name: str) -> str:
 
 
 def topics_text(topics: Iterable[Topic], origin: str) -> str:
-    """Return a file of topics, ready to be edited: link and weights are left to the user."""
+    """Return the text of a file of topics; the user completes the link and the weights in the file."""
     import yaml
 
     link = Medium()

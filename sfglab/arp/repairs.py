@@ -1,17 +1,20 @@
-"""Retransmissions: how long one loss holds up a topic, for each way that heartbeats come.
+"""The module `repairs` computes how long one loss delays a topic until the retransmission, for each kind of heartbeats.
 
-*Riding*: a heartbeat rides with every sample, so that the next sample shows a loss, or with one sample in
-`depth`. Cyclone DDS does the first, and so does a TRANSIENT_LOCAL writer of Fast DDS once its history has
-filled. A VOLATILE writer of Fast DDS does the second: it removes what is acknowledged, and a heartbeat rides
-while its history is full. Its samples then come in batches of `depth`.
+*Riding* heartbeats travel with samples: with every sample, so that the next sample shows a loss, or with one sample
+in `depth`. Cyclone DDS sends a heartbeat with every sample, and so does a TRANSIENT_LOCAL writer of Fast DDS once its
+history has filled. A VOLATILE writer of Fast DDS sends a heartbeat with one sample in `depth`: the writer removes
+acknowledged samples, and a heartbeat travels with a sample while the writer's history is full. Samples of a VOLATILE
+writer of Fast DDS then come in batches of `depth`.
 
-*Alone*: it comes with the writer's period, where samples are rarer or the history does not fill in time.
+*Alone* heartbeats travel without a sample, once per period of the writer, if samples are rarer or the history does
+not fill in time.
 
-First order in losses: gaps that overlap are counted one by one. `loss` is the share of frames that the medium
-loses. Against `sfglab.rtps` with 1 % loss, delays are right to 20 % where no sample is published during a
-retransmission and batches have at most 12 samples. With 10 % loss they are 0.9 to 2.5 times the simulated ones
-where the history holds the rounds of retransmissions, as that of a plan does. A shallower one overwrites what
-others wait for, so delays are too long: eighteenfold with Cyclone DDS, a depth of 2, 80 Hz and 10 % loss.
+The delays are of first order in losses: gaps that overlap count as separate gaps. The argument `loss` is the share of
+frames that the medium loses. Compared with `sfglab.rtps` at 1 % loss, delays are within 20 % if no sample is published
+during a retransmission and batches have at most 12 samples. At 10 % loss delays are 0.9 to 2.5 times the simulated
+delays if the history holds the rounds of retransmissions, as the history of a plan does. A shallower history overwrites
+samples that others wait for, so the computed delays are too long: eighteenfold with Cyclone DDS, a depth of 2, 80 Hz
+and 10 % loss.
 """
 
 from __future__ import annotations
@@ -21,20 +24,20 @@ from typing import Any, NamedTuple
 
 
 class Held(NamedTuple):
-    """By how much one loss holds up others: T + r T^2 = spread / r + fixed + growing r, in the mean."""
+    """A `Held` is the mean delay of other samples by one loss: T + r T^2 = spread / r + fixed + growing r."""
 
-    spread: float  #: Without unit.
-    fixed: float  #: Seconds.
-    growing: float  #: Seconds squared.
+    spread: float  #: Part of the delay that falls with the rate, without unit.
+    fixed: float  #: Part of the delay that does not depend on the rate, seconds.
+    growing: float  #: Part of the delay that grows with the rate, seconds squared.
 
 
 def failing_share(loss: Any) -> Any:
-    """Return the share of lost samples that one retransmission does not bring back: it needs three frames."""
+    """Return the share of lost samples whose one retransmission fails: a retransmission needs three frames."""
     return 1 - (1 - loss) ** 3
 
 
 def riding_held(batch: int, round_s: float, again_s: float, loss: float) -> Held:
-    """Return by how much one loss holds up others where a heartbeat rides with one sample in `batch`.
+    """Return how long one loss delays other samples if a heartbeat travels with one sample in `batch`.
 
     Rounds follow each other until one succeeds, so that their number N is geometric:
     T = N m / r + N c + (N - 1) a. A heartbeat comes after m samples in the mean: the last of a batch of d carries
@@ -52,14 +55,14 @@ def riding_held(batch: int, round_s: float, again_s: float, loss: float) -> Held
 
 
 def alone_held(rate_hz: float, period_s: float, round_s: float, loss: float) -> Held:
-    """Return the same where heartbeats come alone.
+    """Return how long one loss delays other samples if heartbeats travel alone.
 
-    The writer's timer starts with the first sample that is unacknowledged, and the samples of its period wait
-    for its end; after a retransmission that failed, a whole period more.
+    The writer's timer starts with the first unacknowledged sample, and the samples of the timer's period wait for the
+    end of the period. After a failed retransmission samples wait for another whole period.
     """
     samples = rate_hz * period_s
     more = math.floor(samples)
-    # Means of w / h and (w / h)^2 over the samples 0 .. more of a period, of which the i-th waits h - i / r.
+    # These are means of w / h and (w / h)^2 over the samples 0 .. more of a period; sample i waits h - i / r.
     wait = 1 - more / (2 * samples)
     square = 1 - more / samples + more * (2 * more + 1) / (6 * samples**2)
     fails = failing_share(loss)
@@ -69,6 +72,6 @@ def alone_held(rate_hz: float, period_s: float, round_s: float, loss: float) -> 
     rounds_square = fails * (1 + fails) / (1 - fails) ** 2
     fixed = once + rounds * again
     growing = once_square + 2 * once * rounds * again + rounds_square * again**2
-    if rate_hz * growing < fixed:  # the lost sample alone waits: T, not T / 2 + r T^2 / 2
+    if rate_hz * growing < fixed:  # Only the lost sample waits: T, not T / 2 + r T^2 / 2.
         return Held(0.0, 2 * fixed, 0.0)
     return Held(0.0, fixed, growing)

@@ -1,7 +1,7 @@
-"""Topics that QoS is planned for, and the YAML file that names them with their link.
+"""The module `topics` has the topics of a QoS plan, and the YAML file that names these topics with their link.
 
-Knows topics, links and vendors by their keys, and says for every refusal file, topic, key, what was given and
-what is allowed. Refuses to know how rates are found.
+The module reads topics, links and vendors by their keys. Each error names the file, the topic, the key, the given
+value and the allowed values. The module does not choose rates.
 """
 
 from __future__ import annotations
@@ -21,35 +21,36 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-_RATE_MOST_HZ = 1e9  # as often as the nanoseconds of a log tell apart
-_FIELD_MOST = 1e6  # of the link's numbers: what is larger has no solution that a solver finds
+_RATE_MOST_HZ = 1e9  # The nanoseconds of a log distinguish samples at this rate.
+# The link's fields have at most this value; for larger values the solver finds no solution.
+_FIELD_MOST = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
-    """One topic: its hosts, size, rates and weight."""
+    """A `Topic` is one topic: its hosts, size, rates and weight."""
 
-    #: Full name, with its leading slash.
+    #: Full name of the topic, with its leading slash.
     name: Annotated[str, Matching(ROS_NAME, "a full topic name of ROS 2, such as '/robot1/lidar'")]
     source: str = field(metadata=named("from"))  #: Host that publishes.
-    #: Host that subscribes, or hosts, each of which gets a copy and acknowledges it, as DDS sends over Wi-Fi.
+    #: Host or hosts that subscribe; each host gets a copy and acknowledges the copy, as DDS sends over Wi-Fi.
     target: str | tuple[str, ...] = field(metadata=named("to"))
-    #: CDR size of a message; large ones take several frames.
+    #: CDR size of a message; large messages take several frames.
     size_bytes: int = field(metadata=bounds(0, 10**9))
-    #: Lowest rate that is of use, Hz.
+    #: Lowest useful rate, Hz.
     rate_min_hz: float = between(1.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
-    #: Highest rate that is possible, Hz.
+    #: Highest possible rate, Hz.
     rate_max_hz: float = between(1000.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
-    #: Mean time between changes of its value; what a higher rate is worth follows from it.
+    #: Mean time between changes of the topic's value; the time determines the use of a higher rate.
     change_s: float = between(1.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
     #: Weight in the objective, compared with the other topics.
     weight: float = between(1.0, 1 / _FIELD_MOST, _FIELD_MOST)
-    #: Whether a local cache holds repeated values back (paper B, section 2.2): then only changes travel, and
+    #: Whether a local cache suppresses repeated values (paper B, section 2.2). Then only changes travel, and
     #: the rate is that of the readings.
     cached: bool = False
-    #: BEST_EFFORT topics cost no acknowledgements, and lose what the medium loses.
+    #: Reliability; BEST_EFFORT topics cause no acknowledgements, and the medium's losses are final.
     reliability: Reliability = Reliability.RELIABLE
-    #: With Fast DDS it decides when heartbeats come (`repairs`), and so rates and depths.
+    #: Durability; with Fast DDS the durability decides when heartbeats come (`repairs`), and so rates and depths.
     durability: Durability = Durability.VOLATILE
 
     def __post_init__(self) -> None:
@@ -62,7 +63,7 @@ class Topic:
 
     @property
     def reliable(self) -> bool:
-        """Whether what is lost is repaired."""
+        """Whether the writer retransmits lost samples."""
         return self.reliability is Reliability.RELIABLE
 
 
@@ -70,19 +71,19 @@ class Topic:
 class _Link:
     """The link that all topics share: one half-duplex medium for all hosts, as Wi-Fi is."""
 
-    #: Megabits per second.
+    #: Bit rate of the link, Mbit/s.
     rate_mbps: float = between(20.0, 1 / _FIELD_MOST, _FIELD_MOST)
     loss: float = between(0.01, 0, 1, without=(1,))  #: Share of frames that are lost.
     overhead_us: float = between(300.0, 0, _FIELD_MOST)  #: Airtime of a frame beside its bits.
-    #: By which share each further host that wants to send stretches a frame.
+    #: Share by which each further host that wants to send lengthens a frame.
     contention: float = between(0.15, 0, _FIELD_MOST)
-    #: Time from the end of sending to arrival.
+    #: Time from the end of sending to arrival of a frame.
     latency_ms: float = between(0.0, 0, _FIELD_MOST)
-    queue_frames: int = between(500, 1, 10**6)  #: Frames that a host's queue holds.
+    queue_frames: int = between(500, 1, 10**6)  #: Number of frames that a host's queue holds.
 
     @property
     def medium(self) -> Medium:
-        """The same for the model."""
+        """The link as a medium of the RTPS model."""
         return Medium(
             rate_bps=self.rate_mbps * 1e6,
             loss=self.loss,
@@ -98,45 +99,46 @@ _MILLISECONDS = bounds(1e-3, _FIELD_MOST)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Timing:
-    """Times of the DDS implementation that are not its vendor's own."""
+    """A `_Timing` has the times that replace the vendor's own times."""
 
     #: Time between two heartbeats.
     heartbeat_ms: float | None = field(default=None, metadata=_MILLISECONDS)
-    #: Time from a loss to its request.
+    #: Time from a loss to the request for the lost sample.
     nack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)
-    #: Time from a heartbeat to its answer.
+    #: Time from a heartbeat to the response to the heartbeat.
     ack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Shared:
-    """Fields that a file of topics and its values have in common."""
+    """`_Shared` has the fields that a file of topics and its values have in common."""
 
     #: The most of the medium's time that may be planned.
     utilisation_max: float = between(0.9, 0.01, 1, without=(1,))
-    #: Share of samples that may stay lost after repairs, where a history can keep it; a plan says what it
-    #: expects (`TopicPlan.loss`).
+    #: Share of samples that may stay lost after retransmissions, if a history can keep this share; a plan has the
+    #: expected share (`TopicPlan.loss`).
     residual_loss: float = between(1e-4, 1e-9, 1, without=(1,))
-    topics: Annotated[tuple[Topic, ...], ByName("name")]  #: In the file's order.
-    #: Hosts that the paper's problem counts as agents; by default all that publish.
+    topics: Annotated[tuple[Topic, ...], ByName("name")]  #: Topics in the order of the file.
+    #: Hosts that the paper's problem counts as agents; by default all hosts that publish.
     agents: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicKeys(_Shared):
-    """A file of topics for `sfglab qos`: who sends what to whom over which link."""
+    """A file of topics for `sfglab qos` describes the topics between hosts, and their link."""
 
-    #: No topic may be sent more often.
+    #: Largest rate of any topic.
     rate_max_hz: float = between(1000.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
     link: _Link = field(default_factory=_Link)  #: The link that all topics share.
-    #: The DDS implementation, a preset of `sfglab.rtps`.
+    #: DDS implementation, a preset of `sfglab.rtps`.
     vendor: PresetName = "fast_dds"
-    timing: _Timing = field(default_factory=_Timing)  #: Its times, where they are not its own.
+    #: Times that replace the implementation's own times.
+    timing: _Timing = field(default_factory=_Timing)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicFile(_Shared):
-    """Topics with the link that all of them share."""
+    """A `TopicFile` has topics with the link that all topics share."""
 
     #: The link that all of them share; its `shared` and `access_point` are not reckoned with.
     medium: Medium = field(default_factory=Medium)
@@ -144,7 +146,7 @@ class TopicFile(_Shared):
     vendor: Vendor = FAST_DDS
 
     def limited_to(self, rate_max_hz: float | None) -> TopicFile:
-        """Return the same with no topic faster than a rate; a minimal rate above it is lowered to it."""
+        """Return the file with all rates limited to a rate; a higher minimal rate is lowered to the limit."""
         if rate_max_hz is None:
             return self
         topics = []
@@ -155,19 +157,19 @@ class TopicFile(_Shared):
         return replace(self, topics=tuple(topics))
 
     def topics_of_agents(self) -> tuple[int, ...]:
-        """Return T_a of paper B, Eq. 1: how many topics each agent sends or hears."""
+        """Return T_a of paper B, Eq. 1: the number of topics that each agent sends or receives."""
         return tuple(
             sum(agent in (t.source, *t.targets) for t in self.topics) for agent in self.agents
         )
 
 
 def load_topics(path: Path | str) -> TopicFile:
-    """Read a YAML file of topics; a DocumentError names the place of a mistake and what is allowed there."""
+    """Read a YAML file of topics; a DocumentError names the place of a mistake and the allowed values."""
     return read_topics(Document.of_file(path))
 
 
 def read_topics(document: Document) -> TopicFile:
-    """Read topics; raises `DocumentError`, as `load_topics`."""
+    """Read topics from a document; the errors are those of `load_topics`."""
     file = document.read(TopicKeys)
     if not file.topics:
         raise document.refusal(("topics",), document.value["topics"], "one topic at least")
@@ -188,7 +190,7 @@ def read_topics(document: Document) -> TopicFile:
 
 
 def _topic(document: Document, topic: Topic, ceiling_hz: float) -> Topic:
-    """Return a topic with the rates that the file leaves open, after checking what it says."""
+    """Return a topic with the rates that the file leaves open, after a check of the topic's keys."""
     path = ("topics", topic.name)
     given = document.value["topics"][topic.name]
     most_hz = min(topic.rate_max_hz, ceiling_hz) if "rate_max_hz" in given else ceiling_hz

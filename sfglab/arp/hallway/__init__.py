@@ -1,8 +1,9 @@
-"""Paper B, section 3.2: three robots go around a hallway on what their messages tell.
+"""The package `hallway` has paper B, section 3.2: three robots drive around a hallway with commands from a station.
 
-Bottom up: `course` (walls and compiled geometry), `nodes` (a robot's), `station` (what the station decides),
-`world` (physics and verdict), `simulation` (a whole lap over the reliability model, imported by its own name
-because it loads that model). Decisions are pure; `sfglab.lab.workers.hallway` runs the same nodes live.
+The modules build on each other: `course` has walls and compiled geometry, `nodes` has the nodes of a robot, `station`
+decides the motion, `world` has physics and verdict, and `simulation` drives a whole lap over the reliability model.
+Users import `simulation` by its own name, because `simulation` loads the reliability model. Decisions are pure
+functions; `sfglab.lab.workers.hallway` runs the same nodes live.
 """
 
 from __future__ import annotations

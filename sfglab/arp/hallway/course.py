@@ -1,4 +1,4 @@
-"""The hallway: one course for three areas, the boxes in each of them, and compiled geometry of walls.
+"""The module `course` has the hallway: one course for three areas, boxes in each area, and compiled wall geometry.
 
 Paper B, Fig. 14: "move the robots by parallels in different areas". The paper draws the course without
 measures; ours is a ring of corridors with five corners to the right and one to the left. Metres, x to the right
@@ -23,26 +23,26 @@ HALF_WIDTH_M = 0.5
 """Half of a corridor: 1 m is the narrowest that building codes allow for one person, and five robots wide."""
 
 WAYPOINTS = ((0.0, 4.0), (3.0, 4.0), (3.0, 2.0), (5.0, 2.0), (5.0, 0.0), (0.0, 0.0))
-"""Corners of the corridors' middle line, clockwise, as the robots drive."""
+"""Corners of the corridors' middle line, clockwise, in the direction in which the robots drive."""
 
-#: Place where robots start and return to: x, y and heading; half a metre behind a corner.
+#: Place where robots start and to which they return: x, y and heading; half a metre after a corner.
 HOME = (1.0, 4.0, 0.0)
 
-_PIVOT = (1.5, 1.0)  # inside the ring, and seen from everywhere on the middle line
+_PIVOT = (1.5, 1.0)  # Every point of the middle line sees this point inside the ring.
 _HOME_RAD = math.atan2(HOME[1] - _PIVOT[1], HOME[0] - _PIVOT[0])
 _BOX_LONG_M, _BOX_DEEP_M = 0.3, 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A cardboard box at a wall, 0.3 m along it and 0.2 m deep."""
+    """A `Box` is a cardboard box at a wall, 0.3 m long in the wall's direction and 0.2 m deep."""
 
-    leg: int  #: Number of the corridor, which is that of the waypoint where it begins.
-    along_m: float  #: Its middle, from that waypoint.
-    side: str  #: ``left`` or ``right``, as robots drive.
+    leg: int  #: Number of the corridor: the number of the waypoint where the corridor begins.
+    along_m: float  #: Distance of the box's middle from the waypoint where the corridor begins.
+    side: str  #: Side of the corridor in the driving direction: ``left`` or ``right``.
 
     def corners(self) -> NDArray[np.float64]:
-        """Return its four corners, shape (4, 2)."""
+        """Return the four corners of the box, shape (4, 2)."""
         start = np.array(WAYPOINTS[self.leg])
         ahead = np.array(WAYPOINTS[(self.leg + 1) % len(WAYPOINTS)]) - start
         ahead = ahead / np.linalg.norm(ahead)
@@ -55,10 +55,10 @@ class Box:
 
 @dataclass(frozen=True, kw_only=True)
 class Area:
-    """One robot's hallway."""
+    """An `Area` is the hallway of one robot."""
 
     robot: str  #: Name of the robot.
-    boxes: tuple[Box, ...] = ()  #: Boxes in it.
+    boxes: tuple[Box, ...] = ()  #: Boxes in the hallway.
 
     @cached_property
     def rings(self) -> list[NDArray[np.float64]]:
@@ -68,13 +68,13 @@ class Area:
 
     @cached_property
     def segments(self) -> NDArray[np.float64]:
-        """Everything that a beam can hit: x, y of both ends, shape (n, 4)."""
+        """Segments that a beam can hit: x, y of both ends, shape (n, 4)."""
         sides = [np.hstack((ring, np.roll(ring, -1, axis=0))) for ring in self.rings]
         return np.concatenate(sides)
 
 
 def _offset(outwards_m: float) -> NDArray[np.float64]:
-    """Return the middle line moved outwards, corner by corner; its corridors meet at right angles."""
+    """Return the middle line moved outwards, corner by corner; the corridors meet at right angles."""
     points = np.array(WAYPOINTS)
     ahead = np.roll(points, -1, axis=0) - points
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -84,7 +84,7 @@ def _offset(outwards_m: float) -> NDArray[np.float64]:
 
 
 def winding_rad(x: float, y: float) -> float:
-    """Return a position's angle around the ring: 0 at home, growing as robots drive, from -pi to pi."""
+    """Return the angle of a position around the ring, from -pi to pi: 0 at home, growing as robots drive."""
     return math.remainder(_HOME_RAD - math.atan2(y - _PIVOT[1], x - _PIVOT[0]), math.tau)
 
 
@@ -93,13 +93,13 @@ AREAS = (
     Area(robot="robot2", boxes=(Box(4, 1.7, "right"), Box(4, 3.0, "left"), Box(5, 1.7, "right"))),
     Area(robot="robot3", boxes=(Box(3, 1.0, "right"), Box(4, 2.6, "left"), Box(5, 2.3, "right"))),
 )
-"""The three areas. Each has three boxes that leave 0.8 m, at places of its own."""
+"""Areas of the three robots. Each area has three boxes at its own places; a box leaves 0.8 m of the corridor."""
 ROBOTS = tuple(area.robot for area in AREAS)  #: Names of the robots.
 
 
 @nb.njit(cache=True, nogil=True)
 def scan(walls: Any, pose: Any, angles: Any, ranges: Any) -> None:
-    """Write distances to walls (walls, 4), or infinity, by angles from ahead (n,), into `ranges` (n,)."""
+    """Write the distances to walls (walls, 4) by angle from ahead (n,) into `ranges` (n,); infinity without a wall."""
     for i in range(len(angles)):
         dx, dy = math.cos(pose[2] + angles[i]), math.sin(pose[2] + angles[i])
         nearest = np.inf
@@ -117,7 +117,7 @@ def scan(walls: Any, pose: Any, angles: Any, ranges: Any) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def clearances(walls: Any, poses: Any, result: Any) -> None:
-    """Write each robot's distance from its middle to the nearest wall into `result`, shape (robots,)."""
+    """Write the distance from each robot's middle to the nearest wall into `result`, shape (robots,)."""
     for r in range(poses.shape[0]):
         nearest = np.inf
         for k in range(walls.shape[1]):
@@ -131,11 +131,11 @@ def clearances(walls: Any, poses: Any, result: Any) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def drive(poses: Any, wheels: Any, base_m: float, dt_s: float) -> None:
-    """Move `poses` along arcs of the wheels' speeds, left and right, m/s, (robots, 2), `base_m` apart."""
+    """Move `poses` along arcs; `wheels` has the wheels' speeds, left and right, m/s, (robots, 2), `base_m` apart."""
     for r in range(poses.shape[0]):
         ahead = 0.5 * (wheels[r, 0] + wheels[r, 1]) * dt_s
         turn = (wheels[r, 1] - wheels[r, 0]) / base_m * dt_s
-        # The chord of the arc: exact up to the third order of the turn, which is below 0.01 rad here.
+        # The robot moves along the arc's chord, which is exact up to the third order of the turn of below 0.01 rad.
         middle = poses[r, 2] + 0.5 * turn
         poses[r, 0] += ahead * math.cos(middle)
         poses[r, 1] += ahead * math.sin(middle)

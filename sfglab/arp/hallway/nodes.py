@@ -1,12 +1,12 @@
-"""One robot's part in Fig. 15: the values of its LIDAR, its commands, and its localisation at the station.
+"""The module `nodes` has one robot's part of Fig. 15: LIDAR values, commands, and localisation at the station.
 
-Cores only: values in, values out. Sensing publishes the last value of each beam, and actuation executes the last
-command. The simulated shell and the live one do that.
+The module has only cores of nodes, without I/O. Sensing publishes the last value of each beam, and actuation
+executes the last command. The shell of the simulation and the shell of the live lap call the cores.
 
-The LIDAR is a SLAMTEC RPLIDAR A2M8 (section 3.1), as its data sheet has it: eight beams, 10 turns a second,
-range 0.15 to 12 m, resolution 0.5 mm, and 1 % of the distance beyond 1.5 m. The steps are why a beam along a
-straight wall repeats its value. A range travels as float metres; its number here is the step's, which is what
-the reliability model compares.
+The LIDAR is a SLAMTEC RPLIDAR A2M8 (section 3.1) with the values of its data sheet: eight beams, 10 turns per second,
+range 0.15 to 12 m, resolution 0.5 mm, and 1 % of the distance beyond 1.5 m. Because of the steps of its resolution, a
+beam along a straight wall repeats its value. A range travels as float metres; the number of the range is the number of
+its step, and the reliability model compares the numbers of ranges.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from sfglab.arp.hallway.course import HALF_WIDTH_M
 
 BEAMS_DEG = (0, 45, 90, 135, 180, 225, 270, 315)
-"""Directions, counter-clockwise from ahead: paper B, section 3.2."""
+"""Directions of the beams, counter-clockwise from ahead: paper B, section 3.2."""
 
-SCAN_HZ = 10  #: Turns a second, and new values of one beam.
+SCAN_HZ = 10  #: Turns of the LIDAR per second, and new values of one beam per second.
 
-NO_ECHO = 0  #: Step of a range that the sensor does not see.
+NO_ECHO = 0  #: Step of a range that the sensor cannot measure.
 
 _NEAREST_M, _FARTHEST_M = 0.15, 12.0
 _FINE_M, _FINE_UNTIL_M = 0.0005, 1.5
@@ -30,7 +30,7 @@ _FINE_STEPS = round(_FINE_UNTIL_M / _FINE_M)
 
 
 def step_from_range(range_m: float) -> int:
-    """Return the number of the step that a range is measured as; `NO_ECHO` out of the sensor's reach."""
+    """Return the number of the step as which the sensor measures a range; `NO_ECHO` out of the sensor's reach."""
     if not _NEAREST_M <= range_m <= _FARTHEST_M:
         return NO_ECHO
     if range_m <= _FINE_UNTIL_M:
@@ -39,7 +39,7 @@ def step_from_range(range_m: float) -> int:
 
 
 def range_from_step(step: int) -> float:
-    """Return the range that a step stands for, metres; infinity for `NO_ECHO`."""
+    """Return the range of a step, metres; infinity for `NO_ECHO`."""
     if step == NO_ECHO:
         return math.inf
     if step <= _FINE_STEPS:
@@ -47,47 +47,47 @@ def range_from_step(step: int) -> float:
     return _FINE_UNTIL_M * math.exp((step - _FINE_STEPS) * _COARSE)
 
 
-SPEED_M_S = 0.22  #: The constant velocity: the highest of a TurtleBot3 Burger.
+SPEED_M_S = 0.22  #: Constant velocity: the highest velocity of a TurtleBot3 Burger.
 
 SAFE_M = 0.21
-"""A beam ahead that is shorter is an obstacle: 0.2 m, and 0.01 m for the LIDAR's error, as in ROBOTIS' own
+"""Largest range ahead that counts as an obstacle: 0.2 m, and 0.01 m for the LIDAR's error, as in ROBOTIS' own
 example of an obstacle detection (turtlebot3_example)."""
 
-_STRAIGHT_M = 0.05  # by which three beams of one side may miss a common straight wall
+_STRAIGHT_M = 0.05  # Three beams of one side may deviate this much from a common straight wall.
 _MRAD = 1000.0
 _TURN_OFFSET = 1 << 14
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command to a robot: to move or not, and how fast to turn."""
+    """A `Command` tells a robot whether to move, and how fast to turn."""
 
-    moving: bool  #: At the constant velocity, or not at all.
-    turn_mrad_s: int = 0  #: Milliradians a second, to the left.
+    moving: bool  #: Whether the robot moves with the constant velocity; otherwise the robot stands.
+    turn_mrad_s: int = 0  #: Turning velocity, milliradians per second, positive to the left.
 
     @property
     def speed_m_s(self) -> float:
-        """Velocity ahead."""
+        """Velocity ahead, m/s."""
         return SPEED_M_S if self.moving else 0.0
 
     @property
     def turn_rad_s(self) -> float:
-        """Turning velocity, to the left."""
+        """Turning velocity, rad/s, positive to the left."""
         return self.turn_mrad_s / _MRAD
 
     @property
     def number(self) -> int:
-        """A number of its own for each command: what the reliability model carries."""
+        """Number of the command; each command has another number, and the reliability model carries the numbers."""
         return (self.moving << 15) | (self.turn_mrad_s + _TURN_OFFSET)
 
     @classmethod
     def from_number(cls, number: int) -> Command:
-        """Return the command of a number."""
+        """Return the command with a number."""
         return cls(bool(number >> 15), (number & 0x7FFF) - _TURN_OFFSET)
 
     @classmethod
     def from_velocities(cls, speed_m_s: float, turn_rad_s: float) -> Command:
-        """Return the command that velocities, as a Twist has them, stand for."""
+        """Return the command for the velocities of a Twist message."""
         return cls(speed_m_s > 0.0, round(turn_rad_s * _MRAD))
 
 
@@ -96,39 +96,39 @@ STOP = Command(moving=False)
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Where a robot is, seen from its own beams."""
+    """A `View` is the place of a robot, as measured with the robot's own beams."""
 
     ahead_m: float  #: Range ahead.
     left_m: float  #: Range 45 degrees to the left of ahead.
-    right_m: float  #: The same to the right.
-    beside_left_m: float  #: Range to the left.
-    beside_right_m: float  #: Range to the right.
-    #: Heading to the left wall, from that wall; None where it is not straight.
+    right_m: float  #: Range 45 degrees to the right of ahead.
+    beside_left_m: float  #: Range to the left, at 90 degrees.
+    beside_right_m: float  #: Range to the right, at 90 degrees.
+    #: Heading relative to the left wall, positive to the left; None if the left wall is not straight.
     heading_left_rad: float | None
-    #: The same (positive is still to the left) from the wall on the right.
+    #: Heading relative to the right wall, positive to the left; None if the right wall is not straight.
     heading_right_rad: float | None
-    #: Distance to the left of the middle, from the straight walls; None without any.
+    #: Distance from the corridor's middle to the left, by the straight walls; None without a straight wall.
     offset_m: float | None
-    obstacle: bool  #: Whether something ahead is closer than is safe.
+    obstacle: bool  #: Whether an object ahead is closer than the safe distance.
 
     @property
     def heading_rad(self) -> float | None:
-        """Heading to the left of the corridor's, the mean of what both walls say."""
+        """Heading relative to the corridor, positive to the left: the mean of both walls' values."""
         known = [h for h in (self.heading_left_rad, self.heading_right_rad) if h is not None]
         return sum(known) / len(known) if known else None
 
 
 class LocalisationNode:
-    """At the station: a robot's place in its hallway, from the last value of each of its beams."""
+    """A `LocalisationNode` at the station finds a robot's place in its hallway from the last value of each beam."""
 
     def __init__(self) -> None:
         self._steps: list[int | None] = [None] * len(BEAMS_DEG)
-        #: Last range of each beam that is known here.
+        #: Last range of each beam that the station knows.
         self.ranges_m = [math.inf] * len(BEAMS_DEG)
         self.view: View | None = None
 
     def hear(self, beam: int, step: int) -> bool:
-        """Take the value of a beam, by its index in `BEAMS_DEG`; return whether anything is different now."""
+        """Take the value of a beam, by the beam's index in `BEAMS_DEG`; return whether the view has changed."""
         if self._steps[beam] == step:
             return False
         self._steps[beam] = step
@@ -159,7 +159,7 @@ def _view(ranges: list[float]) -> View:
 
 
 def _wall(front_m: float, beside_m: float, behind_m: float) -> tuple[float, float] | None:
-    """Return the heading relative to a side's wall and the distance from it; None if no line fits."""
+    """Return the heading relative to a side's wall and the distance from the wall; None if no line fits."""
     if math.inf in (front_m, beside_m, behind_m):
         return None
     heading = math.atan2(behind_m - front_m, behind_m + front_m)

@@ -1,6 +1,6 @@
-"""A simulated lap of three robots around the hallway: paper B, section 3.2, Fig. 12 to 18.
+"""The module `simulation` simulates a lap of three robots around the hallway: paper B, section 3.2, Fig. 12 to 18.
 
-`SimulatedLap` connects the nodes and the physics of this package through the reliability model of
+The class `SimulatedLap` connects the nodes and the physics of this package through the reliability model of
 `sfglab.rtps`: the model decides which LIDAR values and commands arrive, and when. The same settings
 and seed give the same lap to the bit.
 """
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 LAP_DEPTHS = (1, 10, 1000)
-"""Values of DEPTH that laps without OPT have. The paper does not give the depth of Fig. 16, so the
-smallest value, ROS 2's default and a large value count for a third each."""
+"""Values of DEPTH for laps without OPT. The paper does not give the depth of Fig. 16, so the smallest value of
+DEPTH, ROS 2's default and a large value count for a third each."""
 
 OPTIMUM = 0  #: Value of `LapSettings.depth` that selects the depth of Eq. 6.
 
@@ -44,9 +44,9 @@ ROBOT_TOPICS = (len(BEAMS_DEG) + 1,) * len(ROBOTS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LapSettings:
-    """Method, QoS and channel of a simulated lap."""
+    """`LapSettings` has the method, the QoS and the channel of a simulated lap."""
 
-    method: str  #: Name of a method in `METHODS`.
+    method: str  #: Name of the method, one of `METHODS`.
     rate_max_hz: int  #: Rmax of Table 2, Hz.
     depth: int  #: DEPTH of Table 2; `OPTIMUM` for the depth of Eq. 6, only with OPT.
     vendor: str = "fast_dds"  #: Name of the timing preset in `PRESETS`.
@@ -55,17 +55,17 @@ class LapSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LapResult:
-    """End of a lap, and what became of its messages."""
+    """A `LapResult` has the end of a lap, and the delivery outcomes of the lap's messages."""
 
     end: End  #: End of the lap.
-    robot: str  #: Name of the robot that failed; empty if none or no single robot did.
-    ended_ns: int  #: Time of the end, ns.
+    robot: str  #: Name of the robot that failed; empty if no robot or no single robot failed.
+    ended_ns: int  #: Time at which the lap ended, ns.
     outcome: Outcome  #: Delivery outcome per topic.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
-    """State of a lap at one turn of the LIDARs, or at its end."""
+    """A `Snapshot` is the state of a lap at one turn of the LIDARs, or at the end of the lap."""
 
     time_s: float  #: Time since the start, s.
     manoeuvre: Manoeuvre  #: Manoeuvre that the station released last.
@@ -75,11 +75,11 @@ class Snapshot:
 
 
 def rate_and_depth(settings: LapSettings) -> tuple[float, int]:
-    """Return each topic's rate (Hz) and history depth: those of Table 2, or with OPT of Eq. 6."""
+    """Return the rate (Hz) and the history depth of each topic: the values of Table 2, or with OPT those of Eq. 6."""
     if not METHODS[settings.method].optimised:
         return float(settings.rate_max_hz), settings.depth
     best = _optimum(settings.rate_max_hz)
-    # The solver's digits beyond the sixth are noise.
+    # The solver's digits after the sixth digit are noise.
     depth = int(round(best.depth, 6)) if settings.depth == OPTIMUM else settings.depth
     return round(best.rate_hz, 6), depth
 
@@ -94,7 +94,7 @@ def _optimum(rate_max_hz: int) -> Balance:
 
 
 def beam_flow(robot: str, beam: int) -> str:
-    """Return the name of the topic of a robot's beam, which is given by its index."""
+    """Return the name of the topic of a robot's beam; the argument `beam` is the index of the beam."""
     return f"{robot}/lidar/{BEAMS_DEG[beam]}"
 
 
@@ -104,7 +104,7 @@ def command_flow(robot: str) -> str:
 
 
 def scenario_of(settings: LapSettings, *, seed: int) -> Scenario:
-    """Return a lap's 27 topics on its channel; the seed draws when in its period each begins."""
+    """Return the scenario of a lap with 27 topics on its channel; the seed selects the phase of each topic."""
     rate_hz, _ = rate_and_depth(settings)
     starts = np.random.default_rng((seed, 1)).uniform(0, 1 / rate_hz, sum(ROBOT_TOPICS))
     phases_s = iter(starts.tolist())
@@ -158,12 +158,12 @@ def _commands(settings: LapSettings, phases_s: Iterator[float]) -> Iterator[Flow
 
 
 class SimulatedLap:
-    """A lap of three robots whose messages travel in the reliability model.
+    """A `SimulatedLap` is a lap of three robots whose messages travel in the reliability model.
 
     Args:
         settings: Method, QoS and channel.
-        seed: Seed of the physics, of the channel and of when topics begin.
-        record: Whether `snapshots` are kept.
+        seed: Seed of the physics, of the channel and of the topics' phases.
+        record: Whether the lap keeps `snapshots`.
     """
 
     def __init__(self, settings: LapSettings, seed: int, *, record: bool = False) -> None:
@@ -177,14 +177,15 @@ class SimulatedLap:
             for robot, name in enumerate(ROBOTS)
             for beam in range(len(BEAMS_DEG))
         }
-        #: Index of the robot by topic.
+        #: Index of the robot by the name of its command topic.
         self._commands = {command_flow(name): robot for robot, name in enumerate(ROBOTS)}
         self._session = Session(scenario_of(settings, seed=seed), seed=seed)
         self._publish_commands()
         self._steps = 0
-        self.verdict: Verdict | None = None  #: End of the lap; None before.
+        self.verdict: Verdict | None = None  #: End of the lap; None before the end.
         self._record = record
-        self.snapshots: list[Snapshot] = []  #: One per turn of the LIDARs and one at the end.
+        #: Snapshots of the lap: one per turn of the LIDARs and one at the end.
+        self.snapshots: list[Snapshot] = []
 
     @property
     def time_s(self) -> float:
@@ -231,7 +232,7 @@ class SimulatedLap:
             self._scan()
 
     def _scan(self) -> None:
-        """Measure with the LIDARs, and give each beam's topic its new value."""
+        """Measure with the LIDARs, and set the new value of each beam's topic."""
         self._measured = [self._world.scan(robot) for robot in range(len(ROBOTS))]
         for flow, (robot, beam) in self._beams.items():
             self._session.set_value(flow, self._measured[robot][beam])
@@ -239,7 +240,7 @@ class SimulatedLap:
             self._take_snapshot()
 
     def _exchange(self, until_ns: int) -> None:
-        """Let messages travel until a time, and give their readers those that arrive."""
+        """Simulate the messages until a time, and give arriving messages to their readers."""
         while (delivery := self._session.advance(until_ns)) is not None:
             beam = self._beams.get(delivery.flow)
             if beam is None:

@@ -1,8 +1,9 @@
-"""The station: three localisations, the leader's planning, and how a move is released (Fig. 15).
+"""The module `station` has three localisations, the leader's planning, and the release of a move (Fig. 15).
 
-Robot 1's planning decides from its localisation; the localisations of robots 2 and 3 release that to all robots
-if neither sees an obstacle. All do the same at the same time ("robot1 moves as a leader", section 3.2), and
-each keeps to the middle of its own corridor. Pure: views in, manoeuvres and commands out.
+Robot 1's planning decides a move from robot 1's localisation. The localisations of robots 2 and 3 release the move to
+all robots if neither localisation sees an obstacle. All robots make the same move at the same time ("robot1 moves as a
+leader", section 3.2), and each robot keeps to the middle of its own corridor. The module works without I/O: views are
+inputs, manoeuvres and commands are outputs.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from sfglab.arp.hallway.course import HALF_WIDTH_M, ROBOTS
 from sfglab.arp.hallway.nodes import SPEED_M_S, STOP, Command, LocalisationNode, View
 
 TURN_MRAD_S = round(1000 * SPEED_M_S / HALF_WIDTH_M)
-"""In a corner: an arc from the middle of one corridor to the middle of the next."""
+"""Speed of a turn in a corner: an arc from the middle of one corridor to the middle of the next corridor."""
 
 
 class Manoeuvre(Enum):
-    """Manoeuvre of all robots."""
+    """A `Manoeuvre` is a move of all robots."""
 
     FORWARD = "forward"
     TURN_LEFT = "turn left"
@@ -26,18 +27,22 @@ class Manoeuvre(Enum):
     STOP = "stop"
 
 
-# An arc begins half a corridor before the corner's middle, and the wall is half a corridor behind it.
+# An arc begins half a corridor before the corner's middle, and the wall is half a corridor behind the middle.
 _CORNER_M = 2 * HALF_WIDTH_M
-_SIDE_MORE_M = 0.1  # by which the open side must be longer; at the arc's begin it is 0.7 m
-_OPEN_M = 1.8  # ahead; the shortest corridor shows 2 m after its corner
-_PAST_M = 1.2  # ahead; before two thirds of the arc it is less
-# Remaining heading at which an arc ends; the correction along the wall turns the rest.
+# The range of the open side exceeds the range of the closed side at least by this length; where the arc
+# begins, the excess is 0.7 m.
+_SIDE_MORE_M = 0.1
+# A corridor with this range ahead is open; the shortest corridor has 2 m after its corner.
+_OPEN_M = 1.8
+# With this range ahead a robot has passed a corner; before two thirds of the arc the range is smaller.
+_PAST_M = 1.2
+# An arc ends at this remaining heading; the correction along the wall turns the robot by the remaining heading.
 _ALONG_RAD = 0.15
 _STRAIGHT_RAD = 0.05
-_ROUND = 4  # right turns more than left ones
+_ROUND = 4  # A lap has this many more right turns than left turns.
 
-# The correction is critically damped with a time constant of about two seconds, which bears half a second of
-# delay: angles close within a metre of way.
+# The correction is critically damped with a time constant of about two seconds, and tolerates a delay of half a
+# second: the heading error vanishes within a metre of way.
 _PER_RAD, _PER_M = 1.0, 1.0
 _NARROW_M = 0.3
 _EVADE_RAD_S = 0.2
@@ -45,14 +50,14 @@ _EVADE_RAD_S = 0.2
 
 @dataclass
 class PlanningNode:
-    """Robot 1's planning."""
+    """A `PlanningNode` is the planning of robot 1."""
 
-    manoeuvre: Manoeuvre = Manoeuvre.FORWARD  #: Last decision.
+    manoeuvre: Manoeuvre = Manoeuvre.FORWARD  #: Manoeuvre that the node decided last.
     _turns: int = field(default=0, repr=False)
     _home_m: float | None = field(default=None, repr=False)
 
     def decide(self, view: View) -> Manoeuvre:
-        """Return the manoeuvre that the leader's view asks for; after a stop at home none follows."""
+        """Return the manoeuvre that the leader's view requires; after a stop at home no manoeuvre follows."""
         if self._home_m is None:
             self._home_m = view.ahead_m
         if self.manoeuvre is Manoeuvre.FORWARD:
@@ -74,7 +79,7 @@ class PlanningNode:
         return Manoeuvre.TURN_RIGHT
 
     def _has_turned(self, view: View) -> bool:
-        """Return whether a corridor is ahead, or the robot is along the next corridor's outer wall."""
+        """Return whether a corridor is ahead, or the robot is parallel to the outer wall of the next corridor."""
         if view.ahead_m >= _OPEN_M:
             return True
         turns_right = self.manoeuvre is Manoeuvre.TURN_RIGHT
@@ -82,13 +87,13 @@ class PlanningNode:
         return heading is not None and abs(heading) <= _ALONG_RAD and view.ahead_m >= _PAST_M
 
     def _at_home(self, view: View) -> bool:
-        # Askew, as after the last corner, the wall ahead seems nearer than it is.
+        # If the robot is not parallel to the walls, as after the last corner, the wall ahead seems nearer than it is.
         straight = view.heading_rad is not None and abs(view.heading_rad) <= _STRAIGHT_RAD
         return straight and self._home_m is not None and view.ahead_m <= self._home_m
 
 
 def command_for(manoeuvre: Manoeuvre, view: View) -> Command:
-    """Return the command of one robot: the common manoeuvre, and along a corridor its own correction."""
+    """Return the command of one robot: the common manoeuvre, and along a corridor the robot's own correction."""
     if manoeuvre is Manoeuvre.STOP:
         return Command(moving=False)
     if manoeuvre is Manoeuvre.FORWARD:
@@ -111,7 +116,7 @@ def _correction_mrad_s(view: View) -> int:
     return max(-most, min(most, round(1000 * turn)))
 
 
-LEADER = 0  #: Robot that plans for all.
+LEADER = 0  #: Index of the robot that plans for all robots.
 
 
 class Station:
@@ -123,10 +128,10 @@ class Station:
         self.commands = [STOP] * len(ROBOTS)  #: Present command of each robot.
         #: Robot whose localisation was the last to see an obstacle and stop all; None: none has.
         self.stopped_by: int | None = None
-        self.manoeuvre = Manoeuvre.STOP  #: Manoeuvre that was released last.
+        self.manoeuvre = Manoeuvre.STOP  #: Manoeuvre that the station released last.
 
     def hear(self, robot: int, beam: int, step: int) -> bool:
-        """Take the value of a robot's beam in `BEAMS_DEG`; return whether any command is another one now."""
+        """Take the value of a robot's beam in `BEAMS_DEG`; return whether the command of any robot has changed."""
         if not self.localisations[robot].hear(beam, step):
             return False
         views = [localisation.view for localisation in self.localisations]
@@ -142,7 +147,7 @@ class Station:
         )
 
     def _release(self, manoeuvre: Manoeuvre, views: list[View], robot: int) -> bool:
-        """Command what the views ask for; without a new manoeuvre it is another command for one robot only."""
+        """Set the commands that the views require; an unchanged manoeuvre changes only one robot's command."""
         before, self.commands = self.commands, self.commands.copy()
         for i in [robot] if manoeuvre is self.manoeuvre else range(len(views)):
             self.commands[i] = command_for(manoeuvre, views[i])

@@ -1,9 +1,9 @@
-"""Three robots in three areas: what their motors do, what they hit, what their LIDARs see, and how a run ends.
+"""The module `world` has the physics of three robots in three areas: motors, contacts, LIDARs, and the end of a run.
 
-Each is a TurtleBot3 Burger: differential drive, radius 0.105 m, wheels 0.160 m apart, 0.22 m/s at most (ROBOTIS
-e-manual). Wheels differ a little and slip a little, and robots are put down by hand: a seed draws
-the errors of wheels and start poses. A run is one lap without contact and without a stop for an obstacle. Refuses
-to know messages and decisions.
+Each robot is a TurtleBot3 Burger: differential drive, radius 0.105 m, wheels 0.160 m apart, 0.22 m/s at most (ROBOTIS
+e-manual). Wheels differ a little and slip a little, and people place the robots by hand, so a seed selects the errors
+of wheels and start poses. A run succeeds if the run is one lap without contact and without a stop for an obstacle. The
+module does not depend on messages and decisions.
 """
 
 from __future__ import annotations
@@ -23,29 +23,30 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-RADIUS_M = 0.105  #: Radius of the robot's body; closer to a wall is a contact.
+RADIUS_M = 0.105  #: Radius of the robot's body; a wall at a smaller distance is a contact.
 
-STEP_NS = 20_000_000  #: One step: the controller board sets the motors 50 times a second.
+#: Duration of one step: the controller board sets the motors 50 times per second.
+STEP_NS = 20_000_000
 SCAN_STEPS = round(1e9 / SCAN_HZ / STEP_NS)  #: Number of steps in one turn of the LIDARs.
 
 _BASE_M = 0.160
-_WHEEL_SIGMA = 0.005  # wheels of one robot differ by tyres and wear
-_SLIP_SIGMA = 0.05  # of one step's way; over a metre it comes to 3 mm
+_WHEEL_SIGMA = 0.005  # The wheels of one robot differ because of tyres and wear.
+_SLIP_SIGMA = 0.05  # The slip is a share of one step's way; over a metre it adds up to 3 mm.
 _PUT_SIGMA_M, _PUT_SIGMA_RAD = 0.01, math.radians(1.0)
 _ANGLES = np.radians(BEAMS_DEG)
 
 
 class World:
-    """The physics of one run, one area per robot; the seed draws first places, wheels and slip."""
+    """A `World` is the physics of one run, one area per robot; the seed selects start poses, wheels and slip."""
 
     def __init__(self, *, seed: int) -> None:
         self._random = np.random.default_rng(seed)
         robots = len(AREAS)
         self._walls = np.array([area.segments for area in AREAS])
         put = self._random.normal(size=(robots, 3)) * (_PUT_SIGMA_M, _PUT_SIGMA_M, _PUT_SIGMA_RAD)
-        #: x, y (metres) and heading (radians) of each robot, shape (robots, 3).
+        #: Pose of each robot: x, y (metres) and heading (radians), shape (robots, 3).
         self.poses: NDArray[np.float64] = np.array(HOME) + put
-        #: Speed of each wheel as a share of the commanded one, shape (robots, 2).
+        #: Speed of each wheel as a share of the commanded speed, shape (robots, 2).
         self._scale = 1.0 + self._random.normal(size=(robots, 2)) * _WHEEL_SIGMA
         #: Distance from each robot's middle to the nearest wall, metres, shape (robots,).
         self.clearance_m = np.empty(robots)
@@ -54,7 +55,7 @@ class World:
         clearances(self._walls, self.poses, self.clearance_m)
 
     def step(self, commands: Sequence[Command]) -> None:
-        """Let every robot execute its command for `STEP_NS`."""
+        """Execute the command of each robot for `STEP_NS`."""
         speeds = np.array([(c.speed_m_s, c.turn_rad_s * _BASE_M / 2) for c in commands])
         wheels = speeds[:, :1] + speeds[:, 1:] * (-1.0, 1.0)  # left and right
         slips = self._random.normal(size=self._scale.shape) * _SLIP_SIGMA
@@ -62,12 +63,12 @@ class World:
         clearances(self._walls, self.poses, self.clearance_m)
 
     def scan(self, robot: int) -> list[int]:
-        """Return what a robot's LIDAR measures: a step for each of `BEAMS_DEG`."""
+        """Return the measurement of a robot's LIDAR: one step per direction of `BEAMS_DEG`."""
         scan(self._walls[robot], self.poses[robot], _ANGLES, self._ranges)
         return [step_from_range(range_m) for range_m in self._ranges.tolist()]
 
     def wound_rad(self) -> list[float]:
-        """Return how far around the ring each robot has come; to call four times per lap."""
+        """Return how far each robot has driven around the ring; callers must call this four times per lap."""
         for robot, (x, y, _) in enumerate(self.poses.tolist()):
             self._wound[robot] += math.remainder(winding_rad(x, y) - self._wound[robot], math.tau)
         return self._wound.copy()
@@ -75,11 +76,11 @@ class World:
 
 LIMIT_S = 120.0  #: Time limit of a run; the lap takes 77 s at the constant velocity.
 
-_HOME_RAD = 0.1  # around the ring; 0.3 m at home
+_HOME_RAD = 0.1  # A lap may end at this angle before home, which is 0.3 m.
 
 
 class End(Enum):
-    """How a run ended."""
+    """An `End` says how a run ended."""
 
     SUCCESS = "success"
     CONTACT = "contact"
@@ -89,10 +90,10 @@ class End(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """The end of a run."""
+    """A `Verdict` is the end of a run."""
 
     end: End  #: Kind of the end.
-    robot: int = -1  #: Index of the robot that failed; -1: none, or none alone.
+    robot: int = -1  #: Index of the robot that failed; -1 if no robot or no single robot failed.
 
 
 def judge(
