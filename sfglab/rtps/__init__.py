@@ -1,8 +1,9 @@
-"""RELIABLE and KEEP_LAST over a lossy medium: one model of writer, reader and medium, with vendors' timing.
+"""The package `rtps` models RELIABLE and KEEP_LAST over a lossy medium: writer, reader, medium, and vendors' timing.
 
-`model` describes flows and scenarios, `channel` the medium with its rules, `vendors` the timing of DDS
-implementations; `session` runs a scenario. The rest is compiled: `state` has the records, `engine` the events,
-`writer` and `reader` the protocol, `medium` the queues and frames, `world` the access to the arrays.
+The module `model` describes flows and scenarios, `channel` describes the medium with its rules, and `vendors` has the
+timing of DDS implementations. The module `session` runs a scenario. The other modules are compiled: `state` has the
+records, `engine` the events, `writer` and `reader` the protocol, `medium` the queues and frames, and `world` the
+access to the arrays.
 """
 
 from __future__ import annotations

@@ -1,13 +1,14 @@
-"""The wireless channel: what describes it, and its rules, one plain function each.
+"""The module `channel` has the wireless channel: its description, and its rules as one plain function each.
 
-This is the only place with these rules. `medium` compiles the functions for the model of RTPS; the radio
-between test hosts (`sfglab.lab.hosts.radio_relay`) calls them as they are, without Numba, whose import takes
-longer than a relay may take to start. So each function uses numbers and sequences only, and calls no other.
+No other module has these rules. The module `medium` compiles the functions for the RTPS model. The radio
+between test hosts (`sfglab.lab.hosts.radio_relay`) calls the functions without Numba, because the import of Numba
+takes longer than the start of a relay may take. Therefore each function uses only numbers and sequences, and calls
+no other function.
 
-Hosts share a half-duplex medium, as Wi-Fi is, or each has a sender of its own, as an Ethernet port is. A
+Hosts share a half-duplex medium, as with Wi-Fi, or each host has its own sender, as with an Ethernet port. A
 frame waits in its host's queue, is on air when its host's turn comes, and is lost or arrives. Without an
-access point it is on air once, else twice. Times of the rules are nanoseconds, those of `Medium` seconds; sizes
-are bytes with the Ethernet header.
+access point a frame is on air once, otherwise twice. Times of the rules are nanoseconds, times of `Medium` are
+seconds. Sizes are bytes with the Ethernet header.
 """
 
 from __future__ import annotations
@@ -36,23 +37,24 @@ JOINS, DISPLACES, REFUSED = range(3)
 def airtime_ns(
     size_bytes: int, contenders: int, overhead_ns: int, rate_bps: float, contention: float
 ) -> int:
-    """Return how long a frame is on air while so many hosts have something to send.
+    """Return how long a frame is on air while a number of hosts contend.
 
-    Each host beyond the first stretches it by the share `contention`; the rest as `Medium` has it.
+    Each host beyond the first host lengthens the frame by the share `contention`. The other arguments are those of
+    `Medium`.
     """
     stretch = 1.0 + contention * (contenders - 1)
     return int((overhead_ns + size_bytes * 8e9 / rate_bps) * stretch)
 
 
 def next_sender(waiting: Sequence[Any], turn: int, passed: int) -> tuple[int, int]:
-    """Return the host that sends next, -1 for none, and how many hosts contend.
+    """Return the host that sends next, -1 if no host has a frame, and the number of hosts that contend.
 
     Args:
-        waiting: For each host, whether it has something to send.
-        turn: Host whose turn it is; the others follow in order.
-        passed: Place of the chosen host among those that contend, in order from `turn`; 0 if hosts take
-            turns. For a random host, as with Wi-Fi's backoff, it is a draw from [0, 1) times the number
-            of contenders, rounded down; a first call returns this number.
+        waiting: Whether each host has a frame to send.
+        turn: Host whose turn is next; the other hosts follow in order.
+        passed: Place of the chosen host among the hosts that contend, in order from `turn`; 0 if hosts take
+            turns. A random host, as with Wi-Fi's backoff, has a random number from [0, 1) times the number of
+            contenders, rounded down, as its place; a first call returns the number of contenders.
     """
     hosts = len(waiting)
     chosen, contenders = -1, 0
@@ -69,10 +71,10 @@ def next_sender(waiting: Sequence[Any], turn: int, passed: int) -> tuple[int, in
 
 
 def admission(rule: int, waiting: int, room: int) -> int:
-    """Return what becomes of a frame that comes to a queue with so many frames and so much room.
+    """Return what happens to a frame that comes to a queue with a number of waiting frames and with some room.
 
-    It `JOINS` while there is room. A full queue of the rule `HEAD` drops its oldest frame
-    (`DISPLACES`), any other one the frame that comes (`REFUSED`).
+    The frame joins a queue that has room (`JOINS`). A full queue of the rule `HEAD` drops its oldest frame
+    (`DISPLACES`); any other full queue drops the new frame (`REFUSED`).
     """
     if waiting < room:
         return JOINS
@@ -82,13 +84,14 @@ def admission(rule: int, waiting: int, room: int) -> int:
 def is_blocked(blocked: bool, waiting: int, room: int) -> bool:  # noqa: FBT001 - compiled
     """Return whether a queue of the rule `BLOCK` accepts no frame.
 
-    A queue that was full lets go once half has left (Linux, net/core/sock.c, `sock_writeable`).
+    A queue that was full accepts frames again when half of its frames have left (Linux, net/core/sock.c,
+    `sock_writeable`).
     """
     return waiting >= room or (blocked and 2 * waiting > room)
 
 
 def after_stall_ns(now_ns: int, every_ns: int, stall_ns: int) -> int:
-    """Return when a frame can begin that is ready now: the medium stalls as each period begins."""
+    """Return when a frame that is ready now can begin; the medium stalls at the beginning of each period."""
     if stall_ns == 0 or now_ns % every_ns >= stall_ns:
         return now_ns
     return now_ns + stall_ns - now_ns % every_ns
@@ -98,12 +101,12 @@ def is_lost(lost_before: bool, draw: float, loss: float, burst_frames: float) ->
     """Return whether a frame is lost.
 
     Args:
-        lost_before: Whether the sender's frame before it was lost.
+        lost_before: Whether the medium lost the frame that the sender sent before.
         draw: Random number from [0, 1).
-        loss: Share of frames that are lost.
-        burst_frames: Mean length of a burst of losses, frames; below 1 each frame is drawn by itself.
+        loss: Share of frames that the medium loses.
+        burst_frames: Mean length of a burst of losses, frames; below 1 each loss is independent.
 
-    Losses come in bursts as of E. N. Gilbert, Capacity of a Burst-Noise Channel, 1960, with every frame
+    Losses come in bursts as in the model of E. N. Gilbert, Capacity of a Burst-Noise Channel, 1960, with every frame
     lost in the bad state.
     """
     if burst_frames < 1:
@@ -113,45 +116,45 @@ def is_lost(lost_before: bool, draw: float, loss: float, burst_frames: float) ->
 
 # --- The description -----------------------------------------------------------------------------
 
-_LONGEST_S = 1e9  # its nanoseconds have 63 bits
+_LONGEST_S = 1e9  # The nanoseconds of this time fit into 63 bits.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Medium:
-    """A channel that carries the frames.
+    """A `Medium` is a channel that carries the frames.
 
     Raises:
         InvalidValueError: A field is out of its range, or two fields contradict each other.
     """
 
-    rate_bps: float = between(20e6, without=(0, math.inf))  #: Bits per second.
-    #: Share of frames that are lost, after the medium's own retransmissions.
+    rate_bps: float = between(20e6, without=(0, math.inf))  #: Bit rate, bits per second.
+    #: Share of frames that the medium loses in spite of its own retransmissions.
     loss: float = between(0.01, 0, 1, without=(1,))
-    #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
+    #: Whether all hosts share one half-duplex medium (Wi-Fi); otherwise each host sends independently.
     shared: bool = True
     #: Airtime overhead per frame, seconds: preamble, gaps, acknowledgement.
     overhead_s: float = between(300e-6, 0, _LONGEST_S)
-    #: Share by which each further host that has something to send stretches a frame.
+    #: Share by which each further host that contends lengthens a frame.
     contention: float = between(0.15, without=(math.inf,))
-    #: Time from the end of sending to arrival, seconds.
+    #: Time from the end of sending to the arrival of a frame, seconds.
     latency_s: float = between(0.0, 0, _LONGEST_S)
-    queue_frames: int = between(500, 1)  #: Frames that a host's queue holds.
-    #: Rule of a full queue. ``tail`` drops the frame that comes last, as a driver or an access point does.
+    queue_frames: int = between(500, 1)  #: Number of frames that a host's queue holds.
+    #: Rule of a full queue. ``tail`` drops the newest frame, as a driver or an access point does.
     #: ``head`` drops the oldest frame, as CoDel does, Ubuntu's default. ``block`` makes the sender wait, as
-    #: Linux does where the socket's buffer is smaller than the queue. The radio of test hosts offers this
+    #: Linux does if the socket's buffer is smaller than the queue. The radio of test hosts supports ``block``
     #: only with ``shared=False``, because its relay cannot make a sender wait for another host's frame.
     queue_rule: QueueRule = "tail"
-    #: Whether frames pass an access point, one more host that contends: they are on air twice.
+    #: Whether frames pass an access point, a further host that contends; each frame is then on air twice.
     access_point: bool = False
-    #: Whether chance decides which of the contending hosts sends next, as Wi-Fi's backoff does; else hosts
-    #: take turns. Behind an access point turns starve hosts: the same one always takes the free place of a
+    #: Whether a random host of the contending hosts sends next, as with Wi-Fi's backoff; otherwise hosts
+    #: take turns. Behind an access point turns starve hosts: the same host always takes the free place of a
     #: full queue.
     random_turns: bool = False
-    #: Mean length of a burst of losses, frames; below 1: each frame is lost by itself.
+    #: Mean length of a burst of losses, frames; below 1 each loss is independent.
     burst_frames: float = between(0.0, without=(math.inf,))
-    #: Period of channel stalls, seconds: scans, power saving, neighbours.
+    #: Period of channel stalls (scans, power saving, neighbours), seconds.
     stall_every_s: float = between(0.0, 0, _LONGEST_S)
-    #: Length of a stall, seconds: no frame begins in it.
+    #: Length of a channel stall, seconds; no frame begins during a stall.
     stall_s: float = between(0.0, 0, _LONGEST_S)
 
     def __post_init__(self) -> None:

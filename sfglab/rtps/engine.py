@@ -1,7 +1,7 @@
-"""RELIABLE and BEST_EFFORT writers and readers with KEEP_LAST, compiled: RTPS 2.5, clause 8.4.
+"""The module `engine` has the compiled events of writers and readers with KEEP_LAST (RTPS 2.5, clause 8.4).
 
-One event after the other: publications, frames, heartbeats, requests, retransmissions, and executors that
-take samples.
+The engine runs one event after the other: publications, frames, heartbeats, requests, retransmissions, and samples
+that executors take.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sfglab.rtps.writer import hear_acknack, heartbeat, repair, send_unsent, wri
 
 @compiled
 def _serve(world: Any, now: int, number: int) -> None:
-    """Take one sample of the next flow that has any, in turn as an executor does."""
+    """Take one sample of the next flow that has a sample; an executor takes flows in turn."""
     server = world.server[number]
     if server.busy or server.waiting == 0:
         return
@@ -58,7 +58,7 @@ def _serve(world: Any, now: int, number: int) -> None:
 
 @compiled
 def _served(world: Any, now: int, number: int) -> None:
-    """Deliver the sample that an executor is done with, and let it take the next one."""
+    """Deliver the sample that an executor has processed, and let the executor take the next sample."""
     server = world.server[number]
     flow, sample = server.flow, server.sample
     server.busy = 0
@@ -80,7 +80,7 @@ def _served(world: Any, now: int, number: int) -> None:
 
 @compiled
 def _hear(world: Any, now: int, frame: Any) -> None:
-    """Let the reader receive a frame, or the writer an ACKNACK."""
+    """Give a received frame to the reader, or a received ACKNACK to the writer."""
     flow = frame.flow
     if frame.kind == Frame.ACKNACK:
         hear_acknack(world, now, frame)
@@ -100,7 +100,7 @@ def _hear(world: Any, now: int, frame: Any) -> None:
 
 @compiled
 def _step(world: Any, now: int, kind: int, argument: int) -> None:
-    """Let one event happen."""
+    """Run one event."""
     frame = world.scratch[0]
     if kind == Event.SENT:
         sender = world.transmitter[argument]
@@ -128,9 +128,10 @@ def _step(world: Any, now: int, kind: int, argument: int) -> None:
 
 @compiled
 def advance(world: Any, until: int) -> int:
-    """Run a `World` to its next watched delivery, and return its time; to `until` without any, and return -1.
+    """Run a `World` to its next watched delivery, and return the delivery's time; without a delivery run to `until`.
 
-    Publications end with the run's duration. Events at `until`, in nanoseconds, are left for the next call.
+    Without a delivery the function returns -1. Publications end with the run's duration. Events at the time `until`,
+    in nanoseconds, remain for the next call.
     """
     while world.heap_sizes[0] > 0 and world.heap[0, 0] < until:
         now, kind, argument = pop(world.heap, world.heap_sizes)

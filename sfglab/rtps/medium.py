@@ -1,7 +1,7 @@
-"""The medium in compiled code: queues of frames at hosts, frames on air, in flight and lost.
+"""The module `medium` has the compiled medium: queues of frames at hosts, frames on air, frames in flight, losses.
 
-The rules are those of `channel`, the sizes those of `frames`; a frame is a record of `state.FrameFields`. In
-all functions `world` is the run and `now` is nanoseconds.
+The rules are those of `channel`, the sizes are those of `frames`, and a frame is a record of `state.FrameFields`. In
+all functions `world` is the state of the run and `now` is the time in nanoseconds.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ def uniform(random: Any) -> float:
 
 @compiled
 def message_bytes(size: int) -> int:
-    """Return what Fast DDS counts of a sample's RTPS message: all but the statistics behind it."""
+    """Return the bytes that Fast DDS counts for a sample's RTPS message; Fast DDS leaves out the statistics."""
     return int(_frame_bytes(Frame.DATA, size, 1, 0) - NETWORK_BYTES + INFO_DST_BYTES)
 
 
 @compiled
 def burst_most(size: int, message_bytes: int) -> int:
-    """Return how many samples of a size fit into a message of retransmissions with a heartbeat."""
+    """Return how many samples of a size fit into one message of retransmissions with a heartbeat."""
     around = _frame_bytes(Frame.BURST, size, 0, 1) - NETWORK_BYTES
     one = _frame_bytes(Frame.BURST, size, 1, 0) - _frame_bytes(Frame.BURST, size, 0, 0)
     return max(1, (message_bytes - around) // one)
@@ -58,7 +58,7 @@ def burst_most(size: int, message_bytes: int) -> int:
 
 @compiled
 def copy_frame(target: Any, frame: Any) -> None:
-    """Copy a frame into a place for one; Numba's own assignment of records copies byte by byte."""
+    """Copy a frame to another frame's place, because Numba's own assignment of records copies byte by byte."""
     target.kind = frame.kind
     target.flow = frame.flow
     target.sample = frame.sample
@@ -73,7 +73,7 @@ def copy_frame(target: Any, frame: Any) -> None:
 
 @compiled
 def new_frame(world: Any, kind: int, flow: int) -> Any:
-    """Return an empty frame of a kind and flow; it is valid until the next one is made."""
+    """Return an empty frame of a kind and flow; the frame is valid until the next call."""
     frame = world.scratch[1]
     copy_frame(frame, world.scratch[3])
     frame.kind = kind
@@ -83,19 +83,19 @@ def new_frame(world: Any, kind: int, flow: int) -> Any:
 
 @compiled
 def has_bit(bits: Any, place: int) -> bool:
-    """Return whether a bitmap has a sample, by its place."""
+    """Return whether a bitmap contains the sample at a place."""
     return bool((bits[place // 64] >> (place % 64)) & 1)
 
 
 @compiled
 def set_bit(bits: Any, place: int) -> None:
-    """Add a sample to a bitmap."""
+    """Add the sample at a place to a bitmap."""
     bits[place // 64] |= np.int64(1) << (place % 64)
 
 
 @compiled
 def has_room(world: Any, host: int) -> bool:
-    """Return whether a host's queue lets its writers send."""
+    """Return whether the queue of a host has room, so that the host's writers may send."""
     if world.timing.queue_rule != BLOCK:
         return True
     blocked = world.blocked[host] != 0
@@ -105,10 +105,10 @@ def has_room(world: Any, host: int) -> bool:
 
 @compiled
 def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
-    """Put a frame into a host's queue, and send if the medium is free.
+    """Put a frame into a host's queue, and send the oldest frame if the medium is free.
 
-    Writers ask `has_room` before. Periodic heartbeats and acknowledgements have
-    room beyond the bound of a queue that blocks; an access point has none, and drops them.
+    Writers check `has_room` before the call. Periodic heartbeats and acknowledgements have room beyond the bound of a
+    queue that blocks; an access point has no room beyond the bound, and drops the frames.
     """
     capacity = world.queue.shape[1]
     room = world.timing.queue_frames if host == world.timing.access_point else capacity
@@ -135,7 +135,7 @@ def _remove_oldest(world: Any, host: int) -> None:
 
 @compiled
 def _choose_host(world: Any, transmitter: int) -> tuple[int, int]:
-    """Return the host that sends next, -1 for none, and how many contend."""
+    """Return the host that sends next, -1 if no host has a frame, and how many hosts contend."""
     if not world.timing.shared:
         return (transmitter if world.waiting[transmitter] else -1), 1
     medium = world.transmitter[0]
@@ -174,7 +174,7 @@ def _send_next(world: Any, now: int, transmitter: int) -> None:
 
 @compiled
 def _traced(world: Any, now: int, transmitter: int, drawn: bool) -> bool:  # noqa: FBT001 - compiled
-    """Note a frame that leaves the air, and return whether it is lost: as drawn, or as wished from outside."""
+    """Record a frame that leaves the air, and return whether the frame is lost: by chance, or because of a wish."""
     number = world.trace_end[0]
     world.trace_end[0] += 1
     copy_frame(world.traced[number], world.on_air[transmitter])
@@ -188,7 +188,7 @@ def _traced(world: Any, now: int, transmitter: int, drawn: bool) -> bool:  # noq
 
 @compiled
 def sent_frame(world: Any, now: int, transmitter: int) -> bool:
-    """Take a frame off the air into the first scratch, and return whether it is there: not lost nor in flight."""
+    """Move a frame from the air into the first scratch; return False if the frame is lost or in flight."""
     sender, frame = world.transmitter[transmitter], world.scratch[0]
     copy_frame(frame, world.on_air[transmitter])
     sender.busy = 0
@@ -214,7 +214,7 @@ def sent_frame(world: Any, now: int, transmitter: int) -> bool:
 
 @compiled
 def _fly(world: Any, now: int, transmitter: int, frame: Any) -> None:
-    """Let a frame arrive after the latency."""
+    """Let a frame arrive after the medium's latency."""
     sender, capacity = world.transmitter[transmitter], world.flight.shape[1]
     if sender.in_flight == capacity:
         raise IndexError("more frames in flight than the state has room for")
@@ -227,7 +227,7 @@ def _fly(world: Any, now: int, transmitter: int, frame: Any) -> None:
 
 @compiled
 def arrived_frame(world: Any, transmitter: int) -> None:
-    """Take the oldest frame in flight into the first scratch; latency is constant, so none overtakes another."""
+    """Move the oldest frame in flight into the first scratch; with a constant latency no frame overtakes another."""
     sender = world.transmitter[transmitter]
     copy_frame(world.scratch[0], world.flight[transmitter, sender.flight_head])
     sender.flight_head = (sender.flight_head + 1) % world.flight.shape[1]

@@ -1,7 +1,7 @@
-"""RELIABLE and KEEP_LAST as a model: flows and scenarios, and how they become the engine's arrays.
+"""The module `model` models RELIABLE and KEEP_LAST: flows and scenarios, and their form as the engine's arrays.
 
-A flow is one topic's writer and its one reader; hosts share a medium (`channel`); readers are served by
-executors that take time. The protocol is RTPS 2.5, clause 8.4, timed as a vendor does (`vendors`).
+A flow is one topic's writer and reader. Hosts share a medium (`channel`). Executors that take time serve the
+readers. The protocol is RTPS 2.5, clause 8.4, with the timing of a vendor (`vendors`).
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-_LONGEST_S = 1e9  # its nanoseconds have 63 bits
+_LONGEST_S = 1e9  # The nanoseconds of this time fit into 63 bits.
 
 _BLOCKED_ROOM = 4096
-"""Room of a queue that blocks beyond its bound, frames: for heartbeats and ACKNACKs, whose threads wait."""
+"""Frames that fit beyond the bound of a queue that blocks: heartbeats and ACKNACKs, whose threads wait."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flow:
-    """One topic with its writer and its reader."""
+    """A `Flow` is one topic with its writer and its reader."""
 
-    name: str  #: Name for messages and tables.
+    name: str  #: Name of the flow for messages and tables.
     source: str  #: Host of the writer.
     target: str  #: Host of the reader.
     size_bytes: int = between(24)  #: CDR size of a sample.
-    #: Samples per second, a nanosecond apart at least; 0: published only when a chain publishes it.
+    #: Samples per second, with 1 ns or more between two samples; 0 if only a chain publishes the flow.
     rate_hz: float = between(0.0, 0, 1e9)
     phase_s: float = between(0.0, 0, _LONGEST_S)  #: Time of the first publication, seconds.
     qos: QoSProfile = DEFAULT  #: QoS of the writer. The model has no deadline and no KEEP_ALL.
-    #: Depth of the reader's history; None: as the writer's.
+    #: Depth of the reader's history; None for the depth of the writer's history.
     reader_depth: int | None = between(None, 1)
-    #: Name of the executor that takes the samples, one at a time; None: one for this flow only.
+    #: Name of the executor that takes the samples, one at a time; None for an executor of this flow only.
     executor: str | None = None
-    #: Time of the executor that one sample costs, seconds.
+    #: Time of the executor per sample, seconds.
     service_s: float = between(0.0, 0, _LONGEST_S)
-    #: Time that a repeated value costs instead, seconds, where cache control discards it before it is
-    #: processed (paper B, section 2.3); None: no cache control.
+    #: Time of the executor per repeated value, seconds, if cache control discards the value before processing
+    #: (paper B, section 2.3); None: no cache control.
     compare_s: float | None = between(None, 0, _LONGEST_S)
-    #: Mean time between changes of the value, seconds; 0: every sample differs.
+    #: Mean time between changes of the value, seconds; 0 if every sample has a new value.
     change_s: float = between(0.0, 0, _LONGEST_S)
     #: Whether a local cache suppresses repeated values (paper B, section 2.2).
     cached: bool = False
@@ -75,19 +75,20 @@ class Flow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """Everything that a run needs but the seed.
+    """A `Scenario` has all inputs of a run except the seed.
 
     Raises:
         InvalidValueError: Names are not unique, a field is out of its range, or a flow publishes none of
             those after it (`Flow.then`).
     """
 
-    flows: tuple[Flow, ...]  #: The topics.
-    medium: Medium = field(default_factory=Medium)  #: The medium.
+    flows: tuple[Flow, ...]  #: Flows of the run.
+    medium: Medium = field(default_factory=Medium)  #: Medium that carries all frames.
     vendor: Vendor = FAST_DDS  #: Timing of the protocol.
-    #: Time of publishing, seconds.
+    #: Duration of publishing, seconds.
     duration_s: float = between(60.0, 0, _LONGEST_S, without=(0,))
-    drain_s: float = between(10.0, 0, _LONGEST_S)  #: Time of retransmissions afterwards, seconds.
+    #: Duration of retransmissions after publishing, seconds.
+    drain_s: float = between(10.0, 0, _LONGEST_S)
 
     def __post_init__(self) -> None:
         names = [flow.name for flow in self.flows]
@@ -107,12 +108,12 @@ def check_chains(flows: Sequence[Flow]) -> None:
 
 
 def compile_scenario(scenario: Scenario, *, seed: int, trace: int = 0) -> tuple[Params, State]:
-    """Return a scenario as the engine's arrays.
+    """Return a scenario as the arrays of the engine.
 
     Args:
         scenario: Flows, medium, vendor and times.
         seed: Seed of losses, values and random turns.
-        trace: Frames of which a trace is kept.
+        trace: Number of frames in the trace.
     """
     hosts = _numbers(host for flow in scenario.flows for host in (flow.source, flow.target))
     executors = _numbers(_executor(flow) for flow in scenario.flows)
@@ -179,7 +180,7 @@ def _timing(scenario: Scenario, access_point: int) -> np.ndarray:
 
 
 def _filled(fields: Any, *sources: object) -> np.ndarray:
-    """Return one record with the attributes of the sources that have the names of its fields."""
+    """Return one record with the fields of a record class, from the attributes of these names in the sources."""
     row = np.zeros((), record(fields))
     for name in fields._fields:
         for source in sources:

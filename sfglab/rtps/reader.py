@@ -1,7 +1,7 @@
-"""The reader, compiled: samples, heartbeats and gaps that arrive, and its answers (RTPS 2.5, clause 8.4.12).
+"""The module `reader` has the compiled reader: arriving samples, heartbeats and gaps, and responses (RTPS 2.5, 8.4.12).
 
 In all functions `world` is the state of the run, `now` is nanoseconds, and `flow` is the reader's flow. A prompt
-vendor, such as Cyclone DDS, answers a heartbeat at once, others after a delay (`Vendor.prompt`).
+vendor, such as Cyclone DDS, responds to a heartbeat at once, other vendors after a delay (`Vendor.prompt`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from sfglab.rtps.world import compiled, push
 
 @compiled
 def _keep(world: Any, flow: int, sample: int) -> None:
-    """Hand a sample to the reader's history, from which the executor takes it."""
+    """Add a sample to the reader's history, from which the executor takes the sample."""
     reader = world.reader[flow]
     world.order[flow, reader.tail] = sample
     reader.tail += 1
@@ -24,7 +24,7 @@ def _keep(world: Any, flow: int, sample: int) -> None:
 
 @compiled
 def _drop_oldest(world: Any, flow: int) -> None:
-    """Drop the oldest sample of a reader's history: a newer one takes its place."""
+    """Drop the oldest sample of a reader's history, because a newer sample takes its place."""
     reader = world.reader[flow]
     world.fate[flow, world.order[flow, reader.head]] = Fate.LATE
     reader.head += 1
@@ -33,7 +33,7 @@ def _drop_oldest(world: Any, flow: int) -> None:
 
 @compiled
 def _make_room(world: Any, flow: int) -> None:
-    """Drop the oldest sample of a history over its depth, where samples behind a gap count in the depth."""
+    """Drop the oldest sample of a history that exceeds its depth; samples behind a gap count in the depth."""
     reader = world.reader[flow]
     depth = world.flows[flow].reader_depth
     held = reader.tail - reader.head
@@ -53,7 +53,7 @@ def _make_room(world: Any, flow: int) -> None:
 
 @compiled
 def drop_overflow(world: Any, flow: int) -> None:
-    """Drop the oldest samples of a history over its depth, after a gap has closed and all behind it came."""
+    """Drop the oldest samples of a history that exceeds its depth after a gap has closed and all later samples came."""
     reader, depth = world.reader[flow], world.flows[flow].reader_depth
     while reader.tail - reader.head > depth:
         _drop_oldest(world, flow)
@@ -61,9 +61,10 @@ def drop_overflow(world: Any, flow: int) -> None:
 
 @compiled
 def _advance(world: Any, flow: int) -> None:
-    """Deliver in order what is there, and give up what the writer no longer has."""
+    """Deliver available samples in order, and give up samples that the writer no longer has."""
     reader = world.reader[flow]
-    last = world.writer[flow].last  # bounds the loop; the reader decides nothing by it
+    # The value `last` limits the loop; the reader makes no decision with `last`.
+    last = world.writer[flow].last
     sample = reader.next
     while sample <= last:
         arrived = world.arrived[flow, sample]
@@ -81,7 +82,7 @@ def _advance(world: Any, flow: int) -> None:
 
 @compiled
 def _make_room_behind_gap(world: Any, flow: int, sample: int) -> bool:
-    """Return whether a sample can be kept; where too many wait behind a gap, the newest of all is dropped."""
+    """Return whether the reader can keep a sample; the reader drops the newest if too many wait behind a gap."""
     reader = world.reader[flow]
     if sample == reader.next or reader.behind_gap < world.timing.reorder_most:
         return True
@@ -98,7 +99,7 @@ def _make_room_behind_gap(world: Any, flow: int, sample: int) -> bool:
 
 @compiled
 def _hear_sample(world: Any, flow: int, sample: int) -> None:
-    """Take one sample, once."""
+    """Take a sample, unless the reader has taken it before."""
     reader = world.reader[flow]
     apart = world.timing.reorder_most != 0
     if world.arrived[flow, sample] != Arrival.MISSING or sample < reader.next:
@@ -114,7 +115,8 @@ def _hear_sample(world: Any, flow: int, sample: int) -> None:
         reader.behind_gap += 1
         if sample == reader.next:
             _advance(world, flow)
-        elif sample < reader.oldest:  # retransmitted, and older than what was dropped before
+        # The sample was retransmitted, and is older than a sample that was dropped before.
+        elif sample < reader.oldest:
             reader.oldest = sample
     if not apart:
         _make_room(world, flow)
@@ -122,7 +124,7 @@ def _hear_sample(world: Any, flow: int, sample: int) -> None:
 
 @compiled
 def is_whole(world: Any, frame: Any) -> bool:
-    """Return whether a frame brings samples; a BURST does if all FRAGMENTs before it have arrived."""
+    """Return whether a frame brings samples; a BURST brings samples if all its FRAGMENTs have arrived before."""
     flow = frame.flow
     reader = world.reader[flow]
     if frame.kind == Frame.FRAGMENT:
@@ -135,7 +137,7 @@ def is_whole(world: Any, frame: Any) -> bool:
 
 @compiled
 def hear_samples(world: Any, frame: Any) -> None:
-    """Take the one sample of a DATA frame, or the several of a BURST."""
+    """Take the sample of a DATA frame, or the samples of a BURST."""
     if frame.kind == Frame.DATA:
         _hear_sample(world, frame.flow, frame.sample)
         return
@@ -146,7 +148,7 @@ def hear_samples(world: Any, frame: Any) -> None:
 
 @compiled
 def hear_gap(world: Any, frame: Any) -> None:
-    """Give up what the writer no longer has."""
+    """Give up the samples that the writer no longer has."""
     flow = frame.flow
     for sample in range(max(frame.sample, world.reader[flow].next), frame.sample + frame.samples):
         if world.arrived[flow, sample] == Arrival.MISSING:
@@ -156,7 +158,7 @@ def hear_gap(world: Any, frame: Any) -> None:
 
 @compiled
 def hear_heartbeat(world: Any, now: int, frame: Any) -> None:
-    """Learn which samples there are, and answer: at once if the vendor is prompt, else after its delay."""
+    """Record the samples that a heartbeat announces, and respond: a prompt reader at once, others after their delay."""
     flow, timing = frame.flow, world.timing
     reader = world.reader[flow]
     if not frame.final:
@@ -178,7 +180,7 @@ def hear_heartbeat(world: Any, now: int, frame: Any) -> None:
 
 @compiled
 def request(world: Any, now: int, flow: int) -> None:
-    """Acknowledge everything before the next sample, and request what is known to exist and is not here."""
+    """Acknowledge all samples before the next sample, and request the announced samples that have not arrived."""
     reader, frame = world.reader[flow], new_frame(world, Frame.ACKNACK, flow)
     most = min(world.timing.nack_most, reader.writer_newest - reader.next + 1)
     for place in range(most):
@@ -189,7 +191,7 @@ def request(world: Any, now: int, flow: int) -> None:
 
 @compiled
 def _acknowledge(world: Any, now: int, frame: Any) -> None:
-    """Send an ACKNACK: it acknowledges everything before the next sample."""
+    """Send an ACKNACK, which acknowledges all samples before the next sample."""
     frame.sample = world.reader[frame.flow].next
     world.counts[Count.ACKNACK] += 1
     enqueue(world, now, world.flows[frame.flow].target, frame)
@@ -197,12 +199,12 @@ def _acknowledge(world: Any, now: int, frame: Any) -> None:
 
 @compiled
 def _answer(world: Any, now: int, flow: int) -> None:
-    """Answer a heartbeat as a prompt reader does, or not at all.
+    """Respond to a heartbeat as a prompt reader, or send no response.
 
-    Samples that no request has covered yet are requested at once. The same samples are requested again after
-    the vendor's `nack_delay_ns`. They are also requested again when retransmissions have arrived without them,
-    unless the last request was such a repetition after `nack_delay_ns`. An acknowledgement is sent only when the
-    writer asks for it, and the same one again after `ack_delay_ns`.
+    A prompt reader at once requests samples that no request has covered yet. The reader requests the same samples again
+    after the vendor's `nack_delay_ns`, and also when retransmissions have arrived without these samples, unless the
+    last request was a repetition after `nack_delay_ns`. The reader sends an acknowledgement only when the writer
+    requests one, and repeats the same acknowledgement only after `ack_delay_ns`.
     """
     reader, timing = world.reader[flow], world.timing
     if reader.next <= reader.writer_newest:

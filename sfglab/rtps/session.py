@@ -1,8 +1,9 @@
-"""Runs of a scenario: at once, or in steps beside nodes that set values and receive deliveries; their outcome.
+"""The module `session` runs a scenario at once, or in steps beside nodes that set values and receive deliveries.
 
-A *simulation*, with a virtual clock and a seed; it runs compiled (`engine`). Flows go by name and values by
-number: equal numbers are equal values, to the local cache and to cache control. A trace has every frame that
-was on air, under a name that stays when others are lost; a frame may be told to be lost or to pass.
+A run is a *simulation* with a virtual clock and a seed; the engine (`engine`) is compiled. Flows have names and values
+have numbers. Equal numbers are equal values to the local cache and to cache control. A trace contains every frame that
+was on air. The name of a frame does not depend on the losses of other frames. A caller may wish that a frame is lost
+or passes.
 """
 
 from __future__ import annotations
@@ -35,17 +36,17 @@ _TRACE_FRAMES = 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlowOutcome:
-    """One flow's samples, in the order of their sequence numbers."""
+    """A `FlowOutcome` has one flow's samples, in the order of their sequence numbers."""
 
-    published_ns: NDArray[np.int64]  #: Time of publication, shape (n,).
-    #: Time when the application was done with a sample, 0 where it never was, shape (n,).
+    published_ns: NDArray[np.int64]  #: Time of each sample's publication, shape (n,).
+    #: Time when the application had processed a sample, 0 for other samples, shape (n,).
     received_ns: NDArray[np.int64]
     value: NDArray[np.int32]  #: Number of the value that a sample carries, shape (n,).
-    fate: NDArray[np.int8]  #: A `Fate` per sample, shape (n,).
+    fate: NDArray[np.int8]  #: Delivery outcome of each sample, a `Fate`, shape (n,).
 
     @property
     def delivered(self) -> NDArray[np.bool_]:
-        """Which samples the application received, shape (n,)."""
+        """Whether the application received each sample, shape (n,)."""
         return np.equal(self.fate, Fate.DELIVERED)
 
     @property
@@ -55,21 +56,21 @@ class FlowOutcome:
 
     @property
     def latency_ns(self) -> NDArray[np.int64]:
-        """Time from publication to the application, of the delivered samples, shape (delivered,)."""
+        """Time from publication to the application for the delivered samples, ns, shape (delivered,)."""
         return (self.received_ns - self.published_ns)[self.delivered]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """A whole run."""
+    """An `Outcome` is the outcome of a whole run."""
 
-    flows: dict[str, FlowOutcome]  #: Outcome per flow, by name.
-    #: Counters of the protocol and the medium, by `Count`'s names in lower case.
+    flows: dict[str, FlowOutcome]  #: Outcome of each flow, by the flow's name.
+    #: Counters of the protocol and the medium, by the names of `Count` in lower case.
     counts: dict[str, int]
 
 
 def outcome_of(flows: Sequence[Flow], state: State) -> Outcome:
-    """Return the outcome of a state."""
+    """Return the outcome of the flows in a state."""
     results = {}
     for i, flow in enumerate(flows):
         samples = slice(1, int(state.writer[i].last) + 1)
@@ -83,12 +84,12 @@ def outcome_of(flows: Sequence[Flow], state: State) -> Outcome:
 
 
 def run(scenario: Scenario, *, seed: int) -> Outcome:
-    """Simulate a scenario; the same seed, of losses and values, gives the same outcome to the bit."""
+    """Simulate a scenario; the same seed gives the same losses, values and outcome to the bit."""
     return outcome_of(scenario.flows, _state_at_end(scenario, seed, 0, {}))
 
 
 def _state_at_end(scenario: Scenario, seed: int, room: int, wishes: Mapping[int, bool]) -> State:
-    """Return the state after a run with room for so many frames of a trace, some of which have a wish."""
+    """Return the state after a run with room for a number of traced frames; some frames have a wish."""
     from sfglab.rtps.engine import advance
     from sfglab.rtps.world import World
 
@@ -104,17 +105,17 @@ def _state_at_end(scenario: Scenario, seed: int, room: int, wishes: Mapping[int,
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """A sample that the application receives."""
+    """A `Delivery` is a sample that the application receives."""
 
     flow: str  #: Name of the flow.
-    value: int  #: Number of its value.
+    value: int  #: Number of the sample's value.
 
 
 class Session:
-    """A run in steps.
+    """A `Session` is a run in steps.
 
     Args:
-        scenario: Flows, whose values change only from outside.
+        scenario: Scenario with flows whose values only the caller changes.
         seed: Seed of losses; the same seed and the same calls give the same run to the bit.
     """
 
@@ -154,7 +155,7 @@ class Session:
         return Delivery(flow=self._flows[flow].name, value=value)
 
     def outcome(self) -> Outcome:
-        """Return what has become of every sample so far."""
+        """Return the present outcome of every sample."""
         return outcome_of(self._flows, self._state)
 
 
@@ -163,29 +164,30 @@ class Session:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirFrame:
-    """One frame on air."""
+    """An `AirFrame` is one frame on air."""
 
-    #: Flow, kind and number, as in ``a/HEARTBEAT/2``; of DATA the sample, and which retransmission:
-    #: ``a/DATA/7.1``.
+    #: Flow, kind and number, such as ``a/HEARTBEAT/2``. The number of DATA is the sample, followed by the number of
+    #: the retransmission: ``a/DATA/7.1``.
     name: str
     kind: Frame  #: Kind of the frame.
-    began_ns: int  #: Time when it went on air.
-    ended_ns: int  #: Time when it left the air.
-    lost: bool  #: Whether the medium lost it then.
+    began_ns: int  #: Time when the frame went on air.
+    ended_ns: int  #: Time when the frame left the air.
+    lost: bool  #: Whether the medium lost the frame when it left the air.
     samples: tuple[
         int, ...
     ]  #: Samples that it carries, requests or declares to be gone, counted from 1.
-    newest: int  #: Newest sample that its heartbeat announces, or ACKNACK acknowledges; 0: neither.
-    repairs: bool  #: Whether its samples were on air before.
+    #: Newest sample that the heartbeat announces or the ACKNACK acknowledges; 0 for other frames.
+    newest: int
+    repairs: bool  #: Whether the frame's samples were on air before.
 
 
 def trace(
     scenario: Scenario, *, seed: int, lost: Mapping[str, bool] | None = None
 ) -> tuple[Outcome, tuple[AirFrame, ...]]:
-    """Simulate as `run` does, but for the `lost` frames' fate, and return every frame as it left the air.
+    """Simulate as `run` does, except for the fate of the frames in `lost`, and return every frame that left the air.
 
-    Which frames there are depends on what is lost, so names of frames that do not occur have no effect; a name of
-    another flow or kind is an InvalidValueError.
+    The losses determine which frames occur, so names of frames that do not occur have no effect. A name of
+    another flow or kind raises an InvalidValueError.
     """
     wanted = lost or {}
     kinds = [f"{flow.name}/{kind.name}" for flow in scenario.flows for kind in Frame]
@@ -194,7 +196,7 @@ def trace(
             allowed = f"a number after one of {'/, '.join(kinds)}/"
             raise InvalidValueError("trace: lost", name, allowed)
     wishes: dict[int, bool] = {}
-    # A wish changes what follows, so that each is granted where its frame turns up: the earliest first.
+    # A wish changes all later frames, so the code grants one wish after the other, the earliest frame first.
     while True:
         state = _traced_state(scenario, seed, wishes)
         frames = tuple(_frames(state, [flow.name for flow in scenario.flows]))
@@ -205,7 +207,7 @@ def trace(
 
 
 def _traced_state(scenario: Scenario, seed: int, wishes: Mapping[int, bool]) -> State:
-    """Return the state after a run with a trace of all its frames."""
+    """Return the state after a run with a trace of all frames."""
     room = _TRACE_FRAMES
     while True:
         state = _state_at_end(scenario, seed, room, wishes)
@@ -261,10 +263,11 @@ def _newest(kind: Frame, frame: Any) -> int:
 
 
 def age_ms(outcome: FlowOutcome, *, duration_s: float) -> float:
-    """Return the age of information at a reader, mean over the time of publishing, milliseconds.
+    """Return the age of information at a reader, as the mean over the time of publishing, milliseconds.
 
-    It is how long ago the newest sample that it has was published; before it has any, the time since the start
-    (S. Kaul, R. Yates and M. Gruteser, Real-time status: How often should one update?, INFOCOM 2012).
+    The age is the time since the publication of the newest sample that the reader has. Before the first sample the age
+    is the time since the start (S. Kaul, R. Yates and M. Gruteser, Real-time status: How often should one update?,
+    INFOCOM 2012).
     """
     received_s = outcome.received_ns[outcome.delivered] / NS_PER_S
     published_s = outcome.published_ns[outcome.delivered] / NS_PER_S

@@ -1,4 +1,4 @@
-"""State of the compiled engine, and its parameters: named tuples of arrays, many of them of records.
+"""The module `state` has state and parameters of the compiled engine: named tuples of arrays, mostly of records.
 
 Indices are flow, host, transmitter, server (a node's executor) or sample, counted from 1 as in RTPS. Times
 are nanoseconds. A record's fields are those of a class below, each a number of 64 bits, so that compiled
@@ -15,7 +15,7 @@ import numpy as np
 
 
 class Event(IntEnum):
-    """Kinds of events; the argument is a flow, a transmitter or a server."""
+    """An `Event` is a kind of event; the argument of an event is a flow, a transmitter or a server."""
 
     PUBLISH = 0
     SENT = 1
@@ -27,71 +27,73 @@ class Event(IntEnum):
 
 
 class Frame(IntEnum):
-    """Kinds of frames on the medium."""
+    """A `Frame` is a kind of frame on the medium."""
 
     DATA = 0
     HEARTBEAT = 1
     ACKNACK = 2
     GAP = 3
-    BURST = 4  #: Several samples that travel together; counted as one DATA.
-    #: A full frame of a BURST that IP fragments, before the last one, which has the rest and the words.
+    BURST = 4  #: Several samples that travel together; a BURST counts as one DATA.
+    #: Full frame of a fragmented BURST. The last frame of the BURST follows, with the remaining bytes and fields.
     FRAGMENT = 5
 
 
 class Arrival(IntEnum):
-    """State of a sample at the reader."""
+    """An `Arrival` is the state of a sample at the reader."""
 
     MISSING = 0
     HERE = 1
-    GONE = 2  #: It will not arrive: the writer has it no longer, or the reader has dropped it.
+    #: The sample will not arrive: the writer no longer has the sample, or the reader has dropped the sample.
+    GONE = 2
 
 
 class Fate(IntEnum):
-    """Delivery outcome of a sample."""
+    """A `Fate` is the delivery outcome of a sample."""
 
-    UNDERWAY = 0  #: Neither delivered nor given up.
+    UNDERWAY = 0  #: Sample neither delivered nor given up.
     DELIVERED = 1
-    #: Lost on the way, and overwritten in the writer's history before it could be retransmitted.
+    #: Sample lost on the way, and overwritten in the writer's history before its retransmission.
     OVERWRITTEN = 2
-    LATE = 3  #: Arrived, and overwritten in the reader's history before the application took it.
+    #: Sample arrived, and overwritten in the reader's history before the application took the sample.
+    LATE = 3
 
 
 class Count(IntEnum):
-    """Index of each counter."""
+    """A `Count` is the index of a counter."""
 
     DATA = 0
     HEARTBEAT = 1
     ACKNACK = 2
     GAP = 3
-    REPEATED = 4  #: Samples that were retransmitted.
-    LOST = 5  #: Frames that the medium lost.
-    QUEUE_FULL = 6  #: Frames that found the sender's queue full.
+    REPEATED = 4  #: Number of samples that were retransmitted.
+    LOST = 5  #: Number of frames that the medium lost.
+    QUEUE_FULL = 6  #: Number of frames that found the sender's queue full.
     AIRTIME_NS = 7
-    HELD = 8  #: Values that the local cache suppressed.
-    #: Publications that a writer refused because its history or the host's queue was full.
+    HELD = 8  #: Number of values that the local cache suppressed.
+    #: Number of publications that a writer refused because its history or the host's queue was full.
     THROTTLED = 9
     EVENTS = 10
-    COMPARED = 11  #: Samples that cache control discarded after a comparison.
+    COMPARED = 11  #: Number of samples that cache control discarded after a comparison.
 
 
 class FlowFields(NamedTuple):
-    """One flow, as the engine needs it."""
+    """`FlowFields` describes one flow for the engine."""
 
     source: int  #: Host of the writer.
     target: int  #: Host of the reader.
     server: int
-    period_ns: int  #: 0: published by a chain only.
+    period_ns: int  #: Period of publications; 0 if only a chain publishes the flow.
     phase_ns: int
     size_bytes: int  #: CDR size of a sample.
-    depth: int  #: History of the writer.
-    reader_depth: int  #: History of the reader.
+    depth: int  #: Depth of the writer's history.
+    reader_depth: int  #: Depth of the reader's history.
     reliable: int
-    chain: int  #: Flow that is published when a sample of this one was processed; -1: none.
-    #: Mean time between changes of the value; 0: every sample differs; `SET`: set from outside.
+    chain: int  #: Flow that the executor publishes after a sample of this flow; -1: none.
+    #: Mean time between changes of the value; 0: every sample has a new value; `SET`: a session sets the value.
     change_ns: int
     cached: int  #: 1: a local cache suppresses repeated values.
     service_ns: int
-    compare_ns: int  #: Time that a repeated value costs the server; -1: as much as any.
+    compare_ns: int  #: Time of the server per repeated value; -1: the time of any other value.
     keeps_acked: int  #: 1: acknowledged samples stay in the writer's history, for late joiners.
 
 
@@ -108,7 +110,7 @@ class TimingFields(NamedTuple):
     final_within_ns: int
     reorder_most: int
     piggyback_bytes: int
-    sent_before: int  #: `Vendor.sent_before_bytes`; -1: a sample adds its own bytes only.
+    sent_before: int  #: `Vendor.sent_before_bytes`; -1: a sample adds only its own bytes.
     asynchronous: int
     extra_bytes: int
     gap_for_gone: int
@@ -120,7 +122,7 @@ class TimingFields(NamedTuple):
     random_turns: int
     stall_every_ns: int
     stall_ns: int
-    access_point: int  #: Its number among the hosts; -1: there is none.
+    access_point: int  #: Number of the access point among the hosts; -1: no access point.
     duration_ns: int
     loss: float
     burst_frames: float
@@ -129,35 +131,36 @@ class TimingFields(NamedTuple):
 
 
 class FrameFields(NamedTuple):
-    """One frame on the medium."""
+    """`FrameFields` describes one frame on the medium."""
 
-    kind: int  #: A `Frame`.
+    kind: int  #: Kind of the frame, a `Frame`.
     flow: int
-    #: Sample of DATA; first sample of a BURST's bitmap, of an ACKNACK's and of a GAP; number of a FRAGMENT.
+    #: Sample of DATA; first sample of the bitmap of a BURST, an ACKNACK or a GAP; number of a FRAGMENT.
     sample: int
-    samples: int  #: Samples that the frame carries, or that a GAP declares to be gone.
-    heartbeats: int  #: Heartbeats in the frame; BURST: one behind each of several samples.
-    final: int  #: 1: the heartbeat asks for no answer.
+    samples: int  #: Number of samples that the frame carries, or that a GAP declares to be gone.
+    #: Number of heartbeats in the frame; a BURST has one heartbeat behind each of several samples.
+    heartbeats: int
+    final: int  #: 1: the heartbeat requests no response.
     oldest: int  #: Oldest sample that the heartbeat announces.
     newest: int  #: Newest sample that the heartbeat announces.
-    #: Bitmap of `BITMAP_WORDS` words: samples of a BURST, requested samples of an ACKNACK.
+    #: Bitmap of `BITMAP_WORDS` words: the samples of a BURST, or the requested samples of an ACKNACK.
     bits: int
 
 
 class Trace(NamedTuple):
-    """Entries of a trace beside the frame itself."""
+    """A `Trace` has the entries of a trace in addition to the frame."""
 
     began_ns: int
     ended_ns: int
     lost: int
-    wish: int  #: Set from outside: 0 as drawn, 1 lost, 2 not lost.
+    wish: int  #: Wish of the caller: 0 for a random loss, 1 for lost, 2 for not lost.
 
 
 class Writer(NamedTuple):
-    """State of one writer."""
+    """A `Writer` is the state of one writer."""
 
     last: int  #: Newest sample.
-    acked: int  #: Newest sample up to which all are acknowledged.
+    acked: int  #: Newest sample up to which all samples are acknowledged.
     armed: int  #: 1: the periodic heartbeat is scheduled.
     last_heartbeat_ns: int  #: Time of the last heartbeat.
     value: int  #: Number of the value that the sensor has now.
@@ -165,46 +168,48 @@ class Writer(NamedTuple):
     sent_value: int  #: Value that was published last.
     data_ns: int  #: Time of the last DATA frame.
     last_queued: int  #: Newest sample that has left the history for the host's queue.
-    bytes_since_heartbeat: int  #: Bytes since the last heartbeat.
-    sent_bytes: int  #: Bytes that the sending thread has sent in all.
+    bytes_since_heartbeat: int  #: Bytes of samples since the last heartbeat.
+    sent_bytes: int  #: Number of all bytes that the sending thread has sent.
 
 
 class Reader(NamedTuple):
-    """State of one reader."""
+    """A `Reader` is the state of one reader."""
 
-    next: int  #: Next sample in order.
+    next: int  #: Next sample that the reader delivers in order.
     writer_oldest: int  #: Oldest sample that the writer still has.
-    writer_newest: int  #: Newest sample that is known to exist.
-    armed: int  #: 1: an answer is scheduled.
-    head: int  #: Samples that have left the history.
-    tail: int  #: Samples that have entered the history.
+    writer_newest: int  #: Newest sample that the reader knows to exist.
+    armed: int  #: 1: a response is scheduled.
+    head: int  #: Number of samples that have left the history.
+    tail: int  #: Number of samples that have entered the history.
     value: int  #: Value of the last sample that was processed.
     behind_gap: int  #: Number of samples that wait behind a gap.
-    oldest: int  #: No sample that waits behind a gap is older.
+    oldest: int  #: Lower bound of the samples that wait behind a gap.
     newest: int  #: Newest sample that has arrived.
-    nacked: int  #: First sample after the last request. This field and those below serve prompt readers.
+    #: First sample after the last request. This field and the fields below serve prompt readers.
+    nacked: int
     nacked_ns: int  #: Time of the last request.
     repeated: int  #: 1: the last request was repeated because its time was over.
-    answered_next: int  #: `next` at the last answer.
-    answered_ns: int  #: Time of the last answer.
-    asked: int  #: 1: an answer is asked for.
-    repaired: int  #: 1: a heartbeat after repairs asks for it.
-    fragments: int  #: Frames of the current message that have arrived; -1: one of them is lost.
+    answered_next: int  #: Value of `next` at the last response.
+    answered_ns: int  #: Time of the last response.
+    asked: int  #: 1: the writer requests a response.
+    repaired: int  #: 1: a heartbeat after retransmissions requests the response.
+    #: Number of the current message's frames that have arrived; -1: one of these frames is lost.
+    fragments: int
 
 
 class Server(NamedTuple):
-    """State of one executor."""
+    """A `Server` is the state of one executor."""
 
     busy: int
-    flow: int  #: Flow whose sample is being processed.
+    flow: int  #: Flow whose sample the executor processes.
     sample: int
     next: int  #: Flow whose turn is next.
-    waiting: int  #: Samples in the histories that it serves.
-    same: int  #: 1: the sample's value is that of the sample before.
+    waiting: int  #: Number of samples in the histories that the executor serves.
+    same: int  #: 1: the sample has the value of the sample before.
 
 
 class Transmitter(NamedTuple):
-    """State of what sends one frame at a time: the shared medium, or one host."""
+    """A `Transmitter` is the state of a sender of one frame at a time: the shared medium, or one host."""
 
     busy: int
     began_ns: int
@@ -224,13 +229,13 @@ class Delivery(NamedTuple):
 
 
 BITMAP_WORDS = 4
-#: Samples that one request or BURST can name (RTPS 2.5, clause 9.4.2.6).
+#: Largest number of samples that one request or BURST can name (RTPS 2.5, clause 9.4.2.6).
 BITMAP = 64 * BITMAP_WORDS
 
 
 @cache
 def record(fields: Any) -> np.dtype[Any]:
-    """Return the NumPy type of records with the fields of a class above; ``bits`` is a bitmap."""
+    """Return the NumPy type of records with the fields of a class of this module; ``bits`` is a bitmap."""
     columns: list[tuple[Any, ...]] = []
     for name, kind in get_type_hints(fields).items():
         shape = BITMAP_WORDS if name == "bits" else ()
@@ -239,7 +244,7 @@ def record(fields: Any) -> np.dtype[Any]:
 
 
 class Params(NamedTuple):
-    """Parameters of a run."""
+    """`Params` has the parameters of a run."""
 
     flows: Any  # (F,) of FlowFields
     timing: Any  # () of TimingFields
@@ -261,7 +266,8 @@ class State(NamedTuple):
     order: Any  # (F, N + 1) samples as the reader's history received them
     writer: Any  # (F,) of Writer
     reader: Any  # (F,) of Reader
-    request: Any  # (F,) of FrameFields: ACKNACK that waits for retransmissions; its sample is 0 without any
+    # (F,) of FrameFields: ACKNACK that waits for retransmissions; without an ACKNACK the sample is 0
+    request: Any
     queue: Any  # (H, Q) of FrameFields, a ring
     head: Any  # (H,) place of the oldest frame in the queue
     waiting: Any  # (H,) frames in the queue
@@ -275,7 +281,8 @@ class State(NamedTuple):
     trace_end: Any  # (1,) number of frames in the trace
     server: Any  # (S,) of Server
     delivery: Any  # () of Delivery
-    scratch: Any  # (4,) of FrameFields: the frame that is received, the one that is made, a fragment, an empty one
+    # (4,) of FrameFields: the received frame, the new frame, a fragment, an empty frame
+    scratch: Any
 
 
 SET = -1
@@ -283,14 +290,14 @@ LONG_AGO = -(10**18)
 
 
 class Sizes(NamedTuple):
-    """How much room a state has."""
+    """`Sizes` has the sizes of a state's arrays."""
 
     hosts: int
     servers: int
-    samples: int  #: Most of one flow.
-    queue: int  #: Frames that a host's queue holds.
-    flight: int  #: Most frames in flight at once from one transmitter.
-    trace: int = 0  #: Frames of which a trace is kept.
+    samples: int  #: Largest number of samples of one flow.
+    queue: int  #: Number of frames that a host's queue holds.
+    flight: int  #: Largest number of frames in flight from one transmitter.
+    trace: int = 0  #: Number of frames in the trace.
 
 
 def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:

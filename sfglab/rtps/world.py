@@ -1,16 +1,16 @@
 """The run as one value for compiled functions, a pointer to where the arrays are; its random numbers and events.
 
-Numba passes a tuple of arrays by value, some two hundred words per call, and counts a reference to each; its
-own mutable structure (`structref`) counts one at each access to a field. Here a call passes a plain pointer to
-a block of words: for each array its address and shape. The block owns no array, so functions of a world
-are compiled without reference counting (`_nrt=False`, Numba's own option), and may not make arrays. Only Python
-writes the block, beforehand, so a function may read a word once. Compared with `structref`, a second of
+Numba passes a tuple of arrays by value, some two hundred words per call, and counts a reference to each array. Numba's
+own mutable structure (`structref`) counts a reference at each access to a field. Here a call passes a plain pointer to
+a block of words; the block has the address and the shape of each array. The block owns no array. Therefore functions
+of a world are compiled without reference counting (`_nrt=False`, Numba's own option), and may not make arrays. Only
+Python writes the block, before the call, so a function may read a word once. Compared with `structref`, a second of
 processor time has 1.4 to 1.8 times as many events, on five cells of the transmission experiment.
 
-An array of records gives records, whose fields are attributes; an array of no dimensions is its one record.
+An array of records gives records, whose fields are attributes. An array without dimensions is its one record.
 """
 
-# What Numba gives to its extensions has no types.
+# Numba's extension interface has no types.
 # mypy: disable-error-code="no-untyped-call, untyped-decorator"
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ _F = TypeVar("_F", bound="Callable[..., object]")
 
 
 def compiled(function: _F) -> _F:
-    """Compile a function of a world, or of what is in it: no references counted, no arrays made.
+    """Compile a function of a world or of a world's arrays, without reference counts and without new arrays.
 
-    The machine code on disk is of the whole folder's sources: it holds what other files' functions were when it
-    was compiled, while Numba itself asks only the function's own file whether it has changed.
+    The machine code on disk is valid only for the present sources of the whole folder, because the machine code
+    contains functions of other files. Numba itself checks only the function's own file for changes.
     """
     dispatcher: Any = nb.njit(cache=True, nogil=True, _nrt=False)(function)  # type: ignore[call-overload]
-    cache: Any = dispatcher._cache  # noqa: SLF001 - Numba has no other place to say it
+    cache: Any = dispatcher._cache  # noqa: SLF001 - Numba has no public name for the cache
     stamp = _folder_digest(Path(function.__code__.co_filename).parent)
     cache._cache_file = IndexDataCacheFile(cache.cache_path, cache._impl.filename_base, stamp)  # noqa: SLF001
     return dispatcher  # type: ignore[no-any-return]
@@ -63,16 +63,17 @@ def _folder_digest(folder: Path) -> str:
 
 
 class World:
-    """Argument of compiled code: the fields of `Params` and `State`, tuples of contiguous arrays."""
+    """A `World` is an argument of compiled code: the fields of `Params` and `State`, tuples of contiguous arrays."""
 
     def __init__(self, *parts: NamedTuple) -> None:
-        # Held here, borrowed by compiled code.
+        # Python holds the arrays here, and compiled code borrows them.
         self._arrays = {name: array for part in parts for name, array in part._asdict().items()}
         words = [word for a in self._arrays.values() for word in (a.ctypes.data, *a.shape)]
         self._block = np.array(words, np.int64)
         self.address = self._block.ctypes.data  #: Address of the block, for compiled code.
         fields = tuple((name, a.dtype, a.ndim) for name, a in self._arrays.items())
-        self._numba_type_ = _world_type(fields)  # where Numba looks, without a call of Python
+        # Numba looks for the type in this attribute, without a call of Python.
+        self._numba_type_ = _world_type(fields)
 
 
 @functools.cache
@@ -85,7 +86,7 @@ def _world_type(fields: tuple[tuple[str, Any, int], ...]) -> _WorldType:
 
 
 class _WorldType(types.Type):
-    """Numba's type of a world: its fields and their types, of contiguous arrays or of one record each."""
+    """A `_WorldType` is Numba's type of a world: its fields and the types of their contiguous arrays or records."""
 
     def __init__(self, fields: dict[str, Any]) -> None:
         self.fields = fields
@@ -94,7 +95,7 @@ class _WorldType(types.Type):
         for name, kind in fields.items():
             self.places[name] = words
             words += 1 + getattr(kind, "ndim", 0)
-        # Names of functions contain this one, so it is short; records have long ones.
+        # The names of compiled functions contain the type's name, so the type's name is short; records have long names.
         text = repr([(name, str(kind)) for name, kind in fields.items()])
         super().__init__(f"World({hashlib.sha256(text.encode()).hexdigest()})")
 
@@ -120,7 +121,7 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(_WorldType)
 def _borrow(context: Any, builder: Any, world: Any, pointer: Any, name: str) -> Any:
-    """Generate what makes an array of an address and a shape; what is not used of it leaves no trace."""
+    """Generate the code that makes an array of an address and a shape; the compiler removes unused parts."""
     kind, place = world.fields[name], world.places[name]
     word = context.get_value_type(types.intp)
     unchanging = builder.module.add_metadata([])
@@ -172,7 +173,7 @@ def push(slots: Any, sizes: Any, time_ns: int, kind: int, argument: int) -> None
     traffic. With the world as the argument, a run takes 4 % longer.
 
     Raises:
-        IndexError: The heap is full; the caller's capacity is wrong.
+        IndexError: The heap is full, because the caller's capacity is wrong.
     """
     i = sizes[0]
     if i >= slots.shape[0]:
@@ -182,7 +183,7 @@ def push(slots: Any, sizes: Any, time_ns: int, kind: int, argument: int) -> None
     sizes[1] += 1
     while i > 0:
         parent = (i - 1) >> 1
-        if slots[parent, 0] <= time_ns:  # the newest is last among equals
+        if slots[parent, 0] <= time_ns:  # The newest of equal events is last.
             break
         slots[i, 0] = slots[parent, 0]
         slots[i, 1] = slots[parent, 1]

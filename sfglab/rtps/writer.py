@@ -1,8 +1,8 @@
-"""The writer, compiled: its publications, heartbeats and retransmissions (RTPS 2.5, clause 8.4.9).
+"""The module `writer` has the compiled writer: publications, heartbeats and retransmissions (RTPS 2.5, clause 8.4.9).
 
 In all functions `world` is the state of the run, `now` is nanoseconds, and `flow` is the writer's flow. A prompt
 vendor, such as Cyclone DDS, sends a heartbeat with each sample (`Vendor.prompt`). A BURST is one RTPS message with
-several samples; where IP fragments it, FRAGMENTs go before it.
+several samples; if IP fragments a BURST, FRAGMENTs precede the BURST.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ def _first_kept(world: Any, flow: int) -> int:
 
 @compiled
 def _sample_value(world: Any, now: int, flow: int) -> int:
-    """Return the number of the value that the sensor has now; it changes at random times."""
+    """Return the number of the value that the sensor has now; the value changes at random times."""
     mean_ns = world.flows[flow].change_ns
     writer = world.writer[flow]
     if mean_ns == 0:
         writer.value += 1
-    elif mean_ns != SET:  # `SET`: a session sets the value
+    elif mean_ns != SET:  # With `SET` a session sets the value.
         while now >= writer.next_change_ns:
             writer.value += 1
             wait_ns = -math.log(1.0 - uniform(world.random)) * mean_ns
@@ -52,7 +52,7 @@ def _sample_value(world: Any, now: int, flow: int) -> int:
 
 @compiled
 def _is_full(world: Any, flow: int) -> bool:
-    """Return whether one more sample would overwrite one that is not acknowledged, or with BEST_EFFORT not sent."""
+    """Return whether a new sample would overwrite an unacknowledged sample, or with BEST_EFFORT an unsent one."""
     settings, writer = world.flows[flow], world.writer[flow]
     kept = writer.last - (writer.acked if settings.reliable else writer.last_queued)
     return bool(settings.depth <= kept)
@@ -62,8 +62,8 @@ def _is_full(world: Any, flow: int) -> bool:
 def write(world: Any, now: int, flow: int) -> None:
     """Publish the sensor's value, unless the local cache suppresses it or the writer still waits in its last one.
 
-    A synchronous writer waits until its last sample has left the history. An asynchronous one waits for the
-    sending thread, but only if its history is full, since only then the oldest sample must go.
+    A synchronous writer waits until its last sample has left the history. An asynchronous writer waits for the sending
+    thread only if its history is full, because only then the oldest sample must leave the history.
     """
     writer, reliable = world.writer[flow], world.flows[flow].reliable
     value = _sample_value(world, now, flow)
@@ -92,7 +92,7 @@ def write(world: Any, now: int, flow: int) -> None:
 
 @compiled
 def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
-    """Send one sample, and a heartbeat with it if one is due."""
+    """Send one sample, with a heartbeat if a heartbeat is due."""
     writer = world.writer[flow]
     frame = new_frame(world, Frame.DATA, flow)
     frame.sample = sample
@@ -106,7 +106,7 @@ def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
 
 @compiled
 def send_unsent(world: Any, now: int, host: int) -> None:
-    """Send what waits longest in the histories of a host whose queue has room again: of one flow, together."""
+    """Send the samples of the flow that waits longest at a host whose queue has room, all samples together."""
     flow = -1
     oldest_ns = 0
     for other in range(world.flows.shape[0]):
@@ -137,7 +137,7 @@ def send_unsent(world: Any, now: int, host: int) -> None:
 
 @compiled
 def _send_burst(world: Any, now: int, frame: Any) -> None:
-    """Send a BURST; if IP fragments it, its full frames first."""
+    """Send a BURST; if IP fragments the BURST, send the full frames of the BURST first."""
     settings, before = world.flows[frame.flow], world.scratch[2]
     before.kind = Frame.FRAGMENT
     before.flow = frame.flow
@@ -164,9 +164,9 @@ def _shows_each(world: Any, flow: int) -> bool:
 
 @compiled
 def _heartbeats(world: Any, now: int, flow: int, samples: int, retransmits: bool) -> int:  # noqa: FBT001 - compiled
-    """Count the heartbeats that travel with samples, at most one behind each, and restart their count of bytes.
+    """Count the heartbeats that travel with samples, at most one behind each sample, and restart the count of bytes.
 
-    Asynchronous Fast DDS adds all bytes that its sending thread has sent, not the sample's own, so that its
+    Asynchronous Fast DDS counts all bytes that its sending thread has sent, not only the sample's own bytes, so
     heartbeats become more frequent during a run (`Vendor.sent_before_bytes`).
     """
     writer, timing = world.writer[flow], world.timing
@@ -190,7 +190,7 @@ def _heartbeats(world: Any, now: int, flow: int, samples: int, retransmits: bool
 
 @compiled
 def _add_heartbeats(world: Any, frame: Any, count: int) -> None:
-    """Let heartbeats travel in a frame: each announces the samples that the writer has now."""
+    """Add heartbeats to a frame; each heartbeat announces the samples that the writer has now."""
     frame.heartbeats = count
     frame.oldest = _first_kept(world, frame.flow)
     frame.newest = world.writer[frame.flow].last
@@ -227,7 +227,7 @@ def heartbeat(world: Any, now: int, flow: int) -> None:
 
 @compiled
 def hear_acknack(world: Any, now: int, frame: Any) -> None:
-    """Take a reader's acknowledgement; what it requests is retransmitted after the vendor's delay."""
+    """Take a reader's acknowledgement, and retransmit requested samples after the vendor's delay."""
     flow, bits = frame.flow, frame.bits
     writer, request = world.writer[flow], world.request[flow]
     writer.acked = max(writer.acked, frame.sample - 1)
@@ -242,7 +242,7 @@ def hear_acknack(world: Any, now: int, frame: Any) -> None:
 
 @compiled
 def repair(world: Any, now: int, flow: int) -> None:
-    """Send again what the last request asked for, and declare what is gone."""
+    """Send the samples of the last request again, and declare missing samples to be gone."""
     request, kept = world.request[flow], _first_kept(world, flow)
     base = request.sample
     first, end = max(base, kept), min(base + BITMAP, world.writer[flow].last_queued + 1)
@@ -263,7 +263,7 @@ def repair(world: Any, now: int, flow: int) -> None:
 
 @compiled
 def _send_gap(world: Any, now: int, request: Any, kept: int, left: int) -> None:
-    """Declare the samples before the oldest kept one to be gone; a prompt vendor with nothing left asks again."""
+    """Declare the samples before the oldest kept sample to be gone, with a prompt vendor's heartbeat if `left` is 0."""
     frame = new_frame(world, Frame.GAP, request.flow)
     frame.sample = request.sample
     frame.samples = kept - request.sample
