@@ -1,6 +1,7 @@
-"""Caches and balanced QoS: paper B, sections 2.2 to 2.4, Fig. 3 and 5, Eq. 1 to 6, Table 1.
+"""The experiment `balancing` has paper B's caches and balanced QoS: 2.2 to 2.4, Fig. 3 and 5, Eq. 1 to 6, Table 1.
 
-What the local cache and cache control suppress, and the published optimum of rate and depth.
+The experiment shows which readings the local cache and cache control suppress, and computes the published optimum of
+rate and depth.
 """
 
 from sfglab.lab.experiments.balancing.experiment import exp

@@ -1,9 +1,9 @@
-"""Configuration, tables and parts of the experiment on caches and balanced QoS.
+"""The module `balancing.experiment` has configuration, tables and parts of the experiment on caches and balanced QoS.
 
-The caches are those of live nodes. They get the readings of the sensors of Table 1, whose values
-stay for as long as such sensors' values do, and readings that were recorded. Each property is
-checked on every reading, and on a simulated link that loses frames. The problem of Eq. 6 is solved
-with CVXPY and by its closed form.
+The experiment tests the caches of the live nodes. The caches get random readings of Table 1's sensors, whose values
+stay for as long as the values of such sensors do, and recorded readings. The experiment checks each property on every
+reading, and on a simulated link that loses frames. The experiment solves the problem of Eq. 6 with CVXPY and with the
+closed form.
 """
 
 from __future__ import annotations
@@ -37,15 +37,16 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
 
-    Held = tuple[str, bool]  # a property, and whether it holds
+    Held = tuple[str, bool]  # The tuple has a property, and whether the property holds.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """The whole run."""
+    """The `Config` has the settings of a run."""
 
-    readings_s: float = between(60.0, 1.0, 3600.0, log=True)  #: Time for which a sensor is read, s.
-    rates_hz: tuple[Rate, ...] = RATES_HZ  #: Rates at which a sensor is read, Hz.
+    #: Time for which each sensor is read, s.
+    readings_s: float = between(60.0, 1.0, 3600.0, log=True)
+    rates_hz: tuple[Rate, ...] = RATES_HZ  #: Rates at which each sensor is read, Hz.
     loss: float = between(0.2, 0.0, 0.9)  #: Share of frames that the simulated link loses.
     #: Numbers of topics per agent for which Eq. 6 is solved.
     topics: tuple[tuple[int, ...], ...] = (
@@ -56,11 +57,11 @@ class Config(Profiled):
         (9, 9, 9),
         (10,),
     )
-    #: Values of Rmin for which Eq. 6 is solved, Hz. The paper states none.
+    #: Values of Rmin for which Eq. 6 is solved, Hz. The paper states no value of Rmin.
     rates_min_hz: tuple[Annotated[float, Bounds(0.1, 100.0, log=True)], ...] = (0.5, 1.0, 10.0)
-    #: Values of Dmin for which Eq. 6 is solved. The paper states none.
+    #: Values of Dmin for which Eq. 6 is solved. The paper states no value of Dmin.
     depths_min: tuple[float, ...] = (1.0, 10.0, 100.0)
-    #: File in the data folder with the topics and the channel that the rates of Eq. 6 meet.
+    #: File in the data folder with the topics and the channel for the rates of Eq. 6.
     topic_file: str = "qos/paper_b.yaml"
     seed: int = 0  #: Seed of the readings.
 
@@ -111,19 +112,19 @@ exp.table("check")(CheckRow)
 
 @exp.table("table_one")
 class TableOneRow(TableRow):
-    """A sensor of Table 1 with the message that every run sends for it."""
+    """A `TableOneRow` is a sensor of Table 1 with the message that every run sends for the sensor."""
 
     sensor: str  #: Name of the sensor.
-    type: str  #: ROS type of its message.
+    type: str  #: ROS type of the sensor's message.
     table_bytes: int  #: Size of the message in the paper.
     object_bytes: int  #: Size of the value as a Python object.
     cdr_bytes: int  #: Size of the message on the wire.
-    change_s: float  #: Mean time between changes of the value, s.
+    change_s: float  #: Mean time between changes of the sensor's value, s.
 
 
 @exp.part("Table 1", timed=False)
 def compare_sizes(bench: Bench[Config]) -> None:
-    """Write the rows of Table 1 with the sizes of what is sent."""
+    """Write the rows of Table 1 with the sizes of the sent values and messages."""
     for sensor in SENSORS.values():
         row = TableOneRow(
             sensor=sensor.name,
@@ -148,7 +149,7 @@ _STEPS = {"lidar": 0.001, "dht11": 1.0, "imu": 1 / 16384, "ultrasonic": 0.003}
 HC-SR04."""
 
 ELECTRODE = {"lidar": "electrode (as Float32)", "pir": "electrode (as String)"}
-"""Names of the recordings by the sensor of Table 1 as whose messages they are sent."""
+"""Names of the recordings, by the sensor of Table 1 whose message type the recording has."""
 RECORDED = tuple(
     replace(SENSORS[sensor], name=name, change_s=0.0) for sensor, name in ELECTRODE.items()
 )
@@ -157,10 +158,10 @@ RECORDED = tuple(
 def readings(
     sensor: Sensor, *, rate_hz: float, duration_s: float, rng: np.random.Generator
 ) -> list[Any]:
-    """Return random readings of a sensor, in order of time.
+    """Return random readings of a sensor in order of time.
 
-    Times between changes are exponential with the sensor's mean; a new value differs from the last
-    one by a few steps of the sensor's resolution.
+    Times between changes are exponential with the sensor's mean time. A new value differs from the value before by a
+    few steps of the sensor's resolution.
     """
     count = int(rate_hz * duration_s)
     number_of_changes = int(3 * duration_s / sensor.change_s) + 10
@@ -179,8 +180,8 @@ def readings(
 def recorded_readings(sensor: Sensor) -> list[Any]:
     """Return recorded readings: an electrode's 12,000 samples from matplotlib's ``membrane.dat``.
 
-    Two in five equal the one before, because the converter has few steps. Texts state whether a
-    sample is above the mean.
+    Two in five samples equal the sample before, because the converter has few steps. A text says whether a sample is
+    above the mean.
     """
     from matplotlib.cbook import get_sample_data
 
@@ -193,42 +194,43 @@ def recorded_readings(sensor: Sensor) -> list[Any]:
 
 # --- Caches -----------------------------------------------------------------------------------
 
-SILENCE_S = 1.0  #: Maximum silence of the local cache where it has one, s.
+SILENCE_S = 1.0  #: Maximum silence of a local cache that has a maximum silence, s.
 
 
 @exp.table("cache", "recorded")
 class CacheRow(TableRow):
-    """A sensor's readings that the caches passed; random ones (``cache``) or recorded ones."""
+    """A `CacheRow` is a sensor's readings that the caches passed: random readings (``cache``) or recorded readings."""
 
     sensor: str  #: Name of the sensor.
-    rate_hz: int  #: Rate at which it was read, Hz.
-    #: Maximum silence of the local cache, after which it sends an equal value, s; 0: none.
+    rate_hz: int  #: Rate at which the sensor was read, Hz.
+    #: Maximum silence, after which the local cache sends an equal value, s; 0: no maximum silence.
     silence_s: float
-    offered: int  #: Number of readings.
-    sent: int  #: Readings that the local cache passed.
-    held_bytes: int  #: Bytes that the local cache suppressed, as CDR.
-    #: Readings that cache control passed to planning if all are sent, without a local cache.
+    offered: int  #: Number of readings that the cache got.
+    sent: int  #: Number of readings that the local cache passed.
+    held_bytes: int  #: Number of bytes that the local cache suppressed, as CDR.
+    #: Number of readings that cache control passed to planning if the robot sends all readings.
     planned: int
 
 
 @dataclass(slots=True, kw_only=True)
 class Passage:
-    """A sensor's readings with the decisions of the caches."""
+    """A `Passage` is a sensor's readings with the decisions of the caches."""
 
-    values: list[Any]  #: Readings.
+    values: list[Any]  #: Readings in order of time.
     size_bytes: int  #: Size of one message.
-    sent: list[bool] = field(default_factory=list)  #: Whether the local cache passed each.
-    #: Whether cache control passed each without a local cache.
+    sent: list[bool] = field(default_factory=list)  #: Whether the local cache passed each reading.
+    #: Whether cache control passed each reading without a local cache.
     planned: list[bool] = field(default_factory=list)
-    planned_after: list[bool] = field(default_factory=list)  #: Whether each passed both caches.
-    #: Value of planning after each, with both caches.
+    #: Whether each reading passed both caches.
+    planned_after: list[bool] = field(default_factory=list)
+    #: Value that planning has after each reading, with both caches.
     known: list[Any] = field(default_factory=list)
     held_bytes: int = 0  #: Bytes that the local cache counted as suppressed.
 
 
 @exp.part("caches", total=len(SENSORS) + len(RECORDED), timed=False)
 def run_caches(bench: Bench[Config]) -> None:
-    """Pass all readings through the caches, without and with a maximum silence, and check them."""
+    """Pass all readings through the caches, without and with a maximum silence, and check the caches."""
     config = bench.config
     rng = np.random.default_rng(config.seed)
     for sensor in SENSORS.values():
@@ -246,7 +248,7 @@ def run_caches(bench: Bench[Config]) -> None:
 def _run_cell(
     bench: Bench[Config], table: str, sensor: Sensor, rate_hz: int, values: list[Any]
 ) -> None:
-    """Write the rows of a sensor at one rate, and collect its checks."""
+    """Write the rows of a sensor at one rate, and collect the checks of the rows."""
     checks: list[Held] = []
     for silence_s in (0.0, SILENCE_S):
         passage = pass_through(sensor, values, rate_hz=rate_hz, silence_s=silence_s)
@@ -268,7 +270,7 @@ def _run_cell(
 
 
 def pass_through(sensor: Sensor, values: list[Any], *, rate_hz: float, silence_s: float) -> Passage:
-    """Offer readings to the caches and return their decisions. A maximum silence of 0 s: none."""
+    """Offer readings to the caches and return the caches' decisions; 0 s means no maximum silence."""
     local = LocalCache(max_silence_ns=round(silence_s * NS_PER_S) or None)
     alone, behind = CacheControl(), CacheControl()
     size_bytes = cdr_bytes(sensor)
@@ -286,19 +288,19 @@ def pass_through(sensor: Sensor, values: list[Any], *, rate_hz: float, silence_s
 
 
 def changes_of(values: list[Any]) -> list[bool]:
-    """Return for each value whether it is the first or differs from the one before."""
+    """Return for each value whether the value is the first or differs from the value before."""
     return [True, *(after != before for before, after in pairwise(values))]
 
 
 def cache_checks(passage: Passage, rate_hz: float, silence_s: float) -> Iterator[Held]:
-    """Yield the properties of the caches, and whether they hold for these readings."""
+    """Yield the properties of the caches, and whether each property holds for these readings."""
     changed = changes_of(passage.values)
     if silence_s == 0:
         text = "LC: what passes is the first value and every change, nothing else"
         yield text, passage.sent == changed
     else:
         gaps = np.diff([*np.flatnonzero(passage.sent), len(passage.sent)])
-        # A silence ends with the first reading after its limit.
+        # A silence ends with the first reading after the limit of the silence.
         within = gaps.max() <= np.ceil(silence_s * rate_hz) + 1
         yield "LC: no silence is longer than allowed", bool(within)
         sent_changes = np.array(passage.sent)[changed]
@@ -326,7 +328,7 @@ def _lossy_checks(values: list[Any], rate_hz: float, loss: float) -> Iterator[He
         yield text, control.current("a") == values[-1]
 
 
-_REPAIRS_NS = 10 * NS_PER_S  # time for the last retransmissions
+_REPAIRS_NS = 10 * NS_PER_S  # The last retransmissions have this time.
 
 
 def _simulated(values: list[Any], rate_hz: float, *, loss: float, cached: bool) -> FlowOutcome:
@@ -352,14 +354,15 @@ def _advance(session: Session, until_ns: int) -> None:
 # --- Eq. 6 ------------------------------------------------------------------------------------
 
 WEIGHTS = (0.05, 0.5, 0.95)  #: Weights of R in the objective of Eq. 6.
-_TOLERANCE = 1e-5  # relative; the solver stops at 1e-8 of the objective
+# The tolerance is relative to the value; the solver stops at 1e-8 of the objective.
+_TOLERANCE = 1e-5
 _PAPER_DEPTH_MAX = 5000
 _NAN = float("nan")
 
 
 @exp.table("balance")
 class BalanceRow(TableRow):
-    """A case of Eq. 6, solved with CVXPY and by its closed form."""
+    """A `BalanceRow` is a case of Eq. 6, solved with CVXPY and with the closed form."""
 
     topics: str  #: Numbers of topics per agent, joined by ``+``.
     rate_max_hz: int  #: Rmax, Hz.
@@ -368,15 +371,15 @@ class BalanceRow(TableRow):
     weight: float  #: Weight of R in the objective.
     solvable: bool  #: Whether CVXPY found an optimum.
     solvable_closed: bool  #: Whether the closed form has an optimum.
-    rate_hz: float  #: R by CVXPY, Hz; NaN: no optimum.
-    depth: float  #: D by CVXPY.
+    rate_hz: float  #: R by CVXPY, Hz; NaN if CVXPY found no optimum.
+    depth: float  #: D by CVXPY; NaN if CVXPY found no optimum.
     rate_closed_hz: float  #: R by the closed form, Hz.
     depth_closed: float  #: D by the closed form.
 
 
 @exp.part("Eq. 6", timed=False)
 def solve_published(bench: Bench[Config]) -> None:
-    """Solve each combination of topics, Rmax, Rmin, Dmin and weight twice, and compare."""
+    """Solve each combination of topics, Rmax, Rmin, Dmin and weight with both methods, and compare the results."""
     config = bench.config
     limits = product(config.topics, config.rates_hz, config.rates_min_hz, config.depths_min)
     for (topics, rate_max_hz, rate_min_hz, depth_min), weight in product(limits, WEIGHTS):
@@ -390,7 +393,7 @@ def solve_published(bench: Bench[Config]) -> None:
 
 
 def balance_row(given: BalanceInput, weight: float) -> BalanceRow:
-    """Return a case of Eq. 6, solved."""
+    """Return the row of a solved case of Eq. 6."""
     solved = closed = None
     with suppress(InfeasibleBalanceError):
         closed = balance_closed_form(given)
@@ -413,9 +416,9 @@ def balance_row(given: BalanceInput, weight: float) -> BalanceRow:
 
 
 def balance_checks(row: BalanceRow) -> Iterator[Held]:
-    """Yield the properties of Eq. 1 to 6, and whether they hold for a case.
+    """Yield the properties of Eq. 1 to 6, and whether each property holds for a case.
 
-    Eq. 4 and 5 are checked with the paper's numbers, without our functions.
+    The function checks Eq. 4 and 5 with the paper's numbers, without our functions for Eq. 1 to 6.
     """
     text = "OPT: CVXPY finds an optimum where the closed form does, and nowhere else"
     yield text, row.solvable == row.solvable_closed
@@ -443,5 +446,5 @@ def _is_close(one: float, other: float) -> bool:
 
 
 def _in_order(*values: float) -> bool:
-    """Return whether no value is above the next one, within the solver's tolerance."""
+    """Return whether each value is at most the next value, within the solver's tolerance."""
     return all(low <= high + _TOLERANCE * abs(high) for low, high in pairwise(values))

@@ -1,7 +1,7 @@
 """Claims, figures and the explorer of caches and balanced QoS.
 
-Balanced QoS is Eq. 6 of the paper: from Rmax, the rate at which one topic alone could be sent, it
-finds the rate R of all topics and the depth D of their histories.
+Balanced QoS is Eq. 6 of the paper. From Rmax, the rate at which one topic alone could be sent, Eq. 6 gives the rate R
+of all topics and the depth D of the topics' histories.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 def caches(run: Run[Config]) -> pd.DataFrame:
     """Return the table ``cache`` without a maximum silence, with the share and the size of readings.
 
-    `held` is the share of readings that the local cache suppresses, `bytes` the size of all.
+    The column `held` is the share of readings that the local cache suppresses, `bytes` is the size of all readings.
     """
     cache = run["cache"][run["cache"]["silence_s"] == 0]
     sizes = cache["sensor"].map({name: cdr_bytes(sensor) for name, sensor in SENSORS.items()})
@@ -60,14 +60,14 @@ OPT = "balanced QoS (OPT)"
 FRAMES = {"data": "DATA", "heartbeats": "HEARTBEAT", "acknacks": "ACKNACK"}
 """Kinds of RTPS frames by their columns in the table ``cell`` of `transmission`."""
 PAIRS = {"no method": ("none", "LC"), OPT: ("OPT", "OPT+LC")}
-"""Methods of `transmission` without and with the local cache, by the name of the first."""
+"""Pairs of methods of `transmission` without and with the local cache, by the name of the method without the cache."""
 
 
 @derived
 def frames_saved(run: Run[Config]) -> pd.DataFrame:  # noqa: ARG001 - kept with the run
     """Return the share of frames that the local cache saves in the reference run of `transmission`.
 
-    Depths and seeds are summed up. Readings are those of the sensors; "Hello"s pass no cache.
+    The shares are of sums over depths and seeds. The cache suppresses only readings of the sensors, no "Hello".
 
     Returns:
         One row per pair of methods and kind of frame, one column per Rmax.
@@ -86,16 +86,16 @@ METHODS = {
     OPT: METHOD_COLORS["OPT"],
     "OPT and local cache (LC)": METHOD_COLORS["OPT+LC"],
 }
-"""Colours of methods whose demand on the channel is shown."""
+"""Colours of the methods whose demand on the channel the figure shows."""
 
 
 @derived
 def channel_loads(run: Run[Config]) -> pd.DataFrame:
-    """Return the share of the channel that the topic file's topics ask for, one row per Rmax, by method.
+    """Return the share of the channel that the file's topics demand, one row per Rmax, one column per method.
 
-    The share is that if all hosts contend; above 1 it is more than there is. Where hosts seldom contend, the
-    utilisation that a simulation measures is lower. The local cache is one for the sensors of Table 1. It passes
-    each "Hello", which is counted, as in `sfglab.arp.hello`.
+    The share is the demand if all hosts contend; a share above 1 exceeds the channel. If hosts seldom contend, the
+    utilisation that a simulation measures is lower. The local cache is a cache of the sensors of Table 1. The cache
+    passes each "Hello", because each "Hello" has a new number, as in `sfglab.arp.hello`.
     """
     given = load_topics(find_project().data / run.config.topic_file)
     cached = []
@@ -114,7 +114,7 @@ def channel_loads(run: Run[Config]) -> pd.DataFrame:
 
 
 def demand(link: Link, rate_hz: float, depth: int) -> float:
-    """Return the share of the channel that topics ask for with one rate and depth for all of them."""
+    """Return the share of the channel that topics demand with one rate and one depth for all topics."""
     rates_hz = np.full(len(link.loss), rate_hz)
     depths = np.full(len(link.loss), depth)
     return at_depths(link, depths, rates_hz).utilisation(rates_hz)
@@ -130,12 +130,12 @@ TABLE_1 = {
 }
 """Types and sizes of messages, bytes, from the paper's text alone."""
 _FORMER = {f"recorded {name}": recorded for name, recorded in ELECTRODE.items()}
-"""Names of recorded readings by those in earlier logs."""
+"""Today's names of recorded readings, by the names in earlier logs."""
 
 
 @exp.claim("B-LC", how=How.EXACT)
 def local_cache(run: Run[Config]) -> Finding:
-    """Return the share of checks of the local cache that hold, and what it saves."""
+    """Return the share of the local cache's checks that hold, and in the details the savings of the local cache."""
     table = caches(run)
     sums = table.groupby("rate_hz")[["held_bytes", "bytes"]].sum()
     details = {
@@ -154,14 +154,14 @@ def local_cache(run: Run[Config]) -> Finding:
 
 @exp.claim("B-CC", how=How.EXACT)
 def cache_control(run: Run[Config]) -> Finding:
-    """Return the share of checks of cache control that hold."""
+    """Return the share of cache control's checks that hold."""
     fewer = by_rate(rate_means(caches(run), "planned"))
     return checked(run, "CC", {"fewer messages planned with": fewer})
 
 
 @exp.claim("B-OPT", how=How.EXACT)
 def optimum(run: Run[Config]) -> Finding:
-    """Return the share of checks of Eq. 1 to 6 that hold."""
+    """Return the share of the checks of Eq. 1 to 6 that hold."""
     table = run["balance"]
     solved = table[table["solvable"]]
     worst = (solved["depth"] / solved["depth_closed"] - 1).abs().max()
@@ -195,14 +195,14 @@ def table_one(run: Run[Config]) -> Finding:
 
 
 def checked(run: Run[Config], prefix: str, details: dict[str, str]) -> Finding:
-    """Return the share of checks that hold, in the property where it is lowest."""
+    """Return the share of checks that hold of the property with the lowest share."""
     share = share_of_checks(run, f"{prefix}:")
     counts = {"properties": str(len(share.groups))}
     return Finding(estimate=share.estimate, details={**counts, **details}, reason=share.reason)
 
 
 def rate_means(table: pd.DataFrame, column: str) -> pd.Series[float]:
-    """Return the share of readings of all sensors that are not in a column, by reading rate."""
+    """Return the share of all sensors' readings that are not in a column, by reading rate."""
     sums = table.groupby("rate_hz")[["offered", column]].sum()
     return 1 - sums[column] / sums["offered"]
 
@@ -274,17 +274,17 @@ def draw_qos(figure: Figure, run: Run[Config]) -> None:
 def behind_cache(
     rate_hz: float, change_s: Floats, silence_s: float, loss: float
 ) -> tuple[Floats, Floats]:
-    """Return what the station gets from a sensor behind a local cache.
+    """Return the messages and values that the station gets from a sensor behind a local cache.
 
-    Times between changes are exponential, and each new value differs from all before. Messages
-    are BEST_EFFORT: none is sent again, and a value is outdated until a message with a newer one
+    Times between changes are exponential, and each new value differs from all values before. Messages
+    are BEST_EFFORT: a lost message is not sent again, and a value is outdated until a message with a newer value
     arrives.
 
     Args:
         rate_hz: Reading rate, Hz.
         change_s: Mean times between changes, shape (n,), s.
-        silence_s: Maximum silence, after which an equal value is sent, s. 0: no cache.
-        loss: Share of messages that are lost.
+        silence_s: Maximum silence, after which the cache sends an equal value, s. 0: no cache.
+        loss: Share of messages that the link loses.
 
     Returns:
         Rate of messages, Hz, and share of readings at which the station has an outdated value;

@@ -1,7 +1,7 @@
-"""Cooperation: paper B, section 3.2, Fig. 12 to 18.
+"""The experiment `cooperation` has the hallway of paper B, section 3.2, Fig. 12 to 18.
 
-Three robots drive a lap around a hallway. The robots send LIDAR values to a station, and it sends commands, over
-one wireless channel. Laps are simulated for each method and rate, and one is driven live over DDS.
+Three robots drive a lap around a hallway. The robots send LIDAR values to a station, and the station sends commands,
+over one wireless channel. The experiment simulates laps for each method and rate, and drives one lap live over DDS.
 """
 
 from sfglab.lab.experiments.cooperation import drawn, live  # noqa: F401 - declare their parts

@@ -1,6 +1,6 @@
-"""The laps that are drawn, as tracks and as ROS messages.
+"""The module `cooperation.drawn` writes the laps that the figures show, as tracks and as ROS messages.
 
-Messages of a lap are ``/<lap>/<robot>/pose``, ``/<lap>/<robot>/scan``, ``/<lap>/<robot>/walls`` and ``/tf``.
+The topics of a lap are ``/<lap>/<robot>/pose``, ``/<lap>/<robot>/scan``, ``/<lap>/<robot>/walls`` and ``/tf``.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ if TYPE_CHECKING:
     from sfglab.lab.experiments.cooperation.experiment import TrackRow
     from sfglab.record import LogWriter
 
-SUCCESS, FAILURE = "success", "failure"  #: Names of the laps that are drawn.
+SUCCESS, FAILURE = "success", "failure"  #: Names of the laps that the figures show.
 HALLWAY_SHIFT_M = 7.0
-"""Distance of the robots' hallways in the messages, to the right. The simulated ones are congruent."""
+"""Distance between the robots' hallways in the messages, to the right. The simulated hallways are congruent."""
 
 _SHIFTS_M = {robot: HALLWAY_SHIFT_M * number for number, robot in enumerate(ROBOTS)}
 
 
 @exp.part("drawn runs")
 def write_drawn_laps(bench: Bench[Config]) -> None:
-    """Simulate the laps that are drawn again, and write their tracks and messages."""
+    """Simulate the laps of the figures again, and write the tracks and messages of these laps."""
     examples = examples_of(bench.rows["course"])
     named = {name: asdict(row) for name, row in examples.items()}
     bench.metadata("examples", named)
@@ -62,11 +62,11 @@ def write_drawn_laps(bench: Bench[Config]) -> None:
 
 
 def examples_of(rows: Sequence[CourseRow]) -> dict[str, CourseRow]:
-    """Return the laps that are drawn, the first ones in the sweep's order.
+    """Return the laps for the figures: the first suitable laps in the sweep's order.
 
-    Fig. 17 shows a lap that is completed, Fig. 18 one that fails. The paper names no method for either; by
-    section 3.2 OPT+LC completes it, so that the first is drawn with OPT+LC and the second without any method.
-    If there is none, another method's lap takes its place.
+    Fig. 17 shows a completed lap, Fig. 18 a failed lap. The paper names the method of neither lap. By section 3.2
+    OPT+LC completes the lap, so the completed lap is one with OPT+LC, and the failed lap is one without any method.
+    If the named method has no suitable lap, a lap of another method takes its place.
     """
     examples = {}
     for name, method in ((SUCCESS, BEST), (FAILURE, NONE)):
@@ -79,7 +79,7 @@ def examples_of(rows: Sequence[CourseRow]) -> dict[str, CourseRow]:
 
 
 def write_tracks(bench: Bench[Config], tracks: Iterable[TrackRow]) -> None:
-    """Write tracks at the times of their poses."""
+    """Write the rows of tracks at the times of their poses."""
     for track in tracks:
         bench.write(track, at_ns=round(track.t_s * NS_PER_S))
 

@@ -1,4 +1,4 @@
-"""Configuration, tables and the sweep of simulated laps.
+"""The module `cooperation.experiment` has configuration, tables and the sweep of simulated laps.
 
 The same settings and seed give the same lap to the bit.
 """
@@ -37,16 +37,16 @@ _CHANNEL = "lossy wireless channel"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """Configuration of a run."""
+    """The `Config` has the settings of a run."""
 
     methods: tuple[MethodName, ...] = get_args(MethodName)  #: Methods of section 2.
     rates_hz: tuple[Rate, ...] = RATES_HZ  #: Values of Rmax, Hz.
     depths: tuple[Depth, ...] = LAP_DEPTHS  #: Values of DEPTH without OPT.
     loss: float = between(_MEDIUM.loss, 0.0, 0.3)  #: Share of frames that the channel loses.
-    #: Vendor whose timing the protocol has; the paper used Fast DDS.
+    #: DDS implementation whose timing the protocol has; the paper used Fast DDS.
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"
     seeds: int = 6  #: Number of laps with each method, rate and depth.
-    live_s: float = 90.0  #: Longest duration of the live lap, s; 0: no live lap.
+    live_s: float = 90.0  #: Largest duration of the live lap, s; 0: no live lap.
     seed: int = 0  #: Seed of the first lap.
 
 
@@ -77,31 +77,33 @@ exp = Experiment(
 
 @exp.table("course")
 class CourseRow(TableRow):
-    """A simulated lap."""
+    """A `CourseRow` is one simulated lap."""
 
     method: str  #: Name of a method in `METHODS`.
     rate_max_hz: int  #: Rmax, Hz.
-    depth: int  #: DEPTH of Table 2; 0: depth of Eq. 6.
+    depth: int  #: DEPTH of Table 2; 0 for the depth of Eq. 6.
     vendor: str  #: Name of the preset that times the protocol.
     loss: float  #: Share of frames that the channel lost.
     seed: int  #: Seed of physics and channel.
     rate_hz: float  #: Rate at which each topic was sent, Hz.
-    depth_used: int  #: Depth of the writers' history.
+    depth_used: int  #: Depth of the writers' histories.
     end: str  #: End of the lap, a value of `End`.
-    robot: str  #: Robot that failed, ``robot1`` to ``robot3``; empty: none or no single one.
-    ended_s: float  #: Time of the end, s.
+    #: Robot that failed, ``robot1`` to ``robot3``; empty if no robot or no single robot failed.
+    robot: str
+    ended_s: float  #: Time at which the lap ended, s.
     airtime: float  #: Share of the time that the channel was in use.
 
 
 @exp.table("track")
 class TrackRow(TableRow):
-    """Pose of a robot in a lap that is drawn."""
+    """A `TrackRow` is the pose of a robot in a lap that a figure shows."""
 
-    run: str  #: ``success``, ``failure``, ``live``, or ``simulated`` for the lap beside the live one.
+    #: ``success``, ``failure``, ``live``, or ``simulated`` for the simulated lap beside the live lap.
+    run: str
     robot: str  #: Name of the robot.
-    t_s: float  #: Time since the start, s.
-    x_m: float  #: Position to the right, m.
-    y_m: float  #: Position upwards, m.
+    t_s: float  #: Time since the start of the lap, s.
+    x_m: float  #: Position on the x axis, to the right, m.
+    y_m: float  #: Position on the y axis, upwards, m.
     heading_rad: float  #: Heading from x towards y, rad.
     manoeuvre: str  #: Manoeuvre that the station had released.
 
@@ -125,7 +127,7 @@ def settings_of(config: Config) -> list[LapSettings]:
 
 
 def settings_of_row(row: Any) -> LapSettings:
-    """Return the settings in a `CourseRow`, or in a line of the table of such rows."""
+    """Return the settings in a `CourseRow`, or in a line of the table of these rows."""
     return LapSettings(
         method=row.method,
         rate_max_hz=row.rate_max_hz,
@@ -155,7 +157,7 @@ def course_row(settings: LapSettings, seed: int, lap: LapResult) -> CourseRow:
 
 
 def track_row(name: str, robot: str, t_s: float, pose: Sequence[float], manoeuvre: str) -> TrackRow:
-    """Return the pose of a robot, x (m), y (m) and heading (rad), in the lap that is drawn under a name."""
+    """Return the row of a robot's pose, x (m), y (m) and heading (rad), in the lap with a name."""
     x_m, y_m, heading_rad = pose
     return TrackRow(
         run=name,
@@ -169,7 +171,7 @@ def track_row(name: str, robot: str, t_s: float, pose: Sequence[float], manoeuvr
 
 
 def track_rows(name: str, snapshots: Iterable[Snapshot]) -> list[TrackRow]:
-    """Return the poses of a lap's robots, with the name under which it is drawn."""
+    """Return the rows of the poses of all robots in a lap with a name."""
     rows = []
     for snapshot in snapshots:
         for robot, pose in zip(ROBOTS, snapshot.poses.tolist(), strict=True):

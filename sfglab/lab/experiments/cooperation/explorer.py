@@ -1,7 +1,7 @@
-"""Explorer: one simulated lap, at any time, with what the station holds of the robots' beams.
+"""The module `cooperation.explorer` shows one simulated lap with the station's values of the robots' beams.
 
-A lap is simulated once per setting and kept, so that a change of the time only draws again. While a lap
-is simulated, the figure shows its beginning.
+The explorer simulates a lap once per setting and keeps the lap, so a change of the time only draws the picture again.
+During the simulation of a lap the figure shows the beginning of the lap.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from sfglab.arp.hallway.simulation import Snapshot
 
 WRONG_M = 0.1
-"""Error from which a range at the station counts as wrong; in a turn of the LIDAR a robot drives 0.022 m."""
+"""Error from which a range at the station counts as wrong; a robot drives 0.022 m in a turn of the LIDAR."""
 
 MaximumRate = Annotated[int, Bounds(100, 1000, log=True)]
 HistoryDepth = Annotated[int, Bounds(1, 1000, log=True)]
@@ -47,16 +47,16 @@ _COLORS = {
     _WRONG: COLORS["standard"],
     **ROBOT_COLORS,
 }
-_SPAN_M = 6.4  # of both axes, so that a square panel has equal scales
+_SPAN_M = 6.4  # Both axes have this range, so that a square panel has equal scales.
 _X = pictures.Axis("x", "m", -0.7, _SPAN_M - 0.7)
 _Y = pictures.Axis("y", "m", -1.2, _SPAN_M - 1.2)
 _TIME = pictures.Axis("time", "s", 0, LIMIT_S, si=True)
 _WRONG_FOR = pictures.Axis("station wrong for", "s", 0, 15)
-_FAR_M = 99.0  # stands for infinity: no echo, or no value yet
-_CHUNK_S = 1.0  # simulated time between two looks at the clock
-_COARSE_S = 0.06  # computing time of the first picture
-_EVERY = 4  # turns of the LIDAR between two points of a line
-_LOCK = Lock()  # a kept lap may be driven by the explorer's thread and by a cell
+_FAR_M = 99.0  # This range stands for infinity: no echo, or no value yet.
+_CHUNK_S = 1.0  # The explorer checks the clock after each chunk of this simulated time.
+_COARSE_S = 0.06  # The first picture has this computing time.
+_EVERY = 4  # A line has a point after each such number of LIDAR turns.
+_LOCK = Lock()  # The explorer's thread and a notebook's cell may drive the same kept lap.
 
 
 @exp.explorer
@@ -70,7 +70,7 @@ def hallway_lap(  # noqa: PLR0913  # one control for each
     seed: Seed = 0,
     shown_s: Seconds = 10.0,
 ) -> Iterator[pictures.Picture | None]:
-    """Yield pictures of a lap at a time: one hallway per robot, and how long the station is wrong.
+    """Yield pictures of a lap at a time: one hallway per robot, and the time for which the station is wrong.
 
     Args:
         method: Balanced QoS (OPT), local cache (LC), cache control (CC), or combinations.
@@ -100,7 +100,7 @@ def hallway_lap(  # noqa: PLR0913  # one control for each
 
 @lru_cache(maxsize=16)
 def lap_of(settings: LapSettings, seed: int) -> SimulatedLap:
-    """Return a lap that goes on from where it was, so that no part of it is simulated twice."""
+    """Return a lap that continues from its last time, so that no part of the lap is simulated twice."""
     return SimulatedLap(settings, seed, record=True)
 
 
@@ -110,7 +110,7 @@ def _drive_on(lap: SimulatedLap) -> bool:
 
 
 def draw(settings: LapSettings, lap: SimulatedLap, shown_s: float) -> pictures.Picture:
-    """Return the picture of a lap, as far as it is simulated."""
+    """Return the picture of the simulated part of a lap."""
     snapshots = lap.snapshots
     place = min(int(shown_s * SCAN_HZ), len(snapshots) - 1)
     shown = snapshots[place]
@@ -125,7 +125,7 @@ def draw(settings: LapSettings, lap: SimulatedLap, shown_s: float) -> pictures.P
 
 
 def _words(settings: LapSettings, lap: SimulatedLap) -> str:
-    """Return what is simulated and how it ended."""
+    """Return a text about the settings of a lap and the end of the lap."""
     if lap.verdict is None:
         return f"{setting_text(settings)}: simulated up to {lap.time_s:.0f} s."
     result = lap.result()
@@ -135,7 +135,7 @@ def _words(settings: LapSettings, lap: SimulatedLap) -> str:
 def _hallway(
     area: Area, number: int, shown: Snapshot, track: NDArray[np.float64]
 ) -> pictures.Panel:
-    """Return a robot's hallway, its track until now, and its beams."""
+    """Return a panel of a robot's hallway, with the robot's track until now and the robot's beams."""
     measured_m, believed_m = shown.measured_m[number], shown.believed_m[number]
     pose = shown.poses[number]
     is_wrong = wrong_beams(measured_m, believed_m)
@@ -161,7 +161,7 @@ def _dot(name: str, x: float, y: float) -> pictures.Series:
 
 
 def _star(pose: NDArray[np.float64], ranges_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return beams as one path, which returns to the robot after each; beams without an echo are left out."""
+    """Return beams as one path, which returns to the robot after each beam and leaves out beams without echo."""
     seen = np.isfinite(ranges_m)
     angles = pose[2] + np.radians(BEAMS_DEG)[seen]
     path = np.repeat(pose[None, :2], 2 * len(angles) + 1, axis=0)
@@ -172,7 +172,7 @@ def _star(pose: NDArray[np.float64], ranges_m: NDArray[np.float64]) -> NDArray[n
 def wrong_beams(
     measured_m: NDArray[np.float64], believed_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return which ranges at the station differ from the measured ones by more than `WRONG_M`."""
+    """Return which ranges at the station differ from the measured ranges by more than `WRONG_M`."""
     apart_m = np.minimum(measured_m, _FAR_M) - np.minimum(believed_m, _FAR_M)
     return np.asarray(np.abs(apart_m) > WRONG_M)
 
@@ -187,7 +187,7 @@ def wrong_for_s(snapshots: list[Snapshot]) -> NDArray[np.float64]:
 
 
 def _wrong_panel(snapshots: list[Snapshot], place: int) -> pictures.Panel:
-    """Return how long the station has been wrong about each robot, with dots at the time that is shown."""
+    """Return a panel of how long the station has been wrong about each robot, with dots at the shown time."""
     times_s = [snapshot.time_s for snapshot in snapshots]
     lasting_s = pd.DataFrame(wrong_for_s(snapshots), index=times_s, columns=ROBOTS)
     drawn = pictures.lines(lasting_s[::_EVERY], _COLORS)

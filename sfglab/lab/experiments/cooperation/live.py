@@ -1,6 +1,6 @@
-"""The live lap: the same nodes in processes on four hosts, over DDS and a lossy radio.
+"""The module `cooperation.live` drives a lap live: nodes in processes on four hosts, over DDS and a lossy radio.
 
-Each robot's process has its physics, with the seed of the simulated lap, and runs it in real time.
+Each robot's process runs the physics of its robot in real time, with the seed of the simulated lap.
 """
 
 from __future__ import annotations
@@ -38,17 +38,18 @@ if TYPE_CHECKING:
 
 LIVE, SIMULATED = "live", "simulated"  #: Names of the two laps in the table ``track``.
 LIVE_SETTINGS = LapSettings(method=BEST, rate_max_hz=100, depth=OPTIMUM, vendor="cyclone_dds")
-"""Settings of the live lap, and of the simulated one beside it. The live bus is Cyclone DDS."""
+"""Settings of the live lap, and of the simulated lap beside the live lap. The live bus is Cyclone DDS."""
 DOMAIN = 47  #: DDS domain of the live lap.
-GIVEN_UP = "the time was over"  #: End of a lap that neither succeeded nor failed in time.
+#: End of a lap that neither succeeded nor failed within the time limit.
+GIVEN_UP = "the time was over"
 _POLL_S = 0.1
-_TRIES = 2  # attempts at the live lap
+_TRIES = 2  # The experiment tries the live lap this many times.
 _MODULE = "sfglab.lab.workers.hallway"
 
 
 @exp.part("live")
 async def drive_and_simulate(bench: Bench[Config]) -> None:
-    """Drive a lap live and simulate the same; the metadata ``live`` holds how both ended."""
+    """Drive a lap live and simulate the same lap; the metadata ``live`` has the ends of both laps."""
     config = bench.config
     capability = Network.available()
     if not config.live_s or bench.options.separate is False:
@@ -73,11 +74,11 @@ async def drive_and_simulate(bench: Bench[Config]) -> None:
 
 
 class LiveLap:
-    """State of a live lap, from what its processes have reported."""
+    """A `LiveLap` is the state of a live lap, from the reports of the lap's processes."""
 
     def __init__(self) -> None:
-        self.tracks: list[TrackRow] = []  #: Pose of every robot at each turn of its LIDAR.
-        #: End of the lap; None before, and if the time was over.
+        self.tracks: list[TrackRow] = []  #: Pose of every robot at each turn of the robot's LIDAR.
+        #: End of the lap; None before the end, and if the time limit ended the lap.
         self.verdict: hallway.Verdict | None = None
         self._last: dict[str, Report] = {}
         self._stopped_by: int | None = None
@@ -95,7 +96,7 @@ class LiveLap:
             self.tracks.append(track_row(LIVE, name, report["t_s"], pose, self._manoeuvre))
 
     def has_ended(self) -> bool:
-        """Judge the lap, and return whether it has ended."""
+        """Judge the lap, and return whether the lap has ended."""
         if len(self._last) == len(ROBOTS):
             clearances_m = [self._last[robot]["clearance_m"] for robot in ROBOTS]
             angles_rad = [self._last[robot]["wound_rad"] for robot in ROBOTS]
@@ -109,10 +110,10 @@ class LiveLap:
 
 
 async def drive_again_if_failed(seed: int, *, limit_s: float) -> tuple[LiveLap, RadioCounters]:
-    """Do as `drive_live` does, once more with new processes and hosts if they fail.
+    """Drive a lap as `drive_live` does; if processes or hosts fail, drive the lap once more with new ones.
 
     Raises:
-        SkippedPartError: They failed twice.
+        SkippedPartError: The lap failed twice.
     """
     errors = []
     for _ in range(_TRIES):
@@ -124,10 +125,10 @@ async def drive_again_if_failed(seed: int, *, limit_s: float) -> tuple[LiveLap, 
 
 
 async def drive_live(seed: int, *, limit_s: float) -> tuple[LiveLap, RadioCounters]:
-    """Drive a lap with `LIVE_SETTINGS` on hosts of its own, until it ends or a limit, s, is reached.
+    """Drive a lap with `LIVE_SETTINGS` on its own hosts, until the lap ends or a time limit, s, is reached.
 
     Returns:
-        The lap, and what the radio counted.
+        The lap, and the radio's counters.
 
     Raises:
         HostsUnavailableError: This machine has no network namespaces.
@@ -138,7 +139,7 @@ async def drive_live(seed: int, *, limit_s: float) -> tuple[LiveLap, RadioCounte
         hosts = [network.add_host(name) for name in (*ROBOTS, STATION)]
         members = [_member(host, seed) for host in hosts]
         async with ProcessGroup(members, wrap_command=network.argv, on_report=live.take) as group:
-            # Discovery is no subject here: it happens before the radio loses frames.
+            # The lap does not test discovery, so discovery happens before the radio loses frames.
             network.set_radio(LIVE_SETTINGS.medium, seed=seed)
             group.order(do="start")
             with suppress(TimeoutError):

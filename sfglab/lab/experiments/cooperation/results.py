@@ -1,4 +1,4 @@
-"""Results: success rates by method and Rmax, the claim, and Figures 16 to 18 drawn again."""
+"""The module `cooperation.results` has success rates, the claim B-COOP, and figures like paper B's Fig. 16 to 18."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def setting_text(settings: Any) -> str:
 
 
 def ending_text(end: End, robot: str, ended_s: float) -> str:
-    """Return how a lap ended, as ``robot2: contact after 11 s``."""
+    """Return a text about how a lap ended, such as ``robot2: contact after 11 s``."""
     whose = f"{robot}: " if robot else ""
     return f"{whose}{end.value} after {ended_s:.0f} s"
 
@@ -43,15 +43,15 @@ def ending_text(end: End, robot: str, ended_s: float) -> str:
 
 @derived
 def laps(run: Run[Config]) -> pd.DataFrame:
-    """Return one row per lap, with ``success``."""
+    """Return one row per lap, with the column ``success``."""
     table = run["course"]
     return table.assign(success=table["end"] == End.SUCCESS.value)
 
 
 def endings(table: pd.DataFrame) -> pd.DataFrame:
-    """Return how many laps of each method ended in which way, and in how many which robot failed.
+    """Return the number of laps of each method by kind of end, and the number of laps that each robot failed.
 
-    A contact is no stop for an obstacle.
+    A contact does not count as a stop for an obstacle.
     """
     ends, robots = (pd.crosstab(table["method"], table[column]) for column in ("end", "robot"))
     methods = [method for method in METHODS if method in ends.index]
@@ -59,7 +59,7 @@ def endings(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def depth_text(depth: int) -> str:
-    """Return a value of DEPTH, as Table 2 has it."""
+    """Return the text of a value of DEPTH, as Table 2 has the value."""
     return "Eq. 6" if depth == OPTIMUM else str(depth)
 
 
@@ -67,9 +67,9 @@ def depth_text(depth: int) -> str:
 
 
 def difference(table: pd.DataFrame) -> Estimate:
-    """Return how much larger the success rate of OPT+LC is than without a method.
+    """Return the success rate of OPT+LC minus the success rate without a method.
 
-    Rates are averaged over Rmax. All values of DEPTH count alike.
+    The rates are means over Rmax. All values of DEPTH have the same weight.
     """
     more, less = (_mean_over_rates(table, method) for method in (BEST, NONE))
     return difference_of(more, less, unit="success rate difference")
@@ -83,7 +83,7 @@ def _mean_over_rates(table: pd.DataFrame, method: str) -> Estimate:
 
 @exp.claim("B-COOP", how=How.SIMULATED)
 def success_difference(run: Run[Config]) -> Finding:
-    """Return how much more often a lap is completed with OPT+LC than without any method."""
+    """Return the difference of the success rates of laps with OPT+LC and without any method."""
     table = laps(run)
     counts = endings(table)
     details = {}
@@ -97,12 +97,12 @@ def success_difference(run: Run[Config]) -> Finding:
 
 
 def counts_text(counts: Any) -> str:
-    """Return counts that are not zero, as ``contact in 3, timeout in 2``."""
+    """Return a text of the counts that are not zero, such as ``contact in 3, timeout in 2``."""
     return ", ".join(f"{name} in {count}" for name, count in counts.items() if count)
 
 
 def _reason(table: pd.DataFrame) -> str:
-    """Return why laps with OPT+LC fail; empty if none does."""
+    """Return why laps with OPT+LC fail; empty if no lap fails."""
     best = table[table["method"] == BEST]
     failed = best[~best["success"]]
     if failed.empty:
@@ -147,7 +147,7 @@ def draw_success(figure: Figure, run: Run[Config]) -> None:
 
 
 def completed(table: pd.DataFrame, method: str) -> str:
-    """Return how many of a method's laps are completed, as ``1 of 24``."""
+    """Return a text of the number of a method's completed laps, such as ``1 of 24``."""
     success = table["success"][table["method"] == method]
     return f"{success.sum()} of {len(success)}"
 
@@ -177,7 +177,7 @@ def draw_laps(figure: Figure, tracks: pd.DataFrame, titles: dict[str, str]) -> N
 
 
 def draw_lap(axes: Axes, tracks: pd.DataFrame) -> None:
-    """Draw the tracks of a lap into one hallway, each robot's track and boxes in its colour."""
+    """Draw the tracks of a lap into one hallway, with each robot's track and boxes in the robot's colour."""
     from matplotlib.patches import Circle
 
     for ring in Area(robot="walls").rings:

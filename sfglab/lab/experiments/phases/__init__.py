@@ -1,7 +1,8 @@
-"""Phases: with which middleware, wireless channel and queues the conclusions of paper B hold.
+"""The experiment `phases` shows with which middleware, wireless channel and queues the conclusions of paper B hold.
 
-Each condition is simulated with all methods and rates that the criteria of B-LAT, B-LOSS and B-COOP compare
-(``data/claims.yaml``). The conditions of the criteria are among them, so that a run is judged.
+The experiment simulates each condition with all methods and rates that the criteria of B-LAT, B-LOSS and B-COOP
+compare (``data/claims.yaml``). The conditions of the criteria are among the conditions of the experiment, so the
+ledger can judge a run.
 """
 
 from sfglab.lab.experiments.phases.experiment import conditions, exp

@@ -1,8 +1,8 @@
-"""Configuration, conditions and sweeps of the map of paper B's conclusions.
+"""The module `phases.experiment` has configuration, conditions and sweeps of the map of paper B's conclusions.
 
-Each condition is simulated with all methods and rates that the criteria of B-LAT, B-LOSS and B-COOP
-compare (``data/claims.yaml``). Seeds of a cell are run together, because the criteria ask for the median
-over all of their "Hello"s.
+The experiment simulates each condition with all methods and rates that the criteria of B-LAT, B-LOSS and B-COOP
+compare (``data/claims.yaml``). The seeds of a cell run together, because the criteria ask for the median
+over the "Hello"s of all seeds.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 MODES = ("fast_dds_sync", "fast_dds_async", "fast_dds_foxy", "cyclone_dds")
 QUEUE_FRAMES = 277
-"""Small frames that fit into Linux's default socket buffer, 212,992 B: each takes 768 B (an skb)."""
+"""Number of small frames in Linux's default socket buffer, 212,992 B: each frame takes 768 B (an skb)."""
 STALL_EVERY_S = 1.0
-"""Time between channel stalls where there are any, s. Assumed; the criterion gives their length."""
+"""Time between channel stalls in conditions with stalls, s. Assumed; the criterion gives the length of a stall."""
 CELLS = (
     *((method, str(depth)) for method in ("none", "CC") for depth in DEPTHS),
     ("OPT+CC", OPT_DEPTH),
@@ -50,15 +50,15 @@ LAPS = (*(("none", depth) for depth in LAP_DEPTHS), (BEST, OPTIMUM))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """A place on the map."""
+    """A `Place` is a place on the map."""
 
     preset: str  #: Mode of publication, a name in `sfglab.rtps.PRESETS`.
     #: Share of frames lost on each of the two wireless hops to and from the access point.
     loss: float
-    frame_us: float  #: Airtime of a frame on each hop beside its bits, us.
+    frame_us: float  #: Airtime of a frame on each hop in addition to its bits, us.
     queue_rule: str = "block"  #: Rule of a host's full queue.
-    stall_ms: float = 0.0  #: Length of a channel stall, once in `STALL_EVERY_S`, ms.
-    rate_max_hz: int  #: Rmax, Hz.
+    stall_ms: float = 0.0  #: Length of a channel stall, which occurs once in `STALL_EVERY_S`, ms.
+    rate_max_hz: int  #: Rmax, the highest rate of a topic, Hz.
 
 
 PLACE = [one.name for one in fields(Place)]
@@ -66,7 +66,7 @@ PLACE = [one.name for one in fields(Place)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition(Place):
-    """A place that is simulated."""
+    """A `Condition` is a place that the experiment simulates."""
 
     duration_s: float = 10.0  #: Simulated time of publication, s.
     seeds: int = 1  #: Number of seeds of each cell.
@@ -86,14 +86,14 @@ class Condition(Place):
 
 
 def criterion() -> Criterion:
-    """Return the criterion of B-LAT. Those of B-LOSS and B-COOP have the same modes and region."""
+    """Return the criterion of B-LAT; the criteria of B-LOSS and B-COOP have the same modes and region."""
     [claim] = (claim for claim in load_claims(find_project().claims) if claim.id == "B-LAT")
     assert claim.criterion is not None, "it has one"
     return claim.criterion
 
 
 def plausible() -> list[tuple[Any, ...]]:
-    """Return the places of the criteria in the order of `PLACE`: 27 for each mode and Rmax."""
+    """Return the places of the criteria in the order of `PLACE`: 27 places per mode and Rmax."""
     asked = criterion()
     axes = []
     for name in ("loss", "frame_us", "stall_ms"):
@@ -106,25 +106,25 @@ def plausible() -> list[tuple[Any, ...]]:
 
 
 def middle(low: float, high: float) -> float:
-    """Return the geometric mean, or half of the highest value where the lowest is 0."""
+    """Return the geometric mean of two values, or half of the higher value if the lower value is 0."""
     return math.sqrt(low * high) if low else high / 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """The whole run."""
+    """The `Config` has the settings of a run."""
 
     presets: tuple[str, ...] = MODES  #: Modes of publication.
     losses: tuple[float, ...] = (0.0001, 0.0017, 0.03)  #: Shares of frames lost on each hop.
     frames_us: tuple[float, ...] = (50.0, 250.0, 1200.0)  #: Airtimes of a frame on each hop, us.
     queue_rules: tuple[str, ...] = ("block",)  #: Rules of full queues.
     rates_hz: tuple[int, ...] = (500,)  #: Values of Rmax, Hz.
-    #: Whether all conditions of the criteria are simulated, at every Rmax of Table 2.
+    #: Whether the run simulates all conditions of the criteria, at every Rmax of Table 2.
     criterion: bool = True
     duration_s: float = between(10.0, 0.5, 60.0)  #: Simulated time of a cell, s.
     seeds: int = 6  #: Number of seeds of each cell.
-    course_seeds: int = 2  #: Number of laps for each method and depth.
-    seed: int = 0  #: The first seed.
+    course_seeds: int = 2  #: Number of laps per method and depth.
+    seed: int = 0  #: First seed.
 
 
 exp = Experiment(
@@ -162,7 +162,7 @@ exp = Experiment(
 
 
 def conditions(config: Config) -> list[Condition]:
-    """Return the conditions of the map and, if `Config.criterion` is set, those of the criteria."""
+    """Return the conditions of the map and, if `Config.criterion` is set, the conditions of the criteria."""
     axes = (config.presets, config.losses, config.frames_us, config.queue_rules)
     places = [*product(*axes, (0.0,), config.rates_hz)]
     if config.criterion:
@@ -179,14 +179,14 @@ def conditions(config: Config) -> list[Condition]:
 
 @exp.table("cell")
 class MethodRow(Place):
-    """A method at a depth in one condition with one seed, simulated."""
+    """A `MethodRow` is a method at a depth in one condition with one seed, simulated."""
 
     method: str  #: Name of the method.
     depth: str  #: DEPTH as in Table 2.
     seed: int  #: Number of the seed.
-    published: int  #: Number of "Hello"s.
+    published: int  #: Number of "Hello"s that were published.
     arrived: int  #: Number of "Hello"s that reached actuation.
-    p50_ms: float  #: Median time to actuation, ms; a "Hello" that never arrived is infinitely late.
+    p50_ms: float  #: Median time to actuation, ms; a "Hello" that never arrived has infinite time.
     pooled_ms: float  #: Median over the "Hello"s of all seeds together, ms.
     age_ms: float  #: Mean age of the newest "Hello" at the station, ms.
 
@@ -195,7 +195,7 @@ class MethodRow(Place):
     "cell", over=conditions, seeds=lambda config: [config.seed], workers=Workers(threads=True)
 )
 def simulate(condition: Condition, seed: int) -> tuple[dict[str, Any], ...]:
-    """Simulate what the criteria compare in a condition, with all of its seeds from this one on."""
+    """Simulate the methods that the criteria compare in a condition, with all of its seeds from this one on."""
     rows = []
     for method, depth in CELLS:
         rows += _cell_rows(condition, method, depth, range(seed, seed + condition.seeds))
@@ -237,13 +237,13 @@ def _median(times_ms: NDArray[np.float64]) -> float:
 
 @exp.table("course")
 class LapRow(Place):
-    """A lap of the hallway in one condition with one seed, simulated."""
+    """A `LapRow` is a lap of the hallway in one condition with one seed, simulated."""
 
     method: str  #: Name of the method.
-    depth: int  #: DEPTH; 0: that of Eq. 6.
+    depth: int  #: DEPTH; 0 for the depth of Eq. 6.
     seed: int  #: Number of the seed.
     end: str  #: End of the lap, an `End`.
-    robot: str  #: Robot that met an obstacle; empty: none, or several.
+    robot: str  #: Robot that met an obstacle; empty if no robot or several robots met one.
 
 
 @exp.sweep("course", over=conditions, seeds=lambda config: seeded(config, config.course_seeds))

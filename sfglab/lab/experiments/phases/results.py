@@ -1,12 +1,12 @@
-"""Answers in each condition, verdicts on B-LAT, B-LOSS and B-COOP, and the map.
+"""The module `phases.results` has the answers in each condition, the verdicts on B-LAT, B-LOSS and B-COOP, and the map.
 
-Where the criteria (``data/claims.yaml``) leave a choice, this is their literal reading. The median
-is over the "Hello"s of all seeds; one that never arrives is infinitely late, and a condition in
-which the median of OPT+LC is infinite does not agree. Intervals reach from the lowest seed's median
-to the highest: of six seeds, that contains the median with 97 %.
+If the criteria (``data/claims.yaml``) leave a choice, the module reads the criteria literally. The median is over the
+"Hello"s of all seeds. A "Hello" that never arrives has an infinite latency. A condition in which the median of OPT+LC
+is infinite does not agree. Intervals reach from the lowest seed's median to the highest seed's median; with six seeds
+such an interval contains the median with 97 % probability.
 
-Only a finished run is judged that has every plausible condition of every mode at every Rmax, with
-six seeds or more. Of the modes that can stand for the paper's middleware, the lowest value counts.
+The module judges only a finished run that has every plausible condition of every mode at every Rmax, with
+six seeds or more. Of the modes that can stand for the paper's middleware, the mode with the lowest value counts.
 """
 
 from __future__ import annotations
@@ -45,15 +45,16 @@ if TYPE_CHECKING:
 
     from sfglab.lab.explore import Pressed
 
-LEAST_SEEDS = 6  #: Number of seeds that the criteria ask for.
+LEAST_SEEDS = 6  #: Number of seeds that the criteria require.
 MOST_RATES = 3  #: Number of the four Rmax at which OPT+LC has to be lowest.
 _MAP = "map: figure phases, notebook 22"
 FAST_HZ = (
     500,
     1000,
-)  #: Values of Rmax at one of which a small depth has to be worse than a deep one.
-DEEP = 100  #: Lowest depth that is deep by the criteria.
-LOSS_POINT = 0.01  #: Share that OPT+LC may lose more than the lowest and still agree.
+)  #: Values of Rmax; at one of these values a small depth has to be worse than a deep one.
+DEEP = 100  #: Lowest depth that counts as deep by the criteria.
+#: Share of messages by which OPT+LC's loss may exceed the lowest loss and still agree.
+LOSS_POINT = 0.01
 _CONDITION = [name for name in PLACE if name != "rate_max_hz"]
 _CELL = [*PLACE, "method", "depth"]
 _ROBOT2 = "robot2"
@@ -69,15 +70,15 @@ ANSWERS = {
     "completed": "Do the robots\ncomplete the hallway\nwith OPT+LC?",
     "completed_none": "Do the robots\ncomplete the hallway\nwithout a method?",
 }
-"""Questions about each condition by the column of their answers, shares from 0, no, to 1, yes."""
+"""Questions about each condition, by the column of the answers; an answer is a share from 0, no, to 1, yes."""
 
 
 def summary(cells: pd.DataFrame) -> pd.DataFrame:
     """Return latency, loss and age of each condition, method and depth.
 
-    Columns are ``p50_ms``, the median of all seeds' "Hello"s together, with the range of the seeds'
-    medians, ``_low`` and ``_high``; ``lost`` of all seeds with Wilson's interval; and the median of
-    the seeds' ``age_ms``.
+    The column ``p50_ms`` is the median of all seeds' "Hello"s together; ``p50_ms_low`` and ``p50_ms_high`` are the
+    range of the seeds' medians. The column ``lost`` is the lost share of all seeds with Wilson's interval; ``age_ms``
+    is the median of the seeds' ``age_ms``.
     """
     grouped = cells.groupby(_CELL, sort=False)
     table = grouped.agg(
@@ -99,8 +100,8 @@ def summary(cells: pd.DataFrame) -> pd.DataFrame:
 def answers(cells: pd.DataFrame, laps: pd.DataFrame) -> pd.DataFrame:
     """Return the answers in each condition at each Rmax.
 
-    Columns are those of `PLACE` and of `ANSWERS`; and the ages of OPT+LC, ``age_ms``, and the
-    lowest of the rest, ``age_lowest_ms``.
+    The result has the columns of `PLACE` and of `ANSWERS`, the age of OPT+LC (``age_ms``), and the
+    lowest age of the other methods (``age_lowest_ms``).
     """
     found = _compared(summary(cells))
     done = (laps["end"] == End.SUCCESS.value).astype(float)
@@ -130,9 +131,9 @@ def _compared(table: pd.DataFrame) -> pd.DataFrame:
 
 @derived
 def phases(run: Run[Config]) -> pd.DataFrame:
-    """Return the answers in the conditions that a run's configuration asks for.
+    """Return the answers in the conditions of a run's configuration.
 
-    Earlier logs have further ones, near borders.
+    Earlier logs have further conditions near borders between different answers.
     """
     table = answers(run["cell"], run["course"])
     asked = [[getattr(one, name) for name in PLACE] for one in conditions(run.config)]
@@ -172,7 +173,7 @@ def agreement_finding(run: Run[Config], of: str) -> Finding | None:
 
     Args:
         run: The run.
-        of: ``latency`` or ``loss``.
+        of: Quantity of the criterion: ``latency`` or ``loss``.
     """
     tables = judged(run)
     if tables is None:
@@ -213,7 +214,7 @@ def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
     Returns:
         One row per condition: the columns of `PLACE` except Rmax; ``lowest`` (OPT+LC is lowest at
         three Rmax or more), ``small`` (a small depth is worse than a deep one at 500 or 1000 Hz),
-        and ``agrees``: both.
+        and ``agrees`` (both conditions hold).
     """
     fast = table[table["rate_max_hz"].isin(FAST_HZ)]
     lowest = table.groupby(_CONDITION, sort=False)[f"{of}_lowest"].sum() >= MOST_RATES
@@ -224,9 +225,9 @@ def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
 
 @exp.claim("B-COOP", how=How.SIMULATED)
 def laps_completed(run: Run[Config]) -> Finding | None:
-    """Return the success rate of OPT+LC minus that without a method, over plausible conditions.
+    """Return the success rate of OPT+LC minus the success rate without a method, over plausible conditions.
 
-    All conditions have as many laps, so a share over all is the mean that the criterion asks for.
+    All conditions have the same number of laps, so a share over all laps is the mean that the criterion requires.
     """
     tables = judged(run)
     if tables is None:
@@ -254,8 +255,8 @@ def laps_completed(run: Run[Config]) -> Finding | None:
 def by_conditions(laps: pd.DataFrame) -> Estimate:
     """Return how much more often laps are ``done`` with OPT+LC than without a method.
 
-    Laps of one condition share its channel, and laps of one seed its random numbers. The interval is that of a
-    bootstrap that draws conditions, each with all of its laps, instead of laps.
+    Laps of one condition share the condition's channel, and laps of one seed share random numbers. The interval is that
+    of a bootstrap that samples conditions, each with all of its laps, instead of laps.
     """
     rates = laps.pivot_table("done", index=_CONDITION, columns="method", aggfunc="mean")
     apart = (rates[BEST] - rates["none"]).to_numpy(dtype=np.float64)
@@ -263,9 +264,9 @@ def by_conditions(laps: pd.DataFrame) -> Estimate:
 
 
 def obstacles(laps: pd.DataFrame) -> str:
-    """Return how many laps ended in which way, and how many of these because of robot 2.
+    """Return the number of laps by kind of end, and how many of these laps ended because of robot 2.
 
-    A contact is with a wall or a box; a robot stops where it has detected an obstacle.
+    A contact means that a robot touches a wall or a box. A stop means that a robot stops for a detected obstacle.
     """
     counts = laps["end"].value_counts()
     of_robot2 = laps[laps["robot"] == _ROBOT2]["end"].value_counts()
@@ -325,7 +326,7 @@ def draw_map(figure: Figure, run: Run[Config]) -> None:
 
 
 def draw_row(panels: Sequence[Axes], table: pd.DataFrame) -> Any:
-    """Draw the simulated conditions of one middleware, one panel per question; return the last squares."""
+    """Draw the simulated conditions of one middleware, one panel per question, and return the last squares."""
     from matplotlib.patches import Rectangle
 
     low, high = criterion().region["loss"]
@@ -342,7 +343,7 @@ def draw_row(panels: Sequence[Axes], table: pd.DataFrame) -> Any:
 
 
 def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
-    """Return the map of one middleware; a click on a condition prints its cells and its command.
+    """Return the map of one middleware; a click on a condition prints the condition's cells and command.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
@@ -367,7 +368,7 @@ def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
         for axes, question in zip(panels, ANSWERS.values(), strict=True):
             axes.set_title(question, fontsize=8)
             for name, row in rows.items():
-                # Nearly invisible: the mouse needs an area.
+                # The square is nearly invisible, because the mouse needs an area.
                 part(name, *axes.plot(row.frame_us, 100 * row.loss, "s", ms=9, alpha=0.02))
 
     def press(name: str) -> None:
@@ -381,7 +382,7 @@ def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
 
 
 def cells_at(run: Run[Config], place: Any) -> pd.DataFrame:
-    """Return latency and loss in one row of `mapped`, by method, depth and Rmax."""
+    """Return latency and loss in the condition of one row of `mapped`, by method, depth and Rmax."""
     cells = run["cell"][run["cell"]["stall_ms"] == 0]
     for name in ("preset", "queue_rule", "loss", "frame_us"):
         cells = cells[cells[name] == getattr(place, name)]

@@ -1,7 +1,7 @@
-"""Transmission: paper B, section 3.1, Tables 1 and 2, Fig. 8 to 11.
+"""The experiment `transmission` has paper B, section 3.1, Tables 1 and 2, Fig. 8 to 11.
 
-Three robots send what their sensors say to the station, and "Hello" goes from robot 1 through the station
-back to robot 1: latency and loss for every rate, depth and method, with what fills the channel.
+Three robots send sensor readings to the station, and "Hello" goes from robot 1 through the station back to robot 1.
+The experiment gives latency and loss for every rate, depth and method, with the frames that fill the channel.
 """
 
 from sfglab.lab.experiments.transmission.experiment import exp

@@ -1,4 +1,4 @@
-"""The grid of paper B, Table 2, over the flows of Fig. 9 (`sfglab.arp.hello`), each cell simulated."""
+"""The module `transmission.experiment` simulates the grid of paper B, Table 2, over the flows of Fig. 9."""
 
 from __future__ import annotations
 
@@ -28,22 +28,23 @@ from sfglab.units import NS_PER_S
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """Grid of the simulation, live cells and validation."""
+    """The `Config` has the grid of the simulation, the live cells and the validation."""
 
     seeds: int = 6  #: Number of seeds of each cell.
     duration_s: float = 60.0  #: Duration of a simulated cell, seconds.
     rates_hz: tuple[Rate, ...] = RATES_HZ  #: Values of Rmax.
-    depths: tuple[Depth, ...] = DEPTHS  #: Values of DEPTH besides Eq. 6's.
+    depths: tuple[Depth, ...] = DEPTHS  #: Values of DEPTH in addition to the depth of Eq. 6.
     methods: tuple[MethodName, ...] = get_args(MethodName)  #: Names of methods.
     loss: float = between(Medium().loss, 0.0, 0.3)  #: Share of frames that the channel loses.
-    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Timing; the paper used Fast DDS.
+    #: DDS implementation whose timing the model has; the paper used Fast DDS.
+    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"
     live_s: float = 8.0  #: Duration of a live cell, seconds; 0: no live cells.
     live_rates_hz: tuple[int, ...] = (100, 200)  #: Values of Rmax of live cells.
-    #: Values of DEPTH of live cells; optimised methods have Eq. 6's as well.
+    #: Values of DEPTH of live cells; optimised methods also have the depth of Eq. 6.
     live_depths: tuple[str, ...] = ("1", "10", "1000")
     live_methods: tuple[MethodName, ...] = ("none", "OPT+LC")  #: Methods of live cells.
     validation_s: float = 30.0  #: Duration of a cell of the validation, seconds.
-    validation_repeats: int = 0  #: Number of its repetitions; 0: no validation.
+    validation_repeats: int = 0  #: Number of repetitions of the validation; 0: no validation.
     seed: int = 0  #: First seed.
 
 
@@ -114,12 +115,12 @@ def grid(config: Config) -> list[GridCell]:
 
 @exp.table("cell")
 class TransmissionRow(TableRow):
-    """One cell of the grid with one seed, simulated.
+    """A `TransmissionRow` is one cell of the grid with one seed, simulated.
 
-    "Hello" goes up to the station and down to the robot.
+    "Hello" goes from the robot to the station and back to the robot.
     """
 
-    rate_max_hz: int  #: Rmax.
+    rate_max_hz: int  #: Rmax, the highest rate of a topic, Hz.
     depth: str  #: DEPTH as in the grid.
     method: str  #: Name of the method.
     seed: int  #: Seed of the run.
@@ -127,7 +128,7 @@ class TransmissionRow(TableRow):
     history_depth: int  #: Depth of each history, samples.
     published: int  #: Number of "Hello"s that were published.
     arrived: int  #: Number of "Hello"s that reached the actuation node.
-    #: Median time from publication to actuation of those; NaN when none arrived.
+    #: Median time from publication to actuation of the "Hello"s that arrived; NaN if none arrived.
     latency_p50_ms: float
     data: int  #: Number of DATA frames, retransmissions included.
     heartbeats: int  #: Number of HEARTBEAT frames.
@@ -139,7 +140,7 @@ class TransmissionRow(TableRow):
 
 @exp.sweep("cell", over=grid, workers=Workers(threads=True))
 def simulate_cell(cell: GridCell, seed: int) -> dict[str, Any]:
-    """Run one cell with one seed; the time is spent in compiled code, so that threads suffice."""
+    """Run one cell with one seed; threads are sufficient, because the run spends its time in compiled code."""
     scenario = scenario_of(cell, seed=seed)
     outcome = run(scenario, seed=seed)
     rate_hz, depth = rate_and_depth(cell)

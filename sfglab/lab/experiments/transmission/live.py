@@ -1,12 +1,12 @@
-"""Live cells beside the model: the grid over the radio, and the validation of the presets on real DDS.
+"""The module `transmission.live` runs cells of the grid live, and validates the model's presets on real DDS.
 
-In the grid's cells each robot and the station are a host with a process on Cyclone DDS; the radio has the
-model's channel. The validation asks how well the presets of `sfglab.rtps` agree with Fast DDS, in nodes of
-rclpy, and with Cyclone DDS. Most of its cells are one topic between two hosts: they were committed
-(``data/qos/validation.csv``) before the first was played. A third offers more than the channel carries, and a
-third loses 3 % of the frames or more. Cells of kind ``grid`` are cells of Table 2 on Fast DDS. Python cannot
-publish faster than `KEPT_HZ` there: rates and channel are divided by a factor, the times of nodes and of
-changes multiplied by it, but not the 3 s between heartbeats.
+In the cells of the grid each robot and the station is a host with a process on Cyclone DDS; the radio has the model's
+channel. The validation shows how well the presets of `sfglab.rtps` agree with Fast DDS, in nodes of rclpy, and with
+Cyclone DDS. Most cells of the validation are one topic between two hosts. The project committed the cells of the
+validation (``data/qos/validation.csv``) before the first live run. A third of the cells offers more than the channel
+carries, and a third loses 3 % of the frames or more. Cells of kind ``grid`` are cells of Table 2 on Fast DDS. Python
+cannot publish faster than `KEPT_HZ` in cells of kind ``grid``. Therefore the experiment divides rates and channel by a
+factor, and multiplies the times of nodes and of changes by the factor, but not the 3 s between heartbeats.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ if TYPE_CHECKING:
 
 SENSORS, HELLO_TO_STATION, HELLO = GROUPS = ("sensors", "hello_up", "hello")
 """Groups of flows: sensors' topics; "Hello" to the station; "Hello" from publication to actuation."""
-GRID = "grid"  #: Kind of the validation's cells that are cells of Table 2.
-KEPT_HZ = 50  #: Highest Rmax that nodes of Python keep.
-MODEL_SEEDS = 24  #: Number of the model's runs beside a cell of the validation.
-#: Depth of each reader, so that a node of Python that reads late loses nothing.
+GRID = "grid"  #: Kind of the cells of the validation that are cells of Table 2.
+KEPT_HZ = 50  #: Highest Rmax that Python nodes reach.
+MODEL_SEEDS = 24  #: Number of the model's runs per cell of the validation.
+#: Depth of each reader, so that a Python node that reads late loses no sample.
 READER_DEPTH = 5000
-DRAIN_S = 7.0  #: Time after the last publication: two heartbeats of Fast DDS.
-_AT_ONCE = 2  #: Number of live cells at the same time: their nodes mostly wait.
+DRAIN_S = 7.0  #: Time after the last publication: two heartbeat periods of Fast DDS.
+_AT_ONCE = 2  #: Number of live cells at the same time, because nodes mostly wait.
 _MEDIUM = ("loss", "queue_frames", "queue_rule", "burst_frames", "access_point")
 
 
@@ -70,7 +70,7 @@ def measure(outcome: Outcome, group: str) -> tuple[float, float]:
 
 
 def compare(played: Played, models: list[Outcome], group: str) -> dict[str, Any]:
-    """Return the measured columns of a row from a live cell and the model's runs of it."""
+    """Return the measured columns of a row from a live cell and from the model's runs of the cell."""
     loss, p50_ms = measure(played.outcome, group)
     modelled = [measure(model, group) for model in models]
     model_loss, model_p50_ms = np.median(modelled, axis=0)
@@ -88,22 +88,23 @@ def compare(played: Played, models: list[Outcome], group: str) -> dict[str, Any]
 
 @exp.table("live")
 class LiveRow(TableRow):
-    """One group of flows of one cell, live and simulated."""
+    """A `LiveRow` is one group of flows of one cell, live and simulated."""
 
-    rate_max_hz: int  #: Rmax.
+    rate_max_hz: int  #: Rmax, the highest rate of a topic, Hz.
     depth: str  #: DEPTH as in the grid.
     method: str  #: Name of the method.
     group: str  #: One of `GROUPS`.
     duration_s: float  #: Duration of the cell, seconds.
     loss_live: float  #: Share of the samples that never arrived.
-    loss_model: float  #: The same in the model, median over seeds.
+    loss_model: float  #: Share of the samples that never arrived in the model, median over seeds.
     p50_live_ms: float  #: Median latency of the samples that arrived.
-    p50_model_ms: float  #: The same in the model, median over seeds.
+    #: Median latency of the samples that arrived in the model, median over seeds.
+    p50_model_ms: float
     kept_up: bool  #: Whether relay and processes kept their schedules.
 
 
 def live_cells(config: Config) -> list[GridCell]:
-    """Return the cells that are played live."""
+    """Return the cells that run live."""
     if not config.live_s:
         return []
     cells = []
@@ -121,7 +122,7 @@ def live_cells(config: Config) -> list[GridCell]:
     timed=False,
 )
 async def play_grid(bench: Bench[Config]) -> None:
-    """Play cells on Cyclone DDS; the model has its timing here, for every vendor of the run."""
+    """Run cells live on Cyclone DDS; the model has the timing of Cyclone DDS here, for every vendor of the run."""
     config = bench.config
 
     async def play(hosts: LiveHosts, cell: GridCell, _: int) -> tuple[dict[str, Any], ...]:
@@ -152,24 +153,25 @@ async def play_grid(bench: Bench[Config]) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """A cell of the validation: one topic over one channel, or a cell of the grid."""
+    """A `Cell` of the validation is one topic over one channel, or a cell of the grid."""
 
-    preset: str  #: One of `MODES`.
+    preset: str  #: Name of the preset, one of `MODES`.
     kind: str  #: ``saturated``, ``lossy`` or ``calm``; or `GRID`.
-    rate_hz: float  #: Publishing rate; of a cell of the grid, Rmax.
+    rate_hz: float  #: Publishing rate, Hz; Rmax for a cell of the grid.
     depth: int  #: Depth of the writer's history, samples.
     size_bytes: int = 0  #: Size of a sample in CDR.
     loss: float = Medium().loss  #: Share of frames that the channel loses.
-    overhead_us: int = 0  #: Airtime of a frame besides its bits, microseconds.
+    overhead_us: int = 0  #: Airtime of a frame in addition to its bits, microseconds.
     queue_frames: int = 0  #: Number of frames that a host's queue holds.
     queue_rule: str = ""  #: Rule of a full queue.
-    burst_frames: int = 0  #: Mean length of a burst of losses; 0: independent losses.
-    access_point: bool = False  #: Whether frames are on air twice.
+    burst_frames: int = 0  #: Mean length of a burst of losses, frames; 0: independent losses.
+    #: Whether frames pass an access point, so that each frame is on air twice.
+    access_point: bool = False
     method: str = ""  #: Method of a cell of the grid.
-    slowed: float = 1.0  #: Factor by which a cell of the grid is slower than the paper's.
+    slowed: float = 1.0  #: Factor by which a cell of the grid runs slower than in the paper.
 
     def scenario(self, duration_s: float, seed: int = 0) -> Scenario:
-        """Return what is played and simulated."""
+        """Return the scenario of the cell, live and simulated."""
         vendor = PRESETS[self.preset]
         if self.kind == GRID:
             cell = GridCell(
@@ -199,25 +201,26 @@ class Cell:
 
 @exp.table("validation")
 class ValidationRow(Cell):
-    """One cell of the validation, played once, beside the model."""
+    """A `ValidationRow` is one cell of the validation, run live once, with the model's results."""
 
     repeat: int  #: Number of the repetition.
     loss_live: float  #: Share of the samples that never arrived.
-    loss_model: float  #: The same in the model, median over seeds.
+    loss_model: float  #: Share of the samples that never arrived in the model, median over seeds.
     p50_live_ms: float  #: Median latency of the samples that arrived.
-    p50_model_ms: float  #: The same in the model, median over seeds.
+    #: Median latency of the samples that arrived in the model, median over seeds.
+    p50_model_ms: float
     kept_up: bool  #: Whether relay and processes kept their schedules.
 
 
 def topic_cells() -> list[Cell]:
-    """Return the committed cells, one topic each."""
+    """Return the committed cells with one topic each."""
     table = pd.read_csv(find_project().data / "qos" / "validation.csv")
     rows: list[Any] = table.to_dict("records")
     return [Cell(**row) for row in rows]
 
 
 def grid_cells(config: Config) -> list[Cell]:
-    """Return the grid's cells on Fast DDS: methods that optimise at Eq. 6's depth, others at several."""
+    """Return the grid's cells on Fast DDS: optimised methods at the depth of Eq. 6, other methods at several depths."""
     presets = [preset for preset, mode in MODES.items() if mode]
     cells = []
     for preset, rate, method in product(presets, RATES_HZ, config.live_methods):
@@ -241,7 +244,7 @@ def grid_cells(config: Config) -> list[Cell]:
 
 
 def validation_cells(config: Config) -> dict[Cell, int]:
-    """Return the cells that validate the model, each with its number of repetitions."""
+    """Return the cells that validate the model, with the number of repetitions of each cell."""
     if not config.validation_repeats:
         return {}
     return dict.fromkeys([*topic_cells(), *grid_cells(config)], config.validation_repeats)
@@ -254,7 +257,7 @@ def validation_cells(config: Config) -> dict[Cell, int]:
     timed=False,
 )
 async def validate(bench: Bench[Config]) -> None:
-    """Play every cell, and beside it the model; presets at the same time, each on hosts of its own."""
+    """Run every cell live, and simulate the cell; presets run at the same time, each on its own hosts."""
     config = bench.config
 
     async def play(hosts: LiveHosts, cell: Cell, repeat: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Claims, figures and the explorer of transmission: latency and loss of "Hello" over paper B's grid."""
+"""The module `transmission.results` has claims and figures of latency and loss of "Hello", and the explorer."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ _MEASURED = ["loss_live", "loss_model", "p50_live_ms", "p50_model_ms"]
 
 @derived
 def losses(run: Run[Config]) -> pd.DataFrame:
-    """Return the table ``cell`` with the share of "Hello"s that never arrived, ``loss``."""
+    """Return the table ``cell`` with the column ``loss``: the share of "Hello"s that never arrived."""
     return run["cell"].assign(loss=1 - run["cell"]["arrived"] / run["cell"]["published"])
 
 
 @derived
 def cells(run: Run[Config], column: str) -> pd.DataFrame:
-    """Return median, lowest and highest over seeds of a column or of ``loss``, one row per cell."""
+    """Return median, lowest and highest value over seeds of a column or of ``loss``, one row per cell."""
     return (
         losses(run).groupby(_CELL, sort=False)[column].agg(["median", "min", "max"]).reset_index()
     )
@@ -69,7 +69,7 @@ def cells(run: Run[Config], column: str) -> pd.DataFrame:
 
 @derived
 def order(run: Run[Config], column: str, *, tie: float = 0.0) -> pd.DataFrame:
-    """Compare the paper's order of methods with the simulated one as `order_of` does, one row per Rmax."""
+    """Compare the paper's order of methods with the simulated order as `order_of` does, one row per Rmax."""
     rows = []
     for rate, part in cells(run, column).groupby("rate_max_hz"):
         rows.append({"rate_max_hz": rate, **order_of(part, tie=tie)})
@@ -77,10 +77,10 @@ def order(run: Run[Config], column: str, *, tie: float = 0.0) -> pd.DataFrame:
 
 
 def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
-    """Compare the paper's order of methods with the simulated one at one Rmax.
+    """Compare the paper's order of methods with the simulated order at one Rmax.
 
-    The paper's winner at the depth of Eq. 6 is compared with the methods without its optimisation, at every
-    depth of Table 2, and with those without its local cache, at its own depth.
+    The function compares the paper's winner at the depth of Eq. 6 with two groups of methods: methods without
+    optimisation at every depth of Table 2, and optimised methods without the local cache at the winner's depth.
 
     Args:
         table: ``depth``, ``method`` and ``median`` of each cell.
@@ -110,7 +110,7 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
 
 @derived
 def causes(run: Run[Config]) -> pd.DataFrame:
-    """Return loss with its causes, means over seeds: without cache control, at DEPTH 10 and Eq. 6's.
+    """Return loss with its causes as means over seeds, without cache control, for DEPTH 10 and the depth of Eq. 6.
 
     The frames that full queues dropped are counted per second of the cell.
     """
@@ -126,14 +126,15 @@ def causes(run: Run[Config]) -> pd.DataFrame:
 
 # --- Claims -----------------------------------------------------------------------------------
 
-_TOPICS = (8 + 5 + 5) / 3  # of the robots in section 3.1: their sensors, and two ways of "Hello"
+# The robots of section 3.1 have this mean number of topics: sensors, and two flows of "Hello".
+_TOPICS = (8 + 5 + 5) / 3
 
 
 def as_in_table_2(table: pd.DataFrame, duration_s: float) -> pd.Series[bool]:
-    """Return whether rows of the grid have the rate and depth of Table 2, and published at that rate.
+    """Return whether rows of the grid have the rate and depth of Table 2, and the number of publications of this rate.
 
-    The optimum is written from Eq. 3 to 6 and section 3.1, apart from the code that ran: R is
-    Rmax / Tavg - Rmin, D is 5000 R / Rmax - Dmin, Rmin and Dmin 1.
+    The optimum is written from Eq. 3 to 6 and section 3.1, without the code that ran: R is Rmax / Tavg - Rmin, D is
+    5000 R / Rmax - Dmin, and Rmin and Dmin are 1.
     """
     optimum_hz = table["rate_max_hz"] / _TOPICS - 1
     optimum_depth = (5000 * optimum_hz / table["rate_max_hz"] - 1).astype(int)
@@ -145,7 +146,7 @@ def as_in_table_2(table: pd.DataFrame, duration_s: float) -> pd.Series[bool]:
 
 
 def other_policies(config: Config) -> list[GridCell]:
-    """Return the cells in which a flow has other policies than those of Table 2; nothing is run."""
+    """Return the cells in which a flow has other policies than those of Table 2; the function runs no cell."""
     others = []
     for cell in grid(config):
         rate_hz, depth = rate_and_depth(cell)
@@ -165,7 +166,7 @@ def other_policies(config: Config) -> list[GridCell]:
 
 @exp.claim("B-TAB2", how=How.SIMULATED)
 def share_of_grid(run: Run[Config]) -> Finding:
-    """Return the share of the paper's grid that was run as in Table 2; none of it with other policies."""
+    """Return the share of the paper's grid that ran as in Table 2; 0 if a cell has other policies."""
     rows = run["cell"]
     right = rows.assign(right=as_in_table_2(rows, run.config.duration_s)).groupby(_CELL)["right"]
     is_right = right.all()
@@ -245,7 +246,7 @@ STYLES: dict[str, dict[str, Any]] = {
     "OPT+CC": _CROSS,
     "OPT+LC+CC": _CROSS,
 }
-"""Styles of all methods; one with cache control has the colour of that without it."""
+"""Styles of all methods; a method with cache control has the colour of the method without it."""
 
 
 def draw_grid(figure: Figure, table: pd.DataFrame, quantity: str, *, scale: str) -> None:
@@ -253,7 +254,7 @@ def draw_grid(figure: Figure, table: pd.DataFrame, quantity: str, *, scale: str)
 
     Args:
         figure: Figure to draw into.
-        table: The cells; of those in the column ``few``, if there is one, the markers have a white dot.
+        table: Cells of the grid. The optional column ``few`` marks cells whose markers have a white dot.
         quantity: Name and unit of the values.
         scale: Scale of the vertical axes, ``linear`` or ``log``.
     """
@@ -317,7 +318,7 @@ def draw_loss(figure: Figure, run: Run[Config]) -> None:
 
 
 def agreeing(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table with ``loss_agrees``, ``latency_agrees`` and ``agrees``: whether live and model do."""
+    """Return a table with the columns ``loss_agrees``, ``latency_agrees`` and ``agrees`` of live cells and model."""
     loss = (table["loss_live"] - table["loss_model"]).abs() <= LOSS_WITHIN
     late_ms = (table["p50_live_ms"] - table["p50_model_ms"]).abs()
     latency = late_ms <= LATENCY_WITHIN * table["p50_live_ms"]
@@ -325,7 +326,7 @@ def agreeing(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def on_time(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the plays that kept their schedules."""
+    """Return the live runs that kept their schedules."""
     return rows[rows["kept_up"].astype(bool)]
 
 
@@ -376,7 +377,7 @@ KEYS = [one.name for one in fields(Cell)]
 
 @derived
 def played(run: Run[Config]) -> pd.DataFrame:
-    """Return the validation's plays, this run's or otherwise the committed ones, with ``of``: topics or grid."""
+    """Return the validation's live runs, from this run or the committed log, with the column ``of``: topics or grid."""
     rows = run["validation"]
     if rows.empty:
         log = exp.load(find_project().reference_logs / "transmission_ros2.mcap")
@@ -385,7 +386,7 @@ def played(run: Run[Config]) -> pd.DataFrame:
 
 
 def _earlier_cells(log: Run[Config]) -> list[pd.DataFrame]:
-    """Return the grid's cells of an earlier log, which has them in a table of their own."""
+    """Return the grid's cells of an earlier log; earlier logs have these cells in a separate table."""
     try:
         rows = log["ros2"]
     except KeyError:
@@ -396,7 +397,7 @@ def _earlier_cells(log: Run[Config]) -> list[pd.DataFrame]:
 
 @derived
 def validated(run: Run[Config]) -> pd.DataFrame:
-    """Return how far each preset is validated, by its topics and by the grid's cells.
+    """Return how well each preset agrees with live runs, by the topics and by the grid's cells.
 
     Counted are plays that kept their schedule.
 
@@ -453,7 +454,7 @@ def draw_validation(figure: Figure, run: Run[Config]) -> None:
 
 
 def draw_band(axes: Axes, equal: Floats, low: Floats, high: Floats) -> None:
-    """Draw the line of equal values and the range that agrees."""
+    """Draw the line of equal values and the range of values that agree."""
     axes.plot(equal, equal, color="black", linewidth=0.8)
     axes.fill_between(equal, low, high, color="black", alpha=0.1)
 
@@ -463,7 +464,8 @@ def draw_band(axes: Axes, equal: Floats, low: Floats, high: Floats) -> None:
 ExploredRate = Annotated[int, Bounds(20, 1000, log=True)]
 Loss = Annotated[float, Bounds(0.0, 0.3)]
 
-COARSE_S, WHOLE_S = 1.0, 20.0  #: Simulated time of a coarse picture and of a whole one, seconds.
+#: Simulated time of a coarse picture and of a whole picture, seconds.
+COARSE_S, WHOLE_S = 1.0, 20.0
 _THREADS = 2
 _DEPTH = pictures.Axis("DEPTH", "samples", 0.7, 7000, log=True, ticks=(1, 10, 100, 1000))
 _QUANTITIES = {
