@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 #: Assumed relative error of model and stated number together, one standard deviation.
 NOISE = 0.05
 _Z = 1.96  # A normal distribution has 95 % of its values within this number of standard deviations.
-_STEP = 1e-4  # The derivatives of logarithms use this step.
+_STEP = 1e-4  # step of finite differences of logarithms
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 The odometry matches ORB features (Rublee et al., 2011) of the ground ahead between a frame and the last keyframe.
 The motion of the matched features gives the car's planar motion in metres, because the camera's height is known.
-The paper runs ORB-SLAM 3, which creates a map, in place of this odometry. The odometry builds no map and closes no
+The paper runs ORB-SLAM 3 instead of a visual odometry, and ORB-SLAM 3 creates a map. The odometry builds no map and closes no
 loop, so the pose of the odometry drifts. The odometry has no information about the car's commands and the town.
 """
 

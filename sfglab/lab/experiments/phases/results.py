@@ -98,7 +98,7 @@ def summary(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def answers(cells: pd.DataFrame, laps: pd.DataFrame) -> pd.DataFrame:
-    """Return the answers in each condition at each Rmax.
+    """Return whether the paper's statements hold in each condition at each Rmax.
 
     The result has the columns of `PLACE` and of `ANSWERS`, the age of OPT+LC (``age_ms``), and the
     lowest age of the other methods (``age_lowest_ms``).

@@ -85,7 +85,7 @@ exp = Experiment(
         "small_nodes": {"quick": 8, "paper": 8},
         "large_graphs": {"quick": 4, "paper": 10},
         "large_nodes": {"quick": 50, "paper": 50},
-        # These settings were parameters of the explorer.
+        # The explorer of an earlier version had these parameters.
         "subscribers": {"quick": 4, "paper": 4},
         "message_bytes": {"quick": 1_000_000, "paper": 1_000_000},
         "read_latency_cycles": {"quick": 30.0, "paper": 30.0},

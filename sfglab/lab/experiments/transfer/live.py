@@ -58,7 +58,9 @@ def cells_of(config: Config) -> list[Cell]:
 
 
 class Crossing(ProcessGroup):
-    """A `Crossing` runs the processes of Fig. 5. No socket, pipe or memory of a process has a name, so none remains.
+    """A `Crossing` runs the publishing, forwarding and subscribing processes of Fig. 5 in paper C.
+
+    No socket, pipe or memory of a process has a name, so none remains.
 
     Args:
         readers: Largest number of subscribers on the hardware side.
