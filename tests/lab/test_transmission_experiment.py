@@ -44,6 +44,7 @@ def test_the_order_is_judged_by_winner_and_by_loser(best, small, deep, wins, wor
     table = pd.DataFrame(medians, columns=["depth", "method", "median"])
     judged = results.order_of(table)
     assert (bool(judged["wins"]), bool(judged["small_is_worst"])) == (wins, worst)
+    assert not results.order_of(table[table["method"] == "none"])["wins"]
 
 
 RIGHT = {"rate_max_hz": 100, "depth": "10", "method": "none", "rate_hz": 100.0}

@@ -87,21 +87,21 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
         tie: Share within which another cell counts as equal.
 
     Returns:
-        ``best`` (the winner's median), ``lowest`` (that of the others), ``wins``; and ``highest_method``,
+        ``best`` (the winner's median, NaN without it), ``lowest`` (that of the others), ``wins``; and ``highest_method``,
         ``highest_depth`` (the cell with the highest median) and ``small_is_worst``.
     """
     optimised = table["method"].map(lambda name: METHODS[name].optimised)
     cached = table["method"].map(lambda name: METHODS[name].local_cache)
     at_optimum = table["depth"] == OPT_DEPTH
-    winner = table[(table["method"] == BEST) & at_optimum].iloc[0]
+    best = table[(table["method"] == BEST) & at_optimum]["median"].min()
     rivals = (~optimised & ~at_optimum) | (optimised & ~cached & at_optimum)
     lowest = table[rivals]["median"].min()
     worst = table.iloc[int(table["median"].argmax())]
     small = worst["depth"] != OPT_DEPTH and int(worst["depth"]) <= SMALL_DEPTH
     return {
-        "best": winner["median"],
+        "best": best,
         "lowest": lowest,
-        "wins": winner["median"] <= lowest * (1 + tie),
+        "wins": best <= lowest * (1 + tie),
         "highest_method": worst["method"],
         "highest_depth": worst["depth"],
         "small_is_worst": small and not METHODS[worst["method"]].optimised,
