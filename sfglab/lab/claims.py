@@ -71,7 +71,7 @@ class Verdict(Enum):
 
 
 _MEANINGS = {
-    Verdict.REPRODUCED: "the value is accepted; its interval may reach further.",
+    Verdict.REPRODUCED: "the value is accepted; its interval, if it has one, may reach further.",
     Verdict.BETTER: "the whole interval is above or below the number after 'better'.",
     Verdict.AS_GOOD: "the value of the sfglab variant, which is another method, is accepted.",
     Verdict.FITTED: "the value is accepted, but constants were fitted to the same numbers.",
@@ -315,7 +315,7 @@ class Ledger(list[Entry]):
         shown = [*self, *(entry.own for entry in self if entry.own)]
         verdicts = {entry.verdict for entry in shown}
         lines = [f"{each.value}: {_MEANINGS[each]}" for each in Verdict if each in verdicts]
-        if any(entry.runs for entry in self):
+        if any(entry.runs and entry.interval for entry in self):
             lines.append(
                 "sfglab, range over several runs: the median of their values, and the lowest and highest "
                 "end of their 95 % intervals."
@@ -492,7 +492,7 @@ def _row(entry: Entry) -> tuple[str, ...]:
     """Return the cells of `COLUMNS` for an entry."""
     return (
         entry.claim.id,
-        "" if entry.claim.paper is None else f"{entry.claim.paper:g}",
+        "no number" if entry.claim.paper is None else f"{entry.claim.paper:g}",
         entry.value,
         entry.interval,
         entry.unit,

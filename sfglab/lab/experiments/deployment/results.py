@@ -69,7 +69,7 @@ def share_confirmed(run: Run[Config]) -> Finding:
         estimate=exactly(min(shares), "share of checks that hold"),
         reason="; ".join(reasons),
         ends=ends,
-        count=f"{len(facts)} facts",
+        count=f"{int((facts['outcome'] != _MISSING).sum())} of {len(facts)} facts judged",
     )
 
 
@@ -92,6 +92,7 @@ def draw_layers(figure: Figure, run: Run[Config]) -> None:
             bars = axes.barh(height, width - 0.12, 0.72, left, color=color, alpha=0.28)
             narrow = "\n".join(re.findall(r".{1,13}(?:[-:, ]|$)|.{13}", says))
             text = narrow if width == 1 else says
+            text = "" if layer == LAYERS[-1] else text
             axes.bar_label(bars, [text], label_type="center", fontsize=7)
             first += width
     axes.set_xticks(range(len(agents)), agents)
@@ -99,8 +100,11 @@ def draw_layers(figure: Figure, run: Run[Config]) -> None:
     axes.set(xlim=(-0.55, len(agents) - 0.45), ylim=(-0.5, len(LAYERS) - 0.5))
     counts = layers.groupby("layer")["digest"].nunique()
     said = f"{counts['base']} hardware bases and {counts['adapter']} adapters carry {len(agents)} agents"
-    axes.set_title(f"{said}; a box across agents is the same layer")
-    note(figure, "exact: as rendered from the fleet file (paper A, Fig. 5)")
+    axes.set_title(f"{said}; agents below one box share it")
+    note(
+        figure,
+        "exact: as rendered from the fleet file (paper A, Fig. 5); equal texts: for another processor or hardware base",
+    )
     axes.tick_params(length=0)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)

@@ -96,7 +96,7 @@ def share_that_holds(run: Run[Config]) -> Finding:
         else "on the simulated bus",
         "beyond the paper": "splines, its future work",
     }
-    count = f"{len(FACTS) + 1} facts"
+    count = f"lowest of {len(FACTS) + 1} facts"
     return Finding(estimate=share.estimate, details=details, reason=share.reason, count=count)
 
 
@@ -112,7 +112,12 @@ def draw_scene(figure: Figure, run: Run[Config]) -> None:
     for color, (name, track) in zip(_AGENT_COLORS, tracks, strict=False):
         above.plot(track["x_m"], track["y_m"], color=color, lw=3)
         errors.plot(track["t_s"], track["error_m"], color=color, label=name)
-    errors.set(ylim=(0, None), xlabel="time (s)", ylabel="error (m)", title="Tracking error")
+    errors.set(
+        ylim=(0, None),
+        xlabel="time since the start of both plans (s)",
+        ylabel="error (m)",
+        title="Tracking error",
+    )
     errors.legend()
     largest = ", ".join(f"{name} {error:.2f} m" for name, error in tracks["error_m"].max().items())
     figure.suptitle(f"Agents of a scene carry out their plans; largest error: {largest}")
@@ -177,9 +182,9 @@ def draw_interpolation(figure: Figure, run: Run[Config]) -> None:  # noqa: ARG00
 
 _X = pictures.Axis("x", "m", -0.5, 5.5)
 _Y = pictures.Axis("y", "m", -2.0, 4.0)
-_TIME = pictures.Axis("time", "s", 0, 20)
-_SPEED = pictures.Axis("speed", "m/s", 0, 10)
-Seconds = Annotated[float, Bounds(0.3, 4.0)]
+_TIME = pictures.Axis("time", "s", 0, 10)
+_SPEED = pictures.Axis("speed", "m/s", 0, 6)
+Seconds = Annotated[float, Bounds(0.5, 2.0)]
 
 
 @exp.explorer
