@@ -65,7 +65,10 @@ def quiet_run(*, tail_ms=0.0):
     [
         ("fails", "a plug-in of another package: 4 of 8: what was seen"),
         ("missing", "a plug-in of another package: 0 of 1: nothing to check"),
-        ("late", "the delay of the bridge is within its bound: 1 of 2: 99 %: 21.0 of 5 ms"),
+        (
+            "late",
+            "the delay of the bridge is within its bound: 1 of 2: 99 %: 21.0 ms (bound: 5 ms)",
+        ),
     ],
 )
 def test_the_claim_is_the_fact_that_is_worst(change, reason):
@@ -78,7 +81,7 @@ def test_the_claim_is_the_fact_that_is_worst(change, reason):
         table.loc[of_plugin, "check"] = "another"
     measured = exp.measure(run)["A-VIZ"]
     assert measured.estimate.value == (0.0 if change == "missing" else 0.5)
-    assert (measured.reason, measured.count) == (reason, "6 facts")
+    assert (measured.reason, measured.count) == (reason, "lowest of 6 facts")
 
 
 def test_without_rerun_the_run_says_so_and_leaves_no_log(tmp_path, monkeypatch):

@@ -50,7 +50,6 @@ LAYERS = ("base", "adapter", "application")
 """Layers of an image from the hardware upwards: paper A, Fig. 5."""
 _STAGE = re.compile(r"^FROM\s+\S+\s+AS\s+(\S+)", re.MULTILINE)
 _HOOKS_S = 60.0
-_EACH = "one per machine"
 _OF_ALL = ("Dockerfile", "compose.yaml")
 _NOT_SHOWN = ("image/requirements.lock", "image/sfglab-")
 
@@ -74,13 +73,15 @@ exp = Experiment(
     smoke={"agents": ("go2", "steamdeck"), "containers": (), "build": False},
     paper={"containers": ("go2", *(f"pi{i}" for i in range(1, 7)), "steamdeck", "workstation")},
     actors=(
-        Actor("agent", "container on the machine's bridge", "discovers the others", count=_EACH),
-        Actor("router", "machine", "forwards global names", count=_EACH),
+        Actor("agent", "container on the machine's bridge", "discovers the others"),
+        Actor("router", "machine", "forwards global names"),
+        Actor("others", "other machines", "an agent and a router per machine"),
         Actor("onlooker", OUTSIDER, "joins all domains from outside"),
     ),
     links=(
         Link("agent", "router", "its own domain"),
         Link("router", "agent", "data of other agents"),
+        Link("router", "others", "the global domain, in both directions", boundary="network"),
         Link("router", "onlooker", "the global domain", boundary="network"),
     ),
 )

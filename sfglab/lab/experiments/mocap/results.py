@@ -67,7 +67,7 @@ def checks(run: Run[Config]) -> pd.DataFrame:
     exact = run["check"][run["check"]["check"].isin(CHECKS)]
     rows = [asdict(row) for row in _live_checks(run)] if len(run["try"]) else []
     columns = ["how", "check", "checked", "held", "example"]
-    both = [exact.assign(how=How.EXACT.value), pd.DataFrame(rows).assign(how=How.LIVE.value)]
+    both = [pd.DataFrame(rows).assign(how=How.LIVE.value), exact.assign(how=How.EXACT.value)]
     return pd.concat(both, ignore_index=True)[columns]
 
 
@@ -171,11 +171,11 @@ def draw_trees(figure: Figure, run: Run[Config]) -> None:
         findings = findings_of(run, FIGURE_6, way)
         _draw_tree(axes, tree_of(run, FIGURE_6, way), _PLACES[way], findings)
         axes.set_title(title)
-        lines = [fill(f"{one.code}: {', '.join(one.frames)}", 42) for one in findings]
+        lines = [fill(f"{one.code}: {one.what}", 44) for one in findings]
         text = "\n".join(lines) or "no error"
         axes.text(0.5, -0.02, text, transform=axes.transAxes, ha="center", va="top", fontsize=8.5)
     figure.suptitle("The direct receiver breaks a robot's TF tree, the bridge does not")
-    note(figure, "the paper's example; blue: motion capture; orange: frames with errors")
+    note(figure, "the paper's example; blue: motion capture; orange: frames that an error names")
 
 
 def _draw_tree(
@@ -212,22 +212,22 @@ def draw_error(figure: Figure, run: Run[Config]) -> None:
     looks = live(run, "look")
     errors, waits = figure.subplots(2, 1, sharex=True)
     kinds = {
-        "error_mm": ("proxy", "at the time of the look-up"),
-        "latest_mm": ("standard", "latest transforms"),
+        "error_mm": ("proxy", "for the time asked for, after the wait"),
+        "latest_mm": ("standard", "latest transforms, without a wait"),
     }
     for column, (key, text) in kinds.items():
         label = f"{text} (median {looks[column].median():.2g} mm)"
         errors.plot(
             looks["at_s"], looks[column], label=label, linestyle="", markersize=2.5, **series(key)
         )
-    errors.set(yscale="log", ylabel="position error (mm)", title="Camera position error")
+    errors.set(
+        yscale="log", ylabel="position error (mm)", title="Position error of the robot's camera"
+    )
     errors.margins(y=0.25)  # room for the legend
     errors.legend(fontsize=8, ncols=2, loc="upper right")
     waits.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
     waits.set(yscale="log", xlabel="time (s)", ylabel="wait (ms)")
-    waits.set_title("Wait until the transforms for the current time are known")
+    waits.set_title("Wait until the transforms for the time asked for are known")
     at, latest = looks["error_mm"].median(), looks["latest_mm"].median()
-    figure.suptitle(
-        f"Position error {at:.1f} mm at the time of the look-up, {latest:.0f} mm with the latest transforms"
-    )
+    figure.suptitle(f"Median position error {at:.1f} mm after the wait, {latest:.0f} mm without it")
     note(figure, f"simulated cameras with occlusions and lost captures; {len(looks)} look-ups", run)

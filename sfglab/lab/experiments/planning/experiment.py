@@ -60,9 +60,9 @@ exp = Experiment(
     smoke={"cases": 8, "live": False},
     paper={"cases": 2000},
     actors=(
-        Actor("planner", "station", "sends each agent its trajectory"),
-        Actor("agent", "robot", "simulates a robot that follows it", count="as the scene has"),
-        Actor("viewer", "station", "subscribes to the poses"),
+        Actor("planner", "one process", "sends each agent its trajectory"),
+        Actor("agent", "one process", "simulates a robot that follows it", count="two in the hall"),
+        Actor("viewer", "one process", "subscribes to the poses"),
     ),
     links=(
         Link("planner", "agent", "goals, cancel requests"),

@@ -63,13 +63,13 @@ exp = Experiment(
         "observed_s": {"smoke": 0.8, "quick": 1.5, "paper": 1.5},
     },
     actors=(
-        Actor("camera", "this host", "sends a picture 30 times a second"),
-        Actor("bridge", "this host", "draws what it receives"),
-        Actor("observer", "this host", "sees what is subscribed to"),
-        Actor("sink", "this host", "receives what is drawn, as a viewer does"),
+        Actor("camera", "this host", "sends an image 30 times per second"),
+        Actor("bridge", "this host", "draws what it receives; baseline: Rerun's own call"),
+        Actor("observer", "this host", "sees the bridge's subscriptions"),
+        Actor("sink", "this host", "receives what is drawn, in place of a viewer"),
     ),
     links=(
-        Link("camera", "bridge", "pictures of 640 x 360"),
+        Link("camera", "bridge", "images of 640 x 360"),
         Link("bridge", "observer", "its subscriptions", "DDS discovery"),
         Link("bridge", "sink", "what is drawn", "gRPC"),
     ),
