@@ -160,9 +160,8 @@ def test_examples_of_files_do_what_they_say(example, folder):
 @pytest.mark.parametrize("example", [one for one in EXAMPLES if ends(one) and re.match(LIVE, one)])
 def test_examples_of_the_bus_do_what_they_say(example, folder, talker):
     # The talker's frames are no tree.
-    called(
-        *words_in(talker, example), status=int(example.startswith("sfglab frames lint --domain"))
-    )
+    status = int(example.startswith("sfglab frames lint --domain"))
+    assert called(*words_in(talker, example), status=status)
 
 
 @pytest.mark.slow

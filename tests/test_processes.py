@@ -97,8 +97,9 @@ async def test_who_fails_is_named_with_the_reason(do, message):
 
 async def test_a_cancelled_group_leaves_nobody():
     with pytest.raises(TimeoutError):  # noqa: PT012 - the block is what is tested
-        async with grouped(toy("a"), toy("b")) as group, asyncio.timeout(0):
+        async with asyncio.timeout(None) as limit, grouped(toy("a"), toy("b")) as group:
             pids = [group[name].pid for name in group]
+            limit.reschedule(0)  # the group is left by a cancellation
             await asyncio.sleep(S)
     assert all(map(gone, pids))
 

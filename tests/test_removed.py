@@ -26,6 +26,7 @@ def test_a_removed_command_is_one_sentence_and_status_2_and_is_not_listed(comman
     [
         ("view --domain 7 --to foxglove:8765", "view --to foxglove"),
         ("view --domain 7 --to rerun+http://host:9876/proxy", "view --to rerun+http"),
+        ("view --domain 7 --to serve:9876", "view --to serve"),
         (f"qos {QOS} --vendor=cyclone_dds --rmw cyclone", "qos --vendor"),
     ],
 )
@@ -46,8 +47,10 @@ def test_a_former_name_has_no_other_use():
     ("former", "todays", "warned"),
     [
         (f"qos {QOS} --method=printed", f"qos {QOS} --method paper", "printed"),
+        (f"qos {QOS} --front", f"qos {QOS} --pareto", "--front"),
         (f"qos {QOS} --latency-price 5", f"qos {QOS} --latency-weight 5", "--latency-price"),
         (f"map {GRAPH} --rule=size", f"map {GRAPH} --gateway-rule size", "--rule"),
+        ("mocap run x --trees --help", "mocap run x --publish-tf --help", "--trees"),
         (f"map {GRAPH} --place", f"map {GRAPH} --optimise-placement", "--place"),
     ],
 )

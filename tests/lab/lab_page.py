@@ -5,6 +5,7 @@ import subprocess
 import sys
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 
 import nbformat
 
@@ -38,10 +39,12 @@ def served_lab(checkout, home, *options, port=0, start=subprocess.Popen):
     with start(argv, stderr=subprocess.PIPE, **run) as lab:
         try:
             line = next(line for line in lab.stderr if " http://" in line)
+            # A full pipe would stop JupyterLab.
+            Thread(target=lab.stderr.read, daemon=True).start()
             yield line.split()[-1].partition("/lab")[0].replace("localhost", "127.0.0.1")
         finally:
             lab.terminate()
-            lab.communicate(timeout=ANSWER_S)
+            lab.wait(ANSWER_S)
 
 
 def write_notebook(file, cell):

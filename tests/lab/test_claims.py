@@ -101,9 +101,18 @@ def test_without_a_figure_the_verdict_is_not_yet_and_the_table_counts_verdicts()
     entry = entry_for(claim(), None, log="ignored.mcap")
     assert entry.verdict is Verdict.NOT_YET
     assert (entry.as_json()["value"], entry.as_json()["log"]) == (None, None)
-    assert json.loads(json.dumps(entry_for(claim(), measured(5)).as_json()))["how"] == "live"
+    found = json.loads(json.dumps(entry_for(claim(), measured(5, 4.5, 6)).as_json()))
+    assert [found[key] for key in ("value", "low", "high", "unit", "how")] == [
+        5,
+        4.5,
+        6,
+        "u",
+        "live",
+    ]
     text = render([entry_for(claim(), measured(5)), entry_for(claim(id="Y"), None)])
     assert text.splitlines()[-1] == "ledger: 1 reproduced, 1 not yet"
+    of_run = replace(entry_for(claim(), measured(5)), own=entry_for(claim(), measured(7)))
+    assert "  this run" in render([of_run])
 
 
 GOOD = "id: A, where: w, says: s, paper: 1, unit: u, band: [1, 2], experiment: null"

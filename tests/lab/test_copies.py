@@ -89,7 +89,7 @@ def test_a_changed_copy_is_kept_and_one_that_was_only_saved_follows_its_notebook
     assert "# Mine" in copy.read_text("utf-8")
 
 
-@pytest.mark.parametrize("text", [b"", b'{"cells": [{}]}', b"\xff"])
+@pytest.mark.parametrize("text", [b"", b"[]", b'{"cells": [{}]}', b"\xff"])
 def test_a_damaged_copy_is_set_aside_and_replaced(project, text):
     copy = project.runs / "lab/12_discovery.ipynb"
     copy_notebooks(project)

@@ -72,6 +72,13 @@ def test_the_log_that_counts_is_the_asked_profile_else_the_newest_that_speaks_el
     assert find_log(project, "naming", committed=True) is None
 
 
+def test_new_logs_never_meet(project, monkeypatch):
+    monkeypatch.setattr("sfglab.lab.runs.time.strftime", lambda *_: "20260101T000000")
+    first = new_log(project, "naming", "quick")
+    touch(first.with_name(f"{first.name}.part"))
+    assert new_log(project, "naming", "quick") != first
+
+
 def test_figures_and_verdicts_come_from_logs_alone_and_an_unreadable_one_costs_its_own_claims(
     project, caplog
 ):
@@ -85,7 +92,6 @@ def test_figures_and_verdicts_come_from_logs_alone_and_an_unreadable_one_costs_i
     assert entries["A-FQN"].verdict is Verdict.REPRODUCED
     assert entries["A-FQN"].log == project.relative(log)
     assert entries["A-CPU-SFG"].verdict is Verdict.NOT_YET
-    assert new_log(project, "naming", "quick") != path
     assert redraw_figures(project) == {}, "a run replaces no figure of the repository"
     assert [each.log for each in history(project) if each.measured] == [
         f"{project.relative(log)}: speaks"

@@ -65,6 +65,15 @@ async def test_a_busy_process_shows_in_the_rows_of_its_labels(burner):
 
 
 @pytest.mark.live
+def test_a_known_cpu_time_is_a_percentage_of_one_core(burner):
+    window = Window(cpu={"burner": [burner.pid]}, interfaces={})
+    window.sample(0)
+    used_s = float(burn(burner, 0.2))
+    (row,) = window.sample(1_000_000_000)
+    assert row.cpu_percent == pytest.approx(100 * used_s, rel=0.03)
+
+
+@pytest.mark.live
 def test_a_process_that_starts_between_samples_counts_whole_and_an_old_one_from_then_on(burner):
     burn(burner, 0.1)
     pids = []
@@ -77,6 +86,8 @@ def test_a_process_that_starts_between_samples_counts_whole_and_an_old_one_from_
         whole_ns = meter.sample(process_table())
         burn(burner, 0.1)
         more_ns = meter.sample(process_table())
+    burner.kill()
+    burner.wait()
     assert meter.sample(process_table()) == more_ns, "what ended keeps what it used"
     assert 100 * MS <= whole_ns < 200 * MS
     assert whole_ns + 100 * MS <= more_ns < whole_ns + 200 * MS

@@ -45,6 +45,12 @@ def test_each_link_of_a_header_leads_to_a_file_from_the_notebook_and_from_a_copy
     assert {target.parent for target in targets} == {PROJECT.notebooks, ROOT / "book"}
 
 
+def test_a_header_without_a_notebook_of_the_experiment_has_no_neighbours(monkeypatch):
+    monkeypatch.setattr(notebook, "notebook_of", lambda *_: "")
+    links = links_of(notebook.header(experiment("driving")).data)
+    assert [*links] == ["start", "ledger", "glossary"]
+
+
 @pytest.mark.parametrize("name", CHAPTER)
 def test_a_committed_header_has_the_verdicts_of_committed_logs(name, monkeypatch):
     [path] = find_notebooks(PROJECT, [name])

@@ -82,6 +82,7 @@ def test_fields_of_experiments_travel_as_settings(project, sources, given, fitte
         (DEPTH, {"speed": 1}, "depth_codecs: speed: given 'speed', allowed: .*frames"),
         (DEPTH, {"profile": "fast"}, "profile: given 'fast', allowed: smoke, quick, paper"),
         (SEVERAL, {"samples": 10}, "declares no parameter samples; its parameters are"),
+        (SEVERAL, {"settings_naming": 3}, "settings: given 3, needed are fields"),
         (
             SEVERAL,
             {"settings_naming": {"samples": "few"}},
@@ -103,6 +104,7 @@ def test_what_no_parameter_or_field_can_hold_is_said_before_anything_runs(
     ("arguments", "sentence"),
     [
         (("quick", "nowhere.mcap"), "no such file"),
+        (("quick", "", [1]), "settings: given .*, allowed: fields"),
         (("quick", "a.mcap"), "log: given .*a.mcap', allowed: a log of the experiment naming"),
     ],
 )

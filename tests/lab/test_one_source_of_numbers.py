@@ -61,6 +61,10 @@ def test_the_command_prints_the_ledgers_values(ledger):
         name: entry.measured.estimate.value for name, entry in ledger.items()
     }
     assert {entry["source"] for entry in found} == {"the committed logs"}
+    in_full = called("claims", "--reference", "--verbose")
+    for name, entry in ledger.items():
+        assert f"{name}: {entry.verdict.value}" in in_full
+        assert f"log: {entry.log}" in in_full
 
 
 def test_the_summary_figure_prints_the_ledgers_values_of_claims_in_the_readme(ledger):

@@ -258,9 +258,11 @@ class Soak(ProcessGroup):
         for name in AGENTS if self._keep_processes else (SPARED,):
             with suppress(psutil.Error):
                 for process in psutil.Process(self[name].pid).children(recursive=True):
-                    module = process.cmdline()[2]
-                    readings = self._memory_mb.setdefault((name, module, process.pid), [])
-                    readings.append((time.monotonic(), process.memory_info().rss / 1e6))
+                    with suppress(psutil.Error, IndexError):  # it may just have ended
+                        module = process.cmdline()[2]
+                        size_mb = process.memory_info().rss / 1e6
+                        readings = self._memory_mb.setdefault((name, module, process.pid), [])
+                        readings.append((time.monotonic(), size_mb))
 
     def _judge_memory(self):
         for (name, module, _), readings in self._memory_mb.items():
