@@ -34,7 +34,7 @@ _KINDS = {
     Frame.BURST: (_REPAIR, COLORS["third"]),
     Frame.HEARTBEAT: ("heartbeat", "black"),
     Frame.ACKNACK: ("request (ACKNACK)", COLORS["fourth"]),
-    Frame.GAP: ("gap: no longer there", COLORS["network"]),
+    Frame.GAP: ("GAP: sample not kept", COLORS["network"]),
 }
 """Name and colour of each kind of frame."""
 

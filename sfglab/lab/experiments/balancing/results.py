@@ -228,7 +228,7 @@ def draw_caches(figure: Figure, run: Run[Config]) -> None:
     readings.set_ylabel("readings suppressed (%)")
     title = "reading rate (above), Rmax (below)"
     readings.legend(title=title, ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.3))
-    names = [f"{frame}\ncompared with\n{method}" for method, frame in frames.index]
+    names = [f"{frame}\n{PAIRS[name][1]} instead of\n{name}" for name, frame in frames.index]
     draw_shares(transport, frames, names)
     transport.set_ylabel("frames saved by LC (%)")
     figure.suptitle(

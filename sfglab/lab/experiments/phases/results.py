@@ -315,13 +315,17 @@ def draw_map(figure: Figure, run: Run[Config]) -> None:
         top.set_title(question, fontsize=8)
         bottom.set_xlabel("airtime of a frame (us)", fontsize=8)
     figure.colorbar(
-        squares, ax=grid, shrink=0.5, aspect=40, label="answer: 0 no, 1 yes, otherwise partly"
+        squares,
+        ax=grid,
+        shrink=0.5,
+        aspect=40,
+        label="share of Rmax (hallway: of laps) with the answer yes",
     )
     figure.suptitle("Where paper B's conclusions hold")
     note(
         figure,
         f"simulated without channel stalls, {run.config.seeds} seeds; one square per simulated "
-        "condition, mean over its Rmax\ngrey: plausible conditions",
+        "condition, mean over its Rmax\ngrey: plausible conditions, in the modes that the criteria judge",
     )
 
 
@@ -329,11 +333,14 @@ def draw_row(panels: Sequence[Axes], table: pd.DataFrame) -> Any:
     """Draw the simulated conditions of one middleware, one panel per question, and return the last squares."""
     from matplotlib.patches import Rectangle
 
-    low, high = criterion().region["loss"]
-    least_us, most_us = criterion().region["frame_us"]
+    asked = criterion()
+    low, high = asked.region["loss"]
+    least_us, most_us = asked.region["frame_us"]
+    is_judged = table["preset"].isin(asked.modes).all()
     for axes, answer in zip(panels, ANSWERS, strict=True):
         size = (most_us - least_us, 100 * (high - low))
-        axes.add_patch(Rectangle((least_us, 100 * low), *size, color="0.85", zorder=0))
+        if is_judged:
+            axes.add_patch(Rectangle((least_us, 100 * low), *size, color="0.85", zorder=0))
         squares = axes.scatter(table["frame_us"], 100 * table["loss"], 36, table[answer], **_SQUARE)
         axes.set(xscale="log", yscale="log")
         axes.set_xticks([50, 200, 1000], ["50", "200", "1000"], fontsize=8)
@@ -363,7 +370,7 @@ def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, len(ANSWERS), sharey=True)
         draw_row(panels, table)
-        panels[0].set_ylabel("frame loss (%)")
+        panels[0].set_ylabel(f"{PRESETS[preset].name}\nframe loss (%)", fontsize=8)
         figure.supxlabel("airtime of a frame (us)", fontsize=8)
         for axes, question in zip(panels, ANSWERS.values(), strict=True):
             axes.set_title(question, fontsize=8)
