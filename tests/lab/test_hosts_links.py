@@ -139,7 +139,7 @@ asyncio.run(main(sys.argv[1]))
 @pytest.mark.live
 def test_a_reliable_writer_reaches_a_reader_on_another_host_over_a_radio_that_loses(network):
     """They find each other by multicast, as on a real network."""
-    network.set_radio(replace(QUIET, loss=0.1))
+    network.set_radio(replace(QUIET, loss=0.3))
     command = [sys.executable, "-c", NOTES]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with network.hosts["robot"].popen([*command, "writer"], text=True, **pipes) as writer:
