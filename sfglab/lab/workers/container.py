@@ -2,8 +2,8 @@
 
 ``python -m sfglab.lab.workers.container BRIDGE COMMAND...`` makes the bridge if it is missing, and a network
 namespace whose ``eth0`` is connected to it. As in an ``internal`` network of Compose, nothing is forwarded to
-other networks. The process then becomes the command inside. The namespace ends with the command, and the
-bridge with the network namespace of the caller.
+other networks. The process then becomes the command inside. Without a command it makes only the bridge. The
+namespace ends with the command, and the bridge with the network namespace of the caller.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ _MACHINE, _FIRST = 1, 2
 _LO = 1
 
 
-def enter_container(bridge: str) -> None:
+def enter_container(bridge: str, *, only_bridge: bool = False) -> None:
     """Move this process into a network namespace of its own that is connected to a bridge of this machine.
+
+    With `only_bridge` the bridge is made and the process stays where it is.
 
     Raises:
         NetlinkError: The kernel refuses.
@@ -34,6 +36,8 @@ def enter_container(bridge: str) -> None:
 
     with IPRoute() as machine:  # stays a socket of the machine
         index = _bridge(machine, bridge)
+        if only_bridge:
+            return
         outer = f"{bridge[:10]}-{os.getpid() % 10_000}"
         unshare(CLONE_NEWNET)
         peer = {"ifname": INTERFACE, "net_ns_pid": os.getpid()}
@@ -59,9 +63,10 @@ def _bridge(machine: Any, name: str) -> int:
 
 
 def main(bridge: str, command: Sequence[str]) -> None:
-    """Enter the container and become the command."""
-    enter_container(bridge)
-    os.execvp(command[0], list(command))  # noqa: S606 - no shell is the point
+    """Enter the container and become the command, if there is one."""
+    enter_container(bridge, only_bridge=not command)
+    if command:
+        os.execvp(command[0], list(command))  # noqa: S606 - no shell is the point
 
 
 if __name__ == "__main__":

@@ -74,6 +74,8 @@ async def _start(
     """Start both containers of an agent, and return the process of the agent's."""
     services = yaml.safe_load(bundle.members["compose.yaml"].text)["services"]
     enter = (sys.executable, "-m", "sfglab.lab.workers.container", deployment.bridge)
+    # Compose makes the network before any container; a router that starts without it fails.
+    await asyncio.to_thread(host.run, enter, MEETING_S, check=True)
     started = {}
     for name, before, after in (("agent", enter, ("--json",)), ("router", (), ())):
         words = [str(fleet) if word == FLEET_FILE else word for word in services[name]["command"]]
