@@ -146,8 +146,10 @@ def _seconds(duration_ns: int) -> dict[str, int]:
 
 
 _NAMESPACE = "https://cdds.io/config"
-#: HeartbeatInterval's `min`, `minsched` and `max`, Cyclone's defaults; the model does not reckon with them.
-_LEAST_NS, _SCHEDULED_LEAST_NS, _LONGEST_NS = 5_000_000, 20_000_000, 8_000_000_000
+# These are Cyclone's defaults. The model of the link does not include them.
+_LEAST_NS = 5_000_000  #: HeartbeatInterval's `min`.
+_SCHEDULED_LEAST_NS = 20_000_000  #: HeartbeatInterval's `minsched`.
+_LONGEST_NS = 8_000_000_000  #: HeartbeatInterval's `max`.
 
 _CYCLONE_HOW = (
     "Set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp and CYCLONEDDS_URI to this file. It contains timing only: this "

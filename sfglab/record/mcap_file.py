@@ -16,7 +16,7 @@ from itertools import islice
 from operator import attrgetter
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
-import lz4.frame
+from lz4.frame import LZ4FrameDecompressor
 from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -314,7 +314,8 @@ def _decompressed(chunk: records.Chunk) -> bytes:
     if chunk.compression == "zstd":
         data = decompress(data, size)
     elif chunk.compression == "lz4":
-        data = lz4.frame.decompress(data)  # at most 255 times its size
+        # Without a largest length, lz4 allocates what the frame's header says.
+        data = LZ4FrameDecompressor().decompress(data, max_length=size)
     elif chunk.compression:
         raise McapError(f"a chunk is compressed by {chunk.compression!r}; allowed are zstd and lz4")
     if len(data) != chunk.uncompressed_size:

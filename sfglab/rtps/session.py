@@ -173,9 +173,8 @@ class AirFrame:
     began_ns: int  #: Time when the frame went on air.
     ended_ns: int  #: Time when the frame left the air.
     lost: bool  #: Whether the medium lost the frame when it left the air.
-    samples: tuple[
-        int, ...
-    ]  #: Samples that it carries, requests or declares to be gone, counted from 1.
+    #: Samples that the frame carries, requests or declares to be gone, counted from 1.
+    samples: tuple[int, ...]
     #: Newest sample that the heartbeat announces or the ACKNACK acknowledges; 0 for other frames.
     newest: int
     repairs: bool  #: Whether the frame's samples were on air before.

@@ -1,11 +1,12 @@
 import math
 import threading
+import tracemalloc
 from dataclasses import dataclass
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.writer import IndexType
+from mcap.writer import CompressionType, IndexType, Writer
 from reported import string, write_mcap
 
 from sfglab.messages import (
@@ -312,6 +313,29 @@ def test_a_lost_index_loses_no_message_and_damage_below_an_index_is_said_when_it
     path.write_bytes(whole[:start] + b"\xff\xff" + whole[start + 2 :])
     with LogReader(path) as log, pytest.raises(LogError, match="damaged"):
         list(log.messages())
+
+
+def test_a_size_in_the_header_of_an_lz4_frame_is_not_believed(tmp_path):
+    path = tmp_path / "large.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.LZ4)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/text", "cdr", schema)
+        writer.add_message(channel, 0, serialize(text("a")), 0)
+        writer.finish()
+    content = bytearray(path.read_bytes())
+    start = content.index(b"\x04\x22\x4d\x18") + 6
+    content[start : start + 8] = (2**30).to_bytes(8, "little")
+    tracemalloc.start()
+    for checksum in range(256):  # one of them is right
+        content[start + 8] = checksum
+        path.write_bytes(content)
+        with LogReader(path) as log, pytest.raises(LogError, match="damaged"):
+            list(log.messages())
+    _, most_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most_bytes < 2**25
 
 
 @settings(max_examples=150, deadline=None)

@@ -151,7 +151,7 @@ def time_chain(point: DrivePoint, seed: int) -> tuple[dict[Any, Any], ...]:
     The seed selects the town and the orders in which topic A is delivered.
     """
     stack = Stack(Camera(width=WIDTH, height=HEIGHT))
-    cv2.setNumThreads(1)  # as the only executor of a node does
+    cv2.setNumThreads(1)  # a node has one executor, which has one thread
     run_lap(seed, stack=stack, timeout_s=point.limit_s)
     chain = load_chain()
     times_ns = {f"{node}_ns": stack.times_ns[node] for node in CHAIN}
