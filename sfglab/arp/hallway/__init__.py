@@ -1,7 +1,8 @@
 """The package `hallway` has paper B, section 3.2: three robots drive around a hallway with commands from a station.
 
-The modules build on each other: `course` has walls and compiled geometry, `nodes` has the nodes of a robot, `station`
-decides the motion, `world` has physics and verdict, and `simulation` drives a whole lap over the reliability model.
+The modules build on each other. `course` has walls and compiled geometry, and `nodes` has the nodes of a robot.
+`station` decides the motion, and `world` has physics and verdict. `simulation` drives a whole lap over the reliability
+model.
 Users import `simulation` by its own name, because `simulation` loads the reliability model. Decisions are pure
 functions; `sfglab.lab.workers.hallway` runs the same nodes live.
 """

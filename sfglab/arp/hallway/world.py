@@ -2,8 +2,8 @@
 
 Each robot is a TurtleBot3 Burger: differential drive, radius 0.105 m, wheels 0.160 m apart, 0.22 m/s at most (ROBOTIS
 e-manual). Wheels differ a little and slip a little, and people place the robots by hand, so a seed selects the errors
-of wheels and start poses. A run succeeds if the run is one lap without contact and without a stop for an obstacle. The
-module does not depend on messages and decisions.
+of wheels and start poses. A run succeeds if the robots complete one lap without contact and without a stop for
+an obstacle. The module has no messages and no decisions.
 """
 
 from __future__ import annotations
