@@ -1,4 +1,4 @@
-"""What one more subscriber process on the same host costs: shared memory against DDS over loopback.
+"""Measure the cost of an additional subscriber process on a host: shared memory against DDS over loopback.
 
 A publisher sends 640x360x3 images at 30 Hz; 1, 4 and 10 subscriber processes read every byte of each. The
 CPU time of all processes (user and system, all their threads, by the kernel's clock) over a window is divided

@@ -1,12 +1,11 @@
-"""What compiling the reliability model is worth: event rates, ours against SimPy's; the time of paper B's grid.
+"""Measure the gain of the compiled reliability model: its event rate against SimPy's, and the time of paper B's grid.
 
-First the same model twice: `sfglab.rtps`, and `SimpyModel` below, with plain Python's data structures, and with
-SimPy's processes for what acts by itself and its timeouts' callbacks for the rest, which is the quicker of its
-styles. It covers what the transmission experiment uses: RELIABLE, KEEP_LAST, one shared medium. Both count
-the same events (publications, frames, heartbeats, requests, repairs, samples served; SimPy's wake-ups are not
-counted), so that the ratio is that of the times for the same run. That it is the same model is checked: what
-each delivered and repaired must agree within the noise of two generators. Rounds alternate; ratios are within
-a round.
+The first part runs one model twice: `sfglab.rtps`, and `SimpyModel` below. The latter uses plain Python's data
+structures, SimPy's processes for actors, and callbacks of timeouts for the rest, the faster of SimPy's styles. It
+covers what the transmission experiment uses: RELIABLE, KEEP_LAST, one shared medium. Both count the same events
+(publications, frames, heartbeats, requests, retransmissions, samples served; no wake-ups of SimPy), so the ratio of
+the rates is the ratio of the times. Delivered and retransmitted samples of both must agree within the noise of two
+random generators. Rounds alternate; ratios are within a round.
 
 Then the grid of the transmission experiment, 4 Rmax x 7 DEPTH x 7 methods of 60 simulated seconds, as a sweep
 over local threads, after everything is compiled.
@@ -60,7 +59,7 @@ RECEIVED, IRRELEVANT = 1, 2
 
 @dataclass
 class Executor:
-    """Who takes samples from readers, one after the other and in turn."""
+    """An executor that takes samples from its readers in turn."""
 
     channels: list[Channel] = field(default_factory=list)
     turn: int = 0
@@ -351,7 +350,7 @@ class SimpyModel:
             executor.wake = None
 
     def serve(self, executor: Executor) -> Generator[simpy.Event, None, None]:
-        """Take samples from readers in turn, for ever."""
+        """Take samples from readers in turn, indefinitely."""
         count = len(executor.channels)
         while True:
             for i in range(count):

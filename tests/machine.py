@@ -137,7 +137,7 @@ def pytest_terminal_summary(terminalreporter, config) -> None:
 
 @pytest.fixture
 def free_domains():
-    """A function that returns so many DDS domains that nobody else uses until the test has ended."""
+    """A function that reserves a number of DDS domains until the test has ended."""
     from sfglab.lab.testbed import held_domains
 
     with ExitStack() as held:
@@ -146,5 +146,5 @@ def free_domains():
 
 @pytest.fixture
 def domain_id(free_domains):
-    """A DDS domain that nobody else uses."""
+    """A DDS domain that no other test uses."""
     return free_domains(1)[0]

@@ -45,7 +45,7 @@ def ran(exp, path, **changes):
 
 
 def broken(checks):
-    """What was seen by each check of a table that does not hold."""
+    """The counterexample of each check of a table that does not hold."""
     wrong = checks[checks["held"] < checks["checked"]]
     return dict(zip(wrong["check"], wrong["example"], strict=True))
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 CAMERA = "[list(map(float, c.position)), list(map(float, c.look_at)), float(c.fov)]"
-"""What `pixel` wants of a browser's camera `c`."""
+"""Attributes of a browser's camera `c` that `pixel` needs."""
 
 
 def pixel(camera, canvas, point):

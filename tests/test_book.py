@@ -32,7 +32,7 @@ COMMANDS = [" ".join(("sfglab", *words)) for words, _ in commands()]
 
 
 class Page(HTMLParser):
-    """What a page loads, where it leads, and what of it can be led to."""
+    """A page: the files that it loads, its links, and the targets of links in it."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()

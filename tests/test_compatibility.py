@@ -1,4 +1,4 @@
-"""What is said to work beside ROS 2: the book has the log's tables, and the log what the tests show."""
+"""The book has the tables of the log on ROS 2, and the log has the results of the tests."""
 
 import sys
 from pathlib import Path

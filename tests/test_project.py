@@ -64,7 +64,7 @@ def test_the_locks_hold_every_dependency_with_hashes_and_no_address_and_agree():
         names = {re.split(r"[\[<>=]", normal(one))[0] for one in listed}
         assert names <= set(locks[of_extra.get(extra, "requirements")].values()), extra
     assert "pyside6-webengine" not in locks["requirements"].values()
-    # Some are wanted on other platforms, too: versions and hashes agree, and not the markers.
+    # Some packages are also needed on other platforms: versions and hashes agree, markers differ.
     pins = [
         {re.sub(" ; .*", " \\\\", block): name for block, name in lock.items()}
         for lock in locks.values()

@@ -1,6 +1,6 @@
 """The README's values and verdicts are the ledger's of committed logs.
 
-`python tests/test_readme.py` writes them anew.
+`python tests/test_readme.py` updates them.
 """
 
 from collections import Counter
@@ -100,7 +100,7 @@ def made():
 
 
 def test_the_readme_has_the_figures_and_verdicts_of_the_committed_logs():
-    """`python tests/test_readme.py` writes them anew."""
+    """`python tests/test_readme.py` updates them."""
     assert README.read_text(encoding="utf-8") == made()
 
 

@@ -44,7 +44,7 @@ async def process(module: str, config):
 
 @contextmanager
 def program(*argv: str, **options):
-    """Run a program whose standard output is read as text; whatever happens, it is killed at last."""
+    """Run a program whose standard output is read as text, and kill it in any case at the end."""
     with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True, **options) as child:
         try:
             yield child

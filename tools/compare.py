@@ -5,11 +5,11 @@
 
 Each version runs a driver of its own (`compare_baseline.py`, `compare_current.py`) from its own
 tree, with the environment in its ``.venv`` if it has one. Both read the committed logs of the older
-tree. Compared are claims and figures from these logs, the rows of all seeded parts in the profile
-smoke, and artefacts: messages, codecs, files that commands write, transition tables.
+tree. The tool compares claims and figures from these logs, the rows of all seeded parts in the
+profile smoke, and artefacts: messages, codecs, files that commands write, transition tables.
 
-Tables are compared in the columns, and JSON in the keys, that both versions have; what only one of
-them has is listed. The exit status is 0 if every difference has a reason in `REASONS`. A tree of the
+Tables are compared in the columns, and JSON in the keys, that both versions have. Columns and keys
+of one version are listed. The exit status is 0 if every difference has a reason in `REASONS`. A tree of the
 version with which this wave began:
 
     git worktree add build/old 671791e4

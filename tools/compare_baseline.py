@@ -1,4 +1,4 @@
-"""What the version 671791e4 computes, as files: one side of `tools/compare.py`.
+"""Write the results of version 671791e4 as files: one side of `tools/compare.py`.
 
     python tools/compare_baseline.py FOLDER LOGS [SECTION ...]
 

@@ -1,6 +1,6 @@
-"""What the current version computes, as files: one side of `tools/compare.py`.
+"""Write the results of the current version as files: one side of `tools/compare.py`.
 
-It does what `compare_baseline` does; what was renamed or moved since is overridden here.
+It does what `compare_baseline` does, and overrides what was renamed or moved since.
 """
 
 from __future__ import annotations

@@ -207,7 +207,7 @@ def judges_of(
 
 
 def is_seen(copies: list[Path], limit: Limit, tests: Sequence[str], mutant: Mutant) -> bool:
-    """Return whether the tests fail with a mutant in one of the copies that nobody uses."""
+    """Return whether the tests fail with a mutant in one of the free copies."""
     copy = copies.pop()
     file = copy / mutant.module
     before = file.read_text("utf-8")

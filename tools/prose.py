@@ -44,6 +44,7 @@ RULES = {
 _FIELD = re.compile(r"(?:Of|Whose|How|When|Where|Which|Who|What|From|To|Again)\b")
 _SHOWN = {"echo", "print", "warning", "info", "error", "suptitle", "note", "annotate"}
 _LABELS = {"help", "label", "title", "xlabel", "ylabel"}
+_INDENTED = re.compile(r"\n\n(?: {4,}.*\n?)+")  # formulas and commands in a docstring
 
 
 class Text(NamedTuple):
@@ -109,7 +110,7 @@ def _literals(node: ast.AST) -> Iterator[Text]:
         node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
     )
     if is_documented and (docstring := ast.get_docstring(node)):
-        yield Text(node.body[0].lineno, "docstring", docstring)
+        yield Text(node.body[0].lineno, "docstring", _INDENTED.sub("\n\n", docstring))
     if isinstance(node, ast.Module | ast.ClassDef):
         for before, after in zip(node.body, node.body[1:], strict=False):
             if isinstance(before, ast.Assign | ast.AnnAssign):

@@ -1,9 +1,9 @@
-"""The module `programme` has our own QoS balancing: a convex programme that includes the link, and its Pareto front.
+"""The module `programme` has sfglab's QoS balancing: a convex problem that includes the link, and its Pareto front.
 
 The problem that paper B publishes (`balancing`) includes neither link nor messages, and has no trade-off. The
-programme of this module has a trade-off. A higher rate keeps the reader's value true for longer. A higher rate also
-takes airtime, fills queues, and puts more samples behind each gap, so latency grows. With rates r, times between
-changes t and weights w of the topics the programme is:
+problem of this module has a trade-off. A higher rate keeps the reader's value true for longer. A higher rate also
+takes airtime, fills queues, and puts more samples behind each gap, so latency grows. The topics have rates
+r, times between changes t and weights w:
 
     maximise    sum_i w_i [ 1 - 1 / (1 + r_i t_i) - price * latency_i(r, u) ] / sum_i w_i
     subject to  airtime(r) <= u <= utilisation_max

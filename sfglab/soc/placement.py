@@ -1,8 +1,8 @@
-"""The module `placement` decides which nodes go to hardware, with one mixed-integer programme that includes gateways.
+"""The module `placement` decides which nodes are hardware, with one mixed-integer problem that includes gateways.
 
 Paper C leaves the placement of nodes to the developer and names an optimiser as future work (sections 5 and 7). The
-programme has x_n = 1 for a node in hardware and y_t = 1 for a topic at a gateway. The variable h_t belongs to a topic
-in hardware, and e_tn to an edge whose messages cross:
+variable x_n is 1 for a node in hardware, and y_t is 1 for a topic at a gateway. The variable h_t belongs to a topic in
+hardware, and e_tn to an edge whose messages cross the memory interface:
 
     minimise    sum_n [ a_n (1 - x_n) + b_n x_n ] + sum_tn w_tn e_tn + sum_t g_t y_t
     subject to  e_tn >= x_n - h_t - y_t      for every edge of topic t at node n

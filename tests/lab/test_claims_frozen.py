@@ -1,4 +1,4 @@
-"""What a claim is judged by does not drift: it is compared with how it stood before the library was made small.
+"""The criteria of claims do not drift: they are compared with those of an earlier version.
 
 ``tests/claims_frozen.json`` was made once. A difference needs a line ``- CLAIM, FIELD: reason`` in
 ``data/claims-changes.md``, written before the run that it judges.

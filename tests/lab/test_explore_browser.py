@@ -96,7 +96,7 @@ def lab(tmp_path_factory):
 
 @pytest.fixture
 def browser(lab):
-    """One for each test: a page that is left may ask whether to save, and nobody would answer."""
+    """One browser per test: a page that is closed may ask whether to save, and no test would answer."""
     with closing(open_browser(1300, 1100)) as made:
         yield made
 
@@ -236,7 +236,7 @@ def test_parts_of_pictures_are_pressed_and_python_answers_or_refuses(run, browse
     before = {name: browser.wait_for(LOOKS % name, ANSWER_S) for name in "ab"}
     browser.evaluate(REDRAWN)
     for part, answer in PRESSED:
-        browser.click(*browser.still(PART % part, ANSWER_S))  # pictures above it are drawn anew
+        browser.click(*browser.still(PART % part, ANSWER_S))  # plots above it are drawn again
         browser.wait_for(answer, ANSWER_S)
     assert browser.evaluate(LOOKS % "a") != before["a"]
     assert browser.evaluate("document.querySelector('.jp-OutputArea svg').ariaLabel").startswith(
@@ -267,7 +267,7 @@ def test_the_viewer_is_scrubbed_without_a_mouse_and_asks_nothing_of_a_network(
 
 
 def test_a_waypoint_is_added_and_saved_in_the_scene_editors_cell(run, browser, lab):
-    """What else a mouse does there, tests/view/test_planner_browser.py shows."""
+    """Other actions of the mouse are in tests/view/test_planner_browser.py."""
     folder, _ = lab
     run("from sfglab.lab.experiments import planning\nplanning.SceneCell()")
     browser.wait_for(f"{FRAME}?.getAttribute('src').startsWith('/proxy/')", ANSWER_S)

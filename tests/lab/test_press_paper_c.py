@@ -24,7 +24,7 @@ BEGIN = map_communication(DRIVING).gateways
 
 @pytest.fixture(autouse=True)
 def undrawn(monkeypatch):
-    """What the pictures look like is the browser's test; drawing a thousand of them takes minutes."""
+    """No plot is drawn: a thousand take minutes, and the browser's test sees how they look."""
     monkeypatch.setattr("sfglab.lab.explore.press.Pressed._svg", lambda _: "<svg/>")
 
 

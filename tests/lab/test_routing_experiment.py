@@ -17,7 +17,7 @@ DOMAINS = domains_of(2)
 
 
 def heard_rows():
-    """What a perfect router would give."""
+    """Yield the rows of a perfect router."""
     for topic in topics([*DOMAINS]):
         for source, hearer in itertools.product(topic.publishers, DOMAINS):
             allowed = in_table_1(dds_topic(topic.name)) or DOMAINS[source] == DOMAINS[hearer]

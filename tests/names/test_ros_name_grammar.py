@@ -1,6 +1,6 @@
-"""Limits of ROS names, and what is said of those that are none.
+"""Limits of ROS names, and errors of invalid names.
 
-Which names are, and what relative ones become, rclpy is asked in `tests/ros2/test_ros_names.py`.
+`tests/ros2/test_ros_names.py` compares validity and expansion of names with rclpy.
 """
 
 import pickle

@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[2]
 PIXEL = cv2.imencode(".png", np.zeros((1, 1), np.uint8))[1].tobytes()
 # A line that runs an experiment: variable and name.
 RUN = re.compile(r"^(\w+) = await notebook\.run\((\w+)\.exp.*\n?", re.MULTILINE)
-# What runs something or waits for a reader; and what says where files are.
+# Lines that run something, wait for a reader, or print where files are.
 ELSEWHERE = re.compile(
     r"await |live\.session|(setup|explore|Viewer|PressedMapping|press_core|save_figures)\("
 )
@@ -47,7 +47,7 @@ def words_of(outputs):
 
 
 class Shown(DisplayHook):
-    """What a cell's last line gives is shown like what it displays."""
+    """A display hook that keeps the value of a cell's last line like other outputs."""
 
     def write_output_prompt(self):
         """Write nothing: a notebook has its own."""
@@ -59,7 +59,7 @@ class Shown(DisplayHook):
 
 @pytest.fixture
 def shell(monkeypatch):
-    """What runs cells as a kernel does; pictures are not drawn, which is another test's."""
+    """A shell that runs cells as a kernel does. It draws no figures, which another test does."""
     monkeypatch.chdir(ROOT / "notebooks")
     monkeypatch.setattr(notebook, "picture", lambda *_: Image(PIXEL))
     shell = InteractiveShell.instance(displayhook_class=Shown)

@@ -1,4 +1,4 @@
-"""What tests beside real ROS 2 ask of it."""
+"""Helpers of the tests beside real ROS 2."""
 
 import asyncio
 import os

@@ -23,7 +23,7 @@ REFUSALS = (
 
 
 def said(act):
-    """What a validator gives; None where it refuses."""
+    """Return the result of a validator, or None if it refuses."""
     try:
         return act()
     except REFUSALS:
@@ -31,7 +31,7 @@ def said(act):
 
 
 def expanded(name, namespace, node):
-    """What a node of this name makes of a name, as `Node.__init__` and `Node.resolve_topic_name` do."""
+    """Return a name as a node expands it (`Node.__init__`, `Node.resolve_topic_name`)."""
     namespace = namespace if namespace.startswith("/") else f"/{namespace}"
     validate_node_name(node)
     validate_namespace(namespace)

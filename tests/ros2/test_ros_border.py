@@ -84,8 +84,8 @@ async def listed_then_opened(network, go2, spot, *, names):
 
 LEASE, BY_TOPIC = {"liveliness_lease_duration": 1.0}, {"liveliness": "manual_by_topic"}
 LATCHED = {"durability": "transient_local", "depth": 5}
-# What a publisher offers, what a subscription requests, and how many of eight earlier messages it gets; None:
-# it never gets any, and says so.
+# QoS of the publisher and of the subscription, and how many of eight earlier messages the subscription receives. None:
+# it receives no message, and logs the reason.
 MATRIX = [
     ({"deadline": 0.5}, {"deadline": 0.1}, None),
     ({"deadline": 0.5}, {"deadline": 1.0}, 0),
@@ -109,7 +109,7 @@ LEASED = [t for t, (o, _, past) in zip(TOPICS, MATRIX, strict=True) if o | LEASE
 
 
 class Told:
-    """What the subscriptions of a node say of their QoS, and how many of their publishers are alive."""
+    """QoS events of a node's subscriptions, and how many of their publishers are alive."""
 
     def __init__(self, process):
         self.refused = set()

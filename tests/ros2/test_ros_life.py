@@ -153,7 +153,7 @@ async def test_a_process_that_is_killed_leaves_ros_2_s_graph(peer, domain_id):
 async def test_a_real_node_hears_on_when_flows_are_taken_away_before_a_sample_s_turn(
     peer, tmp_path
 ):
-    """What a sample sets off after a second is not sent any more, and the next flow is heard."""
+    """An answer that is due after the flow was removed is not sent, and the next flow is received."""
     usual = {"qos": {"depth": 9}, "reader_depth": 9, "executor": "", "then": "", "service_s": 0}
     usual |= {"size_bytes": 24, "rate_hz": 100, "phase_s": 0, "change_s": 0, "cached": False}
     there = {**usual, "name": "out", "source": "there"}

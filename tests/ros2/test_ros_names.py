@@ -68,7 +68,7 @@ def test_names_are_accepted_expanded_and_refused_as_ros_2_does(distribution):
         # The design article's rules, which rmw leaves out: no "__", and "~" stands before "/" (rcl takes "~9").
         bent = name.startswith("~") and name[1:2] not in {"", "/"}
         stricter = bent or "__" in f"{name} {namespace} {node} {expanded}"
-        unsupported = "{" in name  # substitutions: `resolve` says so
+        unsupported = "{" in name  # a substitution, which `resolve` refuses
         found = (
             bool(is_wire_ros_name(name) and fits),
             bool(ours(lambda: validate_ros_name(name))),  # noqa: B023

@@ -1,7 +1,7 @@
 """Type support of packages that have no wheel, made with rosidl's own generators and gcc.
 
 ``python typesupport.py OUTPUT PACKAGE...`` in ROS 2's own interpreter; a package comes after those that it
-uses. What rclpy imports is below OUTPUT/python then. Libraries know their place: build again instead of moving.
+uses. OUTPUT/python then contains what rclpy imports. Libraries contain their path: build again instead of moving.
 """
 
 import os
