@@ -8,7 +8,28 @@ from pathlib import Path
 import pytest
 
 from sfglab.bus import Node
+from sfglab.bus.api import RawEndpoint
 from sfglab.bus.ros import services
+from sfglab.messages import ServiceFrame, default_message, frame_service, serialize
+from sfglab.qos import DEFAULT
+
+STRING = "std_msgs/msg/String"
+
+# It takes the place of the interpreter, and opens what it is ordered to at once.
+STAND_IN = """#!{python}
+import json, sys
+
+def report(**values):
+    print(json.dumps(values), flush=True)
+
+report(**{{"is": "ready", "prefix": "010f" + 20 * "0"}})
+for line in sys.stdin:
+    order = json.loads(line)
+    with open({orders!r}, "a") as file:
+        print(order["do"], order["key"], file=file)
+    if order["do"] == "open":
+        report(**{{"is": "matched", "key": order["key"], "ready": True}})
+"""
 
 
 def test_it_is_of_python_3_10_and_imports_only_rclpy():
@@ -48,3 +69,47 @@ async def test_why_nothing_can_be_served_is_said(domain_id, monkeypatch, python,
             told = asyncio.get_running_loop().create_future()
             node.backend.ros.find("std_srvs/srv/SetBool_Request", "us", told.set_result)
             assert said in await told
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("running", [False, True], ids=["before it runs", "while it runs"])
+@pytest.mark.parametrize("role", ["server", "client"])
+@pytest.mark.parametrize("halves", [("rq", "rr"), ("rr", "rq")], ids=" then ".join)
+async def test_a_server_or_client_opens_with_both_halves_and_closes_with_the_last(
+    domain_id, monkeypatch, tmp_path, until, running, role, halves
+):
+    python, orders = tmp_path / "python", tmp_path / "orders"
+    python.write_text(STAND_IN.format(python=sys.executable, orders=str(orders)))
+    python.chmod(0o700)
+    monkeypatch.setenv(services.PYTHON_VARIABLE, str(python))
+
+    def opened(ros, name, half):
+        endpoint = RawEndpoint(
+            dds_topic=f"{half}/{name}{'Request' if half == 'rq' else 'Reply'}",
+            type="std_srvs/srv/SetBool_Request",
+            qos=DEFAULT,
+            transport="ros",
+        )
+        reads = (half == "rq") is (role == "server")
+        return ros.open(endpoint, lambda: None, object() if reads else None)
+
+    async with Node("us", domain_id=domain_id) as node:
+        ros = node.backend.ros
+        if running:
+            ros.start()
+            await until(lambda: ros.participants)
+        first = opened(ros, "a", halves[0])
+        first.write(frame_service(ServiceFrame(1, 1, serialize(default_message(STRING)))))
+        others = [opened(ros, "b", half) for half in halves]
+        await until(lambda: all(half.matched for half in others))
+        assert not first.matched  # orders are carried out one after the other
+        second = opened(ros, "a", halves[1])
+        await until(lambda: first.matched and second.matched)
+        first.close()
+        first = opened(ros, "a", halves[0])
+        assert first.matched
+        for half in (second, first):
+            half.close()
+        await until(lambda: "close" in orders.read_text())
+    carried_out = [f"open {role} /b", f"open {role} /a", f"close {role} /a"]
+    assert orders.read_text().splitlines() == carried_out

@@ -81,7 +81,7 @@ def service_of(dds_topic: str) -> str:
 
 
 class RosHalf:
-    """Reader or writer of one side of a service; a reader has an inbox."""
+    """Reader or writer of a server or client; a reader has an inbox."""
 
     lost = 0
 
@@ -142,6 +142,7 @@ class RosServices:
         self._calls = calls
         self._argv = _argv(python, domain_id, interface)
         self._halves: list[RosHalf] = []
+        self._opened: set[str] = set()  # servers and clients that the program has or has to open
         self._askers: dict[str, dict[object, Callable[[str], None]]] = {}
         self._unknown: set[str] = set()
         self._changed = Signal(asyncio.get_running_loop())
@@ -187,13 +188,19 @@ class RosServices:
     def open(
         self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None
     ) -> RosHalf:
-        """Open a reader, which needs an inbox, or a writer."""
+        """Open a reader, which needs an inbox, or a writer.
+
+        The program opens the server or client when both are open. A server with its reader alone would be seen
+        and called while its replies have no way back, and they would be lost.
+        """
         half = RosHalf(self, endpoint, notify, inbox)
-        if beside := self._halves_of(half.key):
-            half.matched = beside[0].matched
-        else:
-            self._order(do="open", **half.order)
+        beside = self._halves_of(half.key)
         self._halves.append(half)
+        if half.key in self._opened:
+            half.matched = beside[0].matched
+        elif any((one.inbox is None) is not (inbox is None) for one in beside):
+            self._opened.add(half.key)
+            self._order(do="open", **half.order)
         self.start()
         return half
 
@@ -201,15 +208,18 @@ class RosServices:
         """Remove an endpoint; repeated calls are harmless."""
         if half in self._halves:
             self._halves.remove(half)
-            if not self._halves_of(half.key):
+            if half.key in self._opened and not self._halves_of(half.key):
+                self._opened.remove(half.key)
                 self._order(do="close", key=half.key)
 
     def write(self, key: str, frame: ServiceFrame) -> None:
-        """Send a frame.
+        """Send a frame; it is dropped while the server or client is not open.
 
         Raises:
             PublishError: The program does not keep up.
         """
+        if key not in self._opened:
+            return
         if self._process is not None and self._process.unsent_bytes > _LINE_LIMIT_BYTES:
             raise PublishError(key, code=-1, reason="ROS 2's program does not keep up")
         self._order(
@@ -264,7 +274,8 @@ class RosServices:
     def _serve(self, prefix: bytes) -> None:
         self._serves = True
         self.participants.add(prefix + _PARTICIPANT)
-        for order in {half.key: half.order for half in self._halves}.values():
+        orders = {half.key: half.order for half in self._halves if half.key in self._opened}
+        for order in orders.values():
             self._order(do="open", **order)
         for service in self._askers:
             self._order(do="find", service=service)
