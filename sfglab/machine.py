@@ -1,4 +1,4 @@
-"""State machines that are tables, the timer that their moves arm on the caller's clock, and back-off."""
+"""State machines that are tables, the life of a process that is restarted after crashes, and back-off."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
 S = TypeVar("S", bound=Enum)
 I = TypeVar("I", bound=Enum)  # noqa: E741 - stands beside S and A, for inputs
@@ -40,49 +40,6 @@ def transitions(
         done = tuple(actions[name] for name in names)
         table[states[state], inputs[given]] = (states[after], done)
     return table
-
-
-class Machine(Generic[S, I, A]):
-    """A state that moves along a table of `transitions` with at most one action; what is not listed is illegal.
-
-    The name is what it stands for, in messages. `wait_ns` says how long the timer runs that an action arms,
-    given the action and `now_ns`; None ends the waiting. A move without an action leaves the timer as it is.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        table: Mapping[tuple[S, I], tuple[S, tuple[A, ...]]],
-        start: S,
-        *,
-        wait_ns: Callable[[A, int], int | None],
-    ) -> None:
-        self.state = start  #: Where it stands.
-        self.deadline_ns: int | None = None  #: When the timer is due; None: nothing is waited for.
-        self._name = name
-        self._table = table
-        self._wait_ns = wait_ns
-
-    def allows(self, given: I) -> bool:
-        """Return whether an input can happen in the present state."""
-        return (self.state, given) in self._table
-
-    def feed(self, given: I, *, now_ns: int) -> A | None:
-        """Take one input, now by the caller's clock, and return what the caller has to do.
-
-        Raises:
-            IllegalInputError: The input cannot happen in this state.
-        """
-        self.state, actions = step(self._name, self._table, self.state, given)
-        action = next(iter(actions), None)
-        if action is not None:
-            wait_ns = self._wait_ns(action, now_ns)
-            self.deadline_ns = None if wait_ns is None else now_ns + wait_ns
-        return action
-
-    def due(self, now_ns: int) -> bool:
-        """Return whether the timer has run out: the caller then feeds the input that stands for it."""
-        return self.deadline_ns is not None and now_ns >= self.deadline_ns
 
 
 @dataclass(slots=True, kw_only=True)
@@ -121,11 +78,12 @@ class ProcessTiming:
     stable_ns: int = 10_000_000_000
 
 
-class ProcessLife(Machine[S, I, A]):
-    """Life of a process that is started anew after crashes, with longer and longer waits.
+class ProcessLife(Generic[S, I, A]):
+    """Life of a process that is restarted after crashes, with longer and longer waits.
 
-    Name, table and start are those of `Machine`; `waits_ns` says how long the timers run that actions arm,
-    nanoseconds, and other actions but `BACK_OFF` end the waiting.
+    Its state moves along a table of `transitions` with at most one action; inputs that are not listed are
+    illegal. An action arms the timer or, without an entry in `waits_ns`, disarms it. A move without an action
+    leaves the timer as it is.
     """
 
     READY: I  #: The input by which the process says that it serves.
@@ -140,8 +98,22 @@ class ProcessLife(Machine[S, I, A]):
         waits_ns: Mapping[A, int],
         timing: ProcessTiming,
     ) -> None:
-        super().__init__(name, table, start, wait_ns=self._armed_ns)
+        """Begin in a state.
+
+        Args:
+            name: Name of the process in messages.
+            table: Transitions.
+            start: First state.
+            waits_ns: Times of the timer by the action that arms it, nanoseconds, without `BACK_OFF`.
+            timing: Waits between restarts.
+        """
+        self.state = start  #: Present state.
+        self.deadline_ns: int | None = (
+            None  #: Time at which the timer is due; None: it is not armed.
+        )
         self.was_ready = False  #: Whether the process has ever served.
+        self._name = name
+        self._table = table
         self._waits_ns = waits_ns
         self._backoff = BackOff(
             first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=timing.stable_ns
@@ -153,15 +125,31 @@ class ProcessLife(Machine[S, I, A]):
         """How often the process ended although it was wanted."""
         return self._backoff.failures
 
-    def feed(self, given: I, *, now_ns: int) -> A | None:
-        """Take one input, as any machine does, and note since when the process serves."""
-        before = self.state
-        action = super().feed(given, now_ns=now_ns)
-        if given is self.READY and self.state is not before:
-            self.was_ready, self._serves_since_ns = True, now_ns
-        return action
+    def allows(self, given: I) -> bool:
+        """Return whether an input can happen in the present state."""
+        return (self.state, given) in self._table
 
-    def _armed_ns(self, action: A, now_ns: int) -> int | None:
+    def due(self, now_ns: int) -> bool:
+        """Return whether the timer has run out: the caller then feeds the input that stands for it."""
+        return self.deadline_ns is not None and now_ns >= self.deadline_ns
+
+    def feed(self, given: I, *, now_ns: int) -> A | None:
+        """Take one input, now by the caller's clock, and return what the caller has to do.
+
+        Raises:
+            IllegalInputError: The input cannot happen in this state.
+        """
+        before = self.state
+        self.state, actions = step(self._name, self._table, self.state, given)
+        for action in actions:
+            wait_ns = self._wait_ns(action, now_ns)
+            self.deadline_ns = None if wait_ns is None else now_ns + wait_ns
+        if given is self.READY and self.state is not before:
+            self.was_ready = True
+            self._serves_since_ns = now_ns
+        return next(iter(actions), None)
+
+    def _wait_ns(self, action: A, now_ns: int) -> int | None:
         if action is not self.BACK_OFF:
             return self._waits_ns.get(action)
         since_ns, self._serves_since_ns = self._serves_since_ns, None

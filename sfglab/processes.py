@@ -13,7 +13,7 @@ import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.component import Report, argument_of
 from sfglab.errors import SfglabError
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
         Mapping,
         Sequence,
     )
-
-T = TypeVar("T")
 
 LINE_LIMIT_BYTES = 1 << 22
 START_LIMIT_S = 180.0  #: Time limit for the start of a group's member, s.
@@ -342,7 +340,7 @@ class ProcessGroup:
 
     async def kill(self, name: str) -> None:
         """End a member by force, wait until it is gone, and forget it."""
-        self[name].signal(signal.SIGKILL)
+        self[name].kill()
         await self._end([name])
 
     def order(self, names: Iterable[str] | None = None, **values: Any) -> None:
@@ -399,30 +397,21 @@ class ProcessGroup:
         )
 
     async def _watched(self, waits: Mapping[str, Coroutine[Any, Any, Report]]) -> dict[str, Report]:
+        """Return the reports that are waited for at once; the first failure ends the others and is raised."""
         try:
-            return await _together(waits)
-        except ProcessFailedError as error:
-            killed = await self._killed()
-            if killed:
-                raise ProcessFailedError(
-                    f"{', '.join(killed)} killed by a signal; {error}"
-                ) from None
-            raise
+            async with asyncio.TaskGroup() as group:
+                tasks = {name: group.create_task(wait) for name, wait in waits.items()}
+        except BaseExceptionGroup as failures:  # `except*` would wrap what is raised here
+            error = failures.exceptions[0]
+            if isinstance(error, ProcessFailedError):
+                error = await self._with_killed(error)
+            raise error from None
+        return {name: task.result() for name, task in tasks.items()}
 
-    async def _killed(self) -> list[str]:
-        """Return who was killed; a peer may have missed it before we did."""
-        ends = [asyncio.create_task(process.wait()) for process in self._processes.values()]
-        await asyncio.wait(ends, timeout=_NOTICE_S)
-        for end in ends:
-            end.cancel()
-        return [name for name, process in self._processes.items() if (process.status or 0) < 0]
-
-
-async def _together(parts: Mapping[str, Coroutine[Any, Any, T]]) -> dict[str, T]:
-    """Return the results of parts that run at once; the first failure ends the others and is raised."""
-    try:
-        async with asyncio.TaskGroup() as group:
-            tasks = {name: group.create_task(part) for name, part in parts.items()}
-    except BaseExceptionGroup as failures:  # `except*` would wrap what is raised here
-        raise failures.exceptions[0] from None
-    return {name: task.result() for name, task in tasks.items()}
+    async def _with_killed(self, error: ProcessFailedError) -> ProcessFailedError:
+        """Return a failure with the names of those that were killed; a peer may have missed it before we did."""
+        await asyncio.sleep(_NOTICE_S)
+        killed = [name for name, process in self._processes.items() if (process.status or 0) < 0]
+        if not killed:
+            return error
+        return ProcessFailedError(f"{', '.join(killed)} killed by a signal; {error}")

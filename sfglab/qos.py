@@ -10,14 +10,14 @@ from sfglab.tables import Shown
 
 
 class Reliability(Enum):
-    """DDS RELIABILITY (DDS 1.4, clause 2.2.3.14)."""
+    """DDS RELIABILITY (DDS 1.4, clause 2.2.3.14), the weaker kind first."""
 
     BEST_EFFORT = "best_effort"
     RELIABLE = "reliable"
 
 
 class Durability(Enum):
-    """DDS DURABILITY, the two kinds that ROS 2 uses (DDS 1.4, clause 2.2.3.4)."""
+    """DDS DURABILITY, the two kinds that ROS 2 uses (DDS 1.4, clause 2.2.3.4), the weaker first."""
 
     VOLATILE = "volatile"
     TRANSIENT_LOCAL = "transient_local"
@@ -85,23 +85,13 @@ LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
 def incompatibilities(*, offered: QoSProfile, requested: QoSProfile) -> tuple[str, ...]:
     """Return why a reader's request does not match a writer's offer; empty: it does (DDS 1.4, 2.2.3)."""
     reasons = []
-    if (
-        requested.reliability is Reliability.RELIABLE
-        and offered.reliability is Reliability.BEST_EFFORT
-    ):
-        reasons.append("reliability: the reader requests RELIABLE, the writer offers BEST_EFFORT")
-    if (
-        requested.durability is Durability.TRANSIENT_LOCAL
-        and offered.durability is Durability.VOLATILE
-    ):
-        reasons.append(
-            "durability: the reader requests TRANSIENT_LOCAL, the writer offers VOLATILE"
-        )
-    kinds = list(Liveliness)
-    if kinds.index(requested.liveliness) > kinds.index(offered.liveliness):
-        reasons.append(
-            "liveliness: the reader requests MANUAL_BY_TOPIC, the writer offers AUTOMATIC"
-        )
+    for name in ("reliability", "durability", "liveliness"):
+        asked, given = getattr(requested, name), getattr(offered, name)
+        kinds = list(type(asked))
+        if kinds.index(asked) > kinds.index(given):
+            reasons.append(
+                f"{name}: the reader requests {asked.name}, the writer offers {given.name}"
+            )
     for name in ("deadline", "lease"):
         asked, given = getattr(requested, f"{name}_ns"), getattr(offered, f"{name}_ns")
         if asked is not None and (given is None or given > asked):
