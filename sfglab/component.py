@@ -31,7 +31,7 @@ Orders = asyncio.Queue[Report]  #: Orders of a component.
 BEATS_VARIABLE = "SFGLAB_BEATS"
 BEAT_PERIOD_S = 1.0  #: Period of watchdog beats, s.
 END_LIMIT_S = 10  #: Time limit for the end of a component, s.
-ORDER_LIMIT_BYTES = 1 << 22
+LINE_LIMIT_BYTES = 1 << 22  #: Largest order or report, bytes.
 
 
 def run(main: Coroutine[Any, Any, C]) -> C:
@@ -174,7 +174,7 @@ async def _until_told(body: Awaitable[None], orders: Orders) -> None:
 
 async def _hear(orders: Orders) -> None:
     """Take orders from standard input until it ends, which it does when the parent is gone."""
-    reader = asyncio.StreamReader(limit=ORDER_LIMIT_BYTES)
+    reader = asyncio.StreamReader(limit=LINE_LIMIT_BYTES)
     loop = asyncio.get_running_loop()
     transport, _ = await loop.connect_read_pipe(
         lambda: asyncio.StreamReaderProtocol(reader), sys.stdin

@@ -283,7 +283,9 @@ class ByName:
         named = core_schema.no_info_before_validator_function(self._named, members)
         if not is_tuple:
             return named
-        return core_schema.no_info_after_validator_function(_members, named)
+        return core_schema.no_info_after_validator_function(
+            lambda made: tuple(made.values()), named
+        )
 
     def _named(self, given: Any) -> Any:
         """Return the members with their names; what is no mapping is refused later."""
@@ -307,10 +309,6 @@ class ByName:
         members["properties"].pop(self.field, None)
         members["required"] = [key for key in members["required"] if key != self.field]
         return shape
-
-
-def _members(made: dict[str, T]) -> tuple[T, ...]:
-    return tuple(made.values())
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from sfglab.component import Report, argument_of
+from sfglab.component import LINE_LIMIT_BYTES, Report, argument_of
 from sfglab.errors import SfglabError
 from sfglab.fields import to_json
 
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
         Sequence,
     )
 
-LINE_LIMIT_BYTES = 1 << 22
 START_LIMIT_S = 180.0  #: Time limit for the start of a group's member, s.
 _NOTICE_S = 0.3
 

@@ -87,8 +87,8 @@ def incompatibilities(*, offered: QoSProfile, requested: QoSProfile) -> tuple[st
     reasons = []
     for name in ("reliability", "durability", "liveliness"):
         asked, given = getattr(requested, name), getattr(offered, name)
-        kinds = list(type(asked))
-        if kinds.index(asked) > kinds.index(given):
+        kinds = list(type(asked).__members__)
+        if kinds.index(asked.name) > kinds.index(given.name):
             reasons.append(
                 f"{name}: the reader requests {asked.name}, the writer offers {given.name}"
             )

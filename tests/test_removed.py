@@ -40,7 +40,6 @@ def test_a_former_name_has_no_other_use():
     parameters = [parameter for _, command in commands() for parameter in command.params]
     names = {name for parameter in parameters for name in parameter.opts}
     assert names.isdisjoint(RENAMED)
-    assert {"--pareto", "--gateway-rule", "--publish-tf"} < names
 
 
 @pytest.mark.parametrize(

@@ -157,15 +157,13 @@ def hz(
             pass
         subscription = await _subscribed(node, topic, raw=True)
         typer.echo(f"Subscribed to [{topic}]", err=as_json)
-        printed_ns: int | None = None
+        printed_ns = 0
         try:
             while True:
                 _, info = await subscription.take_with_info()
                 now_ns = info.received_timestamp_ns
                 meter.add(now_ns)
-                if printed_ns is None:
-                    printed_ns = now_ns
-                elif now_ns >= printed_ns + NS_PER_S:
+                if now_ns >= printed_ns + NS_PER_S:
                     printed_ns = now_ns
                     print_rate()
         finally:
@@ -173,7 +171,7 @@ def hz(
 
     def print_rate() -> None:
         values = meter.values()
-        if values is not None:
+        if values is not None:  # after the first message there is no rate yet
             say(values, meter.text(values), as_json=as_json)
 
     until_interrupted((domain, interface), measure, duration_s=duration)

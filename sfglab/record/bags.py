@@ -76,7 +76,7 @@ class _Bag:
     """Contents of a metadata.yaml that reading needs."""
 
     relative_file_paths: list[str]
-    message_count: int
+    message_count: int | None  # None: not known
     compression_mode: str = ""
 
 
@@ -100,22 +100,22 @@ def open_log(path: Path, stack: ExitStack) -> tuple[list[McapFile | SqliteFile],
         return [_opened(path, stack)], False
     bag = _bag_of(path)
     files = _opened_parts(path, bag, stack)
-    if bag is None:
-        return files, False
     counts = [channel.count for file in files for channel in file.channels.values()]
-    if bag.message_count != sum(counts):
+    if bag.message_count not in {None, sum(counts)}:
         said = f"metadata.yaml names {bag.message_count} messages, the files hold {sum(counts)}"
         _LOG.warning("log %s: %s", path, said)
     return files, bag.compression_mode.lower() == "message"
 
 
-def _opened_parts(path: Path, bag: _Bag | None, stack: ExitStack) -> list[McapFile | SqliteFile]:
+def _opened_parts(path: Path, bag: _Bag, stack: ExitStack) -> list[McapFile | SqliteFile]:
     """Open the files of a folder that can be read."""
     files = []
     problems = [LogError(f"log {path}: given a folder without .mcap or .db3 files")]
-    for part in _parts_of(path, bag):
+    # Some recorders write the folder's name before the file's.
+    names = [PurePath(name).name for name in bag.relative_file_paths]
+    for name in dict.fromkeys(names):
         try:
-            files.append(_opened(part, stack))
+            files.append(_opened(path / name, stack))
         except LogError as error:
             problems.append(error)
     if not files:
@@ -125,27 +125,19 @@ def _opened_parts(path: Path, bag: _Bag | None, stack: ExitStack) -> list[McapFi
     return files
 
 
-def _bag_of(path: Path) -> _Bag | None:
-    """Return what the metadata.yaml of a folder says; None if it is missing or damaged."""
+def _bag_of(path: Path) -> _Bag:
+    """Return what the metadata.yaml of a folder says; all files of the folder if it is missing or damaged."""
     file = path / "metadata.yaml"
-    if not file.exists():
-        return None
-    try:
-        metadata: _Metadata = read(_Metadata, Document.of_file(file).value, source=Source.LOG)
-    except InvalidValueError as error:
-        said = "metadata.yaml cannot be read, all files of the folder are"
-        _LOG.warning("log %s: %s: %s", path, said, error)
-        return None
-    return metadata.rosbag2_bagfile_information
-
-
-def _parts_of(path: Path, bag: _Bag | None) -> list[Path]:
-    """Return the files of a folder."""
-    if bag:
-        # Some recorders write the folder's name before the file's.
-        names = [PurePath(name).name for name in bag.relative_file_paths]
-        return [path / name for name in dict.fromkeys(names)]
-    return sorted(file for file in path.iterdir() if _is_part(file))
+    if file.exists():
+        try:
+            metadata: _Metadata = read(_Metadata, Document.of_file(file).value, source=Source.LOG)
+        except InvalidValueError as error:
+            said = "metadata.yaml cannot be read, all files of the folder are"
+            _LOG.warning("log %s: %s: %s", path, said, error)
+        else:
+            return metadata.rosbag2_bagfile_information
+    parts = sorted(part.name for part in path.iterdir() if _is_part(part))
+    return _Bag(parts, None)
 
 
 def _is_part(file: Path) -> bool:

@@ -9,17 +9,6 @@ from sfglab.spatial.poses import header_msg
 
 
 @pytest.fixture
-def meter_row():
-    """A function from some fields to a row."""
-
-    def make(**fields):
-        values = {"agent": "r1", "received": 1, "mean_s": 0.5, "lossless": True}
-        return MeterRow(**values | fields)
-
-    return make
-
-
-@pytest.fixture
 def image():
     """A function from a stamp to an image whose pixels do not compress."""
 
@@ -34,7 +23,7 @@ def image():
 
 
 @pytest.fixture
-def given(tmp_path, image, meter_row):
+def given(tmp_path, image):
     """A log with a latched topic, our own rows, metadata, an attachment, and times that are not in order."""
     path = tmp_path / "given.mcap"
     with LogWriter(path) as log:
@@ -50,5 +39,6 @@ def given(tmp_path, image, meter_row):
         log.write_raw(
             "/tf_static", "tf2_msgs/msg/TFMessage", serialize(tree), log_time_ns=5, qos=LATCHED
         )
-        log.write_row("meter", meter_row(received=4), log_time_ns=6)
+        row = MeterRow(agent="r1", received=4, mean_s=0.5, lossless=True)
+        log.write_row("meter", row, log_time_ns=6)
     return path

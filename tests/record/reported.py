@@ -4,7 +4,7 @@ import sqlite3
 import struct
 from pathlib import Path
 
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, Writer
 
 STRING = "std_msgs/msg/String"
 SECOND = 10**9
@@ -91,8 +91,3 @@ def write_metadata(folder: Path, files, messages, *, storage="mcap", qos='""'):
         f"  message_count: {len(messages)}\n  topics_with_message_count:\n{topics}"
         f'  compression_format: ""\n  compression_mode: ""\n  relative_file_paths:\n{names}'
     )
-
-
-def without_repetition() -> dict:
-    """Options of a writer that repeats neither channels nor schemas at the end of the file."""
-    return {"repeat_channels": False, "repeat_schemas": False, "index_types": IndexType.ALL}

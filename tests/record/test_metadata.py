@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab import __version__
-from sfglab.qos import DEFAULT, LATCHED, Durability, History, QoSProfile, Reliability
+from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
 from sfglab.record import LogError, run_context
 from sfglab.record.metadata import offered_qos_profiles, strings_from_values, values_from_strings
 
@@ -60,9 +60,7 @@ def test_every_value_of_json_comes_back(values):
 
 
 def test_what_has_no_form_in_json_is_refused():
-    with pytest.raises(LogError, match="metadata 'config': 'x' cannot be kept"):
-        strings_from_values("config", {"x": object()})
-    for values in ({"x": "\ud800"}, {"\ud800": 1}):
+    for values in ({"x": object()}, {"x": "\ud800"}, {"\ud800": 1}):
         with pytest.raises(LogError, match=r"metadata 'config': .* cannot be kept"):
             strings_from_values("config", values)
 
@@ -81,7 +79,6 @@ def test_profiles_are_written_as_rosbag2_of_humble_does_with_the_numbers_of_rmw(
     [written] = yaml.safe_load(offered_qos_profiles(profile))
     assert (written["reliability"], written["durability"], written["history"]) == (2, 1, 2)
     assert written["deadline"] == {"sec": 1, "nsec": 500_000_000}
-    assert yaml.safe_load(offered_qos_profiles(LATCHED))[0]["durability"] == 1
 
 
 def test_context_names_versions_and_machine_but_neither_place_nor_host():
