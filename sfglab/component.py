@@ -1,9 +1,10 @@
-"""A component's own side of its process: its configuration, its orders, its reports, and how it ends.
+"""The process of a component, as the component sees it: configuration, orders, reports and end.
 
-A component is started as ``python -m MODULE CONFIG`` with its configuration, a dataclass, as one JSON argument.
-Orders arrive on standard input, one JSON object a line; so do reports on standard output, each naming its kind:
-``{"is": "ready"}`` once it serves, ``{"is": "failed", "why": ...}`` before it gives up. It ends with its
-standard input, hence with whoever started it, or when told to terminate; a clean-up that hangs is cut short.
+A component is started as ``python -m MODULE CONFIG``. CONFIG is its configuration, a dataclass, as JSON. It reads
+orders from standard input and writes reports to standard output, one JSON object per line. Each report names its
+kind: ``{"is": "ready"}`` once the component serves, ``{"is": "failed", "why": ...}`` before it gives up. The
+component ends when its standard input ends, hence with its parent process, and on SIGTERM. A clean-up that hangs
+is cut short.
 """
 
 from __future__ import annotations
@@ -71,18 +72,18 @@ def run_component(
 
 
 def argument_of(config: Any) -> str:
-    """Return a configuration as a process's argument: a text as it is, anything else as JSON."""
+    """Return a configuration as the argument of a process: a text unchanged, other values as JSON."""
     return config if isinstance(config, str) else json.dumps(to_json(config))
 
 
 def config_from_argument(config_class: type[C], argument: str) -> C:
-    """Return the configuration that an argument is of, or raise a `SfglabError` where it is of none."""
+    """Return the configuration in an argument; raise a `SfglabError` if it has no form in the class."""
     config: C = from_json(config_class, json.loads(argument))
     return config
 
 
 def on_stop(call: Callable[[], object]) -> None:
-    """Have the running loop call something on Ctrl-C, when told to end, and when the terminal is gone."""
+    """Let the running loop call a function on Ctrl-C, on SIGTERM, and when the terminal is gone."""
     numbers = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # started with nohup
         numbers.append(signal.SIGHUP)
@@ -91,7 +92,7 @@ def on_stop(call: Callable[[], object]) -> None:
 
 
 async def run_until_interrupted(body: Coroutine[Any, Any, None]) -> bool:
-    """Run for a person at a terminal, until interrupted or terminated; return whether it was."""
+    """Run a command until it ends, is interrupted or terminated; return whether it was interrupted or terminated."""
     running = asyncio.create_task(body)
     on_stop(running.cancel)
     with contextlib.suppress(asyncio.CancelledError):
@@ -101,7 +102,7 @@ async def run_until_interrupted(body: Coroutine[Any, Any, None]) -> bool:
 
 @contextlib.asynccontextmanager
 async def beside(*bodies: Coroutine[Any, Any, None]) -> AsyncIterator[list[asyncio.Task[None]]]:
-    """Run tasks beside a block and end them with it; what becomes of them meanwhile is the block's business."""
+    """Run tasks during a block, and end them with it. The block handles their errors."""
     tasks = [asyncio.create_task(body) for body in bodies]
     try:
         yield tasks
@@ -110,7 +111,7 @@ async def beside(*bodies: Coroutine[Any, Any, None]) -> AsyncIterator[list[async
 
 
 async def end_tasks(*tasks: asyncio.Task[Any]) -> None:
-    """Cancel tasks and return when all have ended, however they did."""
+    """Cancel tasks and return when all have ended, with or without an error."""
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
@@ -129,12 +130,12 @@ async def _beating(body: Awaitable[None], report: Reporter) -> None:
 
 
 def steady_ns() -> int:
-    """Return the running loop's time, nanoseconds, for waits: no correction of the host's clock moves it."""
+    """Return the time of the running loop, ns, for waits: corrections of the host's clock do not change it."""
     return round(asyncio.get_running_loop().time() * 1e9)
 
 
 async def next_before(items: asyncio.Queue[T], times_ns: Iterable[int | None]) -> T | None:
-    """Return the next item of a queue, or None if the first of these times of the loop's clock comes earlier."""
+    """Return the next item of a queue; None if the earliest of these times of the loop's clock passes before."""
     due_ns = min((time_ns for time_ns in times_ns if time_ns is not None), default=None)
     try:
         async with asyncio.timeout_at(None if due_ns is None else due_ns / 1e9):
@@ -144,7 +145,7 @@ async def next_before(items: asyncio.Queue[T], times_ns: Iterable[int | None]) -
 
 
 async def is_set_before(event: asyncio.Event, time_s: float | None) -> bool:
-    """Wait for an event until a time of the loop's clock, None for no limit; return whether it came."""
+    """Wait for an event until a time of the loop's clock, None for no limit; return whether it is set."""
     try:
         async with asyncio.timeout_at(time_s):
             await event.wait()
@@ -173,7 +174,7 @@ async def _until_told(body: Awaitable[None], orders: Orders) -> None:
 
 
 async def _hear(orders: Orders) -> None:
-    """Take orders from standard input until it ends, which it does when the parent is gone."""
+    """Take orders from standard input until it ends. It also ends when the parent process ends."""
     reader = asyncio.StreamReader(limit=LINE_LIMIT_BYTES)
     loop = asyncio.get_running_loop()
     transport, _ = await loop.connect_read_pipe(
@@ -187,7 +188,7 @@ async def _hear(orders: Orders) -> None:
 
 
 def claim_standard_output() -> Reporter:
-    """Keep standard output for reports, and return what gives one; libraries print to standard error then."""
+    """Reserve standard output for reports; return the function that writes one. Prints go to standard error."""
     out = os.dup(1)
     os.dup2(2, 1)
     # Unbuffered, so that what is printed is not lost with a process that is ended.

@@ -1,7 +1,7 @@
-"""The root of every error that sfglab raises on purpose.
+"""Base class of the errors that sfglab raises on purpose.
 
-Specific errors live beside the code that raises them and derive from the built-in that fits. A message says
-where, what was given and what is allowed or what to try.
+Specific errors are in the modules that raise them, and derive from a built-in error as well. A message names the
+place, the given value, and the allowed values or a remedy.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _SHOWN = 500  #: Characters of a long value's beginning and end that a message s
 
 
 class SfglabError(Exception):
-    """Anything that sfglab refuses or cannot do, said in one sentence."""
+    """An error with a message of one sentence."""
 
 
 class InvalidValueError(SfglabError, ValueError):
@@ -23,8 +23,8 @@ class InvalidValueError(SfglabError, ValueError):
     def __init__(self, place: Any, given: object, allowed: str) -> None:
         #: A field, an argument, an option, a key or a path of keys; a document's `sfglab.documents.Place`.
         self.place = place
-        self.given = given  #: The value; None where nothing is given.
-        self.allowed = allowed  #: What is allowed in its place.
+        self.given = given  #: Given value; None if the value is missing.
+        self.allowed = allowed  #: Allowed values, in words.
         super().__init__(
             place, given, allowed
         )  # all arguments, so that the error survives pickling
@@ -52,7 +52,7 @@ def _said(given: object) -> str:
 
 
 def why(error: Exception) -> str:
-    """Return what is wrong with a file in plain words, without numbers of errors and the file's name."""
+    """Return the reason of an error of a file, without its number and the name of the file."""
     if isinstance(error, UnicodeDecodeError):
         return f"byte {error.start} is no {error.encoding.upper()}"
     reason = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
@@ -60,14 +60,14 @@ def why(error: Exception) -> str:
 
 
 def _shown(given: object) -> str:
-    """Return a value as text, cut in the middle; a refusal must stand whatever was refused."""
+    """Return a value as text, cut in the middle. This does not fail for any value."""
     try:
         text = repr(fspath(given) if isinstance(given, PathLike) else given)
     except (
         ValueError,
         RecursionError,
     ):  # an integer of more digits than Python writes, or nested too deep
-        return f"a {type(given).__name__} that cannot be written"
+        return f"a {type(given).__name__} that cannot be displayed"
     return text if len(text) <= 2 * _SHOWN else f"{text[:_SHOWN]} ... {text[-_SHOWN:]}"
 
 
@@ -75,8 +75,8 @@ class MissingExtraError(SfglabError, ImportError):
     """An optional library is not installed."""
 
     def __init__(self, library: str, *, extra: str, purpose: str) -> None:
-        self.library = library  #: The import name of what is missing.
-        self.extra = extra  #: The extra of sfglab that brings it.
+        self.library = library  #: Import name of the missing library.
+        self.extra = extra  #: Extra of sfglab that installs the library.
         super().__init__(
             f"{purpose} needs {library!r}, which is not installed: pip install '.[{extra}]' in a checkout"
         )

@@ -18,11 +18,11 @@ T = TypeVar("T")
 
 
 class IllegalInputError(SfglabError, RuntimeError):
-    """An input that cannot happen in this state; the state stays as it was."""
+    """An input that is illegal in the present state. The state is unchanged."""
 
 
 def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
-    """Return what a table says of an input in a state; the `IllegalInputError` of others names the machine."""
+    """Return the entry of an input in a state; other inputs raise an `IllegalInputError` with the name."""
     if (state, given) not in table:
         allowed = [known.name for origin, known in table if origin is state]
         names = ", ".join(sorted(allowed)) or "none"
@@ -33,7 +33,7 @@ def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
 def transitions(
     states: type[S], inputs: type[I], actions: type[A], text: str
 ) -> dict[tuple[S, I], tuple[S, tuple[A, ...]]]:
-    """Return a table from a text: each line names a state, an input, the next state, and the actions in order."""
+    """Return a table from a text. Each line names a state, an input, the next state, and the actions in order."""
     table = {}
     for line in filter(None, map(str.split, text.splitlines())):
         state, given, after, *names = line
@@ -44,17 +44,17 @@ def transitions(
 
 @dataclass(slots=True, kw_only=True)
 class BackOff:
-    """Waits between tries that double up to a limit, and start over after a try that lasted."""
+    """Waits between attempts: they double up to a limit, and start over after a successful attempt."""
 
-    first_ns: int  #: The first wait.
-    limit_ns: int  #: The longest wait.
-    #: A try that lasted this long has proved itself: the next wait is the first one again.
+    first_ns: int  #: First wait.
+    limit_ns: int  #: Longest wait.
+    #: Time after which an attempt counts as successful: the next wait is the first one again.
     stable_ns: int
-    failures: int = 0  #: How many tries have failed.
+    failures: int = 0  #: Number of failed attempts.
     _doublings: int = 0
 
     def next_ns(self, lasted_ns: int) -> int:
-        """Count one more failure, which had served for a time or 0, and return the wait before the next try."""
+        """Count the failure of an attempt that served for a time; return the wait before the next attempt."""
         self.failures += 1
         if lasted_ns >= self.stable_ns:
             self._doublings = 0
@@ -65,16 +65,16 @@ class BackOff:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessTiming:
-    """How long a process that is started anew after crashes is waited for, in nanoseconds."""
+    """Time limits of a process that is restarted after crashes, ns."""
 
-    #: One that does not serve after this long is ended and started anew.
+    #: Time limit for the start. A process that does not serve by then is replaced.
     start_ns: int = 30_000_000_000
-    #: One that was told to end and has not after this long is ended by force.
+    #: Time limit for the end. A process that still runs by then is killed.
     stop_ns: int = 5_000_000_000
-    #: Wait before the first new try after a crash; it doubles with each further crash.
+    #: Wait before the first restart after a crash; the wait doubles with each further crash.
     backoff_ns: int = 200_000_000
-    backoff_max_ns: int = 10_000_000_000  #: The longest wait between tries.
-    #: One that served this long has proved itself: waits begin anew.
+    backoff_max_ns: int = 10_000_000_000  #: Longest wait before a restart.
+    #: Time of service after which the next crash counts as the first one.
     stable_ns: int = 10_000_000_000
 
 
@@ -86,8 +86,8 @@ class ProcessLife(Generic[S, I, A]):
     leaves the timer as it is.
     """
 
-    READY: I  #: The input by which the process says that it serves.
-    BACK_OFF: A  #: The action after a crash, which arms the next wait.
+    READY: I  #: Input for the report that the process serves.
+    BACK_OFF: A  #: Action after a crash, which arms the next wait.
 
     def __init__(
         self,
@@ -122,7 +122,7 @@ class ProcessLife(Generic[S, I, A]):
 
     @property
     def crashes(self) -> int:
-        """How often the process ended although it was wanted."""
+        """Number of times that the process ended although it was wanted."""
         return self._backoff.failures
 
     def allows(self, given: I) -> bool:
@@ -130,14 +130,14 @@ class ProcessLife(Generic[S, I, A]):
         return (self.state, given) in self._table
 
     def due(self, now_ns: int) -> bool:
-        """Return whether the timer has run out: the caller then feeds the input that stands for it."""
+        """Return whether the timer has run out. The caller then feeds the input for this event."""
         return self.deadline_ns is not None and now_ns >= self.deadline_ns
 
     def feed(self, given: I, *, now_ns: int) -> A | None:
-        """Take one input, now by the caller's clock, and return what the caller has to do.
+        """Take an input at a time of the caller's clock, and return the action for the caller.
 
         Raises:
-            IllegalInputError: The input cannot happen in this state.
+            IllegalInputError: The input is illegal in the present state.
         """
         before = self.state
         self.state, actions = step(self._name, self._table, self.state, given)

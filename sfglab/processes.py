@@ -1,6 +1,7 @@
-"""Processes that take orders and give reports, one JSON object a line, seen from those who start them.
+"""Processes of components, as their parent process sees them.
 
-What a process reports names its kind as ``is``; see `sfglab.component` for its own side.
+A process takes orders and writes reports, one JSON object per line. A report names its kind as ``is``. See
+`sfglab.component` for the other side.
 """
 
 from __future__ import annotations
@@ -35,17 +36,17 @@ _NOTICE_S = 0.3
 
 
 class ProcessFailedError(SfglabError, RuntimeError):
-    """A process failed, ended or stayed silent."""
+    """A process failed, ended, or did not report in time."""
 
 
 # --- The client of one process --------------------------------------------------------------------------------
 
 
 class LineProcess:
-    """A process, with piped standard input and output, as its parent sees it: orders out, reports in.
+    """A process with piped standard input, for orders, and standard output, for reports.
 
-    Its last report is ours: ``{"is": "ended", "status": ...}``, with the exit status, or below zero the signal
-    that ended it.
+    Its last report, ``{"is": "ended", "status": ...}``, is added here. The status is the exit status, or the
+    negative number of the signal that ended the process.
     """
 
     #: Whether reports wait for `expect`; if not, only `on_report` gets them.
@@ -58,7 +59,7 @@ class LineProcess:
         on_report: Callable[[Report], None] = lambda _: None,
     ) -> None:
         self.name = name  #: Name in messages.
-        #: Called with every report as it comes, also with those that `expect` returns.
+        #: Function that is called with every report at once, also with those that `expect` returns.
         self.on_report = on_report
         self.readiness: Report = {}  #: Its report when it was ready, in a group.
         self._process = process
@@ -106,12 +107,12 @@ class LineProcess:
 
     @property
     def unsent_bytes(self) -> int:
-        """How many bytes of orders it has not taken yet."""
+        """Number of bytes of orders that the process has not read yet."""
         assert self._process.stdin is not None
         return self._process.stdin.transport.get_write_buffer_size()
 
     def order(self, **values: Any) -> None:
-        """Give an order; a process that is gone does not mind."""
+        """Send an order. Nothing happens if the process has ended."""
         assert self._process.stdin is not None
         if self.status is None and not self._process.stdin.is_closing():
             self._process.stdin.write(json.dumps(to_json(values)).encode() + b"\n")
@@ -133,7 +134,7 @@ class LineProcess:
         return report
 
     async def wait(self) -> int:
-        """Return its exit status when it is gone."""
+        """Wait for its end and return its exit status."""
         return await self._process.wait()
 
     def check(self) -> None:
@@ -142,16 +143,16 @@ class LineProcess:
             self._raise_if_over(self._over)
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal; nothing happens when it is gone."""
+        """Send a signal. Nothing happens if the process has ended."""
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(number)
 
     def kill(self) -> None:
-        """End it by force; nothing happens when it is gone."""
+        """Kill it. Nothing happens if it has ended."""
         self.signal(signal.SIGKILL)
 
     async def close(self, *, grace_s: float = 5.0) -> None:
-        """End its input, wait until it is gone, and use force after a grace."""
+        """Close its standard input and wait for its end; kill it after `grace_s`."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:
@@ -180,7 +181,7 @@ class LineProcess:
             self._take({"is": "ended", "status": await self._last_status()})
 
     async def _last_status(self) -> int:
-        """Return the exit status when everything has ended of which the end is reported."""
+        """Return the exit status once all processes have ended whose end is reported together."""
         return await self.wait()
 
     async def _reports(self) -> AsyncIterator[Report]:
@@ -210,20 +211,20 @@ class LineProcess:
         self.on_report(report)
 
 
-# --- Processes that hang -------------------------------------------------------------------------------------
+# --- Unresponsive processes ----------------------------------------------------------------------------------
 
 CHECK_PERIOD_S = 1.0  #: Period of the checks of a watched process, seconds.
-#: Time without a beat after which a process hangs, in seconds in which it could have beaten.
+#: Time without a beat after which a process is unresponsive, s in which it could have reported one.
 HANG_S = 10.0
 _STOPPED_COUNTS = 4.0  # a stopped process cannot be busy, so it is detected sooner
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 class Watchdog:
-    """Detects a process that hangs: it was stopped, or beats that it used to give are missing.
+    """Detects an unresponsive process: it was stopped, or its watchdog beats no longer arrive.
 
-    Only time counts in which it could have beaten: while it slept although a beat was due, or ran. A process
-    that waits for a processor does not hang, nor does one whose beats were read late.
+    Only the time counts in which the process could have reported a beat: while it ran, or slept although a beat
+    was due. Neither a process that waits for a CPU nor one whose beats were read late counts as unresponsive.
     """
 
     def __init__(self) -> None:
@@ -232,11 +233,11 @@ class Watchdog:
         self._cpu_s = 0.0
 
     def beat(self) -> None:
-        """Take a beat."""
+        """Record a watchdog beat."""
         self._beats, self._missed_s = True, 0.0
 
     def check(self, pid: int) -> str:
-        """Check a process, every `CHECK_PERIOD_S`; return how it hangs, or an empty text."""
+        """Check a process, once per `CHECK_PERIOD_S`; return why it is unresponsive, or an empty text."""
         try:
             fields = Path(f"/proc/{pid}/task/{pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
@@ -244,7 +245,7 @@ class Watchdog:
         return self.check_state(fields[0], (int(fields[11]) + int(fields[12])) / _TICKS_PER_S)
 
     def check_state(self, state: str, cpu_s: float) -> str:
-        """Take the main thread's state, as Linux names it, and its CPU time, s; return as `check` does."""
+        """Check the main thread's state, as Linux names it, and CPU time, s; return as `check` does."""
         ran_s, self._cpu_s = cpu_s - self._cpu_s, cpu_s
         before_s = self._missed_s  # the beat of the latest period may not have been read yet
         if state == "T":
@@ -262,13 +263,13 @@ class Watchdog:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Member:
-    """A process of a group, as data: how it is started."""
+    """The start of a process of a group, as data."""
 
     name: str  #: Name in the group and in messages.
-    module: str  #: Run as ``python -m MODULE CONFIG``.
-    config: Any = None  #: Its one argument: a dataclass, or a text; None: it has none.
-    host: str = ""  #: The host that it runs on.
-    ready: str = "ready"  #: Kind of the report by which it says that it serves.
+    module: str  #: Module, run as ``python -m MODULE CONFIG``.
+    config: Any = None  #: Its argument: a dataclass or a text; None: no argument.
+    host: str = ""  #: Host that it runs on.
+    ready: str = "ready"  #: Kind of its report that it serves.
     through: str = ""  #: Module that is run with module and configuration as its arguments instead.
     pass_fds: tuple[int, ...] = ()  #: File descriptors that it inherits.
 
@@ -283,11 +284,16 @@ class Member:
 class ProcessGroup:
     """Processes that are started and ended together: an async context manager.
 
-    Entering starts all members at once and returns when each of them serves, within `start_s` seconds. Leaving
-    tells them to end in the reverse order, and uses force on those that do not. `wrap_command` returns the
-    command line that runs a command on a host; without it all run on this one. `on_report` is called with a
-    member's name and every report of it. What waits for a member that fails, ends, or is late raises
-    `ProcessFailedError`, which names those that were killed.
+    Entering starts all members at once and returns when each of them serves. Leaving ends them in the reverse
+    order, and kills those that do not end. Each method that waits for a member raises a `ProcessFailedError` if
+    the member fails, ends, or is late. The error names killed members.
+
+    Args:
+        members: Processes that entering starts.
+        wrap_command: Function from a host and a command to the command line that runs it there; without it,
+            all processes run on this host.
+        on_report: Function that is called with the name of a member and each of its reports.
+        start_s: Time limit for the start of a member, s.
     """
 
     def __init__(
@@ -314,7 +320,7 @@ class ProcessGroup:
         return self
 
     async def settle(self) -> None:
-        """Do what a group does before it is used, once its first members serve: nothing, unless overridden."""
+        """Prepare the group after its first members serve. Subclasses override this; here it does nothing."""
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
@@ -326,7 +332,7 @@ class ProcessGroup:
         return iter(self._processes)
 
     async def start(self, *members: Member) -> None:
-        """Start members at once and return when each serves; where one does not, none of them is left."""
+        """Start members at once and return when each serves. If one does not, all of them are ended."""
         try:
             for member in members:
                 await self._launch(member)
@@ -338,19 +344,19 @@ class ProcessGroup:
             raise
 
     async def kill(self, name: str) -> None:
-        """End a member by force, wait until it is gone, and forget it."""
+        """Kill a member, wait for its end, and remove it from the group."""
         self[name].kill()
         await self._end([name])
 
     def order(self, names: Iterable[str] | None = None, **values: Any) -> None:
-        """Give an order to members, to all without names."""
+        """Send an order to the members with these names, by default to all."""
         for name in self if names is None else names:
             self._processes[name].order(**values)
 
     async def expect(
         self, kind: str, names: Iterable[str] | None = None, *, timeout_s: float | None
     ) -> dict[str, Report]:
-        """Return the next report of a kind of each member, or of those named, by name; None waits indefinitely."""
+        """Return the next report of a kind by member, by default of all; a time limit of None waits indefinitely."""
         chosen = self if names is None else names
         return await self._watched(
             {n: self._processes[n].expect(kind, timeout_s=timeout_s) for n in chosen}
@@ -364,7 +370,7 @@ class ProcessGroup:
         timeout_s: float | None,
         **order: Any,
     ) -> dict[str, Report]:
-        """Give members, or those named, an order and return the report of a kind that each answers, by name."""
+        """Send an order to members, by default to all, and return the next report of a kind by member."""
         chosen = tuple(self if names is None else names)
         self.order(chosen, **order)
         return await self.expect(kind, chosen, timeout_s=timeout_s)
@@ -375,11 +381,11 @@ class ProcessGroup:
             process.check()
 
     async def close(self) -> None:
-        """End all members; harmless when repeated."""
+        """End all members. A second call does nothing."""
         await self._end(list(self))
 
     async def _end(self, names: Sequence[str]) -> None:
-        """End what runs of these, in the reverse order."""
+        """End those of these members that run, in the reverse order."""
         ended = [self._processes.pop(name) for name in reversed(names) if name in self._processes]
         await asyncio.gather(*(process.close() for process in ended))
 
@@ -396,7 +402,7 @@ class ProcessGroup:
         )
 
     async def _watched(self, waits: Mapping[str, Coroutine[Any, Any, Report]]) -> dict[str, Report]:
-        """Return the reports that are waited for at once; the first failure ends the others and is raised."""
+        """Wait for reports at once. The first failure ends the other waits and is raised."""
         try:
             async with asyncio.TaskGroup() as group:
                 tasks = {name: group.create_task(wait) for name, wait in waits.items()}
@@ -408,7 +414,7 @@ class ProcessGroup:
         return {name: task.result() for name, task in tasks.items()}
 
     async def _with_killed(self, error: ProcessFailedError) -> ProcessFailedError:
-        """Return a failure with the names of those that were killed; a peer may have missed it before we did."""
+        """Return a failure with the names of killed members. A peer may notice their end earlier than the group."""
         await asyncio.sleep(_NOTICE_S)
         killed = [name for name, process in self._processes.items() if (process.status or 0) < 0]
         if not killed:

@@ -31,13 +31,13 @@ def map_graph(
         ),
     ] = None,
     gateway_rule: Annotated[
-        Literal["paper", "size"] | None,
+        Literal["paper", "size"],
         Option(
             help="Rule for topics between software and hardware. paper: a topic with several "
             "subscribers in hardware gets a gateway. size: a topic that the memory model predicts "
-            "to be faster through a gateway gets a gateway. [default: paper]"
+            "to be faster through a gateway gets a gateway."
         ),
-    ] = None,
+    ] = "paper",
     optimise_placement: Annotated[
         bool,
         Option(
@@ -81,7 +81,7 @@ def map_graph(
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
     from sfglab.soc import build_cfg as build_text
-    from sfglab.soc import graph_text
+    from sfglab.soc import faster_by_gateway, graph_text, map_communication
 
     if figure is not None and figure.suffix not in {".png", ".svg", ".pdf"}:
         raise InvalidValueError("--figure", figure, "a .png, .svg or .pdf file")
@@ -93,7 +93,9 @@ def map_graph(
         mapping, load = _placed(graph, lut, bram)
     else:
         unused("without --optimise-placement, which alone uses areas", "lut", "bram")
-        mapping = _mapped(graph, gateway_rule)
+        mapping = map_communication(graph)
+        if gateway_rule == "size":
+            mapping = map_communication(graph, gateway=faster_by_gateway)
     found = mapping.gateways
     files: dict[Path, str | bytes] = {}
     if figure is not None:
@@ -117,14 +119,6 @@ def _graph_of(source: LogReader | Path) -> Graph:
     found = graph_from_log(source)
     print_left_out(found.left_out)
     return found.graph
-
-
-def _mapped(graph: Graph, gateway_rule: str | None) -> CommunicationMapping:
-    from sfglab.soc import faster_by_gateway, map_communication
-
-    if gateway_rule == "size":
-        return map_communication(graph, gateway=faster_by_gateway)
-    return map_communication(graph)
 
 
 def _placed(graph: Graph, lut: int | None, bram: float | None) -> tuple[CommunicationMapping, str]:

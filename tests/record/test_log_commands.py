@@ -64,6 +64,5 @@ def test_a_mistake_is_one_sentence_and_leaves_nothing(tmp_path, given, arguments
 def test_info_prints_what_a_log_holds_and_the_group_alone_lists_runs(given):
     said = called("log", "info", str(given))
     assert re.search(r"^ +/image +sensor_msgs/msg/Image +4 +1 +\d+ +cdr$", said, re.MULTILINE)
-    assert "/table/meter" in said
     assert '\nmetadata  config: {"seed": 1}\n' in said
     assert "counts for the claims" in called("log")
