@@ -86,7 +86,7 @@ def between(
 
 
 def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
-    """Return the bounds of a dataclass's fields, or of their items, by name."""
+    """Return the bounds of a dataclass's fields, or of the items of a field, by the field's name."""
     hints = get_type_hints(row_class, include_extras=True)
     found: dict[str, Bounds] = {}
     for field in dataclasses.fields(row_class):
@@ -171,7 +171,7 @@ def _is_enum(hint: Any) -> bool:
 
 
 def to_json(value: Any) -> Any:
-    """Return a value as JSON has it: dataclasses as objects, enums by their value, tuples as lists."""
+    """Return a value as JSON: dataclasses become objects, enums their values, tuples lists."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: to_json(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, Enum):
@@ -184,10 +184,10 @@ def to_json(value: Any) -> Any:
 
 
 def from_json(hint: Any, value: Any) -> Any:
-    """Return a JSON value as an annotated type: what `to_json` of such a value gave, or a value of it already.
+    """Return a value of JSON as a type. It is the result of `to_json`, or already a value of the type.
 
-    Keys that a dataclass does not have are left out, fields that are missing take their defaults: what another
-    version wrote stays readable. Fields' types must be importable at run time.
+    Unknown keys of a dataclass are left out, and missing fields have their defaults, so that configurations of
+    other versions stay readable. The types of fields must be importable at run time.
 
     Raises:
         InvalidValueError: The value has no form in that type.

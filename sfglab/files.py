@@ -1,4 +1,4 @@
-"""Reading and writing of whole files; an error of the file system is one `InvalidValueError`."""
+"""Reading and writing of whole files; errors of the file system become an `InvalidValueError`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MOST_BYTES = 1 << 26  # of a text; a device may have no end
 
 
 def read_text(path: Path, allowed: str = "a readable text file") -> str:
-    """Return a file's text of UTF-8, at most 64 MiB; `allowed` says in a refusal what it should be."""
+    """Return the UTF-8 text of a file, at most 64 MiB; `allowed` describes the expected file in errors."""
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
@@ -43,7 +43,7 @@ def write_files(
 
     Args:
         files: Contents by path.
-        folder: A folder to make where it is not there, with those of paths below it; paths are relative to it.
+        folder: Folder of the files, to which paths are relative. Missing folders are made.
         modes: Permissions, by path.
     """
     staged: list[tuple[Path, Path]] = []
@@ -81,7 +81,7 @@ def _remove(folder: Path) -> None:
 
 
 def _stage(path: Path, data: bytes, mode: int | None, undo: ExitStack) -> tuple[Path, Path]:
-    """Write a file beside the one that it is to become; return both."""
+    """Write a temporary file beside its target; return both paths."""
     target = Path(os.path.realpath(path))
     if target.is_dir():
         raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
@@ -99,7 +99,7 @@ def _stage(path: Path, data: bytes, mode: int | None, undo: ExitStack) -> tuple[
 
 
 def _sync_folder(folder: Path) -> None:
-    """Bring new names onto the disk; file systems that cannot sync folders do so by themselves."""
+    """Write new names to the disk; file systems that cannot sync folders do this by themselves."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -109,7 +109,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def own_folder() -> Path:
-    """Return a folder of this user's alone: at home, or without a home beside other temporary files."""
+    """Return a folder that belongs to this user only: in the home, otherwise beside temporary files."""
     with suppress(OSError, RuntimeError):
         folder = Path.home() / ".cache" / "sfglab"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -358,9 +358,8 @@ class ProcessGroup:
     ) -> dict[str, Report]:
         """Return the next report of a kind by member, by default of all; a time limit of None waits indefinitely."""
         chosen = self if names is None else names
-        return await self._watched(
-            {n: self._processes[n].expect(kind, timeout_s=timeout_s) for n in chosen}
-        )
+        waits = {name: self[name].expect(kind, timeout_s=timeout_s) for name in chosen}
+        return await self._watched(waits)
 
     async def ask(
         self,

@@ -1,4 +1,4 @@
-"""Quality-of-service profiles as comparable, frozen values, in rclpy's vocabulary, and when two match."""
+"""Quality-of-service profiles in the terms of rclpy, and the rules by which two profiles match."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Liveliness(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QoSProfile(Shown):
-    """One endpoint's quality of service; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h)."""
+    """QoS of one endpoint; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h)."""
 
     reliability: Reliability = Reliability.RELIABLE  #: Whether lost samples are repaired.
     #: Whether late joiners receive the writer's history.
@@ -47,12 +47,14 @@ class QoSProfile(Shown):
     #: Whether the history is bounded by `depth` (KEEP_LAST) or not (KEEP_ALL).
     history: History = History.KEEP_LAST
     depth: int = 10  #: Samples kept with KEEP_LAST, at least 1; ignored with KEEP_ALL.
-    #: Longest agreed gap between samples, in nanoseconds; None is infinite.
+    #: Longest agreed time between samples, ns; None is infinite.
     deadline_ns: int | None = None
-    #: Age after which a sample is dropped, in nanoseconds; None is infinite.
+    #: Age after which a sample is dropped, ns; None is infinite.
     lifespan_ns: int | None = None
-    liveliness: Liveliness = Liveliness.AUTOMATIC  #: Whether the process or each sample shows life.
-    #: After how long without life a writer is lost, in ns; None is infinite.
+    liveliness: Liveliness = (
+        Liveliness.AUTOMATIC
+    )  #: Source of liveliness assertions: process or samples.
+    #: Time without an assertion after which a writer is lost, ns; None is infinite.
     lease_ns: int | None = None
 
     def __post_init__(self) -> None:
@@ -75,7 +77,7 @@ _TIMES = ("deadline_ns", "lifespan_ns", "lease_ns")
 DEFAULT = QoSProfile()
 SENSOR_DATA = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=5)
 COMPRESSED_STREAM = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
-"""Best effort as paper A, section 4.3 asks; two groups of pictures deep: a lost P frame spoils the rest."""
+"""Best effort, as in paper A, section 4.3; the depth is two GOPs, because a lost P frame spoils the rest of its GOP."""
 
 SERVICES = QoSProfile(depth=10)
 PARAMETER_EVENTS = QoSProfile(depth=1000)
@@ -83,7 +85,7 @@ LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
 
 
 def incompatibilities(*, offered: QoSProfile, requested: QoSProfile) -> tuple[str, ...]:
-    """Return why a reader's request does not match a writer's offer; empty: it does (DDS 1.4, 2.2.3)."""
+    """Return the reasons why a request does not match an offer; empty if it does (DDS 1.4, clause 2.2.3)."""
     reasons = []
     for name in ("reliability", "durability", "liveliness"):
         asked, given = getattr(requested, name), getattr(offered, name)

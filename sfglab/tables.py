@@ -15,7 +15,7 @@ WIDTH = 110  #: Largest width of the line below the header, in characters.
 
 
 def columns(rows: Iterable[Sequence[str]], *, right: Container[int] = ()) -> list[str]:
-    """Return rows as lines of aligned columns; those whose positions are in `right` are flush right."""
+    """Return rows as lines of aligned columns; columns whose positions are in `right` are flush right."""
     rows = list(rows)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
@@ -28,7 +28,7 @@ def columns(rows: Iterable[Sequence[str]], *, right: Container[int] = ()) -> lis
 
 
 def text_table(rows: Iterable[Sequence[str]]) -> str:
-    """Return rows as aligned columns; the first is the head."""
+    """Return rows as aligned columns; the first row is the header."""
     lines = columns(rows)
     lines.insert(1, "-" * min(WIDTH, max(map(len, lines))))
     return "\n".join(f"  {line}" for line in lines)
@@ -40,7 +40,7 @@ _CELL = "text-align: left; white-space: normal; vertical-align: top"
 def html_table(
     rows: Iterable[Sequence[object]], caption: str = "", *, right: Container[int] = ()
 ) -> str:
-    """Return rows as an HTML table, all texts escaped and shown in full; the first is the head.
+    """Return rows as an HTML table, with all texts escaped and in full; the first row is the header.
 
     Columns whose positions are in `right` are flush right.
     """
@@ -58,7 +58,7 @@ def html_table(
 
 
 class Shown:
-    """A dataclass that a notebook shows as a table: fields, values and what they mean."""
+    """A dataclass that a notebook shows as a table of fields, values and meanings."""
 
     __slots__ = ()
 

@@ -1,7 +1,7 @@
-"""Metadata of a run: versions and machine, and values and QoS profiles as the plain strings that MCAP keeps.
+"""Metadata of a run: versions and machine, and values and QoS profiles as the strings that MCAP stores.
 
-Knows what makes two runs comparable, JSON, and rosbag2's YAML. Refuses to know files, and to record what
-identifies a place or a person: no path, no host name.
+The metadata shows whether two runs are comparable. It identifies no place and no person: it has no path and no
+host name.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _GIT_TIMEOUT_S = 10.0
 
 
 def library_versions() -> dict[str, str]:
-    """Return the versions of the libraries that results hang on, as far as they are installed."""
+    """Return the versions of the installed libraries that results depend on."""
     versions = {}
     for name in _LIBRARIES:
         with suppress(metadata.PackageNotFoundError):
@@ -66,7 +66,7 @@ def _cpu_model() -> str:
 
 
 def git(tree: Path, *arguments: str) -> str | None:
-    """Return what git says about a tree, or None where it knows nothing, is not there or takes too long."""
+    """Return the output of a git command in a tree; None if it fails, takes too long, or git is not installed."""
     command = ["git", "-C", str(tree), *arguments]
     try:
         done = subprocess.run(
@@ -78,9 +78,9 @@ def git(tree: Path, *arguments: str) -> str | None:
 
 
 def _source() -> dict[str, Any]:
-    """Return commit and cleanness of the tree that the package is imported from, if it is one."""
+    """Return commit and state of the repository that the package is imported from; empty if there is none."""
     tree = Path(sfglab.__file__).resolve().parent.parent
-    # An environment may lie inside the repository of somebody else's project.
+    # An environment may be inside the repository of another project.
     if (
         git(tree, "rev-parse", "--show-prefix") != ""
         or (commit := git(tree, "rev-parse", "HEAD")) is None
@@ -143,7 +143,7 @@ def _duration_yaml(duration_ns: int | None) -> str:
 
 
 def profile_from_bag(text: str) -> QoSProfile:
-    """Return the first profile that rosbag2 recorded; what it leaves open is as in ROS 2's default."""
+    """Return the first profile that rosbag2 recorded; missing values are those of ROS 2's default."""
     from rosbags.rosbag2.errors import ReaderError
     from rosbags.rosbag2.metadata import parse_qos
 
@@ -176,7 +176,7 @@ def _duration_ns(given: QosTime) -> int | None:
 
 
 def _plain(value: Any) -> Any:
-    """Return what JSON can hold instead of a value that it does not know."""
+    """Return a value of JSON in place of a value of another type."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     plain = to_json(value)
@@ -186,7 +186,7 @@ def _plain(value: Any) -> Any:
 
 
 def _is_literal(text: str) -> bool:
-    """Return whether text would be read back as something else than itself."""
+    """Return whether a text is valid JSON, and so would be read as another value."""
     try:
         json.loads(text)
     except (ValueError, RecursionError):  # also numbers and nesting that Python does not read
@@ -195,11 +195,11 @@ def _is_literal(text: str) -> bool:
 
 
 def strings_from_values(name: str, values: Mapping[str, Any]) -> dict[str, str]:
-    """Return a mapping whose values are strings: text as it is, everything else as JSON, in the same order.
+    """Return a mapping whose values are strings: text unchanged, other values as JSON, in the same order.
 
-    Text that looks like JSON is quoted, so that `values_from_strings` returns what went in. Values may be text,
-    numbers, None, lists, mappings, enums, dataclasses and NumPy values, nested as you like; tuples and arrays
-    become lists, dataclasses mappings, keys text. Others are LogErrors that say `name`.
+    Text that is valid JSON is quoted, so that `values_from_strings` returns the same value. Values may be text,
+    numbers, None, lists, mappings, enums, dataclasses and NumPy values, also nested. Tuples and arrays become
+    lists, dataclasses become mappings, and keys become text. Other values raise a LogError with `name`.
     """
     strings = {}
     for key, value in values.items():
@@ -214,5 +214,5 @@ def strings_from_values(name: str, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def values_from_strings(strings: Mapping[str, str]) -> dict[str, Any]:
-    """Return what `strings_from_values` was given: JSON where it is JSON, text elsewhere."""
+    """Return the values that `strings_from_values` was given."""
     return {key: json.loads(text) if _is_literal(text) else text for key, text in strings.items()}

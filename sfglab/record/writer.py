@@ -1,7 +1,7 @@
 """Writing a run into one MCAP file.
 
-Knows the layout that ROS tools expect: profile `ros2`, CDR messages, `ros2msg` schemas. Refuses to know clocks:
-each stamp is an argument.
+The file has the layout that ROS tools expect: profile `ros2`, CDR messages, `ros2msg` schemas. All times are
+arguments; the module reads no clock.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ class LogWriter(AbstractContextManager["LogWriter"]):
     """An MCAP file being written, as a context manager.
 
     Messages are collected in chunks. A chunk ends at 768 kB; the current chunk also ends when 1 s of
-    log time has passed since the last such end. A finished chunk belongs to the operating system: it survives
-    `kill -9`, and `LogReader` reads a file that ends there. The current chunk does not.
+    log time has passed since the last such end. A finished chunk is handed to the operating system: it survives
+    `kill -9`, and `LogReader` reads a file that ends there. The current chunk is lost.
 
     Every method may be called from any thread: a lock serialises them. A call that finishes a chunk compresses
-    and writes it before it returns, which takes 1 to 20 milliseconds; in an event loop that minds them, call
-    through `asyncio.to_thread` from one task, so that the order stays.
+    and writes it before it returns, which takes 1 to 20 ms. An event loop that cannot wait so long calls the
+    methods with `asyncio.to_thread` from one task, which keeps the order.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Create the file and its directory; LogError for one not to be overwritten."""
+        """Create the file and its directory; LogError if the file exists, without `overwrite`."""
         from mcap.writer import Writer
 
         self.path = Path(path)
@@ -67,9 +67,9 @@ class LogWriter(AbstractContextManager["LogWriter"]):
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Hold the lock during a change, and hand what it finished to the operating system.
+        """Hold the lock during a change, and hand the data to the operating system.
 
-        A change that fails leaves half a record, so it closes the file; one that is refused does not.
+        A failed change may leave half a record and closes the file. A refused change does not close it.
         """
         with self._lock:
             if self._stream.closed:
@@ -95,18 +95,19 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         publish_time_ns: int | None = None,
         qos: QoSProfile | None = None,
     ) -> None:
-        """Append a message that is CDR already; the bytes are kept as they are, unchecked.
+        """Append a serialised message; its bytes are not checked.
 
         Args:
-            topic: Its topic.
-            type_name: Its type, one per topic.
-            cdr: CDR with its 4-byte header; copied, so the buffer is free afterwards.
-            log_time_ns: When it was received, in nanoseconds of the run's clock; not negative.
-            publish_time_ns: When it was published; None means the same.
-            qos: What its writer offers; that of a topic's first message is recorded for `ros2 bag play`.
+            topic: Topic of the message.
+            type_name: ROS type, one per topic.
+            cdr: CDR with its 4-byte header. The bytes are copied.
+            log_time_ns: Time of reception on the clock of the run, ns; not negative.
+            publish_time_ns: Time of publication on the same clock, ns; None for the time of reception.
+            qos: QoS that the publisher offers. The profile of a topic's first message is recorded, for
+                `ros2 bag play`.
 
         Raises:
-            UnknownTypeError: There is no definition to write down for the type.
+            UnknownTypeError: No definition of the type is known.
             LogError: A time is out of range, or the topic has another type, or the log is closed.
         """
         data = memoryview(cdr).cast("B")
@@ -123,7 +124,7 @@ class LogWriter(AbstractContextManager["LogWriter"]):
             self._end_old_chunk(int(log_time_ns))
 
     def write(self, topic: str, message: Any, *, log_time_ns: int) -> None:
-        """Append a message of a registered type that happened at a time in nanoseconds of the run's clock.
+        """Append a message of a registered type, at a time of the run's clock, ns.
 
         Raises:
             CdrError: The message cannot be serialised.
@@ -135,10 +136,10 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         """Append one row to a table: a message on the topic `/table/<name>`.
 
         Args:
-            table: The name of the table.
-            row: A dataclass as `sfglab.messages.row_type` wants it; all rows of a table have one class. A field
-                cannot be called `log_time_ns`, which is the table's own column.
-            log_time_ns: When it was measured, in nanoseconds of the run's clock; not negative.
+            table: Name of the table.
+            row: A dataclass as in `sfglab.messages.row_type`; all rows of a table have one class. No field may have
+                the name `log_time_ns`, which is a column of the table itself.
+            log_time_ns: Time of the measurement on the clock of the run, ns; not negative.
 
         Raises:
             MessageError: The row has a field that no message can hold.
@@ -156,21 +157,21 @@ class LogWriter(AbstractContextManager["LogWriter"]):
     def write_metadata(self, name: str, values: Mapping[str, Any]) -> None:
         """Write a named mapping, such as the configuration or `run_context()`, at once.
 
-        Text is kept as it is, numbers, lists, mappings, enums and dataclasses as JSON. Raises LogError where
-        a value has no form in JSON, or the log is closed.
+        Text is stored unchanged; numbers, lists, mappings, enums and dataclasses are stored as JSON. Raises
+        LogError if a value has no form in JSON, or the log is closed.
         """
         strings = strings_from_values(name, values)
         with self._writing():
             self._mcap.add_metadata(name, strings)
 
     def attach(self, name: str, data: Buffer, media_type: str) -> None:
-        """Write a file of a media type at once; LogError where the log is closed."""
+        """Write a file of a media type at once; LogError if the log is closed."""
         content = bytes(data)
         with self._writing():
             self._mcap.add_attachment(0, 0, name, media_type, content)
 
     def close(self) -> None:
-        """Write the index and close the file, once; after a failed write it is as one that was cut off."""
+        """Write the index and close the file, once. After a failed write the file has no index."""
         with self._lock:
             if not self._stream.closed:
                 with self._writing():
@@ -181,7 +182,7 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         self.close()
 
     def _channel(self, topic: str, type_name: str, qos: QoSProfile | None) -> int:
-        """Return the number of a topic's channel, which is written the first time."""
+        """Return the number of a topic's channel; its first use writes the channel."""
         if topic not in self._channels:
             if type_name not in self._schemas:
                 text = definition(type_name).encode()
