@@ -61,9 +61,8 @@ def run_component(
     try:
         config = config_from_argument(config_class, sys.argv[1])
         body = serve(config, report, orders)
-        if os.environ.pop(
-            BEATS_VARIABLE, ""
-        ):  # for this process alone, not for those that it starts
+        # The variable is for this process only, not for its child processes.
+        if os.environ.pop(BEATS_VARIABLE, ""):
             body = _beating(body, report)
         run(_until_told(body, orders))
     except SfglabError as error:

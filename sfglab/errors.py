@@ -25,9 +25,8 @@ class InvalidValueError(SfglabError, ValueError):
         self.place = place
         self.given = given  #: Given value; None if the value is missing.
         self.allowed = allowed  #: Allowed values, in words.
-        super().__init__(
-            place, given, allowed
-        )  # all arguments, so that the error survives pickling
+        # All arguments, so that the error survives pickling.
+        super().__init__(place, given, allowed)
 
     def __str__(self) -> str:
         place = key_text(self.place) if isinstance(self.place, tuple) else self.place
@@ -63,10 +62,8 @@ def _shown(given: object) -> str:
     """Return a value as text, cut in the middle. This does not fail for any value."""
     try:
         text = repr(fspath(given) if isinstance(given, PathLike) else given)
-    except (
-        ValueError,
-        RecursionError,
-    ):  # an integer of more digits than Python writes, or nested too deep
+    # An integer of more digits than Python writes, or a value that is nested too deeply.
+    except (ValueError, RecursionError):
         return f"a {type(given).__name__} that cannot be displayed"
     return text if len(text) <= 2 * _SHOWN else f"{text[:_SHOWN]} ... {text[-_SHOWN:]}"
 

@@ -66,11 +66,16 @@ class QoSProfile(Shown):
                 raise InvalidValueError(f"QoS {name}", value, "positive nanoseconds or None")
 
     def __repr__(self) -> str:
-        depth = f" {self.depth}" if self.history is History.KEEP_LAST else ""
-        times = [f"{n[:-3]} {t / 1e6:g} ms" for n in _TIMES if (t := getattr(self, n))]
-        kept = f"{self.history.value}{depth}"
-        alive = [self.liveliness.value] if self.liveliness is not Liveliness.AUTOMATIC else []
-        return f"<QoS {', '.join([self.reliability.value, self.durability.value, kept, *alive, *times])}>"
+        parts = [self.reliability.value, self.durability.value, self.history.value]
+        if self.history is History.KEEP_LAST:
+            parts[-1] += f" {self.depth}"
+        if self.liveliness is not Liveliness.AUTOMATIC:
+            parts.append(self.liveliness.value)
+        for name in _TIMES:
+            value = getattr(self, name)
+            if value is not None:
+                parts.append(f"{name.removesuffix('_ns')} {value / 1e6:g} ms")
+        return f"<QoS {', '.join(parts)}>"
 
 
 _TIMES = ("deadline_ns", "lifespan_ns", "lease_ns")

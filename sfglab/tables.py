@@ -34,7 +34,7 @@ def text_table(rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"  {line}" for line in lines)
 
 
-_CELL = "text-align: left; white-space: normal; vertical-align: top"
+_CELL = "white-space: normal; vertical-align: top"
 
 
 def html_table(
@@ -46,14 +46,14 @@ def html_table(
     """
     lines = []
     for row in rows:
+        tag = "td" if lines else "th"
         line = ""
         for i, cell in enumerate(row):
-            style = _CELL.replace("left", "right") if i in right else _CELL
-            line += f'<td style="{style}">{escape(str(cell))}</td>'
-        lines.append(line)
-    head, *body = (f"<tr>{line}</tr>" for line in lines)
+            side = "right" if i in right else "left"
+            line += f'<{tag} style="text-align: {side}; {_CELL}">{escape(str(cell))}</{tag}>'
+        lines.append(f"<tr>{line}</tr>")
+    head, *body = lines
     said = f'<caption style="text-align: left">{escape(caption)}</caption>' if caption else ""
-    head = head.replace("<td ", "<th ").replace("</td>", "</th>")
     return f"<table>{said}<thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"
 
 
