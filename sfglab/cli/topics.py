@@ -21,7 +21,6 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.bus import EndpointInfo, Node, Subscription
-    from sfglab.bus.listing import View
 
 app = typer.Typer(help="List, print, measure and publish topics, like ros2 topic.")
 node_app = typer.Typer(help="List the nodes of a domain, like ros2 node.")
@@ -262,26 +261,19 @@ async def _subscribed(
 
     It waits until publishers are discovered. Without `type_name`, it takes their type; `advice` ends the error
     for several types.
+
+    Raises:
+        SfglabError: Without `type_name`: there is no such topic, or it has several types.
     """
-    from sfglab.bus.listing import usual_qos, view
+    from sfglab.bus.listing import one_of, usual_qos, view
 
     if await _is_published(node, topic, _TOPIC_S):
         await asyncio.sleep(_OTHERS_S)
-    name = _full_type(type_name or _type_of(view(node), topic, advice))
+    if not type_name:
+        topics = view(node).topics(hidden=True)
+        type_name, *others = topics[one_of(topics, topic, "topic")]
+        if others:
+            names = ", ".join([type_name, *others])
+            raise SfglabError(f"topic {topic} has several types: {names}{advice}")
     qos = usual_qos(_publishers(node, topic))
-    return node.create_subscription(name, topic, qos=qos, raw=raw)
-
-
-def _type_of(seen: View, topic: str, advice: str = "") -> str:
-    """Return the type of a topic.
-
-    Raises:
-        SfglabError: There is no such topic, or it has several types.
-    """
-    from sfglab.bus.listing import one_of
-
-    topics = seen.topics(hidden=True)
-    names = topics[one_of(topics, topic, "topic")]
-    if len(names) > 1:
-        raise SfglabError(f"topic {topic} has several types: {', '.join(names)}{advice}")
-    return names[0]
+    return node.create_subscription(_full_type(type_name), topic, qos=qos, raw=raw)
