@@ -44,7 +44,7 @@ def html_table(
 
     Columns whose positions are in `right` are flush right.
     """
-    lines = []
+    lines: list[str] = []
     for row in rows:
         tag = "td" if lines else "th"
         line = ""
