@@ -34,10 +34,9 @@ COLUMNS: tuple[str, ...] = (
     "unit",
     "how",
     "verdict",
-    "from",
 )
 """Names of the columns of a ledger."""
-_HTML_COLUMNS = ("claim", "statement", "paper", "accepted", *COLUMNS[2:-1])
+_HTML_COLUMNS = ("claim", "statement", "paper", "accepted", *COLUMNS[2:])
 _OURS = "-OURS"
 _LESS = "% less "
 _MORE = "% more "
@@ -145,13 +144,7 @@ class Finding:
     fitted: str = ""  #: Constants that were fitted to the claim's own numbers; empty: none.
     #: Whether the claim's criterion judges the value, instead of its `band`.
     by_criterion: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Measured(Finding):
-    """A finding with the way in which it was obtained."""
-
-    how: How
+    how: How = How.LIVE  #: Origin of the value; `Experiment.measure` fills it in.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,7 +153,7 @@ class Entry:
 
     claim: Claim  #: The claim, with acceptance range, unit and experiment of the judging rule.
     verdict: Verdict
-    measured: Measured | None = None
+    measured: Finding | None = None
     log: str = ""  #: Path of the log, from the top folder.
     origin: str = ""  #: Machine, load, versions and commit of the log.
     missing: str = ""  #: Reason why there is no value, if the log has one.
@@ -180,16 +173,16 @@ class Entry:
             return ""
         if self.verdict is Verdict.FITTED:
             return measured.fitted
-        reasons = [measured.reason] if measured.reason else []
+        reasons = [measured.reason]
         for name in _outside(self.claim, measured):
             asked = _range(self.claim.ends[name])
             reasons.append(f"{name}: {measured.ends[name]:.3g}, asked {asked}")
         reasons += [f"{name}: not measured" for name in self.missing_ends]
         for name, estimate in measured.under.items():
             reasons.append(f"{name}: {estimate}, {_compare(self.claim, estimate).value}")
-        if any(run.verdict is not self.runs[0].verdict for run in self.runs):
+        if len({run.verdict for run in self.runs}) > 1:
             reasons += [f"{run.log}: {run.value}, {run.verdict.value}" for run in self.runs]
-        return "; ".join(reasons)
+        return "; ".join(filter(None, reasons))
 
     @property
     def missing_ends(self) -> list[str]:
@@ -213,12 +206,11 @@ class Entry:
         """Value as the ledger prints it: a negative saving ("% less") is a cost ("% more")."""
         if self.measured is None:
             return None
-        found = self.measured.estimate
-        unit = self.claim.unit
-        if found.value < 0 and unit.startswith(_LESS):
-            unit = _MORE + unit.removeprefix(_LESS)
-            return Estimate(value=-found.value, low=-found.high, high=-found.low, unit=unit)
-        return replace(found, unit=unit)
+        found = replace(self.measured.estimate, unit=self.claim.unit)
+        if found.value >= 0 or not found.unit.startswith(_LESS):
+            return found
+        unit = _MORE + found.unit.removeprefix(_LESS)
+        return Estimate(value=-found.value, low=-found.high, high=-found.low, unit=unit)
 
     @property
     def value(self) -> str:
@@ -232,10 +224,9 @@ class Entry:
     @property
     def unit(self) -> str:
         """Unit of `value`, with the number of facts behind a share."""
-        if self.shown is None or self.measured is None:
-            return self.claim.unit
-        count = self.measured.count
-        return f"{self.shown.unit} ({count})" if count else self.shown.unit
+        unit = self.shown.unit if self.shown else self.claim.unit
+        count = self.measured.count if self.measured else ""
+        return f"{unit} ({count})" if count else unit
 
     @property
     def interval(self) -> str:
@@ -301,9 +292,9 @@ class Ledger(list[Entry]):
         reasons: dict[str, list[str]] = {}
         for entry in self:
             claim, *cells = _row(entry)
-            rows.append((claim, entry.claim.says, cells[0], accepted(entry.claim), *cells[1:-1]))
+            rows.append((claim, entry.claim.says, cells[0], accepted(entry.claim), *cells[1:]))
             if entry.own and entry.own_reason:
-                rows.append(("", "in this run alone", "", "", *_row(entry.own)[2:-1]))
+                rows.append(("", "in this run alone", "", "", *_row(entry.own)[2:]))
                 reasons.setdefault(entry.own_reason, []).append(claim)
         notes = [f"In this run alone ({', '.join(of)}): {why}." for why, of in reasons.items()]
         notes += self._legend()
@@ -339,7 +330,7 @@ def load_claims(path: Path | str) -> list[Claim]:
     return claims
 
 
-def judge(claim: Claim, measured: Measured | None) -> Verdict:
+def judge(claim: Claim, measured: Finding | None) -> Verdict:
     """Compute the verdict on a claim, with the only rule of the ledger.
 
     A value is better if its whole interval is beyond the acceptance range, on the better side.
@@ -362,21 +353,19 @@ def _compare(claim: Claim, estimate: Estimate) -> Verdict:
     """Return the verdict on a value alone."""
     low, high = claim.band
     if claim.better == "above":
-        is_better = estimate.low > high
+        if estimate.low > high:
+            return Verdict.BETTER
         high = math.inf
-    elif claim.better == "below":
-        is_better = estimate.high < low
+    if claim.better == "below":
+        if estimate.high < low:
+            return Verdict.BETTER
         low = -math.inf
-    else:
-        is_better = False
-    if is_better:
-        return Verdict.BETTER
     if not low <= estimate.value <= high:
         return Verdict.DEVIATES
     return Verdict.AS_GOOD if claim.id.endswith(_OURS) else Verdict.REPRODUCED
 
 
-def _outside(claim: Claim, measured: Measured) -> list[str]:
+def _outside(claim: Claim, measured: Finding) -> list[str]:
     """Return the names of the measured ends that are outside their ranges."""
     return [
         name
@@ -385,7 +374,7 @@ def _outside(claim: Claim, measured: Measured) -> list[str]:
     ]
 
 
-def entry_for(claim: Claim, measured: Measured | None, *, log: str = "", origin: str = "") -> Entry:
+def entry_for(claim: Claim, measured: Finding | None, *, log: str = "", origin: str = "") -> Entry:
     """Return the row for a claim and our value, judged by `band` or by the claim's criterion."""
     if measured is None:
         return Entry(claim=claim, verdict=Verdict.NOT_YET)
@@ -407,17 +396,15 @@ def joined(runs: Sequence[Entry]) -> Entry:
     because they are older than this part of the claim.
     """
     first, *others = runs
-    if first.measured is None:
-        return first
     runs = [first, *(run for run in others if run.measured and not run.missing_ends)]
-    if len(runs) == 1:
-        return first
     found = [run.measured.estimate for run in runs if run.measured]
-    estimate = Estimate(
+    if first.measured is None or len(found) == 1:
+        return first
+    estimate = replace(
+        found[0],
         value=median(each.value for each in found),
         low=min(each.low for each in found),
         high=max(each.high for each in found),
-        unit=found[0].unit,
     )
     verdicts = {run.verdict for run in runs}
     return replace(
@@ -434,16 +421,13 @@ def render(entries: Sequence[Entry], *, with_logs: bool = False) -> str:
     Below a claim in the ledger of a run is the claim by this run. The last column is the origin,
     if there are several; with `with_logs` it is the log.
     """
-    rows = [(*COLUMNS[:-1], "log") if with_logs else COLUMNS]
+    rows = [(*COLUMNS, "log" if with_logs else "from")]
     for entry in entries:
-        rows.append(_row(entry))
-        if with_logs:
-            rows[-1] = (*rows[-1][:-1], entry.log)
+        rows.append((*_row(entry), entry.log if with_logs else entry.source))
         if entry.own:
-            rows.append(("  this run", *_row(entry.own)[1:]))
-    if len({row[-1] for row in rows[1:] if row[-1]}) <= 1:
-        rows = [row[:-1] for row in rows]
-    lines = columns(rows)
+            rows.append(("  this run", *_row(entry.own)[1:], entry.own.source))
+    origins = {row[-1] for row in rows[1:]} - {""}
+    lines = columns(rows if len(origins) > 1 else [row[:-1] for row in rows])
     lines.insert(1, "-" * len(lines[0]))
     lines += ["", repr(Ledger(entries))[1:-1]]
     return "\n".join(lines)
@@ -498,7 +482,6 @@ def _row(entry: Entry) -> tuple[str, ...]:
         entry.unit,
         entry.measured.how.value if entry.measured else "",
         entry.verdict.value,
-        entry.source,
     )
 
 

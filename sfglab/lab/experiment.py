@@ -12,14 +12,14 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import to_json
 from sfglab.lab.bench import Bench, Options, rows_of
 from sfglab.lab.checks import check_row
-from sfglab.lab.claims import Finding, How, Measured
+from sfglab.lab.claims import Finding, How
 from sfglab.lab.figures import add_note, caption_of, default_sidecar, house_style
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
@@ -485,14 +485,13 @@ class Experiment(Generic[C]):
             except part.skips as error:
                 bench.metadata(part.name, {"hindrance": getattr(error, "reason", str(error))})
 
-    def measure(self, run: Run[C]) -> dict[str, Measured]:
+    def measure(self, run: Run[C]) -> dict[str, Finding]:
         """Return our values for the claims that a run answers, by claim."""
         found = {}
         for name, (answer, how) in self._claims.items():
-            if (finding := answer(run)) is not None:
-                said = how if isinstance(how, How) else how(run)
-                values = {field_.name: getattr(finding, field_.name) for field_ in fields(Finding)}
-                found[name] = Measured(**values, how=said)
+            finding = answer(run)
+            if finding is not None:
+                found[name] = replace(finding, how=how if isinstance(how, How) else how(run))
         return found
 
     def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:

@@ -20,9 +20,10 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json, to_json
 from sfglab.lab.claims import (
-    Measured,  # noqa: TC001 - the type of a field that is read from JSON
+    Finding,  # noqa: TC001 - the type of a field that is read from JSON
 )
 from sfglab.lab.experiments import experiment
+from sfglab.lab.figures import file_sha256
 from sfglab.lab.runs import COMPLETION
 from sfglab.record.metadata import library_versions
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 class Findings:
     """Our values from one log."""
 
-    measured: dict[str, Measured]  #: Values by claim.
+    measured: dict[str, Finding]  #: Values by claim.
     origin: str  #: Machine, load while measured, versions and commit, as far as the log has them.
 
 
@@ -80,57 +81,57 @@ def _origin(run: Run[Any]) -> str:
     return "; ".join(filter(None, [hardware, load, ", ".join(known), commit]))
 
 
-class FindingsCache:
-    """The findings of a project's logs, computed once for each state of log, inputs and code."""
+def kept_findings(project: Project, name: str, log: Path) -> Findings:
+    """Return the findings of an experiment from a log, computed once for each state of log, inputs and code.
 
-    def __init__(self, project: Project) -> None:
-        self._folder = project.runs / "cache"
-        self._inputs = [sys.version.encode(), str(library_versions()).encode()]
-        self._inputs += [file.read_bytes() for file in sorted(project.data.rglob("*.yaml"))]
-        # An experiment may read the committed log of another one.
-        for log in sorted(project.reference_logs.glob("*.mcap")):
-            state = log.stat()
-            self._inputs.append(f"{log.name} {state.st_size} {state.st_mtime_ns}".encode())
-
-    def findings_of(self, name: str, log: Path) -> Findings:
-        """Return the findings of an experiment from a log; errors are those of the function `findings_of`."""
-        file = self._folder / name / f"{log.stem}.json"
-        # The file is missing or damaged.
-        with suppress(OSError, ValueError, LookupError, TypeError):
-            kept = json.loads(file.read_text("utf-8"))
-            if kept["key"] == self._key(log, kept["modules"]):
-                findings: Findings = from_json(Findings, kept["findings"])
-                return findings
-        found = findings_of(name, log)
-        modules = loaded_modules()
-        kept = {"key": self._key(log, modules), "modules": modules, "findings": to_json(found)}
-        # If the folder cannot be written, the findings are only computed again.
-        with suppress(OSError):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            part = file.with_suffix(".part")
-            part.write_text(json.dumps(kept), encoding="utf-8")
-            part.replace(file)
-        return found
-
-    def _key(self, log: Path, modules: Sequence[str]) -> str:
-        digest = hashlib.sha256()
-        for content in (*self._inputs, log.read_bytes()):
-            digest.update(hashlib.sha256(content).digest())
-        for module in modules:
-            digest.update(_digest_of(module))
-        return digest.hexdigest()
+    Errors are those of `findings_of`.
+    """
+    file = project.runs / "cache" / name / f"{log.stem}.json"
+    inputs = _inputs(project, log)
+    # The file is missing or damaged.
+    with suppress(OSError, ValueError, LookupError, TypeError):
+        kept = json.loads(file.read_text("utf-8"))
+        if kept["key"] == _key(inputs, kept["modules"]):
+            findings: Findings = from_json(Findings, kept["findings"])
+            return findings
+    found = findings_of(name, log)
+    # The modules of sfglab that are loaded, among them all that computed the findings.
+    modules = sorted(module for module in sys.modules if module.partition(".")[0] == "sfglab")
+    kept = {"key": _key(inputs, modules), "modules": modules, "findings": to_json(found)}
+    # If the folder cannot be written, the findings are only computed again.
+    with suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        part = file.with_suffix(".part")
+        part.write_text(json.dumps(kept), encoding="utf-8")
+        part.replace(file)
+    return found
 
 
-def loaded_modules() -> list[str]:
-    """Return the modules of sfglab that are loaded, among them all that computed the findings."""
-    return sorted(name for name in sys.modules if name.partition(".")[0] == "sfglab")
+def _inputs(project: Project, log: Path) -> str:
+    """Return everything but code that findings from a log depend on: hashes, sizes and times of files."""
+    inputs = [file_sha256(file) for file in [log, *sorted(project.data.rglob("*.yaml"))]]
+    # An experiment may read the committed log of another one.
+    for other in sorted(project.reference_logs.glob("*.mcap")):
+        state = other.stat()
+        inputs.append(f"{other.name} {state.st_size} {state.st_mtime_ns}")
+    return " ".join(inputs)
+
+
+def _key(inputs: str, modules: Sequence[str]) -> str:
+    code = [_libraries(), *map(_hash_of, modules)]
+    return hashlib.sha256(" ".join([inputs, *code]).encode()).hexdigest()
 
 
 @cache
-def _digest_of(module: str) -> bytes:
-    """Return the hash of a module's source; of nothing if there is no such module."""
+def _libraries() -> str:
+    return f"{sys.version} {library_versions()}"
+
+
+@cache
+def _hash_of(module: str) -> str:
+    """Return the hash of a module's source; empty if there is no such module."""
     path = Path(__file__).parents[2].joinpath(*module.split("."))
     for file in (path / "__init__.py", path.with_suffix(".py")):
         if file.is_file():
-            return hashlib.sha256(file.read_bytes()).digest()
-    return b""
+            return file_sha256(file)
+    return ""

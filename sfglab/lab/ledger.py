@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
@@ -24,25 +24,17 @@ from sfglab.lab.claims import (
 )
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
-from sfglab.lab.findings import Findings, FindingsCache
+from sfglab.lab.findings import Findings, kept_findings
 from sfglab.lab.notebooks import notebook_of
 from sfglab.lab.runs import Run, standing
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Sequence
+    from collections.abc import Collection, Iterable, Sequence
     from pathlib import Path
 
     from sfglab.lab.paths import Project
 
 _LOG = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class _Source:
-    """Findings with the log that they are from."""
-
-    log: str  #: Path of the log from the top folder, in the form of the ledger.
-    findings: Findings
 
 
 def logs_of(project: Project, name: str, *, committed: bool = False) -> list[Path]:
@@ -73,13 +65,6 @@ def find_log(
     return newest
 
 
-def _kept_again(project: Project, name: str) -> Iterator[_Source]:
-    """Yield the findings of an experiment's committed runs at other times."""
-    for file in sorted((project.reference_logs / "again").glob(f"{name}_[0-9].json")):
-        findings = from_json(Findings, json.loads(file.read_text("utf-8")))
-        yield _Source(project.relative(file), findings)
-
-
 def compute_ledger(
     project: Project,
     *,
@@ -97,26 +82,23 @@ def compute_ledger(
         committed: Whether only the committed logs count, and not the user's runs.
         only: Ids of the claims; None: all.
     """
-    cache = FindingsCache(project)
     claims = load_claims(project.claims)
     if only is not None:
         claims = [claim for claim in claims if claim.id in only]
-    sources: list[list[_Source]] = []
+    answers: dict[str, list[Entry]] = {claim.id: [] for claim in claims}
     for name in _experiments_of(claims):
         log = find_log(project, name, profile=profile, committed=committed)
         if log is None:
             for silent in logs_of(project, name, committed=True):
                 _LOG.warning("claims: %s: %s", project.relative(silent), standing(silent).why_not)
             continue
-        found = _sources(project, cache, name, log)
-        if found and project.reference_logs in log.parents:
-            found += _kept_again(project, name)
-        if found:
-            sources.append(found)
+        again = _kept_again(project, claims, name) if project.reference_logs in log.parents else []
+        for entry in _read(project, claims, name, log):
+            answers[entry.claim.id].append(joined([entry, *_of(again, entry.claim)]))
     figures = _committed_figures(project)
     ledger = Ledger()
     for claim in claims:
-        entry = _judged(claim, sources)
+        entry = _judging(answers[claim.id] or [entry_for(claim, None)])
         drawn = figures.get(entry.claim.experiment or "", [])
         ledger.append(replace(entry, figures=tuple(drawn)))
     return ledger
@@ -124,41 +106,39 @@ def compute_ledger(
 
 def history(project: Project) -> Ledger:
     """Return every claim by every log, logs that do not count included, with a row for each."""
-    cache = FindingsCache(project)
     claims = load_claims(project.claims)
-    sources: list[_Source] = []
+    entries: list[Entry] = []
     for name in _experiments_of(claims):
         counting = find_log(project, name)
         for log in logs_of(project, name):
             mark = standing(log).why_not or "a newer one speaks"
             if log == counting:
                 mark = "speaks"
-            sources += _sources(project, cache, name, log, f": {mark}")
-        sources += _kept_again(project, name)
+            entries += _read(project, claims, name, log, f": {mark}")
+        entries += _kept_again(project, claims, name)
     ledger = Ledger()
     for claim in claims:
-        ledger += _entries(claim, sources) or [entry_for(claim, None)]
+        ledger += _of(entries, claim) or [entry_for(claim, None)]
     return ledger
 
 
 def _experiments_of(claims: Sequence[Claim]) -> list[str]:
     """Return the names of the experiments that answer claims, each once."""
-    names: dict[str, None] = {}
-    for claim in claims:
-        if claim.experiment:
-            names[claim.experiment] = None
-        if claim.criterion:
-            names[claim.criterion.experiment] = None
-    return list(names)
+    rules = [rule for claim in claims for rule in (claim, claim.criterion) if rule]
+    return list(dict.fromkeys(rule.experiment for rule in rules if rule.experiment))
 
 
-def _sources(
-    project: Project, cache: FindingsCache, name: str, log: Path, mark: str = ""
-) -> list[_Source]:
-    """Return the findings from a log; none if it cannot be read, with a warning."""
+def _of(entries: Iterable[Entry], claim: Claim) -> list[Entry]:
+    return [entry for entry in entries if entry.claim.id == claim.id]
+
+
+def _read(
+    project: Project, claims: Sequence[Claim], name: str, log: Path, mark: str = ""
+) -> list[Entry]:
+    """Return the claims that a log answers; none if it cannot be read, with a warning."""
     path = project.relative(log)
     try:
-        return [_Source(path + mark, cache.findings_of(name, log))]
+        return _entries(claims, kept_findings(project, name, log), path + mark)
     except SfglabError as error:
         _LOG.warning("claims: %s: %s", path, error)
     except KeyError as error:
@@ -166,32 +146,32 @@ def _sources(
     return []
 
 
-def _entries(claim: Claim, sources: Iterable[_Source]) -> list[Entry]:
-    """Return a row for each source that has the claim."""
+def _kept_again(project: Project, claims: Sequence[Claim], name: str) -> list[Entry]:
+    """Return the claims that an experiment's committed runs at other times answer."""
     entries = []
-    for source in sources:
-        measured = source.findings.measured.get(claim.id)
-        if measured is not None:
-            origin = source.findings.origin
-            entries.append(entry_for(claim, measured, log=source.log, origin=origin))
+    for file in sorted((project.reference_logs / "again").glob(f"{name}_[0-9].json")):
+        findings = from_json(Findings, json.loads(file.read_text("utf-8")))
+        entries += _entries(claims, findings, project.relative(file))
     return entries
 
 
-def _judged(claim: Claim, sources: Iterable[Sequence[_Source]]) -> Entry:
-    """Return the row for a claim from the sources of each experiment that answers it.
+def _entries(claims: Iterable[Claim], findings: Findings, log: str) -> list[Entry]:
+    """Return a row for each claim that has a value in findings."""
+    entries = []
+    for claim in claims:
+        measured = findings.measured.get(claim.id)
+        if measured is not None:
+            entries.append(entry_for(claim, measured, log=log, origin=findings.origin))
+    return entries
+
+
+def _judging(answers: Sequence[Entry]) -> Entry:
+    """Return the row for a claim from one row for each experiment that answers it, at least one.
 
     The experiment of the claim's criterion judges, if it has a value. The value of the other
     experiment is then among the details.
     """
-    answers = []
-    for counting, *again in sources:
-        entries = _entries(claim, [counting])
-        if entries:
-            answers.append(joined(entries + _entries(claim, again)))
-    answers.sort(key=_is_by_criterion, reverse=True)
-    if not answers:
-        return entry_for(claim, None)
-    judging, *others = answers
+    judging, *others = sorted(answers, key=_is_by_criterion, reverse=True)
     if judging.measured is None:
         return judging
     details = dict(judging.measured.details)
@@ -210,20 +190,15 @@ def _committed_figures(project: Project) -> dict[str, list[str]]:
     figures: dict[str, list[str]] = {}
     for file in sorted(project.figures.glob("*.json")):
         metadata = json.loads(file.read_text("utf-8"))
-        name = metadata.get("experiment", "")  # empty for a figure of the ledger itself
-        figures.setdefault(name, []).append(file.stem)
+        figures.setdefault(metadata["experiment"], []).append(file.stem)
     return figures
 
 
 def entries_of(project: Project, run: Run[Any]) -> Ledger:
     """Return the claims that a run answers, judged by this run alone, also if it does not count."""
     measured = run.once("claims", lambda: experiment(run.experiment).measure(run))
-    log = project.relative(run.log)
-    ledger = Ledger()
-    for claim in load_claims(project.claims):
-        if claim.id in measured:
-            ledger.append(entry_for(claim, measured[claim.id], log=log))
-    return ledger
+    findings = Findings(measured=measured, origin="")
+    return Ledger(_entries(load_claims(project.claims), findings, project.relative(run.log)))
 
 
 def own_ledger(project: Project, run: Run[Any]) -> Ledger:

@@ -10,8 +10,8 @@ from made_logs import DATA
 from sfglab.documents import DocumentError
 from sfglab.lab.claims import (
     Claim,
+    Finding,
     How,
-    Measured,
     Verdict,
     entry_for,
     joined,
@@ -31,9 +31,9 @@ UNDECIDED = Verdict.UNDECIDED
 EXACT_7 = Estimate(value=7, low=7, high=7, unit="u")
 
 
-def measured(value, low=None, high=None) -> Measured:
+def measured(value, low=None, high=None) -> Finding:
     low, high = (value if low is None else low), (value if high is None else high)
-    return Measured(estimate=Estimate(value=value, low=low, high=high, unit="u"), how=How.LIVE)
+    return Finding(estimate=Estimate(value=value, low=low, high=high, unit="u"), how=How.LIVE)
 
 
 def test_the_ledger_holds_no_figure_of_ours_nor_verdict():

@@ -78,7 +78,7 @@ def test_a_row_goes_into_the_table_of_its_class(run):
 
 def test_cases_of_a_part_become_checks_and_a_prefix_chooses_among_them(run):
     assert run.table("check")["log_time_ns"].to_list() == [0, 1]
-    share = share_of_checks(run)
+    share = share_of_checks(run, "")
     assert share.estimate.value == 0.5
     assert share.groups == {"size: bars are low": "1 of 2", "count: bars are few": "2 of 2"}
     assert share.reason == "size: bars are low: 1 of 2: bar 1"

@@ -14,7 +14,7 @@ from reference import keep_findings
 
 from sfglab.lab.claims import Verdict
 from sfglab.lab.experiments.naming import exp
-from sfglab.lab.findings import FindingsCache
+from sfglab.lab.findings import kept_findings
 from sfglab.lab.ledger import (
     compute_ledger,
     find_log,
@@ -177,9 +177,9 @@ def test_a_damaged_file_of_the_cache_is_ignored(project):
     log = project.reference_logs / "naming.mcap"
     shutil.copy(LEDGER.parent / "reference" / "naming.mcap", log)
     file = project.runs / "cache" / "naming" / "naming.json"
-    findings = FindingsCache(project).findings_of("naming", log)
+    findings = kept_findings(project, "naming", log)
     whole = file.read_text()
     for damaged in (whole[:50], "[]", "{}"):
         file.write_text(damaged)
-        assert FindingsCache(project).findings_of("naming", log) == findings
+        assert kept_findings(project, "naming", log) == findings
         assert file.read_text() == whole

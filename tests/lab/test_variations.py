@@ -11,7 +11,7 @@ from made_logs import CLAIMS, make_checkout, ran
 
 from sfglab.errors import SfglabError
 from sfglab.lab import notebook
-from sfglab.lab.claims import How, Measured, entry_for
+from sfglab.lab.claims import Finding, How, entry_for
 from sfglab.lab.experiment import SMOKE_TITLE
 from sfglab.lab.experiments import experiment
 from sfglab.lab.ledger import figures_folder, save_figures
@@ -170,6 +170,6 @@ def test_each_title_of_a_smoke_test_says_so(name, tmp_path):
 def test_the_ledger_prints_a_negative_saving_as_more():
     claim = CLAIMS["A-CPU-SFG"]
     saving = Estimate(value=-101.0, low=-150.0, high=-50.0, unit=claim.unit)
-    entry = entry_for(claim, Measured(estimate=saving, how=How.LIVE))
+    entry = entry_for(claim, Finding(estimate=saving, how=How.LIVE))
     assert entry.value == "101 [50, 150]"
     assert entry.unit.startswith("% more CPU per subscriber")

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from sfglab.lab.runs import Run
 
+F = TypeVar("F", bound=Callable[..., object])
+T = TypeVar("T")
+ALL = "all of them"  #: The example of a trial that always held.
 NOTHING = "nothing to check"  #: The example of a property without a case, which has not held.
 #: What was tried, as a reader wants to see it, and whether the property held.
 Case = tuple[str, bool]
@@ -41,7 +44,7 @@ class Share:
     reason: str  #: The properties that did not always hold, each with an example; empty: none.
 
 
-def share_of_checks(run: Run[Any], prefix: str = "") -> Share:
+def share_of_checks(run: Run[Any], prefix: str) -> Share:
     """Return the share of cases that hold in a run's table ``check``, in the check where it is lowest.
 
     Only checks count whose name begins with the prefix.
@@ -51,12 +54,10 @@ def share_of_checks(run: Run[Any], prefix: str = "") -> Share:
 
 
 def shown_checks(
-    table: pd.DataFrame,
-    statements: Mapping[str, str] | None = None,
-    examples: Mapping[str, str] | None = None,
+    table: pd.DataFrame, statements: Mapping[str, str], examples: Mapping[str, str]
 ) -> pd.DataFrame:
     """Return checks as a notebook shows them, with the sentence that each states, by its name in the log."""
-    shown = table.replace({"check": statements or {}, "example": examples or {}})
+    shown = table.replace({"check": statements, "example": examples})
     return shown.rename(
         columns={"check": "property", "checked": "cases", "held": "cases that hold"}
     )
@@ -94,58 +95,42 @@ def lowest_share(table: pd.DataFrame, group: str) -> Share:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sample:
-    """What a check draws its cases from."""
-
-    count: int  #: How many cases are wanted, where they are drawn.
-    seed: int  #: The run's seed, for what several checks share.
-
-
-F = TypeVar("F", bound=Callable[..., object])
-T = TypeVar("T")
-ALL = "all of them"  #: The example of a trial that always held.
-
-
 class Checks:
     """A group of checks, in the order of their rows."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self._cases: dict[str, Callable[[Sample], Iterable[Case]]] = {}
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The properties."""
-        return tuple(self._cases)
+    def __init__(self) -> None:
+        self._cases: dict[str, Callable[[int, int], Iterable[Case]]] = {}
 
     def cases(self, name: str) -> Callable[[F], F]:
-        """Add a property whose function takes a `Sample` and gives cases."""
+        """Add a property with a function that returns its cases."""
 
         def declare(function: F) -> F:
-            self._cases[name] = function  # type: ignore[assignment]  # F keeps the function's own type
+            self._cases[name] = lambda *_: function()
             return function
 
         return declare
 
     def each(self, name: str, of: Callable[[int, int], Iterable[T]]) -> Callable[[F], F]:
-        """Add a property whose function says whether it holds for a thing, one of those of a count and seed."""
+        """Add a property with a function that returns whether it holds for a thing.
+
+        `of` returns the things for a number of random ones and a seed.
+        """
 
         def declare(function: F) -> F:
-            self._cases[name] = lambda sample: (
-                (str(thing), bool(function(thing))) for thing in of(sample.count, sample.seed)
+            self._cases[name] = lambda count, seed: (
+                (str(thing), bool(function(thing))) for thing in of(count, seed)
             )
             return function
 
         return declare
 
+    def __len__(self) -> int:
+        return len(self._cases)
+
     def rows(self, count: int, seed: int) -> Iterator[CheckRow]:
         """Yield a row for every property: `count` cases where they are drawn."""
-        return (self.row(name, count=count, seed=seed) for name in self._cases)
-
-    def row(self, name: str, *, count: int, seed: int) -> CheckRow:
-        """Return one property's row."""
-        return check_row(name, self._cases[name](Sample(count=count, seed=seed)))
+        for name, cases_of in self._cases.items():
+            yield check_row(name, cases_of(count, seed))
 
 
 def check_row(check: str, cases: Iterable[Case]) -> CheckRow:
@@ -161,12 +146,3 @@ def facts_row(check: str, facts: Mapping[str, bool]) -> CheckRow:
     wrong = [fact for fact, held in facts.items() if not held]
     example = ", ".join(wrong or facts)
     return CheckRow(check=check, checked=len(facts), held=len(facts) - len(wrong), example=example)
-
-
-def refusal(act: Callable[[], object], kind: type[Exception]) -> str:
-    """Return in which words an act is refused by an error of a kind; empty where it is done."""
-    try:
-        act()
-    except kind as error:
-        return str(error)
-    return ""

@@ -5,20 +5,7 @@ They say of any state and input what must follow, so that a wrong row, and a wro
 
 from __future__ import annotations
 
-from itertools import product
-
-from sfglab.fleet.discovery.lifecycle import (
-    Action,
-    Announced,
-    Input,
-    Lifecycle,
-    QueryState,
-    State,
-)
-from sfglab.lab.checks import Checks
-from sfglab.machine import IllegalInputError
-
-checks = Checks("lifecycle")
+from sfglab.fleet.discovery.lifecycle import Action, Announced, Input, QueryState, State
 
 NEWS = {
     Announced.NOTHING: Action.DISCOVERED,
@@ -86,17 +73,3 @@ def _after_query(state: State, given: Input) -> Outcome | None:
 
 def _abandon(state: State) -> tuple[Action, ...]:
     return (Action.ABANDON,) if state.query is QueryState.QUERYING else ()
-
-
-@checks.each(
-    "from each state each input leads where the rules say, or nowhere",
-    lambda *_: product(State, Input),
-)
-def _follows_the_rules(pair: tuple[State, Input]) -> bool:
-    life = Lifecycle("go2")
-    life.state, given = pair
-    try:
-        done = life.feed(given)
-    except IllegalInputError:
-        return ruled(*pair) is None and life.state is pair[0]
-    return (life.state, done) == ruled(*pair)

@@ -32,7 +32,7 @@ NEAR_MISSES = (
 )
 """Topics that Table 1 does not name, though they nearly look so."""
 
-checks = Checks("routing")
+checks = Checks()
 
 
 def in_table_1(dds_name: str) -> bool:

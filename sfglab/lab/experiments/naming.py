@@ -44,7 +44,7 @@ exp = Experiment("naming", Config, where="A 4.1", smoke={"samples": 200}, paper=
 exp.table("check")(CheckRow)
 
 
-@exp.part("checks", total=len(checks.names), timed=False)
+@exp.part("checks", total=len(checks), timed=False)
 def check_names(bench: Bench[Config]) -> None:
     """Check the schema and write one row a property."""
     for row in checks.rows(bench.config.samples, bench.config.seed):
