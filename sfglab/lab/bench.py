@@ -54,14 +54,6 @@ def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
     return row_class(**{**values, **row})
 
 
-def rows_of(row_class: type[Any], result: Any, *origins: Any) -> list[Any]:
-    """Return the rows of a task's result, which is a row or a tuple of rows; `as_row` completes each."""
-    return [
-        as_row(row_class, row, *origins)
-        for row in (result if isinstance(result, tuple) else (result,))
-    ]
-
-
 @dataclass(slots=True, kw_only=True)
 class Bench(Generic[C]):
     """Configuration, log and hosts of a run, as its parts use them."""
@@ -75,7 +67,7 @@ class Bench(Generic[C]):
     stack: ExitStack  #: Contexts that end with the run.
     hosts: Testbed | None = None  #: The experiment's hosts, if it declares any.
     #: Whether rows have the time of writing; otherwise they have their number in the table.
-    timed: bool = True
+    timed: bool = False
     #: Function that reports a step of the current part.
     advance: Callable[[str], None] = lambda _: None
     #: Cases by check; when a part ends, each check is written as a `CheckRow`.

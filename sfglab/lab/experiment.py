@@ -13,11 +13,12 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, dataclass, fields, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import to_json
-from sfglab.lab.bench import Bench, Options, rows_of
+from sfglab.lab.bench import Bench, Options, as_row
 from sfglab.lab.checks import check_row
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.figures import add_note, caption_of, default_sidecar, house_style
@@ -45,7 +46,6 @@ QUICK, PAPER = "quick", "paper"
 #: second. With the third, which has the papers' full counts, they take hours.
 PROFILES = (SMOKE, QUICK, PAPER)
 SMOKE_TITLE = "smoke test: too short for a conclusion"
-_UNCOUNTED = ("seed", "profile")
 _OPTIONS = Options()
 
 
@@ -90,7 +90,7 @@ class Setup:
     links: tuple[Link, ...] = ()  #: Links for messages between the actors.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Sweep:
     table: str
     task: Callable[[Any, int], Any]
@@ -100,7 +100,7 @@ class _Sweep:
     at_ns: Callable[[Any], int] | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Part:
     name: str
     function: Callable[[Bench[Any]], Any]
@@ -109,7 +109,7 @@ class _Part:
     timed: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Drawing:
     function: Callable[[Figure, Run[Any]], dict[str, Any] | None]
     size: tuple[float, float]
@@ -120,16 +120,6 @@ class _Drawing:
 def seeded(config: Any, seeds: int) -> range:
     """Return a number of seeds, starting with the configuration's own."""
     return range(config.seed, config.seed + seeds)
-
-
-def _mark_as_smoke(figure: Figure) -> None:
-    """Mark a figure's title: the run was too short for a conclusion."""
-    title = figure.get_suptitle()
-    titled = next((axes for axes in figure.axes if axes.get_title()), None)
-    if not title and titled is not None:
-        titled.set_title(f"{SMOKE_TITLE}\n{titled.get_title()}")
-    else:
-        figure.suptitle(f"{SMOKE_TITLE}\n{title}".strip())
 
 
 def _numbers(value: Any) -> Any:
@@ -172,12 +162,13 @@ class Experiment(Generic[C]):
         self._removed = removed or {}
         self._profiles: dict[str, Mapping[str, Any]] = {SMOKE: smoke, QUICK: {}, PAPER: paper}
         self.tables: dict[str, type[Any]] = {}
-        self.sweeps: list[_Sweep] = []
+        self._sweeps: list[_Sweep] = []
         self._parts: list[_Part] = []
-        self._claims: dict[
+        #: Functions that answer its claims, with the way in which each is measured, by id.
+        self.claims: dict[
             str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]
         ] = {}
-        self._drawings: dict[str, _Drawing] = {}
+        self.drawings: dict[str, _Drawing] = {}  #: Its figures, by name.
         self.explorers: dict[str, Callable[..., Any]] = {}
 
     def __repr__(self) -> str:
@@ -223,10 +214,7 @@ class Experiment(Generic[C]):
         """
 
         def declare(task: F) -> F:
-            one = _Sweep(
-                table=table, task=task, over=over, seeds=seeds, workers=workers, at_ns=at_ns
-            )
-            self.sweeps.append(one)
+            self._sweeps.append(_Sweep(table, task, over, seeds, workers, at_ns))
             return task
 
         return declare
@@ -252,9 +240,7 @@ class Experiment(Generic[C]):
 
         def declare(function: F) -> F:
             every: tuple[type[Exception], ...] = (SkippedPartError, *skips)
-            self._parts.append(
-                _Part(name=name, function=function, total=total, skips=every, timed=timed)
-            )
+            self._parts.append(_Part(name, function, total, every, timed))
             return function
 
         return declare
@@ -266,7 +252,7 @@ class Experiment(Generic[C]):
         """
 
         def declare(function: F) -> F:
-            self._claims[claim] = function, how
+            self.claims[claim] = function, how
             return function
 
         return declare
@@ -295,9 +281,7 @@ class Experiment(Generic[C]):
         """
 
         def declare(function: F) -> F:
-            self._drawings[name] = _Drawing(
-                function=function, size=size, when=when, measured=measured
-            )
+            self.drawings[name] = _Drawing(function, size, when, measured)
             return function
 
         return declare
@@ -315,16 +299,6 @@ class Experiment(Generic[C]):
     # Use of the declarations.
 
     @property
-    def claims(self) -> tuple[str, ...]:
-        """Ids of the claims that it answers."""
-        return tuple(self._claims)
-
-    @property
-    def drawings(self) -> tuple[str, ...]:
-        """Names of its figures."""
-        return tuple(self._drawings)
-
-    @property
     def measures(self) -> bool:
         """Whether it has a live or timed part, whose results depend on other work on the machine."""
         return bool(self._hosts) or any(
@@ -333,7 +307,7 @@ class Experiment(Generic[C]):
 
     def caption(self, name: str) -> str:
         """Return the sentence that describes a figure, from the documentation of the function that draws it."""
-        return caption_of(self._drawings[name].function) or name
+        return caption_of(self.drawings[name].function) or name
 
     def config(self, profile: str = QUICK, **changes: Any) -> C:
         """Return the configuration of a profile with changed fields.
@@ -386,42 +360,36 @@ class Experiment(Generic[C]):
         if path.exists():
             raise LogError(path)
         path.parent.mkdir(parents=True, exist_ok=True)
+        given = asdict(config)  # type: ignore[call-overload]
+        usual = asdict(self.config(profile))  # type: ignore[call-overload]
+        changed = [name for name in usual if usual[name] != given[name] and name != "seed"]
+        done = {"experiment": self.name, "profile": profile, "changed": changed}
+        if options.only is not None:
+            done["only"] = sorted(options.only)
         with journals(path, f"{self.name}-{profile}") as journal:
-            sweeps = [one for one in self.sweeps if options.wants(one.table)]
-            # In a smoke test, sweeps take less time than starting processes would.
-            usual = Workers(threads=True) if profile == SMOKE else None
-            rows = {
-                one.table: self._swept(one, config, journal(one.table), usual) for one in sweeps
-            }
+            rows: dict[str, list[Any]] = {}
+            for one in self._sweeps:
+                if options.wants(one.table):
+                    # In a smoke test, sweeps take less time than starting processes would.
+                    workers = Workers(threads=True) if profile == SMOKE else one.workers
+                    rows[one.table] = self._swept(one, config, journal(one.table), workers)
             unfinished = unfinished_of(path)
-            done: dict[str, Any] = {"experiment": self.name, "profile": profile}
-            done["changed"] = self._changed(profile, config)
-            if options.only is not None:
-                done["only"] = sorted(options.only)
-            await self.write(config, unfinished, rows, options, done)
+            await self._write(config, unfinished, rows, options, done)
             unfinished.rename(path)
         return self.load(path)
 
-    def _changed(self, profile: str, config: C) -> list[str]:
-        usual, given = asdict(self.config(profile)), asdict(config)  # type: ignore[call-overload]
-        return [name for name in usual if usual[name] != given[name] and name not in _UNCOUNTED]
-
-    def _swept(
-        self, one: _Sweep, config: C, journal: Path, workers: Workers | None
-    ) -> list[tuple[int | None, Any]]:
-        """Return a sweep's rows with their times."""
+    def _swept(self, one: _Sweep, config: C, journal: Path, workers: Workers) -> list[Any]:
         points, seeds = one.over(config), one.seeds(config)
         if not points or not seeds:
             return []
-        results = sweep(one.task, points, seeds, journal=journal, workers=workers or one.workers)
-        pairs = [(point, seed) for point in points for seed in seeds]
-        rows: list[tuple[int | None, Any]] = []
-        for (point, seed), result in zip(pairs, results, strict=True):
-            made = rows_of(self.tables[one.table], result, {"seed": seed}, point)
-            rows += [(one.at_ns(row) if one.at_ns else None, row) for row in made]
+        results = sweep(one.task, points, seeds, journal=journal, workers=workers)
+        rows = []
+        for (point, seed), result in zip(product(points, seeds), results, strict=True):
+            made = result if isinstance(result, tuple) else (result,)
+            rows += [as_row(self.tables[one.table], row, {"seed": seed}, point) for row in made]
         return rows
 
-    async def write(
+    async def _write(
         self,
         config: C,
         path: Path,
@@ -431,12 +399,11 @@ class Experiment(Generic[C]):
     ) -> None:
         """Write a log: the rows of the sweeps by table, the output of the parts, and the completion record."""
         with ExitStack() as stack:
-            live = options.only is None or any(options.wants(part.name) for part in self._parts)
-            hosted = self._hosts if live else ()
-            names = hosted(config) if callable(hosted) else hosted
-            hosts = (
-                stack.enter_context(Testbed(*names, separate=options.separate)) if names else None
-            )
+            parts = [part for part in self._parts if options.wants(part.name)]
+            names = self._hosts(config) if callable(self._hosts) else self._hosts
+            hosts = None
+            if names and parts:
+                hosts = stack.enter_context(Testbed(*names, separate=options.separate))
             log = stack.enter_context(LogWriter(path, overwrite=True))
             log.write_metadata("run", run_context())
             log.write_metadata("config", {"experiment": self.name, **to_json(config)})
@@ -450,17 +417,15 @@ class Experiment(Generic[C]):
                 options=options,
                 log=log,
                 row_classes=self.tables,
-                rows={table: [row for _, row in timed] for table, timed in rows.items()},
+                rows=rows,
                 stack=stack,
                 hosts=hosts,
-                timed=False,
             )
-            for table, timed in rows.items():
-                for at_ns, row in timed:
-                    bench.write(table, row, at_ns=at_ns)
-            for part in self._parts:
-                if options.wants(part.name):
-                    await self._run_part(part, bench)
+            for one in self._sweeps:
+                for row in rows.get(one.table, ()):
+                    bench.write(one.table, row, at_ns=one.at_ns(row) if one.at_ns else None)
+            for part in parts:
+                await self._run_part(part, bench)
             log.write_metadata(COMPLETION, done)
 
     async def _run_part(self, part: _Part, bench: Bench[C]) -> None:
@@ -488,7 +453,7 @@ class Experiment(Generic[C]):
     def measure(self, run: Run[C]) -> dict[str, Finding]:
         """Return our values for the claims that a run answers, by claim."""
         found = {}
-        for name, (answer, how) in self._claims.items():
+        for name, (answer, how) in self.claims.items():
             finding = answer(run)
             if finding is not None:
                 found[name] = replace(finding, how=how if isinstance(how, How) else how(run))
@@ -498,9 +463,9 @@ class Experiment(Generic[C]):
         """Draw a figure of a run; return it and the values that it shows. `InvalidValueError` if there is none."""
         from matplotlib.figure import Figure
 
-        if name not in self._drawings:
-            raise InvalidValueError(f"{self.name}: figure", name, ", ".join(self._drawings))
-        drawing = self._drawings[name]
+        if name not in self.drawings:
+            raise InvalidValueError(f"{self.name}: figure", name, ", ".join(self.drawings))
+        drawing = self.drawings[name]
         with house_style():
             figure = Figure(figsize=drawing.size)
             run.used = set()
@@ -510,13 +475,13 @@ class Experiment(Generic[C]):
                 measured = self.measures if drawing.measured is None else drawing.measured
                 add_note(figure, shown, measured=measured)
             if run.profile == SMOKE:
-                _mark_as_smoke(figure)
+                figure.suptitle(f"{SMOKE_TITLE}\n{figure.get_suptitle()}".strip())
         return figure, {name: _numbers(value) for name, value in shown.items()}
-
-    def drawings_of(self, run: Run[C]) -> tuple[str, ...]:
-        """Return the names of the figures that a run has."""
-        return tuple(name for name, drawing in self._drawings.items() if drawing.when(run))
 
     def figures(self, run: Run[C]) -> dict[str, tuple[Figure, dict[str, Any]]]:
         """Draw every figure that a run has, by name."""
-        return {name: self.draw(name, run) for name in self.drawings_of(run)}
+        return {
+            name: self.draw(name, run)
+            for name, drawing in self.drawings.items()
+            if drawing.when(run)
+        }

@@ -31,16 +31,11 @@ class ProcessStat(NamedTuple):
 
 def tree(parents: Mapping[int, int], roots: Iterable[int]) -> set[int]:
     """Return the existing root processes and all their descendants, from the parents by process."""
-    children: dict[int, list[int]] = {}
-    for pid, parent in parents.items():
-        children.setdefault(parent, []).append(pid)
     found: set[int] = set()
-    waiting = [pid for pid in roots if pid in parents]
-    while waiting:
-        pid = waiting.pop()
-        if pid not in found:
-            found.add(pid)
-            waiting += children.get(pid, ())
+    new = parents.keys() & set(roots)
+    while new:
+        found |= new
+        new = {pid for pid, parent in parents.items() if parent in found} - found
     return found
 
 
@@ -61,13 +56,6 @@ class MeterRow:
     rx_bps: float | None  #: Bits per second received at its interface.
 
 
-def _stat_from(line: bytes) -> ProcessStat:
-    # The name may contain blanks and parentheses, so fields are counted from the last one; the parent is
-    # field 4.
-    fields = line[line.rindex(b")") + 2 :].split()
-    return ProcessStat(parent=int(fields[1]), started_ns=int(fields[19]) * _TICK_NS)
-
-
 def process_table() -> dict[int, ProcessStat]:
     """Read all processes of the machine, for `CpuMeter.sample` of several meters at once."""
     table = {}
@@ -77,9 +65,14 @@ def process_table() -> dict[int, ProcessStat]:
         try:
             # The file is read unbuffered and without pathlib, because this determines the cost of a sample.
             with open(f"/proc/{name}/stat", "rb", buffering=0) as file:  # noqa: PTH123
-                table[int(name)] = _stat_from(file.read(2048))
+                line = file.read(2048)
         except (FileNotFoundError, ProcessLookupError):
             continue  # the process ended meanwhile
+        # The name may contain blanks and parentheses, so fields are counted from the last one; the parent
+        # is field 4.
+        fields = line[line.rindex(b")") + 2 :].split()
+        started_ns = int(fields[19]) * _TICK_NS
+        table[int(name)] = ProcessStat(parent=int(fields[1]), started_ns=started_ns)
     return table
 
 
@@ -101,7 +94,10 @@ class CpuMeter:
     def sample(self, table: Mapping[int, ProcessStat]) -> int:
         """Return the CPU time since the first sample, ns, from a `process_table`."""
         clock_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // _TICK_NS * _TICK_NS
-        known = {pid for pid, started_ns in self._until_ns if _is_there(pid, started_ns, table)}
+        known = set()
+        for pid, started_ns in self._until_ns:
+            if pid in table and table[pid].started_ns == started_ns:
+                known.add(pid)
         if callable(self._pids):
             known.update(self._pids())
         elif self._last_ns is None:
@@ -117,55 +113,39 @@ class CpuMeter:
         return sum(self._until_ns.values()) - sum(self._before_ns.values())
 
 
-def _is_there(pid: int, started_ns: int, table: Mapping[int, ProcessStat]) -> bool:
-    return pid in table and table[pid].started_ns == started_ns
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Reading:
-    """Readings of all meters at one end of a window."""
-
-    t_ns: int
-    cpu_ns: Mapping[str, int]
-    received_bytes: Mapping[str, int]
-
-
 class Window:
     """Several meters, by label, that are read together; each sample closes one window and opens the next."""
 
     def __init__(self, *, cpu: Mapping[str, Pids], interfaces: Mapping[str, CountsBytes]) -> None:
         self._cpu = {label: CpuMeter(pids) for label, pids in cpu.items()}
         self._interfaces = interfaces
-        self._before: _Reading | None = None
+        self._labels = sorted({*cpu, *interfaces})
+        #: Time, CPU times and received bytes at the last sample, by label.
+        self._last: tuple[int, dict[str, int], dict[str, int]] | None = None
 
     def sample(self, now_ns: int) -> list[MeterRow]:
         """Read all meters; return a row for each label, in order. The first call returns none: it opens a window."""
         table = process_table()
-        now = _Reading(
-            t_ns=now_ns,
-            cpu_ns={label: meter.sample(table) for label, meter in self._cpu.items()},
-            received_bytes={
-                label: host.interface_bytes().rx_bytes for label, host in self._interfaces.items()
-            },
-        )
-        before, self._before = self._before, now
+        cpu_ns = {label: meter.sample(table) for label, meter in self._cpu.items()}
+        received = {
+            label: host.interface_bytes().rx_bytes for label, host in self._interfaces.items()
+        }
+        before, self._last = self._last, (now_ns, cpu_ns, received)
         if before is None:
             return []
-        return [_row(label, before, now) for label in sorted({*self._cpu, *self._interfaces})]
-
-
-def _row(label: str, before: _Reading, after: _Reading) -> MeterRow:
-    """Turn the readings at both ends of a window into one label's row."""
-    window_ns = max(1, after.t_ns - before.t_ns)
-    window_s = window_ns / NS_PER_S
-    cpu_percent = rx_bps = None
-    if label in after.cpu_ns:
-        used_ns = after.cpu_ns[label] - before.cpu_ns[label]
-        cpu_percent = 100 * used_ns / window_ns
-    if label in after.received_bytes:
-        received_bytes = after.received_bytes[label] - before.received_bytes[label]
-        rx_bps = BITS_PER_BYTE * received_bytes / window_s
-    return MeterRow(window_s=window_s, label=label, cpu_percent=cpu_percent, rx_bps=rx_bps)
+        then_ns, cpu_ns_then, received_then = before
+        window_ns = max(1, now_ns - then_ns)
+        window_s = window_ns / NS_PER_S
+        rows = []
+        for label in self._labels:
+            cpu_percent = rx_bps = None
+            if label in cpu_ns:
+                cpu_percent = 100 * (cpu_ns[label] - cpu_ns_then[label]) / window_ns
+            if label in received:
+                rx_bps = BITS_PER_BYTE * (received[label] - received_then[label]) / window_s
+            row = MeterRow(window_s=window_s, label=label, cpu_percent=cpu_percent, rx_bps=rx_bps)
+            rows.append(row)
+        return rows
 
 
 async def measure(

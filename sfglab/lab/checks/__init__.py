@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sfglab.lab.runs import Run
 
 F = TypeVar("F", bound=Callable[..., object])
+G = TypeVar("G", bound=Callable[[], "Iterable[Case]"])
 T = TypeVar("T")
 ALL = "all of them"  #: The example of a trial that always held.
 NOTHING = "nothing to check"  #: The example of a property without a case, which has not held.
@@ -101,10 +102,10 @@ class Checks:
     def __init__(self) -> None:
         self._cases: dict[str, Callable[[int, int], Iterable[Case]]] = {}
 
-    def cases(self, name: str) -> Callable[[F], F]:
+    def cases(self, name: str) -> Callable[[G], G]:
         """Add a property with a function that returns its cases."""
 
-        def declare(function: F) -> F:
+        def declare(function: G) -> G:
             self._cases[name] = lambda *_: function()
             return function
 
