@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter, defaultdict
+from collections import ChainMap, Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -46,12 +46,11 @@ def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
     """Return a row; a mapping gets each missing field from the first origin that has it."""
     if not isinstance(row, Mapping):
         return row
-    names = {f.name for f in fields(row_class)}
-    values: dict[str, Any] = {}
-    for origin in reversed(origins):
-        known = origin if isinstance(origin, Mapping) else asdict(origin)
-        values |= {name: value for name, value in known.items() if name in names}
-    return row_class(**{**values, **row})
+    known: ChainMap[str, Any] = ChainMap({})
+    for origin in origins:
+        known.maps.append(dict(origin) if isinstance(origin, Mapping) else asdict(origin))
+    given = {f.name: known[f.name] for f in fields(row_class) if f.name in known}
+    return row_class(**{**given, **row})
 
 
 @dataclass(slots=True, kw_only=True)
@@ -73,7 +72,6 @@ class Bench(Generic[C]):
     #: Cases by check; when a part ends, each check is written as a `CheckRow`.
     cases: defaultdict[str, list[Case]] = field(default_factory=lambda: defaultdict(list))
     _places: Counter[str] = field(default_factory=Counter)
-    _scratch: Path | None = None
 
     @property
     def testbed(self) -> Testbed:
@@ -117,8 +115,6 @@ class Bench(Generic[C]):
 
     def folder(self, name: str) -> Path:
         """Return a new folder, which is removed at the end of the run."""
-        if self._scratch is None:
-            self._scratch = Path(self.stack.enter_context(TemporaryDirectory(prefix="sfglab-run-")))
-        path = self._scratch / name
+        path = Path(self.stack.enter_context(TemporaryDirectory(prefix="sfglab-run-")), name)
         path.mkdir()
         return path

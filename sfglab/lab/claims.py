@@ -476,13 +476,18 @@ def _row(entry: Entry) -> tuple[str, ...]:
     """Return the cells of `COLUMNS` for an entry."""
     return (
         entry.claim.id,
-        "no number" if entry.claim.paper is None else f"{entry.claim.paper:g}",
+        stated(entry.claim),
         entry.value,
         entry.interval,
         entry.unit,
         entry.measured.how.value if entry.measured else "",
         entry.verdict.value,
     )
+
+
+def stated(claim: Claim) -> str:
+    """Return the paper's value as text."""
+    return "no number" if claim.paper is None else f"{claim.paper:g}"
 
 
 def accepted(claim: Claim) -> str:

@@ -53,11 +53,6 @@ class Finding:
     said: str  #: Observation.
     consequence: str  #: Consequence for experiments.
 
-    @property
-    def ok(self) -> bool:
-        """Return whether nothing is limited or missing."""
-        return self.level is Level.OK
-
 
 _Verdict = tuple[Level, str, str]
 
@@ -277,5 +272,5 @@ def render(findings: list[Finding]) -> str:
         f"[{f.level.value}] {f.topic}\n    found: {f.said}\n    so:    {f.consequence}"
         for f in findings
     ]
-    fine = sum(finding.ok for finding in findings)
+    fine = sum(finding.level is Level.OK for finding in findings)
     return "\n".join([*texts, "", f"{fine} of {len(findings)} are in order."])

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from sfglab.lab.runs import Run
 
@@ -57,17 +56,15 @@ def series(key: str) -> dict[str, Any]:
     return {"color": COLORS[key], "marker": MARKERS[key]}
 
 
-def grouped_bars(
-    axes: Axes, table: pd.DataFrame, colors: Iterable[str], *, width: float
-) -> list[NDArray[np.floating]]:
-    """Draw one group of bars per table row and one bar per column; return positions. Width 1: no gaps."""
+def grouped_bars(axes: Axes, table: pd.DataFrame, colors: Iterable[str]) -> None:
+    """Draw one group of bars per table row and one bar per column; a fifth of the axis is gaps."""
     count = len(table.columns)
-    each = width / count
-    spots = [np.arange(len(table)) + (place - (count - 1) / 2) * each for place in range(count)]
-    for at, column, color in zip(spots, table.columns, colors, strict=False):
-        axes.bar(at, table[column], each, label=column, color=color)
+    width = 0.8 / count
+    columns = zip(table.columns, colors, strict=False)
+    for place, (column, color) in enumerate(columns):
+        at = np.arange(len(table)) + (place - (count - 1) / 2) * width
+        axes.bar(at, table[column], width, label=column, color=color)
     axes.grid(visible=False, axis="x")
-    return spots
 
 
 def note(figure: Figure, text: str, live: Run[Any] | None = None) -> None:

@@ -65,11 +65,10 @@ def _origin(run: Run[Any]) -> str:
     if machine:
         cores = f"{machine['usable_cores']} of {machine['cores']} cores"
         hardware = f"{machine['cpu']}, {cores}, {machine['kernel']}"
-    loads = []
+    load = "load not in the log"
     for table, row in experiment(run.experiment).tables.items():
         if "load" in row.__dataclass_fields__:
-            loads.append(run[table]["load"].median())
-    load = f"load {max(loads):.1f}" if loads else "load not in the log"
+            load = f"load {run[table]['load'].median():.1f}"
     versions = {"sfglab": metadata.get("sfglab"), "Python": metadata.get("python")}
     versions |= metadata.get("libraries", {})
     known = [f"{name} {version}" for name, version in versions.items() if version]

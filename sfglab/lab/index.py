@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import re
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -44,8 +43,11 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
     """Return the index of a checkout's notebooks, by paper and section."""
     rows = []
     for path in find_notebooks(project):
-        if path.stem not in REPORTS:
-            rows += _rows(project, path, ledger)
+        if path.stem in REPORTS:
+            continue
+        title = cells_of(path)[0]["source"].splitlines()[0].removeprefix("# ")
+        experiments = map(experiment, experiments_of(path))
+        rows += [(exp.where, _row(project, path, title, exp, ledger)) for exp in experiments]
     rows.sort()
     html = f"<p>Verdicts are from {escape(ledger.source)}.</p>" if ledger.source else ""
     for paper, title in PAPERS.items():
@@ -63,45 +65,35 @@ def make_result(project: Project, ledger: Ledger, says: str, figure: str) -> Ind
         says: The sentence. ``{ID}`` is replaced by the value of the claim `ID`.
         figure: Name of a committed figure.
     """
-    named = re.findall(r"{([\w-]+)}", says)
-    entries = {entry.claim.id: entry for entry in ledger if entry.claim.id in named}
     sentence = says
-    for name, entry in entries.items():
-        sentence = sentence.replace(f"{{{name}}}", entry.value or "no value")
+    entries = []
+    for entry in ledger:
+        place = f"{{{entry.claim.id}}}"
+        if place in says:
+            entries.append(entry)
+            sentence = sentence.replace(place, entry.value or "no value")
     exp = next(exp for exp in map(experiment, EXPERIMENTS) if figure in exp.drawings)
     notebook = notebook_of(project, exp.name)
     png = project.figures / f"{figure}.png"
     parts = (
         f"<p>{escape(sentence)}</p>",
         _thumbnail(png, exp.caption(figure), _RESULT_PX),
-        f"<p>{verdicts_html(entries.values(), ', ')}<br>",
+        f"<p>{verdicts_html(entries, ', ')}<br>",
         f'Go deeper: <a href="{notebook}.ipynb">{notebook}</a></p>',
-        f"<details><summary>Cite this</summary>{cited_html(project, entries.values())}</details>",
+        f"<details><summary>Cite this</summary>{cited_html(project, entries)}</details>",
     )
     return IndexPage("".join(parts), sentence)
 
 
-def _line(cells: Iterable[str]) -> str:
-    return "<tr>" + "".join(f"<td {_CELL}>{cell}</td>" for cell in cells) + "</tr>"
-
-
-def _rows(project: Project, path: Path, ledger: Ledger) -> list[tuple[str, str]]:
-    """Return paper with section and the table line of each experiment of a notebook."""
-    title = cells_of(path)[0]["source"].splitlines()[0].removeprefix("# ")
-    experiments = map(experiment, experiments_of(path))
-    return [_row(project, path, title, exp, ledger) for exp in experiments]
-
-
-def _row(
-    project: Project, path: Path, title: str, exp: Experiment[Any], ledger: Ledger
-) -> tuple[str, str]:
-    """Return an experiment's paper with section, and its table line."""
+def _row(project: Project, path: Path, title: str, exp: Experiment[Any], ledger: Ledger) -> str:
+    """Return the table line of an experiment."""
     name = next(iter(exp.drawings), "")
     caption = exp.caption(name) if name else ""
     picture = _thumbnail(project.figures / f"{name}.png", caption)
     claims = verdicts_html(entry for entry in ledger if entry.claim.experiment == exp.name)
     link = f'<b><a href="{path.name}">{path.stem}</a></b> {escape(exp.where)}<br>{escape(title)}'
-    return exp.where, _line((picture, link, escape(caption), claims))
+    cells = (picture, link, escape(caption), claims)
+    return "<tr>" + "".join(f"<td {_CELL}>{cell}</td>" for cell in cells) + "</tr>"
 
 
 def verdicts_html(entries: Iterable[Entry], between: str = "<br>") -> str:

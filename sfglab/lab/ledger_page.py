@@ -12,7 +12,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import sfglab
-from sfglab.lab.claims import Entry, Ledger, Verdict, accepted, criterion_of
+from sfglab.lab.claims import Entry, Ledger, Verdict, accepted, criterion_of, stated
 from sfglab.lab.figures import file_sha256
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ _HEIGHT = 20  #: Height of an interval plot, px.
 _EDGE = 6  #: Space for half a dot on both sides, px.
 _HASH_LETTERS = 16
 _CELL = "text-align: left; vertical-align: top; white-space: normal; padding: 2px 8px 2px 0"
-_CELLS = (_CELL, _CELL, f"{_CELL}; overflow-wrap: anywhere")  # a path in a text may be long
 
 
 class LedgerPage:
@@ -74,19 +73,17 @@ class LedgerPage:
 
         made = widgets()
         verdicts = dict.fromkeys(entry.verdict.value for entry in self._ledger)
-        filters = {
-            "paper": made.Dropdown(options=[ALL, *PAPERS], description="paper"),
-            "verdict": made.Dropdown(options=[ALL, *verdicts], description="verdict"),
-        }
+        paper = made.Dropdown(options=[ALL, *PAPERS], description="paper")
+        verdict = made.Dropdown(options=[ALL, *verdicts], description="verdict")
         shown = made.HTML(self.html)
 
         def show(_: object) -> None:
-            chosen = chosen_of(self._ledger, *(each.value for each in filters.values()))
+            chosen = chosen_of(self._ledger, paper.value, verdict.value)
             shown.value = page_html(self._project, chosen, self._top)
 
-        for each in filters.values():
-            each.observe(show, "value")
-        page = made.VBox([made.HBox([*filters.values()]), shown])
+        paper.observe(show, "value")
+        verdict.observe(show, "value")
+        page = made.VBox([made.HBox([paper, verdict]), shown])
         return {**page._repr_mimebundle_(), "text/html": self.html, "text/plain": repr(self)}, {}
 
 
@@ -123,7 +120,7 @@ def verdict_html(entry: Entry) -> str:
 def _line(project: Project, entry: Entry, top: str) -> str:
     claim = entry.claim
     details = {
-        "paper": f"{claim.where}; {'no number' if claim.paper is None else f'{claim.paper:g}'}",
+        "paper": f"{claim.where}; {stated(claim)}",
         "the paper's words": claim.criterion.sentence if claim.criterion else "",
         "accepted": "; ".join(criterion_of(claim)),
         "interval": entry.interval,
@@ -136,12 +133,14 @@ def _line(project: Project, entry: Entry, top: str) -> str:
     # The book adds a button to copy to elements of this class.
     lines.append(f'<b>to cite</b>:<div class="highlight">{cited_html(project, [entry])}</div>')
     cells = (
-        f"{claim.id}<br>{verdict_html(entry)}",
-        f"{interval_plot(entry)}<br>{escape(f'{entry.value} {entry.unit}')}",
-        f"<details><summary>{escape(claim.says)}</summary>{'<br>'.join(lines)}</details>",
+        (_CELL, f"{claim.id}<br>{verdict_html(entry)}"),
+        (_CELL, f"{interval_plot(entry)}<br>{escape(f'{entry.value} {entry.unit}')}"),
+        (
+            f"{_CELL}; overflow-wrap: anywhere",  # a path in a text may be long
+            f"<details><summary>{escape(claim.says)}</summary>{'<br>'.join(lines)}</details>",
+        ),
     )
-    styled = zip(_CELLS, cells, strict=True)
-    row = "".join(f'<td style="{style}">{cell}</td>' for style, cell in styled)
+    row = "".join(f'<td style="{style}">{cell}</td>' for style, cell in cells)
     return f'<tr data-paper="{paper_of(entry)}" data-verdict="{entry.verdict.value}">{row}</tr>'
 
 
@@ -153,7 +152,9 @@ def interval_plot(entry: Entry) -> str:
     claim = entry.claim
     shown = entry.measured.estimate if entry.measured else None
     low, high = claim.band
-    marks = [low, high] if claim.paper is None else [low, high, claim.paper]
+    marks = [low, high]
+    if claim.paper is not None:
+        marks.append(claim.paper)
     if shown:
         marks += [shown.low, shown.high]
     first = min(marks)

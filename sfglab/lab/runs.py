@@ -80,12 +80,11 @@ class Run(Generic[C]):
         return standing(self.log).why_not or (gone if self.unread else "")
 
     def _repr_html_(self) -> str:
-        silent = self.why_not
-        said = f"it speaks for no claim: {silent}" if silent else "it speaks for its claims"
-        tables = [("table", "lines"), *((name, len(self.table(name))) for name in self._tables)]
-        return html_table(field_rows(self.config), f"{repr(self)[1:-1]}, {said}") + html_table(
-            tables
-        )
+        why = self.why_not
+        counts = f"it counts for no claim: {why}" if why else "it counts for its claims"
+        fields_html = html_table(field_rows(self.config), f"{repr(self)[1:-1]}, {counts}")
+        tables = [("table", "rows"), *((name, len(self.table(name))) for name in self._tables)]
+        return fields_html + html_table(tables)
 
     def __getitem__(self, table: str) -> pd.DataFrame:
         """Return a table without the times of its rows; `KeyError` if the experiment has none of that name."""

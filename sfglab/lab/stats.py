@@ -154,13 +154,10 @@ def paired_ratios(
     return pd.DataFrame(rows, columns=[*by, "value", *order, "ratio", "low", "high", "repeats"])
 
 
-def line_fit(x: Floats, y: Floats) -> tuple[float, float]:
-    """Return slope and intercept of the least-squares line through x and y, shape (n,); NaN if x is constant."""
+def line_slope(x: Floats, y: Floats) -> float:
+    """Return the slope of the least-squares line through x and y, shape (n,); NaN if x is constant."""
     spread = np.sum((x - x.mean()) ** 2)
-    if spread == 0:
-        return float("nan"), float("nan")
-    slope = float(np.sum((x - x.mean()) * (y - y.mean())) / spread)
-    return slope, float(y.mean() - slope * x.mean())
+    return float(np.sum((x - x.mean()) * (y - y.mean())) / spread) if spread else math.nan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from sfglab.arp.robots import BEST
+from sfglab.lab.claims import stated
 from sfglab.lab.experiments import decode_once, discovery, experiment
 from sfglab.lab.experiments.phases import results
 from sfglab.lab.figures import drawn, file_sha256, save_figure, series
@@ -101,24 +102,24 @@ BOUNDARIES = (
 def save_summary(project: Project) -> list[Path]:
     """Draw the figure ``figures/summary`` from committed logs alone; return its files."""
     ledger = {entry.claim.id: entry for entry in compute_ledger(project, committed=True)}
-    logs = {one.experiment: project.reference_logs / f"{one.experiment}.mcap" for one in BOUNDARIES}
-    tables = [
-        one.table(experiment(one.experiment).load(logs[one.experiment])) for one in BOUNDARIES
-    ]
-    entries = [ledger[one.claim] for one in BOUNDARIES]
-    shown = {e.claim.id: f"{e.value} {e.unit}: {e.verdict.value}" for e in entries}
-    origin = {project.relative(log): file_sha256(log) for log in logs.values()}
-    figure = drawn((10.5, 4.6), _draw, tables, entries)
-    return save_figure(
-        figure, project.figures / "summary", {"experiment": "", "logs": origin, "shown": shown}
-    )
+    panels = []
+    shown = {}
+    logs = {}
+    for one in BOUNDARIES:
+        entry = ledger[one.claim]
+        log = project.reference_logs / f"{one.experiment}.mcap"
+        panels.append((one, one.table(experiment(one.experiment).load(log)), entry))
+        shown[one.claim] = f"{entry.value} {entry.unit}: {entry.verdict.value}"
+        logs[project.relative(log)] = file_sha256(log)
+    figure = drawn((10.5, 4.6), _draw, panels)
+    sidecar = {"experiment": "", "logs": logs, "shown": shown}
+    return save_figure(figure, project.figures / "summary", sidecar)
 
 
-def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> None:
+def _draw(figure: Figure, panels: list[tuple[Boundary, pd.DataFrame, Entry]]) -> None:
     # values and verdicts are below
     figure.set_layout_engine("constrained", rect=(0, 0.28, 1, 0.72))
-    panels = zip(figure.subplots(1, 4), BOUNDARIES, tables, entries, strict=True)
-    for axes, boundary, table, entry in panels:
+    for axes, (boundary, table, entry) in zip(figure.subplots(1, 4), panels, strict=True):
         if len(table) > 1:
             _draw_lines(axes, table)
         else:
@@ -160,8 +161,7 @@ def _draw_points(axes: Axes, table: pd.DataFrame) -> None:
 
 def _number(entry: Entry) -> str:
     """Return the value with its interval, the paper's value, and how the value was obtained."""
-    paper = "no number" if entry.claim.paper is None else rounded(entry.claim.paper)
     how = entry.measured.how.value if entry.measured else "not measured"
     kind = f", {entry.interval}" if entry.interval else ""
     unit = fill(entry.unit, 30)
-    return f"{entry.value} (paper: {paper})\n{unit}\n{how}{kind}"
+    return f"{entry.value} (paper: {stated(entry.claim)})\n{unit}\n{how}{kind}"

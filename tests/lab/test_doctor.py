@@ -87,4 +87,4 @@ def test_a_failed_check_becomes_a_finding_and_the_rest_goes_on(monkeypatch):
     odd, even = diagnose()
     assert (odd.said, odd.consequence) == ("at file.py", "nothing")
     assert odd.level is Level.MISSING
-    assert even.ok
+    assert even.level is Level.OK

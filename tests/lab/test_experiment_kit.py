@@ -1,8 +1,9 @@
-"""The kit: profiles, logs that speak only when finished, rows from mappings, resuming, typed configuration."""
+"""The kit: profiles, logs that speak only when finished, rows, cases, defaults of figures, resuming, configuration."""
 
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import re
 import shutil
@@ -17,9 +18,13 @@ import pytest
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between
+from sfglab.lab.bench import TableRow
+from sfglab.lab.checks import CheckRow, share_of_checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Experiment, SkippedPartError
+from sfglab.lab.figures import note
 from sfglab.lab.ledger import find_log, logs_of
+from sfglab.lab.paper import paper
 from sfglab.lab.paths import Project
 from sfglab.lab.runs import Run, derived, standing
 from sfglab.lab.stats import exactly
@@ -45,12 +50,21 @@ class Point:
 exp = Experiment("kit", Config, where="A 1", smoke={"seeds": 1}, paper={"seeds": 3})
 
 
+exp.table("check")(CheckRow)
+
+
 @exp.table("cell", "other")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KitRow:
     kind: str  #: One of the kinds.
     seed: int
     value: float
+
+
+@exp.table("bar")
+class BarRow(TableRow):
+    repeat: int
+    size: int
 
 
 @exp.sweep(
@@ -69,6 +83,16 @@ async def live(bench):
         raise KeyboardInterrupt
 
 
+@exp.part("bars", timed=False)
+def bars(bench):
+    for repeat in range(2):
+        bench.write(BarRow(repeat=repeat, size=10 * repeat))
+        bench.cases["size: bars are low"].append((f"bar {repeat}", repeat < 1))
+        bench.cases["count: bars are few"].append((f"bar {repeat}", True))
+    with pytest.raises(ValueError, match="too many values"):
+        bench.write(KitRow(kind="x", seed=0, value=0.0))
+
+
 @exp.part("impossible")
 def impossible(_):
     raise SkippedPartError("no device")
@@ -83,6 +107,11 @@ def total(run, column="value"):
     return float(run["cell"][column].sum())
 
 
+@derived
+def largest(run):
+    return int(run["bar"]["size"].max())
+
+
 @exp.claim("X", how=How.EXACT)
 def claim(run):
     return Finding(estimate=exactly(total(run), "things"))
@@ -92,6 +121,15 @@ def claim(run):
 def draw(figure, run):
     figure.subplots().plot(run["cell"]["value"])
     return {"total": total(run)}
+
+
+@exp.figure("bars", size=(6, 3), measured=False)
+def draw_bars(figure, run):
+    figure.subplots().bar([0], [largest(run)])
+    note(figure, "bar: maximum")
+
+
+exp.figure("measured bars", size=(6, 3))(draw_bars)
 
 
 @exp.figure("never", size=(3, 2), when=lambda _: False)
@@ -118,8 +156,46 @@ def test_equal_seeds_give_equal_rows_and_derived_values_are_computed_once(tmp_pa
     one, two = run(tmp_path / "a.mcap"), run(tmp_path / "b.mcap")
     assert one["cell"].equals(two["cell"])
     calls.clear()
-    assert (exp.measure(one)["X"].estimate.value, list(exp.figures(one))) == (2.0, ["kit"])
+    assert (exp.measure(one)["X"].estimate.value, exp.measure(one)["X"].how) == (2.0, How.EXACT)
+    assert list(exp.figures(one)) == ["kit", "bars", "measured bars"]
     assert calls == ["value"]
+
+
+def test_a_row_goes_into_the_table_of_its_class(tmp_path):
+    assert run(tmp_path / "a.mcap")["bar"].to_dict("list") == {"repeat": [0, 1], "size": [0, 10]}
+    with pytest.raises(TypeError, match="height"):
+        BarRow(repeat=0, height=1)
+
+
+def test_cases_of_a_part_become_checks_and_a_prefix_chooses_among_them(tmp_path):
+    made = run(tmp_path / "a.mcap")
+    assert made.table("check")["log_time_ns"].to_list() == [0, 1]
+    share = share_of_checks(made, "")
+    assert share.estimate.value == 0.5
+    assert share.groups == {"size: bars are low": "1 of 2", "count: bars are few": "2 of 2"}
+    assert share.reason == "size: bars are low: 1 of 2: bar 1"
+    assert share_of_checks(made, "count").estimate.value == 1
+    assert math.isnan(share_of_checks(made, "none").estimate.value)
+
+
+def test_a_figure_gets_its_note_and_sidecar_from_the_run(tmp_path):
+    made = run(tmp_path / "a.mcap")
+    assert largest(made) == 10, "the table was read before"
+    figure, sidecar = exp.draw("bars", made)
+    assert (sidecar["tables"], sidecar["repetitions"]) == ({"bar": 2}, 2)
+    assert sidecar["machine"].endswith(" cores")
+    assert figure.get_supxlabel() == "bar: maximum; 2 repetitions; computed"
+    measured, _ = exp.draw("measured bars", made)
+    said = f"bar: maximum; 2 repetitions; run on {sidecar['machine']}"
+    assert measured.get_supxlabel() == said
+
+
+def test_numbers_of_the_papers_are_read_by_the_claims_id():
+    assert paper("C-DRIVE") == 7.994
+    assert paper("C-DRIVE", "software, mean (ms)") == 28.264
+    for claim, number in [("C-NONE", ""), ("C-DRIVE", "mean"), ("C-FSM", "")]:
+        with pytest.raises(KeyError):
+            paper(claim, number)
 
 
 def test_profiles_and_changes_are_checked():

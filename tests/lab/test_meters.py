@@ -1,6 +1,5 @@
 """Meters: what processes and interfaces used, also of processes that ended, and what measuring costs."""
 
-import asyncio
 import os
 import signal
 import sys
@@ -47,21 +46,6 @@ def burn(process, seconds):
     process.stdin.write(f"{seconds}\n")
     process.stdin.flush()
     return process.stdout.readline()
-
-
-@pytest.mark.live
-async def test_a_busy_process_shows_in_the_rows_of_its_labels(burner):
-    """Other processes of this machine may take the rest of its processors."""
-    start_s = time.perf_counter()
-    burner.stdin.write("0.6\n")
-    burner.stdin.flush()
-    rows = await measure(0.4, 0.2, cpu={name: lambda: [burner.pid] for name in ("busy", "too")})
-    elapsed_s = time.perf_counter() - start_s
-    assert [row.label for row in rows] == ["busy", "too"] * 2
-    assert 0.39 <= sum(row.window_s for row in rows[::2]) <= elapsed_s
-    for of_label in (rows[::2], rows[1::2]):
-        used_s = sum(row.cpu_percent / 100 * row.window_s for row in of_label)
-        assert 0 < used_s <= elapsed_s
 
 
 @pytest.mark.live
@@ -123,12 +107,15 @@ time.sleep(1000)  # standard input is the grandchild's alone
 
 
 @pytest.mark.live
-async def test_sampling_costs_a_few_percent_of_a_core_at_most(burner):
+async def test_there_is_a_row_for_each_window_and_label_and_sampling_costs_little(burner):
     costs_s = []
     for _ in range(3):  # One of them can hold a garbage collection of all that the tests keep.
         start_s = time.process_time()
-        await measure(1.0, 0.5, cpu={"a": [burner.pid], "b": [os.getpid()]})
+        rows = await measure(1.0, 0.5, cpu={"a": [burner.pid], "b": lambda: [os.getpid()]})
         costs_s.append(time.process_time() - start_s)
+        assert [row.label for row in rows] == ["a", "b"] * 2
+        assert sum(row.window_s for row in rows[::2]) >= 0.99
+        assert all(row.cpu_percent > 0 for row in rows[1::2])
     assert min(costs_s) < 0.05  # quiet, it is less than 0.01
 
 
@@ -151,8 +138,3 @@ def test_a_label_may_have_processes_and_an_interface():
     (row,) = window.sample(2_000_000_000)
     assert (row.label, row.window_s, row.rx_bps) == ("edge", 2.0, 32)
     assert row.cpu_percent > 0
-
-
-async def test_a_cancelled_measurement_ends_at_once():
-    with pytest.raises(TimeoutError):
-        await asyncio.wait_for(measure(100.0, 60), 0.05)

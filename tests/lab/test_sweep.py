@@ -59,10 +59,6 @@ def bits(results):
     ]
 
 
-def expected():
-    return [asdict(quick(point, seed)) for point in POINTS for seed in SEEDS]
-
-
 CLUSTER = """
 import sys
 from distributed import LocalCluster
@@ -129,19 +125,14 @@ def test_a_task_may_return_several_rows_of_several_kinds(swept):
         assert swept(several, POINTS[2:3], [3]) == [(asdict(quick(POINTS[2], 3)), {"level": 3 / 7})]
 
 
-async def test_it_runs_beside_an_event_loop_as_in_a_notebook(swept):
-    assert bits(swept(quick, POINTS, SEEDS)) == bits(expected())
-
-
-@pytest.mark.parametrize("workers", [THREADS, PROCESSES], ids=["threads", "processes"])
-def test_local_workers_listen_nowhere_and_are_gone_afterwards(tmp_path, workers):
+def test_local_workers_listen_nowhere_and_are_gone_afterwards():
     def listening():
         family = [psutil.Process(), *psutil.Process().children(recursive=True)]
         found = [one for process in family for one in process.net_connections()]
         return {one.laddr for one in found if one.status == "LISTEN"}
 
     before = listening()
-    with connected(workers, 5) as (pool, _):
+    with connected(PROCESSES, 5) as (pool, _):
         wait([pool.submit(code_digest) for _ in range(2)])
         assert listening() == before
     nothing_is_left()
@@ -155,13 +146,6 @@ def test_an_address_where_nobody_answers_is_named(swept, monkeypatch):
 
 
 # --- The journal ----------------------------------------------------------------------------------------------
-
-
-def test_a_finished_sweep_is_read_and_not_run_again(swept, tmp_path):
-    points = [SpotPoint(number=number, folder=str(tmp_path)) for number in range(3)]
-    first, more = swept(obeying, points, SEEDS), swept(obeying, points, range(8))
-    assert bits(row for row in more if row["seed"] < 6) == bits(first)
-    assert runs(tmp_path) == Counter((p.number, seed) for p in points for seed in range(8))
 
 
 @given(cut=st.integers(0, 2000), damage=st.sampled_from([b"", b"\0" * 20 + b"\n"]))

@@ -87,21 +87,16 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:16]
 
 
-def journal_of(log: Path, name: str, part: str) -> Path:
-    """Return the path of a journal: beside the log of a run, with the names of run and part."""
-    return log.with_name(f"{name}-{part}.journal")
-
-
 @contextmanager
 def journals(log: Path, name: str) -> Iterator[Callable[[str], Path]]:
-    """Yield a function that returns the journal of a part, and remove these journals at the end.
+    """Yield a function that returns the journal of a part, beside a log; remove these journals at the end.
 
     After an error the journals remain, so that the next run continues with them.
     """
     used: list[Path] = []
 
     def journal(part: str) -> Path:
-        used.append(journal_of(log, name, part))
+        used.append(log.with_name(f"{name}-{part}.journal"))
         return used[-1]
 
     yield journal

@@ -242,7 +242,7 @@ def draw_caches(figure: Figure, run: Run[Config]) -> None:
 def draw_shares(axes: Axes, shares: pd.DataFrame, names: Sequence[str]) -> None:
     """Draw shares as one group of bars per row and one bar per rate."""
     percent = (100 * shares).rename(columns=lambda rate: f"{rate} Hz")
-    grouped_bars(axes, percent, _SHADES, width=0.8)
+    grouped_bars(axes, percent, _SHADES)
     axes.set_xticks(range(len(names)), names, fontsize=8)
     axes.set_ylim(0, 100)
 

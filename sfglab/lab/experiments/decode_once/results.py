@@ -23,7 +23,7 @@ from sfglab.lab.stats import (
     LackOfFit,
     bootstrap,
     lack_of_fit,
-    line_fit,
+    line_slope,
     median_of,
 )
 from sfglab.messages import ns_from_stamp
@@ -93,7 +93,7 @@ def points(run: Run[Config], mode: str, column: str) -> Floats:
 
 def slope_of(values: Floats) -> float:
     """Return the load per subscriber, the slope of the line through points."""
-    return line_fit(values[:, 0], values[:, 1])[0]
+    return line_slope(values[:, 0], values[:, 1])
 
 
 @derived
