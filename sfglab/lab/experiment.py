@@ -22,8 +22,10 @@ from sfglab.lab.bench import Bench, Options, as_row
 from sfglab.lab.checks import check_row
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.figures import add_note, caption_of, default_sidecar, house_style
+from sfglab.lab.hosts import HostsUnavailableError
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
+from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.runs import COMPLETION, SMOKE, Run, new_log, unfinished_of
 from sfglab.lab.sweep import Workers, journals, sweep
 from sfglab.lab.testbed import Testbed
@@ -97,7 +99,6 @@ class _Sweep:
     over: Callable[[Any], Sequence[Any]]
     seeds: Callable[[Any], Sequence[int]]
     workers: Workers
-    at_ns: Callable[[Any], int] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,6 @@ class _Part:
     name: str
     function: Callable[[Bench[Any]], Any]
     total: int | Callable[[Any], int]
-    skips: tuple[type[Exception], ...]
     timed: bool
 
 
@@ -197,24 +197,22 @@ class Experiment(Generic[C]):
         over: Callable[[C], Sequence[Any]],
         seeds: Callable[[Any], Sequence[int]] = lambda config: seeded(config, config.seeds),
         workers: Workers = Workers(),  # noqa: B008  # frozen
-        at_ns: Callable[[Any], int] | None = None,
     ) -> Callable[[F], F]:
         """Declare a sweep with a table of rows; an interrupted sweep continues. The function itself is not changed.
 
         The function takes a point and a seed, and returns a row, a mapping, or a tuple of them. Mappings
-        get the point's fields and the seed. The table's name is also that of the journal.
+        get the point's fields and the seed. The table's name is also that of the journal. A row's time in
+        the log is its number in the table, so that equal seeds give equal logs.
 
         Args:
             table: Name of the table.
             over: Returns the points.
             seeds: Returns the seeds. By default, their number is the configuration's `seeds`.
             workers: Workers of the sweep.
-            at_ns: Returns a row's time in the log. None: its number in the table, so that equal seeds give equal
-                logs.
         """
 
         def declare(task: F) -> F:
-            self._sweeps.append(_Sweep(table, task, over, seeds, workers, at_ns))
+            self._sweeps.append(_Sweep(table, task, over, seeds, workers))
             return task
 
         return declare
@@ -224,23 +222,22 @@ class Experiment(Generic[C]):
         name: str,
         *,
         total: int | Callable[[C], int] = 1,
-        skips: tuple[type[Exception], ...] = (),
         timed: bool = True,
     ) -> Callable[[F], F]:
         """Declare a part: a function, sync or async, that takes a `Bench` and writes rows. Parts run in this order.
 
+        If the part raises a `SkippedPartError`, or the machine lacks test hosts or ROS 2, the run goes on, and the
+        reason goes into the metadata with the part's name.
+
         Args:
             name: Name of the part.
             total: Number of its steps, or a function of the configuration that returns it.
-            skips: Errors because of which this machine cannot run the part. As for a `SkippedPartError`, the
-                reason goes into the metadata with the part's name.
             timed: Whether rows have the time of writing; otherwise they have their number in the table, so that
                 equal seeds give equal logs.
         """
 
         def declare(function: F) -> F:
-            every: tuple[type[Exception], ...] = (SkippedPartError, *skips)
-            self._parts.append(_Part(name, function, total, every, timed))
+            self._parts.append(_Part(name, function, total, timed))
             return function
 
         return declare
@@ -421,9 +418,8 @@ class Experiment(Generic[C]):
                 stack=stack,
                 hosts=hosts,
             )
-            for one in self._sweeps:
-                for row in rows.get(one.table, ()):
-                    bench.write(one.table, row, at_ns=one.at_ns(row) if one.at_ns else None)
+            for table, swept in rows.items():
+                bench.write_all(table, swept)
             for part in parts:
                 await self._run_part(part, bench)
             log.write_metadata(COMPLETION, done)
@@ -447,7 +443,7 @@ class Experiment(Generic[C]):
                     bench.write(check_row(check, cases))
                 if total == 1:
                     advance("done")
-            except part.skips as error:
+            except (SkippedPartError, HostsUnavailableError, RosMissingError) as error:
                 bench.metadata(part.name, {"hindrance": getattr(error, "reason", str(error))})
 
     def measure(self, run: Run[C]) -> dict[str, Finding]:

@@ -121,9 +121,7 @@ def bytes_axis(axes: Axes) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
 
 
-def paper_line(
-    axes: Axes, value: float, *, at: float = 1.0, below: bool = False, **style: Any
-) -> None:
+def paper_line(axes: Axes, value: float, *, at: float, below: bool) -> None:
     """Draw a value that the paper states as a dashed line across the y axis, with its number.
 
     Args:
@@ -131,9 +129,8 @@ def paper_line(
         value: The value.
         at: Place of the number along the line, from 0, left, to 1, right.
         below: Whether the number is below the line.
-        style: Properties of the line; its number is black, which is legible on white.
     """
-    axes.axhline(value, **{"color": "black", **PAPER_STYLE, **style})
+    axes.axhline(value, color="black", **PAPER_STYLE)
     axes.annotate(
         f"paper: {value:g}",
         (at, value),

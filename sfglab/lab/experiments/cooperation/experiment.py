@@ -180,11 +180,7 @@ def track_rows(name: str, snapshots: Iterable[Snapshot]) -> list[TrackRow]:
     return rows
 
 
-def _ended_ns(row: CourseRow) -> int:
-    return round(row.ended_s * NS_PER_S)
-
-
-@exp.sweep("course", over=settings_of, at_ns=_ended_ns)
+@exp.sweep("course", over=settings_of)
 def simulate_lap(settings: LapSettings, seed: int) -> CourseRow:
     """Simulate a lap with a seed."""
     return course_row(settings, seed, SimulatedLap(settings, seed).run())

@@ -35,7 +35,7 @@ from sfglab.lab.experiments.ros2.experiment import (
     exp,
 )
 from sfglab.lab.meters import measure
-from sfglab.lab.ros2 import RosMember, RosMissingError, distribution
+from sfglab.lab.ros2 import RosMember, distribution
 from sfglab.lab.streams import FIRST_PICTURE_S, GLOBAL_DOMAIN
 from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.viewer import ViewerConfig
@@ -214,14 +214,14 @@ def steps(raw: Raw) -> int:
     return 2 * raw.repeats * len(raw.counts)
 
 
-@exp.part("decode_once", total=lambda config: steps(config.decode_once), skips=(RosMissingError,))
+@exp.part("decode_once", total=lambda config: steps(config.decode_once))
 async def measure_decode_once(bench: Bench[Config]) -> None:
     """Measure CPU and received pictures by number of subscribers."""
     quantities = ("CPU of a subscriber (% of a core)", "pictures received (%)")
     await measure_raw(bench, bench.config.decode_once, quantities)
 
 
-@exp.part("latency", total=lambda config: steps(config.latency), skips=(RosMissingError,))
+@exp.part("latency", total=lambda config: steps(config.latency))
 async def measure_latency(bench: Bench[Config]) -> None:
     """Measure the age of pictures and the time to the first one."""
     quantities = ("capture to picture in hand (ms)", "first picture (ms)", "pictures received (%)")
@@ -249,7 +249,7 @@ def cells_of(config: Config) -> list[Cell]:
     return cells
 
 
-@exp.part("discovery", total=lambda config: len(cells_of(config)), skips=(RosMissingError,))
+@exp.part("discovery", total=lambda config: len(cells_of(config)))
 async def measure_discovery(bench: Bench[Config]) -> None:
     """Measure how long agents need to know each other, and what they receive until then."""
     config = bench.config

@@ -32,10 +32,8 @@ from sfglab.lab.bench import TableRow
 from sfglab.lab.cells import run_cells
 from sfglab.lab.experiment import seeded
 from sfglab.lab.experiments.transmission.experiment import Config, cell_of, exp
-from sfglab.lab.hosts import HostsUnavailableError
 from sfglab.lab.live_flows import MODES, LiveHosts, Played, hosts_of, live_hosts, slowed
 from sfglab.lab.paths import find_project
-from sfglab.lab.ros2 import RosMissingError
 from sfglab.qos import QoSProfile
 from sfglab.rtps import CYCLONE_DDS, PRESETS, Flow, Medium, Outcome, Scenario, run
 
@@ -118,7 +116,6 @@ def live_cells(config: Config) -> list[GridCell]:
 @exp.part(
     "live",
     total=lambda config: len(live_cells(config)),
-    skips=(HostsUnavailableError,),
     timed=False,
 )
 async def play_grid(bench: Bench[Config]) -> None:
@@ -253,7 +250,6 @@ def validation_cells(config: Config) -> dict[Cell, int]:
 @exp.part(
     "validation",
     total=lambda config: sum(validation_cells(config).values()),
-    skips=(HostsUnavailableError, RosMissingError),
     timed=False,
 )
 async def validate(bench: Bench[Config]) -> None:
