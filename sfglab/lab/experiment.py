@@ -226,8 +226,8 @@ class Experiment(Generic[C]):
     ) -> Callable[[F], F]:
         """Declare a part: a function, sync or async, that takes a `Bench` and writes rows. Parts run in this order.
 
-        If the part raises a `SkippedPartError`, or the machine lacks test hosts or ROS 2, the run goes on, and the
-        reason goes into the metadata with the part's name.
+        If the part raises a `SkippedPartError`, or the machine lacks test hosts or ROS 2, the run
+        continues, and the reason goes into the metadata with the part's name.
 
         Args:
             name: Name of the part.

@@ -1,7 +1,7 @@
-"""The registry of checks: a property is written once, tests run a few cases of it, an experiment many.
+"""The registry of checks: a property is written once; tests run a few cases of it, an experiment many.
 
-Modules of this package have groups of checks: a `Checks` named `checks`, or in `trees` a table.
-A check gives cases, each with what was tried and whether the property held; what it draws comes from a seed.
+Modules of this package have groups of checks: a `Checks` named `checks`, or in `trees` a table. A check
+yields cases, each with a description and whether the property held. Random cases come from a seed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ G = TypeVar("G", bound=Callable[[], "Iterable[Case]"])
 T = TypeVar("T")
 ALL = "all of them"  #: The example of a trial that always held.
 NOTHING = "nothing to check"  #: The example of a property without a case, which has not held.
-#: What was tried, as a reader wants to see it, and whether the property held.
+#: Description of a case for readers, and whether the property held.
 Case = tuple[str, bool]
 
 
@@ -31,9 +31,9 @@ class CheckRow:
     """How often one property was checked and how often it held."""
 
     check: str  #: The property.
-    checked: int  #: Cases it was checked on.
-    held: int  #: Cases in which it held.
-    example: str  #: A case in which it did not; else one in which it did.
+    checked: int  #: Number of cases.
+    held: int  #: Number of cases in which it held.
+    example: str  #: A case in which it did not hold, otherwise one in which it did.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +135,10 @@ class Checks:
 
 
 def check_row(check: str, cases: Iterable[Case]) -> CheckRow:
-    """Return what a property's cases came to, none: not held; the example is the first to fail or to hold."""
+    """Return the row of a property from its cases; without a case, it does not hold.
+
+    The example is the first case that does not hold, otherwise the first one.
+    """
     tried = list(cases) or [(NOTHING, False)]
     failed = [text for text, held in tried if not held]
     example = failed[0] if failed else tried[0][0]
@@ -143,7 +146,7 @@ def check_row(check: str, cases: Iterable[Case]) -> CheckRow:
 
 
 def facts_row(check: str, facts: Mapping[str, bool]) -> CheckRow:
-    """Return what came of one property's facts; the example names those that do not hold, else all."""
+    """Return the row of a property from facts; the example names those that do not hold, otherwise all."""
     wrong = [fact for fact, held in facts.items() if not held]
     example = ", ".join(wrong or facts)
     return CheckRow(check=check, checked=len(facts), held=len(facts) - len(wrong), example=example)
