@@ -60,24 +60,24 @@ class Run(Generic[C]):
         usual = profiles.get(str(logged.get("profile")), {})
         #: Configuration of the run. A field that is newer than the log has the value of its profile.
         self.config: C = read(config_class, {**usual, **logged}, source=Source.LOG)
+        lost = lost_values(logged, {"experiment": "", **to_json(self.config)})
         #: Fields of the log's configuration that no longer exist and had another value than their profile.
-        self.unread = tuple(self._unread(removed))
+        self.unread = tuple(
+            name
+            for name, given in lost.items()
+            if removed.get(name, {}).get(self.profile, _NOTHING) != given
+        )
 
     def __repr__(self) -> str:
         return f"<run of {self.experiment}: {self.log.name}>"
 
-    def _unread(self, removed: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-        lost = lost_values(self._metadata["config"], to_json(self.config))
-        for name, given in lost.items():
-            usual = removed.get(name, {})
-            if name != "experiment" and usual.get(self.profile, _NOTHING) != given:
-                yield name
-
     @property
     def why_not(self) -> str:
         """Reason why the run counts for no claim; empty if it counts."""
-        gone = f"its configuration has fields that no longer exist: {', '.join(self.unread)}"
-        return standing(self.log).why_not or (gone if self.unread else "")
+        why_not = standing(self.log).why_not
+        if self.unread and not why_not:
+            return f"its configuration has fields that no longer exist: {', '.join(self.unread)}"
+        return why_not
 
     def _repr_html_(self) -> str:
         why = self.why_not

@@ -141,34 +141,39 @@ def run(path, profile="smoke", **changes):
     return asyncio.run(exp.run(profile, path=path, **changes))
 
 
-def test_a_run_has_its_tables_its_configuration_and_its_completion(tmp_path):
-    made = run(tmp_path / "a.mcap")
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("kit") / "a.mcap")
+
+
+def test_a_run_has_its_tables_its_configuration_and_its_completion(made):
     assert made.config == Config(profile="smoke", seeds=1)
     assert made["cell"].to_dict("list") == {"kind": ["a", "b"], "seed": [0, 0], "value": [1.0, 1.0]}
     assert list(made.table("cell")["log_time_ns"]) == [0, 1]
     assert made["other"]["value"].tolist() == [2.0]
     assert made.skipped("impossible") == "no device"
     assert made.profile == "smoke"
-    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"], "no journal, no scratch, no half log"
+    left = [path.name for path in made.log.parent.iterdir()]
+    assert left == ["a.mcap"], "no journal, no scratch, no half log"
 
 
-def test_equal_seeds_give_equal_rows_and_derived_values_are_computed_once(tmp_path):
-    one, two = run(tmp_path / "a.mcap"), run(tmp_path / "b.mcap")
-    assert one["cell"].equals(two["cell"])
+def test_equal_seeds_give_equal_rows_and_derived_values_are_computed_once(made, tmp_path):
+    again = run(tmp_path / "b.mcap")
+    assert made["cell"].equals(again["cell"])
     calls.clear()
-    assert (exp.measure(one)["X"].estimate.value, exp.measure(one)["X"].how) == (2.0, How.EXACT)
-    assert list(exp.figures(one)) == ["kit", "bars", "measured bars"]
+    finding = exp.measure(again)["X"]
+    assert (finding.estimate.value, finding.how) == (2.0, How.EXACT)
+    assert list(exp.figures(again)) == ["kit", "bars", "measured bars"]
     assert calls == ["value"]
 
 
-def test_a_row_goes_into_the_table_of_its_class(tmp_path):
-    assert run(tmp_path / "a.mcap")["bar"].to_dict("list") == {"repeat": [0, 1], "size": [0, 10]}
+def test_a_row_goes_into_the_table_of_its_class(made):
+    assert made["bar"].to_dict("list") == {"repeat": [0, 1], "size": [0, 10]}
     with pytest.raises(TypeError, match="height"):
         BarRow(repeat=0, height=1)
 
 
-def test_cases_of_a_part_become_checks_and_a_prefix_chooses_among_them(tmp_path):
-    made = run(tmp_path / "a.mcap")
+def test_cases_of_a_part_become_checks_and_a_prefix_chooses_among_them(made):
     assert made.table("check")["log_time_ns"].to_list() == [0, 1]
     share = share_of_checks(made, "")
     assert share.estimate.value == 0.5
@@ -178,8 +183,7 @@ def test_cases_of_a_part_become_checks_and_a_prefix_chooses_among_them(tmp_path)
     assert math.isnan(share_of_checks(made, "none").estimate.value)
 
 
-def test_a_figure_gets_its_note_and_sidecar_from_the_run(tmp_path):
-    made = run(tmp_path / "a.mcap")
+def test_a_figure_gets_its_note_and_sidecar_from_the_run(made):
     assert largest(made) == 10, "the table was read before"
     figure, sidecar = exp.draw("bars", made)
     assert (sidecar["tables"], sidecar["repetitions"]) == ({"bar": 2}, 2)
@@ -210,7 +214,7 @@ def test_profiles_and_changes_are_checked():
             exp.config(profile, **changes)
 
 
-def test_a_removed_field_that_held_another_value_than_usual_counts_for_no_claim(tmp_path):
+def test_a_removed_field_that_held_another_value_than_usual_counts_for_no_claim(made):
     """As in a log of an older version, whose configuration had the field ``loss``."""
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,13 +223,12 @@ def test_a_removed_field_that_held_another_value_than_usual_counts_for_no_claim(
         seeds: int = 2
         newer: int = 1
 
-    log = run(tmp_path / "a.mcap").log
     gone = {name: {"smoke": value} for name, value in {"seed": 0, "breaks": False}.items()}
     gone["kinds"] = {"smoke": ["a", "b"]}
     usual = gone | {"loss": {"smoke": 0.01, "paper": 0.3}}
-    assert Run(log, Later, exp.tables, usual, {}).unread == ()
+    assert Run(made.log, Later, exp.tables, usual, {}).unread == ()
     other = gone | {"loss": {"smoke": 0.02, "paper": 0.01}}
-    later = Run(log, Later, exp.tables, other, {"smoke": {"seeds": 3, "newer": 4}})
+    later = Run(made.log, Later, exp.tables, other, {"smoke": {"seeds": 3, "newer": 4}})
     assert later.unread == ("loss",)
     assert later.config == Later(profile="smoke", seeds=1, newer=4)
 
