@@ -9,7 +9,6 @@ from collections.abc import (
     Mapping,  # noqa: TC003 - a document's fields are typed at run time
 )
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from enum import Enum
 from html import escape
 from statistics import median
@@ -40,7 +39,7 @@ _HTML_COLUMNS = ("claim", "statement", "paper", "accepted", *COLUMNS[2:])
 _OURS = "-OURS"
 _LESS = "% less "
 _MORE = "% more "
-_START_TIME = re.compile(r"\d{8}T\d{4}(?=\d\d-)")
+_START_TIME = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)\d\d-")
 
 
 class How(Enum):
@@ -196,10 +195,7 @@ class Entry:
         if self.log.startswith(COMMITTED_LOGS):
             return "the committed logs"
         start = _START_TIME.search(self.log)
-        if start is None:
-            return self.log
-        time = datetime.strptime(start[0], "%Y%m%dT%H%M")  # noqa: DTZ007 - in UTC, as printed
-        return f"your run of {time:%Y-%m-%d %H:%M} UTC"
+        return start.expand(r"your run of \1-\2-\3 \4:\5 UTC") if start else self.log
 
     @property
     def shown(self) -> Estimate | None:

@@ -122,11 +122,6 @@ def seeded(config: Any, seeds: int) -> range:
     return range(config.seed, config.seed + seeds)
 
 
-def _numbers(value: Any) -> Any:
-    """Return a value that a figure shows as JSON values; a table becomes lists by column."""
-    return value.to_dict(orient="list") if hasattr(value, "columns") else to_json(value)
-
-
 class Experiment(Generic[C]):
     """An experiment; `setup` shows its actors and the links between them.
 
@@ -472,7 +467,11 @@ class Experiment(Generic[C]):
                 add_note(figure, shown, measured=measured)
             if run.profile == SMOKE:
                 figure.suptitle(f"{SMOKE_TITLE}\n{figure.get_suptitle()}".strip())
-        return figure, {name: _numbers(value) for name, value in shown.items()}
+        numbers = {}
+        for key, value in shown.items():
+            is_table = hasattr(value, "columns")
+            numbers[key] = value.to_dict(orient="list") if is_table else to_json(value)
+        return figure, numbers
 
     def figures(self, run: Run[C]) -> dict[str, tuple[Figure, dict[str, Any]]]:
         """Draw every figure that a run has, by name."""
