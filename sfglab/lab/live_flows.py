@@ -39,7 +39,10 @@ if TYPE_CHECKING:
 Arrays = dict[str, NDArray[np.int64]]
 
 _MODULE = "sfglab.lab.workers.scenario_player"
-START_S, MATCH_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.15, 60.0
+START_S = 90.0  #: Time limit for processes to start, and for a scenario to be closed, s.
+MATCH_S = 90.0  #: Time limit for endpoints to discover each other, s.
+LEAD_S = 0.15  #: Time from the order to the start of a scenario, s.
+SPARE_S = 60.0  #: Time limit for results after the end of a scenario, s.
 #: Longest time for retransmissions after the last sample, s. Later ones are rare, and a live run takes real
 #: time.
 LONGEST_DRAIN_S = 1.5
@@ -176,14 +179,11 @@ class LiveHosts:
             times = {"duration_s": scenario.duration_s, "drain_s": scenario.drain_s}
             start_ns = time.time_ns() + round(LEAD_S * NS_PER_S)
             for host, file in files.items():
-                order = {"start_ns": start_ns, "result": os.fspath(file), **times}
-                self._group.order([host], do="play", **order)
+                result = os.fspath(file)
+                self._group.order([host], do="play", start_ns=start_ns, result=result, **times)
             reports = await self._group.expect("done", timeout_s=sum(times.values()) + SPARE_S)
-            return (
-                start_ns,
-                {host: dict(np.load(file)) for host, file in files.items()},
-                list(reports.values()),
-            )
+            arrays = {host: dict(np.load(file)) for host, file in files.items()}
+            return start_ns, arrays, list(reports.values())
 
 
 def _probe(scenario: Scenario) -> Scenario:
@@ -197,12 +197,12 @@ def _probe(scenario: Scenario) -> Scenario:
 
 def _delay_s(probe: Played) -> float:
     """Return the median time that a sample took beyond its airtime, s; at least 0."""
-    medium, (flow,) = probe.scenario.medium, probe.scenario.flows
+    medium = probe.scenario.medium
+    [flow] = probe.scenario.flows
     bits = data_bytes(flow.size_bytes, with_heartbeat=True) * BITS_PER_BYTE
     airtime_s = medium.overhead_s + bits / medium.rate_bps + medium.latency_s
-    return max(
-        0.0, float(np.median(probe.outcome.flows[flow.name].latency_ns)) / NS_PER_S - airtime_s
-    )
+    latency_s = float(np.median(probe.outcome.flows[flow.name].latency_ns)) / NS_PER_S
+    return max(0.0, latency_s - airtime_s)
 
 
 def _outcome(scenario: Scenario, arrays: dict[str, Arrays], start_ns: int) -> Outcome:
@@ -216,7 +216,8 @@ def _outcome(scenario: Scenario, arrays: dict[str, Arrays], start_ns: int) -> Ou
 def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> FlowOutcome:
     sent_ns = source[f"{flow.name} written sent_ns"]
     received_ns = np.zeros(len(sent_ns), np.int64)
-    if (stamps := f"{flow.name} received sent_ns") in target:
+    stamps = f"{flow.name} received sent_ns"
+    if stamps in target:
         place = np.searchsorted(sent_ns, target[stamps] - _STAMP_SLACK_NS)
     else:  # Fast DDS sets its own source time stamps
         place = np.searchsorted(
@@ -235,14 +236,16 @@ def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> 
 
 def slowed(scenario: Scenario, factor: float) -> Scenario:
     """Return a scenario whose flows and medium are slower by a factor; its duration stays the same."""
-    flows = (
-        replace(
+    flows = []
+    for flow in scenario.flows:
+        slow_flow = replace(
             flow,
             rate_hz=flow.rate_hz / factor,
-            **{name: factor * getattr(flow, name) for name in ("phase_s", "service_s", "change_s")},
+            phase_s=flow.phase_s * factor,
+            service_s=flow.service_s * factor,
+            change_s=flow.change_s * factor,
         )
-        for flow in scenario.flows
-    )
+        flows.append(slow_flow)
     medium = scenario.medium
     slow = replace(medium, rate_bps=medium.rate_bps / factor, overhead_s=medium.overhead_s * factor)
     return replace(scenario, flows=tuple(flows), medium=slow)
