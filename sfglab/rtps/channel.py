@@ -141,8 +141,8 @@ class Medium:
     queue_frames: int = between(500, 1)  #: Number of frames that a host's queue holds.
     #: Rule of a full queue. ``tail`` drops the newest frame, as a driver or an access point does.
     #: ``head`` drops the oldest frame, as CoDel does, Ubuntu's default. ``block`` makes the sender wait, as
-    #: Linux does if the socket's buffer is smaller than the queue. The radio of test hosts supports ``block``
-    #: only with ``shared=False``, because its relay cannot make a sender wait for another host's frame.
+    #: Linux does if the socket's buffer is smaller than the queue. The radio of test hosts cannot make a
+    #: sender wait, and has no ``block``.
     queue_rule: QueueRule = "tail"
     #: Whether frames pass an access point, a further host that contends; each frame is then on air twice.
     access_point: bool = False

@@ -7,11 +7,11 @@ import subprocess
 import sys
 from contextlib import contextmanager, suppress
 from functools import partial
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from sfglab.errors import InvalidValueError
 from sfglab.lab.hosts import HostsError, Network
 from sfglab.rtps import Medium
 
@@ -170,10 +170,10 @@ def test_a_closed_network_starts_nothing_and_a_lost_hub_takes_the_hosts_along():
             net.add_host("late")
 
 
-def test_a_kernel_that_cannot_shape_gets_one_clear_error(network, monkeypatch):
-    monkeypatch.setattr(network._running, "_receive", Mock(side_effect=PermissionError("no htb")))
-    with pytest.raises(HostsError, match=r"edge.*no htb.*sch_htb"):
-        network.set_radio(Medium(shared=False, queue_rule="block"))
+@pytest.mark.parametrize("given", [{"shared": False}, {"queue_rule": "block"}])
+def test_a_radio_is_shared_and_makes_no_sender_wait(network, given):
+    with pytest.raises(InvalidValueError, match="queue does not block"):
+        network.set_radio(Medium(**given))
 
 
 def interpreter(run) -> str:

@@ -166,18 +166,15 @@ def arrivals_of(air: Air, offers) -> list[tuple[int, int]]:
 
 @settings(max_examples=40, deadline=None)
 @given(
-    shared=st.sampled_from([False, True, "twice"]),
+    access_point=st.booleans(),
     rates=st.lists(st.sampled_from([90.0, 170.0, 410.0, 730.0]), min_size=2, max_size=4),
     latency_s=st.sampled_from([0.0, 0.003]),
     queue_frames=st.sampled_from([1, 3, 200]),
     queue_rule=st.sampled_from(["tail", "head"]),
     stall_s=st.sampled_from([0.0, 0.02]),
 )
-def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, **given):
-    medium = Medium(
-        rate_bps=3e6, loss=0.0, shared=shared is not False, overhead_s=4e-4, access_point=shared == "twice",
-        stall_every_s=0.1, **given,
-    )  # fmt: skip
+def test_the_radio_delivers_each_frame_when_the_model_does(rates, **given):
+    medium = Medium(rate_bps=3e6, loss=0.0, overhead_s=4e-4, stall_every_s=0.1, **given)
     qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=1000)
     sent = {"target": "sink", "qos": qos, "executor": None}
     flows = tuple(
@@ -193,7 +190,7 @@ def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, **give
             offers.append((int(t_ns), hosts.index(flow.source), (i, k), size_bytes))
             if fate.delivered[k]:
                 expected[i, k] = int(fate.received_ns[k])
-    air: Air = Air(hosts, medium)
+    air = Air(len(hosts), medium)
     assert dict(arrivals_of(air, offers)) == expected
     assert sum(use.airtime_ns for use in air.use) == outcome.counts["airtime_ns"]
     assert sum(use.queue_full for use in air.use) == outcome.counts["queue_full"]
@@ -203,7 +200,7 @@ def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, **give
 def test_chance_lets_every_host_through_a_full_access_point_where_turns_let_one(random_turns):
     """As in the model: tests/rtps/test_channel.py."""
     medium = Medium(access_point=True, queue_frames=50, random_turns=random_turns, loss=0.0)
-    air: Air = Air(["h0", "h1", "h2", "sink"], medium, chance=Random(1))
+    air = Air(4, medium, chance=Random(1))
     offers = [
         (500_000 * k + host, host, host, MODEL_BYTES + 24) for k in range(6000) for host in range(3)
     ]
@@ -212,15 +209,15 @@ def test_chance_lets_every_host_through_a_full_access_point_where_turns_let_one(
 
 
 def test_a_late_look_lowers_no_rate_and_a_change_keeps_frames():
-    air: Air = Air(["h0"], Medium(rate_bps=8e6, overhead_s=0.0, contention=0.0))
+    air = Air(1, Medium(rate_bps=8e6, overhead_s=0.0, contention=0.0))
     for k in range(10):
         air.offer(0, k, size_bytes=1000, now_ns=0)
     due_ms = [sent.due_ns / 1e6 for sent in air.advance(10_000_000)]
     assert due_ms == [*range(1, 11)]
-    air: Air = Air(["h0", "h1"], Medium(queue_frames=5))
+    air = Air(2, Medium(queue_frames=5))
     for k in range(3):
         air.offer(0, k, size_bytes=100, now_ns=0)
-    air.change(Medium(shared=False, overhead_s=0.0))
+    air.change(Medium(queue_frames=1, overhead_s=0.0))
     assert [frame for frame, _ in arrivals_of(air, [])] == [0, 1, 2]
 
 

@@ -134,7 +134,10 @@ def bench(tmp_path):
 
 
 def run(bench, cells, play, *, start=started, repeats=1):
-    how = {"stage_of": lambda cell: cell.stage, "start": start, "play": play}
+    async def rows_by_table(*played):
+        return {"made": [await play(*played)]}
+
+    how = {"stage_of": lambda cell: cell.stage, "start": start, "play": rows_by_table}
     with ExitStack() as bench.stack:
         asyncio.run(run_cells(bench, "made", dict.fromkeys(cells, repeats), **how))
 

@@ -96,17 +96,11 @@ class _Hub:
 
     def set_radio(self, *, medium: dict[str, Any], seed: int) -> None:
         given = Medium(**medium)
-        for port in self._ports.values():
-            self._wiring.set_air(port, given)
-        if self._relay is None:
-            self._relay = self._start_relay(given)
+        if self._relay is None:  # a relay replaces the bridge
+            for port in self._ports.values():
+                self._wiring.take_over(port)
+            self._relay = Relay(self._ports, given)
         self._relay.set(given, seed=seed)
-
-    def _start_relay(self, medium: Medium) -> Relay:
-        """Replace the bridge by a relay."""
-        for port in self._ports.values():
-            self._wiring.take_over(port)
-        return Relay(self._ports, medium)
 
     def radio_counters(self) -> dict[str, Any]:
         assert self._relay is not None

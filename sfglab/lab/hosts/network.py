@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from sfglab.rtps import Medium
 
-_MOST_OVERHEAD_BYTES = 2**16 - 1  #: Largest ``tc_ratespec.overhead`` (linux/pkt_sched.h).
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capability:
@@ -33,9 +31,6 @@ class Capability:
     #: Way to make namespaces: as root, rootless in a user namespace, or none.
     how: Literal["root", "rootless", "none"]
     reason: str = ""  #: Reason why it cannot; empty if it can.
-
-
-_HTB = "A medium whose queue blocks needs the htb queueing discipline (module sch_htb)"
 
 
 def _start_hub() -> tuple[Channel, str]:
@@ -139,28 +134,22 @@ class Network:
         """Replace the Ethernet between the hosts by a shared medium, or change that medium.
 
         The hub relays every frame by the rules of the medium. `RadioCounters.kept_up` states whether it was
-        fast enough. The relay has the queue, and hosts never wait. If the medium's queue
-        blocks, it is in the host's kernel instead. Its length is then that of a socket's buffer, and
-        `queue_frames` has no effect. The seed determines the random numbers of the losses; the assignment
-        of numbers to frames depends on the machine. Counters begin at 0. The size of a frame is that of its
-        Ethernet header and payload.
+        fast enough. The relay has the queues, and hosts never wait. The seed determines the random numbers of
+        the losses; the assignment of numbers to frames depends on the machine. Counters begin at 0. The size
+        of a frame is that of its Ethernet header and payload.
 
         Raises:
-            InvalidValueError: The queue blocks, and the medium is shared: a host's kernel does not know which
-                other hosts send. Or the overhead of a frame exceeds the range of the kernel's queue.
+            InvalidValueError: Hosts do not share the medium, or its queue blocks, which a relay cannot make a
+                sender do.
             HostsError: The kernel refuses.
         """
-        most_s = _MOST_OVERHEAD_BYTES * 8 / medium.rate_bps
-        if medium.queue_rule == "block" and (medium.shared or medium.overhead_s > most_s):
-            allowed = (
-                f"a queue that blocks only where shared is False and overhead_s up to {most_s:g}"
-            )
+        if not medium.shared or medium.queue_rule == "block":
+            allowed = "a shared one whose queue does not block"
             raise InvalidValueError("medium", medium, allowed)
         try:
             self._channel.request("set_radio", medium=asdict(medium), seed=seed)
         except PermissionError as error:
-            hosts = ", ".join(self._hosts)
-            raise HostsError(f"link of {hosts}: the kernel refused it: {error}. {_HTB}") from error
+            raise HostsError(f"the kernel refused a radio: {error}") from error
         self._on_radio = True
 
     def radio_counters(self) -> RadioCounters:

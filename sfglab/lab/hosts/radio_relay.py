@@ -5,8 +5,7 @@ which the relay hands it to its receivers. A frame to a group reaches all other 
 loss is drawn for each receiver.
 
 The medium is a pure state machine of frames at times, in nanoseconds of the caller's clock. Its rules are
-the functions of `sfglab.rtps.channel`, which the model of RTPS uses as well. A blocking queue is in the
-kernel (`wiring`). The delay of the relay itself is added and counted. It lowers no rate, because a frame's
+the functions of `sfglab.rtps.channel`, which the model of RTPS uses as well. The delay of the relay itself is added and counted. It lowers no rate, because a frame's
 end follows from the end of the previous frame.
 """
 
@@ -19,12 +18,10 @@ import socket
 import struct
 import time
 from collections import deque
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfglab.lab.hosts.radio import RadioCounters, RadioHost
 from sfglab.rtps.channel import (
-    BLOCK,
     DISPLACES,
     JOINS,
     REFUSED,
@@ -37,7 +34,7 @@ from sfglab.rtps.channel import (
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping
 
     from sfglab.lab.hosts.wiring import Port
     from sfglab.rtps import Medium
@@ -49,17 +46,6 @@ class Sent(NamedTuple):
     due_ns: int  #: Time of arrival.
     host: int  #: Host that sent it.
     frame: Any  #: The frame.
-
-
-@dataclass(slots=True)
-class _Transmitter:
-    """Transmitter of one frame at a time; its hosts take turns."""
-
-    hosts: tuple[int, ...]
-    next_: int = 0
-    free_ns: int = 0
-    on_air: Sent | None = None
-    relayed: _Waiting | None = None  #: Frame that the access point sends next.
 
 
 class _Waiting(NamedTuple):
@@ -74,102 +60,92 @@ class Air:
 
     def __init__(
         self,
-        hosts: Sequence[str],
+        hosts: int,
         medium: Medium,
         *,
         lose: Callable[[int], bool] = lambda _: False,
         chance: random.Random | None = None,
     ) -> None:
-        self._hosts, self._lose, self._chance = tuple(hosts), lose, chance or random.Random()
-        #: Use of the medium per host; the caller counts losses.
-        self.use = [RadioHost() for _ in hosts]
+        self._lose = lose
+        self._chance = chance or random.Random()
         # the last place, which is unused if the medium has no access point
-        self._access_point = len(self.use)
-        self._queues: list[deque[_Waiting]] = [deque() for _ in range(len(hosts) + 1)]
-        self._transmitters: list[_Transmitter] = []
+        self._access_point = hosts
+        self._queues: list[deque[_Waiting]] = [deque() for _ in range(hosts + 1)]
+        self._turn = 0  # host that may send next
+        self._free_ns = 0  # time at which the medium is free
+        self._on_air: Sent | None = None
+        self._relayed: _Waiting | None = None  # the frame on air, if it is sent again
         self._flight: deque[Sent] = deque()
         self.change(medium)
 
     def change(self, medium: Medium) -> None:
-        """Change the medium and reset the counters; sent frames keep their times, and queued frames stay queued."""
-        self._flight.extend(t.on_air for t in self._transmitters if t.on_air is not None)
-        free_ns = max((t.free_ns for t in self._transmitters), default=0)
-        everybody = tuple(range(len(self._hosts) + 1))
-        groups = [everybody] if medium.shared else [(host,) for host in everybody]
-        self._transmitters = [_Transmitter(group, free_ns=free_ns) for group in groups]
+        """Change the medium and reset the counters; frames that are sent or queued keep their places."""
         self._medium = medium
-        self.use = [RadioHost() for _ in everybody]
-        for transmitter in self._transmitters:
-            self._start(transmitter)
+        #: Use of the medium per host and by the access point; the caller counts losses.
+        self.use = [RadioHost() for _ in self._queues]
 
-    def offer(self, host: int, frame: Any, *, size_bytes: int, now_ns: int) -> bool:
-        """Put a frame into a host's queue now; return False if a frame is dropped."""
-        took = self._queue(host, _Waiting(now_ns, size_bytes, frame, host))
-        for transmitter in self._transmitters:
-            # A frame that finds the medium free is sent at once and takes no place in the queue.
-            if host in transmitter.hosts and transmitter.on_air is None:
-                self._start(transmitter)
-        return took
+    def offer(self, host: int, frame: Any, *, size_bytes: int, now_ns: int) -> None:
+        """Put a frame into a host's queue now; a full queue drops a frame."""
+        self._queue(host, _Waiting(now_ns, size_bytes, frame, host))
+        # A frame that finds the medium free is sent at once and takes no place in the queue.
+        if self._on_air is None:
+            self._start()
 
-    def _queue(self, host: int, waiting: _Waiting) -> bool:
-        queue, medium = self._queues[host], self._medium
-        result = admission(medium.rule, len(queue), medium.queue_frames)
+    def _queue(self, host: int, waiting: _Waiting) -> None:
+        queue = self._queues[host]
+        result = admission(self._medium.rule, len(queue), self._medium.queue_frames)
         if result != JOINS:
             self.use[host].queue_full += 1
         if result == DISPLACES:
             queue.popleft()
-        # The kernel makes senders wait for a blocking queue, so no frame that reaches the relay is dropped.
-        if result != REFUSED or medium.rule == BLOCK:
+        if result != REFUSED:
             queue.append(waiting)
-        return result == JOINS
 
     def advance(self, until_ns: int) -> list[Sent]:
         """Return the frames that have arrived until a time, inclusive, in order."""
-        for transmitter in self._transmitters:
-            while transmitter.on_air is not None and transmitter.free_ns <= until_ns:
-                if transmitter.relayed is None:
-                    self._flight.append(transmitter.on_air)
-                elif self._lose(transmitter.on_air.host):
-                    self.use[transmitter.on_air.host].lost += 1
-                else:
-                    self._queue(self._access_point, transmitter.relayed)
-                transmitter.on_air = None
-                self._start(transmitter)
-        arrived = [sent for sent in self._flight if sent.due_ns <= until_ns]
-        if arrived:
-            self._flight = deque(sent for sent in self._flight if sent.due_ns > until_ns)
-        return arrived if self._medium.shared else sorted(arrived, key=lambda sent: sent.due_ns)
+        while self._on_air is not None and self._free_ns <= until_ns:
+            if self._relayed is None:
+                self._flight.append(self._on_air)
+            elif self._lose(self._on_air.host):
+                self.use[self._on_air.host].lost += 1
+            else:
+                self._queue(self._access_point, self._relayed)
+            self._on_air = None
+            self._start()
+        arrived = []
+        while self._flight and self._flight[0].due_ns <= until_ns:
+            arrived.append(self._flight.popleft())
+        return arrived
 
     def next_ns(self) -> int | None:
         """Return the time of the next event; None: none before the next frame is offered."""
-        times = [t.free_ns for t in self._transmitters if t.on_air is not None]
+        times = [] if self._on_air is None else [self._free_ns]
         times += [sent.due_ns for sent in self._flight]
         return min(times, default=None)
 
-    def _start(self, transmitter: _Transmitter) -> None:
+    def _start(self) -> None:
         """Send the next frame: the first of the host whose turn it is among the hosts that wait by then."""
-        queues, medium = self._queues, self._medium
-        waiting = [host for host in transmitter.hosts if queues[host]]
-        if not waiting:
+        queues = self._queues
+        medium = self._medium
+        firsts_ns = [queue[0].since_ns for queue in queues if queue]
+        if not firsts_ns:
             return
-        start_ns = max(transmitter.free_ns, min(queues[host][0].since_ns for host in waiting))
-        ready = {host for host in waiting if queues[host][0].since_ns <= start_ns}
-        contends = [host in ready for host in range(len(queues))]
-        host, contenders = next_sender(contends, transmitter.next_, 0)
+        start_ns = max(self._free_ns, min(firsts_ns))
+        contends = [bool(queue) and queue[0].since_ns <= start_ns for queue in queues]
+        host, contenders = next_sender(contends, self._turn, 0)
         if contenders > 1 and medium.random_turns:
             passed = int(self._chance.random() * contenders)
-            host, _ = next_sender(contends, transmitter.next_, passed)
+            host, _ = next_sender(contends, self._turn, passed)
+        self._turn = host + 1
         entry = queues[host].popleft()
         on_air_ns = airtime_ns(
             entry.size_bytes, contenders, medium.overhead_ns, medium.rate_bps, medium.contention
         )
-        transmitter.next_ = host + 1
         began_ns = after_stall_ns(start_ns, medium.stall_every_ns, medium.stall_ns)
-        transmitter.free_ns = began_ns + on_air_ns
-        due_ns = transmitter.free_ns + medium.latency_ns
-        transmitter.on_air = Sent(due_ns, entry.sender, entry.frame)
+        self._free_ns = began_ns + on_air_ns
+        self._on_air = Sent(self._free_ns + medium.latency_ns, entry.sender, entry.frame)
         is_first_hop = medium.access_point and host != self._access_point
-        transmitter.relayed = entry._replace(since_ns=transmitter.free_ns) if is_first_hop else None
+        self._relayed = entry._replace(since_ns=self._free_ns) if is_first_hop else None
         use = self.use[host]
         use.frames += 1
         use.bytes_ += entry.size_bytes
@@ -238,7 +214,7 @@ class Relay:
         # whether the last frame from a host to a receiver was lost
         self._bad: dict[tuple[int, int | None], bool] = {}
         self._counters = RadioCounters()
-        self._air = Air(self._names, medium, lose=self._lost, chance=self._random)
+        self._air = Air(len(ports), medium, lose=self._lost, chance=self._random)
         # By default, the kernel may wake a process up to 50 us late (prctl(2)), which is longer than a frame
         # takes. A garbage collection would take longer as well, if it visited the objects of the hub.
         ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)

@@ -18,15 +18,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from pyroute2.iproute.linux import IPRoute
-from pyroute2.netlink.rtnl import TC_H_ROOT
 
 from sfglab.lab.hosts.enter import CLONE_NEWNET, setns
 from sfglab.lab.hosts.host import INTERFACE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from sfglab.rtps import Medium
 
 _BRIDGE = "br0"
 _SUBNET = "10.77.0."
@@ -157,15 +154,6 @@ class Wiring:
             _compute_checksums(INTERFACE)
         self.set_connected(port, connected=False)
 
-    def set_air(self, port: Port, medium: Medium) -> None:
-        """Make a host's frames wait in its kernel for the time that a medium takes, if the medium's queue blocks.
-
-        Raises:
-            NetlinkError: The kernel refuses, because a module or a permission is missing.
-        """
-        with self.inside(port.namespace) as netlink:
-            _block(netlink, port.inner_index, medium if medium.queue_rule == "block" else None)
-
     def _configure(self, namespace: int, address: str) -> int:
         with self.inside(namespace) as netlink:
             index = self._index(netlink, INTERFACE)
@@ -175,26 +163,3 @@ class Wiring:
             # Without this route, multicast senders find none (there is no default gateway).
             netlink.route("add", dst="224.0.0.0/4", oif=index)
         return index
-
-
-_HANDLE = 0x10000  # 1: in the notation of tc
-_FRAME = 1514  # bytes of a full Ethernet frame without its checksum (IEEE 802.3, 3)
-_CLASS = 0x10010  # 1:10, HTB's default class
-
-
-def _block(netlink: Any, index: int, medium: Medium | None) -> None:
-    """Limit the rate of a host's frames to that of a medium; frames wait in the kernel. None: no limit."""
-    if any(message.get_attr("TCA_KIND") == "htb" for message in netlink.get_qdiscs(index=index)):
-        netlink.tc("del", index=index, handle=_HANDLE, parent=TC_H_ROOT)
-    if medium is None:
-        return
-    overhead = round(medium.overhead_s * medium.rate_bps / 8)
-    rate = {
-        "rate": round(medium.rate_bps / 8),
-        "burst": overhead + _FRAME,
-        "cburst": overhead + _FRAME,
-    }
-    netlink.tc("add", "htb", index=index, handle=_HANDLE, default=_CLASS & 0xFFFF)
-    netlink.tc(
-        "add-class", "htb", index=index, handle=_CLASS, parent=_HANDLE, overhead=overhead, **rate
-    )

@@ -181,5 +181,4 @@ async def measure_cells(bench: Bench[Config]) -> None:
         stage_of=lambda _: "all",
         start=lambda _: Processes(config, bench.testbed),
         play=play,
-        by_table=True,
     )

@@ -221,6 +221,5 @@ async def measure_groups(bench: Bench[Config]) -> None:
         stage_of=lambda _: "all",
         start=lambda _: Processes(config, bench.testbed),
         play=play,
-        by_table=True,
     )
     bench.metadata("stream", {"encoder": ", ".join(sorted(encoders)), "gop_s": GOP_S})

@@ -122,15 +122,14 @@ async def play_grid(bench: Bench[Config]) -> None:
     """Run cells live on Cyclone DDS; the model has the timing of Cyclone DDS here, for every vendor of the run."""
     config = bench.config
 
-    async def play(hosts: LiveHosts, cell: GridCell, _: int) -> tuple[dict[str, Any], ...]:
+    async def play(hosts: LiveHosts, cell: GridCell, _: int) -> dict[str, list[Any]]:
         scenario = scenario_of(cell, seed=config.seed, vendor=CYCLONE_DDS)
         played = await hosts.play(scenario, seed=config.seed)
         models = [run(played.scenario, seed=seed) for seed in seeded(config, config.seeds)]
         of_cell = {name: getattr(cell, name) for name in ("rate_max_hz", "depth", "method")}
         of_cell["duration_s"] = cell.duration_s
-        return tuple(
-            {**of_cell, "group": group, **compare(played, models, group)} for group in GROUPS
-        )
+        rows = [{**of_cell, "group": g, **compare(played, models, g)} for g in GROUPS]
+        return {"live": rows}
 
     cells = live_cells(config)
     hosts = hosts_of(scenario_of(cells[0])) if cells else ()
@@ -256,12 +255,13 @@ async def validate(bench: Bench[Config]) -> None:
     """Run every cell live, and simulate the cell; presets run at the same time, each on its own hosts."""
     config = bench.config
 
-    async def play(hosts: LiveHosts, cell: Cell, repeat: int) -> dict[str, Any]:
+    async def play(hosts: LiveHosts, cell: Cell, repeat: int) -> dict[str, list[Any]]:
         scenario = cell.scenario(config.validation_s, config.seed)
         played = await hosts.play(scenario, seed=config.seed + repeat)
         models = [run(played.scenario, seed=seed) for seed in seeded(config, MODEL_SEEDS)]
         group = HELLO if cell.kind == GRID else SENSORS
-        return {**asdict(cell), "repeat": repeat, **compare(played, models, group)}
+        row = {**asdict(cell), "repeat": repeat, **compare(played, models, group)}
+        return {"validation": [row]}
 
     def stage_of(cell: Cell) -> tuple[str, tuple[str, ...]]:
         return cell.preset, hosts_of(cell.scenario(config.validation_s))
