@@ -60,8 +60,6 @@ async def run_cells(  # noqa: PLR0913 - options
     Raises:
         SkippedPartError: There is no cell to run.
     """
-    if not any(cells.values()):
-        raise SkippedPartError("not asked for")
     todo = list(cells)
     jobs = _jobs([*cells.values()])
     turn = asyncio.Semaphore(at_once)
@@ -70,7 +68,8 @@ async def run_cells(  # noqa: PLR0913 - options
     identity = journaled.identity_of(run_cells, [bench.config, *todo])
     # Numbers of failures: of each repetition, and of each stage's start since it last succeeded.
     failures: Counter[Any] = Counter()
-    given_up: dict[Job, str] = {}  # errors of the last attempts
+    given_up: set[Job] = set()
+    reasons: dict[str, str] = {}  # errors of the last attempts
     with journaled.open_journal(journal_path(table), identity) as journal:
         finished = journal.finished
 
@@ -94,22 +93,27 @@ async def run_cells(  # noqa: PLR0913 - options
                     failures[what] += 1
                     if failures[what] == _TRIES:
                         for job in missing(own if playing is None else [playing]):
-                            given_up[job] = str(error)
-                            bench.advance(f"cell {job[0] + 1} of {len(todo)}: failed")
+                            given_up.add(job)
+                            place, repeat = job
+                            reasons[f"{todo[place]}, repetition {repeat}"] = str(error)
+                            bench.advance(f"cell {place + 1} of {len(todo)}: failed")
 
         async with beside(*map(play_stage, dict.fromkeys(map(stage_of, todo)))) as played:
             await asyncio.gather(*played)
         for job in jobs:
             for name, rows in finished.get(job, {}).items():
                 bench.write_all(name, rows)
-    reasons = {
-        f"{todo[place]}, repetition {repeat}": error for (place, repeat), error in given_up.items()
-    }
     bench.metadata(table, {"hindrance": "", FAILED_CELLS: reasons})
 
 
 def _jobs(repeats: Sequence[int]) -> list[Job]:
-    """Return all repetitions of cells: the first of each cell, then the second ones."""
+    """Return all repetitions of cells: the first of each cell, then the second ones.
+
+    Raises:
+        SkippedPartError: There is none.
+    """
+    if not any(repeats):
+        raise SkippedPartError("not asked for")
     jobs = []
     for repeat in range(max(repeats)):
         jobs += [(place, repeat) for place, count in enumerate(repeats) if repeat < count]
