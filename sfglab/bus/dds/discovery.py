@@ -277,7 +277,7 @@ class Discovery:
             # Cyclone knows a participant before its endpoints, but does not always report it before them.
             self._read_participants()
             changes: list[Change] = []
-            for sample, alive in _take(reader, clib.Endpoint):
+            for sample, alive in take_builtin(reader, clib.Endpoint):
                 if not _builtin(sample):
                     gid = bytes(sample.key)
                     changes.append((gid, self._info(sample, gid, kind) if alive else None))
@@ -287,7 +287,7 @@ class Discovery:
         return handle
 
     def _read_participants(self) -> None:
-        for sample, alive in _take(self._participants, clib.Participant):
+        for sample, alive in take_builtin(self._participants, clib.Participant):
             key = bytes(sample.key)
             if not alive:
                 self._origins.pop(key, None)
@@ -337,7 +337,7 @@ def _ros_type(dds_type: str) -> str:
         return dds_type
 
 
-def _take(reader: int, struct: type[ct.Structure]) -> Iterator[tuple[Any, bool]]:
+def take_builtin(reader: int, struct: type[ct.Structure]) -> Iterator[tuple[Any, bool]]:
     """Yield samples of a built-in reader: the C struct, valid until the next one, and whether it is alive."""
     lib = library()
     pointers: Any = (ct.c_void_p * _BATCH)()

@@ -408,7 +408,7 @@ class DdsParticipant:
             handle = library().dds_create_writer(
                 self.handle, self._topic(topic, idl_type), c_qos, None
             )
-        return _checked(handle, f"a writer of {topic!r}")
+        return checked(handle, f"a writer of {topic!r}")
 
     def create_reader(
         self, topic: str, idl_type: type[Any], qos: QoSProfile, **more: Unpack[EndpointOptions]
@@ -418,7 +418,7 @@ class DdsParticipant:
             handle = library().dds_create_reader(
                 self.handle, self._topic(topic, idl_type), c_qos, None
             )
-        return _checked(handle, f"a reader of {topic!r}")
+        return checked(handle, f"a reader of {topic!r}")
 
     def close(self) -> None:
         """Stop the threads, delete all entities and leave the domain; repeated calls are harmless."""
@@ -443,7 +443,7 @@ class DdsParticipant:
         # 11.0.1 may read freed memory (ddsi_type_resolved_locked) and crash.
         key = (name, idl_type)
         if key not in self._topics:
-            self._topics[key] = _checked(
+            self._topics[key] = checked(
                 _create_topic(self.handle, name, idl_type), f"topic {name!r}"
             )
         return self._topics[key]
@@ -458,7 +458,8 @@ def _create_topic(participant: int, name: str, idl_type: Any) -> int:
     return handle
 
 
-def _checked(handle: int, what: str) -> int:
+def checked(handle: int, what: str) -> int:
+    """Return a handle of Cyclone DDS, or raise a `BusError` if it is an error code instead."""
     if handle < 0:
         raise BusError(f"Cyclone DDS cannot create {what}: {error_text(handle)}")
     return handle

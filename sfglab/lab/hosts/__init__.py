@@ -15,7 +15,7 @@ from sfglab.lab.hosts.host import (
     InterfaceBytes,
 )
 from sfglab.lab.hosts.network import Capability, Network
-from sfglab.lab.hosts.radio import RadioCounters, RadioHost
+from sfglab.lab.hosts.radio import RadioCounters
 
 __all__ = [
     "Capability",
@@ -25,5 +25,4 @@ __all__ = [
     "InterfaceBytes",
     "Network",
     "RadioCounters",
-    "RadioHost",
 ]

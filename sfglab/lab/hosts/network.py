@@ -12,7 +12,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, Self
 
 from sfglab.errors import InvalidValueError
-from sfglab.fields import from_json
 from sfglab.lab.hosts.channel import Channel
 from sfglab.lab.hosts.host import Host, HostsError, HostsUnavailableError, end_members
 from sfglab.lab.hosts.radio import RadioCounters
@@ -156,5 +155,4 @@ class Network:
         """Return the counters of the radio since its medium was set; raises `HostsError` if there is no radio."""
         if not self._on_radio:
             raise HostsError("this network has no radio: call `set_radio` first")
-        counters: RadioCounters = from_json(RadioCounters, self._channel.request("radio_counters"))
-        return counters
+        return RadioCounters(**self._channel.request("radio_counters"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from sfglab.units import NS_PER_S
 
@@ -10,21 +10,13 @@ LATE_AFTER_S = 0.002  #: Delay beyond the due time from which a frame is late.
 
 
 @dataclass(slots=True, kw_only=True)
-class RadioHost:
-    """Counters of one host, since the medium was set."""
-
-    frames: int = 0  #: Number of frames that it sent.
-    bytes_: int = 0  #: Size of these frames, bytes: Ethernet header and payload, no checksum.
-    airtime_ns: int = 0  #: Airtime of these frames, ns.
-    queue_full: int = 0  #: Number of its frames that found its queue full.
-    lost: int = 0  #: Number of its frames that a receiver did not get, counted per receiver.
-
-
-@dataclass(slots=True, kw_only=True)
 class RadioCounters:
-    """Counters of all hosts, since the medium was set."""
+    """Counters of all hosts and of the access point, since the medium was set."""
 
-    hosts: dict[str, RadioHost] = field(default_factory=dict)  #: Counters by host.
+    frames: int = 0  #: Number of frames on air.
+    airtime_ns: int = 0  #: Airtime of these frames, ns.
+    queue_full: int = 0  #: Number of frames that found their queue full.
+    lost: int = 0  #: Number of frames that a receiver did not get, counted per receiver.
     delivered: int = 0  #: Number of frames that reached a receiver, counted per receiver.
     #: Number of delivered frames that arrived more than `LATE_AFTER_S` after they were due.
     late: int = 0
@@ -35,11 +27,6 @@ class RadioCounters:
         """Count a frame that is delivered now, given its due time."""
         self.delivered += 1
         self.late += now_ns - due_ns > LATE_AFTER_S * NS_PER_S
-
-    @property
-    def lost(self) -> int:
-        """Number of frames that a receiver did not get, counted per receiver."""
-        return sum(host.lost for host in self.hosts.values())
 
     @property
     def kept_up(self) -> bool:

@@ -20,7 +20,7 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sfglab.lab.hosts.radio import RadioCounters, RadioHost
+from sfglab.lab.hosts.radio import RadioCounters
 from sfglab.rtps.channel import (
     DISPLACES,
     JOINS,
@@ -81,8 +81,8 @@ class Air:
     def change(self, medium: Medium) -> None:
         """Change the medium and reset the counters; frames that are sent or queued keep their places."""
         self._medium = medium
-        #: Use of the medium per host and by the access point; the caller counts losses.
-        self.use = [RadioHost() for _ in self._queues]
+        #: Counters; the caller counts deliveries, and losses of receivers.
+        self.counters = RadioCounters()
 
     def offer(self, host: int, frame: Any, *, size_bytes: int, now_ns: int) -> None:
         """Put a frame into a host's queue now; a full queue drops a frame."""
@@ -95,7 +95,7 @@ class Air:
         queue = self._queues[host]
         result = admission(self._medium.rule, len(queue), self._medium.queue_frames)
         if result != JOINS:
-            self.use[host].queue_full += 1
+            self.counters.queue_full += 1
         if result == DISPLACES:
             queue.popleft()
         if result != REFUSED:
@@ -107,7 +107,7 @@ class Air:
             if self._relayed is None:
                 self._flight.append(self._on_air)
             elif self._lose(self._on_air.host):
-                self.use[self._on_air.host].lost += 1
+                self.counters.lost += 1
             else:
                 self._queue(self._access_point, self._relayed)
             self._on_air = None
@@ -146,10 +146,8 @@ class Air:
         self._on_air = Sent(self._free_ns + medium.latency_ns, entry.sender, entry.frame)
         is_first_hop = medium.access_point and host != self._access_point
         self._relayed = entry._replace(since_ns=self._free_ns) if is_first_hop else None
-        use = self.use[host]
-        use.frames += 1
-        use.bytes_ += entry.size_bytes
-        use.airtime_ns += on_air_ns
+        self.counters.frames += 1
+        self.counters.airtime_ns += on_air_ns
 
 
 # linux/if_ether.h, linux/if_packet.h, asm-generic/socket.h, linux/prctl.h
@@ -202,7 +200,6 @@ class Relay:
     """Relay between the cables of hosts, which are given by name."""
 
     def __init__(self, ports: Mapping[str, Port], medium: Medium) -> None:
-        self._names = list(ports)
         self._host_of: dict[bytes, int] = {}
         #: Sockets with the frames of the hosts.
         self.sockets: list[socket.socket] = []
@@ -213,7 +210,6 @@ class Relay:
         self._random = random.Random()
         # whether the last frame from a host to a receiver was lost
         self._bad: dict[tuple[int, int | None], bool] = {}
-        self._counters = RadioCounters()
         self._air = Air(len(ports), medium, lose=self._lost, chance=self._random)
         # By default, the kernel may wake a process up to 50 us late (prctl(2)), which is longer than a frame
         # takes. A garbage collection would take longer as well, if it visited the objects of the hub.
@@ -227,14 +223,11 @@ class Relay:
         self._random.seed(seed)
         self._bad.clear()
         self._overrun()  # reading resets the kernel's counters
-        self._counters = RadioCounters()
 
     def counters(self) -> RadioCounters:
         """Return the counters since the medium was set."""
-        self._counters.overrun += self._overrun()
-        names = [*self._names, "access point"] if self._medium.access_point else self._names
-        self._counters.hosts = dict(zip(names, self._air.use, strict=False))
-        return self._counters
+        self._air.counters.overrun += self._overrun()
+        return self._air.counters
 
     def pause_s(self) -> float | None:
         """Return the time until the next frame arrives, s; None: no frame is sent."""
@@ -254,16 +247,17 @@ class Relay:
         self._deliver(self._air.advance(time.time_ns()))
 
     def _deliver(self, sent: list[Sent]) -> None:
+        counters = self._air.counters
         for due_ns, host, frame in sent:
             for receiver in self._receivers(host, frame):
                 if self._lost(host, receiver):
-                    self._air.use[host].lost += 1
+                    counters.lost += 1
                     continue
                 try:
                     self.sockets[receiver].send(frame)
                 except OSError:  # the host's queue is full, or the host is being removed
-                    self._counters.overrun += 1
-                self._counters.note(due_ns, time.time_ns())
+                    counters.overrun += 1
+                counters.note(due_ns, time.time_ns())
 
     def _lost(self, host: int, receiver: int | None = None) -> bool:
         """Return whether a frame is lost on its way to a receiver or, for None, to the access point."""

@@ -31,11 +31,10 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import NodeInfo, user_data
 from sfglab.bus.dds import clib
-from sfglab.bus.dds.clib import endpoint_qos, entity_guid, error_text, library, qos_object
-from sfglab.bus.dds.discovery import INFO_TOPIC, READER_QOS, gid_bytes, pack_nodes
-from sfglab.bus.dds.domain import DomainConfig, domain_xml
+from sfglab.bus.dds.clib import endpoint_qos, entity_guid, library, qos_object
+from sfglab.bus.dds.discovery import INFO_TOPIC, READER_QOS, gid_bytes, pack_nodes, take_builtin
+from sfglab.bus.dds.domain import DomainConfig, checked, domain_xml
 from sfglab.bus.dds.endpoints import serdata_from_bytes, sertype_of, stamp
-from sfglab.bus.errors import BusError
 from sfglab.component import Orders, Reporter, run_component
 from sfglab.names import dds_service, dds_topic
 from sfglab.qos import LATCHED, PARAMETER_EVENTS, Durability, History, QoSProfile
@@ -130,10 +129,10 @@ class RosStack:
         self, config: DomainConfig, namespace: str, name: str, plans: Sequence[EndpointPlan]
     ) -> None:
         lib = library()
-        _checked(lib.dds_create_domain(config.domain_id, domain_xml(config).encode()), "a domain")
+        checked(lib.dds_create_domain(config.domain_id, domain_xml(config).encode()), "a domain")
         with qos_object(user_data({"enclave": "/"})) as qos:
             made = lib.dds_create_participant(config.domain_id, qos, None)
-        self.participant = _checked(made, "a participant")  #: The C handle of its participant.
+        self.participant = checked(made, "a participant")  #: The C handle of its participant.
         #: The 12-byte GUID prefix of everything it has.
         self.prefix = entity_guid(self.participant)[:12]
         gids: dict[bool, list[bytes]] = {True: [], False: []}
@@ -159,7 +158,7 @@ class RosStack:
         topic = _create_topic(self.participant, plan.topic, plan.type)
         create = lib.dds_create_writer if plan.writer else lib.dds_create_reader
         with endpoint_qos(plan.qos, user_data=plan.user_data) as qos:
-            return _checked(
+            return checked(
                 create(self.participant, topic, qos, None), f"an endpoint of {plan.topic!r}"
             )
 
@@ -174,7 +173,7 @@ def _announce(writer: int, node: NodeInfo) -> None:
     serdata = serdata_from_bytes(sertype_of(writer), cdr)
     assert serdata is not None, "an opaque type takes every message"
     stamp(serdata, time.time_ns())
-    _checked(library().dds_forwardcdr(writer, serdata), f"a message on {INFO_TOPIC!r}")
+    checked(library().dds_forwardcdr(writer, serdata), f"a message on {INFO_TOPIC!r}")
 
 
 class _TypeMeta(ct.Structure):
@@ -224,77 +223,41 @@ def _create_topic(participant: int, name: str, type_: str) -> int:
         xml=b"",
     )
     made = _create_topic_function()(participant, ct.byref(descriptor), name.encode(), None, None)
-    return _checked(made, f"topic {name!r}")
+    return checked(made, f"topic {name!r}")
 
 
-def _checked(handle: int, what: str) -> int:
-    if handle < 0:
-        raise BusError(f"Cyclone DDS cannot create {what}: {error_text(handle)}")
-    return handle
-
-
-class _Poller:
-    """The graph of one node: endpoints of the other agents, and announcements of all nodes.
+class _Graph:
+    """The graph as one node knows it: endpoints of the other agents, and announcements of all nodes.
 
     `own` has the GUID prefixes of the nodes of its own agent.
     """
 
     def __init__(self, stack: RosStack, own: frozenset[bytes]) -> None:
-        lib = library()
+        create = library().dds_create_reader
         kinds = (clib.BUILTIN_PUBLICATION, clib.BUILTIN_SUBSCRIPTION)
-        self._readers = [
-            lib.dds_create_reader(stack.participant, kind, None, None) for kind in kinds
-        ]
+        self._readers = [create(stack.participant, kind, None, None) for kind in kinds]
         self._info_reader = stack.info_reader
         self._own = own
-        self._pointers: Any = (ct.c_void_p * _BATCH)()
-        self._infos: Any = (clib.SampleInfo * _BATCH)()
-        self.endpoints: set[int] = set()  # instances of the other agents' endpoints
-        self._announced: set[int] = set()
+        self.endpoints: set[bytes] = set()  # GIDs of the other agents' endpoints
+        self.announced: set[int] = set()  # processes whose nodes are announced, own ones included
 
     def poll(self) -> None:
         """Read all changes."""
         for reader in self._readers:
-            self._poll_endpoints(reader)
-        self._poll_announcements()
-
-    @property
-    def announcements(self) -> int:
-        """Processes whose nodes are announced, its own agent's included."""
-        return len(self._announced)
-
-    def _poll_endpoints(self, reader: int) -> None:
+            for sample, is_alive in take_builtin(reader, clib.Endpoint):
+                gid = bytes(sample.key)
+                if not is_alive:
+                    self.endpoints.discard(gid)
+                elif gid[:12] not in self._own and sample.topic_name.startswith(_ROS_TOPICS):
+                    self.endpoints.add(gid)
+        serdata = (ct.c_void_p * _BATCH)()
+        infos = (clib.SampleInfo * _BATCH)()
         lib = library()
-        while True:
-            self._pointers[0] = None
-            count = lib.dds_take(reader, self._pointers, self._infos, _BATCH, _BATCH)
-            if count <= 0:
-                return
-            for i in range(count):
-                self._note(self._infos[i], self._pointers[i])
-            lib.dds_return_loan(reader, self._pointers, count)
-
-    def _note(self, info: Any, pointer: int) -> None:
-        if not info.valid_data or info.instance_state != clib.ALIVE:
-            self.endpoints.discard(info.instance_handle)
-            return
-        sample = clib.Endpoint.from_address(pointer)
-        prefix = bytes(sample.participant_key)[:12]
-        if prefix not in self._own and sample.topic_name.startswith(_ROS_TOPICS):
-            self.endpoints.add(info.instance_handle)
-
-    def _poll_announcements(self) -> None:
-        lib = library()
-        while True:
-            count = lib.dds_takecdr(
-                self._info_reader, self._pointers, _BATCH, self._infos, clib.ANY_STATE
-            )
-            if count <= 0:
-                return
-            for i in range(count):
-                if self._infos[i].valid_data:
-                    self._announced.add(self._infos[i].publication_handle)
-                lib.ddsi_serdata_unref(self._pointers[i])
+        count = lib.dds_takecdr(self._info_reader, serdata, _BATCH, infos, clib.ANY_STATE)
+        for i in range(count):
+            if infos[i].valid_data:
+                self.announced.add(infos[i].publication_handle)
+            lib.ddsi_serdata_unref(serdata[i])
 
 
 def _node_plans(config: RosNodesConfig) -> dict[str, tuple[EndpointPlan, ...]]:
@@ -323,15 +286,12 @@ async def serve(config: RosNodesConfig, report: Reporter, orders: Orders) -> Non
             options["external_domain_id"] = options["domain_id"]
             options["domain_id"] = _FIRST_STACK_ID + number
             stacks.append(RosStack(DomainConfig(**options), config.namespace, name, endpoints))
-        poller = _Poller(stacks[0], frozenset(stack.prefix for stack in stacks))
-        poller.poll()
-        while len(poller.endpoints) < expected or poller.announcements < announced:
+        graph = _Graph(stacks[0], frozenset(stack.prefix for stack in stacks))
+        graph.poll()
+        while len(graph.endpoints) < expected or len(graph.announced) < announced:
             await asyncio.sleep(_POLL_S)
-            poller.poll()
-        found = {
-            "endpoints": len(poller.endpoints),
-            "announcements": poller.announcements,
-        }
+            graph.poll()
+        found = {"endpoints": len(graph.endpoints), "announcements": len(graph.announced)}
         report({"is": "resolved", "t_ns": time.time_ns(), **found})
         await asyncio.Event().wait()
     except asyncio.CancelledError:
