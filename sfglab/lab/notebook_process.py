@@ -1,7 +1,7 @@
-"""Process that runs notebooks with papermill: ``python -m sfglab.lab.notebook_process NICE``.
+"""Process that runs a notebook with papermill: ``python -m sfglab.lab.notebook_process NICE ARGUMENTS``.
 
-It gets one order per notebook, the arguments of `run_notebook`, and reports ``{"is": "done",
-"error": ...}``. It ends with its standard input, also in the middle of a notebook.
+The arguments are those of `run_notebook`, as JSON. The process reports ``{"is": "done", "error": ...}``.
+It ends with its standard input, also in the middle of the notebook.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import tempfile
 import threading
 from contextlib import suppress
 from pathlib import Path
-from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 import psutil
@@ -36,20 +35,17 @@ if TYPE_CHECKING:
 
 
 def main() -> None:
-    """Run notebooks until standard input ends."""
+    """Run a notebook, or end with standard input."""
     report = claim_standard_output()
-    os.nice(int(sys.argv[1]))
+    nice, given = sys.argv[1:]
+    os.nice(int(nice))
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
-    orders: SimpleQueue[dict[str, Any]] = SimpleQueue()
-    threading.Thread(target=_take_orders, args=[orders], daemon=True).start()
-    while True:
-        order = orders.get()
-        report({"is": "done", "error": run_notebook(**order)})
+    threading.Thread(target=_end_with_input, daemon=True).start()
+    report({"is": "done", "error": run_notebook(**json.loads(given))})
 
 
-def _take_orders(orders: SimpleQueue[dict[str, Any]]) -> None:
-    for line in sys.stdin:
-        orders.put(json.loads(line))
+def _end_with_input() -> None:
+    os.read(0, 1)
     os.kill(os.getpid(), signal.SIGTERM)
 
 

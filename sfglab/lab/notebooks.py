@@ -4,8 +4,8 @@ papermill only warns about a parameter that a notebook does not declare. Here it
 anything runs. Fields of the configuration that a parameters cell does not list are passed in its
 parameter ``settings``, or ``settings_EXPERIMENT``.
 
-The module `notebook_process` is a process that runs one notebook after the other. There are at most
-two: one for notebooks that measure, and one of the lowest priority for those that only compute.
+Each notebook runs in a process of its own, see `notebook_process`. There are at most two at a time: one
+for a notebook that measures, and one of the lowest priority for a notebook that only computes.
 """
 
 from __future__ import annotations
@@ -266,7 +266,7 @@ def run_notebooks(
         fitted = fit_parameters(path, parameters) | _reference_logs(path, project, only)
         copy = _executed_copy(path, project, parameters)
         tasks.append(_Task(path, copy, fitted))
-    return asyncio.run(_Runner(project, tasks, write=write).run())
+    return asyncio.run(_run_all(project, tasks, write=write))
 
 
 def try_experiment(
@@ -291,7 +291,7 @@ def try_experiment(
     fields["path"] = project.relative(folder / f"{name}.mcap")
     fitted = {"profile": profile, settings: fields} | _reference_logs(path, project, [name])
     task = _Task(path, folder / path.name, fitted)
-    [outcome] = asyncio.run(_Runner(project, [task]).run())
+    [outcome] = asyncio.run(_run_all(project, [task]))
     return outcome
 
 
@@ -317,99 +317,95 @@ class _Task:
         self.copy = copy  #: Path of the executed copy.
         self.parameters = parameters  #: Values for the parameters cell.
         self.experiments = experiments_of(path)
-        #: Whether other work at the same time may change the results.
-        self.measures = any(experiment(name).measures for name in self.experiments)
+        #: Whether it reports on the other notebooks.
+        self.reports = path.stem in REPORTS
+        kinds = [experiment(name).measures for name in self.experiments]
+        #: Whether other work at the same time cannot change the results.
+        self.computes = not self.reports and bool(kinds) and not any(kinds)
 
-    def given_log(self, name: str) -> str:
-        """Return the path of the log that an experiment has to read or to write."""
-        settings = self.parameters.get(settings_name(name, self.parameters), {})
-        read = self.parameters.get("log") or self.parameters.get(f"log_{name}")
-        return str(read or settings.get("path", ""))
-
-
-class _Runner:
-    """Runner of notebooks in processes, which reports their progress."""
-
-    def __init__(self, project: Project, tasks: Sequence[_Task], *, write: bool = False) -> None:
-        self._project = project
-        self._tasks = tasks
-        self._write = write
-        self._outcomes: dict[Path, Outcome] = {}
-
-    async def run(self) -> list[Outcome]:
-        """Run all notebooks; return their outcomes in order."""
-        others = [task for task in self._tasks if task.path.stem not in REPORTS]
-        computing = [task for task in others if task.experiments and not task.measures]
-        if len(computing) == len(others) or len(os.sched_getaffinity(0)) == 1:
-            computing = []
-        measuring = [task for task in others if task not in computing]
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self._run_in_turn(measuring))
-            group.create_task(self._run_in_turn(computing, _COMPUTING_NICE))
-        await self._run_in_turn([task for task in self._tasks if task not in others])
-        return [self._outcomes[task.path] for task in self._tasks]
-
-    async def _run_in_turn(self, tasks: Sequence[_Task], nice: int = 0) -> None:
-        """Run notebooks one after the other in one process; a process that has ended is replaced."""
-        process = None
-        try:
-            for task in tasks:
-                if process is None or process.status is not None:
-                    process = await _start_process(nice)
-                await self._run_task(task, process)
-        finally:
-            if process is not None:
-                await process.close(grace_s=_END_S)
-
-    async def _run_task(self, task: _Task, process: LineProcess) -> None:
-        place = f"[{self._tasks.index(task) + 1}/{len(self._tasks)}] {task.path.stem}"
-        _say(f"{place} ...")
-        before = {name: self._logs(name) for name in task.experiments}
-        begun_s = time.monotonic()
-        process.order(path=str(task.path), copy=str(task.copy), parameters=task.parameters)
-        try:
-            report = await process.expect("done", timeout_s=None)
-            error = report["error"]
-        except ProcessFailedError as failure:
-            error = str(failure)
-        if self._write and not error:
-            self._replace(task)
+    def logs(self, project: Project, before: Collection[Path]) -> dict[str, Path]:
+        """Return the logs that it has read or written, by experiment, given all logs before."""
         logs = {}
-        for name, old in before.items():
-            given = task.given_log(name)
-            new = self._logs(name) - old
-            log = self._project.root / given if given else max(new, default=None)
+        for name in self.experiments:
+            settings = self.parameters.get(settings_name(name, self.parameters), {})
+            given = self.parameters.get("log") or self.parameters.get(f"log_{name}")
+            given = given or settings.get("path")
+            new = [log for log in _own_logs(project, name) if log not in before]
+            log = project.root / given if given else max(new, default=None)
             if log and log.is_file():
                 logs[name] = log
-        self._outcomes[task.path] = Outcome(
-            name=task.path.stem, error=error, notebook=task.copy, logs=logs
-        )
-        result = f"failed: {error}" if error else "done"
-        took_s = time.monotonic() - begun_s
-        _say(f"{place} {result} after {took_s:.0f} s")
-
-    def _replace(self, task: _Task) -> None:
-        """Replace a notebook by its executed copy."""
-        with without_iri_grammars():
-            import nbformat
-
-        from sfglab.lab.notebook_outputs import normalise
-
-        try:
-            executed = nbformat.read(task.copy, as_version=4)
-        except Exception as error:  # nbformat has no class for its errors
-            raise NotebookError(f"{task.copy.name}: not a notebook: {str(error)[:200]}") from error
-        nbformat.write(normalise(executed, self._project), task.path)
-
-    def _logs(self, name: str) -> set[Path]:
-        """Return the logs in the folder of an experiment."""
-        return set((self._project.runs / "logs" / name).glob("*.mcap"))
+        return logs
 
 
-async def _start_process(nice: int) -> LineProcess:
+def _own_logs(project: Project, name: str) -> list[Path]:
+    """Return the logs in the folder of an experiment."""
+    return [*(project.runs / "logs" / name).glob("*.mcap")]
+
+
+async def _run_all(
+    project: Project, tasks: Sequence[_Task], *, write: bool = False
+) -> list[Outcome]:
+    """Run notebooks; return their outcomes in order."""
+    outcomes: dict[Path, Outcome] = {}
+
+    async def run_in_turn(own: Sequence[_Task], nice: int = 0) -> None:
+        for task in own:
+            place = f"[{tasks.index(task) + 1}/{len(tasks)}] {task.path.stem}"
+            _say(f"{place} ...")
+            begun_s = time.monotonic()
+            outcome = await _run_task(project, task, nice)
+            if write and not outcome.error:
+                _replace(task, project)
+            outcomes[task.path] = outcome
+            result = f"failed: {outcome.error}" if outcome.error else "done"
+            _say(f"{place} {result} after {time.monotonic() - begun_s:.0f} s")
+
+    computing = [task for task in tasks if task.computes]
+    measuring = [task for task in tasks if not task.computes and not task.reports]
+    if not measuring or len(os.sched_getaffinity(0)) == 1:
+        measuring = [task for task in tasks if not task.reports]
+        computing = []
+    async with asyncio.TaskGroup() as group:
+        group.create_task(run_in_turn(measuring))
+        group.create_task(run_in_turn(computing, _COMPUTING_NICE))
+    await run_in_turn([task for task in tasks if task.reports])
+    return [outcomes[task.path] for task in tasks]
+
+
+async def _run_task(project: Project, task: _Task, nice: int) -> Outcome:
+    before = {log for name in task.experiments for log in _own_logs(project, name)}
+    error = await _run_papermill(task, nice)
+    logs = task.logs(project, before)
+    return Outcome(name=task.path.stem, error=error, notebook=task.copy, logs=logs)
+
+
+async def _run_papermill(task: _Task, nice: int) -> str:
+    """Run a notebook; return why it failed, or an empty text."""
+    given = {"path": str(task.path), "copy": str(task.copy), "parameters": task.parameters}
     # In a session of its own it receives no Ctrl-C, not even while it starts.
-    argv = ["setsid", sys.executable, "-m", "sfglab.lab.notebook_process", str(nice)]
-    return await LineProcess.start("papermill", argv)
+    argv = ["setsid", sys.executable, "-m", "sfglab.lab.notebook_process"]
+    process = await LineProcess.start("papermill", [*argv, str(nice), json.dumps(given)])
+    try:
+        report = await process.expect("done", timeout_s=None)
+    except ProcessFailedError as failure:
+        return str(failure)
+    finally:
+        await process.close(grace_s=_END_S)
+    return str(report["error"])
+
+
+def _replace(task: _Task, project: Project) -> None:
+    """Replace a notebook by its executed copy."""
+    with without_iri_grammars():
+        import nbformat
+
+    from sfglab.lab.notebook_outputs import normalise
+
+    try:
+        executed = nbformat.read(task.copy, as_version=4)
+    except Exception as error:  # nbformat has no class for its errors
+        raise NotebookError(f"{task.copy.name}: not a notebook: {str(error)[:200]}") from error
+    nbformat.write(normalise(executed, project), task.path)
 
 
 def is_variation(parameters: Mapping[str, Any]) -> bool:

@@ -35,30 +35,17 @@ def sfglab(*words):
     return subprocess.run(argv, env=os.environ, capture_output=True, text=True, check=False)
 
 
-class Process:
-    """A process that runs the experiment itself and saves its figures, instead of a notebook."""
-
-    status = None
-
-    def order(self, *, copy, parameters, **_):
-        self.copy, self.settings = Path(copy), parameters["settings_naming"]
-
-    async def expect(self, *_, **__):
-        self.copy.write_text("the executed copy")
-        project = find_project()
-        run = await experiment("naming").run("smoke", **self.settings)
-        save_figures(project, run, figures_folder(project, run.log, self.copy))
-        return {"error": ""}
-
-    async def close(self, **_):
-        pass
+async def run_without_notebook(task, _nice):
+    """Run the experiment itself and save its figures, instead of the notebook."""
+    task.copy.write_text("the executed copy")
+    project = find_project()
+    run = await experiment("naming").run("smoke", **task.parameters["settings_naming"])
+    save_figures(project, run, figures_folder(project, run.log, task.copy))
+    return ""
 
 
 def test_a_variation_prints_its_claims_and_files_and_replaces_nothing(checkout, monkeypatch):
-    async def start(_nice):
-        return Process()
-
-    monkeypatch.setattr("sfglab.lab.notebooks._start_process", start)
+    monkeypatch.setattr("sfglab.lab.notebooks._run_papermill", run_without_notebook)
     others = []
     for name in ("notebooks/11_names_and_border.ipynb", "figures/naming_schema.svg"):
         file = checkout / "runs" / name
