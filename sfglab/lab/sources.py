@@ -169,9 +169,9 @@ def _view_transform(
     places = rng.uniform(0.0, 1.0, (2, 2))
     zoom = zooms[0] + (zooms[1] - zooms[0]) * progress
     place = places[0] + (places[1] - places[0]) * progress
-    free = np.array([width - zoom * size[0], height - zoom * size[1]])
-    corner = np.clip(place, 0, 1) * np.maximum(free, 0)
-    return np.array([[zoom, 0.0, corner[0]], [0.0, zoom, corner[1]]])
+    left = place[0] * (width - zoom * size[0])
+    top = place[1] * (height - zoom * size[1])
+    return np.array([[zoom, 0.0, left], [0.0, zoom, top]])
 
 
 def _photograph_stills() -> list[Frame]:
@@ -221,12 +221,11 @@ def _fitted(image: Image, size: tuple[int, int]) -> Image:
     height, width = image.shape[:2]
     scale = min(size[0] / width, size[1] / height)
     inner = min(size[0], round(width * scale)), min(size[1], round(height * scale))
-    scaled = cv2.resize(image, inner, interpolation=cv2.INTER_AREA)
     left, top = (size[0] - inner[0]) // 2, (size[1] - inner[1]) // 2
-    right, bottom = size[0] - inner[0] - left, size[1] - inner[1] - top
-    return np.asarray(
-        cv2.copyMakeBorder(scaled, top, bottom, left, right, cv2.BORDER_CONSTANT), np.uint8
-    )
+    fitted = np.zeros((size[1], size[0], 3), np.uint8)
+    place = np.s_[top : top + inner[1], left : left + inner[0]]
+    fitted[place] = cv2.resize(image, inner, interpolation=cv2.INTER_AREA)
+    return fitted
 
 
 def _video_images(spec: str) -> tuple[float, Images]:

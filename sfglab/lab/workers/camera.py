@@ -20,7 +20,7 @@ from sfglab import codecs
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import TABLE_2
-from sfglab.component import Orders, Reporter, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.lab.sources import Frame, SourceError, open_source
 from sfglab.messages import message_type
 from sfglab.qos import COMPRESSED_STREAM
@@ -71,46 +71,31 @@ def _open_encoder(config: CameraConfig) -> tuple[str, str, _Encode]:
     return config.codec, codecs.COMPRESSED_IMAGE, encode_depth
 
 
-async def serve(config: CameraConfig, report: Reporter, _: Orders) -> None:
-    """Publish for an experiment until told to end."""
-
-    def start(encoder: str, type_: str, _said: str) -> None:
-        report({"is": "running", "encoder": encoder, "type": type_})
-
-    await _shoot(config, start, lambda frames: report({"is": "sent", "frames": frames}))
-
-
 async def run_camera(config: CameraConfig, say: Callable[[str], None] = lambda _: None) -> None:
     """Publish until cancelled, and print once per second what was sent."""
     _, topic = config.places[0]
     second: list[_Sent] = []
 
-    def start(encoder: str, type_: str, said: str) -> None:
-        if said:
-            say(said)
-        say(f"{topic}: {encoder}, {type_}; end it with Ctrl-C")
-
-    def count(frames: list[_Sent]) -> None:
-        second.extend(frames)
+    def print_report(report: Report) -> None:
+        if report["is"] == "running":
+            if report["source"]:
+                say(report["source"])
+            say(f"{topic}: {report['encoder']}, {report['type']}; end it with Ctrl-C")
+            return
+        second.extend(report["frames"])
         if len(second) >= TABLE_2.fps:
             rate = sum(size for _, _, size in second) * 8 * TABLE_2.fps / len(second) / 1e6
             say(f"{topic}: {second[-1][0] + 1} frames, {rate:.2f} Mbit/s")
             second.clear()
 
-    await _shoot(config, start, count)
+    await serve(config, print_report, Orders())
 
 
-async def _shoot(
-    config: CameraConfig,
-    start: Callable[[str, str, str], None],
-    send: Callable[[list[_Sent]], None],
-) -> None:
+async def serve(config: CameraConfig, report: Reporter, _: Orders) -> None:
     """Read, encode and publish frames indefinitely, each at its due time.
 
-    Args:
-        config: The camera.
-        start: Takes the encoder's name, the type of messages, and the sentence about the source.
-        send: Takes the frames that were sent, several times per second.
+    The report ``running`` has the encoder, the type of messages, and the sentence about the source;
+    the report ``sent``, several times per second, has the frames that were sent.
     """
     source = open_source(
         config.source, width=TABLE_2.width, height=TABLE_2.height, fps=TABLE_2.fps, seed=config.seed
@@ -123,7 +108,8 @@ async def _shoot(
         for address, topic in config.places:
             node = await stack.enter_async_context(Node("camera_front", **address.options()))
             publishers.append(node.create_publisher(type_, topic, COMPRESSED_STREAM))
-        start(encoder, type_, source.said)
+        running = {"encoder": encoder, "type": type_, "source": source.said}
+        report({"is": "running", **running})
         started_s = time.monotonic()
         try:
             for number in itertools.count():
@@ -133,18 +119,17 @@ async def _shoot(
                 stamp_ns = time.time_ns()
                 for fields in encode(frame):
                     message = _message(type_, header_msg(_FRAME, stamp_ns), fields)
-                    first = number % len(
-                        publishers
-                    )  # the first destination changes with each frame
+                    # The first destination changes with each frame.
+                    first = number % len(publishers)
                     for publisher in publishers[first:] + publishers[:first]:
                         publisher.publish(message)
                     unreported.append((number, stamp_ns, len(message.data)))
                 if len(unreported) >= TABLE_2.fps * _REPORT_S:
-                    send(unreported)
+                    report({"is": "sent", "frames": unreported})
                     unreported = []
         finally:
             if unreported:
-                send(unreported)
+                report({"is": "sent", "frames": unreported})
 
 
 def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:

@@ -21,8 +21,7 @@ _MESSAGES = (
     "sfglab_interfaces/msg/AgentDiscoveryEvent",
     "sfglab_interfaces/msg/AgentMetadata",
 )
-_SERVICES = ("sfglab_interfaces/srv/GetMetadata",)
-_HALVES = ("Request", "Response")
+_SERVICE = "sfglab_interfaces/srv/GetMetadata"
 
 
 def _load(module: str) -> ModuleType:
@@ -36,11 +35,11 @@ def _load(module: str) -> ModuleType:
     from sfglab.messages.dds import idl_struct, service_idl_struct
 
     library()
-    halves = [half for name in _SERVICES for half in service_idl_struct(name)]
+    halves = service_idl_struct(_SERVICE)
     for type_ in (*map(idl_struct, _MESSAGES), *halves, info_type(gid_bytes())):
         type_.__idl__.populate()
         type_.__idl__.fill_type_data()
-    for name in (*_MESSAGES, *(f"{service}_{half}" for service in _SERVICES for half in _HALVES)):
+    for name in (*_MESSAGES, f"{_SERVICE}_Request", f"{_SERVICE}_Response"):
         deserialize(serialize(default_message(name)), name)
     return importlib.import_module(module)
 

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus import Node, Publisher, Subscription
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointAdded
-from sfglab.component import Orders, Report, Reporter, end_tasks, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.errors import SfglabError
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import (
@@ -40,15 +40,11 @@ from sfglab.fleet.status.heartbeat import (
     heartbeat_topic,
     metadata_service,
 )
-from sfglab.messages import (
-    default_message,
-    message_type,
-    service_type,
-)
+from sfglab.messages import default_message, message_type, service_type
 from sfglab.qos import LATCHED, Durability, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Sequence
+    from collections.abc import Sequence
 
     from sfglab.bus.api import EndpointEvent
 
@@ -105,8 +101,7 @@ class _Peer:
         self._node = node
         self._config = config
         self._report = report
-        self._tasks: list[asyncio.Task[None]] = []
-        self._unlisten: Callable[[], None] = lambda: None
+        self._tasks = asyncio.TaskGroup()
         self._endpoints: dict[str, tuple[str, str, str, str]] = {}
         self._heard: Counter[tuple[str, str]] = Counter()  # messages by topic and source
         self._last_s = 0.0
@@ -117,22 +112,19 @@ class _Peer:
 
     async def serve(self, orders: Orders) -> None:
         """Open all endpoints, report ``ready``, and follow orders until cancelled."""
-        try:
+        async with self._tasks:
             t_ns = self._node.get_clock().now_ns()
             self._open()
             self._report({"is": "ready", "t_ns": t_ns})
             while True:
                 order = await orders.get()
                 await getattr(self, order.pop("do"))(**order)
-        finally:
-            self._unlisten()
-            await end_tasks(*self._tasks)
 
     def _open(self) -> None:
-        self._unlisten = self._node.graph.listen(self._note)
+        self._node.graph.listen(self._note)
         for name, type_ in self._config.reports.items():
             subscription = self._node.create_subscription(type_, name, qos=ALL, raw=True)
-            self._spawn(self._forward(subscription))
+            self._tasks.create_task(self._forward(subscription))
         for topic in self._config.topics:
             qos = LATCHED if topic.latched else VOLATILE
             if topic.publish:
@@ -140,15 +132,10 @@ class _Peer:
                 self._publishers[topic] = publisher
             qos = LATE if topic.latched else VOLATILE
             subscription = self._node.create_subscription(topic.type, topic.name, qos=qos)
-            self._spawn(self._count(subscription, topic.name))
+            self._tasks.create_task(self._count(subscription, topic.name))
         for name in self._config.serves:
             self._node.create_service(GET_METADATA, name, self._answer)
         self._publish(latched=True)
-
-    def _spawn(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        task = asyncio.create_task(coroutine)
-        self._tasks.append(task)
-        return task
 
     # Endpoints, and messages that are reported.
 
@@ -188,7 +175,7 @@ class _Peer:
 
     async def talk(self) -> None:
         """Begin to publish."""
-        self._talking = self._spawn(self._publish_all())
+        self._talking = self._tasks.create_task(self._publish_all())
 
     async def hush(self) -> None:
         """End publishing, and report the number of messages when no message has arrived for a while."""
@@ -210,13 +197,12 @@ class _Peer:
                 publisher.publish(self._message(topic.type))
 
     def _message(self, type_: str) -> Any:
-        name, number = self._config.name, self._sent
+        name = self._config.name
         if type_ != TRANSFORMS:
-            return message_type(type_)(data=f"{name} {number}")
+            return message_type(type_)(data=f"{name} {self._sent}")
         stamped = default_message("geometry_msgs/msg/TransformStamped")
         stamped.header.frame_id = "map"
         stamped.child_frame_id = "probe" if self._config.behind_router else f"{name}/probe"
-        stamped.transform.translation.x = float(number)
         stamped.transform.rotation.w = 1.0
         return message_type(TRANSFORMS)(transforms=[stamped])
 

@@ -194,6 +194,11 @@ class Player:
             executors[inlet.flow.executor or f"{inlet.flow.name}\0"].inlets.append(inlet)
         self._executors = list(executors.values())
         lib = library()
+        #: Endpoints, each with the function that reads its number of peers.
+        self._ends = [
+            *((lib.dds_get_publication_matched_status, s.handle) for s in self._sensors.values()),
+            *((lib.dds_get_subscription_matched_status, i.handle) for i in self._inlets),
+        ]
         self._waitset: int = lib.dds_create_waitset(participant.handle)
         for key, inlet in enumerate(self._inlets):
             lib.dds_waitset_attach(self._waitset, inlet.condition, key)
@@ -203,12 +208,9 @@ class Player:
 
     def matched(self) -> bool:
         """Return whether every endpoint has its peer."""
-        lib = library()
         status = MatchedStatus()
-        ends = [(lib.dds_get_publication_matched_status, s.handle) for s in self._sensors.values()]
-        ends += [(lib.dds_get_subscription_matched_status, inlet.handle) for inlet in self._inlets]
-        for function, handle in ends:
-            function(handle, ct.byref(status))
+        for read_status, handle in self._ends:
+            read_status(handle, ct.byref(status))
             if status.current_count < 1:
                 return False
         return True
@@ -231,11 +233,10 @@ class Player:
 
     def close(self) -> None:
         """Destroy the endpoints."""
-        library().dds_delete(self._waitset)
-        ends = [sensor.handle for sensor in self._sensors.values()]
-        ends += [inlet.handle for inlet in self._inlets]
-        for handle in ends:
-            library().dds_delete(handle)
+        delete = library().dds_delete
+        delete(self._waitset)
+        for _, handle in self._ends:
+            delete(handle)
 
     def play(self, *, start_ns: int, duration_s: float, drain_s: float) -> None:
         """Publish for a duration from `start_ns`, Unix time, and receive for `drain_s` beyond that."""
@@ -315,9 +316,10 @@ async def serve(config: PartsConfig, report: Reporter, orders: Orders) -> None:
                 await asyncio.sleep(_LOOK_S)
             report({"is": "matched"})
             order = await orders.get()
-            times = {name: order[name] for name in ("start_ns", "duration_s", "drain_s")}
-            await asyncio.to_thread(player.play, **times)
-            np.savez(order["result"], **player.arrays())
+            del order["do"]
+            result = order.pop("result")
+            await asyncio.to_thread(player.play, **order)
+            np.savez(result, **player.arrays())
             report({"is": "done", "late_p95_s": player.late_p95_s()})
             # the order to close: endpoints stay matched until all hosts are done
             await orders.get()
