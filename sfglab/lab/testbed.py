@@ -120,12 +120,6 @@ class Testbed:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    @property
-    def network(self) -> Network:
-        """Network of the separate hosts."""
-        assert self._network is not None, "the hosts are separate"
-        return self._network
-
     def argv(self, host: str, command: Sequence[str]) -> list[str]:
         """Return the command line that runs a command on a host."""
         return self._network.argv(host, command) if self._network else list(command)

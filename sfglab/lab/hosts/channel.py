@@ -12,14 +12,11 @@ import tempfile
 import threading
 import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pyroute2.netlink.exceptions import NetlinkError
 
 from sfglab.lab.hosts.host import ENTER, HostsError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 MAX_BYTES = 65536  #: Size of the largest request and answer.
 _NAME = "the hub of the test hosts"
@@ -59,18 +56,19 @@ class Channel:
             failed.pop_all()
 
     def request(self, operation: str, /, **arguments: Any) -> Any:
-        """Request one of the hub's operations, and return what the operation returns.
+        """Request one of the hub's operations, and return what it returns; raises as `receive`."""
+        with self._lock:
+            with contextlib.suppress(OSError):  # the missing answer reports a lost process
+                self._control.send(json.dumps({"op": operation, **arguments}).encode())
+            return self.receive()
+
+    def receive(self) -> Any:
+        """Return the next answer. A hub that has started answers with the way that it got its namespace.
 
         Raises:
             HostsError: The hub has ended, is late, or failed.
             PermissionError: The kernel refused.
         """
-        with self._lock:
-            with contextlib.suppress(OSError):  # the missing answer reports a lost process
-                self._control.send(json.dumps({"op": operation, **arguments}).encode())
-            return self._receive()
-
-    def _receive(self) -> Any:
         try:
             data = self._control.recv(MAX_BYTES)
         except TimeoutError:
@@ -110,20 +108,19 @@ class Channel:
         self._log.close()
 
 
-def answer(control: socket.socket, *operations: Callable[..., Any]) -> bool:
+def answer(control: socket.socket, operations: object) -> bool:
     """Receive one request, execute its operation, and send the answer; False if the channel is closed.
 
     Args:
         control: This process's end of the socket pair.
-        operations: Functions that can be requested by their names.
+        operations: Object whose methods can be requested by their names.
     """
     data = control.recv(MAX_BYTES)
     if not data:
         return False
     request = json.loads(data)
-    known = {operation.__name__: operation for operation in operations}
     try:
-        result = {"ok": known[request.pop("op")](**request)}
+        result = {"ok": getattr(operations, request.pop("op"))(**request)}
     except NetlinkError as error:
         result = {"refused": f"{error.args[1]} (errno {error.code})"}
     except PermissionError as error:

@@ -11,6 +11,7 @@ children, and does not survive its owner.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import select
 import signal
@@ -74,16 +75,12 @@ def _fork_holder(creator: int) -> int:
 
 
 class _Hub:
-    def __init__(self, creator: int, how: str) -> None:
+    def __init__(self, creator: int) -> None:
         self._creator = creator
-        self._how = how
         self._wiring = Wiring()
         self._ports: dict[str, Port] = {}
         self._holders: list[int] = []
         self._relay: Relay | None = None
-
-    def how(self) -> str:
-        return self._how
 
     def add_host(self, *, name: str) -> dict[str, Any]:
         pid = _fork_holder(self._creator)
@@ -107,13 +104,6 @@ class _Hub:
         return asdict(self._relay.counters())
 
     def serve(self, control: socket.socket) -> None:
-        operations = (
-            self.how,
-            self.add_host,
-            self.set_connected,
-            self.set_radio,
-            self.radio_counters,
-        )
         while True:
             relay = self._relay
             watched: list[Any] = [self._creator, control]
@@ -124,7 +114,7 @@ class _Hub:
             ready, _, _ = select.select(watched, (), (), pause_s)
             if self._creator in ready:
                 return
-            if control in ready and not answer(control, *operations):
+            if control in ready and not answer(control, self):
                 return
             if relay:
                 relay.relay(ready)
@@ -143,8 +133,9 @@ def main(control_fd: str, creator_pidfd: str, how: str) -> NoReturn:
     os.set_inheritable(creator, False)
     with socket.socket(fileno=int(control_fd)) as control:
         control.set_inheritable(False)
-        hub = _Hub(creator, how)
+        hub = _Hub(creator)
         try:
+            control.send(json.dumps({"ok": how}).encode())
             hub.serve(control)
         except (BrokenPipeError, ConnectionResetError):
             pass  # the creator ended between two messages

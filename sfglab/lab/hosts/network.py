@@ -8,7 +8,6 @@ inside a namespace can configure it, and because the cleaning must not depend on
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, Self
 
 from sfglab.errors import InvalidValueError
@@ -17,7 +16,7 @@ from sfglab.lab.hosts.host import Host, HostsError, HostsUnavailableError, end_m
 from sfglab.lab.hosts.radio import RadioCounters
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from sfglab.rtps import Medium
 
@@ -32,22 +31,6 @@ class Capability:
     reason: str = ""  #: Reason why it cannot; empty if it can.
 
 
-def _start_hub() -> tuple[Channel, str]:
-    """Start a hub; return it and how it obtained its namespace, ``root`` or ``rootless``.
-
-    Raises:
-        HostsUnavailableError: The hub could not make its namespace.
-    """
-    channel = Channel()
-    try:
-        return channel, channel.request("how")
-    except BaseException as error:
-        channel.close()
-        if isinstance(error, HostsError):
-            raise HostsUnavailableError(str(error)) from error
-        raise
-
-
 class Network:
     """A network of test hosts, a context manager; a closed or lost network raises `HostsError`.
 
@@ -59,7 +42,7 @@ class Network:
         self._grace_s = grace_s
         self._running: Channel | None = None
         self.how = ""  #: Way to make namespaces: ``root`` or ``rootless``.
-        self._hosts: dict[str, Host] = {}
+        self.hosts: dict[str, Host] = {}  #: Hosts by name.
         self._on_radio = False
 
     @staticmethod
@@ -73,12 +56,20 @@ class Network:
             return Capability(ok=False, how="none", reason=getattr(error, "reason", str(error)))
 
     def __enter__(self) -> Self:
-        self._running, self.how = _start_hub()
+        channel = Channel()
+        try:
+            self.how = channel.receive()
+        except BaseException as error:
+            channel.close()
+            if isinstance(error, HostsError):
+                raise HostsUnavailableError(str(error)) from error
+            raise
+        self._running = channel
         return self
 
     def __exit__(self, *_: object) -> None:
         channel, self._running = self._channel, None
-        hosts, self._hosts = self._hosts, {}
+        hosts, self.hosts = self.hosts, {}
         self._on_radio = False
         try:
             end_members({host.inode for host in hosts.values()}, grace_s=self._grace_s)
@@ -93,14 +84,9 @@ class Network:
             raise HostsError("this network is closed: use it inside its `with` block")
         return self._running
 
-    @property
-    def hosts(self) -> Mapping[str, Host]:
-        """Return the hosts by name."""
-        return MappingProxyType(self._hosts)
-
     def argv(self, host: str, command: Sequence[str]) -> list[str]:
         """Return the command line that runs a command inside a host, see `Host.argv`."""
-        return self._hosts[host].argv(command)
+        return self.hosts[host].argv(command)
 
     def add_host(self, name: str) -> Host:
         """Add a host to the network; the first one has the address 10.77.0.2, the next one 10.77.0.3.
@@ -116,7 +102,7 @@ class Network:
         except PermissionError as error:
             raise HostsUnavailableError(str(error)) from error
         host = Host(name, address=made["address"], holder=made["holder"], how=self.how)
-        self._hosts[name] = host
+        self.hosts[name] = host
         return host
 
     def set_connected(self, name: str, *, connected: bool) -> None:
