@@ -7,11 +7,9 @@ from pathlib import Path
 import nbformat
 import pandas as pd
 import pytest
-from nbformat.v4 import new_code_cell, new_notebook, new_output
 
 from sfglab.lab import notebook
 from sfglab.lab.experiments import experiment
-from sfglab.lab.notebook_outputs import normalise
 from sfglab.lab.notebooks import COMMANDS, COPY_VARIABLE, RENAMED, NotebookError, find_notebooks
 from sfglab.lab.paths import Project
 
@@ -58,16 +56,6 @@ def test_a_committed_header_has_the_verdicts_of_committed_logs(name, monkeypatch
     html = notebook.header(experiment(name)).data
     assert json.dumps(html)[1:-1] in json.dumps(nbformat.read(path, as_version=4))
     assert all(claim in html for claim in experiment(name).claims)
-
-
-def test_links_from_a_copy_become_those_from_the_folder_of_notebooks(monkeypatch):
-    monkeypatch.chdir(PROJECT.notebooks)
-    here = notebook.header(experiment("driving")).data
-    monkeypatch.setenv(COPY_VARIABLE, str(ROOT / "runs/try/driving-1/copy.ipynb"))
-    copy = notebook.header(experiment("driving")).data
-    output = new_output("execute_result", {"text/html": copy}, execution_count=1)
-    made = normalise(new_notebook(cells=[new_code_cell(outputs=[output])]), PROJECT)
-    assert made.cells[0].outputs[0].data["text/html"] == here != copy
 
 
 @pytest.mark.parametrize(

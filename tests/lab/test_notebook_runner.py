@@ -292,13 +292,15 @@ def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
         new_output("stream", name="stdout", text="naming: checks, b: 1/2 steps, 3 s left\n"),
         new_output("stream", name="stdout", text=f"{root}/figures/a.svg"),
         new_output("execute_result", data={"text/plain": f"'{root}/x'"}, execution_count=17),
+        new_output("display_data", data={"text/html": '<a href="../../../book/a.md">'}),
     ]
     injected = new_code_cell("x = 2", metadata={"tags": ["injected-parameters"]})
     made = new_notebook(cells=[injected, cell], metadata={"papermill": {"start": "now"}})
     [normal] = normalise(made, project).cells
     assert (normal.execution_count, normal.metadata) == (1, {})
-    path, result = normal.outputs
+    path, result, page = normal.outputs
     assert (path.text, result.data["text/plain"]) == ("figures/a.svg", "'x'")
+    assert page.data["text/html"] == '<a href="../book/a.md">', "from the folder of notebooks"
 
 
 def test_the_project_is_found_from_below_and_by_its_variable(project, monkeypatch, tmp_path):
