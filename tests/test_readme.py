@@ -13,7 +13,10 @@ from sfglab.lab.paths import Project
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 BEGIN, END = "<!-- results: tests/test_readme.py -->\n", "<!-- end of results -->\n"
-DEVIATING = "These claims deviate. Each has a value outside its acceptance range, on the better or the worse side:"
+DEVIATING = (
+    "These claims deviate: the value in the table, or another value that the claim requires, is not accepted. "
+    "A deviation is favourable if it means a smaller cost or a larger gain than in the paper:"
+)
 RESULTS = {  # what a reader takes home, its figure, and the claims about it by their methods
     "[CPU saved per additional subscriber if a stream is decoded once per device]"
     "(figures/decode_once_h264.png)": {
@@ -81,11 +84,11 @@ def block():
             said = "" if number else result
             lines.append(_row(said, method, _paper(e), _accepted(e), e.value, e.unit, verdict))
     lines += ["", DEVIATING, ""]
-    lines += _head("claim", "the paper's sentence", "accepted", "sfglab", "unit", "side and reason")
+    lines += _head("claim", "the paper's sentence", "accepted", "sfglab", "unit", "deviation")
     for e in whole:
         if e.verdict is Verdict.DEVIATES:
             claim = f"{e.claim.id} ({e.claim.where})"
-            side = "better" if is_favourable(e, ledger) else "worse"
+            side = "favourable" if is_favourable(e, ledger) else "unfavourable"
             reason = "; ".join(e.reason.split("; ")[:2]).replace("|", "/")
             cells = (claim, e.claim.says, _accepted(e), e.value, e.unit, f"{side}: {reason}")
             lines.append(_row(*cells))
