@@ -5,7 +5,7 @@ import gzip
 import io
 import json
 import threading
-from contextlib import closing
+from html import unescape
 from typing import Annotated
 
 import numpy as np
@@ -48,8 +48,7 @@ def line(
 
 @pytest.fixture
 def walk():
-    with closing(explore(line)) as explorer:
-        yield explorer
+    return explore(line)
 
 
 def test_parameters_become_sliders_with_their_bounds_texts_and_units(walk):
@@ -65,7 +64,8 @@ def test_the_figure_has_the_values_of_the_function_and_a_press_prints_their_call
     assert walk._figure.rows == vega.rows_of(line(slope=3.5))
     walk._figure._handle_custom_msg({"place": 0, "x": 2}, [])
     assert "line(slope=3.5).at(&#x27;way&#x27;, 2)" in walk._printed.value
-    values, call = walk.print_values("way", 2).split("\n\n")
+    printed = unescape(walk._printed.value).removeprefix("<pre>").removesuffix("</pre>")
+    values, call = printed.split("\n\n")
     names = {}
     exec(call.replace("\nline(", "\ntable = line("), names)  # noqa: S102
     assert names["table"].to_string(index=False) == values
@@ -93,20 +93,19 @@ def test_a_setting_without_a_picture_is_refused_and_the_next_one_is_shown(walk):
         assert walk.wait(WAIT_S)
         assert walk._figure.answer["is"] == "refused"
         assert f"points={points}" not in walk.code()  # of the picture that is still shown
-        assert reason in walk.form._said.value
+        assert reason in walk._figure.answer["why"]
         walk.form.controls["points"].value = 4
         assert walk.wait(WAIT_S)
         assert walk._figure.answer == {"of": walk._figure.asked, "is": "whole"}
-        assert walk.form.config.points == 4
+        assert walk.form.values["points"] == 4
         assert len(walk._figure.rows["line0"]) == 4
-        assert not walk.form._said.value
 
 
 def test_a_simulation_shows_coarse_pictures_and_leaves_settings_that_are_passed_over():
     shown, may_go_on, began = [], threading.Event(), threading.Event()
     pictures = [line(slope=1.0), line(slope=2.0)]
 
-    def simulate(setting):
+    def simulate(*, setting):
         yield None
         yield pictures[0]
         began.set()
@@ -118,19 +117,18 @@ def test_a_simulation_shows_coarse_pictures_and_leaves_settings_that_are_passed_
         raise AssertionError(request, reason)
 
     follower = Follower(simulate, lambda *given: shown.append(given), refuse)
-    first = follower.ask(0)
+    first = follower.ask({"setting": 0})
     assert began.wait(WAIT_S)
     for setting in range(1, 5):
-        last = follower.ask(setting)
+        last = follower.ask({"setting": setting})
     may_go_on.set()
     assert follower.wait(WAIT_S)
-    follower.close()
     coarse, whole = pictures
     assert shown == [
-        (first, 0, coarse, False),
-        (last, 4, coarse, False),
-        (last, 4, whole, False),
-        (last, 4, whole, True),
+        (first, {"setting": 0}, coarse, False),
+        (last, {"setting": 4}, coarse, False),
+        (last, {"setting": 4}, whole, False),
+        (last, {"setting": 4}, whole, True),
     ]
 
 
@@ -140,16 +138,11 @@ def simulated(*, slope: Annotated[float, Bounds(1, 9)] = 2.0):
 
 
 def test_the_call_of_a_simulation_returns_its_whole_picture():
-    with closing(explore(simulated)) as explorer:
-        explorer.form.controls["slope"].value = 3.0
-        assert explorer.wait(WAIT_S)
-        assert explorer.picture == line(slope=3.0)
-        assert explorer.code().endswith("[*simulated(slope=3.0)][-1]")
-
-
-def test_a_cell_that_runs_again_closes_the_explorer_before():
-    with closing(explore(line)) as first, closing(explore(line)):
-        assert first._follower._closed
+    explorer = explore(simulated)
+    explorer.form.controls["slope"].value = 3.0
+    assert explorer.wait(WAIT_S)
+    assert explorer.picture == line(slope=3.0)
+    assert explorer.code().endswith("[*simulated(slope=3.0)][-1]")
 
 
 def test_the_output_holds_a_small_still_with_alt_text_made_without_a_browser(walk):

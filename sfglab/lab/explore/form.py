@@ -1,131 +1,117 @@
-"""Form of a setting: one widget per field, made from its type, bounds, documentation and unit.
+"""Form of a function: one widget per parameter, made from its type, default value and documentation.
 
-A field with both bounds has a slider, on a logarithmic scale where its bounds say so. An enumeration or a
-``Literal`` has a list, and any other field an entry.
+A number has a slider over its bounds, on a logarithmic scale where its bounds say so. A truth value has a
+box to tick, and a ``Literal`` has a list.
 """
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
-from dataclasses import fields
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
-from sfglab.errors import SfglabError
-from sfglab.fields import bounds_of, choices_of, field_docs, types_of
-from sfglab.validation import read
-from sfglab.view.widgets import refusal_html, widgets
+from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from sfglab.fields import Bounds
 
 _STEPS = 200
+_ARGUMENT = re.compile(r"^ {4}(\w+): (.+(?:\n {8}.+)*)", re.MULTILINE)
 
 
-def unit_of(text: str) -> str:
-    """Return the unit that a field's documentation has in brackets; empty: none."""
-    named = re.search(r"\[([^\]]+)\]", text)
-    return named[1] if named else ""
+def default_values(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the default values of a function's parameters."""
+    parameters = inspect.signature(function).parameters.values()
+    return {parameter.name: parameter.default for parameter in parameters}
+
+
+def argument_texts(function: Callable[..., Any]) -> dict[str, str]:
+    """Return the texts of a function's parameters, from the section ``Args`` of its documentation."""
+    section = (inspect.getdoc(function) or "").partition("Args:\n")[2].partition("\n\n")[0]
+    return {name: " ".join(text.split()) for name, text in _ARGUMENT.findall(section)}
 
 
 class Form:
-    """Widgets that change a setting, a dataclass. `widget` is what a cell shows.
+    """Widgets for the parameters of a function. `widget` is what a cell shows.
 
     Args:
-        setting: Values at the start.
+        function: Its parameters are truth values, ``Literal``, or numbers with `Bounds`. Their units are in
+            brackets in the section ``Args`` of its documentation.
         on_change: Called after each change.
-        texts: Documentation of fields, if the class has none.
 
     Raises:
         MissingExtraError: ipywidgets is not installed.
     """
 
-    def __init__(
-        self,
-        setting: Any,
-        on_change: Callable[[], None],
-        texts: Mapping[str, str] | None = None,
-    ) -> None:
-        kit = self._kit = widgets()
-        self._begin, self.config, self._on_change = setting, setting, on_change
-        self._said = kit.HTML()
+    def __init__(self, function: Callable[..., Any], on_change: Callable[[], None]) -> None:
+        self.default = default_values(function)  #: Values at the start.
+        self.values = self.default.copy()  #: Present values.
+        self._on_change = on_change
         self.controls: dict[str, Any] = {}
-        of: Any = type(setting)
-        docs = {**field_docs(of), **(texts or {})}
-        bounds = bounds_of(of)
-        rows = []
-        for name, hint in types_of(of).items():
-            rows.append(self._row(name, hint, bounds.get(name), docs.get(name, "")))
-        self.widget = kit.VBox([*rows, self._said])
+        hints = get_type_hints(function, include_extras=True)
+        texts = argument_texts(function)
+        rows = [self._row(name, hints[name], texts.get(name, "")) for name in self.default]
+        self.widget = widgets().VBox(rows)
 
     def reset(self) -> None:
-        """Set every field to its value at the start."""
+        """Set every parameter to its value at the start."""
         for name, control in self.controls.items():
-            control.value = getattr(self._begin, name)
+            control.value = self.default[name]
 
-    def say(self, text: str) -> None:
-        """Show a sentence below the widgets; empty: none."""
-        self._said.value = refusal_html(text)
-
-    def _row(self, name: str, hint: Any, bounds: Bounds | None, text: str) -> Any:
-        """Return a field's widget with its unit and text."""
-        control = self._control(hint, bounds, getattr(self.config, name))
-        unit = unit_of(text)
-        words = name.removesuffix(f"_{unit.lower().replace('µ', 'u')}") if unit else name
-        control.description = words.replace("_", " ")
+    def _row(self, name: str, hint: Any, text: str) -> Any:
+        """Return a parameter's widget with its unit and text."""
+        control = _control(hint, self.default[name])
+        unit = "".join(re.findall(r"\[([^\]]+)\]", text))
+        control.description = name.removesuffix(f"_{unit.lower().replace('µ', 'u')}").replace(
+            "_", " "
+        )
         control.tooltip = text
         control.style.description_width = "9em"
         control.layout.width = "26em"
         control.observe(lambda change: self._set(name, hint, change["new"]), "value")
         self.controls[name] = control
-        said = self._kit.HTML(f'{escape(unit)} <small style="opacity:0.7">{escape(text)}</small>')
-        return self._kit.HBox([control, said])
-
-    def _control(self, hint: Any, bounds: Bounds | None, value: Any) -> Any:
-        """Return a widget that holds a value of a type."""
-        kit, choices = self._kit, choices_of(hint)
-        if hint is bool:
-            return kit.Checkbox(value=value, indent=False)
-        if choices:
-            return kit.Dropdown(options=list(choices.items()), value=value)
-        if bounds and math.isfinite(bounds.high):
-            return self._slider(hint, bounds, value)
-        entries = {int: kit.IntText, float: kit.FloatText, str: kit.Text}
-        return entries[hint](value=value, continuous_update=False)
-
-    def _slider(self, hint: Any, bounds: Bounds, value: float) -> Any:
-        shown = ".0f" if hint is int else ".3g"
-        if bounds.log:
-            low, high = math.log10(bounds.low), math.log10(bounds.high)
-            step = (high - low) / _STEPS
-            below = math.log10(value) - low
-            if below > 0:  # A page sets a value to the nearest step, so the start must be one.
-                step = below / max(1, round(below / step))
-            return self._kit.FloatLogSlider(
-                value=value, min=low, max=high, step=step, readout_format=shown
-            )
-        if hint is int:
-            return self._kit.IntSlider(value=value, min=bounds.low, max=bounds.high)
-        # A round step keeps round values.
-        step = 10.0 ** math.floor(math.log10((bounds.high - bounds.low) / _STEPS))
-        return self._kit.FloatSlider(
-            value=value, min=bounds.low, max=bounds.high, step=step, readout_format=shown
-        )
+        about = widgets().HTML(f'{escape(unit)} <small style="opacity:0.7">{escape(text)}</small>')
+        return widgets().HBox([control, about])
 
     def _set(self, name: str, hint: Any, given: Any) -> None:
-        if hint in (int, float):
+        if isinstance(given, float):
             # A slider on a logarithmic scale has fractions, and returns a power of 10: 79.99999999999996.
-            given = round(given) if hint is int else float(f"{given:.9g}")
-        values = {field.name: getattr(self.config, field.name) for field in fields(self.config)}
-        try:
-            config = read(type(self.config), values | {name: given})
-        except SfglabError as error:
-            self.say(str(error))
-            return
-        self.say("")
-        if config != self.config:
-            self.config = config
+            given = round(given) if int in get_args(hint) else float(f"{given:.9g}")
+        if given != self.values[name]:
+            self.values = {**self.values, name: given}
             self._on_change()
+
+
+def _control(hint: Any, value: Any) -> Any:
+    """Return a widget that holds a value of a type."""
+    kit = widgets()
+    if hint is bool:
+        return kit.Checkbox(value=value, indent=False)
+    choices = get_args(hint)
+    if choices[0] not in (int, float):
+        return kit.Dropdown(options=choices, value=value)
+    number, bounds = choices
+    return _slider(number, bounds, value)
+
+
+def _slider(number: type, bounds: Bounds, value: float) -> Any:
+    kit = widgets()
+    shown = ".0f" if number is int else ".3g"
+    if bounds.log:
+        low, high = math.log10(bounds.low), math.log10(bounds.high)
+        step = (high - low) / _STEPS
+        below = math.log10(value) - low
+        if below > 0:  # A page sets a value to the nearest step, so the start must be one.
+            step = below / max(1, round(below / step))
+        return kit.FloatLogSlider(value=value, min=low, max=high, step=step, readout_format=shown)
+    if number is int:
+        return kit.IntSlider(value=value, min=bounds.low, max=bounds.high)
+    # A round step keeps round values.
+    step = 10.0 ** math.floor(math.log10((bounds.high - bounds.low) / _STEPS))
+    return kit.FloatSlider(
+        value=value, min=bounds.low, max=bounds.high, step=step, readout_format=shown
+    )

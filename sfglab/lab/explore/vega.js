@@ -95,9 +95,9 @@ async function render({ model, el, host, signal }) {
 
   let patience = 0;
   const tell = (late) => {
-    const { of, is } = model.get("answer");
+    const { of, is, why } = model.get("answer");
     const waits = late && model.get("asked") > of;
-    const words = { coarse: " (coarse, computing ...)", refused: " (an earlier setting)" };
+    const words = { coarse: " (coarse, computing ...)", refused: ` (an earlier setting): ${why}` };
     el.classList.toggle("stale", waits || is === "refused");
     status.textContent = model.get("said") + (waits ? " (computing ...)" : words[is] ?? "");
   };
