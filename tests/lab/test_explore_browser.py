@@ -30,17 +30,21 @@ from sfglab.lab.explore import Pressed, part
 from sfglab.lab.explore.mapping import PressedMapping
 from sfglab.lab.paths import find_project
 from sfglab.spatial.scene.files import load_scene
-on = set()
-def press(name):
-    if name == "c":
-        raise InvalidValueError("light", name, "a, b")
-    on.symmetric_difference_update({name})
-def draw(figure):
-    axes = figure.subplots()
-    for x, name in enumerate("abc"):
-        part(name, axes.bar(x, 1, color="gold" if name in on else "grey", label=name)[0])
+class Lights(Pressed):
+    '''A figure with lights.'''
+    on = set()
+    def take(self, name):
+        if name == "c":
+            raise InvalidValueError("light", name, "a, b")
+        self.on.symmetric_difference_update({name})
+    def draw(self, figure):
+        axes = figure.subplots()
+        for x, name in enumerate("abc"):
+            part(name, axes.bar(x, 1, color="gold" if name in self.on else "grey", label=name)[0])
+    def titles(self):
+        return {"a": f"light a, {'on' if 'a' in self.on else 'off'}"}
 display(
-    Pressed(draw, size=(6, 2), press=press, titles=lambda: {"a": f"light a, {'on' if 'a' in on else 'off'}"}),
+    Lights((6, 2)),
     lifecycle.press_lifecycle(), transmission.Timeline(), gateways.press_core(),
     PressedMapping(soc.load_graph(find_project().data / "graphs/driving.yaml"), soc.ZCU104))"""
 TITLE = "document.querySelector('.jp-OutputArea [id=\"press:%s\"] title')?.textContent"

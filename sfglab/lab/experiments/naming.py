@@ -176,7 +176,7 @@ class NamePicture(Pressed):
         layout = {"width": "40em"}
         self.field = widgets().Text(value=name, description="name", layout=layout)
         self._read()
-        super().__init__(self._draw_name, size=(11, 4), above=[self.field])
+        super().__init__((11, 4), [self.field])
         self.field.observe(lambda _: self.answer(self._read), "value")
 
     def _read(self) -> None:
@@ -192,7 +192,8 @@ class NamePicture(Pressed):
         self.why = why  #: Why the schema does not know it; empty: the schema knows it.
         self.fqn: RosFqn | None = fqn  #: Its segments; None: the schema does not know it.
 
-    def _draw_name(self, figure: Figure) -> None:
+    def draw(self, figure: Figure) -> None:
+        """Draw the segments of the name, and note the rule of each DDS topic."""
         draw_schema(figure.subplots(), self.fqn)
         kind = self.fqn.kind if self.fqn else names.ResourceKind.TOPIC
         read = "a name of the schema" if self.fqn else f"no name of the schema: {self.why}"

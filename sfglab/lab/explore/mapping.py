@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from html import escape
-from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,31 +11,32 @@ import numpy as np
 from sfglab.errors import SfglabError
 from sfglab.lab.explore.press import Pressed, part
 from sfglab.soc import mapping
-from sfglab.soc.graph import EdgeKind, Graph, Placement, TopicMapping
+from sfglab.soc.graph import Edge, EdgeKind, Graph, Placement, TopicMapping
 from sfglab.soc.graph_drawing import CROSSING, FRAME, LEGEND_WIDTH, draw_graph, draw_legend
-from sfglab.soc.graph_layout import Box, layered_layout
+from sfglab.soc.graph_layout import layered_layout
 from sfglab.soc.mapping import map_communication
 from sfglab.soc.placement import Platform, assess, check_fixed, place_nodes, topic_load
 from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
+
+    Point = tuple[float, float]
 
 _MS = 1e3
 _CYCLE = (TopicMapping.SOFTWARE, TopicMapping.GATEWAY, TopicMapping.HARDWARE)
 _NOTE: dict[str, Any] = {
     "ha": "center",
+    "va": "center",
     "fontsize": 7,
     "linespacing": 1.0,
     "zorder": 5,
     "bbox": {"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8},
 }
-_NOTE_LETTER = 0.06  # width of a letter of a note, inches
-_NOTE_LINE = 0.12  # height of a line of a note, inches
+_NOTE_SIZE = (0.7, 0.3)  # width and height of a note, inches
 _OTHER = {Placement.SOFTWARE: Placement.HARDWARE, Placement.HARDWARE: Placement.SOFTWARE}
 
 
@@ -62,38 +62,39 @@ class PressedMapping(Pressed):
     ) -> None:
         kit = widgets()
         self.graph = graph  #: Graph with its present mapping.
-        self._begin, self._platform, self._chain = graph, platform, chain
+        self._begin = graph
+        self._platform = platform
+        self._chain = chain
         self._layout = layered_layout(graph)
         self._asked: dict[str, TopicMapping] = {}
         self.why = kit.HTML()  #: Reasons for the last optimum.
-        buttons = [
+        row = [
             button("Optimise", lambda: self.answer(self.optimise)),
             button("Reset", lambda: self.answer(lambda: self._set(self._begin))),
         ]
-        most = platform.lut if platform else 0
-        #: Number of look-up tables of the platform.
-        self.lut = kit.IntSlider(value=most, max=most, description="LUT", layout={"width": "30em"})
-        self.lut.observe(lambda change: self.answer(lambda: self._limit(change["new"])), "value")
-        above = [kit.HBox([*buttons, *([self.lut] if platform else [])]), self.why]
+        if platform is not None:
+            #: Number of look-up tables of the platform.
+            self.lut = kit.IntSlider(
+                value=platform.lut, max=platform.lut, description="LUT", layout={"width": "30em"}
+            )
+            self.lut.observe(lambda _: self.answer(lambda: self._limit(platform)), "value")
+            row.append(self.lut)
         width, height = self._layout.size
         size = max(width, LEGEND_WIDTH), height + 1.2
-        super().__init__(
-            self._picture, size=size, press=self._move, titles=self._sentences, above=above
-        )
+        super().__init__(size, [kit.HBox(row), self.why])
 
     def optimise(self) -> None:
         """Map with the least load or time, and show the reasons."""
         if self._platform is None:
-            mapped = map_communication(self.graph, gateway=mapping.faster_by_gateway)
-            self._set(mapped.gateways)
-            self._explain(self._reasons_of_topics())
+            self._set(map_communication(self.graph, gateway=mapping.faster_by_gateway).gateways)
+            reasons = self._reasons_of_topics()
         else:
             self._set(place_nodes(self.graph, self._platform).graph)
-            self._explain(self._reasons())
+            reasons = self._reasons(self._platform)
+        self.why.value = "<br>".join(map(escape, reasons))
 
-    def _limit(self, lut: int) -> None:
-        assert self._platform is not None, "without one there is no slider"
-        self._platform = replace(self._platform, lut=lut)
+    def _limit(self, platform: Platform) -> None:
+        self._platform = replace(platform, lut=self.lut.value)
         assess(self.graph).check_fits(self._platform)
 
     def _set(self, graph: Graph) -> None:
@@ -101,12 +102,10 @@ class PressedMapping(Pressed):
             assess(graph).check_fits(self._platform)
         self.graph = graph
         self._asked.clear()
-        self._explain(())
+        self.why.value = ""
 
-    def _explain(self, reasons: Iterable[str]) -> None:
-        self.why.value = "<br>".join(escape(reason) for reason in reasons)
-
-    def _move(self, name: str) -> None:
+    def take(self, name: str) -> None:
+        """Move a node to the other side, or give a topic its next mapping."""
         kind, _, what = name.partition(":")
         if kind == "topic":
             asked = self._asked.get(what, self.graph.topic(what).mapping)
@@ -123,9 +122,8 @@ class PressedMapping(Pressed):
 
     # Reasons for the optimum.
 
-    def _reasons(self) -> Iterator[str]:
+    def _reasons(self, platform: Platform) -> Iterator[str]:
         """Yield the load with each node on the other side and each gateway replaced, all else as it is."""
-        assert self._platform is not None, "the programme needs one"
         sides = {node.name: node.placement for node in self.graph.nodes}
         least_s = assess(self.graph).total_s
         yield f"Least load: {_MS * least_s:.2f} ms per second. With one change, other nodes as they are:"
@@ -134,13 +132,10 @@ class PressedMapping(Pressed):
                 continue
             other = _OTHER[node.placement]
             try:
-                found = place_nodes(
-                    self.graph, self._platform, fixed=sides | {node.name: other}
-                ).load.total_s
+                found = place_nodes(self.graph, platform, fixed=sides | {node.name: other})
+                yield f"{node.name} in {other.value}: {_MS * found.load.total_s:.2f} ms"
             except SfglabError as error:
                 yield f"{node.name} in {other.value}: {error}"
-                continue
-            yield f"{node.name} in {other.value}: {_MS * found:.2f} ms"
         for name in self.graph.mapped_to(TopicMapping.GATEWAY):
             without = self.graph.with_mappings({name: TopicMapping.SOFTWARE})
             yield f"{name} without a gateway: {_MS * assess(without).total_s:.2f} ms"
@@ -158,18 +153,40 @@ class PressedMapping(Pressed):
 
     # Drawing.
 
-    def _picture(self, figure: Figure) -> None:
+    def titles(self) -> dict[str, str]:
+        """Return place or mapping of each node and topic."""
+        nodes = {
+            f"node:{node.name}": f"{node.name} runs in {node.placement.value}: press to move it"
+            for node in self.graph.nodes
+        }
+        topics = {
+            f"topic:{one.name}": f"{one.name} is mapped to {one.mapping.value}: press for the next"
+            for one in self.graph.topics
+        }
+        return nodes | topics
+
+    def draw(self, figure: Figure) -> None:
+        """Draw the graph with times on its edges, and costs in the title."""
         ax = figure.subplots()
-        drawn = draw_graph(ax, self.graph, layout=self._layout)
-        for (kind, name), artists in drawn.items():
+        for (kind, name), artists in draw_graph(ax, self.graph, layout=self._layout).items():
             part(f"{kind}:{name}", *artists)
-        self._note_times(ax, self._note_carriages(ax))
+        places = []
+        crossing = mapping.crossing_edges(self.graph)
+        lines = self._layout.lines
+        for x, y, text in self._carriages():
+            ax.text(x, y, text, color=FRAME, **_NOTE)
+            places += [(x, y), (x + _NOTE_SIZE[0] / 3, y)]
+        for edge, text in self._times().items():
+            others = [line for other, line in lines.items() if other != edge]
+            place = _free_place(lines[edge], np.vstack([*others, *places]))
+            places.append(place)
+            color = CROSSING if edge in crossing else FRAME
+            ax.text(*place, text, color=color, **_NOTE)
         figure.suptitle(self._cost(), fontsize="medium")
         draw_legend(figure)
 
-    def _note_carriages(self, ax: Axes) -> list[Box]:
-        """Write how often a topic's messages are carried below the topic; return the room of the texts."""
-        taken = []
+    def _carriages(self) -> Iterator[tuple[float, float, str]]:
+        """Yield place and text of a note below each topic: how often its messages are carried."""
         for topic in self.graph.topics:
             times = mapping.carriages_per_message(self.graph, topic)
             if not times:
@@ -178,87 +195,45 @@ class PressedMapping(Pressed):
             if self._platform:
                 text += f"\n{_MS * topic_load(self.graph, topic):.2g} ms/s"
             frame = self._layout.boxes["topic", topic.name]
-            top = frame.y - frame.height / 2 - 0.03
-            ax.text(frame.x, top, text, color=FRAME, va="top", **_NOTE)
-            note = _note(text)
-            taken.append(replace(note, x=frame.x, y=top - note.height / 2))
-        return taken
+            yield frame.x, frame.y - frame.height / 2 - _NOTE_SIZE[1] / 2, text
 
-    def _note_times(self, ax: Axes, taken: list[Box]) -> None:
-        """Write how long a message takes to each subscriber on its edge, where there is room."""
+    def _times(self) -> dict[Edge, str]:
+        """Return how long a message takes on the edge to each subscriber."""
         along = mapping.chain_s(self.graph, self._chain)
-        crossing = mapping.crossing_edges(self.graph)
-        taken = [*self._layout.boxes.values(), *taken]
-        for edge, line in self._layout.lines.items():
+        texts = {}
+        for edge in self.graph.edges():
             if edge.kind is EdgeKind.PUBLISH or self.graph.topic(edge.topic).size_bytes is None:
                 continue
-            text = f"{_MS * mapping.arrival_s(self.graph, edge):.2g} ms"
+            texts[edge] = f"{_MS * mapping.arrival_s(self.graph, edge):.2g} ms"
             if edge in along:
-                text += f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f} ms"
-            others = [points for other, points in self._layout.lines.items() if other != edge]
-            note = _free_place(_note(text), line, taken, np.vstack([*others, line[:0]]))
-            taken.append(note)
-            color = CROSSING if edge in crossing else FRAME
-            ax.text(note.x, note.y, text, color=color, va="center", **_NOTE)
+                texts[edge] += f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f} ms"
+        return texts
 
     def _cost(self) -> str:
         titles = []
         if self._platform:
             load = assess(self.graph)
-            times = {
-                "software": load.software_s,
-                "hardware": load.hardware_s,
-                "carriage": load.communication_s,
-            }
-            parts = ", ".join(f"{name} {_MS * time_s:.1f}" for name, time_s in times.items())
-            areas = f"{load.lut} LUT, {load.bram:g} BRAM"
-            titles.append(f"load {_MS * load.total_s:.1f} ms per second ({parts}); {areas}")
+            titles.append(
+                f"load {_MS * load.total_s:.1f} ms per second (software {_MS * load.software_s:.1f}, "
+                f"hardware {_MS * load.hardware_s:.1f}, carriage {_MS * load.communication_s:.1f}); "
+                f"{load.lut} LUT, {load.bram:g} BRAM"
+            )
         if self._chain:
             end_s = max(mapping.chain_s(self.graph, self._chain).values())
             whole_s = end_s + mapping.activation_s(self.graph.node(self._chain[-1]))
             titles.append(f"chain (\N{GREEK CAPITAL LETTER SIGMA}) {_MS * whole_s:.2f} ms")
         return "; ".join(titles)
 
-    def _sentences(self) -> dict[str, str]:
-        found = {}
-        for node in self.graph.nodes:
-            text = f"{node.name} runs in {node.placement.value}: press to move it"
-            found[f"node:{node.name}"] = text
-        for topic in self.graph.topics:
-            text = f"{topic.name} is mapped to {topic.mapping.value}: press for the next"
-            found[f"topic:{topic.name}"] = text
-        return found
 
-
-def _note(text: str) -> Box:
-    """Return the room that a note takes, about."""
-    lines = text.split("\n")
-    width = _NOTE_LETTER * max(map(len, lines))
-    return Box(text=text, width=width, height=_NOTE_LINE * len(lines))
-
-
-def _free_place(
-    note: Box, line: NDArray[np.float64], taken: Sequence[Box], others: NDArray[np.float64]
-) -> Box:
-    """Return a note on its edge, where it covers the fewest frames, notes and other edges, near the middle.
+def _free_place(line: NDArray[np.float64], others: NDArray[np.float64]) -> Point:
+    """Return the point of an edge that is farthest from its ends and from other points.
 
     Args:
-        note: Room of the note.
-        line: Curve of its edge, shape (n, 2).
-        taken: Frames and notes.
-        others: Points of other edges, shape (m, 2).
+        line: Curve of the edge, shape (n, 2).
+        others: Points of other edges and of notes, shape (m, 2).
     """
-    middle = len(line) / 2
-    found = []
-    for place, (x, y) in enumerate(line.tolist()):
-        here = replace(note, x=x, y=y)
-        covered = sum(_overlap(here, other) for other in taken)
-        near = np.abs(others - (x, y)) < (note.width / 2, note.height / 2)
-        crossed = int(near.all(axis=1).sum())
-        found.append((covered, crossed, abs(place - middle), here))
-    return min(found, key=itemgetter(0, 1, 2))[3]
-
-
-def _overlap(one: Box, other: Box) -> bool:
-    beside = abs(one.x - other.x) >= (one.width + other.width) / 2
-    return not beside and abs(one.y - other.y) < (one.height + other.height) / 2
+    others = np.vstack([others, line[[0, -1]]])
+    # In sizes of a note: two notes that are one size apart do not overlap.
+    distances = np.abs(line[:, None] - others) / _NOTE_SIZE
+    x, y = line[distances.max(axis=2).min(axis=1).argmax()]
+    return float(x), float(y)

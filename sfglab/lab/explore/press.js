@@ -12,7 +12,6 @@ function render({ model, el }) {
   el.append(style, box);
   let seen = null; // the part of the figure that is seen, as a viewBox
   let drag = null;
-  let count = 0;
   const svg = () => box.querySelector("svg");
   const show = (view) => {
     seen = view;
@@ -47,9 +46,7 @@ function render({ model, el }) {
     const { part, moved } = drag ?? {};
     drag = null;
     if (!part || moved || event.button) return;
-    count += 1;
-    model.set("pressed", { part: part.id.slice(PRESS.length), count });
-    model.save_changes();
+    model.send(part.id.slice(PRESS.length));
   });
   box.addEventListener("wheel", (event) => {
     if (!event.ctrlKey && !event.metaKey) return; // the page scrolls

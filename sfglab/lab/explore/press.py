@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sfglab.lab.figures import COLORS, caption_of, drawn, few_colors, house_style, png_of
 from sfglab.machine import step
-from sfglab.view.widgets import attempt, button, front_end, widgets
+from sfglab.view.widgets import attempt, front_end, widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
@@ -49,38 +49,39 @@ def still_bundle(widget: Any, png: bytes, about: object) -> Bundle:
 class Pressed:
     """A figure with parts to click; a cell shows its `widget`.
 
+    A subclass draws the figure and answers clicks. The first paragraph of its documentation is the
+    alternative text of the figure.
+
     Args:
-        draw: Function that draws the present state into an empty figure, and names parts with `part`.
         size: Width and height of the figure, inches.
-        press: Function that takes the name of the clicked part; the figure is drawn again afterwards. Errors of
-            sfglab are printed below the figure. A figure without parts needs none.
-        titles: Function that returns the tooltip of each part.
         above: Widgets above the figure.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
     """
 
-    def __init__(
-        self,
-        draw: Callable[[Figure], object],
-        *,
-        size: tuple[float, float],
-        press: Callable[[str], object] = lambda _: None,
-        titles: Callable[[], Mapping[str, str]] = dict,
-        above: Sequence[Any] = (),
-    ) -> None:
-        self._draw, self._size, self._press, self._titles = draw, size, press, titles
+    def __init__(self, size: tuple[float, float], above: Sequence[Any] = ()) -> None:
+        self._size = size
         self._said = widgets().HTML()
-        self._figure = _svg_widget()(
-            svg=self._svg(), titles=dict(titles()), alt=caption_of(type(self))
-        )
-        self._figure.observe(lambda change: self.press(change["new"]["part"]), "pressed")
+        self._figure = _svg_widget()(alt=caption_of(type(self)))
+        self._figure.on_msg(lambda _widget, name, _buffers: self.press(name))
+        self.redraw()
         self.widget = widgets().VBox([*above, self._figure, self._said])
 
+    def draw(self, figure: Figure) -> None:
+        """Draw the present state into an empty figure, and name its parts with `part`."""
+        raise NotImplementedError
+
+    def take(self, name: str) -> None:
+        """Answer a click on a part; the figure is drawn again afterwards, or an error of sfglab is shown."""
+
+    def titles(self) -> dict[str, str]:
+        """Return the tooltip of each part."""
+        return {}
+
     def press(self, name: str) -> None:
-        """Answer a click on a part."""
-        self.answer(lambda: self._press(name))
+        """Answer a click on a part, as the page does."""
+        self.answer(lambda: self.take(name))
 
     def answer(self, action: Callable[[], object]) -> None:
         """Call a function that changes the drawn state, print its error below the figure, and draw again."""
@@ -89,7 +90,7 @@ class Pressed:
 
     def redraw(self) -> None:
         """Draw the present state."""
-        self._figure.titles = dict(self._titles())
+        self._figure.titles = self.titles()
         self._figure.svg = self._svg()
 
     @property
@@ -98,9 +99,8 @@ class Pressed:
         return str(self._said.value)
 
     def _repr_mimebundle_(self, **_: object) -> Bundle:
-        return still_bundle(
-            self.widget, few_colors(png_of(drawn(self._size, self._draw))), type(self)
-        )
+        png = few_colors(png_of(drawn(self._size, self.draw)))
+        return still_bundle(self.widget, png, type(self))
 
     def _svg(self) -> str:
         import matplotlib as mpl
@@ -108,14 +108,14 @@ class Pressed:
         buffer = io.StringIO()
         # Text as text is small, and the page's fonts draw it.
         with house_style(), mpl.rc_context({"svg.fonttype": "none"}):
-            drawn(self._size, self._draw).savefig(buffer, format="svg")
+            drawn(self._size, self.draw).savefig(buffer, format="svg")
         return "<svg" + buffer.getvalue().partition("<svg")[2]
 
 
 @cache
 def _svg_widget() -> Any:
     """Return the class of the widget that shows the SVG."""
-    traits = {"svg": "Unicode", "titles": "Dict", "pressed": "Dict", "alt": "Unicode"}
+    traits = {"svg": "Unicode", "titles": "Dict", "alt": "Unicode"}
     return front_end(Path(__file__).with_name("press.js"), traits)
 
 
@@ -130,37 +130,14 @@ def transition_part(source: Enum, given: Enum) -> str:
     return f"{source.name}/{given.name}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Moment:
     """State of a machine after a click."""
 
     state: Enum  #: The present state.
+    said: str  #: Sentence about the last click.
     #: Transition that led to the state; None at the beginning, and after a click on a state.
     taken: Transition | None = None
-    said: str = ""  #: Sentence about the last click.
-
-    def color(self, moves: Collection[Transition]) -> str:
-        """Return the colour of transitions that share an arrow: just taken, allowed now, or neither."""
-        if self.taken in moves:
-            return COLORS["standard"]
-        return COLORS["proxy"] if any(source is self.state for source, _ in moves) else "#6F6F6F"
-
-    def show(self, drawn: Parts) -> None:
-        """Highlight the state and its transition in the drawn table, and name all parts."""
-        from matplotlib.text import Text
-
-        for of, artists in drawn.items():
-            if isinstance(of, Enum):
-                part(of.name, *artists)
-                if of is self.state:
-                    artists[0].set(edgecolor=COLORS["standard"], linewidth=3.0)
-                continue
-            part(transition_part(*of[0]), *artists)
-            for artist in artists:
-                artist.set(color=self.color(of))
-                unseen = artist.get_alpha() == 0  # a broad line that is easier to click
-                if self.taken in of and not unseen and not isinstance(artist, Text):
-                    artist.set(linewidth=3.0)
 
 
 class Automaton(Pressed):
@@ -168,9 +145,9 @@ class Automaton(Pressed):
 
     Args:
         name: Name of the machine in messages.
-        table: Next state by state and input, or a pair of the next state and its actions.
+        table: Next state and actions by state and input.
         start: First state.
-        draw: Function that draws the table into an empty figure, and returns the artists.
+        draw_table: Function that draws the table into an empty figure, and returns the artists.
         size: Width and height of the figure, inches.
         runs: Recorded runs by name, as their inputs from the first state on.
 
@@ -181,87 +158,100 @@ class Automaton(Pressed):
     def __init__(  # noqa: PLR0913  # a machine, how it is drawn, what is stepped through
         self,
         name: str,
-        table: Mapping[Any, Any],
+        table: Mapping[Any, tuple[Any, Sequence[Enum]]],
         start: Enum,
-        draw: Callable[[Figure], Parts],
+        draw_table: Callable[[Figure], Parts],
         *,
         size: tuple[float, float],
         runs: Mapping[str, Sequence[Enum]] | None = None,
     ) -> None:
-        self._name, self._begin = name, Moment(state=start, said=f"begins in {start.name}")
-        self._table = {
-            key: to if isinstance(to, tuple) else (to, None) for key, to in table.items()
-        }
+        self._name = name
+        self._table = table
+        self._start = start
+        self._draw_table = draw_table
         self._runs = {**(runs or {}), "by hand": ()}
-        self._past = [self._begin]
         self._states = {state.name: state for state in type(start)}
         self._moves = {transition_part(*key): key for key in table}
         kit = widgets()
         self.choice = kit.Dropdown(options=list(self._runs), description="run")
-        self.at = kit.IntSlider(max=0, description="step", layout={"width": "30em"})
-        self.back = button("Back", lambda: self.answer(self._undo), "As it was before")
+        #: Slider over the steps of the run, and over the clicks after them.
+        self.at = kit.IntSlider(description="step", layout={"width": "30em"})
         self._news = kit.HTML()
         self._choose()
-        self._tell()
-        super().__init__(
-            lambda figure: self.moment.show(draw(figure)),
-            size=size,
-            press=self._take,
-            titles=self._titled,
-            above=[kit.HBox([self.choice, self.at, self.back]), self._news],
-        )
+        super().__init__(size, [kit.HBox([self.choice, self.at]), self._news])
         self.choice.observe(lambda _: self.answer(self._choose), "value")
-        self.at.observe(lambda _: self.answer(self._replay), "value")
+        self.at.observe(lambda _: self.answer(lambda: None), "value")
 
     @property
     def moment(self) -> Moment:
         """Present state of the machine."""
-        return self._past[-1]
+        return self._moments[self.at.value]
 
     def redraw(self) -> None:
         """Draw the present state."""
-        self._tell()
+        self._news.value = f"{self.at.value}: {self.moment.said}"
         super().redraw()
 
-    def _tell(self) -> None:
-        self._news.value = f"{len(self._past) - 1}: {self.moment.said}"
+    def draw(self, figure: Figure) -> None:
+        """Draw the table, highlight the state and its transition, and name all parts."""
+        from matplotlib.text import Text
 
-    def feed(self, given: Enum) -> None:
-        """Apply an input, or raise an `IllegalInputError`."""
-        key = self.moment.state, given
-        after, _ = step(self._name, self._table, *key)
-        self._past.append(Moment(state=after, taken=key, said=self._words(key)))
+        moment = self.moment
+        for of, artists in self._draw_table(figure).items():
+            if isinstance(of, Enum):
+                part(of.name, *artists)
+                if of is moment.state:
+                    artists[0].set(edgecolor=COLORS["standard"], linewidth=3.0)
+                continue
+            part(transition_part(*of[0]), *artists)
+            is_taken = moment.taken in of
+            color = "#6F6F6F"
+            if is_taken:
+                color = COLORS["standard"]
+            elif any(source is moment.state for source, _ in of):
+                color = COLORS["proxy"]
+            for artist in artists:
+                artist.set(color=color)
+                unseen = artist.get_alpha() == 0  # a broad line that is easier to click
+                if is_taken and not unseen and not isinstance(artist, Text):
+                    artist.set(linewidth=3.0)
+
+    def press(self, name: str) -> None:
+        """Apply the input of an edge, or set a state; the slider moves, and steps after it go."""
+        attempt(lambda: self.take(name), self._said)
+
+    def take(self, name: str) -> None:
+        """Continue with the moment after a click."""
+        if name in self._moves:
+            moment = self._fed(self.moment.state, self._moves[name][1])
+        else:
+            moment = Moment(self._states[name], f"put into {name}")
+        self._moments = [*self._moments[: self.at.value + 1], moment]
+        self.at.max = len(self._moments) - 1
+        self.at.value = self.at.max
+
+    def titles(self) -> dict[str, str]:
+        """Return the effect of a click on each part."""
+        titles = {name: f"Put the machine into {name}" for name in self._states}
+        return titles | {name: self._words(key) for name, key in self._moves.items()}
+
+    def _choose(self) -> None:
+        """Begin the chosen run."""
+        self._moments = [Moment(self._start, f"begins in {self._start.name}")]
+        for given in self._runs[self.choice.value]:
+            state = self._moments[-1].state
+            self._moments.append(self._fed(state, given))
+        self.at.value = 0
+        self.at.max = len(self._moments) - 1
+
+    def _fed(self, state: Enum, given: Enum) -> Moment:
+        """Return the moment after an input in a state, or raise an `IllegalInputError`."""
+        after, _ = step(self._name, self._table, state, given)
+        return Moment(after, self._words((state, given)), (state, given))
 
     def _words(self, key: Transition) -> str:
         """Return a sentence about a transition: next state and actions."""
-        (source, given), (after, done) = key, self._table[key]
-        actions = [
-            action.name for action in (done if isinstance(done, tuple) else (done,)) if action
-        ]
-        said = f"{given.name} in {source.name} leads to {after.name}"
-        return said + (f": {'; '.join(actions)}" if actions else "")
-
-    def _take(self, name: str) -> None:
-        if name in self._moves:
-            self.feed(self._moves[name][1])
-        else:
-            state = self._states[name]
-            self._past.append(Moment(state=state, said=f"put into {state.name}"))
-
-    def _titled(self) -> dict[str, str]:
-        moves = {name: self._words(key) for name, key in self._moves.items()}
-        return moves | {name: f"Put the machine into {name}" for name in self._states}
-
-    def _choose(self) -> None:
-        self.at.value, self.at.max = 0, len(self._runs[self.choice.value])
-        self.at.disabled = not self.at.max
-        self._replay()
-
-    def _replay(self) -> None:
-        self._past = [self._begin]
-        for given in self._runs[self.choice.value][: self.at.value]:
-            self.feed(given)
-
-    def _undo(self) -> None:
-        if len(self._past) > 1:
-            self._past.pop()
+        source, given = key
+        after, actions = self._table[key]
+        names = ": " + "; ".join(action.name for action in actions) if actions else ""
+        return f"{given.name} in {source.name} leads to {after.name}{names}"

@@ -6,13 +6,12 @@ new simulation.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
-from sfglab.fields import between
+from sfglab.fields import Bounds
 from sfglab.lab.explore.form import Form
 from sfglab.lab.explore.press import Pressed, part
 from sfglab.lab.figures import COLORS
@@ -22,10 +21,17 @@ from sfglab.units import NS_PER_S
 from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+Rate = Annotated[float, Bounds(1, 200, log=True)]
+Depth = Annotated[int, Bounds(1, 50)]
+Loss = Annotated[float, Bounds(0, 0.5)]
+Samples = Annotated[int, Bounds(1, 40)]
+Seed = Annotated[int, Bounds(0, 20)]
 
 _FLOW = "a"
 _REPAIR, _LOST = "repair", "lost"
@@ -37,138 +43,123 @@ _KINDS = {
     Frame.GAP: ("GAP: sample not kept", COLORS["network"]),
 }
 """Name and colour of each kind of frame."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Exchange:
-    """One writer, one reader, and the wireless channel between them."""
-
-    #: Middleware whose timing is simulated.
-    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"
-    rate_hz: float = between(20.0, 1.0, 200.0, log=True)  #: Rate of the samples [Hz].
-    depth: int = between(8, 1, 50)  #: Depth of each history, samples.
-    #: Share of frames that the channel loses beside the clicked ones.
-    loss: float = between(0.0, 0.0, 0.5)
-    samples: int = between(16, 1, 40)  #: Number of published samples.
-    seed: int = 0  #: Seed of the losses.
-
-    def scenario(self) -> Scenario:
-        """Return the scenario for the model."""
-        qos = QoSProfile(depth=self.depth)
-        return Scenario(
-            flows=(
-                Flow(name=_FLOW, source="robot", target="station", rate_hz=self.rate_hz, qos=qos),
-            ),
-            medium=Medium(loss=self.loss),
-            vendor=PRESETS[self.vendor],
-            duration_s=(self.samples - 0.5) / self.rate_hz,
-            drain_s=4.0,  # for a periodic heartbeat of Fast DDS and its retransmissions
-        )
+_TICKS = 14
 
 
 class Timeline(Pressed):
     """One writer and one reader over time; a click on a frame loses it, a second click delivers it.
 
-    At first, the frames in `lost` are lost; their names are those of `AirFrame.name`.
+    At first, sample 5 is lost.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
     """
 
-    def __init__(self, lost: Sequence[str] = ("a/DATA/5",), **exchange: Any) -> None:
-        kit = widgets()
-        #: Whether a clicked frame is lost (True) or delivered (False), by name.
-        self.lost = dict.fromkeys(lost, True)
-        self.form = Form(Exchange(**exchange), lambda: self.answer(self._simulate))
-        self._shown = kit.FloatRangeSlider(
-            value=(0, 100), description="shown (%)", layout={"width": "40em"}
-        )
-        self._to_scale = kit.Checkbox(description="time to scale", indent=False)
+    def __init__(self) -> None:
+        #: Whether a clicked frame is lost (True) or delivered (False), by `AirFrame.name`.
+        self.lost = {f"{_FLOW}/DATA/5": True}
+        self.form = Form(self.simulate, lambda: self.answer(self._simulate))
         self._simulate()
-        above = [self.form.widget, kit.HBox([self._shown, self._to_scale])]
-        titles = lambda: {frame.name: sentence(frame) for frame in self.frames}  # noqa: E731
-        super().__init__(self.draw, size=(11.0, 4.2), press=self._lose, titles=titles, above=above)
-        for control in (self._shown, self._to_scale):
-            control.observe(lambda _: self.redraw(), "value")
+        hint = widgets().HTML("Zoom: Ctrl and wheel. Move: drag. Show all: double click.")
+        super().__init__((11.0, 4.2), [self.form.widget, hint])
 
-    def _lose(self, name: str) -> None:
+    def simulate(  # noqa: PLR0913  # one control for each
+        self,
+        *,
+        vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds",
+        rate_hz: Rate = 20.0,
+        depth: Depth = 8,
+        loss: Loss = 0.0,
+        samples: Samples = 16,
+        seed: Seed = 0,
+    ) -> None:
+        """Simulate one writer, one reader, and the wireless channel between them.
+
+        Args:
+            vendor: Middleware whose timing is simulated.
+            rate_hz: Rate of the samples [Hz].
+            depth: Depth of each history, samples.
+            loss: Share of frames that the channel loses beside the clicked ones.
+            samples: Number of published samples.
+            seed: Seed of the losses.
+        """
+        qos = QoSProfile(depth=depth)
+        flow = Flow(name=_FLOW, source="robot", target="station", rate_hz=rate_hz, qos=qos)
+        scenario = Scenario(
+            flows=(flow,),
+            medium=Medium(loss=loss),
+            vendor=PRESETS[vendor],
+            duration_s=(samples - 0.5) / rate_hz,
+            drain_s=4.0,  # for a periodic heartbeat of Fast DDS and its retransmissions
+        )
+        outcome, self.frames = trace(scenario, seed=seed, lost=self.lost)
+        self.outcome = outcome.flows[_FLOW]
+
+    def _simulate(self) -> None:
+        self.simulate(**self.form.values)
+
+    def take(self, name: str) -> None:
+        """Lose a frame, or let it pass."""
         self.lost[name] = not next(frame.lost for frame in self.frames if frame.name == name)
         self._simulate()
 
-    def _simulate(self) -> None:
-        config = self.form.config
-        outcome, self.frames = trace(config.scenario(), seed=config.seed, lost=self.lost)
-        self.outcome = outcome.flows[_FLOW]
+    def titles(self) -> dict[str, str]:
+        """Return a sentence about each frame."""
+        return {frame.name: sentence(frame) for frame in self.frames}
 
     def draw(self, figure: Figure) -> None:
-        """Draw frames between the lines of writer and reader, and the times of samples on both lines."""
-        axes, place_of = figure.subplots(), self._places()
-        for y in (0, 1):
-            axes.axhline(y, color="black", linewidth=0.8)
-        for frame in self.frames:
-            _draw_frame(axes, frame, (place_of(frame.began_ns), place_of(frame.ended_ns)))
-        _draw_samples(axes, self.outcome, place_of)
-        end = place_of(self.frames[-1].ended_ns)
-        span = [end * share / 100 for share in self._shown.value]
-        margin = 0.01 * (span[1] - span[0])
-        axes.set(xlim=(span[0] - margin, span[1] + margin), ylim=(-0.25, 1.25), xlabel="time (ms)")
-        axes.set_yticks((0, 1), ("reader", "writer"))
-        self._draw_times(axes, place_of)
-        axes.grid(visible=False)
-        for label, color in {**dict(_KINDS.values()), _LOST: COLORS["standard"]}.items():
-            axes.plot([], [], "x" if label == _LOST else "-", color=color, label=label)
-        figure.legend(loc="outside lower center", ncols=6, fontsize=8)
-        had, all_ = int(self.outcome.delivered.sum()), len(self.outcome.fate)
-        late = (
-            f"{self.outcome.latency_ns.max() / 1e6:.1f} ms after it was written" if had else "never"
-        )
-        figure.suptitle(f"{had} of {all_} samples taken, the latest {late}", fontsize=10)
+        """Draw frames between the lines of writer and reader, and the times of samples on both lines.
 
-    def _places(self) -> Callable[[int], float]:
-        """Return a function from a time to its position.
-
-        Distances are the roots of pauses, so that all frames are visible, or the pauses to scale.
+        Distances are the roots of pauses, so that all frames are visible.
         """
         outcome = self.outcome
         ends = [time for frame in self.frames for time in (frame.began_ns, frame.ended_ns)]
-        times = np.unique([0, *ends, *outcome.published_ns, *outcome.received_ns])
-        pauses = np.diff(times / NS_PER_S, prepend=0.0)
-        places = np.cumsum(pauses if self._to_scale.value else np.sqrt(pauses))
-        return lambda time_ns: float(np.interp(time_ns, times, places))
-
-    def _draw_times(self, axes: Axes, place_of: Callable[[int], float]) -> None:
-        """Label the beginnings of frames with their times, as many as there is room for."""
-        low, high = axes.get_xlim()
-        places, labels = [low], []
+        times_ns = np.unique([0, *ends, *outcome.published_ns, *outcome.received_ns])
+        places = np.cumsum(np.sqrt(np.diff(times_ns / NS_PER_S, prepend=0.0)))
+        place_of = partial(np.interp, xp=times_ns, fp=places)
+        axes = figure.subplots()
+        axes.hlines((0, 1), places[0], places[-1], color="black", linewidth=0.8)
         for frame in self.frames:
-            place = place_of(frame.began_ns)
-            if place - places[-1] > (high - low) / 18 and place < high:
-                places.append(place)
-                labels.append(f"{frame.began_ns / 1e6:.4g}")
-        axes.set_xticks(places[1:], labels)
+            _draw_frame(axes, frame, place_of((frame.began_ns, frame.ended_ns)))
+        _draw_samples(axes, outcome, place_of)
+        ticks = np.linspace(places[0], places[-1], _TICKS)
+        times_ms = np.interp(ticks, places, times_ns) / 1e6
+        axes.set_xticks(ticks, [f"{time_ms:.0f}" for time_ms in times_ms])
+        axes.set_yticks((0, 1), ("reader", "writer"))
+        axes.set(ylim=(-0.25, 1.25), xlabel="time (ms)")
+        axes.margins(x=0.01)
+        axes.grid(visible=False)
+        for label, color in _KINDS.values():
+            axes.plot([], [], color=color, label=label)
+        axes.plot([], [], "x", color=COLORS["standard"], label=_LOST)
+        figure.legend(loc="outside lower center", ncols=6, fontsize=8)
+        late = "never"
+        if outcome.delivered.any():
+            late = f"{outcome.latency_ns.max() / 1e6:.1f} ms after it was written"
+        title = f"{outcome.delivered.sum()} of {len(outcome.fate)} samples taken, the latest {late}"
+        figure.suptitle(title, fontsize=10)
 
 
 def sentence(frame: AirFrame) -> str:
     """Return the tooltip of a frame: its content, its fate, and the effect of a click."""
     numbers = ", ".join(map(str, frame.samples))
-    said = f"{_REPAIR if frame.repairs else _KINDS[frame.kind][0]} {numbers}"
+    content = f"{_REPAIR if frame.repairs else _KINDS[frame.kind][0]} {numbers}"
     if frame.kind is Frame.ACKNACK:
-        said = f"has all up to {frame.newest}" + (f", asks for {numbers}" if numbers else "")
+        content = f"has all up to {frame.newest}" + (f", asks for {numbers}" if numbers else "")
     elif frame.newest:
-        said += f", and a heartbeat: there is up to {frame.newest}"
+        content += f", and a heartbeat: there is up to {frame.newest}"
     fate = "lost; press to let it pass" if frame.lost else "press to lose it"
-    return f"{frame.began_ns / 1e6:.2f} ms: {said}; {fate}"
+    return f"{frame.began_ns / 1e6:.2f} ms: {content}; {fate}"
 
 
-def _draw_frame(axes: Axes, frame: AirFrame, places: tuple[float, float]) -> None:
+def _draw_frame(axes: Axes, frame: AirFrame, places: NDArray[np.float64]) -> None:
     """Draw a frame from one line to the other, or half the way if it is lost; a piggybacked heartbeat is a dot."""
     kind = Frame.BURST if frame.repairs else frame.kind
     color = COLORS["standard"] if frame.lost else _KINDS[kind][1]
     start = 0.0 if frame.kind is Frame.ACKNACK else 1.0
     end = 0.5 if frame.lost else 1.0 - start
-    drawn = axes.plot(places, (start, end), color=color, linewidth=1.4)
-    if frame.lost:
-        drawn += axes.plot(places[1:], (end,), "x", color=color, markersize=7)
+    cross = "x" if frame.lost else ""
+    drawn = axes.plot(places, (start, end), marker=cross, markevery=[1], color=color)
     if frame.newest and frame.kind is not Frame.ACKNACK:
         drawn += axes.plot(places[:1], (start,), "o", color="black", markersize=4)
     # A broad line is easier to click than a thin one.
@@ -176,17 +167,15 @@ def _draw_frame(axes: Axes, frame: AirFrame, places: tuple[float, float]) -> Non
     part(frame.name, *drawn)
 
 
-def _draw_samples(axes: Axes, outcome: FlowOutcome, place_of: Callable[[int], float]) -> None:
+def _draw_samples(axes: Axes, outcome: FlowOutcome, place_of: Callable[[Any], Any]) -> None:
     """Write the numbers of samples at the times of writing and taking; a sample in red was never taken."""
-    style: dict[str, Any] = {"ha": "center", "fontsize": 7, "clip_on": True}
-    taken: dict[int, list[int]] = defaultdict(list)
-    for i, had in enumerate(outcome.delivered):
-        color = "black" if had else COLORS["standard"]
-        axes.text(
-            place_of(outcome.published_ns[i]), 1.06, str(i + 1), va="bottom", color=color, **style
-        )
-        if had:
-            taken[outcome.received_ns[i]].append(i + 1)
-    for time_ns, numbers in taken.items():
-        said = str(numbers[0]) + (f"-{numbers[-1]}" if len(numbers) > 1 else "")
-        axes.text(place_of(time_ns), -0.06, said, va="top", **style)
+    style: dict[str, Any] = {"ha": "center", "fontsize": 7}
+    numbers = np.arange(1, len(outcome.fate) + 1)
+    had = outcome.delivered
+    for number, time_ns in zip(numbers, outcome.published_ns, strict=True):
+        color = "black" if had[number - 1] else COLORS["standard"]
+        axes.text(place_of(time_ns), 1.06, str(number), va="bottom", color=color, **style)
+    for time_ns in np.unique(outcome.received_ns[had]):
+        taken = numbers[had & (outcome.received_ns == time_ns)]
+        text = "-".join(map(str, np.unique(taken[[0, -1]])))
+        axes.text(place_of(time_ns), -0.06, text, va="top", **style)

@@ -34,6 +34,8 @@ _DARK_COLORS = {
     "fourth": "#E39CC4",
 }
 """Colours of `COLORS` on a dark background."""
+_POINT = ("place", "series", "x", "y", "words")
+_PATH = ("part", "number", "series", "x", "y")
 REFERENCE, LAST = "reference", "last"  #: Names of the two kinds of faint outlines.
 
 
@@ -44,16 +46,12 @@ def rows_of(picture: Picture) -> Rows:
     """Return the rows of a picture by data set: lines, paths, dots and notes of each panel."""
     rows: Rows = {}
     for place, panel in enumerate(picture.panels):
-        rows[f"line{place}"] = []
-        rows[f"path{place}"] = []
-        rows[f"dot{place}"] = []
+        rows |= {f"line{place}": [], f"path{place}": [], f"dot{place}": []}
         rows[f"note{place}"] = [{"note": panel.note}]
     for value in picture.values():
-        names = ["place", "series", "x", "y", "words"]
-        if value["kind"] == "path":
-            names = ["part", "number", "series", "x", "y"]
-        row = {name: value[name] for name in names}
-        rows[f"{value['kind']}{value['place']}"].append(row)
+        kind = value["kind"]
+        names = _PATH if kind == "path" else _POINT
+        rows[f"{kind}{value['place']}"].append({name: value[name] for name in names})
     return rows
 
 
@@ -182,7 +180,7 @@ def still_png(spec: dict[str, Any], rows: Rows) -> bytes:
 
 @cache
 def _figure_class() -> Any:
-    return front_end(Path(__file__).with_name("vega.js"), _TRAITS, _dark_css())
+    return front_end(Path(__file__).with_name("vega.js"), _TRAITS, _css())
 
 
 @cache
@@ -215,14 +213,14 @@ def _packed_script() -> bytes:
     return packed
 
 
-def _dark_css() -> str:
-    """Return rules that give marks other colours in a dark theme, whenever the theme changes."""
-    rules = []
+def _css() -> str:
+    """Return style rules, some of which give marks other colours in a dark theme, whenever the theme changes."""
+    css = _STYLE
     for name, light in COLORS.items():
         for attribute in ("fill", "stroke"):
             mark = f'[data-jp-theme-light="false"] .sfglab-vega [{attribute}="{light}"]'
-            rules.append(f"{mark} {{ {attribute}: {_DARK_COLORS[name]} }}")
-    return "\n".join([*rules, _STYLE])
+            css += f"{mark} {{ {attribute}: {_DARK_COLORS[name]} }}\n"
+    return css
 
 
 _STYLE = """

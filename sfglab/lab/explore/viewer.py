@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_left, bisect_right
+from collections import defaultdict
 from contextlib import AsyncExitStack
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+import pandas as pd
 
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
@@ -25,13 +29,13 @@ from sfglab.view.bridge import Bridge
 from sfglab.view.cell import ROUNDED_NS, CellViewer
 from sfglab.view.panel import Panel
 from sfglab.view.rerunning import RECEIVED, cell_canvas
-from sfglab.view.session import Display, Session
-from sfglab.view.space import Tree, largest_tree
+from sfglab.view.session import Session
+from sfglab.view.space import largest_tree
 from sfglab.view.stage import wanted_topics
 from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Mapping, Sequence
+    from collections.abc import Callable, Coroutine
 
     from matplotlib.figure import Figure
 
@@ -56,36 +60,47 @@ class LogViewer:
     def __init__(self, recording: Run[Any] | Path | str, *, frame: str = "") -> None:
         self._log = Path(recording if isinstance(recording, Path | str) else recording.log)
         with LogReader(self._log) as log:
-            self._spoken = _spoken(log)
+            self._times_ns = _times_by_topic(log)
             tree = largest_tree(log)
         self._frame = frame or tree.root
         #: The time of each step on the log's clock: those at which the log has messages.
-        self.times_ns = sorted({t for times in self._spoken.values() for t in times})
+        self.times_ns = np.unique(np.concatenate([*self._times_ns.values()])).tolist()
+        complete = bisect_left(self.times_ns, tree.complete_ns)
+        is_early = self._frame == tree.root and complete <= len(self.times_ns) // 2
         kit = widgets()
-        wide = {"width": "36em"}
         #: Slider whose value is the requested step.
         self.slider = kit.IntSlider(
-            value=self._step_of(tree) if self._frame == tree.root else 0,
+            value=complete if is_early else 0,
             max=len(self.times_ns) - 1,
             description="step",
             readout=False,
-            layout=wide,
+            layout={"width": "36em"},
         )
-        self.slider.observe(lambda change: self._go(change["new"]), "value")
+        self.slider.observe(lambda _: self._go(), "value")
         self.said = kit.Label()  #: Label with the step that the viewer shows.
-        chosen = "" if frame or not self._frame else ", the root of the largest TF tree"
-        space = kit.Label(f"space is drawn in {self._frame}{chosen}" if self._frame else "")
+        space = kit.Label()
+        if self._frame:
+            chosen = "" if frame else ", the root of the largest TF tree"
+            space.value = f"space is drawn in {self._frame}{chosen}"
+        self.still = png_of(drawn((9.6, 1.0 + 0.26 * len(self._times_ns)), self._draw))
         self.viewer = CellViewer(still=self.still, on_page=self._show, on_time=self._shown)
         self.widget = kit.VBox([kit.HBox([self.slider, self.said]), space, self.viewer.widget])
 
     def _repr_mimebundle_(self, **_: object) -> Bundle:
         return still_bundle(self.widget, self.still, type(self))
 
-    @cached_property
-    def still(self) -> bytes:
-        """Plot of the times of messages by topic, PNG."""
-        size = 9.6, 1.0 + 0.26 * len(self._spoken)
-        return png_of(drawn(size, _draw_spoken, self._spoken, self.times_ns[0]))
+    def _draw(self, figure: Figure) -> None:
+        """Draw the times of messages by topic."""
+        axes = figure.subplots()
+        names = []
+        times_s = []
+        for topic, times_ns in self._times_ns.items():
+            names.append(f"{topic} ({len(times_ns)})")
+            times_s.append((np.array(times_ns) - self.times_ns[0]) / NS_PER_S)
+        axes.eventplot(times_s, colors=COLORS["proxy"], linelengths=0.7, linewidths=0.8)
+        axes.set_yticks(range(len(names)), names)
+        axes.set(xlabel="time (s)", title="What the recording holds: a line for each message")
+        axes.grid(visible=False, axis="y")
 
     @cached_property
     def recording(self) -> bytes:
@@ -95,19 +110,15 @@ class LogViewer:
             view_log(self._log, ViewOptions(to=(str(file),), frame=self._frame))
             return file.read_bytes()
 
-    def _step_of(self, tree: Tree) -> int:
-        """Return the step where a tree is complete; 0 if that is in the second half of the log."""
-        step = bisect_left(self.times_ns, tree.complete_ns)
-        return step if step <= len(self.times_ns) // 2 else 0
-
     def _show(self) -> None:
-        count = sum(map(len, self._spoken.values()))
+        """Send the recording to a page that has the viewer."""
+        count = sum(map(len, self._times_ns.values()))
         self.said.value = f"loading {count:,} messages"
         self.viewer.send(self.recording)
-        self._go(self.slider.value)
+        self._go()
 
-    def _go(self, step: int) -> None:
-        self.viewer.go_to(RECEIVED, self.times_ns[step])
+    def _go(self) -> None:
+        self.viewer.go_to(RECEIVED, self.times_ns[self.slider.value])
 
     def _shown(self, at_ns: int) -> None:
         step = max(bisect_right(self.times_ns, at_ns + ROUNDED_NS) - 1, 0)
@@ -115,24 +126,15 @@ class LogViewer:
         self.said.value = f"shown: step {step} of {len(self.times_ns) - 1}, {at_s:.3f} s"
 
 
-def _spoken(log: LogReader) -> dict[str, list[int]]:
+def _times_by_topic(log: LogReader) -> dict[str, list[int]]:
     """Return the times of messages of each topic that a visualizer shows."""
     wanted = wanted_topics(session_for(types_of(log), ViewOptions()))
-    spoken: dict[str, list[int]] = {}
+    times_ns = defaultdict(list)
     for arrival in arrivals_of(log, wanted):
-        spoken.setdefault(arrival.topic, []).append(arrival.received_ns)
-    if not spoken:
+        times_ns[arrival.topic].append(arrival.received_ns)
+    if not times_ns:
         raise InvalidValueError("log", log.path, "one with messages that a visualizer shows")
-    return dict(sorted(spoken.items(), reverse=True))
-
-
-def _draw_spoken(figure: Figure, spoken: Mapping[str, Sequence[int]], start_ns: int) -> None:
-    axes = figure.subplots()
-    times = [[(t - start_ns) / NS_PER_S for t in topic] for topic in spoken.values()]
-    axes.eventplot(times, colors=COLORS["proxy"], linelengths=0.7, linewidths=0.8)
-    axes.set_yticks(range(len(spoken)), [f"{topic} ({len(t)})" for topic, t in spoken.items()])
-    axes.set(xlabel="time (s)", title="What the recording holds: a line for each message")
-    axes.grid(visible=False, axis="y")
+    return dict(sorted(times_ns.items(), reverse=True))
 
 
 class LiveView:
@@ -148,8 +150,8 @@ class LiveView:
     _last: ClassVar[LiveView | None] = None
 
     def __init__(self, node: Node) -> None:
-        self.session, kit = Session(), widgets()
-        canvas, self.viewer = cell_canvas(node.name)
+        self.session = Session()
+        canvas, viewer = cell_canvas(node.name)
         self.bridge = Bridge(node, self.session, canvas, follow=("/",))
         self.panel = Panel(
             self.session, lambda: {t: k[0] for t, k in node.graph.topics().items() if k}
@@ -160,12 +162,13 @@ class LiveView:
             lambda: asyncio.run_coroutine_threadsafe(self.close(), loop),
             "End what runs for this view; the viewer keeps what it has",
         )
-        self.widget = kit.VBox([self.end, self.panel.widget, self.viewer.widget])
-        self._runs, self._shows = AsyncExitStack(), asyncio.Event()
+        self.widget = widgets().VBox([self.end, self.panel.widget, viewer.widget])
+        self._runs = AsyncExitStack()
+        self._shows = asyncio.Event()
 
     @classmethod
-    async def open(cls, *programs: Callable[[BusAddress], Coroutine[Any, Any, None]]) -> Self:
-        """Return a view whose bridge runs beside programs, on a domain of its own, after the first message."""
+    async def open(cls, program: Callable[[BusAddress], Coroutine[Any, Any, None]]) -> Self:
+        """Return a view whose bridge runs beside a program, on a domain of its own, after the first message."""
         if cls._last is not None:
             await cls._last.close()
         async with AsyncExitStack() as runs:
@@ -174,11 +177,8 @@ class LiveView:
             live = cls(await runs.enter_async_context(Node("panel", **here.options())))
             await runs.enter_async_context(live.bridge)
             runs.callback(live.panel.close)
-            await runs.enter_async_context(
-                beside(live._count(), *(program(here) for program in programs))
-            )
-            if programs:
-                await is_set_before(live._shows, asyncio.get_running_loop().time() + _FIRST_S)
+            await runs.enter_async_context(beside(live._count(), program(here)))
+            await is_set_before(live._shows, asyncio.get_running_loop().time() + _FIRST_S)
             live._runs = runs.pop_all()
         cls._last = live
         return live
@@ -196,21 +196,16 @@ class LiveView:
             await asyncio.sleep(_PERIOD_S)
 
     def _repr_mimebundle_(self, **_: object) -> Bundle:
-        displays = self.session.displays
-        figure = drawn((9.6, 1.4 + 0.4 * len(displays)), _draw_counts, displays)
-        return still_bundle(self.widget, png_of(figure), _draw_counts)
+        size = 9.6, 1.4 + 0.4 * len(self.session.displays)
+        return still_bundle(self.widget, png_of(drawn(size, self._draw)), self._draw)
 
-
-def _draw_counts(figure: Figure, displays: Sequence[Display]) -> None:
-    """Draw how many messages each display of a live domain has received and shown."""
-    axes = figure.subplots()
-    names = [f"{display.id}\n{', '.join(display.topics.values())}" for display in displays]
-    received = [display.slot.received for display in displays]
-    shown = [display.slot.shown for display in displays]
-    axes.barh(names, received, 0.6, color=COLORS["network"], label="received")
-    axes.barh(names, shown, 0.3, color=COLORS["proxy"], label="shown")
-    axes.set(
-        xlabel="messages",
-        title="Live: what the displays had when this cell was shown; run it to look",
-    )
-    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+    def _draw(self, figure: Figure) -> None:
+        """Draw how many messages each display of a live domain has received and shown."""
+        counts = pd.DataFrame(columns=["received", "shown"])
+        for display in self.session.displays:
+            name = f"{display.id}\n{', '.join(display.topics.values())}"
+            counts.loc[name] = display.slot.received, display.slot.shown
+        colors = (COLORS["network"], COLORS["proxy"])
+        axes = counts.plot.barh(ax=figure.subplots(), color=colors)
+        axes.set_xlabel("messages")
+        axes.set_title("Live: what the displays had when this cell was shown; run it to look")

@@ -52,7 +52,6 @@ _X = pictures.Axis("x", "m", -0.7, _SPAN_M - 0.7)
 _Y = pictures.Axis("y", "m", -1.2, _SPAN_M - 1.2)
 _TIME = pictures.Axis("time", "s", 0, LIMIT_S, si=True)
 _WRONG_FOR = pictures.Axis("station wrong for", "s", 0, 15)
-_FAR_M = 99.0  # This range stands for infinity: no echo, or no value yet.
 _CHUNK_S = 1.0  # The explorer checks the clock after each chunk of this simulated time.
 _COARSE_S = 0.06  # The first picture has this computing time.
 _EVERY = 4  # A line has a point after each such number of LIDAR turns.
@@ -89,12 +88,12 @@ def hallway_lap(  # noqa: PLR0913  # one control for each
         medium=Medium(loss=loss_percent / 100),
     )
     lap = lap_of(settings, seed)
-    began_s = time.monotonic()
-    is_shown = False
+    coarse_s = time.monotonic() + _COARSE_S
+    while not _drive_on(lap) and time.monotonic() < coarse_s:
+        pass
+    yield draw(settings, lap, shown_s)
     while not _drive_on(lap):
-        is_due = time.monotonic() - began_s > _COARSE_S
-        yield None if is_shown or not is_due else draw(settings, lap, shown_s)
-        is_shown = is_shown or is_due
+        yield None
     yield draw(settings, lap, shown_s)
 
 
@@ -119,17 +118,15 @@ def draw(settings: LapSettings, lap: SimulatedLap, shown_s: float) -> pictures.P
     panels = []
     for number, area in enumerate(AREAS):
         panels.append(_hallway(area, number, shown, tracks[:, number]))
-    command = f"At {shown.time_s:.1f} s the station's command is {shown.manoeuvre.value!r}."
-    said = f"{_words(settings, lap)} {command}"
+    ending = f"simulated up to {lap.time_s:.0f} s"
+    if lap.verdict is not None:
+        result = lap.result()
+        ending = ending_text(result.end, result.robot, lap.time_s)
+    said = (
+        f"{setting_text(settings)}: {ending}. "
+        f"At {shown.time_s:.1f} s the station's command is {shown.manoeuvre.value!r}."
+    )
     return pictures.Picture(said=said, panels=(*panels, _wrong_panel(snapshots, place)))
-
-
-def _words(settings: LapSettings, lap: SimulatedLap) -> str:
-    """Return a text about the settings of a lap and the end of the lap."""
-    if lap.verdict is None:
-        return f"{setting_text(settings)}: simulated up to {lap.time_s:.0f} s."
-    result = lap.result()
-    return f"{setting_text(settings)}: {ending_text(result.end, result.robot, lap.time_s)}."
 
 
 def _hallway(
@@ -139,25 +136,23 @@ def _hallway(
     measured_m, believed_m = shown.measured_m[number], shown.believed_m[number]
     pose = shown.poses[number]
     is_wrong = wrong_beams(measured_m, believed_m)
-    walls = [_path("walls", np.vstack((ring, ring[:1]))) for ring in area.rings]
+    walls = [_series("walls", np.vstack((ring, ring[:1]))) for ring in area.rings]
     series = (
         *walls,
-        _path(_BEAMS, _star(pose, measured_m)),
-        _path(_WRONG, _star(pose, np.where(is_wrong, believed_m, np.inf))),
-        _path(area.robot, track),
-        _dot(area.robot, pose[0], pose[1]),
+        _series(_BEAMS, _star(pose, measured_m)),
+        _series(_WRONG, _star(pose, np.where(is_wrong, believed_m, np.inf))),
+        _series(area.robot, track),
+        _series(area.robot, pose[None, :2], "dot"),
     )
     note = f"{is_wrong.sum()} of {len(BEAMS_DEG)} beams wrong at the station"
     return pictures.Panel(title=area.robot, x=_X, y=_Y, series=series, note=note)
 
 
-def _path(name: str, points: NDArray[np.float64]) -> pictures.Series:
+def _series(
+    name: str, points: NDArray[np.float64], kind: pictures.Kind = "path"
+) -> pictures.Series:
     x, y = points.T.tolist()
-    return pictures.Series(name=name, color=_COLORS[name], kind="path", x=x, y=y)
-
-
-def _dot(name: str, x: float, y: float) -> pictures.Series:
-    return pictures.Series(name=name, color=_COLORS[name], kind="dot", x=[x], y=[y])
+    return pictures.Series(name=name, color=_COLORS[name], kind=kind, x=x, y=y)
 
 
 def _star(pose: NDArray[np.float64], ranges_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -173,8 +168,9 @@ def wrong_beams(
     measured_m: NDArray[np.float64], believed_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Return which ranges at the station differ from the measured ranges by more than `WRONG_M`."""
-    apart_m = np.minimum(measured_m, _FAR_M) - np.minimum(believed_m, _FAR_M)
-    return np.asarray(np.abs(apart_m) > WRONG_M)
+    return ~np.isclose(
+        measured_m, believed_m, rtol=0, atol=WRONG_M
+    )  # infinite: no echo, or no value
 
 
 def wrong_for_s(snapshots: list[Snapshot]) -> NDArray[np.float64]:

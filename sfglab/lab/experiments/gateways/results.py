@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from sfglab.lab.explore import Automaton, Parts
+    from sfglab.lab.explore import Automaton
 
 PAPER_MAPPINGS = {"A gateway", "B hardware", "C gateway", "D software", "E gateway"}
 PAPER_EDGES = {"A -> 8", "C -> 6", "9 -> E"}
@@ -108,8 +108,11 @@ def press_core() -> Automaton:
     """
     from sfglab.lab.explore.press import Automaton
 
-    return Automaton("gateway core", transitions(), State.START, _draw_to_press, size=(10, 5))
-
-
-def _draw_to_press(figure: Figure) -> Parts:
-    return draw_core(figure.subplots())
+    table = {key: (target, ()) for key, target in transitions().items()}
+    return Automaton(
+        "gateway core",
+        table,
+        State.START,
+        lambda figure: draw_core(figure.subplots()),
+        size=(10, 5),
+    )

@@ -358,34 +358,31 @@ def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
     from sfglab.lab.explore import Pressed, part
     from sfglab.view.widgets import widgets
 
-    class ConditionMap(Pressed):
-        """Simulated conditions of one middleware with the answers to six questions, to click."""
-
     table = mapped(run)[mapped(run)["preset"] == preset]
     rows = {str(row.Index): row for row in lines_of(table)}
     printed = widgets().HTML(
         "<p>Yellow: yes; dark blue: no. Click a square to print its cells.</p>"
     )
 
-    def draw(figure: Figure) -> None:
-        panels = figure.subplots(1, len(ANSWERS), sharey=True)
-        draw_row(panels, table)
-        panels[0].set_ylabel(f"{PRESETS[preset].name}\nframe loss (%)", fontsize=8)
-        figure.supxlabel("airtime of a frame (us)", fontsize=8)
-        for axes, question in zip(panels, ANSWERS.values(), strict=True):
-            axes.set_title(question, fontsize=8)
-            for name, row in rows.items():
-                # The square is nearly invisible, because the mouse needs an area.
-                part(name, *axes.plot(row.frame_us, 100 * row.loss, "s", ms=9, alpha=0.02))
+    class ConditionMap(Pressed):
+        """Simulated conditions of one middleware with the answers to six questions, to click."""
 
-    def press(name: str) -> None:
-        cells = cells_at(run, rows[name]).to_html(float_format="{:.3g}".format)
-        printed.value = f"<pre>{escape(command_of(run, rows[name]))}</pre>{cells}"
+        def draw(self, figure: Figure) -> None:
+            panels = figure.subplots(1, len(ANSWERS), sharey=True)
+            draw_row(panels, table)
+            panels[0].set_ylabel(f"{PRESETS[preset].name}\nframe loss (%)", fontsize=8)
+            figure.supxlabel("airtime of a frame (us)", fontsize=8)
+            for axes, question in zip(panels, ANSWERS.values(), strict=True):
+                axes.set_title(question, fontsize=8)
+                for name, row in rows.items():
+                    # The square is nearly invisible, because the mouse needs an area.
+                    part(name, *axes.plot(row.frame_us, 100 * row.loss, "s", ms=9, alpha=0.02))
 
-    titles = dict.fromkeys(rows, "print the cells and the command")
-    return ConditionMap(
-        draw, size=(_WIDTH, 3.2), press=press, titles=lambda: titles, above=[printed]
-    )
+        def take(self, name: str) -> None:
+            cells = cells_at(run, rows[name]).to_html(float_format="{:.3g}".format)
+            printed.value = f"<pre>{escape(command_of(run, rows[name]))}</pre>{cells}"
+
+    return ConditionMap((_WIDTH, 3.2), [printed])
 
 
 def cells_at(run: Run[Config], place: Any) -> pd.DataFrame:
