@@ -15,7 +15,6 @@ from PIL import Image
 from sfglab.errors import InvalidValueError
 from sfglab.fields import Bounds
 from sfglab.lab.explore import explore, interactive, vega
-from sfglab.lab.explore.follower import Follower
 from sfglab.lab.pictures import Axis, Panel, Picture, Series
 
 pytest.importorskip("altair", reason="the extra view is not installed")
@@ -60,7 +59,7 @@ def test_parameters_become_sliders_with_their_bounds_texts_and_units(walk):
 
 def test_the_figure_has_the_values_of_the_function_and_a_press_prints_their_call(walk):
     walk.form.controls["slope"].value = 3.5
-    assert walk.wait(WAIT_S)
+    walk.wait()
     assert walk._figure.rows == vega.rows_of(line(slope=3.5))
     walk._figure._handle_custom_msg({"place": 0, "x": 2}, [])
     assert "line(slope=3.5).at(&#x27;way&#x27;, 2)" in walk._printed.value
@@ -79,23 +78,23 @@ def test_outlines_show_the_start_and_the_setting_before_a_pause(walk, monkeypatc
     assert walk._figure.ghosts == start
     monkeypatch.setattr(interactive, "_REST_S", 60.0)
     control.value = 4.0
-    assert walk.wait(WAIT_S)
+    walk.wait()
     assert walk._figure.ghosts == start
     monkeypatch.setattr(interactive, "_REST_S", 0.0)
     control.value = 5.0
-    assert walk.wait(WAIT_S)
+    walk.wait()
     assert walk._figure.ghosts == start | vega.ghosts_of(line(slope=4.0), "last")
 
 
 def test_a_setting_without_a_picture_is_refused_and_the_next_one_is_shown(walk):
     for points, reason in ((7, "points: given 7"), (8, "it cannot be drawn: RuntimeError")):
         walk.form.controls["points"].value = points
-        assert walk.wait(WAIT_S)
+        walk.wait()
         assert walk._figure.answer["is"] == "refused"
         assert f"points={points}" not in walk.code()  # of the picture that is still shown
         assert reason in walk._figure.answer["why"]
         walk.form.controls["points"].value = 4
-        assert walk.wait(WAIT_S)
+        walk.wait()
         assert walk._figure.answer == {"of": walk._figure.asked, "is": "whole"}
         assert walk.form.values["points"] == 4
         assert len(walk._figure.rows["line0"]) == 4
@@ -103,33 +102,33 @@ def test_a_setting_without_a_picture_is_refused_and_the_next_one_is_shown(walk):
 
 def test_a_simulation_shows_coarse_pictures_and_leaves_settings_that_are_passed_over():
     shown, may_go_on, began = [], threading.Event(), threading.Event()
-    pictures = [line(slope=1.0), line(slope=2.0)]
+    may_go_on.set()
 
-    def simulate(*, setting):
+    def simulate(*, slope: Annotated[int, Bounds(1, 9)] = 1):
         yield None
-        yield pictures[0]
+        yield line(slope=slope)
         began.set()
         may_go_on.wait(WAIT_S)
         yield None
-        yield pictures[1]
+        yield line(slope=slope, points=4)
 
-    def refuse(request, reason):
-        raise AssertionError(request, reason)
-
-    follower = Follower(simulate, lambda *given: shown.append(given), refuse)
-    first = follower.ask({"setting": 0})
-    assert began.wait(WAIT_S)
-    for setting in range(1, 5):
-        last = follower.ask({"setting": setting})
+    explorer = explore(simulate)
+    figure = explorer._figure
+    figure.observe(lambda change: shown.append((*change["new"].values(), figure.said)), "answer")
+    may_go_on.clear()
+    began.clear()
+    for slope in range(2, 6):
+        explorer.form.controls["slope"].value = slope
+        assert began.wait(WAIT_S)
     may_go_on.set()
-    assert follower.wait(WAIT_S)
-    coarse, whole = pictures
+    explorer.wait()
+    first, last = line(slope=2).said, line(slope=5).said
     assert shown == [
-        (first, {"setting": 0}, coarse, False),
-        (last, {"setting": 4}, coarse, False),
-        (last, {"setting": 4}, whole, False),
-        (last, {"setting": 4}, whole, True),
+        (1, "coarse", first),
+        (4, "coarse", last),
+        (4, "whole", last),
     ]
+    assert explorer.picture == line(slope=5, points=4)
 
 
 def simulated(*, slope: Annotated[float, Bounds(1, 9)] = 2.0):
@@ -140,7 +139,7 @@ def simulated(*, slope: Annotated[float, Bounds(1, 9)] = 2.0):
 def test_the_call_of_a_simulation_returns_its_whole_picture():
     explorer = explore(simulated)
     explorer.form.controls["slope"].value = 3.0
-    assert explorer.wait(WAIT_S)
+    explorer.wait()
     assert explorer.picture == line(slope=3.0)
     assert explorer.code().endswith("[*simulated(slope=3.0)][-1]")
 

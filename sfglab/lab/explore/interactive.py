@@ -1,12 +1,13 @@
 """An explorer of a function: sliders for its parameters, and a figure that follows them.
 
-The function returns a `Picture`. A `Follower` computes in threads of the kernel, because a process
-would double the time from a slider's move to the figure. Vega draws in the page.
+The function returns a `Picture`. It is computed in a thread of the kernel, because a process would double
+the time from a slider's move to the figure. Vega draws in the page.
 """
 
 from __future__ import annotations
 
 import inspect
+import logging
 import threading
 import time
 from html import escape
@@ -14,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.experiment import Experiment
-from sfglab.lab.explore.follower import Follower
 from sfglab.lab.explore.form import Form
 from sfglab.lab.explore.press import Bundle, still_bundle
 from sfglab.lab.explore.vega import LAST, figure_widget, ghosts_of, rows_of, still_png
@@ -24,6 +24,8 @@ from sfglab.view.widgets import button, refusal_html, widgets
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+_log = logging.getLogger(__name__)
+_PAUSE_S = 0.12  #: Time for a newer setting before a simulation refines its picture, s.
 _STILL_S = 60.0  #: Time that a cell waits for the whole picture, s.
 _REST_S = 0.6  #: Time without a change after which a change begins a new setting, s.
 _HINT = (
@@ -34,6 +36,14 @@ _HINT = (
 
 class Interactive:
     """What `explore` shows of a function; it has a form and a figure that follows.
+
+    A closed form has one picture for a setting. A simulation has an iterator of pictures: coarse
+    ones first, the whole one last. Its first picture is always shown, so that the figure follows a
+    drag. After it the iterator is dropped as soon as there is a newer setting. None instead of a
+    picture is only a place where that can happen.
+
+    Each setting has a thread, which first waits for that of the setting before, and ends at once if
+    there is a newer setting by then.
 
     Args:
         function: Returns the picture of a setting, or an iterator of pictures, coarse ones first.
@@ -52,24 +62,27 @@ class Interactive:
         self._is_whole = True
         self._changed_at = time.monotonic()
         self._lock = threading.Lock()  # two threads send values to the page
+        self._turn = threading.Lock()  # one setting is computed at a time
+        self._changed = threading.Event()  # there is a newer setting than the one that is computed
+        self._thread = threading.Thread()
         self._figure = figure_widget(self.picture)
         self._figure.on_msg(self._press)
         self._printed = widgets().HTML()
-        self._follower = Follower(function, self._show, self._refuse)
         reset = button("Reset", self.form.reset, "Every parameter as at the start")
         row = widgets().HBox([reset, widgets().HTML(_HINT)])
         self.widget = widgets().VBox([self.form.widget, row, self._figure, self._printed])
 
     def _repr_mimebundle_(self, **_: object) -> Bundle:
         """Show form and figure, and a still with its sentence where no kernel runs."""
-        self.wait(_STILL_S)
+        self.wait()
         png = still_png(self._figure.spec, self._figure.ghosts | self._figure.rows)
         data, metadata = still_bundle(self.widget, png, self.picture.said)
         return {**data, "text/plain": self.picture.said}, metadata
 
-    def wait(self, timeout_s: float) -> bool:
-        """Wait until the whole picture of the newest setting is shown, or refused; return whether in time."""
-        return self._follower.wait(timeout_s)
+    def wait(self) -> None:
+        """Wait a minute at most, until the whole picture of the newest setting is shown, or refused."""
+        if self._figure.asked:
+            self._thread.join(_STILL_S)
 
     def code(self) -> str:
         """Return the call that repeats the picture that is shown."""
@@ -83,32 +96,63 @@ class Interactive:
             call = f"[*{call}][-1]"
         return f"from {self._function.__module__} import {name}\n{call}"
 
+    # Threads.
+
     def _ask(self) -> None:
-        """Request the picture of the form's setting."""
+        """Have the form's setting computed instead of those that wait."""
         now = time.monotonic()
         rested = now - self._changed_at > _REST_S
         self._changed_at = now
         with self._lock:
             if rested and self._is_whole:
                 self._figure.ghosts = self._figure.ghosts | ghosts_of(self.picture, LAST)
-            self._figure.asked = self._follower.ask(self.form.values)
+            self._figure.asked += 1
+        self._changed.set()
+        job = (self._figure.asked, self.form.values)
+        self._thread = threading.Thread(target=self._run, args=job, name="explore", daemon=True)
+        self._thread.start()
 
-    # The follower's side.
+    def _run(self, request: int, setting: dict[str, Any]) -> None:
+        """Show the pictures of a setting, or why there are none; what is shown is then dimmed."""
+        with self._turn:
+            self._changed.clear()
+            if request != self._figure.asked:
+                return
+            try:
+                self._compute(request, setting)
+            except Exception as error:  # noqa: BLE001  # the figure says what cannot be drawn
+                reason = str(error)
+                if not isinstance(error, SfglabError):
+                    _log.exception("an explorer")
+                    reason = f"it cannot be drawn: {error!r}"
+                with self._lock:
+                    self._figure.answer = {"of": request, "is": "refused", "why": reason}
 
-    def _show(self, request: int, setting: dict[str, Any], picture: Picture, final: bool) -> None:  # noqa: FBT001
+    def _compute(self, request: int, setting: dict[str, Any]) -> None:
+        computed = self._function(**setting)
+        if isinstance(computed, Picture):
+            self._show(request, setting, computed, "whole")
+            return
+        last = None
+        for picture in computed:
+            if picture is not None:
+                last = picture
+                self._show(request, setting, picture, "coarse")
+                self._changed.wait(_PAUSE_S)
+            if last is not None and self._changed.is_set():
+                return
+        assert last is not None, "a simulation has a picture"
+        self._show(request, setting, last, "whole")
+
+    def _show(self, request: int, setting: dict[str, Any], picture: Picture, state: str) -> None:
         """Send a picture to the page."""
         with self._lock, self._figure.hold_sync():
             self._setting = setting
             self.picture = picture
-            self._is_whole = final
+            self._is_whole = state == "whole"
             self._figure.said = picture.said
             self._figure.rows = rows_of(picture)
-            self._figure.answer = {"of": request, "is": "whole" if final else "coarse"}
-
-    def _refuse(self, request: int, reason: str) -> None:
-        """Show why a setting has no picture; what is shown is dimmed."""
-        with self._lock:
-            self._figure.answer = {"of": request, "is": "refused", "why": reason}
+            self._figure.answer = {"of": request, "is": state}
 
     # The page's side.
 

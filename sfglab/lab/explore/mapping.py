@@ -178,7 +178,8 @@ class PressedMapping(Pressed):
             places += [(x, y), (x + _NOTE_SIZE[0] / 3, y)]
         for edge, text in self._times().items():
             others = [line for other, line in lines.items() if other != edge]
-            place = _free_place(lines[edge], np.vstack([*others, *places]))
+            ends = lines[edge][[0, -1]]
+            place = _free_place(lines[edge], np.vstack([*others, *places, ends]))
             places.append(place)
             color = CROSSING if edge in crossing else FRAME
             ax.text(*place, text, color=color, **_NOTE)
@@ -226,13 +227,12 @@ class PressedMapping(Pressed):
 
 
 def _free_place(line: NDArray[np.float64], others: NDArray[np.float64]) -> Point:
-    """Return the point of an edge that is farthest from its ends and from other points.
+    """Return the point of an edge that is farthest from other points.
 
     Args:
         line: Curve of the edge, shape (n, 2).
-        others: Points of other edges and of notes, shape (m, 2).
+        others: Points of other edges and of notes, and the ends of the edge, shape (m, 2).
     """
-    others = np.vstack([others, line[[0, -1]]])
     # In sizes of a note: two notes that are one size apart do not overlap.
     distances = np.abs(line[:, None] - others) / _NOTE_SIZE
     x, y = line[distances.max(axis=2).min(axis=1).argmax()]

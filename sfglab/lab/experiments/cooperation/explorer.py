@@ -88,10 +88,8 @@ def hallway_lap(  # noqa: PLR0913  # one control for each
         medium=Medium(loss=loss_percent / 100),
     )
     lap = lap_of(settings, seed)
-    coarse_s = time.monotonic() + _COARSE_S
-    while not _drive_on(lap) and time.monotonic() < coarse_s:
-        pass
-    yield draw(settings, lap, shown_s)
+    if not _drive_on(lap, _COARSE_S):
+        yield draw(settings, lap, shown_s)
     while not _drive_on(lap):
         yield None
     yield draw(settings, lap, shown_s)
@@ -103,9 +101,14 @@ def lap_of(settings: LapSettings, seed: int) -> SimulatedLap:
     return SimulatedLap(settings, seed, record=True)
 
 
-def _drive_on(lap: SimulatedLap) -> bool:
+def _drive_on(lap: SimulatedLap, lasting_s: float = 0.0) -> bool:
+    """Simulate further for a computing time, one chunk at least; return whether the lap has ended."""
+    end_s = time.monotonic() + lasting_s
     with _LOCK:
-        return lap.drive(lap.time_s + _CHUNK_S)
+        while not lap.drive(lap.time_s + _CHUNK_S):
+            if time.monotonic() >= end_s:
+                return False
+    return True
 
 
 def draw(settings: LapSettings, lap: SimulatedLap, shown_s: float) -> pictures.Picture:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator  # noqa: TC003 - an explorer's form reads the annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
+from itertools import repeat
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -505,13 +506,10 @@ def hello_over_depth(
         simulated = grid(config)
         rows = []
         with ThreadPoolExecutor(_THREADS) as pool:
-            jobs = [pool.submit(simulate_cell, cell, 0) for cell in simulated]
-            try:
-                for job in jobs:
-                    rows.append(job.result())
-                    yield None
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
+            # If the generator is closed at a yield, the iterator of `map` cancels the jobs that wait.
+            for row in pool.map(simulate_cell, simulated, repeat(0)):
+                rows.append(row)
+                yield None
         yield _picture(simulated, rows)
 
 
