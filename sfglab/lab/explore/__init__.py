@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from sfglab.lab.explore.interactive import Interactive, explore
-from sfglab.lab.explore.press import Automaton, Moment, Parts, Pressed, part, transition_part
+from sfglab.lab.explore.press import Automaton, Parts, Pressed, part, transition_part
 from sfglab.lab.pictures import Axis, Panel, Picture, Series
 
 __all__ = [
     "Automaton",
     "Axis",
     "Interactive",
-    "Moment",
     "Panel",
     "Parts",
     "Picture",

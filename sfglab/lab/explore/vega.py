@@ -81,19 +81,14 @@ def specification(picture: Picture) -> dict[str, Any]:
     for place, panel in enumerate(picture.panels):
         charts.append(_panel_chart(place, panel, color))
     ink = "currentColor"  # the text colour of JupyterLab's theme
+    lines = dict.fromkeys(
+        ("labelColor", "titleColor", "domainColor", "tickColor", "gridColor"), ink
+    )
     chart = (
         alt.hconcat(*charts, background="transparent", spacing=8)
         .configure_view(stroke=None)
-        .configure_axis(
-            labelColor=ink,
-            titleColor=ink,
-            domainColor=ink,
-            tickColor=ink,
-            gridColor=ink,
-            gridOpacity=0.15,
-            titleFontWeight="normal",
-        )
-        .configure_legend(labelColor=ink, titleColor=ink)
+        .configure_axis(**lines, gridOpacity=0.15, titleFontWeight="normal")
+        .configure_legend(labelColor=ink)
         .configure_title(color=ink, fontSize=11, offset=16)
     )
     made: dict[str, Any] = chart.to_dict(validate=False)
