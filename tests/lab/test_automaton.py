@@ -44,6 +44,7 @@ def test_every_transition_and_state_of_the_life_cycle_is_drawn_and_says_what_it_
     assert all(f'id="press:{part}"' in machine._figure.svg for part in parts)
     assert set(machine._figure.titles) == set(parts)
     assert machine._figure.titles["LOST/HEARD"] == "HEARD in LOST leads to ACTIVE: RETURNED"
+    assert "#00528a" in machine._figure.svg, "transitions that are possible now"
     before = machine._figure.svg.count("#d55e00")
     machine.press("UNKNOWN/HEARD")
     assert machine._figure.svg.count("#d55e00") > before, "the transition is highlighted"

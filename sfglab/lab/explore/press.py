@@ -172,6 +172,7 @@ class Automaton(Pressed):
         self._runs = {**(runs or {}), "by hand": ()}
         self._states = {state.name: state for state in type(start)}
         self._moves = {transition_part(*key): key for key in table}
+        self._moments: list[Moment] = []  # of the run, and of the clicks after a step of it
         kit = widgets()
         self.choice = kit.Dropdown(options=list(self._runs), description="run")
         #: Slider over the steps of the run, and over the clicks after them.

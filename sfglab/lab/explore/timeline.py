@@ -116,7 +116,7 @@ class Timeline(Pressed):
         ends = [time for frame in self.frames for time in (frame.began_ns, frame.ended_ns)]
         times_ns = np.unique([0, *ends, *outcome.published_ns, *outcome.received_ns])
         places = np.cumsum(np.sqrt(np.diff(times_ns / NS_PER_S, prepend=0.0)))
-        place_of = partial(np.interp, xp=times_ns, fp=places)
+        place_of: Callable[[Any], Any] = partial(np.interp, xp=times_ns, fp=places)
         axes = figure.subplots()
         axes.hlines((0, 1), places[0], places[-1], color="black", linewidth=0.8)
         for frame in self.frames:

@@ -358,7 +358,7 @@ def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
     from sfglab.lab.explore import Pressed, part
     from sfglab.view.widgets import widgets
 
-    table = mapped(run)[mapped(run)["preset"] == preset]
+    table = mapped(run).query("preset == @preset")
     rows = {str(row.Index): row for row in lines_of(table)}
     printed = widgets().HTML(
         "<p>Yellow: yes; dark blue: no. Click a square to print its cells.</p>"
@@ -401,12 +401,12 @@ def cells_at(run: Run[Config], place: Any) -> pd.DataFrame:
 
 def command_of(run: Run[Config], place: Any) -> str:
     """Return the command that simulates the condition of one row of `mapped` again."""
-    values = {
-        "presets": place.preset,
-        "losses": place.loss,
-        "frames_us": place.frame_us,
-        "queue_rules": place.queue_rule,
-        "rates_hz": ", ".join(map(str, cells_at(run, place)["loss"].columns)),
-    }
-    words = [f"{name}=[{value}]" for name, value in values.items()]
+    rates = ", ".join(map(str, cells_at(run, place)["loss"].columns))
+    words = [
+        f"presets=[{place.preset}]",
+        f"losses=[{place.loss}]",
+        f"frames_us=[{place.frame_us}]",
+        f"queue_rules=[{place.queue_rule}]",
+        f"rates_hz=[{rates}]",
+    ]
     return shlex.join(["sfglab", "try", "phases", *words, "criterion=false"])
