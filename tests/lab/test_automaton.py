@@ -64,6 +64,9 @@ def test_a_recorded_run_is_stepped_left_by_hand_and_undone():
     machine.at.value -= 1
     assert machine.moment.state.name == after
     assert machine.at.max == at + 1, "the click can be repeated"
+    machine.at.value = 0
+    machine.press(State.LOST.name)
+    assert (machine.moment.state, machine.at.value, machine.at.max) == (State.LOST, 1, 1)
     machine.choice.value = "by hand"
     assert machine.moment.state is State.UNKNOWN
     assert machine.at.max == 0
@@ -116,6 +119,9 @@ def test_every_frame_of_the_engine_and_every_samples_number_is_drawn(vendor):
         assert marks == {f"press:{name}" for name in lost}
         numbers = [text.get_text() for text in figure.axes[0].texts]
         assert sum(text.isdecimal() for text in numbers) >= len(line.outcome.fate)
+        taken = {text.get_text() for text in figure.axes[0].texts if text.get_position()[1] < 0}
+        times_ns = line.outcome.received_ns[line.outcome.delivered]
+        assert len(taken) == len(set(times_ns)), "each time has its own numbers"
 
 
 def test_a_frame_that_the_seed_loses_is_made_to_pass_and_the_rest_of_the_losses_stay():
