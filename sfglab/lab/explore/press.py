@@ -186,7 +186,8 @@ class Automaton(Pressed):
     @property
     def moment(self) -> Moment:
         """Present state of the machine."""
-        return self._moments[self.at.value]
+        number: int = self.at.value
+        return self._moments[number]
 
     def redraw(self) -> None:
         """Draw the present state."""

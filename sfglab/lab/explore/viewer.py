@@ -205,7 +205,7 @@ class LiveView:
         for display in self.session.displays:
             name = f"{display.id}\n{', '.join(display.topics.values())}"
             counts.loc[name] = display.slot.received, display.slot.shown
-        colors = [COLORS["network"], COLORS["proxy"]]
+        colors = {"received": COLORS["network"], "shown": COLORS["proxy"]}
         axes = counts.plot.barh(ax=figure.subplots(), color=colors)
         axes.set_xlabel("messages")
         axes.set_title("Live: what the displays had when this cell was shown; run it to look")
