@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections import deque
 from dataclasses import replace
@@ -211,18 +210,17 @@ async def test_flows_caches_and_chains_run_live_as_in_the_model():
 
 
 def test_an_explorer_that_is_left_begins_no_further_cell(monkeypatch):
-    begun, may_go_on = [], threading.Semaphore(results._THREADS)
+    begun = []
 
     def simulate(cell, seed):
         begun.append(cell)
-        may_go_on.acquire()
+        time.sleep(0.1)
 
     monkeypatch.setattr(results, "simulate_cell", simulate)
     cells = results.hello_over_depth(rate_max_hz=50)
     next(cells)
-    threading.Timer(0.2, may_go_on.release, [100]).start()
     cells.close()
-    assert len(begun) <= 2 * results._THREADS
+    assert len(begun) < 14, "of 28 cells"
 
 
 def test_the_explorer_can_be_left_and_shows_a_coarse_picture_and_then_the_whole_one():
