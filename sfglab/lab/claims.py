@@ -174,8 +174,8 @@ class Entry:
             return measured.fitted
         reasons = [measured.reason]
         for name in _outside(self.claim, measured):
-            asked = _range(self.claim.ends[name])
-            reasons.append(f"{name}: {measured.ends[name]:.3g}, asked {asked}")
+            accepted_range = _range(self.claim.ends[name])
+            reasons.append(f"{name}: {measured.ends[name]:.3g} (accepted: {accepted_range})")
         reasons += [f"{name}: not measured" for name in self.missing_ends]
         for name, estimate in measured.under.items():
             reasons.append(f"{name}: {estimate}, {_compare(self.claim, estimate).value}")

@@ -140,9 +140,9 @@ def first_picture(run: Run[Config]) -> Finding | None:
         return None
     in_paper_ms = paper("A-FIRST", FIRST_ENDS[PAPERS]) - paper("A-FIRST", FIRST_ENDS[STANDARD])
     reason = (
-        f"both wait for a key frame; loading adds {loading(run, PAPERS)} in a container and "
-        f"{loading(run, NEW_PROCESS)} in a new process, {in_paper_ms:.0f} ms in the paper, about as a "
-        f"second such wait would ({500 * GOP_S:.0f} ms)"
+        f"both wait for a key frame. Loading the decoder adds {loading(run, PAPERS)} in a running container "
+        f"and {loading(run, NEW_PROCESS)} in a new process. The paper's difference is {in_paper_ms:.0f} ms, "
+        f"about the mean wait for one more key frame ({500 * GOP_S:.0f} ms)"
     )
     ends = {key: first_mean(run, path) for path, key in FIRST_ENDS.items()}
     return Finding(estimate=first_ratio(run, PAPERS), reason=reason, ends=ends)

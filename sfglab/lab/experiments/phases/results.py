@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 LEAST_SEEDS = 6  #: Number of seeds that the criteria require.
 MOST_RATES = 3  #: Number of the four Rmax at which OPT+LC has to be lowest.
-_MAP = "map: figure phases, notebook 22"
+_MAP = "figure phases, notebook 22"
 FAST_HZ = (
     500,
     1000,
@@ -186,7 +186,10 @@ def agreement_finding(run: Run[Config], of: str) -> Finding | None:
         count = len(part)
         agreeing, lowest, small = part[["agrees", "lowest", "small"]].sum()
         share = share_of(int(agreeing), count, unit="share of plausible conditions")
-        counts = f"{BEST} lowest in {lowest} of {count}; a small depth worse in {small} of {count}"
+        counts = (
+            f"{BEST} is lowest in {lowest} of {count} conditions, and a small depth is worse than a deep "
+            f"one in {small} of {count}"
+        )
         best_ms, other_ms = table[table["preset"] == mode][["age_ms", "age_lowest_ms"]].median()
         details = {
             "agree": f"{share}: {agreeing} of {count}; {counts}",
@@ -204,7 +207,7 @@ def lowest_of(findings: Mapping[str, Finding]) -> Finding:
             details[f"{mode}, {name}"] = text
     mode = min(findings, key=lambda mode: findings[mode].estimate.value)
     lowest = findings[mode]
-    reason = f"with the timing of {PRESETS[mode].name}, {lowest.reason} ({_MAP})"
+    reason = f"with the simulated timing of {PRESETS[mode].name}, {lowest.reason} ({_MAP})"
     return Finding(estimate=lowest.estimate, details=details, reason=reason, by_criterion=True)
 
 
