@@ -66,7 +66,7 @@ NOWHERE = Place()
 
 
 class DocumentError(InvalidValueError):
-    """A file does not say what it must say."""
+    """A file violates its format; the error names the place, the given value and the allowed values."""
 
     place: Place
 

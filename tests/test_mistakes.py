@@ -169,7 +169,7 @@ def test_a_wrong_argument(command, attempt, tmp_path, monkeypatch):
         "topic list --domain 233": "less than or equal to 232",
         "qos --fromat table": "Possible options: --domain, --format, --rmw",
         "router": "its own domain",
-        "router --domain 0": "domain on both sides: given 0, allowed: two",
+        "router --domain 0": "domain on both sides: given 0, allowed: two different DDS domains",
         f"router --fleet {FLEET} --agent pi9": "given 'pi9', allowed: go2, pi1",
         "router --domain 101 --agent go2 --interface nowhere0": "no network interface 'nowhere0'",
     }.items(),

@@ -101,9 +101,9 @@ class _Planner:
         largest = np.argsort(-taken, kind="stable")[:3]
         names = [self._given.topics[i].name for i in largest]
         raise SfglabError(
-            f"QoS plan has no solution: the minimal rates take {needed:.3g} of the time of the medium, "
-            f"allowed is {allowed:.3g}; most is taken by {', '.join(names)}: lower minimal rates (to "
-            f"{allowed / needed:.2g} of them if all alike), send fewer topics, or use a faster link"
+            f"QoS plan has no solution: the minimal rates take {needed:.3g} of the channel's time, "
+            f"allowed is {allowed:.3g}. These topics take most: {', '.join(names)}. Multiply all minimal rates by "
+            f"{allowed / needed:.2g}, send fewer topics, or use a faster link"
         )
 
     def plan(self, price: float) -> Plan:

@@ -130,4 +130,4 @@ def unused(why: str, *names: str) -> None:
         if parameter.name in names and source.name == "COMMANDLINE":
             given.append(max(parameter.opts, key=len))
     if given:
-        raise SfglabError(f"{' and '.join(given)}: no effect {why}")
+        raise SfglabError(f"{' and '.join(given)}: no effect {why}; leave it out")

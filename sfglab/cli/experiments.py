@@ -32,7 +32,7 @@ _Profile = Annotated[
 
 
 def doctor(as_json: Json = False) -> None:
-    """Test what this machine can measure, and print what experiments do without the rest.
+    """Check the capabilities that experiments need, and print the consequence of each missing one.
 
     Example:
       sfglab doctor
@@ -58,7 +58,7 @@ def reproduce(
     """Run the notebooks of experiments, and print the verdicts on the claims of the papers.
 
     Logs, figures and executed notebooks go into the folder runs. For the name of an
-    experiment, only this one of its notebook runs; the others are read from their committed logs.
+    experiment, only this experiment of its notebook runs. The notebook reads the others from committed logs.
     Runs with --profile smoke count for no claim, and replace no file of another run. Their own
     claims are printed below those of the ledger.
 

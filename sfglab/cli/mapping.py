@@ -46,10 +46,10 @@ def map_graph(
         ),
     ] = False,
     lut: Annotated[
-        int | None, Option(min=0, help="Number of LUTs of the FPGA. [default: ZCU104]")
+        int | None, Option(min=0, help="Number of LUTs of the FPGA. [default: 230400, ZCU104]")
     ] = None,
     bram: Annotated[
-        float | None, Option(min=0, help="Number of block RAMs of the FPGA. [default: ZCU104]")
+        float | None, Option(min=0, help="Number of block RAMs of the FPGA. [default: 312, ZCU104]")
     ] = None,
     figure: Annotated[
         Path | None, Option(help="Draw the mapping into this file: .png, .svg or .pdf.")

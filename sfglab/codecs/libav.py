@@ -133,8 +133,10 @@ class VideoEncoder:
     ) -> tuple[EncodedPacket, ...]:
         """Encode one image (height, width, 3), BGR, uint8, into exactly one packet.
 
-        With `force_key` it is a key frame out of turn; the next regular one comes a GOP later. Raises
-        CodecError where the image does not fit the settings, or the encoder keeps it back or fails.
+        With `force_key` the packet is an extra key frame, and the next regular key frame follows one GOP later.
+
+        Raises:
+            CodecError: The image does not fit the settings, or the encoder delays the packet or fails.
         """
         if image_bgr.shape != self._shape or image_bgr.dtype != np.uint8:
             allowed = f"allowed is uint8 of shape {self._shape}"

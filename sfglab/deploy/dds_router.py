@@ -43,8 +43,8 @@ def render_dds_router(fleet: Fleet, agent: str, *, local_interface: str | None =
     spec, policy = fleet.agent(agent), fleet.policy
     if not policy.rules:
         raise DeployError(
-            "a policy without rules: allowed is one with rules, because a DDS Router takes an empty allowlist "
-            "for 'everything'"
+            "policy.rules: given no rule, allowed: at least one, because a DDS Router with an empty allowlist "
+            "forwards all topics"
         )
     lines = [f"# {line}" for line in _header(fleet, agent)]
     lines += ["", f"version: {VERSION}", "", *_specs(fleet), "", "allowlist:"]

@@ -134,7 +134,7 @@ def _closure(environment: dict[str, str]) -> set[str]:
         except PackageNotFoundError as error:
             if name in AGENT_ROOTS:
                 raise DeployError(
-                    f"{name}: given no such package here, allowed: sfglab with all its libraries"
+                    f"{name}: this package is not installed; install sfglab with its dependencies"
                 ) from error
             # Packages that only other targets need are not installed; their requirements are unknown.
             continue
@@ -202,8 +202,7 @@ def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
         lock = source / LOCK_FILE
         if not lock.is_file():
             raise DeployError(
-                f"{lock}: given no such file, allowed: a checkout of sfglab or an installed wheel of it, "
-                "which have a lock file"
+                f"{lock}: this file is missing; use a checkout of sfglab or an installed wheel of it"
             )
         wheel = build_wheel(source, Path(folder))
         name, data, locked = wheel.name, wheel.read_bytes(), lock.read_text(encoding="utf-8")

@@ -195,7 +195,7 @@ def _ros() -> _Verdict:
 
     found = ", ".join(map(str, distributions().values()))
     if not found:
-        raise SfglabError("neither environments of make ros nor a sourced ROS 2")
+        raise SfglabError("no ROS 2 installation was found; run make ros, or source one")
     services = (
         "cross routers"
         if ros_python()

@@ -72,7 +72,7 @@ def attempt(action: Callable[[], object], said: Any) -> bool:
 
 
 def refusal_html(text: str) -> str:
-    """Return a sentence that says what was refused, as HTML; nothing for nothing."""
+    """Return an error message as HTML; an empty text if there is no error."""
     return f'<span style="color:#b00020">{escape(text)}</span>' if text else ""
 
 

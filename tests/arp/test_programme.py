@@ -141,7 +141,7 @@ BIG = topic("/big", rate_min_hz=900, size_bytes=1400)
     [
         ([topic()], 1e300, "solver CLARABEL ended"),
         ([topic("/cam", size_bytes=6_220_800)], 0.0, "'/cam': given '6220800 bytes in 4204 frames"),
-        ([topic(), BIG], 0.0, "time of the medium.*/big, /a"),
+        ([topic(), BIG], 0.0, "channel.s time.*/big, /a"),
     ],
 )
 def test_what_has_no_plan_is_refused(topics, price, message):

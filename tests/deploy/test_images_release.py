@@ -52,7 +52,7 @@ def test_what_is_no_project_is_refused(monkeypatch, tmp_path):
     monkeypatch.setattr("sfglab.deploy.release._BUILD_LIMIT_S", 0.01)
     with pytest.raises(DeployError, match=r"wheel: .*timed out"):
         build_wheel(tmp_path, tmp_path / "wheel")
-    with pytest.raises(DeployError, match=r"requirements\.lock: given no such file"):
+    with pytest.raises(DeployError, match=r"requirements\.lock: this file is missing"):
         make_release(tmp_path, "")
 
 
@@ -187,5 +187,5 @@ def test_a_lock_is_split_by_names_and_what_is_not_pinned_is_named():
 
 def test_what_an_agent_imports_is_installed_where_its_lock_is_made(monkeypatch):
     monkeypatch.setattr("sfglab.deploy.release.AGENT_ROOTS", ("no-such-package",))
-    with pytest.raises(DeployError, match="no-such-package: given no such package here"):
+    with pytest.raises(DeployError, match="no-such-package: this package is not installed"):
         agent_lock(f"{LOCK}\n", python="3.11", architecture=Architecture.ARM64)

@@ -49,7 +49,7 @@ def arguments(config: plans.AgentConfig) -> dict[str, str]:
     [
         ("global", 7, "global"),
         ("go2", 233, "domain: given 233, allowed: 0 to 232"),
-        ("go2", 0, "given 0, allowed: two"),
+        ("go2", 0, "given 0, allowed: two different"),
         ("go2", None, "its own domain: nothing is given, allowed: 1 to 232 or a"),
     ],
 )

@@ -167,7 +167,7 @@ class _Cursor:
         start, self._at = self._at, self._at + size
         if self._at > len(self._cdr):
             raise InvalidMessageError(
-                f"graph: {len(self._cdr)} bytes, which say that they are {self._at}"
+                f"graph: given {len(self._cdr)} bytes, allowed: at least {self._at}, by the lengths in them"
             )
         return self._cdr[start : self._at]
 

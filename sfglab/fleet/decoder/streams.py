@@ -115,7 +115,9 @@ def routes_of_agent(metadata: Any) -> tuple[tuple[Route, ...], tuple[SfglabError
 
 def _take(route: Route, routes: dict[str, Route]) -> None:
     if routes.setdefault(route.local_topic, route) != route:
-        raise StreamError(route.source_topic, f"{route.local_topic} is another stream's")
+        raise StreamError(
+            route.source_topic, f"another stream is already decoded to {route.local_topic}"
+        )
 
 
 def _routes_of_stream(stream: Any) -> Iterable[Route]:

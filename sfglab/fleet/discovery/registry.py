@@ -235,7 +235,7 @@ class Registry:
         return orders
 
     def compensate_pause(self, since_ns: int, now_ns: int) -> None:
-        """Do not count a pause of the caller's own process as silence of the agents."""
+        """Extend the time-outs of all agents by a pause of this process, in which it could receive no heartbeats."""
         for remote in self._remotes.values():
             remote.speakers.compensate_pause(since_ns, now_ns)
             remote.due = None

@@ -46,4 +46,4 @@ class RouterConfig(RouterSettings):
         RouterSettings.__post_init__(self)
         if self.local.domain_id == self.remote.domain_id:
             where = f"router of {self.agent}, domain on both sides"
-            raise InvalidValueError(where, self.local.domain_id, "two")
+            raise InvalidValueError(where, self.local.domain_id, "two different DDS domains")
