@@ -8,7 +8,7 @@ from made_logs import DATA, ran, reference
 
 from sfglab.lab.experiments.planning import SceneCell, exp, facts_of
 from sfglab.lab.experiments.planning.facts import FACTS
-from sfglab.lab.experiments.planning.results import CARRIED_OUT
+from sfglab.lab.experiments.planning.results import CARRIED_OUT, track_of
 from sfglab.spatial.trajectory.motion import motion_of
 from sfglab.spatial.trajectory.path import Interpolation
 
@@ -46,16 +46,24 @@ def test_a_broken_library_fails_its_fact(monkeypatch, place, broken, name):
     assert all(problem_of(rng) for _ in range(3))
 
 
-def test_a_smoke_run_has_all_facts_and_the_driven_track_as_messages(tmp_path):
+@pytest.mark.slow
+@pytest.mark.live
+def test_a_smoke_run_has_all_facts_and_the_poses_of_the_agents_as_messages(tmp_path):
     run = ran(exp, tmp_path / "smoke.mcap", cases=2)
     found = facts_of(run)
     assert set(found["check"]) == {*FACTS, CARRIED_OUT}
     assert (found["held"] == found["checked"]).all()
-    assert run["track"]["error_m"].max() < 0.6
-    assert run["goal"]["share"].tolist() == [1.0, 1.0]
-    poses = [entry.message.__msgtype__ for entry in run.messages("/global/go2/pose")]
-    assert set(poses) == {"geometry_msgs/msg/PoseStamped"}
-    assert len(poses) == (run["track"]["agent"] == "go2").sum() > 100
+    for agent, end_s in (("drone", 6.0), ("go2", 12.8)):
+        track = track_of(run, agent)
+        assert 0 <= track["t_s"].min() < 0.2
+        assert track["t_s"].max() > end_s
+        assert 0.2 < track["error_m"].max() < 0.6
+
+
+def test_the_tracking_error_is_the_distance_from_the_plan_that_the_log_states():
+    run = reference(exp)
+    stated = run["track"].groupby("agent")["error_m"].max()
+    assert {name: track_of(run, name)["error_m"].max() for name in stated.index} == dict(stated)
 
 
 def test_the_editor_in_a_cell_edits_a_copy_and_has_a_still(tmp_path, monkeypatch):
