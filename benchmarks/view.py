@@ -15,7 +15,7 @@ import asyncio
 
 import pandas as pd
 
-from sfglab.lab.experiments.visualisation.live import member, time_pictures
+from sfglab.lab.experiments.visualisation.live import camera_and_sink, time_pictures
 from sfglab.lab.testbed import free_port, held_domains
 from sfglab.processes import ProcessGroup
 
@@ -26,10 +26,9 @@ async def measure(rounds: int, images: int) -> pd.DataFrame:
     """Return the time of each image by arm, ms."""
     port = free_port()
     with held_domains() as (domain_id,):
-        members = [member("camera", domain_id=domain_id), member("sink", port=port)]
-        async with ProcessGroup(members):
-            rows = await time_pictures(port, domain_id, rounds=rounds, pictures=images)
-    return pd.DataFrame(rows)
+        async with ProcessGroup([camera_and_sink(domain_id, port)]):
+            taken_ms = await time_pictures(port, domain_id, rounds=rounds, pictures=images)
+    return pd.DataFrame(taken_ms)
 
 
 def main() -> None:
@@ -39,7 +38,7 @@ def main() -> None:
     parser.add_argument("--images", type=int, default=150, help="images of an arm in one round")
     arguments = parser.parse_args()
     times = asyncio.run(measure(arguments.rounds, arguments.images))
-    table = times.groupby("arm")["taken_ms"].describe(percentiles=SHARES)
+    table = times.describe(percentiles=SHARES).T
     table.loc["added"] = table.loc["bridge"] - table.loc["bare"]
     print(table.round(2).to_string())
 

@@ -13,14 +13,20 @@ from sfglab.lab.experiments.visualisation import exp, plugin, points
 pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 
 
-def test_a_package_holds_and_one_whose_mistake_is_not_told_does_not(tmp_path, monkeypatch):
-    (tmp_path / "a").mkdir()
-    assert all(plugin.try_package(tmp_path / "a").values())
-    entries = plugin._ENTRY_POINTS.replace("gone = ", "other = ").replace(":Gone", ":Battery")
-    monkeypatch.setattr(plugin, "_ENTRY_POINTS", entries)
-    (tmp_path / "b").mkdir()
-    wrong = [name for name, held in plugin.try_package(tmp_path / "b").items() if not held]
-    assert wrong == ["one that cannot be loaded is told"]
+@pytest.mark.parametrize(
+    ("broken", "fails"),
+    [
+        ("", []),
+        ("session.Session.offers", ["offered for its type"]),
+        ("session.Session.tune", ["shown, and tuned"]),
+        ("session.Display.fail", ["one that fails is noted, and the other goes on"]),
+    ],
+)
+def test_a_package_holds_and_a_mistake_of_the_view_is_seen(tmp_path, monkeypatch, broken, fails):
+    if broken:
+        monkeypatch.setattr(f"sfglab.view.{broken}", lambda *_: ())
+    found = plugin.try_package(tmp_path)
+    assert [name for name, held in found.items() if not held] == fails
 
 
 def test_the_closed_form_inverts_the_projection_by_hand():
@@ -39,16 +45,23 @@ def test_points_are_those_of_the_closed_form_and_others_are_seen():
     [moment] = points.scene_moments(1, seed=0)
     ((stamp_ns, (shown, colors)),) = points.shown_points([moment]).items()
     row = points.compared(moment, (shown, colors))
-    assert row.points == row.expected > 10_000
-    assert (row.stamp_ns, row.wrong_colors) == (stamp_ns, 0)
-    assert row.largest_error_m < 1e-5
-    assert points.compared(moment, (shown + 1e-4, colors)).largest_error_m > 1e-5
-    wrong = points.compared(moment, (shown, colors + np.uint8(1)))
-    assert wrong == replace(row, wrong_colors=row.points)
-    fewer = points.compared(moment, (shown[1:], colors[1:]))
-    assert (fewer.largest_error_m, fewer.wrong_colors) == (np.inf, row.expected)
+    assert stamp_ns == moment.stamp_ns
+    assert row.points > 10_000
+    assert row.largest_error_m < points.TOLERANCE_M
+    assert points.compared(moment, (shown + 1e-4, colors)).largest_error_m > points.TOLERANCE_M
+    for wrong in ((shown, colors + np.uint8(1)), (shown[1:], colors[1:]), points.NO_POINTS):
+        assert points.compared(moment, wrong).largest_error_m == np.inf
     empty = replace(moment, depth_mm=np.zeros_like(moment.depth_mm))
-    assert points.compared(empty, (shown[:0], colors[:0])).largest_error_m == np.inf
+    assert points.compared(empty, points.NO_POINTS).largest_error_m == np.inf
+
+
+def test_each_depth_gets_the_picture_of_its_stamp():
+    moments = list(points.scene_moments(3, seed=0))
+    shown = points.shown_points(moments)
+    assert all(points.compared(one, shown[one.stamp_ns]).largest_error_m < 1e-5 for one in moments)
+    first, second, _ = moments
+    mixed = replace(second, rgb=first.rgb)
+    assert points.compared(mixed, shown[second.stamp_ns]).largest_error_m == np.inf
 
 
 def quiet_run(*, tail_ms=0.0):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from seen import cloud
 
-from sfglab.lab.experiments.visualisation.points import image_message
+from sfglab.lab.workers.picture_flow import image_message
 from sfglab.view import geometry
 
 rng = np.random.default_rng(0)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from functools import partial
+from importlib.metadata import EntryPoint
 from importlib.util import find_spec
 from unittest.mock import Mock, call
 from urllib.error import HTTPError
@@ -18,7 +19,7 @@ from waiting import until
 
 from sfglab.errors import InvalidValueError, MissingExtraError
 from sfglab.fleet.fleet_file import load_fleet
-from sfglab.lab.experiments.visualisation.points import image_message
+from sfglab.lab.workers.picture_flow import image_message
 from sfglab.messages import default_message, message_type, serialize, stamp_from_ns
 from sfglab.qos import SENSOR_DATA
 from sfglab.record import LogReader, LogWriter
@@ -35,7 +36,7 @@ from sfglab.view.rerunning import (
     layout_of_topics,
     open_canvas,
 )
-from sfglab.view.session import Session
+from sfglab.view.session import GROUP, Session
 from sfglab.view.stage import Stage, replay
 from sfglab.view.visualizer import SinkError
 
@@ -64,6 +65,14 @@ class Word(Visualizer):
         if update.only.data == "crash":
             raise RuntimeError("a mistake in a plugin")
         canvas.log(self.entity, self["prefix"] + update.only.data)
+
+
+class Taken(Word):
+    name = "image"
+
+
+class Blind(Word):
+    inputs = ()
 
 
 @pytest.fixture
@@ -243,6 +252,28 @@ def test_a_page_is_sent_what_waited_and_a_time_until_the_viewer_obeys():
     assert part == call({"type": "rrd"}, buffers=[b"part"])
     assert [order.args[0]["timestamp_nanos"] for order in orders] == ["7", "7", "8000"]
     assert times == [7000, 7, 8000, 9000]
+
+
+@pytest.mark.parametrize(
+    ("value", "problem"),
+    [
+        (f"{__name__}:Gone", "AttributeError"),
+        (f"{__name__}:Taken", "ValueError: the name 'image' is taken"),
+        (f"{__name__}:S", "TypeError: 1000000000 is no class derived from Visualizer"),
+        (f"{__name__}:Blind", "ValueError: it has no inputs"),
+    ],
+)
+def test_an_entry_point_that_is_no_new_visualizer_is_a_problem_and_hides_no_other(
+    monkeypatch, value, problem
+):
+    entries = [
+        EntryPoint(name, at, GROUP) for name, at in (("a", value), ("b", f"{__name__}:Word"))
+    ]
+    monkeypatch.setattr("sfglab.view.session.entry_points", lambda **_: entries)
+    session = Session()
+    assert session.kinds["word"] is Word
+    assert session.kinds["image"].__module__.startswith("sfglab.")
+    assert [problem in told for told in session.problems] == [True]
 
 
 def test_a_plugin_that_cannot_be_made_is_a_problem_and_hides_no_other(session):

@@ -15,7 +15,8 @@ from sfglab.codecs import (
 )
 from sfglab.errors import SfglabError
 from sfglab.fleet.status.heartbeat import Phase
-from sfglab.lab.experiments.visualisation.points import camera_info, image_message
+from sfglab.lab.experiments.visualisation.points import camera_info
+from sfglab.lab.workers.picture_flow import image_message
 from sfglab.messages import default_message, message_type, stamp_from_ns
 from sfglab.spatial import Pose
 from sfglab.spatial.poses import header_msg

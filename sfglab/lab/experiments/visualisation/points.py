@@ -12,18 +12,20 @@ import numpy as np
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiments.visualisation.live import MemoryCanvas
 from sfglab.lab.sources import open_source
-from sfglab.messages import default_message, message_type, serialize
+from sfglab.lab.workers.picture_flow import image_message
+from sfglab.messages import default_message, serialize
 from sfglab.spatial.poses import header_msg
-from sfglab.view import Exact
 from sfglab.view.arrivals import Arrival
 from sfglab.view.session import Session
 from sfglab.view.stage import replay
-from sfglab.view.visualizers.clouds import DepthCloud
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
+
+POINTS = "a synchronised pair back-projected as in closed form"
+TOLERANCE_M = 1e-5  #: Limit of the distance of a point from its closed form, m.
 
 START_NS = 1_700_000_000_000_000_000  #: Time of the first picture.
 PERIOD_NS = 100_000_000
@@ -64,17 +66,10 @@ class Moment:
 class VisualisationCloudRow(TableRow):
     """The points of one depth image, beside their closed form."""
 
-    stamp_ns: int  #: Stamp of the depth image.
     points: int  #: Number of points that are drawn.
-    expected: int  #: Number of points of the closed form.
-    largest_error_m: float  #: Largest distance between a point and its closed form, m.
-    wrong_colors: int  #: Points whose colour differs from the picture's.
-
-
-class _ExactDepthCloud(DepthCloud):
-    """Points of a depth image with the picture and the camera info of the same stamp."""
-
-    sync = Exact()
+    #: Largest distance between a point and its closed form, m; infinite if points are missing or have other
+    #: colours.
+    largest_error_m: float
 
 
 def scene_moments(count: int, seed: int) -> Iterator[Moment]:
@@ -85,19 +80,6 @@ def scene_moments(count: int, seed: int) -> Iterator[Moment]:
             assert frame.depth_mm is not None
             rgb = np.ascontiguousarray(frame.bgr[..., ::-1])
             yield Moment(number=number, rgb=rgb, depth_mm=frame.depth_mm)
-
-
-def image_message(array: NDArray[Any], encoding: str, header: Any) -> Any:
-    """Return an ``Image`` of pixels, shape (H, W) or (H, W, channels)."""
-    return message_type("sensor_msgs/msg/Image")(
-        header=header,
-        height=array.shape[0],
-        width=array.shape[1],
-        encoding=encoding,
-        is_bigendian=0,
-        step=array[0].nbytes,
-        data=np.ascontiguousarray(array).reshape(-1).view(np.uint8),
-    )
 
 
 def camera_info(header: Any, size: tuple[int, int]) -> Any:
@@ -115,7 +97,7 @@ def shown_points(moments: Sequence[Moment]) -> dict[int, Points]:
     canvas = MemoryCanvas()
     topics = {"depth": f"{_DEPTH}/image_raw", "info": f"{_DEPTH}/camera_info", "color": _PICTURE}
     settings = {"decimation": _STEP, "depth_max_m": _MAX_M}
-    display = session.add(_ExactDepthCloud, topics, settings)
+    display = session.add("depth_cloud", topics, settings)
     session.limit(display.id, None)
     replay(chain.from_iterable(map(_arrivals, moments)), session, canvas)
     shown = {}
@@ -127,14 +109,11 @@ def shown_points(moments: Sequence[Moment]) -> dict[int, Points]:
 
 
 def _arrivals(moment: Moment) -> Iterator[Arrival]:
-    """Yield a picture's three messages and, among them, a picture of another time, which belongs to no depth."""
+    """Yield the messages of a moment."""
     header = moment.header(CAMERA)
-    other = moment.header(CAMERA)
-    other.stamp.nanosec += 1
     messages = [
         (f"{_DEPTH}/camera_info", camera_info(header, SIZE)),
         (_PICTURE, image_message(moment.rgb, "rgb8", header)),
-        (_PICTURE, image_message(moment.rgb[::-1], "rgb8", other)),
         (f"{_DEPTH}/image_raw", image_message(moment.depth_mm, "16UC1", header)),
     ]
     for place, (topic, message) in enumerate(messages):
@@ -160,18 +139,11 @@ def back_projected(moment: Moment, info: Any, *, step: int, max_m: float) -> Poi
 
 
 def compared(moment: Moment, shown: Points) -> VisualisationCloudRow:
-    """Compare the points of a depth image with their closed form; without any of these the error is infinite."""
+    """Compare the points of a depth image with their closed form."""
     info = camera_info(moment.header(CAMERA), SIZE)
     expected, expected_colors = back_projected(moment, info, step=_STEP, max_m=_MAX_M)
     points, colors = shown
-    largest_m, wrong_colors = np.inf, len(expected)
-    if len(expected) and points.shape == expected.shape:
-        largest_m = np.linalg.norm(points - expected, axis=1).max()
-        wrong_colors = int((colors != expected_colors).any(axis=1).sum())
-    return VisualisationCloudRow(
-        stamp_ns=moment.stamp_ns,
-        points=len(points),
-        expected=len(expected),
-        largest_error_m=float(largest_m),
-        wrong_colors=wrong_colors,
-    )
+    largest_m = np.inf
+    if len(points) and np.array_equal(colors, expected_colors):
+        largest_m = float(np.linalg.norm(points - expected, axis=1).max())
+    return VisualisationCloudRow(points=len(points), largest_error_m=largest_m)

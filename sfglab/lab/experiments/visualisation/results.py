@@ -11,17 +11,10 @@ import pandas as pd
 
 from sfglab.lab.checks import fact_rows, facts_row, lowest_share
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.visualisation.experiment import (
-    CLOUD,
-    DISPLAY,
-    PARAMETER,
-    PICTURE,
-    PLUGIN,
-    POINTS,
-    QOS,
-    Config,
-    exp,
-)
+from sfglab.lab.experiments.visualisation.experiment import CLOUD, PICTURE, Config, exp
+from sfglab.lab.experiments.visualisation.live import DISPLAY, PARAMETER, QOS
+from sfglab.lab.experiments.visualisation.plugin import PLUGIN
+from sfglab.lab.experiments.visualisation.points import POINTS
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, bootstrap
@@ -32,7 +25,7 @@ if TYPE_CHECKING:
 
 ADDED_MS = 5.0
 """Bound of the delay that the bridge adds to a picture of 640 x 360, ms, at the median and at 99 % (ours)."""
-JUDGED = ("median", "99 %")  #: Columns of `latency_table` that are compared with the bound.
+JUDGED = ["median", "99 %"]  #: Columns of `latency_table` that are compared with the bound.
 DELAY = "the delay of the bridge is within its bound"
 
 FACTS = {
@@ -72,13 +65,17 @@ def added_ms(run: Run[Config]) -> Estimate:
     )
 
 
+def beyond_rerun_ms(run: Run[Config]) -> pd.Series[float]:
+    """Return how much longer the bridge takes than Rerun's own call, in the columns `JUDGED`, ms."""
+    table = latency_table(run)
+    return (table.loc["bridge"] - table.loc["bare"])[JUDGED]
+
+
 @derived
 def facts(run: Run[Config]) -> pd.DataFrame:
     """Return the facts: those noted while it ran, and the delay of the bridge."""
-    taken = latency_table(run).to_dict("index")
     within = {}
-    for name in JUDGED:
-        ms = taken["bridge"][name] - taken["bare"][name]
+    for name, ms in beyond_rerun_ms(run).items():
         within[f"{name}: {ms:.1f} ms (bound: {ADDED_MS:g} ms)"] = ms < ADDED_MS
     delay = pd.DataFrame([asdict(facts_row(DELAY, within))])
     return pd.concat([fact_rows(run["check"], FACTS), delay], ignore_index=True)
@@ -102,21 +99,21 @@ def share_that_holds(run: Run[Config]) -> Finding:
 def draw_latency(figure: Figure, run: Run[Config]) -> None:
     """Draw the time until a sink has an image, through the bridge and with Rerun alone."""
     axes = figure.subplots()
-    taken = latency_table(run).to_dict("index")
+    table = latency_table(run)
     arms = {"bare": ("standard", "Rerun alone"), "bridge": ("proxy", "through the bridge")}
     for arm, (color, name) in arms.items():
-        median_ms, tail_ms = (taken[arm][column] for column in JUDGED)
+        median_ms, tail_ms = table.loc[arm, JUDGED]
         text = f"{name}: {median_ms:.1f} ms\n(99 %: {tail_ms:.1f} ms)"
         axes.ecdf(taken_ms(run, arm), color=COLORS[color], label=text)
     axes.set(xlabel="time until the sink has the image (ms)", ylabel="share of images")
     axes.set(xlim=(0, None), ylim=(0, 1.02))
-    median_ms, tail_ms = (taken["bridge"][name] - taken["bare"][name] for name in JUDGED)
+    median_ms, tail_ms = beyond_rerun_ms(run)
     axes.set_title(
         f"The bridge adds {median_ms:.1f} ms at the median, {tail_ms:.1f} ms at 99 %; bound: {ADDED_MS:g} ms"
     )
     axes.legend(loc="lower right", fontsize="small")
-    count = taken["bare"]["images"]
-    note(figure, f"live, on this host; {count} raw images of 640 x 360 per curve")
+    count = table.loc["bare", "images"]
+    note(figure, f"live, on this host; {count:.0f} raw images of 640 x 360 per curve")
 
 
 @exp.figure("visualisation_points", size=(10, 3.7))
