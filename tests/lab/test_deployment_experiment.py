@@ -51,7 +51,7 @@ def test_a_fact_that_is_refused_shows_and_a_part_counts_if_all_its_facts_were_as
 @pytest.mark.parametrize(
     ("line", "limit_s", "fault"),
     [
-        (b'date +%N > "$SFGLAB_ROOT/now"\n', 60.0, "steamdeck: a dry run changes files"),
+        (b'date +%N > "$SFGLAB_ROOT/now"\n', 60.0, "steamdeck: a second run changes files"),
         (b"sleep 100\n", 1.0, "steamdeck: env: ended with status 124"),
     ],
 )

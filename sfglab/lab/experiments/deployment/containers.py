@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import re
 import signal
+import subprocess
 import sys
 from contextlib import AsyncExitStack, suppress
 from typing import TYPE_CHECKING
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from sfglab.component import Report
     from sfglab.deploy.bundle import Bundle
 
     Pairs = Sequence[tuple[Deployment, Bundle]]
@@ -49,8 +49,10 @@ async def ask_containers(pairs: Pairs, folder: Path) -> dict[str, str]:
     names = {deployment.agent.name for deployment, _ in pairs}
     with Network() as network:
         hosts = {name: network.add_host(name) for name in (*sorted(names), OUTSIDER)}
-        outside = hosts[OUTSIDER]
-        fleet = _fleet_file(pairs[0][0], folder, interface=outside.interface)
+        fleet = folder / "fleet.yaml"
+        text = pairs[0][0].release.fleet_text
+        of_hosts = rf"\1: {Host.interface}"
+        fleet.write_text(re.sub(r"\b(interface|global_interface): \w+", of_hosts, text), "utf-8")
         async with AsyncExitStack() as stack:
             waiting = []
             for deployment, bundle in pairs:
@@ -58,7 +60,7 @@ async def ask_containers(pairs: Pairs, folder: Path) -> dict[str, str]:
                 agent = await _start(stack, deployment, bundle, hosts[name], fleet)
                 waiting.append(_undiscovered(agent, names - {name}))
             missing = await asyncio.gather(*waiting)
-            seen = await _look(outside, pairs)
+            seen = await _look(hosts[OUTSIDER], pairs)
     shown = seen.pop(pairs[0][0].fleet.global_domain)
     foreign = {topic for topic in shown if not _GLOBAL.fullmatch(topic)}
     return {
@@ -73,41 +75,18 @@ async def _start(
 ) -> LineProcess:
     """Start both containers of an agent, and return the process of the agent's."""
     services = yaml.safe_load(bundle.members["compose.yaml"].text)["services"]
+    commands = {}
+    for name, service in services.items():
+        words = [str(fleet) if word == FLEET_FILE else word for word in service["command"]]
+        commands[name] = [*_SFGLAB, *words]
     enter = (sys.executable, "-m", "sfglab.lab.workers.container", deployment.bridge)
     # Compose makes the network before any container; a router that starts without it fails.
     await asyncio.to_thread(host.run, enter, MEETING_S, check=True)
-    started = {}
-    for name, before, after in (("agent", enter, ("--json",)), ("router", (), ())):
-        words = [str(fleet) if word == FLEET_FILE else word for word in services[name]["command"]]
-        argv = host.argv([*before, *_SFGLAB, *words, *after])
-        started[name] = await _Container.start(name, argv)
-        stack.push_async_callback(_end, started[name])
-    return started["agent"]
-
-
-def _fleet_file(deployment: Deployment, folder: Path, *, interface: str) -> Path:
-    """Write the fleet file of the containers, with the interface of the test hosts as the global one."""
-    text = deployment.release.fleet_text
-    for name in {agent.global_interface for agent in deployment.fleet.agents} - {None}:
-        text = text.replace(f"interface: {name}", f"interface: {interface}")
-    path = folder / "fleet.yaml"
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
-class _Container(LineProcess):
-    """A container's process; other lines than reports, such as those of a router, are ignored."""
-
-    def _report_of(self, line: bytes) -> Report:
-        try:
-            return super()._report_of(line)
-        except ValueError:
-            return {"is": "text"}
-
-
-async def _end(container: LineProcess) -> None:
-    container.signal(signal.SIGTERM)
-    await container.close(grace_s=_GRACE_S)
+    host.popen(commands["router"], stdout=subprocess.DEVNULL)
+    agent = await LineProcess.start("agent", host.argv([*enter, *commands["agent"], "--json"]))
+    stack.push_async_callback(agent.close, grace_s=_GRACE_S)
+    stack.callback(agent.signal, signal.SIGTERM)
+    return agent
 
 
 async def _undiscovered(agent: LineProcess, wanted: set[str]) -> set[str]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING
 
@@ -50,8 +49,6 @@ LAYERS = ("base", "adapter", "application")
 """Layers of an image from the hardware upwards: paper A, Fig. 5."""
 _STAGE = re.compile(r"^FROM\s+\S+\s+AS\s+(\S+)", re.MULTILINE)
 _HOOKS_S = 60.0
-_OF_ALL = ("Dockerfile", "compose.yaml")
-_NOT_SHOWN = ("image/requirements.lock", "image/sfglab-")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +113,6 @@ async def deploy(bench: Bench[Config]) -> None:
     release, wheel = make_release(SOURCE, source.text)
     pairs = prepare(source, release, wheel, agents=config.agents)
     bench.write_all("layer", layer_rows(pairs))
-    _attach(bench, pairs)
     faults = ask_checkers(pairs)
     bench.advance("files")
     if (codec_fault := ask_codecs()) is not None:
@@ -148,15 +144,6 @@ def fact_rows(faults: Mapping[str, str]) -> Iterator[FactRow]:
             outcome=outcome.value,
             detail=faults.get(fact.name, ""),
         )
-
-
-def _attach(bench: Bench[Config], pairs: Pairs) -> None:
-    """Keep the images' and containers' files of all agents, and the other texts of the first one."""
-    for number, (_, bundle) in enumerate(pairs):
-        for path, member in bundle.members.items():
-            is_text = number == 0 and not path.startswith(_NOT_SHOWN)
-            if path in _OF_ALL or is_text:
-                bench.attach(f"{bundle.agent}/{path}", member.data, "text/plain")
 
 
 def layer_rows(pairs: Pairs) -> Iterator[LayerRow]:
@@ -205,29 +192,24 @@ def ask_hooks(pairs: Pairs, folder: Path) -> str:
         root = folder / bundle.agent
         home = root / deployment.folder.lstrip("/")
         write_bundle(bundle, home)
-        fault = _hook_fault(home / "hooks", root)
+        (home / "hooks/custom.d/50-mine.sh").write_text('mkdir -p "$SFGLAB_ROOT/mine"\n')
+        fault = _hook_fault(home / "hooks/initialize.sh", root)
         if fault:
             faults.append(f"{bundle.agent}: {fault}")
     return "; ".join(faults)
 
 
-def _hook_fault(hooks: Path, root: Path) -> str:
-    """Run the hooks without effect, twice, and with a hook of the user; return the first fault."""
-    run = partial(run_streamed, on_line=lambda _: None)
-    script = str(hooks / "initialize.sh")
-    command = ["env", f"SFGLAB_ROOT={root}", "timeout", f"{_HOOKS_S}", script]
+def _hook_fault(script: Path, root: Path) -> str:
+    """Run the hooks twice; return the first fault."""
+    command = ["env", f"SFGLAB_ROOT={root}", "timeout", f"{_HOOKS_S}", str(script)]
     states = [_snapshot(root)]
     try:
-        for options in (["--dry-run"], [], []):
-            run([*command, *options])
+        for _ in range(2):
+            run_streamed(command, lambda _: None)
             states.append(_snapshot(root))
-        (hooks / "custom.d" / "50-mine.sh").write_text('touch "$SFGLAB_ROOT/mine"\n')
-        run(command)
     except DeployError as error:
         return str(error)
-    before, dry, prepared, again = states
-    if dry != before:
-        return "a dry run changes files"
+    before, prepared, again = states
     if prepared == before:
         return "they change nothing"
     if again != prepared:
@@ -235,10 +217,7 @@ def _hook_fault(hooks: Path, root: Path) -> str:
     return "" if (root / "mine").exists() else "a script of the user does not run"
 
 
-def _snapshot(root: Path) -> dict[str, tuple[int, bytes]]:
+def _snapshot(root: Path) -> dict[Path, tuple[int, bytes]]:
     """Return time stamp and content of each file below a folder."""
-    found = {}
-    for path in root.rglob("*"):
-        if path.is_file() and not path.is_symlink():
-            found[str(path)] = (path.stat().st_mtime_ns, path.read_bytes())
-    return found
+    files = [path for path in root.rglob("*") if path.is_file() and not path.is_symlink()]
+    return {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in files}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from itertools import groupby
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -90,10 +90,9 @@ def draw_layers(figure: Figure, run: Run[Config]) -> None:
             width = len(list(same))
             left = first - 0.44
             bars = axes.barh(height, width - 0.12, 0.72, left, color=color, alpha=0.28)
-            narrow = "\n".join(re.findall(r".{1,13}(?:[-:, ]|$)|.{13}", says))
-            text = narrow if width == 1 else says
-            text = "" if layer == LAYERS[-1] else text
-            axes.bar_label(bars, [text], label_type="center", fontsize=7)
+            if layer != LAYERS[-1]:
+                text = fill(says, 13) if width == 1 else says
+                axes.bar_label(bars, [text], label_type="center", fontsize=7)
             first += width
     axes.set_xticks(range(len(agents)), agents)
     axes.set_yticks(range(len(LAYERS)), _NAMES)
