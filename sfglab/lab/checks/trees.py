@@ -26,8 +26,6 @@ from sfglab.spatial.mocap.tracking import Capture
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
 AGENT, WORLD, OBJECT = "agent_x", "map", "agent_x/markers"
 DIRECT = "direct"  #: The transforms of the direct receiver: Fig. 6, left.
 #: The same under the right name: "even if this naming conflict were resolved".
@@ -117,14 +115,6 @@ class Joined:
             reached.add(frame)
         return reached
 
-    def places(self) -> dict[str, NDArray[np.float64]]:
-        """Return the pose of each frame in the world, as products of matrices from the root down."""
-        below = {self.root: np.eye(4)}
-        for step in self.robot:
-            below[step.child] = below[step.parent] @ step.pose.matrix()
-        world_from_root = self.seen.matrix() @ np.linalg.inv(below[self.via])
-        return {frame: world_from_root @ matrix for frame, matrix in below.items()}
-
 
 def joined(count: int, seed: int) -> Iterator[Joined]:
     """Yield the paper's example and a number of random robots."""
@@ -172,11 +162,15 @@ def _proxy_own(one: Joined) -> bool:
 
 
 def _proxy_places(one: Joined) -> bool:
-    tree = one.trees[PROXY]
+    """Compare the pose of each frame in the world with a product of matrices from the root down."""
+    below = {one.root: np.eye(4)}
+    for step in one.robot:
+        below[step.child] = below[step.parent] @ step.pose.matrix()
+    world_from_root = one.seen.matrix() @ np.linalg.inv(below[one.via])
     off = []
-    for frame, wanted in one.places().items():
-        found = tree.look_up(WORLD, frame, one.last_ns).matrix()
-        off.append(np.abs(found - wanted).max())
+    for frame, matrix in below.items():
+        found = one.trees[PROXY].look_up(WORLD, frame, one.last_ns).matrix()
+        off.append(np.abs(found - world_from_root @ matrix).max())
     return bool(max(off) < _CLOSE)
 
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 import asyncio
 import math
 from collections import Counter
-from contextlib import AsyncExitStack, aclosing, suppress
+from contextlib import AsyncExitStack, suppress
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -37,10 +38,9 @@ from sfglab.spatial.mocap.synthetic import (
 from sfglab.units import NS_PER_MS, NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator, Mapping
+    from collections.abc import Awaitable, Callable, Iterator, Mapping
 
     from sfglab.bus import Clock, Publisher
-    from sfglab.spatial.mocap.tracking import Capture, MocapSource
 
     Nodes = Mapping[str, Node]  # by way
 
@@ -53,10 +53,9 @@ MAPPING = MocapMapping(
 )
 """Mapping of the bridge. It names the root of the robot's tree, because without odometry, which may be
 received later than the static transforms, the root is another frame."""
-#: Time for which robot and bridge continue after the run, so that the last look-ups are answered, s.
-TAIL_S = 0.6
-_EARLY_S = 5.0  # time for which the robot publishes before the run, so that all have discovered it
-_FIRST_S = 0.25  # time of the first look-up
+#: Time for which robot and bridge continue after the run, so that the last look-ups are answered, ns.
+TAIL_NS = 600 * NS_PER_MS
+_FIRST_NS = 250 * NS_PER_MS  # time of the first look-up
 _BASE_FROM_MARKERS = Pose.at((0.1, 0.0, 0.2), (0.0, 0.05, 0.0, 1.0))
 _BASE_FROM_CAMERA = Pose.at((0.33, 0.0, 0.13), (0.5, -0.5, 0.5, -0.5))
 _WORLD_FROM_ODOM = Pose.from_yaw((1.5, -0.7, 0.1), 0.6)
@@ -73,23 +72,6 @@ class MocapWorkerConfig:
     role: str  #: ``robot``, ``bridge`` or ``listener``.
     ways: dict[str, BusAddress]  #: Domain of each of `WAYS`.
     seed: int  #: Seed of the cameras, and of the times of look-ups.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Times:
-    """Beginning and end of the live run."""
-
-    start_ns: int  #: Time 0, ns since the epoch.
-    seconds: float  #: Length, s.
-
-    @property
-    def end_ns(self) -> int:
-        """End, ns since the epoch."""
-        return self.start_ns + round(self.seconds * NS_PER_S)
-
-    def since_start_s(self, time_ns: int) -> float:
-        """Return a time as seconds since time 0."""
-        return (time_ns - self.start_ns) / NS_PER_S
 
 
 # --- The robot: its TF tree, its true pose, and its odometry ---
@@ -131,67 +113,72 @@ async def _until(clock: Clock, time_ns: int) -> None:
     await clock.sleep_for(max(0.0, (time_ns - clock.now_ns()) / NS_PER_S))
 
 
-async def play_robot(nodes: Nodes, times: Times, _seed: int) -> Report:
-    """Publish the robot's tree in all domains, from a little before the run to a little after it."""
+def _publish_odometry(publisher: Publisher, clock: Clock, start_ns: int) -> None:
+    now_ns = clock.now_ns()
+    _publish(publisher, odometry((now_ns - start_ns) / NS_PER_S, now_ns))
+
+
+async def play_robot(nodes: Nodes, start_ns: int, end_ns: int, _seed: int) -> Report:
+    """Publish the robot's tree in all domains, from the order to a little after the run."""
     clock = nodes[PROXY].get_clock()
-    moving = []
     for node in nodes.values():
         _publish(node.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS), *description())
-        moving.append(node.create_publisher(TRANSFORMS, TF, TF_QOS))
-    due_ns = times.start_ns - round(_EARLY_S * NS_PER_S)
-    while due_ns < times.end_ns + round(TAIL_S * NS_PER_S):
-        await _until(clock, due_ns)
-        now_ns = clock.now_ns()
-        for publisher in moving:
-            _publish(publisher, odometry(times.since_start_s(now_ns), now_ns))
-        due_ns += round(NS_PER_S / _MOTION_HZ)
+        publisher = node.create_publisher(TRANSFORMS, TF, TF_QOS)
+        node.create_timer(1 / _MOTION_HZ, partial(_publish_odometry, publisher, clock, start_ns))
+    await _until(clock, end_ns + TAIL_NS)
     return {}
 
 
-class _SharedSource:
-    """The source of the bridge, whose captures the direct receiver gets as well."""
-
-    def __init__(self, source: MocapSource, nodes: Nodes) -> None:
-        self._source = source
-        self._direct = nodes[DIRECT].create_publisher(TRANSFORMS, TF, TF_QOS)
-        self._renamed = nodes[RENAMED].create_publisher(TRANSFORMS, TF, TF_QOS)
-
-    async def captures(self) -> AsyncGenerator[Capture, None]:
-        async with aclosing(self._source.captures()) as captures:
-            async for capture in captures:
-                yield capture
-                for transform in direct_transforms(capture, world=WORLD):
-                    _publish(self._direct, transform)
-                    _publish(self._renamed, replace(transform, child=OBJECT))
-
-
-async def play_bridge(nodes: Nodes, times: Times, seed: int) -> Report:
-    """Run the bridge and the direct receiver."""
-    made = synthetic_captures(
-        {OBJECT: MOTION},
-        CAMERAS,
-        np.random.default_rng(seed),
-        start_ns=times.start_ns,
-        duration_s=times.seconds + TAIL_S,
-    )
-    node = nodes[PROXY]
-    source = _SharedSource(SyntheticSource(made, node.get_clock()), nodes)
-    await MocapBridge(node, source, MAPPING).run()
+async def play_bridge(nodes: Nodes, start_ns: int, end_ns: int, seed: int) -> Report:
+    """Run the bridge and the direct receiver on the same captures."""
+    sources = []
+    for _ in range(2):
+        captures = synthetic_captures(
+            {OBJECT: MOTION},
+            CAMERAS,
+            np.random.default_rng(seed),
+            start_ns=start_ns,
+            duration_s=(end_ns + TAIL_NS - start_ns) / NS_PER_S,
+        )
+        sources.append(SyntheticSource(captures, nodes[PROXY].get_clock()))
+    bridge = MocapBridge(nodes[PROXY], sources[0], MAPPING)
+    await asyncio.gather(bridge.run(), _receive_directly(nodes, sources[1]))
     return {}
 
 
-async def play_listener(nodes: Nodes, times: Times, seed: int) -> Report:
-    """Receive all trees, and look up the camera while the robot moves."""
+async def _receive_directly(nodes: Nodes, source: SyntheticSource) -> None:
+    """Publish what the direct receiver does, under its own and under the right name."""
+    direct = nodes[DIRECT].create_publisher(TRANSFORMS, TF, TF_QOS)
+    renamed = nodes[RENAMED].create_publisher(TRANSFORMS, TF, TF_QOS)
+    async for capture in source.captures():
+        for transform in direct_transforms(capture, world=WORLD):
+            _publish(direct, transform)
+            _publish(renamed, replace(transform, child=OBJECT))
+
+
+async def play_listener(nodes: Nodes, start_ns: int, end_ns: int, seed: int) -> Report:
+    """Receive all trees, and look up the camera at random times while the robot moves."""
     buffers = {way: FrameBuffer(history_s=None) for way in WAYS}
+    rng = np.random.default_rng(seed)
+    clock = nodes[PROXY].get_clock()
+    tries = {DIRECT: Counter[str](), RENAMED: Counter[str]()}
+    waiting = []
     async with AsyncExitStack() as stack:
         listeners = {}
         for way in WAYS:
             listener = FramesListener(nodes[way], buffers[way])
             listeners[way] = await stack.enter_async_context(listener)
-        clock = nodes[PROXY].get_clock()
-        looks, tries = await _look_up(times, seed, listeners[PROXY], buffers, clock)
+        due_ns = start_ns + _FIRST_NS
+        while due_ns < end_ns:
+            await _until(clock, due_ns)
+            for way, outcomes in tries.items():
+                outcomes[_outcome(buffers[way])] += 1
+            row = _look_row(start_ns, listeners[PROXY], buffers[PROXY], clock)
+            waiting.append(asyncio.create_task(row))
+            due_ns += round(float(rng.uniform(0.5, 1.5)) / _LOOK_UP_HZ * NS_PER_S)
+        looks = await asyncio.gather(*waiting)
     edges = [{"way": way, **asdict(edge)} for way in WAYS for edge in buffers[way].edges]
-    sampled = to_json(list(_sampled(buffers[PROXY], times.start_ns)))
+    sampled = to_json(list(_sampled(buffers[PROXY], start_ns)))
     return {"looks": looks, "tries": tries, "edges": edges, "sampled": sampled}
 
 
@@ -208,28 +195,6 @@ def _sampled(buffer: FrameBuffer, start_ns: int) -> Iterator[tuple[bool, Stamped
                 yield edge.static, step
 
 
-async def _look_up(
-    times: Times,
-    seed: int,
-    listener: FramesListener,
-    buffers: Mapping[str, FrameBuffer],
-    clock: Clock,
-) -> tuple[list[dict[str, float]], dict[str, Counter[str]]]:
-    """Look up the camera at random times; return rows of table ``look``, and outcomes by way."""
-    rng = np.random.default_rng(seed)
-    tries: dict[str, Counter[str]] = {way: Counter() for way in WAYS}
-    waiting = []
-    due_ns = times.start_ns + round(_FIRST_S * NS_PER_S)
-    while due_ns < times.end_ns:
-        await _until(clock, due_ns)
-        for way, buffer in buffers.items():
-            tries[way][_outcome(buffer)] += 1
-        row = _look_row(times, listener, buffers[PROXY], clock)
-        waiting.append(asyncio.create_task(row))
-        due_ns += round(float(rng.uniform(0.5, 1.5)) / _LOOK_UP_HZ * NS_PER_S)
-    return list(await asyncio.gather(*waiting)), tries
-
-
 def _outcome(buffer: FrameBuffer) -> str:
     try:
         buffer.look_up(WORLD, CAMERA)
@@ -239,11 +204,11 @@ def _outcome(buffer: FrameBuffer) -> str:
 
 
 async def _look_row(
-    times: Times, listener: FramesListener, buffer: FrameBuffer, clock: Clock
+    start_ns: int, listener: FramesListener, buffer: FrameBuffer, clock: Clock
 ) -> dict[str, float]:
     """Look up the camera at the current time, and return the row of table ``look``."""
     now_ns = clock.now_ns()
-    at_s = times.since_start_s(now_ns)
+    at_s = (now_ns - start_ns) / NS_PER_S
     true = world_from_camera(at_s)
     row = dict.fromkeys(("wait_ms", "error_mm", "error_mrad", "latest_mm"), math.nan)
     with suppress(FrameError):
@@ -256,7 +221,7 @@ async def _look_row(
     return {"at_s": at_s, **row}
 
 
-ROLES: dict[str, Callable[[Nodes, Times, int], Awaitable[Report]]] = {
+ROLES: dict[str, Callable[[Nodes, int, int, int], Awaitable[Report]]] = {
     "robot": play_robot,
     "bridge": play_bridge,
     "listener": play_listener,
@@ -272,8 +237,10 @@ async def serve(config: MocapWorkerConfig, report: Reporter, orders: Orders) -> 
             nodes[way] = await stack.enter_async_context(node)
         report({"is": "ready"})
         while True:
-            order: dict[str, Any] = await orders.get()
-            played = await ROLES[config.role](nodes, Times(**order), config.seed)
+            order = await orders.get()
+            played = await ROLES[config.role](
+                nodes, order["start_ns"], order["end_ns"], config.seed
+            )
             report({"is": "played", **played})
 
 

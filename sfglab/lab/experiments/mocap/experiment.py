@@ -16,6 +16,7 @@ from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC
 from sfglab.processes import Member, ProcessGroup
 from sfglab.spatial import Pose, StampedTransform
+from sfglab.spatial.frames.buffer import Edge
 from sfglab.spatial.frames.listener import TRANSFORMS
 from sfglab.units import NS_PER_S
 
@@ -77,21 +78,12 @@ exp.table("check")(CheckRow)
 
 
 @exp.table("edge")
-class MocapEdgeRow(TableRow):
-    """One edge of a TF tree, with the fields of `sfglab.spatial.frames.buffer.Edge`."""
+@dataclass(slots=True, kw_only=True)
+class MocapEdgeRow(Edge):
+    """One edge of a TF tree."""
 
     where: str  #: ``figure 6`` or ``live``.
     way: str  #: ``direct``, ``renamed`` or ``proxy``.
-    child: str  #: Child frame.
-    parent: str  #: Parent frame.
-    static: bool  #: Whether it is static.
-    authority: str  #: Publisher.
-    count: int  #: Number of transforms.
-    first_ns: int  #: Stamp of the first one, ns.
-    last_ns: int  #: Stamp of the last one, ns.
-    backwards: int  #: Number of transforms with an older stamp than the one before.
-    back_ns: int  #: Largest step back, ns.
-    contradicting: int  #: Number of transforms with another pose for the same time.
 
 
 @exp.table("look")
@@ -134,9 +126,9 @@ async def run_live(bench: Bench[Config]) -> None:
         members(bench.testbed, config.seed), wrap_command=bench.testbed.argv
     ) as group:
         start_ns = time.time_ns() + round(_LEAD_S * NS_PER_S)
-        order: dict[str, Any] = {"start_ns": start_ns, "seconds": config.live_s}
+        end_ns = start_ns + round(config.live_s * NS_PER_S)
         timeout_s = _LEAD_S + config.live_s + _SLACK_S
-        reports = await group.ask("played", timeout_s=timeout_s, **order)
+        reports = await group.ask("played", timeout_s=timeout_s, start_ns=start_ns, end_ns=end_ns)
     listener = reports["listener"]
     for row in live_rows(listener):
         bench.write(row)
