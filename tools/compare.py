@@ -115,6 +115,7 @@ REASONS: dict[str, str] = {
     "rules/discovery *": "states and inputs have other names; the life cycle is published or queried",
     "rows/discovery.simulated.csv": "replies reach all clients of a service; computed fleets went",
     "rows/visualisation.check.csv *": "facts have names of their own; the group went",
+    "rows/visualisation.cloud.csv *": "missing points and other colours make the error infinite",
     "commands/fleet-lint.*": "warnings on style went; the topic of descriptions came",
     "dds-router.yaml": "the topic of descriptions came; fewer remarks",
     "ros-*.yaml": "the example's fleet file has fewer fields",

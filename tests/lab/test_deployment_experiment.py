@@ -15,7 +15,14 @@ from sfglab.deploy.release import SOURCE, make_release
 from sfglab.lab.experiments.deployment import exp, facts_of
 from sfglab.lab.experiments.deployment.containers import ask_containers
 from sfglab.lab.experiments.deployment.experiment import ask_hooks
-from sfglab.lab.experiments.deployment.facts import CONTAINERS, FACTS, HOOKS, TRIAL, Outcome
+from sfglab.lab.experiments.deployment.facts import (
+    CONTAINERS,
+    FACTS,
+    HOOKS,
+    LOCAL_IMAGE,
+    TRIAL,
+    Outcome,
+)
 from sfglab.lab.experiments.deployment.image import PROGRAMS, ask_image
 
 
@@ -63,7 +70,7 @@ def test_hooks_that_do_not_do_what_they_say_or_do_not_end_are_refused(
     path = "hooks/30-service.sh"
     text = bundle.members[path].data + line
     changed = replace(bundle, members=bundle.members | {path: BundleFile(data=text, mode=0o755)})
-    assert ask_hooks([(deployment, changed)], tmp_path).startswith(fault)
+    assert ask_hooks([(deployment, changed)], tmp_path)[TRIAL].startswith(fault)
 
 
 @pytest.mark.slow
@@ -75,11 +82,11 @@ def test_agents_meet_over_their_bridges_and_routers_and_nothing_of_their_own_get
 
 
 def image_of(folder):
-    """Return the fault of an image that is built."""
+    """Return the fault of an image that is built; None if it was not built."""
     source = load_source(DATA / "fleets" / "esslingen.yaml")
     release, wheel = make_release(SOURCE, source.text)
     ((deployment, _),) = prepare(source, release, wheel, agents=["workstation"])
-    return ask_image(deployment, wheel, folder)
+    return ask_image(deployment, wheel, folder).get(LOCAL_IMAGE)
 
 
 @pytest.mark.slow

@@ -1,12 +1,11 @@
 """Configuration, tables and the part of the experiment on deployment.
 
 Each fact of `facts.FACTS` gets one row: a program of another project confirmed it, refused it, or was not
-there.
+there. Functions that ask a program return the fault by fact, which is empty if the program confirms it.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import TYPE_CHECKING
@@ -26,7 +25,6 @@ from sfglab.lab.experiments.deployment.containers import OUTSIDER, ask_container
 from sfglab.lab.experiments.deployment.facts import (
     CODEC,
     FACTS,
-    LOCAL_IMAGE,
     TRIAL,
     Outcome,
     accepted,
@@ -47,7 +45,6 @@ if TYPE_CHECKING:
 
 LAYERS = ("base", "adapter", "application")
 """Layers of an image from the hardware upwards: paper A, Fig. 5."""
-_STAGE = re.compile(r"^FROM\s+\S+\s+AS\s+(\S+)", re.MULTILINE)
 _HOOKS_S = 60.0
 
 
@@ -113,20 +110,16 @@ async def deploy(bench: Bench[Config]) -> None:
     release, wheel = make_release(SOURCE, source.text)
     pairs = prepare(source, release, wheel, agents=config.agents)
     bench.write_all("layer", layer_rows(pairs))
-    faults = ask_checkers(pairs)
+    faults = ask_checkers(pairs) | ask_codecs()
     bench.advance("files")
-    if (codec_fault := ask_codecs()) is not None:
-        faults[CODEC] = codec_fault
-    faults[TRIAL] = ask_hooks(pairs, bench.folder("hooks"))
+    faults |= ask_hooks(pairs, bench.folder("hooks"))
     bench.advance("hooks")
     chosen = [pair for pair in pairs if pair[0].agent.name in config.containers]
     if chosen and Network.available().ok:
         faults |= await ask_containers(chosen, bench.folder("containers"))
     bench.advance("containers")
     if config.build:
-        image_fault = ask_image(pairs[0][0], wheel, bench.folder("image"))
-        if image_fault is not None:
-            faults[LOCAL_IMAGE] = image_fault
+        faults |= ask_image(pairs[0][0], wheel, bench.folder("image"))
     bench.advance("image")
     bench.write_all("fact", fact_rows(faults))
 
@@ -149,21 +142,18 @@ def fact_rows(faults: Mapping[str, str]) -> Iterator[FactRow]:
 def layer_rows(pairs: Pairs) -> Iterator[LayerRow]:
     """Yield the three layers of each agent's image."""
     for deployment, bundle in pairs:
-        lines = bundle.members["Dockerfile"].data.decode().splitlines(keepends=True)
+        lines = bundle.members["Dockerfile"].text.splitlines(keepends=True)
         instructions = "".join(line for line in lines if not line.startswith("#"))
-        head, *parts = _STAGE.split(instructions)
-        stages = dict(zip(parts[::2], parts[1::2], strict=True))
         says = {
             "base": base_of(deployment).image.rpartition("/")[2],
             "adapter": f"ROS 2 {deployment.common.ros.value}, {deployment.host.architecture.value}",
             "application": bundle.tag,
         }
-        digest = sha256(head.encode())
         for layer in LAYERS:
-            digest.update(stages[layer].encode())
-            yield LayerRow(
-                agent=bundle.agent, layer=layer, says=says[layer], digest=digest.hexdigest()
-            )
+            below, _, above = instructions.partition(f" AS {layer}\n")
+            stage = above.partition("\nFROM ")[0]
+            digest = sha256((below + stage).encode()).hexdigest()
+            yield LayerRow(agent=bundle.agent, layer=layer, says=says[layer], digest=digest)
 
 
 def ask_checkers(pairs: Pairs) -> dict[str, str]:
@@ -173,20 +163,20 @@ def ask_checkers(pairs: Pairs) -> dict[str, str]:
     return {accepted(verdict.check): verdict.detail for verdict in asked}
 
 
-def ask_codecs() -> str | None:
-    """Ask FFmpeg to open the codecs of the accelerator that detection finds; None if there is none."""
+def ask_codecs() -> dict[str, str]:
+    """Ask FFmpeg to open the codecs of the accelerator that detection finds, if there is one."""
     machine = detect()
     if machine.accelerator is Accelerator.NONE:
-        return None
+        return {}
     expected = [one for one in codecs_found(machine) if one.expected and one.name not in SOFTWARE]
     if any(codec.works for codec in expected):
-        return ""
+        return {CODEC: ""}
     tried = "; ".join(f"{codec.name}: {codec.tried}" for codec in expected)
-    return tried or f"{machine.accelerator.value} has no H.264 codec"
+    return {CODEC: tried or f"{machine.accelerator.value} has no H.264 codec"}
 
 
-def ask_hooks(pairs: Pairs, folder: Path) -> str:
-    """Let Bash run the hooks of each agent on a folder in place of its machine; return the faults."""
+def ask_hooks(pairs: Pairs, folder: Path) -> dict[str, str]:
+    """Let Bash run the hooks of each agent on a folder in place of its machine."""
     faults = []
     for deployment, bundle in pairs:
         root = folder / bundle.agent
@@ -196,7 +186,7 @@ def ask_hooks(pairs: Pairs, folder: Path) -> str:
         fault = _hook_fault(home / "hooks/initialize.sh", root)
         if fault:
             faults.append(f"{bundle.agent}: {fault}")
-    return "; ".join(faults)
+    return {TRIAL: "; ".join(faults)}
 
 
 def _hook_fault(script: Path, root: Path) -> str:
@@ -217,7 +207,6 @@ def _hook_fault(script: Path, root: Path) -> str:
     return "" if (root / "mine").exists() else "a script of the user does not run"
 
 
-def _snapshot(root: Path) -> dict[Path, tuple[int, bytes]]:
-    """Return time stamp and content of each file below a folder."""
-    files = [path for path in root.rglob("*") if path.is_file() and not path.is_symlink()]
-    return {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
+def _snapshot(root: Path) -> dict[Path, int]:
+    """Return the time stamps of all files below a folder."""
+    return {path: path.lstat().st_mtime_ns for path in root.rglob("*") if path.is_file()}

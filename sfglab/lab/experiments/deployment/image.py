@@ -14,6 +14,7 @@ from sfglab.deploy.deployment import USER_ID
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.programs import run_streamed
 from sfglab.fleet.fleet_file import Accelerator, Architecture, HostSpec, RosDistribution
+from sfglab.lab.experiments.deployment.facts import LOCAL_IMAGE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,14 +27,14 @@ _IMAGE = "localhost/sfglab-trial"
 _CONTAINER = "trial"
 
 
-def ask_image(deployment: Deployment, wheel: bytes, folder: Path) -> str | None:
+def ask_image(deployment: Deployment, wheel: bytes, folder: Path) -> dict[str, str]:
     """Build an agent's image for this machine, and let it name its user and version.
 
     Returns:
-        The fault; None if a program, its rights or a Debian is missing.
+        The fault by fact; nothing if a program, its rights or a Debian is missing.
     """
     if os.geteuid() != 0 or not all(map(shutil.which, PROGRAMS)):
-        return None
+        return {}
     is_arm = platform.machine() == "aarch64"
     host = HostSpec(architecture=Architecture.ARM64 if is_arm else Architecture.AMD64)
     common = replace(deployment.common, ros=RosDistribution.NONE)
@@ -47,7 +48,7 @@ def ask_image(deployment: Deployment, wheel: bytes, folder: Path) -> str | None:
     try:
         run_streamed(debian, said.append)
     except DeployError:
-        return None
+        return {}
     (folder / "base" / "Dockerfile").write_text("FROM scratch\nADD root /\n")
     buildah = (
         "buildah",
@@ -67,7 +68,8 @@ def ask_image(deployment: Deployment, wheel: bytes, folder: Path) -> str | None:
         for command in commands:
             run_streamed([*buildah, *command], said.append)
     except DeployError as error:
-        return str(error)
+        return {LOCAL_IMAGE: str(error)}
     found = said[-2:]
     expected = [str(USER_ID), deployment.release.version]
-    return "" if found == expected else f"user and version: {', '.join(found)}"
+    fault = "" if found == expected else f"user and version: {', '.join(found)}"
+    return {LOCAL_IMAGE: fault}

@@ -91,7 +91,7 @@ def draw_layers(figure: Figure, run: Run[Config]) -> None:
             left = first - 0.44
             bars = axes.barh(height, width - 0.12, 0.72, left, color=color, alpha=0.28)
             if layer != LAYERS[-1]:
-                text = fill(says, 13) if width == 1 else says
+                text = fill(says, 15) if width == 1 else says
                 axes.bar_label(bars, [text], label_type="center", fontsize=7)
             first += width
     axes.set_xticks(range(len(agents)), agents)

@@ -20,7 +20,6 @@ from sfglab.spatial.scene.model import (
     AgentObject,
     Box,
     ObstacleObject,
-    Shape,
     ZoneObject,
     ZoneRule,
 )
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sfglab.lab.stats import Floats
     from sfglab.spatial.scene.tree import Scene
 
 FORMER_TABLES = ("geometry", "editing")
@@ -46,12 +44,11 @@ WAYS = {
     Interpolation.POLYLINE: ("polyline (paper)", COLORS["network"]),
     Interpolation.CATMULL_ROM: ("Catmull-Rom (sfglab)", COLORS["proxy"]),
 }
-_BODIES: dict[ZoneRule | None, dict[str, Any]] = {
-    None: {"facecolor": "0.8", "edgecolor": "0.4"},
+_ZONES: dict[ZoneRule, dict[str, Any]] = {
     ZoneRule.FORBIDDEN: {"facecolor": "#f3d6c8", "edgecolor": COLORS["standard"], "hatch": "//"},
     ZoneRule.INSIDE: {"fill": False, "edgecolor": "0.5", "linewidth": 1.6},
 }
-"""Styles of zones by their rule, and of obstacles."""
+"""Styles of zones by their rule."""
 _SAMPLES = 160
 _ARROW_M = 0.45
 _AGENT_COLORS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
@@ -143,25 +140,31 @@ def draw_scene(figure: Figure, run: Run[Config]) -> None:
 
 def draw_from_above(axes: Axes, scene: Scene) -> None:
     """Draw a scene's zones and obstacles, and its agents' trajectories with their waypoints."""
-    bodies: list[ZoneObject | ObstacleObject] = [*scene.all_of(ZoneObject)]
-    bodies += scene.all_of(ObstacleObject)
-    for thing in bodies:
-        corners = _outline(thing.shape, scene.world_pose(thing.id))
-        axes.fill(*corners.T, **_BODIES[thing.rule if isinstance(thing, ZoneObject) else None])
-        axes.annotate(thing.name, corners[0], (4, 4), textcoords="offset points", fontsize=8)
+    for zone in scene.all_of(ZoneObject):
+        _draw_body(axes, scene, zone, **_ZONES[zone.rule])
+    for obstacle in scene.all_of(ObstacleObject):
+        _draw_body(axes, scene, obstacle, facecolor="0.8", edgecolor="0.4")
     for agent in scene.all_of(AgentObject):
         _draw_plan(axes, agent.name, scene.motion(agent.id))
     axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="Scene from above")
 
 
-def _outline(shape: Shape, pose: Pose) -> Floats:
-    """Return the corners of a body from above, shape (n, 2); a round one is a polygon of many."""
-    turns = np.linspace(0.0, 2.0 * np.pi, 49)
-    if isinstance(shape, Box):
-        local = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * np.array(shape.size_m[:2]) / 2
+def _draw_body(axes: Axes, scene: Scene, thing: ZoneObject | ObstacleObject, **style: Any) -> None:
+    """Draw a body from above, with its name at a corner or beside it."""
+    from matplotlib.patches import Circle, Rectangle
+
+    pose = scene.world_pose(thing.id)
+    x, y, _ = pose.position_m
+    if isinstance(thing.shape, Box):
+        width, depth, _ = thing.shape.size_m
+        corner = (x - width / 2, y - depth / 2)
+        turn = {"angle": np.degrees(pose.yaw_rad), "rotation_point": "center"}
+        body: Any = Rectangle(corner, width, depth, **turn, **style)
     else:
-        local = shape.radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
-    return np.array([pose.apply((x, y, 0.0))[:2] for x, y in local.tolist()])
+        corner = (x + thing.shape.radius_m, y)
+        body = Circle((x, y), thing.shape.radius_m, **style)
+    axes.add_patch(body)
+    axes.annotate(thing.name, corner, (4, 4), textcoords="offset points", fontsize=8)
 
 
 def _draw_plan(axes: Axes, name: str, planned: Trajectory) -> None:

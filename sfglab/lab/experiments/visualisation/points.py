@@ -116,8 +116,8 @@ def _arrivals(moment: Moment) -> Iterator[Arrival]:
         (_PICTURE, image_message(moment.rgb, "rgb8", header)),
         (f"{_DEPTH}/image_raw", image_message(moment.depth_mm, "16UC1", header)),
     ]
-    for place, (topic, message) in enumerate(messages):
-        yield Arrival(topic, message.__msgtype__, moment.stamp_ns + place, serialize(message))
+    for topic, message in messages:
+        yield Arrival(topic, message.__msgtype__, moment.stamp_ns, serialize(message))
 
 
 def back_projected(moment: Moment, info: Any, *, step: int, max_m: float) -> Points:
