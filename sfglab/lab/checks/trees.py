@@ -18,7 +18,6 @@ from sfglab.spatial.mocap.bridge import BridgeCore
 from sfglab.spatial.mocap.mapping import (
     MappedObject,
     MocapMapping,
-    direct_name,
     direct_transforms,
 )
 from sfglab.spatial.mocap.tracking import Capture
@@ -66,11 +65,10 @@ def join_trees(
     for tree in trees.values():
         for transform in robot:
             tree.insert(transform, static=True, authority=_ROBOT)
-    right = {direct_name(id_): mapped.via for id_, mapped in mapping.objects.items()}
     core = BridgeCore(mapping, trees[PROXY])
     for capture in captures:
         for transform in direct_transforms(capture, world=mapping.world):
-            renamed = replace(transform, child=right[transform.child])
+            renamed = replace(transform, child=mapping.objects[OBJECT].via)
             trees[DIRECT].insert(transform, authority=CAMERAS)
             trees[RENAMED].insert(renamed, authority=CAMERAS)
         for transform in core.take(capture):

@@ -158,8 +158,8 @@ def _draw_body(axes: Axes, scene: Scene, thing: ZoneObject | ObstacleObject, **s
     if isinstance(thing.shape, Box):
         width, depth, _ = thing.shape.size_m
         corner = (x - width / 2, y - depth / 2)
-        turn = {"angle": np.degrees(pose.yaw_rad), "rotation_point": "center"}
-        body: Any = Rectangle(corner, width, depth, **turn, **style)
+        turn = float(np.degrees(pose.yaw_rad))
+        body: Any = Rectangle(corner, width, depth, angle=turn, rotation_point="center", **style)
     else:
         corner = (x + thing.shape.radius_m, y)
         body = Circle((x, y), thing.shape.radius_m, **style)
