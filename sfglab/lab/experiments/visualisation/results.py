@@ -65,10 +65,10 @@ def added_ms(run: Run[Config]) -> Estimate:
     )
 
 
-def beyond_rerun_ms(run: Run[Config]) -> pd.Series[float]:
+def beyond_rerun_ms(run: Run[Config]) -> dict[str, float]:
     """Return how much longer the bridge takes than Rerun's own call, in the columns `JUDGED`, ms."""
-    table = latency_table(run)
-    return (table.loc["bridge"] - table.loc["bare"])[JUDGED]
+    taken = latency_table(run).to_dict("index")
+    return {name: taken["bridge"][name] - taken["bare"][name] for name in JUDGED}
 
 
 @derived
@@ -107,13 +107,13 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
         axes.ecdf(taken_ms(run, arm), color=COLORS[color], label=text)
     axes.set(xlabel="time until the sink has the image (ms)", ylabel="share of images")
     axes.set(xlim=(0, None), ylim=(0, 1.02))
-    median_ms, tail_ms = beyond_rerun_ms(run)
+    median_ms, tail_ms = beyond_rerun_ms(run).values()
     axes.set_title(
         f"The bridge adds {median_ms:.1f} ms at the median, {tail_ms:.1f} ms at 99 %; bound: {ADDED_MS:g} ms"
     )
     axes.legend(loc="lower right", fontsize="small")
-    count = table.loc["bare", "images"]
-    note(figure, f"live, on this host; {count:.0f} raw images of 640 x 360 per curve")
+    count = len(taken_ms(run, "bare"))
+    note(figure, f"live, on this host; {count} raw images of 640 x 360 per curve")
 
 
 @exp.figure("visualisation_points", size=(10, 3.7))
