@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, fields
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
@@ -215,16 +215,17 @@ def draw_error(figure: Figure, run: Run[Config]) -> None:
         "error_mm": ("proxy", "for the time asked for, after the wait"),
         "latest_mm": ("standard", "latest transforms, without a wait"),
     }
-    style: dict[str, Any] = {"linestyle": "", "markersize": 2.5}
     for column, (key, text) in kinds.items():
         label = f"{text} (median {looks[column].median():.2g} mm)"
-        errors.plot(looks["at_s"], looks[column], label=label, **style, **series(key))
+        errors.plot(
+            looks["at_s"], looks[column], label=label, linestyle="", markersize=2.5, **series(key)
+        )
     errors.set(
         yscale="log", ylabel="position error (mm)", title="Position error of the robot's camera"
     )
     errors.margins(y=0.25)  # room for the legend
     errors.legend(fontsize=8, ncols=2, loc="upper right")
-    waits.plot(looks["at_s"], looks["wait_ms"], **style, **series("proxy"))
+    waits.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
     waits.set(yscale="log", xlabel="time (s)", ylabel="wait (ms)")
     waits.set_title("Wait until the transforms for the time asked for are known")
     at, latest = looks["error_mm"].median(), looks["latest_mm"].median()
