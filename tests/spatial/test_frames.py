@@ -39,13 +39,13 @@ def buffer():
     return FrameBuffer()
 
 
-def at_x(parent, child, second=0, x_m=0):
-    pose = Pose.at((x_m, 0, 0))
+def at_x(parent, child, second=0, x_m=0, pose=None):
+    pose = pose or Pose.at((x_m, 0, 0))
     return StampedTransform(parent=parent, child=child, stamp_ns=round(second * S), pose=pose)
 
 
-def put(buffer, parent, child, second=0, x_m=0, **options):
-    buffer.insert(at_x(parent, child, second, x_m), **options)
+def put(buffer, parent, child, second=0, x_m=0, *, static=False, pose=None):
+    buffer.insert(at_x(parent, child, second, x_m, pose), static=static)
 
 
 def x_of(buffer, target, source, time_ns=None):
@@ -59,13 +59,10 @@ def test_a_look_up_between_any_frames_is_the_product_of_the_matrices(seed, size)
     buffer, from_root = FrameBuffer(), [np.eye(4)]
     for frame in range(1, size):
         parent, static = int(rng.integers(frame)), bool(rng.integers(2))
-        first, second = (Pose.at(rng.normal(size=3), rng.normal(size=4)) for _ in range(2))
-        names = {"parent": f"f{parent}", "child": f"f{frame}"}
-        buffer.insert(StampedTransform(**names, stamp_ns=0, pose=first), static=static)
-        if not static:
-            buffer.insert(StampedTransform(**names, stamp_ns=S, pose=second))
-            first = first.interpolate(second, 0.25)
-        from_root.append(from_root[parent] @ first.matrix())
+        poses = [Pose.at(rng.normal(size=3), rng.normal(size=4)) for _ in range(2 - static)]
+        for second, pose in enumerate(poses):
+            put(buffer, f"f{parent}", f"f{frame}", second, pose=pose, static=static)
+        from_root.append(from_root[parent] @ poses[0].interpolate(poses[-1], 0.25).matrix())
     for a, b in rng.integers(size, size=(10, 2)).tolist():
         wanted = np.linalg.inv(from_root[a]) @ from_root[b]
         assert np.allclose(buffer.look_up(f"f{a}", f"f{b}", S // 4).matrix(), wanted, atol=1e-8)
@@ -100,13 +97,13 @@ def test_nothing_is_extrapolated_unless_asked_and_the_error_says_what_is_known(b
 
 
 def test_the_latest_common_time_is_that_of_the_slowest_edge(buffer):
-    for second in range(5):
+    for second in (0, 4):
         put(buffer, "map", "a", second, second)
-    for second in range(3):
-        put(buffer, "a", "b", second + 0.5)
+    for second in (0.5, 2.5):
+        put(buffer, "a", "b", second)
+    put(buffer, "b", "c", 9)
     assert buffer.interval("map", "b") == (S // 2, 5 * S // 2)
     assert x_of(buffer, "map", "b") == pytest.approx(2.5)
-    put(buffer, "b", "c", 9)
     assert buffer.interval("map", "c") is None
     with pytest.raises(ExtrapolationError):
         buffer.look_up("map", "c")
@@ -156,11 +153,9 @@ RIVAL = tree(AB, authority="2", first_ns=100, last_ns=200)
 @pytest.mark.parametrize(
     ("edges", "options", "found"),
     [
-        (GOOD, {"agents": ["go2"], "root": "map"}, []),
         ([*tree(AB), *tree(AB, static=True)], {}, ["static-and-dynamic"]),
         ([*BEFORE, *LATER], {}, []),  # another publisher after a restart
         ([*BEFORE, *RIVAL], {}, ["two-publishers"]),
-        (tree(("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")), {}, ["loop"]),
         ([*GOOD, *tree(("world", "go1/base"))], {}, ["second-root"]),
         (GOOD, {"root": "earth"}, ["unreachable"]),
         (tree(("map", "base"), ("map", "go2/"), ("map", "go2//a")), {"agents": ["go2"]}, ["name"] * 3),
@@ -173,8 +168,10 @@ def test_each_error_of_a_tree_is_found_once(edges, options, found):
 def test_a_finding_names_its_frames_and_its_consequence():
     edges = [*GOOD, *tree(("map", "go2/base"), ("world", "go1/base"))]
     parents, root, name = lint_frames(edges, root="map", agents=["go2"])
-    assert (parents.code, parents.frames) == ("two-parents", ("go2/base", "go2/odom", "map"))
-    assert "'go2/odom' and 'map' (a frame has one parent" in str(parents)
+    assert parents.frames == ("go2/base", "go2/odom", "map")
+    assert str(parents).startswith(
+        "two-parents: 'go2/base' is placed in 'go2/odom' and 'map' (a frame has one parent"
+    )
     assert (root.code, root.frames) == ("second-root", ("go1/base", "world"))
     assert (name.code, name.frames) == ("name", ("go1/base",))
     assert "did you mean 'go2/base'?" in name.what
@@ -184,10 +181,9 @@ def test_a_finding_names_its_frames_and_its_consequence():
 
 def test_each_loop_is_found_once_and_named_from_child_to_parent():
     edges = tree(("c", "d"), ("d", "c"), ("b", "c"), ("a", "b"), ("b", "a"), ("e", "e"), ("e", "f"))
-    loops = [one for one in lint_frames(edges) if one.code == "loop"]
-    assert [one.frames for one in loops] == [("a", "b"), ("c", "d"), ("e",)]
-    ways = [one.what.removesuffix(", from child to parent") for one in loops]
-    assert ways == ["a -> b -> a", "c -> d -> c", "e -> e"]
+    loops = [(one.frames, one.what.split(",")[0]) for one in lint_frames(edges)[1:]]
+    ways = ["a -> b -> a", "c -> d -> c", "e -> e"]
+    assert loops == [(("a", "b"), ways[0]), (("c", "d"), ways[1]), (("e",), ways[2])]
 
 
 def test_a_buffer_counts_what_the_lint_reports(buffer):
@@ -230,9 +226,9 @@ async def test_a_listener_gets_latched_static_transforms_and_waits_for_those_to_
 def broken(child="base", x_m=0.0, y_m=0.0, w=1.0):
     """Return the message of a transform with values that tf2 ignores."""
     made = message(at_x("odom", child))
-    made.transforms[0].transform.translation.x = x_m
-    made.transforms[0].transform.translation.y = y_m
-    made.transforms[0].transform.rotation.w = w
+    moved = made.transforms[0].transform
+    moved.translation.x, moved.translation.y = x_m, y_m
+    moved.rotation.w = w
     return made
 
 
@@ -241,33 +237,29 @@ LENGTH = "the length of its quaternion is not 1 within 0.5 %"
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "why"),
+    ("key", "first", "second", "why"),
     [
-        ({"child": ""}, {"child": "", "x_m": 1.0}, "given ''"),
-        ({"child": "/"}, {"child": "/", "x_m": 1.0}, "given ''"),
-        ({"x_m": math.nan}, {"x_m": math.inf, "y_m": 1.0}, POSITION),
-        ({"w": 0.0}, {"w": 3.0}, LENGTH),
-        ({"w": math.nan}, {"w": math.nan, "y_m": 1.0}, LENGTH),
+        ("child", "", "", "given ''"),
+        ("child", "/", "/", "given ''"),
+        ("x_m", math.nan, math.inf, POSITION),
+        ("w", 0.0, 3.0, LENGTH),
+        ("w", math.nan, math.nan, LENGTH),
     ],
 )
-def test_transforms_that_tf2_ignores_are_one_finding_whatever_their_numbers(
-    first, second, why, buffer, caplog
+def test_transforms_that_tf2_ignores_are_one_finding_and_hide_no_other(
+    key, first, second, why, buffer, caplog
 ):
     intake = TransformIntake(buffer)
-    with caplog.at_level(logging.WARNING):
-        for values in (first, second):
-            intake.take(broken(**values), static=False)
-    assert (intake.taken, len(caplog.records)) == (0, 1)
-    (finding,) = lint_frames(buffer.edges, refused=intake.refused)
+    intake.take(message(at_x("c", "c"), at_x("map", "b", 1, 4.0)), static=False)
+    for value in (first, second):
+        intake.take(broken(**{key: value}, y_m=float(value is second)), static=False)
+    intake.take(broken(w=1.0049), static=False)  # is nearly normalised
+    assert (intake.taken, intake.refused.total(), len(caplog.records)) == (2, 3, 2)
+    assert x_of(buffer, "map", "b", S) == 4
+    *tree, finding = lint_frames(buffer.edges, root="map", refused=intake.refused)
+    assert [one.code for one in tree] == ["loop", "second-root"]
     assert finding.code == "refused"
     assert "(2x): " in finding.what
     assert why in finding.what
 
 
-def test_a_broken_transform_leaves_the_others_and_nearly_normalised_ones_are_taken(buffer):
-    intake = TransformIntake(buffer)
-    intake.take(message(at_x("c", "c"), at_x("map", "b", 1, 4.0)), static=False)
-    intake.take(broken(w=1.0049), static=False)
-    assert x_of(buffer, "map", "b", S) == 4
-    assert (intake.taken, intake.refused.total()) == (2, 1)
-    assert codes(buffer.edges, root="map", refused=intake.refused) == ["loop", "second-root"]

@@ -26,12 +26,6 @@ def test_after_any_edits_holders_and_held_agree_and_waypoints_are_in_order_of_ti
         assert times == sorted(set(times))
 
 
-def refusal(edit, *given, **more):
-    with pytest.raises(SceneError) as caught:
-        edit(*given, **more)
-    return str(caught.value)
-
-
 @pytest.fixture
 def editor():
     return Editor()
@@ -71,15 +65,6 @@ def drag(editor, id_, *ys):
         put(editor, id_, 1.0, y, 0.0)
 
 
-def test_a_drag_is_one_step(editor, ids):
-    point = ids.points[1]
-    for ys in ((1.0, 4.0), (5.0, 9.0)):
-        drag(editor, point, *ys)
-        editor.end_drag()
-    editor.undo()
-    assert editor.scene.get(point).pose.position_m == (1.0, 4.0, 0.0)
-
-
 def test_edits_and_drags_that_change_nothing_leave_no_step_and_keep_redo(editor, ids):
     editor.rename(ids.agent, "spot")
     editor.undo()
@@ -92,13 +77,13 @@ def test_edits_and_drags_that_change_nothing_leave_no_step_and_keep_redo(editor,
     assert not editor.redo()
 
 
-def test_undo_in_the_middle_of_a_drag_takes_the_drag_back_and_ends_it(editor, ids):
+def test_a_drag_is_one_step_and_undo_in_its_middle_takes_it_back_and_ends_it(editor, ids):
     before, point = editor.scene, ids.points[1]
-    drag(editor, point, 1.0)
+    drag(editor, point, 1.0, 5.0)
     editor.undo()
     assert editor.scene == before
-    put(editor, point, 1.0, 2.0, 0.0)
-    put(editor, point, 1.0, 3.0, 0.0)
+    for y in (2.0, 3.0):
+        put(editor, point, 1.0, y, 0.0)
     editor.undo()
     assert editor.scene.get(point).pose.position_m == (1.0, 2.0, 0.0)
 
@@ -128,21 +113,12 @@ def test_aligned_waypoints_keep_looking_along_their_segments_while_a_neighbour_m
     assert yaws == pytest.approx([math.pi / 2, math.atan2(-1, 2), math.atan2(-1, 2)])
 
 
-def test_waypoints_are_kept_in_order_of_time_and_inserted_on_the_path(editor, ids):
-    first, second, third = ids.points
-    new = editor.insert_waypoint(ids.path, time_ns=3 * S // 2)
-    assert editor.scene.get(new).pose.position_m == pytest.approx((1.5, 0.0, 0.0))
-    editor.set_waypoint_time(first, 90 * S)
-    assert editor.scene.held_by(ids.path) == (second, new, third, first)
-
-
 def test_a_copy_of_a_group_drives_its_own_agent(editor, ids):
     editor.move(ids.path, ids.hall)
     copy = editor.duplicate(ids.hall)
     new_agent, new_path = editor.scene.held_by(copy)
     assert editor.scene.get(new_path).agent == new_agent != ids.agent
     assert len(editor.scene.held_by(new_path)) == 3
-    assert "a time of its own" in refusal(editor.duplicate, editor.scene.held_by(new_path)[0])
 
 
 def test_refusals_name_place_given_and_allowed_and_change_nothing(editor, ids):
@@ -150,36 +126,36 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(editor, ids):
     inner = editor.add("group", "corner", parent=hall)
     other = editor.add("trajectory", "other")
     before, label = editor.scene, editor.undo_label
-    assert refusal(editor.move, hall, inner) == (
-        f"group {inner} (corner), parent: given 'a loop, {inner} in {hall} in {inner}', "
-        "allowed: a tree"
-    )
-    assert refusal(editor.set_waypoint_time, points[0], S) == (
-        f"waypoint {points[1]}, time_ns: given {S}, "
-        f"allowed: a time of its own; waypoint {points[0]} has this one"
-    )
-    assert refusal(editor.set_property, agent, "radius_m", -1) == (
-        f"agent {agent} (go2), radius_m: given -1, allowed: a finite number above zero"
-    )
-    for id_, key, value, says in (
-        (agent, "radius", 1.0, "did you mean 'radius_m'?"),
-        (agent, "id", 7, "another field"),
-        (agent, "kind", "group", "allowed"),
-        (agent, "name", "two\nlines", "printable"),
-        (other, "agent", agent, f"follows {path}"),
-        (points[0], "parent", hall, "the id of a trajectory"),
+    loop = f"group {inner} (corner), parent: given 'a loop, {inner} in {hall} in {inner}', "
+    taken = f"waypoint {points[1]}, time_ns: given {S}, allowed: a time of its own; "
+    radius = f"agent {agent} (go2), radius_m: given -1, allowed: a finite number above zero"
+    for says, edit, *given in (
+        (f"{loop}allowed: a tree", editor.move, hall, inner),
+        (f"{taken}waypoint {points[0]} has", editor.set_waypoint_time, points[0], S),
+        (radius, editor.set_property, agent, "radius_m", -1),
+        ("did you mean 'radius_m'?", editor.set_property, agent, "radius", 1.0),
+        ("another field", editor.set_property, agent, "id", 7),
+        ("allowed", editor.set_property, agent, "kind", "group"),
+        ("printable", editor.rename, agent, "two\nlines"),
+        (f"follows {path}", editor.set_property, other, "agent", agent),
+        ("the id of a trajectory", editor.set_property, points[0], "parent", hall),
+        ("the id of a trajectory", editor.align, agent, Align.NEXT),
+        ("the id of an object", editor.select, 999),
+        ("frame_id, margin_m, name", editor.set_scene, "size", 1),
+        ("group or agent or obstacle", editor.add, "cone"),
+        ("a time of its own", editor.duplicate, points[0]),
     ):
-        assert says in refusal(editor.set_property, id_, key, value)
-    assert "the id of a trajectory" in refusal(editor.align, agent, Align.NEXT)
-    assert "the id of an object" in refusal(editor.select, 999)
-    assert "shape" in refusal(editor.add, "obstacle", "pillar", shape={"kind": "cone"})
-    assert "frame_id, margin_m, name" in refusal(editor.set_scene, "size", 1)
+        with pytest.raises(SceneError) as caught:
+            edit(*given)
+        assert says in str(caught.value)
+    with pytest.raises(SceneError, match="shape"):
+        editor.add("obstacle", "pillar", shape={"kind": "cone"})
     assert (editor.scene, editor.undo_label) == (before, label)
 
 
 def test_listeners_hear_each_change_and_then_no_more(editor, ids):
     heard = []
-    end = editor.listen(heard.append)
+    end = editor.listen(lambda change: heard.append((change.kind.value, change.is_of_scene)))
     editor.rename(ids.points[0], "door")
     editor.rename(ids.points[0], "")  # a waypoint needs no name
     editor.undo()
@@ -188,6 +164,5 @@ def test_listeners_hear_each_change_and_then_no_more(editor, ids):
     editor.set_time(1.0)
     end()
     editor.remove()
-    names = [(change.kind.value, change.is_of_scene) for change in heard]
-    assert names[:4] == [(kind, True) for kind in ("edit", "edit", "undo", "redo")]
-    assert names[4:] == [("selection", False), ("time", False)]
+    of_scene = [(kind, True) for kind in ("edit", "edit", "undo", "redo")]
+    assert heard == [*of_scene, ("selection", False), ("time", False)]
