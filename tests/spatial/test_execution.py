@@ -139,7 +139,9 @@ async def test_poses_odometry_and_transforms_agree(node):
             await until(lambda: poses and odometries)
     last_ns = buffer.interval("map", "go2/base")[1]  # a pose may come before its transform
     told = {ns_from_stamp(odometry.header.stamp): odometry for odometry in odometries}
-    common = [m for m in poses if ns_from_stamp(m.header.stamp) in {t for t in told if t <= last_ns}]
+    common = [
+        m for m in poses if ns_from_stamp(m.header.stamp) in {t for t in told if t <= last_ns}
+    ]
     assert len(common) > 10
     for message in common:
         stamp_ns = ns_from_stamp(message.header.stamp)

@@ -1,7 +1,6 @@
 """TF trees: look-ups along chains and times, transforms from the bus, and the lint."""
 
 import asyncio
-import logging
 import math
 
 import numpy as np
@@ -261,5 +260,3 @@ def test_transforms_that_tf2_ignores_are_one_finding_and_hide_no_other(
     assert finding.code == "refused"
     assert "(2x): " in finding.what
     assert why in finding.what
-
-

@@ -49,9 +49,10 @@ def test_a_pose_is_read_back_bit_by_bit_from_messages_and_numbers(pose):
 
 
 def test_a_quarter_turn_has_known_numbers_and_both_signs_are_one_orientation():
-    quarter = Pose.from_yaw((0.0, 0.0, 0.0), math.pi / 2)
-    assert quarter.quat_xyzw == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
-    assert Pose.at(quat_xyzw=[-part for part in quarter.quat_xyzw]).same_as(quarter)
+    quarter = Pose.from_yaw((0, 0, 0), math.pi / 2)
+    half = math.sqrt(0.5)
+    assert quarter.quat_xyzw == pytest.approx((0, 0, half, half))
+    assert Pose.at(quat_xyzw=(0, 0, -half, -half)).same_as(quarter)
     assert Pose().interpolate(quarter, 1.5).yaw_rad == pytest.approx(0.75 * math.pi)
 
 
@@ -65,8 +66,8 @@ NONE = (0, 0, 0, 1)
         ((0, 0), NONE, "^here: .* 3 and 4 numbers"),
         ("abc", NONE, "^here: .* 3 and 4 numbers"),
         (3.0, NONE, "^here: .* 3 and 4 numbers"),
-        ((0, 0, 0), (0, 0, 0, 0), "^here, quaternion: .* length of at least 1e-06"),
-        ((0, 0, 0), (1e308, 1e308, 1e308, 1e308), "^here, quaternion: .* finite length"),
+        ((0, 0, 0), [0] * 4, "^here, quaternion: .* length of at least 1e-06"),
+        ((0, 0, 0), [1e308] * 4, "^here, quaternion: .* finite length"),
     ],
 )
 def test_numbers_that_are_no_pose_are_refused_with_their_place(position, quat, says):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from commands import called
+from waiting import program
 
 from sfglab.errors import SfglabError
 from sfglab.messages import message_type
@@ -18,35 +19,28 @@ from sfglab.spatial.frames.listener import TRANSFORMS
 EXAMPLE = str(Path(__file__).parents[2] / "data" / "mocap" / "two_agents.yaml")
 
 
-def tf(parent, child, stamp_ns=0, pose=None):
-    value = StampedTransform(parent=parent, child=child, stamp_ns=stamp_ns, pose=pose or Pose())
-    return message_type(TRANSFORMS)(transforms=[value.to_msg()])
-
-
-def logged(path, *edges):
+def logged(path, *transforms):
     with LogWriter(path) as log:
-        for place, (parent, child) in enumerate(edges):
-            log.write(TF_STATIC, tf(parent, child), log_time_ns=place)
+        for number, (parent, child, *topic) in enumerate(transforms):
+            value = StampedTransform(parent=parent, child=child, stamp_ns=0, pose=Pose())
+            message = message_type(TRANSFORMS)(transforms=[value.to_msg()])
+            log.write(*(topic or [TF_STATIC]), message, log_time_ns=number)
     return str(path)
 
 
 def test_a_sound_tree_passes_the_lint_and_a_broken_one_is_told_and_fails(tmp_path):
     good = logged(tmp_path / "good.mcap", ("map", "go2/base"), ("go2/base", "go2/markers"))
-    assert (
-        called("frames", "lint", good, "--root", "map", "--agents", "go2")
-        == "3 frames, 0 findings\n"
-    )
     bad = logged(tmp_path / "bad.mcap", ("map", "go2_markers"), ("go2/base", "go2/markers"))
-    printed = called("frames", "lint", bad, "--root", "map", "--agents", "go2", status=1)
+    options = ("--root", "map", "--agents", "go2")
+    assert called("frames", "lint", good, *options) == "3 frames, 0 findings\n"
+    printed = called("frames", "lint", bad, *options, status=1)
     assert "second-root" in printed
     assert "did you mean 'go2/markers'?" in printed
 
 
 def test_the_lint_fails_where_listeners_would_get_nothing(tmp_path):
-    with LogWriter(tmp_path / "run.mcap") as log:
-        log.write(TF_STATIC, tf("map", ""), log_time_ns=0)
-        log.write("/go2/tf", tf("map", "go2/base"), log_time_ns=1)
-    printed = called("frames", "lint", str(tmp_path / "run.mcap"), status=1)
+    log = logged(tmp_path / "run.mcap", ("map", ""), ("map", "go2/base", "/go2/tf"))
+    printed = called("frames", "lint", log, status=1)
     assert "refused: transform 'map' -> '' (1x): " in printed
     assert "namespaced: /go2/tf has transforms" in printed
     assert printed.endswith("0 frames, 2 findings\n")
@@ -61,15 +55,8 @@ def test_live_made_up_trees_are_placed_as_a_robot_s_would_be(domain_id):
     assert " 0 published" not in printed
 
 
+FOLLOW = (sys.executable, "-m", "sfglab", "follow")
 HALL = str(Path(__file__).parents[2] / "data" / "scenes" / "hall.yaml")
-
-
-def start(*words):
-    code = "import sys; from sfglab.cli import main; sys.argv[0] = 'sfglab'; main()"
-    pipe = subprocess.PIPE
-    return subprocess.Popen(
-        [sys.executable, "-c", code, "follow", *words], stdout=pipe, stderr=pipe, text=True
-    )
 
 
 @pytest.mark.live
@@ -78,23 +65,20 @@ def test_ctrl_c_and_a_lost_terminal_stop_the_agent_and_the_command_ends_when_it_
     domain_id, number
 ):
     address = ("--domain", str(domain_id), "--interface", "lo")
-    with start("serve", "--agent", "go2", "--scene", HALL, *address) as server:
-        try:
-            assert "/global/go2/execute_trajectory" in server.stdout.readline()
-            with start("run", HALL, "--agent", "go2", "--delay", "0", *address) as sender:
-                seen = ""
-                while "m off" not in seen:
-                    more = sender.stderr.read(1)
-                    assert more, seen
-                    seen += more
-                sender.send_signal(number)
-                said, _ = sender.communicate(timeout=60)
-                assert said.startswith(
-                    "go2: canceled: the goal was canceled, and the agent braked at (-"
-                )
-                assert sender.returncode == 130
-        finally:
-            server.send_signal(signal.SIGINT)
+    with program(*FOLLOW, "serve", "--agent", "go2", "--scene", HALL, *address) as server:
+        assert "/global/go2/execute_trajectory" in server.stdout.readline()
+        run = ("run", HALL, "--agent", "go2", "--delay", "0", *address)
+        with program(*FOLLOW, *run, stderr=subprocess.PIPE) as sender:
+            seen = ""
+            while "m off" not in seen:
+                more = sender.stderr.read(1)
+                assert more, seen
+                seen += more
+            sender.send_signal(number)
+            said, _ = sender.communicate(timeout=60)
+        assert said.startswith("go2: canceled: the goal was canceled, and the agent braked at (-")
+        assert sender.returncode == 130
+        server.send_signal(signal.SIGINT)
         server.communicate(timeout=60)
         assert server.returncode == 0
 
