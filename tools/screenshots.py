@@ -88,7 +88,7 @@ def planner_editor(file: Path) -> None:
         raise SceneError(
             "scene", str(scene), "a scene file; run this in the repository's own folder"
         )
-    with Planner(Editor.open(scene), port=0) as planner, closing(Browser(*_SIZE)) as browser:
+    with Planner(Editor.open(scene)) as planner, closing(Browser(*_SIZE)) as browser:
         planner.call(with_conflict)
         browser.open(planner.url)
         browser.find("Save *")

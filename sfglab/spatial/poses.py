@@ -186,15 +186,15 @@ class StampedTransform:
     pose: Pose  #: Pose ``parent_from_child``.
 
     @classmethod
-    def from_msg(cls, message: Any, *, place: str = "transform") -> Self:
+    def from_msg(cls, message: Any) -> Self:
         """Return the value of a `geometry_msgs/msg/TransformStamped`, without leading slashes, as tf2.
 
         Raises:
-            PoseError: The numbers are no pose. The message names place and frames.
+            PoseError: The numbers are no pose. The message names the frames.
         """
         parent = message.header.frame_id.removeprefix("/")
         child = message.child_frame_id.removeprefix("/")
-        pose = Pose.from_msg(message.transform, place=f"{place} {parent} -> {child}")
+        pose = Pose.from_msg(message.transform, place=f"transform {parent} -> {child}")
         stamp_ns = ns_from_stamp(message.header.stamp)
         return cls(parent=parent, child=child, stamp_ns=stamp_ns, pose=pose)
 

@@ -37,9 +37,11 @@ asyncio.run(main())
 CELL = """from IPython.display import display
 from sfglab.lab.experiments import naming
 from sfglab.lab.explore.viewer import LogViewer
-from sfglab.view.planner.server import show_planner
+from pathlib import Path
+from sfglab.spatial.scene.editor import Editor
+from sfglab.view.planner.server import Planner
 run = await naming.exp.run("smoke")
-planner = show_planner("data/scenes/hall.yaml")
+planner = Planner(Editor.open(Path("data/scenes/hall.yaml")))
 display(planner, LogViewer("data/reference/mocap.mcap"))"""
 FOLDERS = "document.querySelector('.jp-DirListing-content').innerText.includes('data')"
 SHOWN = "document.querySelector('.jp-OutputArea').innerText.includes('shown: step ')"

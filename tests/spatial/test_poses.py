@@ -82,5 +82,5 @@ def test_a_stamped_transform_is_the_message_without_leading_slashes():
     message.header.frame_id = "/map"
     assert StampedTransform.from_msg(message) == value
     message.transform.rotation.z = message.transform.rotation.w = 0.0
-    with pytest.raises(PoseError, match="tf map -> go2/base, quaternion"):
-        StampedTransform.from_msg(message, place="tf")
+    with pytest.raises(PoseError, match="transform map -> go2/base, quaternion"):
+        StampedTransform.from_msg(message)

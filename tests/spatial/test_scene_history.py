@@ -155,7 +155,7 @@ def test_refusals_name_place_given_and_allowed_and_change_nothing(editor, ids):
 
 def test_listeners_hear_each_change_and_then_no_more(editor, ids):
     heard = []
-    end = editor.listen(lambda change: heard.append((change.kind.value, change.is_of_scene)))
+    end = editor.listen(lambda change: heard.append((change.value, change.is_of_scene)))
     editor.rename(ids.points[0], "door")
     editor.rename(ids.points[0], "")  # a waypoint needs no name
     editor.undo()

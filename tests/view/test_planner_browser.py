@@ -39,7 +39,7 @@ def test_a_trajectory_is_made_dragged_undone_redone_and_saved_with_mouse_and_key
     tmp_path, browser
 ):
     file = tmp_path / "new.yaml"
-    with Planner(Editor.open(file), port=0) as planner:
+    with Planner(Editor.open(file)) as planner:
         browser.open(planner.url)
         browser.press("trajectory")
         waypoint = edited(planner, lambda e: e.scene.objects and e.scene.held_by(1)[1])

@@ -24,7 +24,7 @@ from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.view.planner import drawing, server
-from sfglab.view.planner.server import Planner, show_planner
+from sfglab.view.planner.server import Planner
 
 pytest.importorskip("viser", reason="the scene editor needs the extra 'view'")
 pytestmark = pytest.mark.live
@@ -35,7 +35,7 @@ def planner(tmp_path):
     editor = Editor(file=tmp_path / "scene.yaml")
     editor.select(editor.add("agent", "dog"))
     editor.add("obstacle", "wall")
-    with Planner(editor, port=0) as made:
+    with Planner(editor) as made:
         yield made
 
 
@@ -234,7 +234,7 @@ def test_a_trajectory_is_sent_to_an_action_cancelled_and_stopped_by_closing(doma
     scene.select(walk)
     join = partial(Node, "planner", domain_id=domain_id, interface="lo")
     node = Mock(wraps=join, side_effect=[OSError("no network"), DEFAULT])
-    with agent_at_work("dog", domain_id, "/walk"), Planner(scene, port=0, node=node) as planner:
+    with agent_at_work("dog", domain_id, "/walk"), Planner(scene, node=node) as planner:
         editor = Remote(planner)
         states = planner._sender.states
         clicked(planner._inspector._send_form._send)
@@ -283,14 +283,14 @@ def test_an_editor_that_cannot_be_furnished_frees_its_port_and_leaves_no_thread(
         assert job_threads() == others
 
 
-def test_a_port_in_use_and_viser_that_is_missing_are_one_clear_error(tmp_path, monkeypatch):
+def test_a_port_in_use_and_viser_that_is_missing_are_one_clear_error(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(SfglabError, match=rf"--port: given {port}, allowed: a free port"):
-            show_planner(tmp_path / "new.yaml", port=port)
+            Planner(Editor(), port=port)
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(MissingExtraError, match=r"'.\[view\]' in a checkout"):
-        Planner(Editor(), port=0)
+        Planner(Editor())
 
 
 def test_the_command_ends_at_ctrl_c_says_nothing_of_a_saved_scene_and_leaves_the_file(tmp_path):

@@ -98,9 +98,9 @@ def words(paper):
     ],
 )
 def test_the_capture_stamp_is_read_and_without_one_is_the_reception(message, captured_ns):
-    type_name = message.__msgtype__
-    assert capture_ns(Arrival("/a", type_name, 9, serialize(message))) == captured_ns
-    assert capture_ns(Arrival("/a", type_name, 9, b"", message)) == captured_ns
+    for known in (None, message):
+        arrival = Arrival("/a", message.__msgtype__, 9, serialize(message), known)
+        assert capture_ns(arrival) == captured_ns
 
 
 def test_displays_are_added_tuned_and_removed_while_messages_flow(paper, session):
@@ -112,15 +112,15 @@ def test_displays_are_added_tuned_and_removed_while_messages_flow(paper, session
             job(paper)
 
     say("nobody listens")
-    display = session.add(Word, "/words")
+    id_ = session.add(Word, "/words").id
     say("one")
-    session.tune(display.id, "prefix", "> ")
+    session.tune(id_, "prefix", "> ")
     stage.deliver(said("still waiting when it is switched off"))
-    session.enable(display.id, enabled=False)
+    session.enable(id_, enabled=False)
     say("off")
-    session.enable(display.id, enabled=True)
+    session.enable(id_, enabled=True)
     say("two")
-    session.remove(display.id)
+    session.remove(id_)
     say("three")
     assert words(paper) == ["one", "> two"]
 
@@ -191,8 +191,8 @@ def test_the_layout_has_a_view_for_every_camera_and_the_heartbeats_if_there_are_
     topics = {"/front/image": IMAGE, "/front/camera_info": INFO, "/a/image": IMAGE}
     layout = layout_of_topics(topics | {"/words": STRING})
     assert list(layout.cameras) == ["/a/image", "/front/image"]
-    assert layout.flat == ("/a/image",), "without a CameraInfo it has no place in space"
-    assert not layout.heartbeats
+    # Without a CameraInfo an image has no place in space.
+    assert (layout.flat, layout.heartbeats) == (("/a/image",), False)
     assert layout_of_topics({"/global/agent_heartbeat": BEAT}).heartbeats
 
 
@@ -235,19 +235,21 @@ def test_a_page_is_sent_what_waited_and_a_time_until_the_viewer_obeys():
     times = []
     viewer = cell.CellViewer(on_time=times.append)
     viewer.widget.send = Mock()
+
+    def hear(*contents):
+        for content in contents:
+            viewer._heard(None, content, [])
+
+    def shown(time_ns):
+        return f'{{"type": "time_update", "time": {time_ns}.0}}'
+
     viewer.go_to("received", 7)
     viewer.send(b"part")
-
-    def hear(content):
-        viewer._heard(None, content, [])
-
-    hear("ready")
-    hear('{"type": "recording_open"}')
+    hear("ready", '{"type": "recording_open"}')
     # It refuses a timeline of which it has read nothing yet, and goes on; later it is the user who scrubs.
-    for shown_ns in (7000, 7, 8000):
-        hear(f'{{"type": "time_update", "time": {shown_ns}.0}}')
+    hear(shown(7000), shown(7), shown(8000))
     viewer.go_to("received", 8000)  # where it is: no event says that it obeys
-    hear('{"type": "time_update", "time": 9000.0}')
+    hear(shown(9000))
     part, *orders = viewer.widget.send.call_args_list
     assert part == call({"type": "rrd"}, buffers=[b"part"])
     assert [order.args[0]["timestamp_nanos"] for order in orders] == ["7", "7", "8000"]
@@ -319,20 +321,18 @@ async def test_a_viewer_that_hangs_costs_pictures_and_nothing_else(here, there, 
     assert slot.received == slot.shown + slot.dropped
     assert (len(paper.drawn), paper.closed) == (slot.shown, 1)
     # Its thread may still be about to end.
-    await until(
-        lambda: not any(t.name.startswith("sfglab-view") for t in {*threading.enumerate()} - others)
-    )
+    await until(lambda: not any("sfglab-view" in t.name for t in {*threading.enumerate()} - others))
 
 
 @pytest.mark.live
 async def test_a_display_that_was_removed_is_not_offered_again(here, paper, session):
     async with Bridge(here, session, paper, follow=("/",)):
-        here.create_publisher(IMAGE, "/a")
-        await until(lambda: session.displays)
-        session.remove(session.displays[0].id)
-        here.create_publisher(IMAGE, "/b")
-        await until(lambda: session.displays)
-        assert [display.topics for display in session.displays] == [{"image": "/b"}]
+        for topic in ("/a", "/b"):
+            here.create_publisher(IMAGE, topic)
+            await until(lambda: session.displays)
+            [display] = session.displays
+            assert display.topics == {"image": topic}
+            session.remove(display.id)
 
 
 @pytest.mark.live
@@ -359,8 +359,8 @@ def test_the_panel_is_the_session_as_widgets(session):
     (row,) = rows.children
     head, opacity, _, qos, counts = row.children
     on, _, rate, remove = head.children
-    opacity.value = 0.5
-    opacity.value = 7.0
+    for value in (0.5, 7.0):
+        opacity.value = value
     assert display.visualizer.settings["opacity"] == opacity.value == 0.5
     assert "opacity: given 7.0" in refused.value
     on.value, rate.value, qos.value = False, 5.0, "reliable, volatile"

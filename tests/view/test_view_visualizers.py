@@ -18,7 +18,8 @@ from sfglab.fleet.status.heartbeat import Phase
 from sfglab.lab.experiments.visualisation.points import camera_info
 from sfglab.lab.workers.picture_flow import image_message
 from sfglab.messages import default_message, message_type, stamp_from_ns
-from sfglab.spatial import Pose
+from sfglab.spatial import Pose, StampedTransform
+from sfglab.spatial.frames.listener import TRANSFORMS
 from sfglab.spatial.poses import header_msg
 from sfglab.view.arrivals import Arrival
 from sfglab.view.rerunning import open_canvas
@@ -57,16 +58,12 @@ def image(array, encoding):
 
 
 def transforms(*moved):
-    """A message of transforms, each from parent, child, stamp and x; a quaternion of all zeros is no rotation."""
-    message = default_message("tf2_msgs/msg/TFMessage")
-    for parent, child, stamp_ns, x in moved:
-        header = header_msg(parent, stamp_ns)
-        one = default_message(
-            "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child
-        )
-        one.transform.translation.x = x
-        message.transforms.append(one)
-    return message
+    """A message of transforms, each from parent, child, stamp and x."""
+    made = []
+    for parent, child, stamp_ns, x_m in moved:
+        pose = Pose.at((x_m, 0, 0))
+        made.append(StampedTransform(parent=parent, child=child, stamp_ns=stamp_ns, pose=pose))
+    return message_type(TRANSFORMS)(transforms=[one.to_msg() for one in made])
 
 
 POSE = Pose.at((1, 2, 3), (0, 0, 1, 1)).to_pose_msg()  # 90 degrees about z
@@ -130,10 +127,14 @@ PINHOLE = [4.32, 0.0, 0.0, 0.0, 4.32, 0.0, 2.5, 1.5, 1.0]  # column by column
             "camera_info",
             [CAMERA_INFO],
             "/info",
-            {"parent_frame": ["camera"], "child_frame": [PLANE], "resolution": [[6, 4]]},
+            {
+                "parent_frame": ["camera"],
+                "child_frame": [PLANE],
+                "resolution": [[6, 4]],
+                "image_from_camera": [PINHOLE],
+            },
             None,
         ),
-        ("camera_info", [CAMERA_INFO], "/info", {"image_from_camera": [PINHOLE]}, None),
         (
             "camera_info",
             [RECTIFIED],
@@ -221,14 +222,14 @@ def test_video_is_shown_from_a_key_frame_to_a_loss_and_what_is_not_shown_is_coun
 @pytest.mark.parametrize(
     ("name", "picture"),
     [
-        ("/global/go2/camera_front/color", "/global/go2/camera_front/color/ffmpeg"),
-        ("/local/go2/camera_front/color", "/local/go2/camera_front/color/image_raw"),
-        ("/camera", "/camera/image_raw"),
-        ("/camera", "/camera/image_raw/compressed"),
+        ("/global/go2/camera_front/color", "ffmpeg"),
+        ("/local/go2/camera_front/color", "image_raw"),
+        ("/camera", "image_raw"),
+        ("/camera", "image_raw/compressed"),
     ],
 )
 def test_a_picture_lies_in_the_plane_of_its_own_camera_info(name, picture):
-    plane = image_plane("go2/camera", picture)
+    plane = image_plane("go2/camera", f"{name}/{picture}")
     assert plane == image_plane("go2/camera", f"{name}/camera_info")
     assert plane != image_plane("go2/camera", "/global/go2/camera_front/aligned_depth/camera_info")
 
@@ -236,13 +237,17 @@ def test_a_picture_lies_in_the_plane_of_its_own_camera_info(name, picture):
 @pytest.mark.parametrize(("kind", "times"), [("tf", (2 * S, 77)), ("tf_static", (None, None))])
 def test_transforms_stand_at_their_frames_with_their_own_times_or_for_all(tmp_path, kind, times):
     message = transforms(("map", "go2/base", S, 1.0), ("go2/base", "go2/camera", 2 * S, 2.0))
+    message.transforms[1].transform.rotation.w = 0.0  # all zeros are no rotation
     with closing(open_canvas([str(tmp_path / "tf.rrd")])) as canvas:
         canvas.at(stamp_ns=9, received_ns=9)
         show(made(kind), canvas, message, received_ns=77)
     shown = read_recording(tmp_path / "tf.rrd")
-    wanted = {"translation": [[2, 0, 0]], "quaternion": [[0, 0, 0, 1]]}
-    wanted |= {"parent_frame": ["go2/base"], "child_frame": ["go2/camera"]}
-    for component, content in wanted.items():
+    for component, content in (
+        ("translation", [[2, 0, 0]]),
+        ("quaternion", [[0, 0, 0, 1]]),
+        ("parent_frame", ["go2/base"]),
+        ("child_frame", ["go2/camera"]),
+    ):
         assert shown["/tf/go2/camera", f"Transform3D:{component}"] == [(*times, content)]
     assert ("/tf/go2/camera", "TransformAxes3D:axis_length") in shown
 
@@ -250,9 +255,10 @@ def test_transforms_stand_at_their_frames_with_their_own_times_or_for_all(tmp_pa
 def test_a_frame_that_is_sent_often_does_not_silence_another(paper):
     visualizer = made("tf", frame_hz=10, axis_length_m=0.0)
     for step in range(100):
-        often = "map", "often", S + step * S // 100, 0.0
-        seldom = [("map", "seldom", S, 0.0)] * (step == 50)
-        show(visualizer, paper, transforms(often, *seldom))
+        moved = [("map", "often", S + step * S // 100, 0.0)]
+        if step == 50:
+            moved.append(("map", "seldom", S, 0.0))
+        show(visualizer, paper, transforms(*moved))
     assert len(paper.kinds("/tf/often")) in (10, 11)  # in one second, begun at once
     assert len(paper.kinds("/tf/seldom")) == 1
 
@@ -313,28 +319,26 @@ def test_every_common_marker_is_drawn_and_moved_by_its_pose(paper, shape, compon
 def test_markers_go_when_told_when_their_time_is_over_and_when_there_are_too_many(paper):
     visualizer = made("marker", most=3)
 
-    def send(*arguments, **more):
-        show(visualizer, paper, marker(*arguments, **more), received_ns=10 * S)
-
-    def gone():
-        cleared = [drawn.entity for drawn in paper.drawn if isinstance(drawn.what[0], rr.Clear)]
+    def drawn():
+        found = [(type(one.what[0]).__name__, int(one.entity[-1])) for one in paper.drawn]
         paper.drawn.clear()
-        return [int(entity.removeprefix("/marker/walls/")) for entity in cleared]
+        return found
 
-    for number in range(5):
-        send(1, number, lifetime_ns=S * (number == 2))
-    assert gone() == [0, 1]
-    visualizer.tick(11 * S - 1, paper)
-    assert gone() == []
-    visualizer.tick(11 * S, paper)
-    assert gone() == [2]
-    send(1, 3, action=2)
-    assert gone() == [3]
-    send(2, 4)
-    assert paper.kinds("/marker/walls/4") == ["Clear", "Ellipsoids3D"], "another shape"
-    gone()
-    send(1, 9, action=3)
-    assert gone() == [4]
+    def sent(*arguments, **more):
+        show(visualizer, paper, marker(*arguments, **more), received_ns=10 * S)
+        return drawn()
+
+    assert sent(1, 0) == [("Boxes3D", 0)]
+    sent(1, 1)
+    sent(1, 2)
+    assert sent(1, 3) == [("Clear", 0), ("Boxes3D", 3)]
+    assert sent(1, 4, lifetime_ns=S)[0] == ("Clear", 1)
+    for now_ns, gone in ((11 * S - 1, []), (11 * S, [("Clear", 4)])):
+        visualizer.tick(now_ns, paper)
+        assert drawn() == gone
+    assert sent(1, 3, action=2) == [("Clear", 3)]
+    assert sent(2, 2) == [("Clear", 2), ("Ellipsoids3D", 2)], "another shape"
+    assert sent(1, 9, action=3) == [("Clear", 2)]
 
 
 def test_one_bad_marker_does_not_keep_the_others_of_its_array_back(paper):

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 _DEPTH = 1000  # steps that can be undone
 
 
-class ChangeKind(Enum):
-    """Kind of a change."""
+class Change(Enum):
+    """A change, as listeners get it."""
 
     EDIT = "edit"  #: An edit was done.
     UNDO = "undo"  #: A step was taken back.
@@ -48,17 +48,10 @@ class ChangeKind(Enum):
     SELECTION = "selection"  #: Other objects are selected.
     TIME = "time"  #: The time slider moved.
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Change:
-    """A change, as listeners get it."""
-
-    kind: ChangeKind  #: Kind of the change.
-
     @property
     def is_of_scene(self) -> bool:
         """Whether the scene is another one now."""
-        return self.kind not in {ChangeKind.SAVE, ChangeKind.SELECTION, ChangeKind.TIME}
+        return self not in {Change.SAVE, Change.SELECTION, Change.TIME}
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,23 +284,23 @@ class Editor:
         self._next_id = max(self._next_id, after.next_id)
         # Each edit of a drag replaces the one before; one that comes back leaves no step.
         before = self._history if self._drag is None else self._drag
-        self._show(before.then(label, after), ChangeKind.EDIT)
+        self._show(before.then(label, after), Change.EDIT)
         return True
 
     # Undo, redo and drags.
 
     def undo(self) -> bool:
         """Take the last step back and end the current drag; return whether there was a step."""
-        return self._go(-1, self.undo_label, ChangeKind.UNDO)
+        return self._go(-1, self.undo_label, Change.UNDO)
 
     def redo(self) -> bool:
         """Do the last undone step again and end the current drag; return whether there was one."""
-        return self._go(1, self.redo_label, ChangeKind.REDO)
+        return self._go(1, self.redo_label, Change.REDO)
 
-    def _go(self, steps: int, label: str | None, kind: ChangeKind) -> bool:
+    def _go(self, steps: int, label: str | None, change: Change) -> bool:
         self.end_drag()
         if label is not None:
-            self._show(replace(self._history, at=self._history.at + steps), kind)
+            self._show(replace(self._history, at=self._history.at + steps), change)
         return label is not None
 
     def begin_drag(self) -> None:
@@ -327,14 +320,14 @@ class Editor:
         chosen = tuple(dict.fromkeys(ids))
         if chosen != self.selection:
             self.selection = chosen
-            self._tell(ChangeKind.SELECTION)
+            self._tell(Change.SELECTION)
 
     def set_time(self, time_s: float) -> None:
         """Move the time slider; SceneError if the time is no finite number."""
         if not float("-inf") < time_s < float("inf"):
             raise SceneError("time", time_s, "a finite number of seconds")
         self.time_s = float(time_s)
-        self._tell(ChangeKind.TIME)
+        self._tell(Change.TIME)
 
     def ghosts(self) -> tuple[Ghost, ...]:
         """Return each agent at the time of the slider."""
@@ -356,7 +349,7 @@ class Editor:
         # Ids of a saved file are not given again, also if their addition was undone since.
         save_scene(replace(self.scene, next_id=self._next_id), target)
         self.file, self._saved = target, self.scene
-        self._tell(ChangeKind.SAVE)
+        self._tell(Change.SAVE)
 
     def load(self) -> None:
         """Load the scene from the editor's file; earlier steps cannot be undone.
@@ -369,15 +362,14 @@ class Editor:
         scene = load_scene(self.file)
         self._saved, self._next_id = scene, scene.next_id
         self.end_drag()
-        self._show(_History((scene,)), ChangeKind.LOAD)
+        self._show(_History((scene,)), Change.LOAD)
 
-    def _show(self, history: _History, kind: ChangeKind) -> None:
+    def _show(self, history: _History, change: Change) -> None:
         """Take another history, and tell that the scene differs."""
         self._history = history
         self.selection = tuple(id_ for id_ in self.selection if id_ in self.scene.objects)
-        self._tell(kind)
+        self._tell(change)
 
-    def _tell(self, kind: ChangeKind) -> None:
-        change = Change(kind=kind)
+    def _tell(self, change: Change) -> None:
         for on_change in tuple(self._listeners):
             on_change(change)

@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.execution.client import trajectory_order
-from sfglab.spatial.scene.editor import Change, ChangeKind
+from sfglab.spatial.scene.editor import Change
 from sfglab.spatial.scene.model import (
     ROOT,
     SceneError,
@@ -61,7 +61,7 @@ class Hierarchy(Part):
 
     def show(self, change: Change) -> None:
         """Show rows that are new, removed, moved or renamed."""
-        if change.kind not in {ChangeKind.TIME, ChangeKind.SAVE}:
+        if change not in {Change.TIME, Change.SAVE}:
             self._draw()
 
     def _draw(self) -> None:
@@ -150,7 +150,7 @@ class Inspector(Part):
 
     def show(self, change: Change) -> None:
         """Show the fields after an edit or another selection."""
-        if change.kind not in {ChangeKind.TIME, ChangeKind.SAVE}:
+        if change not in {Change.TIME, Change.SAVE}:
             self.refresh()
 
     def refresh(self) -> None:
@@ -238,7 +238,7 @@ class Timeline(Part):
 
     def show(self, change: Change) -> None:
         """Show another time, or another span of times."""
-        if change.kind not in {ChangeKind.TIME, ChangeKind.SELECTION}:
+        if change not in {Change.TIME, Change.SELECTION}:
             assign(self._slider, "max", self._end_s())
         self._show_time()
 

@@ -16,12 +16,10 @@ import threading
 from contextlib import AbstractContextManager, contextmanager
 from html import escape
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
 from sfglab.errors import SfglabError
-from sfglab.spatial.scene.editor import Change, Editor
 from sfglab.view.planner.context import Context, JobQueue, Part, quiet, viser
 from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Warnings
 from sfglab.view.planner.sending import Sender
@@ -33,10 +31,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
 
     from sfglab.bus import Node
+    from sfglab.spatial.scene.editor import Change, Editor
 
 
 _log = logging.getLogger(__name__)
-DEFAULT_PORT = 8092
 _LOCAL_NAMES = frozenset({LOOPBACK, "localhost"})
 _T = TypeVar("_T")
 _CELL_STYLE = "width:100%;height:700px;border:1px solid #ccc"
@@ -50,7 +48,8 @@ _NOTICE_S = 1.0
 class Planner(AbstractContextManager["Planner"]):
     """An editor that is served to browsers; a notebook's cell shows it.
 
-    The editor belongs to the planner's own thread; other threads use `call`.
+    The editor belongs to the planner's own thread; other threads use `call`. Below JupyterLab, the editor's
+    page has JupyterLab's address; otherwise the browser must reach this machine at 127.0.0.1.
 
     Args:
         editor: The editor.
@@ -66,7 +65,7 @@ class Planner(AbstractContextManager["Planner"]):
         self,
         editor: Editor,
         *,
-        port: int = DEFAULT_PORT,
+        port: int = 0,
         node: Callable[[], Node] | None = None,
     ) -> None:
         library = viser()
@@ -194,25 +193,6 @@ def _usual_node() -> Node:
     from sfglab.bus import Node
 
     return Node("planner")
-
-
-def show_planner(scene: Path | str | Editor, *, port: int = 0) -> Planner:
-    """Return an editor for a notebook's cell, which is also at its `url`.
-
-    Below JupyterLab, the editor's page has JupyterLab's address; otherwise the browser must reach this machine
-    at 127.0.0.1.
-
-    Args:
-        scene: A file, which need not exist yet, or an editor.
-        port: Port to serve; 0: any free one.
-
-    Raises:
-        SceneError: The file is no scene.
-        MissingExtraError: viser is not installed.
-        SfglabError: The port is taken.
-    """
-    editor = scene if isinstance(scene, Editor) else Editor.open(Path(scene))
-    return Planner(editor, port=port)
 
 
 def _check_free(port: int) -> None:

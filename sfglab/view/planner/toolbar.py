@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose, Vec3
-from sfglab.spatial.scene.editor import Change, ChangeKind, Editor
+from sfglab.spatial.scene.editor import Change, Editor
 from sfglab.spatial.scene.model import (
     ROOT,
     AgentObject,
@@ -150,7 +150,7 @@ class Toolbar(Part):
 
     def show(self, change: Change) -> None:
         """Show the labels of undo and redo, and whether the scene is saved."""
-        if change.kind not in {ChangeKind.TIME, ChangeKind.SELECTION}:
+        if change not in {Change.TIME, Change.SELECTION}:
             self._draw()
 
     def _draw(self) -> None:

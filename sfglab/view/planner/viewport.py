@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
-from sfglab.spatial.scene.editor import Change, ChangeKind
+from sfglab.spatial.scene.editor import Change
 from sfglab.spatial.scene.model import WaypointObject
 from sfglab.spatial.trajectory.path import Align
 from sfglab.view.planner.context import Context, Part
@@ -156,18 +156,18 @@ class Viewport(Part):
         context.server.on_client_disconnect(
             lambda client: context.jobs.submit(partial(self._gizmo.drop, client.client_id))
         )
-        self.show(Change(kind=ChangeKind.LOAD))
+        self.show(Change.LOAD)
 
     def show(self, change: Change) -> None:
         """Draw what differs after a change."""
-        if change.kind is ChangeKind.SAVE:
+        if change is Change.SAVE:
             return
         editor, scene = self._editor, self._editor.scene
-        if change.kind is ChangeKind.LOAD:
+        if change is Change.LOAD:
             camera = self._context.server.initial_camera
             camera.position, camera.look_at = camera_for(scene)
         with self._context.server.atomic():
-            if change.kind is not ChangeKind.TIME:
+            if change is not Change.TIME:
                 opened = open_trajectory(scene, editor.selection)
                 self._objects.show(looks_of_objects(scene, opened))
                 self._gizmo.show()

@@ -12,7 +12,7 @@ from sfglab.lab.figures import drawn, png_of
 from sfglab.lab.paths import find_project
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
-from sfglab.view.planner.server import show_planner
+from sfglab.view.planner.server import Planner
 from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class SceneCell:
         file = project.runs / name
         file.parent.mkdir(parents=True, exist_ok=True)
         #: The editor, served: its `call` edits from Python, its `close` ends it.
-        self.planner = show_planner(Editor(load_scene(project.data / name), file=file))
+        self.planner = Planner(Editor(load_scene(project.data / name), file=file))
         self.widget = widgets().HTML(self.planner._repr_html_())  #: Widget of the cell.
 
     def __repr__(self) -> str:
