@@ -166,7 +166,7 @@ def record_fleet(path: Path) -> None:
         "go2 camera_front, depth": f"{entity}/aligned_depth/compressed_depth",
     }
     with closing(open_canvas([str(path)], title="a fleet")) as canvas:
-        canvas.show_blueprint(blueprint(replace(layout, cameras=cameras)))
+        canvas.recording.send_blueprint(blueprint(replace(layout, cameras=cameras)))
         replay(_arrivals(), _session(), canvas)
 
 

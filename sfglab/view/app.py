@@ -119,5 +119,5 @@ def _canvas(options: ViewOptions, topics: Mapping[str, str], title: str) -> reru
 
         layout = rerunning.layout_of_fleet(load_fleet(options.fleet), frame=options.frame or "map")
     canvas = rerunning.open_canvas(options.to, title=title)
-    canvas.show_blueprint(rerunning.blueprint(layout))
+    canvas.recording.send_blueprint(rerunning.blueprint(layout))
     return canvas

@@ -82,11 +82,7 @@ class Panel:
     def _parameter(self, display: Display, parameter: Parameter) -> Any:
         kit, name = self._kit, parameter.name
         kinds = {bool: kit.Checkbox, int: kit.IntText, float: kit.FloatText, str: kit.Text}
-        more: dict[str, Any] = {}
-        if parameter.choices:
-            kinds[str], more["options"] = kit.Dropdown, parameter.choices
-        elif parameter.kind is str:
-            more["continuous_update"] = False
+        more = {"continuous_update": False} if parameter.kind is str else {}
         made = kinds[parameter.kind](
             description=name,
             value=display.visualizer.settings[name],

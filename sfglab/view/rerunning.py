@@ -84,10 +84,6 @@ class RerunCanvas:
         first, *more = what
         self.recording.log(entity, first, *more, static=static, strict=True)
 
-    def show_blueprint(self, blueprint: Any) -> None:
-        """Lay the viewer out."""
-        self.recording.send_blueprint(blueprint)
-
     def settle(self, size_bytes: int) -> None:
         """Wait for the sinks when much is on its way, or once a second, so that one gone is seen: SinkError."""
         self._pending_bytes += size_bytes

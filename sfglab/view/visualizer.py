@@ -21,7 +21,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import Bounds
@@ -204,7 +204,6 @@ class Parameter:
     _: KW_ONLY
     minimum: float = -math.inf  #: Smallest number.
     maximum: float = math.inf  #: Largest number.
-    choices: tuple[str, ...] = ()  #: The allowed texts; empty allows all.
 
     @property
     def kind(self) -> type[Setting]:
@@ -214,9 +213,7 @@ class Parameter:
     def check(self, value: object) -> Setting:
         """Return a value in the parameter's type; InvalidValueError where it is of another or out of range."""
         hint: Any = self.kind
-        if self.choices:
-            hint = Literal[self.choices]
-        elif self.kind in (int, float):
+        if self.kind in (int, float):
             hint = Annotated[self.kind, Bounds(self.minimum, self.maximum)]
         checked: Setting = read(hint, value, self.name)
         return checked

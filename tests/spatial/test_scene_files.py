@@ -82,7 +82,7 @@ NAMES = ("null", "Yes", "1.5", "- x", "a: b", "#", 'q"\\', "Süd 🐕", "[x")
 
 def test_names_and_numbers_read_back_as_the_same(editor):
     for name in NAMES:
-        editor.insert_waypoint(editor.add("trajectory", name), name=name)
+        editor.insert_waypoint(editor.add("trajectory", name), name=name, time_ns=S + 1)
     for radius_m in (1e-7, 1e22, 0.1 + 0.2, 1):
         editor.add("agent", "a", pose=Pose.at((-0.0, 1e-9, 1e6)), radius_m=radius_m)
     text = scene_text(editor.scene)

@@ -30,9 +30,6 @@ class Paper:
     def close(self):
         self.closed += 1
 
-    def kinds(self, entity):
-        return [type(w).__name__ for d in self.drawn if d.entity == entity for w in d.what]
-
     def values(self, entity, component):
         """The values of a component that changes, as plain lists, one for each time it was drawn at an entity."""
         found = []

@@ -179,10 +179,6 @@ def test_a_removed_waypoint_leaves_its_trajectory_selected_and_a_copy_is_selecte
     assert editor.selection == ()
 
 
-async def nothing():
-    """Nothing is left to do."""
-
-
 def test_jobs_are_done_in_order_and_only_the_newest_of_a_row_of_one_key():
     done, gate = [], threading.Event()
     jobs = JobQueue(done.append)
@@ -192,23 +188,17 @@ def test_jobs_are_done_in_order_and_only_the_newest_of_a_row_of_one_key():
     jobs.submit(Editor().save)  # it has no file
     jobs.submit(partial(done.append, "next drag"), key="slider")
     gate.set()
-    jobs.close(nothing)
+    jobs.close(AsyncMock())
     slider, error, drag = done
     assert (slider, type(error), drag) == (2, SceneError, "next drag")
 
 
 async def test_no_goal_or_cancellation_outlives_a_sender_whose_server_is_silent(monkeypatch):
-    class Silent:
-        def __init__(self, *_, **__):
-            self.cancel = asyncio.Event().wait
+    def never(*_):
+        return asyncio.Event().wait()
 
-        async def begin(self, _):
-            await asyncio.Event().wait()
-
-        def close(self):
-            """Nothing is open."""
-
-    monkeypatch.setattr(sending, "Execution", Silent)
+    execution = Mock(return_value=Mock(begin=never, cancel=never))
+    monkeypatch.setattr(sending, "Execution", execution)
     monkeypatch.setattr(sending, "_CLOSE_S", 0.01)
     sender = sending.Sender(lambda: Mock(close=AsyncMock()), lambda _: None)
     sender.send(1, Order(agent="dog", trajectory=Trajectory.standing(Pose())), "/walk")

@@ -54,7 +54,7 @@ def test_a_budget_follows_a_new_rate_at_once():
     [
         (1.0, {"minimum": 0, "maximum": 1}, (1.5, float("nan"), True, "1")),
         (3, {"minimum": 1}, (0, 1.0)),
-        ("a", {"choices": ("a", "b")}, ("c",)),
+        ("a", {}, (1,)),
         (True, {}, (1, None)),
     ],
 )

@@ -259,8 +259,8 @@ def test_a_frame_that_is_sent_often_does_not_silence_another(paper):
         if step == 50:
             moved.append(("map", "seldom", S, 0.0))
         show(visualizer, paper, transforms(*moved))
-    assert len(paper.kinds("/tf/often")) in (10, 11)  # in one second, begun at once
-    assert len(paper.kinds("/tf/seldom")) == 1
+    assert len(paper.values("/tf/often", "translation")) in (10, 11)  # in one second, begun at once
+    assert len(paper.values("/tf/seldom", "translation")) == 1
 
 
 TRIANGLE = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]

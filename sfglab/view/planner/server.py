@@ -115,7 +115,8 @@ class Planner(AbstractContextManager["Planner"]):
         self._closed.set()
         self._jobs.close(self._sender.close)
         self._end_listening()
-        self._stop_serving()
+        with quiet():
+            self._server.stop()
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -126,10 +127,6 @@ class Planner(AbstractContextManager["Planner"]):
         address = address_of_port(self._server.get_port()).rstrip("/")
         source = escape(f"{address}/{self._guard.token}/")
         return f'<iframe src="{source}" style="{_CELL_STYLE}" title="scene editor"></iframe>'
-
-    def _stop_serving(self) -> None:
-        with quiet():
-            self._server.stop()
 
     def _furnish(self) -> None:
         """Put the panels beside the viewport: hierarchy, conflicts and time left, inspector right."""
