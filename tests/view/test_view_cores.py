@@ -110,7 +110,7 @@ def test_a_session_names_what_it_does_not_know_and_what_would_do(act, arguments,
     assert session.displays == (display,)
 
 
-def test_a_new_request_keeps_the_rate_and_a_display_that_was_off_is_told_what_it_missed():
+def test_a_new_request_keeps_the_rate_and_drops_what_waited():
     session = Session()
     display = session.add("compressed_video", "/video")
     session.limit(display.id, 3)
@@ -118,10 +118,6 @@ def test_a_new_request_keeps_the_rate_and_a_display_that_was_off_is_told_what_it
     session.request(display.id, "video", LATCHED)
     assert (display.slot.max_hz, display.slot.waiting) == (3, 0)
     assert [qos for _, _, qos in display.inputs] == [LATCHED]
-    for enabled in (False, True):
-        session.enable(display.id, enabled=enabled)
-    display.slot.offer("video", 2, "x", now_ns=2)
-    assert display.slot.take().lost == 1
 
 
 def test_what_could_be_shown_is_offered_once_and_only_when_its_partners_are_there():
