@@ -328,17 +328,16 @@ def test_markers_go_when_told_when_their_time_is_over_and_when_there_are_too_man
         show(visualizer, paper, marker(*arguments, **more), received_ns=10 * S)
         return drawn()
 
-    assert sent(1, 0) == [("Boxes3D", 0)]
-    sent(1, 1)
-    sent(1, 2)
-    assert sent(1, 3) == [("Clear", 0), ("Boxes3D", 3)]
-    assert sent(1, 4, lifetime_ns=S)[0] == ("Clear", 1)
+    for number in (0, 1, 2, 0):
+        assert sent(1, number) == [("Boxes3D", number)]
+    assert sent(1, 3) == [("Clear", 1), ("Boxes3D", 3)], "0 came again"
+    assert sent(1, 4, lifetime_ns=S)[0] == ("Clear", 2)
     for now_ns, gone in ((11 * S - 1, []), (11 * S, [("Clear", 4)])):
         visualizer.tick(now_ns, paper)
         assert drawn() == gone
     assert sent(1, 3, action=2) == [("Clear", 3)]
-    assert sent(2, 2) == [("Clear", 2), ("Ellipsoids3D", 2)], "another shape"
-    assert sent(1, 9, action=3) == [("Clear", 2)]
+    assert sent(2, 0) == [("Clear", 0), ("Ellipsoids3D", 0)], "another shape"
+    assert sent(1, 9, action=3) == [("Clear", 0)]
 
 
 def test_one_bad_marker_does_not_keep_the_others_of_its_array_back(paper):
