@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from commands import called
 from esslingen import FILE as FLEET
-from example_machines import EXAMPLES, write_example
+from example_machines import write_example
 
 from sfglab.deploy.checks import CHECKS
 from sfglab.deploy.release import make_release
@@ -75,7 +75,7 @@ def test_a_machine_that_cannot_be_reached_for_detection_does_not_keep_the_others
 
 
 def test_on_a_folder_in_place_of_a_machine_detection_looks_there(tmp_path):
-    root = write_example(EXAMPLES["steam_deck"], tmp_path / "deck")
+    root = write_example("steam_deck", tmp_path / "deck")
     options = ("--agent", "workstation", "--accelerator", "auto", "--root", root)
     call("apply", FLEET, *options)
     assert "/dev/dri:/dev/dri" in (root / "opt/sfglab/workstation/current/compose.yaml").read_text()

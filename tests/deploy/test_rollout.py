@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from esslingen import GO2, program
-from example_machines import EXAMPLES, write_example
+from example_machines import write_example
 
 from sfglab.deploy.bundle import MANIFEST, Bundle, pack, unpack
 from sfglab.deploy.errors import DeployError
@@ -175,7 +175,7 @@ def test_a_machine_is_detected_over_ssh_and_another_jetpack_than_the_images_is_r
 ):
     assert isinstance(accelerator_of(ssh), Accelerator)
     new, old = (
-        Transport(folder=write_example(EXAMPLES[f"jetson_{name}"], tmp_path / name))
+        Transport(folder=write_example(f"jetson_{name}", tmp_path / name))
         for name in ("orin_nx", "xavier_nx")
     )
     assert accelerator_of(new) is Accelerator.JETSON
