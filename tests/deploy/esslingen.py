@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from sfglab.deploy.deployment import Deployment, Release, deployment_of
+from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet
 from sfglab.fleet.policy import Direction, ForwardRule, Policy
 
@@ -26,27 +26,35 @@ RELEASE = Release(
     created="2026-01-02T03:04:05+00:00",
 )
 
-GO2 = deployment_of(FLEET, "go2", RELEASE)
 LAB = load_fleet(PROJECT / "data" / "fleets" / "lab.yaml")
 
 
-def deployed(agent: str = "go2", **common) -> Deployment:
-    """Return an agent's deployment where something is another for all machines."""
-    return deployment_of(
-        replace(FLEET, deployment=replace(FLEET.deployment, **common)), agent, RELEASE
-    )
+def fleet_with(name="go2", *, host=None, agent=None, **common):
+    """Return the fleet with other values of an agent's machine, of the agent, or common to all machines."""
+    spec = FLEET.agent(name)
+    changes = {"host": replace(spec.host, **(host or {}))} | (agent or {})
+    agents = tuple(replace(one, **changes) if one is spec else one for one in FLEET.agents)
+    return replace(FLEET, agents=agents, deployment=replace(FLEET.deployment, **common))
 
 
-def rule(pattern: str, *ways: Direction) -> ForwardRule:
+def deployed(name="go2", **changes):
+    """Return an agent's deployment in such a fleet."""
+    return deployment_of(fleet_with(name, **changes), name, RELEASE)
+
+
+GO2 = deployed()
+
+
+def rule(pattern, *ways):
     return ForwardRule(pattern=pattern, directions=frozenset(ways or Direction))
 
 
-def fleet_of(*rules: ForwardRule) -> Fleet:
+def fleet_of(*rules):
     """Return a fleet of one agent with a policy of its own."""
     return Fleet(name="f", policy=Policy(rules=rules), agents=(AgentSpec(name="go2", domain=7),))
 
 
-def program(path: Path, text: str = "exit 0") -> Path:
+def program(path, text="exit 0"):
     """Write a program of the shell."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(f"#!/bin/bash\n{text}\n", encoding="utf-8")
@@ -54,7 +62,7 @@ def program(path: Path, text: str = "exit 0") -> Path:
     return path
 
 
-def needs(linter: str):
+def needs(linter):
     """Mark a test that needs a program beside Python or on the path."""
     found = shutil.which(linter, path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     return pytest.mark.skipif(found is None, reason=f"{linter} is not installed")

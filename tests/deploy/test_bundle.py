@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from esslingen import FILE, FLEET, RELEASE
+from esslingen import FILE, RELEASE, deployed, fleet_with
 
 from sfglab.deploy.bundle import load_source, prepare, workspace_members
 from sfglab.deploy.deployment import deployment_of
@@ -11,16 +11,10 @@ from sfglab.deploy.errors import DeployError
 from sfglab.fleet.fleet_file import Accelerator
 
 
-def without(**changes):
-    """Return the paper's fleet with other values of the Go2."""
-    agents = [replace(one, **changes) if one.name == "go2" else one for one in FLEET.agents]
-    return replace(FLEET, agents=tuple(agents))
-
-
 def test_an_agent_without_a_host_or_an_accelerator_is_refused():
     with pytest.raises(DeployError, match="host: nothing is given, allowed: the machine that go2"):
-        deployment_of(without(host=None), "go2", RELEASE)
-    fleet = without(host=replace(FLEET.agent("go2").host, accelerator=None))
+        deployed(agent={"host": None})
+    fleet = fleet_with(host={"accelerator": None})
     with pytest.raises(DeployError, match=r"accelerator: given 'auto'.*jetson, cuda, rocm"):
         deployment_of(fleet, "go2", RELEASE)
     made = deployment_of(fleet, "go2", RELEASE, Accelerator.JETSON)
@@ -44,11 +38,10 @@ def test_equal_contents_have_one_name_without_a_plus_and_any_change_is_another_r
     other_lock = replace(made, lock=RELEASE.lock.replace("numpy==", "numpy==1!"))
     other_fleet = replace(made, fleet_text="fleet: other\n")
     names = []
-    for release in (made, made, other_fleet, other_lock):
-        ((_, bundle),) = prepare(source, release, b"wheel", agents=["pi1"])
+    wheels = [b"wheel"] * 4 + [b"another wheel"]
+    for release, wheel in zip((made, made, other_fleet, other_lock, made), wheels, strict=True):
+        ((_, bundle),) = prepare(source, release, wheel, agents=["pi1"])
         names.append(bundle.tag)
-    ((_, bundle),) = prepare(source, made, b"another wheel", agents=["pi1"])
-    names.append(bundle.tag)
     assert names[0] == names[1]
     assert names[0].startswith("1.2-x-")
     assert len(set(names)) == 4

@@ -4,32 +4,13 @@ from fnmatch import fnmatchcase
 
 import pytest
 import yaml
-from esslingen import LAB, fleet_of, rule
+from esslingen import fleet_of, rule
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.deploy.dds_router import render_dds_router
 from sfglab.deploy.errors import DeployError
 from sfglab.fleet.policy import TABLE_1, Direction
-
-
-def test_it_says_what_table_1_and_the_paper_ask_for_and_from_what():
-    text = render_dds_router(LAB, "go2")
-    head = text.partition("\n\n")[0]
-    assert "agent go2 in fleet lab" in head
-    assert "rt/tf, rt/tf_static, rt/global/*, rq/global/*, rr/global/*" in head
-    config = yaml.safe_load(text)
-    assert config["version"] == "v5.0"
-    assert [item["name"] for item in config["allowlist"]] == [r.pattern for r in TABLE_1]
-    assert config["specs"]["remove-unused-entities"] is False
-    assert {p["name"]: p["domain"] for p in config["participants"]} == {"local": 1, "global": 0}
-    assert "routes" not in config
-    local, outside = config["participants"]
-    # Interfaces become addresses or a remark, never a name that is passed over.
-    assert local["whitelist-interfaces"] == ["127.0.0.1"]
-    assert "whitelist-interfaces" not in outside
-    assert "# To keep to wlan0" in text
-
 
 PATTERNS = [
     *(r.pattern for r in TABLE_1),

@@ -14,26 +14,21 @@ from sfglab.deploy.editor import build_command, environment_command
 from sfglab.deploy.files import PROGRAM
 from sfglab.fleet.fleet_file import RosDistribution
 
+CONTAINER = ".devcontainer/devcontainer.json"
 
-class Written:
-    """The files of the workstation in a fleet with a ROS 2 distribution."""
 
-    def __init__(self, ros):
-        self.bundle = render_bundle(deployed("workstation", ros=ros))
-        self.container = self.value(".devcontainer/devcontainer.json")
-        names = ("extensions", "launch", "settings", "tasks")
-        values = [self.value(f".vscode/{name}.json") for name in names]
-        self.extensions, self.launch, self.settings, self.tasks = values
-
-    def value(self, path):
-        return json.loads(self.bundle[path].text)
+def written(ros):
+    """Return the workstation's files in a fleet with a ROS 2 distribution, and the values of VS Code's."""
+    bundle = render_bundle(deployed("workstation", ros=ros))
+    paths = [path for path in bundle if path.startswith((".vscode", ".devcontainer"))]
+    return bundle, {path: json.loads(bundle[path].text) for path in paths}
 
 
 @pytest.mark.parametrize("ros", RosDistribution)
 def test_what_the_files_name_exists(ros):
     """Services, folders, tasks, inputs and extensions: no schema says that a name is one of another file."""
-    written = Written(ros)
-    container, bundle = written.container, written.bundle
+    bundle, values = written(ros)
+    container, launch = values[CONTAINER], values[".vscode/launch.json"]
     projects = [bundle[path.removeprefix("../")].text for path in container["dockerComposeFile"]]
     base, development = map(yaml.safe_load, projects)
     assert {container["service"], *container["runServices"]} <= set(base["services"])
@@ -42,23 +37,21 @@ def test_what_the_files_name_exists(ros):
     assert mounted == [folder, f"{folder}/.vscode"]
     hook = container["initializeCommand"][0].removeprefix("${localWorkspaceFolder}/")
     assert bundle[hook].mode == PROGRAM
-    tasks = {task["label"] for task in written.tasks["tasks"]}
-    starts = written.launch["configurations"]
+    tasks = {task["label"] for task in values[".vscode/tasks.json"]["tasks"]}
+    starts = launch["configurations"]
     assert {one["preLaunchTask"] for one in starts if "preLaunchTask" in one} <= tasks
     assert len({one["name"] for one in starts}) == len(starts)
     asked = set(re.findall(r"\$\{input:(\w+)\}", json.dumps(starts)))
-    assert {one["id"] for one in written.launch["inputs"]} == asked
-    extensions = written.extensions["recommendations"]
+    assert {one["id"] for one in launch["inputs"]} == asked
+    extensions = values[".vscode/extensions.json"]["recommendations"]
     assert extensions == container["customizations"]["vscode"]["extensions"]
 
 
 def test_without_ros_nothing_of_colcon_is_written():
-    written = Written(RosDistribution.NONE)
-    for path, file in written.bundle.items():
-        if path.startswith((".vscode", ".devcontainer")):
-            assert not re.search("colcon|/opt/ros", file.text)
-    assert "postCreateCommand" not in written.container
-    assert written.settings["python.defaultInterpreterPath"] == f"{VENV}/bin/python"
+    _, values = written(RosDistribution.NONE)
+    assert not re.search("colcon|/opt/ros", str(values))
+    assert "postCreateCommand" not in values[CONTAINER]
+    assert values[".vscode/settings.json"]["python.defaultInterpreterPath"] == f"{VENV}/bin/python"
 
 
 def test_the_commands_are_bash_and_debuggers_get_the_environment_of_ros_alone(tmp_path):
@@ -67,7 +60,6 @@ def test_the_commands_are_bash_and_debuggers_get_the_environment_of_ros_alone(tm
     (tmp_path / "setup.bash").write_text("export ROS_DISTRO=jazzy PYTHONPATH=/p SECRET=x\n")
     command = environment_command(RosDistribution.JAZZY).replace("/opt/ros/jazzy", str(tmp_path))
     subprocess.run(["bash", "-c", command], cwd=tmp_path, check=True, timeout=10)
-    kept = (tmp_path / "build" / "ros.env").read_text()
-    assert "ROS_DISTRO=jazzy\n" in kept
-    assert "PYTHONPATH=/p\n" in kept
-    assert "SECRET" not in kept
+    kept = (tmp_path / "build" / "ros.env").read_text().splitlines()
+    assert {"ROS_DISTRO=jazzy", "PYTHONPATH=/p"} <= set(kept)
+    assert "SECRET=x" not in kept

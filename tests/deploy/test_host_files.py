@@ -5,7 +5,7 @@ import subprocess
 from dataclasses import replace
 
 import pytest
-from esslingen import FLEET, RELEASE
+from esslingen import FLEET, GO2, RELEASE, deployed, fleet_with
 
 from sfglab.deploy.deployment import bridge_name, deployment_of, domain_ports
 from sfglab.deploy.errors import DeployError
@@ -21,21 +21,9 @@ from sfglab.fleet.fleet_file import ContainerNetwork
 ON_HOST = {"network": ContainerNetwork.HOST}
 
 
-def deployment(fleet=FLEET, host=None, **changes):
-    """Return the Go2's deployment with other values of its host or of the agent."""
-    spec = fleet.agent("go2")
-    mine = replace(spec, **changes, host=replace(spec.host, **(host or {})))
-    agents = tuple(mine if other is spec else other for other in fleet.agents)
-    return deployment_of(replace(fleet, agents=agents), "go2", RELEASE)
-
-
-def served_by(*servers, fleet=FLEET):
-    return replace(fleet, deployment=replace(fleet.deployment, time_servers=servers))
-
-
 def test_settings_are_read_by_a_shell_as_the_fleet_file_has_them(tmp_path):
     hostile = '$(touch broken)\'; touch "broken" `'
-    odd = host_files(deployment(served_by("workstation", hostile)))
+    odd = host_files(deployed(time_servers=("workstation", hostile)))
     (tmp_path / "settings.sh").write_text(odd["hooks/settings.sh"].text)
     command = 'set -u; . ./settings.sh; printf "%s|" "$SFGLAB_AGENT" "$SFGLAB_TIME_SERVERS"'
     done = subprocess.run(
@@ -63,29 +51,28 @@ def test_every_agent_has_a_bridge_of_its_own_that_linux_takes():
 
 
 def test_time_servers_are_asked_in_order_and_once_and_agents_of_one_machine_do_not_ask_themselves():
-    fleet = served_by("ntp.example.org", "workstation", "pi1", "ntp.example.org")
-    plan = plan_time(deployment(fleet, host={"address": "other@pi1.local"}))
-    assert plan == (["ntp.example.org", "workstation.local"], True)
+    servers = ("ntp.example.org", "workstation", "pi1", "ntp.example.org")
+    odd = deployed(time_servers=servers, host={"address": "other@pi1.local"})
+    assert plan_time(odd) == (["ntp.example.org", "workstation.local"], True)
 
 
-@pytest.mark.parametrize("host", [None, replace(FLEET.agent("pi1").host, address="")])
-def test_an_agent_without_address_is_refused_as_a_time_server(host):
-    agents = (*(a for a in FLEET.agents if a.name != "pi1"), replace(FLEET.agent("pi1"), host=host))
-    fleet = served_by("workstation", "pi1", fleet=replace(FLEET, agents=agents))
+@pytest.mark.parametrize("changes", [{"agent": {"host": None}}, {"host": {"address": ""}}])
+def test_an_agent_without_address_is_refused_as_a_time_server(changes):
+    fleet = fleet_with("pi1", time_servers=("workstation", "pi1"), **changes)
     with pytest.raises(DeployError, match=r"time_servers\[1\]: given 'pi1'.*allowed: an agent"):
-        host_files(deployment(fleet))
+        host_files(deployment_of(fleet, "go2", RELEASE))
 
 
 @pytest.mark.parametrize(
-    ("host", "changes", "reason"),
+    ("host", "agent", "reason"),
     [
         ({}, {"global_interface": None}, "names no global interface"),
         (ON_HOST, {"local_interface": "wlan0"}, "own domain is on wlan0 as well"),
         ({}, {"domain": 0}, "own domain is the global one"),
     ],
 )
-def test_ports_that_cannot_be_told_apart_stay_open_with_a_reason(host, changes, reason):
-    odd = deployment(host=host, **changes)
+def test_ports_that_cannot_be_told_apart_stay_open_with_a_reason(host, agent, reason):
+    odd = deployed(host=host, agent=agent)
     assert reason in firewall_left_out(odd)
     assert "dport" not in firewall_rules(odd)
     assert ("hooks/firewall.nft" in host_files(odd)) is bool(odd.bridge)
@@ -94,15 +81,13 @@ def test_ports_that_cannot_be_told_apart_stay_open_with_a_reason(host, changes, 
 @pytest.mark.parametrize("name", ["192.168.1.4", "wlan*", 'w" accept', "averylonginterface", ".."])
 def test_a_name_that_is_no_interface_is_refused(name):
     with pytest.raises(DeployError, match=r"global_interface: given .*, allowed: the name of a"):
-        firewall_rules(deployment(global_interface=name))
+        firewall_rules(deployed(agent={"global_interface": name}))
 
 
 @pytest.mark.skipif(not shutil.which("nft"), reason="nft is missing: install nftables")
-@pytest.mark.parametrize(
-    ("host", "changes"), [({}, {}), (ON_HOST, {}), ({}, {"global_interface": None})]
-)
-def test_nft_takes_the_rules(host, changes):
-    rules = firewall_rules(deployment(host=host, **changes))
+@pytest.mark.parametrize("changes", [{}, {"host": ON_HOST}, {"agent": {"global_interface": None}}])
+def test_nft_takes_the_rules(changes):
+    rules = firewall_rules(deployed(**changes))
     command = ["nft", "-c", "-f", "-"]
     done = subprocess.run(command, input=rules, capture_output=True, text=True, check=False)
     if "Operation not permitted" in done.stderr:
@@ -112,6 +97,6 @@ def test_nft_takes_the_rules(host, changes):
 
 def test_a_fleets_name_cannot_write_lines_of_a_unit():
     name = 'a\n[Service]\nExecStart=/bin/evil "%h" \\'
-    unit, plain = service_unit(deployment(replace(FLEET, name=name))), service_unit(deployment())
+    unit, plain = service_unit(replace(GO2, fleet=replace(FLEET, name=name))), service_unit(GO2)
     for text in ("ExecStart=", "\n"):
         assert unit.count(text) == plain.count(text)

@@ -43,64 +43,56 @@ for port in sys.argv[2:]:
 
 
 def run(host, *commands, text=None):
-    """Run commands on a host; return what the last one says."""
+    """Run commands on a host; return what the last one prints."""
     for command in commands:
         done = host.run(command.split(), 60, input=text)
         assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-class Lab:
-    """A host that another one meets at its global interface, and a container at its agent's bridge."""
+def load(host, rules):
+    run(host, "nft -f -", text=rules)
 
-    def __init__(self, network, deployment):
+
+@pytest.fixture
+def lab():
+    """A host that another one meets at its global interface, and a container at its agent's bridge."""
+    with Network(grace_s=0.2) as network:
         hosts = [network.add_host(name) for name in ("host", "other", "container")]
-        self.host, self.other, self.container = hosts
-        to_global, bridge = deployment.agent.global_interface, deployment.bridge
+        host, other, container = hosts
         commands = (
             "ip link set eth0 down",
-            f"ip link set eth0 name {to_global}",
-            f"ip link set {to_global} up",
-            f"ip link add {bridge} type bridge",
-            f"ip link set {bridge} up",
-            f"ip addr add {HOST_IN_BRIDGE}/24 dev {bridge}",
-            f"ip link add port0 type veth peer name inside netns {self.container._holder}",
-            f"ip link set port0 master {bridge}",
+            f"ip link set eth0 name {GO2.agent.global_interface}",
+            f"ip link set {GO2.agent.global_interface} up",
+            f"ip link add {GO2.bridge} type bridge",
+            f"ip link set {GO2.bridge} up",
+            f"ip addr add {HOST_IN_BRIDGE}/24 dev {GO2.bridge}",
+            f"ip link add port0 type veth peer name inside netns {container._holder}",
+            f"ip link set port0 master {GO2.bridge}",
             "ip link set port0 up",
             "tee /proc/sys/net/ipv4/ip_forward",
         )
-        run(self.host, *commands, text="1")
+        run(host, *commands, text="1")
         commands = (
             "ip link set eth0 down",
             "ip link set inside up",
             f"ip addr add {CONTAINER}/24 dev inside",
             f"ip route add default via {HOST_IN_BRIDGE}",
         )
-        run(self.container, *commands)
-        run(self.other, f"ip route add default via {self.host.address}")
-
-    def load(self, rules):
-        run(self.host, "nft -f -", text=rules)
-
-    def rules(self):
-        return run(self.host, "nft list ruleset")
+        run(container, *commands)
+        run(other, f"ip route add default via {host.address}")
+        yield hosts
 
 
-@pytest.fixture
-def lab():
-    with Network(grace_s=0.2) as network:
-        yield Lab(network, GO2)
-
-
-def heard(sender, receiver, address, *ports, last):
+def heard(sender, receiver, address, *ports):
     """Send to ports in order, then to one that is always heard; return which of the former were."""
-    command = [sys.executable, "-c", LISTEN, *map(str, (*ports, last))]
+    command = [sys.executable, "-c", LISTEN, *map(str, (*ports, FREE_PORT))]
     with receiver.popen(command, stdout=subprocess.PIPE, text=True) as listener:
         assert listener.stdout.readline() == "ready\n"
-        send(sender, address, *ports, last)
+        send(sender, address, *ports, FREE_PORT)
         said = {int(port) for port in listener.stdout.read().split()}
-    assert last in said
-    return said - {last}
+    assert FREE_PORT in said
+    return said - {FREE_PORT}
 
 
 def send(sender, address, *ports):
@@ -108,34 +100,39 @@ def send(sender, address, *ports):
 
 
 def test_the_own_domain_is_heard_neither_from_outside_nor_outside_and_the_global_one_is(lab):
-    ports = (OWN_PORT, GLOBAL_PORT)
-    assert heard(lab.other, lab.host, lab.host.address, *ports, last=FREE_PORT) == set(ports)
-    assert heard(lab.host, lab.other, lab.other.address, *ports, last=FREE_PORT) == set(ports)
-    lab.load(firewall_rules(GO2))
-    assert heard(lab.other, lab.host, lab.host.address, *ports, last=FREE_PORT) == {GLOBAL_PORT}
-    assert heard(lab.host, lab.other, lab.other.address, *ports, last=FREE_PORT) == {GLOBAL_PORT}
-    assert heard(lab.container, lab.host, HOST_IN_BRIDGE, *ports, last=FREE_PORT) == set(ports)
+    host, other, container = lab
+    ports = {OWN_PORT, GLOBAL_PORT}
+    ways = ((other, host, host.address), (host, other, other.address))
+    for way in ways:
+        assert heard(*way, *ports) == ports
+    load(host, firewall_rules(GO2))
+    for way in ways:
+        assert heard(*way, *ports) == {GLOBAL_PORT}
+    assert heard(container, host, HOST_IN_BRIDGE, *ports) == ports
 
 
 def test_the_container_has_no_way_out_and_nobody_a_way_in(lab):
-    out, into = (lab.container, lab.other, lab.other.address), (lab.other, lab.container, CONTAINER)
-    ways = {"no way out": out, "no way in": into}
-    for way in ways.values():
-        assert heard(*way, OWN_PORT, last=FREE_PORT) == {OWN_PORT}
-    lab.load(firewall_rules(GO2))
-    for comment, (sender, _, address) in ways.items():
-        assert f'packets 0 bytes 0 drop comment "{comment}"' in lab.rules()
-        send(sender, address, FREE_PORT)
-        assert f'packets 1 bytes 29 drop comment "{comment}"' in lab.rules()
+    host, other, container = lab
+    out, into = (container, other, other.address), (other, container, CONTAINER)
+    for way in (out, into):
+        assert heard(*way, OWN_PORT) == {OWN_PORT}
+    load(host, firewall_rules(GO2))
+    for comment, (sender, _, address) in {"no way out": out, "no way in": into}.items():
+        for count in (0, 1):
+            counter = f'packets {count} bytes {29 * count} drop comment "{comment}"'
+            assert counter in run(host, "nft list ruleset")
+            send(sender, address, FREE_PORT)
 
 
 def test_loading_again_changes_nothing_and_no_other_table_is_touched(lab):
-    lab.load(MINE)
-    before = lab.rules()
+    host = lab[0]
+    load(host, MINE)
+    before = run(host, "nft list ruleset")
     for agent in ("go2", "go2", "pi1", "go2"):
-        lab.load(firewall_rules(deployed(agent)))
-    assert before in lab.rules()
+        load(host, firewall_rules(deployed(agent)))
+    rules = run(host, "nft list ruleset")
+    assert before in rules
     for agent in ("go2", "pi1"):
-        assert lab.rules().count(f"table inet sfglab_{agent}") == 1
-        run(lab.host, f"nft delete table inet sfglab_{agent}")
-    assert lab.rules() == before
+        assert rules.count(f"table inet sfglab_{agent}") == 1
+        run(host, f"nft delete table inet sfglab_{agent}")
+    assert run(host, "nft list ruleset") == before

@@ -1,19 +1,15 @@
 """The hooks, run for real: on another root, and on this system with its folders and commands exchanged."""
 
-import contextlib
-import functools
 import os
-import re
 import shutil
 import subprocess
-from dataclasses import replace
-from pathlib import Path
+from functools import partial
 
 import pytest
-from esslingen import deployed, program
+from esslingen import GO2, deployed, program
 
 from sfglab.deploy.bundle import Bundle, write_bundle
-from sfglab.deploy.host import host_files
+from sfglab.deploy.host import host_files, service_unit
 from sfglab.fleet.fleet_file import ContainerNetwork
 
 UNIT = "etc/systemd/system/sfglab-go2.service"
@@ -23,22 +19,18 @@ RULES = "etc/sfglab/go2.nft"
 NUMBERS = "opt/sfglab/go2/.env"
 
 
-@functools.cache
-def files_of(agent, *, bare=False):
-    """Return an agent's files; bare: without time servers and anything to close."""
-    deployment = deployed(agent, time_servers=()) if bare else deployed(agent)
-    if bare:
-        host = replace(deployment.host, network=ContainerNetwork.HOST)
-        agent = replace(deployment.agent, global_interface=None)
-        deployment = replace(deployment, host=host, agent=agent)
-    return host_files(deployment)
+BARE = deployed(
+    time_servers=(),
+    host={"network": ContainerNetwork.HOST},
+    agent={"global_interface": None},
+)
+"""The Go2 without time servers and anything to close."""
 
 
-def machine(root, agent="go2", *, bare=False):
+def machine(root, deployment=GO2):
     """Make a root with chrony, nft and an agent's folder; return its initialize.sh."""
-    folder = root / "opt/sfglab" / agent
-    members = files_of(agent, bare=bare)
-    write_bundle(Bundle(agent=agent, tag="", image="", members=members), folder)
+    folder = root / deployment.folder.lstrip("/")
+    write_bundle(Bundle(agent="", tag="", image="", members=host_files(deployment)), folder)
     for name in ("chronyd", "nft"):
         program(root / "usr/sbin" / name)
     (root / "etc/chrony/conf.d").mkdir(parents=True, exist_ok=True)
@@ -49,13 +41,12 @@ def machine(root, agent="go2", *, bare=False):
 
 def run(script, *options, root=None, path="/bin", status=0):
     """Run the hooks; return what they print."""
-    environment = {"PATH": f"{path}:{os.environ['PATH']}", "LC_ALL": "C"}
-    if root is not None:
-        environment["SFGLAB_ROOT"] = str(root)
-    return printed(["bash", str(script), *options], environment, status)
+    other = {"SFGLAB_ROOT": str(root)} if root else {}
+    return printed(["bash", script, *options], path, status, **other)
 
 
-def printed(command, environment, status):
+def printed(command, path, status, **variables):
+    environment = {"PATH": f"{path}:{os.environ['PATH']}", "LC_ALL": "C", **variables}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == status, done.stdout + done.stderr
     return done.stdout + done.stderr
@@ -66,22 +57,17 @@ def words(text):
 
 
 def tree(root, *, times=True):
-    """Return kind, mode, content or target, and time of everything below a folder."""
+    """Return kind and mode, content or target, and time of everything below a folder."""
     found = {}
     for path in root.rglob("*"):
         state = path.lstat()
-        content = None
-        if path.is_symlink():
-            content = str(path.readlink())
-        elif path.is_file():
-            content = path.read_bytes()
-        time = state.st_mtime_ns if times else 0
-        found[str(path.relative_to(root))] = (state.st_mode, content, time)
+        content = path.readlink() if path.is_symlink() else path.is_file() and path.read_bytes()
+        found[path.relative_to(root)] = (state.st_mode, content, times and state.st_mtime_ns)
     return found
 
 
 def files_in(root):
-    return {name for name, (_, content, _) in tree(root).items() if content is not None}
+    return {path for path, (_, content, _) in tree(root).items() if content is not False}
 
 
 def test_another_root_gets_what_a_dry_run_shows_undo_takes_it_back_and_nothing_that_runs_is_touched(
@@ -94,39 +80,34 @@ def test_another_root_gets_what_a_dry_run_shows_undo_takes_it_back_and_nothing_t
     for path in (CHRONY, RULES, UNIT, NUMBERS):
         assert f"would change: /{path}\n--- /{path}\n+++ /{path}\n" in said
     assert "+server workstation.local iburst prefer" in said
-    assert not re.search("^changed", said, re.MULTILINE)
+    assert "\nchanged" not in said
     said = run(script, root=tmp_path)
     assert (tmp_path / CHRONY).read_text().endswith("server workstation.local iburst prefer\n")
     assert "table inet sfglab_go2 {" in (tmp_path / RULES).read_text()
-    folder = script.parents[1]
-    assert (tmp_path / UNIT).read_text() == (folder / "systemd/sfglab-go2.service").read_text()
+    assert (tmp_path / UNIT).read_text() == service_unit(GO2)
     assert str((tmp_path / WANTED).readlink()) == f"/{UNIT}"
-    numbers = (tmp_path / NUMBERS).read_text().splitlines()[1:]
-    assert numbers == ["SFGLAB_TAG=1-a", "SFGLAB_VIDEO_GID=44", "SFGLAB_RENDER_GID=993"]
+    numbers = "\nSFGLAB_TAG=1-a\nSFGLAB_VIDEO_GID=44\nSFGLAB_RENDER_GID=993\n"
+    assert (tmp_path / NUMBERS).read_text().endswith(numbers)
     for what in ("restart of chrony", "table inet sfglab_go2", "reload of systemd"):
         assert f"skipped: {what} (SFGLAB_ROOT is not the running system)" in said
     assert words(said) == {"changed", "skipped"}
     before = tree(tmp_path)
     assert words(run(script, root=tmp_path)) == {"unchanged", "skipped"}
-    assert tree(tmp_path) == before, "a second run changes nothing, not even a time"
     run(script, "--undo", "--dry-run", root=tmp_path)
-    assert tree(tmp_path) == before
+    assert tree(tmp_path) == before, "neither changes anything, not even a time"
     run(script, "--undo", root=tmp_path)
     assert files_in(tmp_path) == given
     assert words(run(script, "--undo", root=tmp_path)) == {"unchanged", "skipped"}
 
 
-@pytest.mark.parametrize(("number", "step"), [(1, "before"), (4, "after")])
+@pytest.mark.parametrize(("number", "step"), [(1, ":"), (4, '{mv} "$@"')], ids=["before", "after"])
 def test_a_run_that_was_killed_is_completed_by_the_next(number, step, tmp_path):
     whole, cut, tools = tmp_path / "whole", tmp_path / "cut", tmp_path / "tools"
     run(machine(whole), root=whole)
     script = machine(cut)
-    real = shutil.which("mv")
-    moves = f'{real} "$@"' if step == "after" else ":"
-    count = f'n=$(($(cat {tools}/n) + 1)); echo "$n" >{tools}/n'
-    kill = f'[ "$n" = {number} ] || exec {real} "$@"; {moves}; kill -KILL $PPID'
-    program(tools / "mv", f"{count}; {kill}")
-    (tools / "n").write_text("0")
+    mv = shutil.which("mv")
+    kill = f'[ "$(wc -l <{tools}/n)" = {number} ] || exec {mv} "$@"; {step.format(mv=mv)}'
+    program(tools / "mv", f"echo >>{tools}/n; {kill}; kill -KILL $PPID")
     run(script, root=cut, path=tools, status=137)
     assert tree(cut, times=False) != tree(whole, times=False)
     run(script, root=cut)
@@ -188,23 +169,22 @@ def test_a_link_that_leads_out_of_the_other_root_is_not_followed_and_a_missing_r
     assert says in run(script, root=root, status=1)
 
 
-def test_timesyncd_is_asked_where_there_is_no_chrony_and_cannot_serve(tmp_path):
-    for agent in ("go2", "workstation"):
-        root = tmp_path / agent
-        script = machine(root, agent)
-        (root / "usr/sbin/chronyd").unlink()
-        program(root / "usr/lib/systemd/systemd-timesyncd")
-        said = run(script, root=root)
-        is_server = agent == "workstation"
-        serves = "skipped: serving time (systemd-timesyncd cannot: install chrony)" in said
-        assert serves is is_server
-        drop_in = root / "etc/systemd/timesyncd.conf.d/sfglab.conf"
-        text = drop_in.read_text() if drop_in.exists() else ""
-        assert text.endswith("[Time]\nNTP=\nNTP=workstation.local\n") is not is_server
+@pytest.mark.parametrize("name", ["go2", "workstation"])
+def test_timesyncd_is_asked_where_there_is_no_chrony_and_cannot_serve(name, tmp_path):
+    script = machine(tmp_path, deployed(name))
+    (tmp_path / "usr/sbin/chronyd").unlink()
+    program(tmp_path / "usr/lib/systemd/systemd-timesyncd")
+    said = run(script, root=tmp_path)
+    drop_in = tmp_path / "etc/systemd/timesyncd.conf.d/sfglab.conf"
+    if name == "go2":
+        assert drop_in.read_text().endswith("[Time]\nNTP=\nNTP=workstation.local\n")
+    else:
+        assert "skipped: serving time (systemd-timesyncd cannot: install chrony)" in said
+        assert not drop_in.exists()
 
 
 def test_what_a_machine_or_fleet_does_not_have_is_reported_and_no_error(tmp_path):
-    script = machine(tmp_path, bare=True)
+    script = machine(tmp_path, BARE)
     (tmp_path / "etc/group").write_text("root:x:0:\nvideo:x:44:\n")
     (tmp_path / UNIT).parent.mkdir(parents=True)
     (tmp_path / UNIT).symlink_to("/dev/null")
@@ -223,9 +203,9 @@ def test_what_a_machine_or_fleet_does_not_have_is_reported_and_no_error(tmp_path
 
 def test_what_an_earlier_release_set_and_this_one_does_not_is_taken_back(tmp_path):
     bare, root = tmp_path / "bare", tmp_path / "root"
-    run(machine(bare, bare=True), root=bare)
+    run(machine(bare, BARE), root=bare)
     run(machine(root), root=root)
-    script = machine(root, bare=True)
+    script = machine(root, BARE)
     (script.parent / "firewall.nft").unlink()
     said = run(script, root=root)
     assert f"changed: /{CHRONY} (removed)" in said
@@ -242,32 +222,23 @@ if os.geteuid() != 0:
     OWN_MOUNTS.append("--map-root-user")
 
 
-def can_mount() -> bool:
-    if not shutil.which("unshare"):
-        return False
-    command = [*OWN_MOUNTS, "mount", "-t", "tmpfs", "none", "/mnt"]
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
-
-
+MOUNT = [*OWN_MOUNTS, "mount", "-t", "tmpfs", "none", "/mnt"]
 needs_mounts = pytest.mark.skipif(
-    not can_mount(), reason="needs mounts of its own: root, or user namespaces"
+    not shutil.which("unshare") or subprocess.call(MOUNT, stderr=subprocess.DEVNULL) != 0,
+    reason="needs mounts of its own: root, or user namespaces",
 )
 
 
 class System:
     """This system with other folders, and commands that write down how they were called."""
 
-    def __init__(self, root, agent="go2"):
-        self.root, self.tools, self.agent = root / "root", root / "tools", agent
-        machine(self.root, agent)
+    def __init__(self, root, deployment=GO2):
+        self.root, self.tools = root / "root", root / "tools"
+        self.hooks = machine(self.root, deployment).parent
         for name in ("var/lib", "run/systemd/system"):
             (self.root / name).mkdir(parents=True)
         # Commands that are chosen there, such as awk, are found through it.
-        (self.root / "etc/alternatives").mkdir()
-        for name in ("awk", "nawk"):
-            with contextlib.suppress(FileNotFoundError):
-                target = Path("/etc/alternatives", name).readlink()
-                (self.root / "etc/alternatives" / name).symlink_to(target)
+        shutil.copytree("/etc/alternatives", self.root / "etc/alternatives", symlinks=True)
         log = f'echo "${{0##*/}} $*" >>{self.tools}/calls'
         program(self.tools / "systemctl", log)
         program(self.tools / "chronyd")
@@ -280,10 +251,9 @@ class System:
         """Run a hook there; return what it prints and the commands that it ran."""
         (self.tools / "calls").write_text("")
         mounts = " && ".join(f"mount --bind {self.root}/{name} /{name}" for name in EXCHANGED)
-        hook = f"/opt/sfglab/{self.agent}/hooks/{script}"
-        environment = {"PATH": f"{self.tools}:{os.environ['PATH']}", "LC_ALL": "C"}
+        hook = f"/{self.hooks.relative_to(self.root)}/{script}"
         command = [*OWN_MOUNTS, "bash", "-c", f'{mounts} && exec bash {hook} "$@"', "-", *options]
-        said = printed(command, environment, status)
+        said = printed(command, self.tools, status)
         return said, (self.tools / "calls").read_text().splitlines()
 
 
@@ -340,7 +310,7 @@ def test_what_was_owed_when_a_command_failed_is_done_by_the_next_run(number, tmp
 
 @needs_mounts
 def test_a_time_server_serves_the_network_of_the_global_interface_only(tmp_path):
-    system = System(tmp_path, "workstation")
+    system = System(tmp_path, deployed("workstation"))
     system.run()
     settings = (system.root / CHRONY).read_text().splitlines()
     assert settings[1:] == ["local stratum 10", "allow 10.7.0.0/16"]
@@ -353,7 +323,7 @@ def test_a_time_server_serves_the_network_of_the_global_interface_only(tmp_path)
 def test_the_service_loads_the_firewall_each_time_and_fails_with_it_also_without_systemd(tmp_path):
     system = System(tmp_path)
     (system.root / "run/systemd/system").rmdir()
-    load = functools.partial(system.run, "load", script="20-firewall.sh")
+    load = partial(system.run, "load", script="20-firewall.sh")
     assert load()[0].startswith("skipped: loading the firewall (this agent")
     said, calls = system.run()
     assert "skipped: reload of systemd (systemd does not run here)" in said
