@@ -113,9 +113,8 @@ def test_a_root_that_is_no_folder_is_refused():
 def test_no_link_leads_out_of_the_root(machine, tmp_path, target):
     outside = tmp_path / "outside"
     outside.write_text("PRETTY_NAME=leaked\n", encoding="utf-8")
-    machine("riscv_board", **{"etc/os-release": None, "etc/hostname": "board\n"})
-    (tmp_path / "root/etc/os-release").symlink_to(target.format(outside=outside))
-    assert detect(tmp_path / "root").operating_system == "unknown"
+    found = machine("riscv_board", **{"etc/os-release": f"-> {target.format(outside=outside)}"})
+    assert found.operating_system == "unknown"
 
 
 ENCODER, DECODER = CodecRole.ENCODER, CodecRole.DECODER

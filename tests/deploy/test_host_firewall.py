@@ -8,6 +8,7 @@ import pytest
 from esslingen import GO2, deployed
 
 from sfglab.deploy.host import firewall_rules
+from sfglab.fleet.fleet_file import ContainerNetwork
 from sfglab.lab.hosts import Network
 
 pytestmark = [
@@ -128,8 +129,10 @@ def test_loading_again_changes_nothing_and_no_other_table_is_touched(lab):
     host = lab[0]
     load(host, MINE)
     before = run(host, "nft list ruleset")
-    for agent in ("go2", "go2", "pi1", "go2"):
-        load(host, firewall_rules(deployed(agent)))
+    on_host = deployed(host={"network": ContainerNetwork.HOST})
+    without = deployed(agent={"global_interface": None})
+    for deployment in (GO2, GO2, deployed("pi1"), on_host, without, GO2):
+        load(host, firewall_rules(deployment))
     rules = run(host, "nft list ruleset")
     assert before in rules
     for agent in ("go2", "pi1"):
