@@ -20,7 +20,7 @@ def release_is_made_once(monkeypatch):
     monkeypatch.setattr("sfglab.deploy.release.make_release", made_once)
 
 
-def call(*arguments: object, status: int = 0) -> str:
+def call(*arguments, status=0):
     return called("deploy", *map(str, arguments), status=status)
 
 

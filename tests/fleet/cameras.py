@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from sfglab.codecs import H264Encoder, H264Settings, ffmpeg_packet_fields
+from sfglab.codecs import H264Encoder, ffmpeg_packet_fields
 from sfglab.fleet.router.config import RouterSettings
 from sfglab.fleet.router.node import Router
 from sfglab.messages import message_type
@@ -17,7 +17,7 @@ FFMPEG = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 IMAGE = "sensor_msgs/msg/Image"
 
 
-def behind_router(world, name: str, **settings):
+def behind_router(world, name, **settings):
     """Return a simulated node in an agent's own domain, and the agent's router to the network's domain 0."""
     place = {"host": name, "domain_id": 7, "reach": "host"}
     near = world.node("router", **place, process="router")
@@ -27,7 +27,7 @@ def behind_router(world, name: str, **settings):
     )
 
 
-def rolled(settings: H264Settings, count: int) -> list:
+def rolled(settings, count):
     """Return the packets of a picture that moves, as fields of messages."""
     size = settings.height // 8, settings.width // 8, 3
     still = np.random.default_rng(0).integers(0, 255, size, np.uint8).repeat(8, 0).repeat(8, 1)

@@ -40,7 +40,7 @@ agents:
 """)
 
 
-def arguments(config: plans.AgentConfig) -> dict[str, str]:
+def arguments(config):
     return {component.name: component.argv[-1] for component in plans.plan(config)}
 
 
@@ -109,15 +109,15 @@ def test_options_go_before_the_fleet_file():
     assert router.remote == BusAddress(domain_id=3, interface="eth1")
 
 
-def path(topic: str, direction: str = "inward", **ends: int) -> dict[str, str | int]:
+def path(topic, direction="inward", **ends):
     return {"topic": topic, "direction": direction, "readers": 1, "writers": 1, **ends}
 
 
-def reported(component: str, **report) -> dict:
+def reported(component, **report):
     return {"is": "report", "component": component, "report": report}
 
 
-def changed(state: str, *, crashes: int = 0, why: str = "", retry_s: float | None = None) -> dict:
+def changed(state, *, crashes=0, why="", retry_s=None):
     report = {"is": "component", "component": "router", "state": state, "pid": 7}
     return report | {"crashes": crashes, "why": why, "retry_s": retry_s}
 

@@ -54,26 +54,26 @@ sys.stdin.read()
 """
 
 
-def component(name: str, code: str, *arguments: str) -> Component:
+def component(name, code, *arguments):
     return Component(name=name, argv=(sys.executable, "-S", "-c", code, *arguments))
 
 
 class Watched:
     """A running agent and its reports."""
 
-    def __init__(self, *components, timing: ProcessTiming = TIMING) -> None:
+    def __init__(self, *components, timing=TIMING):
         self.reports = []
         self.agent = app.Agent(components, timing=timing, on_report=self.reports.append)
 
-    def changes(self, name: str, state: State | None = None) -> list[dict]:
+    def changes(self, name, state=None):
         """Return the changes of a component, or those to a state."""
         changes = [r for r in self.reports if r["is"] == "component" and r["component"] == name]
         return [r for r in changes if state is None or State[r["state"].upper()] is state]
 
-    def states(self, name: str) -> list[State]:
+    def states(self, name):
         return [State[change["state"].upper()] for change in self.changes(name)]
 
-    async def pid(self, name: str, starts: int = 1) -> int:
+    async def pid(self, name, starts=1):
         """Return the process of the given start, once it serves."""
         await until(lambda: self.states(name).count(State.RUNNING) >= starts)
         return self.changes(name, State.RUNNING)[-1]["pid"]

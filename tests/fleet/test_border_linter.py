@@ -14,21 +14,21 @@ LAB = ROOT / "data" / "fleets" / "lab.yaml"
 BROKEN = Path(__file__).parent / "fleets" / "broken.yaml"
 
 
-def report_of(agents: str, policy: str = ""):
+def report_of(agents, policy=""):
     return lint(read_fleet(f"fleet: f\n{policy}\nagents:\n{agents}"))
 
 
-def codes(report, severity: Severity | None = None) -> set[str]:
+def codes(report, severity=None):
     return {f.code for f in report.findings if severity in (None, f.severity)}
 
 
-def one(report, code: str):
+def one(report, code):
     found = [f for f in report.findings if f.code == code]
     assert len(found) == 1, [f.what for f in report.findings]
     return found[0]
 
 
-def agents(*inner: str) -> str:
+def agents(*inner):
     """Return agents a1, a2 and so on, of which each does as it says."""
     return "\n".join(f"  a{i}: {{domain: {i}, {text}}}" for i, text in enumerate(inner, start=1))
 
@@ -59,15 +59,15 @@ def test_every_mistake_of_the_broken_fleet_is_found_at_its_line_the_worst_first_
         assert all((f.place.key, f.what, f.why, f.remedy or f.severity is Severity.INFO))
 
 
-def tree(frames: str, *, prefix: bool = True, shared: str = "map") -> str:
+def tree(frames, *, prefix=True, shared="map"):
     return f"tf: {{prefix_frames: {str(prefix).lower()}, shared_frames: [{shared}], frames: [{frames}]}}"
 
 
-def edge(child: str, parent: str, *, static: bool = False) -> str:
+def edge(child, parent, *, static=False):
     return f"{{child: {child}, parent: {parent}, static: {str(static).lower()}}}"
 
 
-def bare(child: str, parent: str) -> str:
+def bare(child, parent):
     return tree(edge(child, parent), prefix=False)
 
 
@@ -213,7 +213,7 @@ def test_the_text_shows_everything_and_a_file_that_is_no_fleet_gives_one_line(tm
     assert "did you mean it by 'agnets'?" in text
 
 
-def fleet_of(count: int, inner: str = "", processes: int = 20):
+def fleet_of(count, inner="", processes=20):
     return report_of(agents(*count * [f"processes: {processes}, lifecycle: false, {inner}"]))
 
 

@@ -22,7 +22,7 @@ from sfglab.qos import SENSOR_DATA, QoSProfile, Reliability
 pytestmark = [pytest.mark.live]
 
 
-async def right_pictures(subscription) -> list:
+async def right_pictures(subscription):
     """Return pictures after a check that each has the level of the camera at its stamp."""
     images = [await subscription.take(timeout_s=60) for _ in range(5)]
     for image in images:
@@ -31,11 +31,11 @@ async def right_pictures(subscription) -> list:
     return images
 
 
-def children() -> set[int]:
+def children():
     return {p.pid for p in psutil.Process().children(recursive=True)}
 
 
-async def shoot(publisher) -> None:
+async def shoot(publisher):
     """Publish flat pictures, 50 a second, whose blue level is the stamp's number of seconds."""
     settings = H264Settings(
         width=320, height=192, fps=50, bitrate_bps=1_000_000, gop=5, encoder="libx264"

@@ -38,7 +38,7 @@ from sfglab.spatial.poses import header_msg
 BYTES = "std_msgs/msg/UInt8MultiArray"
 
 
-def metadata(topic: str = STREAM, **stream_fields):
+def metadata(topic=STREAM, **stream_fields):
     fields = {"topic": topic, "type": FFMPEG} | stream_fields
     stream = default_message("sfglab_interfaces/msg/StreamInfo", **fields)
     sensor = default_message("sfglab_interfaces/msg/SensorInfo", streams=[stream])
@@ -79,7 +79,7 @@ def test_what_is_no_remote_image_stream_is_refused_with_the_reason(topic, why):
 class Inflate:
     """A codec of scans that are compressed with zlib."""
 
-    def __init__(self, route) -> None:
+    def __init__(self, route):
         assert route.codec == "zlib"
 
     def feed(self, message):

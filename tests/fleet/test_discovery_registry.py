@@ -27,7 +27,7 @@ GID = b"g" * 16
 class World:
     """A registry and its caller, who checks all orders; times in seconds."""
 
-    def __init__(self, **limits) -> None:
+    def __init__(self, **limits):
         self.registry = Registry("station", timing=TIMING, **limits)
         self.asked, self.outstanding = [], {}  # all queries; agents by outstanding query
         self.events = {}  # last event by agent

@@ -47,7 +47,7 @@ async def discoverer(world, agent="station", **settings):
             assert not task.done(), task.exception()
 
 
-async def sleep_until(time_s: float) -> None:
+async def sleep_until(time_s):
     await asyncio.sleep(time_s - asyncio.get_running_loop().time())
 
 

@@ -107,7 +107,7 @@ def test_a_mistake_is_refused_with_its_key_its_line_and_what_is_allowed(change, 
 # Where it runs
 
 
-def fleet_with(host: str = "{}", deployment: str = "{}"):
+def fleet_with(host="{}", deployment="{}"):
     agents = f"agents: {{go2: {{domain: 1, host: {host}}}}}"
     return fleet_file.read_fleet(f"fleet: My Lab\ndeployment: {deployment}\n{agents}\n")
 

@@ -20,7 +20,7 @@ from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 REPLAY = gop_config.replay_topic(STREAM)
 
 
-def fill(cache: gop_cache.GopCache, numbers, gop: int = 5, size_bytes: int = 10) -> list[bool]:
+def fill(cache, numbers, gop=5, size_bytes=10):
     return [cache.add(n, pts=n, is_key=n % gop == 0, size_bytes=size_bytes) for n in numbers]
 
 

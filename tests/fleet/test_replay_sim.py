@@ -39,14 +39,14 @@ def pictures(packets):
 class Screen:
     """Where a pipeline's pictures go, with their times, seconds."""
 
-    def __init__(self) -> None:
-        self.times_s: list[float] = []
-        self.pictures: list[np.ndarray] = []
+    def __init__(self):
+        self.times_s = []
+        self.pictures = []
 
-    def open(self) -> None:
+    def open(self):
         pass
 
-    def publish(self, _, picture: np.ndarray) -> None:
+    def publish(self, _, picture):
         self.times_s.append(asyncio.get_running_loop().time())
         self.pictures.append(picture)
 
@@ -60,9 +60,7 @@ async def agent(world, name, *bodies):
         assert not any(task.done() for task in tasks)
 
 
-def first_picture(
-    packets, latency_s: float, *, keeper: bool, joined: int = JOINED, fps: float = FPS
-) -> tuple[float, Statistics, Screen]:
+def first_picture(packets, latency_s, *, keeper, joined=JOINED, fps=FPS):
     """Return the time from joining, half a frame after the given one, to the first picture, in seconds."""
     screen, counts = Screen(), Statistics()
     route, _ = routes_of_topic(STREAM)

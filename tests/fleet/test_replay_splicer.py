@@ -1,7 +1,6 @@
 """Joining a stream under way: from its replay, then live, whatever comes in whatever order."""
 
 from itertools import pairwise
-from typing import Self
 
 import pytest
 from foreign_video import CLOCKS
@@ -17,27 +16,27 @@ GOP = 5
 class Joining:
     """A splicer whose packets are their numbers; a key frame every `gop`."""
 
-    def __init__(self, *, replay: bool = True, after: int = -1, gop: int = GOP) -> None:
+    def __init__(self, *, replay=True, after=-1, gop=GOP):
         self.splicer = Splicer(replay=replay, after=after)
         self.gop = gop
-        self.decoded: list[int] = []
-        self.shown: list[int] = []
+        self.decoded = []
+        self.shown = []
 
-    def take(self, source: Source, *numbers: int, shown: bool = True) -> Self:
+    def take(self, source, *numbers, shown=True):
         for number in numbers:
             self.splicer.take(
                 number, source, pts=number, is_key=number % self.gop == 0, shown=shown
             )
         return self
 
-    def decode(self, most: int = 10**6) -> Self:
+    def decode(self, most=10**6):
         while most and (step := self.splicer.next()) is not None:
             self.decoded.append(step.packet)
             self.shown += [step.packet] if step.show else []
             most -= 1
         return self
 
-    def hear(self, arrivals: str) -> Self:
+    def hear(self, arrivals):
         """Take numbers of the replay (r: not to be shown) or live; with + nothing is decoded in between.
 
         At an exclamation mark, the replay is given up.

@@ -11,7 +11,7 @@ from sfglab.messages import default_message, deserialize, message_type, serializ
 GO2 = Frames(agent="go2", placed_by_others=frozenset({"base"}))
 
 
-def tf(*pairs: tuple[str, str]) -> bytes:
+def tf(*pairs):
     transforms = []
     for number, (parent, child) in enumerate(pairs):
         transform = default_message("geometry_msgs/msg/TransformStamped")
@@ -21,7 +21,7 @@ def tf(*pairs: tuple[str, str]) -> bytes:
     return serialize(message_type(TF_TYPE)(transforms=transforms))
 
 
-def pairs(cdr: bytes) -> list[tuple[str, str]]:
+def pairs(cdr):
     return [(t.header.frame_id, t.child_frame_id) for t in deserialize(cdr, TF_TYPE).transforms]
 
 

@@ -42,7 +42,7 @@ def ids(free_domains):
 
 
 @asynccontextmanager
-async def routing(local: int, remote: int):
+async def routing(local, remote):
     """A router of an agent called after its local domain, as the process would run it."""
     async with (
         Node("router", domain_id=local, interface="lo") as near,
@@ -66,7 +66,7 @@ async def fleet(ids):
         yield one, two, everybody
 
 
-async def hear(node: Node, heard: list) -> None:
+async def hear(node, heard):
     """Remember what arrives, and its source stamps."""
     subscription = node.create_subscription(STRING, TOPIC, qos=DEEP)
     while True:
@@ -89,7 +89,7 @@ async def test_everybody_hears_everybody_once_in_order_with_the_first_stamp(ids)
             assert [told for told in heard if told in mine] == mine
 
 
-async def _stillness(look) -> None:
+async def _stillness(look):
     """Return when nothing has changed for a while that is long beside a message's way."""
     before = None
     while (now := look()) != before:
@@ -118,7 +118,7 @@ async def test_an_unknown_type_crosses_two_routers_and_it_is_said(ids, caplog):
 # The router as a process.
 
 
-def config_of(ids, **more) -> RouterConfig:
+def config_of(ids, **more):
     local, remote = (BusAddress(domain_id=domain, interface="lo") for domain in (ids[1], ids[0]))
     return RouterConfig(agent="go2", local=local, remote=remote, idle_timeout_s=0.1, **more)
 

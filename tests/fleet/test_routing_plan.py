@@ -36,30 +36,30 @@ GLOBAL = 0
 class World:
     """Domains with endpoints, and routers that hear of them late, in any interleaving."""
 
-    def __init__(self, *, offers: bool = False) -> None:
+    def __init__(self, *, offers=False):
         self.now_ns = 0
         self.offers = offers
         self.numbers = itertools.count(1)
-        self.domains: defaultdict[int, dict[bytes, EndpointInfo]] = defaultdict(dict)
-        self.routers: list[Router] = []
+        self.domains = defaultdict(dict)
+        self.routers = []
 
-    def gid(self) -> bytes:
+    def gid(self):
         return next(self.numbers).to_bytes(16, "big")
 
-    def add(self, domain: int, endpoint: EndpointInfo) -> EndpointInfo:
+    def add(self, domain, endpoint):
         self.domains[domain][endpoint.gid] = endpoint
         self._tell(domain, EndpointAdded(endpoint=endpoint))
         return endpoint
 
-    def remove(self, domain: int, gid: bytes) -> None:
+    def remove(self, domain, gid):
         self._tell(domain, EndpointRemoved(endpoint=self.domains[domain].pop(gid)))
 
-    def plain(self) -> list[tuple[int, EndpointInfo]]:
+    def plain(self):
         return [
             (d, e) for d, known in self.domains.items() for e in known.values() if not e.user_data
         ]
 
-    def settle(self) -> None:
+    def settle(self):
         """Let every router hear everything, and everything linger to its end."""
         for _ in range(200):
             for router in self.routers:
@@ -71,10 +71,10 @@ class World:
                 return
         raise AssertionError("the routers never come to rest")
 
-    def copies(self, domain: int, source: EndpointInfo, limit: int = 6) -> dict[bytes, int]:
+    def copies(self, domain, source, limit=6):
         """Return how often each plain subscription gets a sample of a publisher."""
         assert limit, "a sample goes round for ever"
-        got: dict[bytes, int] = {}
+        got = {}
         for sink in self.domains[domain].values():
             if not matches(source, sink) or sink.participant == source.participant:
                 continue
@@ -88,7 +88,7 @@ class World:
                         got[gid] = got.get(gid, 0) + count
         return got
 
-    def _tell(self, domain: int, event) -> None:
+    def _tell(self, domain, event):
         for router in self.routers:
             for side, own in router.domains.items():
                 if own == domain:
@@ -98,7 +98,7 @@ class World:
 class Router:
     """A router in the world, which carries its plan's actions out there."""
 
-    def __init__(self, world: World, local: int, name: str) -> None:
+    def __init__(self, world, local, name):
         self.world = world
         self.name = name
         self.domains = {Side.LOCAL: local, Side.GLOBAL: GLOBAL}
@@ -114,12 +114,12 @@ class Router:
             linger_ns=SECOND,
             advertise_unused_topics=world.offers,
         )
-        self.open: dict[ReaderSpec | WriterSpec, bytes] = {}
-        self.judged: dict[tuple[bytes, bytes], WriterSpec | None] = {}
+        self.open = {}
+        self.judged = {}
         self.done = []
         world.routers.append(self)
 
-    def feed(self, *events) -> None:
+    def feed(self, *events):
         """Have the plan take events and the time, and carry its actions out."""
         actions = self.plan.feed(events, now_ns=self.world.now_ns)
         self.done += actions
@@ -138,28 +138,28 @@ class Router:
                     self.judged.pop((self.open[reader], gid), None)  # a held one was never judged
         assert {writer for writer in self.judged.values() if writer} <= self.open.keys()
 
-    def hear(self, side: Side) -> None:
+    def hear(self, side):
         self.feed((side, self.heard[side].popleft()))
 
-    def hear_all(self) -> None:
+    def hear_all(self):
         while side := next((side for side in Side if self.heard[side]), None):
             self.hear(side)
 
-    def side_of(self, spec: ReaderSpec | WriterSpec) -> Side:
+    def side_of(self, spec):
         way = spec.path.direction
         return way.source if isinstance(spec, ReaderSpec) else way.target
 
-    def domain_of(self, spec: ReaderSpec | WriterSpec) -> int:
+    def domain_of(self, spec):
         return self.domains[self.side_of(spec)]
 
-    def restart(self) -> None:
+    def restart(self):
         """End, with all its endpoints, and begin again as a new one."""
         self.world.routers.remove(self)
         for spec, gid in self.open.items():
             self.world.remove(self.domain_of(spec), gid)
         Router(self.world, self.domains[Side.LOCAL], self.name)
 
-    def _create(self, spec) -> bytes:
+    def _create(self, spec):
         kind = SUB if isinstance(spec, ReaderSpec) else PUB
         made = plain(self.world, kind, spec.path.dds_topic, spec.qos, spec.path.type)
         own = {
@@ -169,13 +169,13 @@ class Router:
         return self.world.add(self.domain_of(spec), replace(made, **own)).gid
 
 
-def matches(source: EndpointInfo, sink: EndpointInfo) -> bool:
+def matches(source, sink):
     kinds = source.kind is PUB and sink.kind is SUB
     same = source.dds_topic == sink.dds_topic and source.type == sink.type
     return kinds and same and not incompatibilities(offered=source.qos, requested=sink.qos)
 
 
-def plain(world, kind, topic, qos=DEFAULT, type_=TYPES[0]) -> EndpointInfo:
+def plain(world, kind, topic, qos=DEFAULT, type_=TYPES[0]):
     gid = world.gid()
     return EndpointInfo(
         kind=kind, topic=topic, dds_topic=topic, type=type_, gid=gid, qos=qos, participant=gid
@@ -189,7 +189,7 @@ class Fleet(RuleBasedStateMachine):
     names = ("host/1", "host/2")
     offers = False
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.world = World(offers=self.offers)
         for local, name in zip(self.agents, self.names, strict=True):
@@ -247,7 +247,7 @@ class Fleet(RuleBasedStateMachine):
             for spec in router.open:
                 self.is_used(router, spec)
 
-    def copies_wanted(self, domain, other, *, crosses) -> int | None:
+    def copies_wanted(self, domain, other, *, crosses):
         return other == domain or crosses
 
     def is_used(self, router, spec):
@@ -287,7 +287,7 @@ class DoubledFleet(Fleet):
     agents = (1, 1)
     names = ("host/1", "host/1")
 
-    def copies_wanted(self, domain, other, *, crosses) -> int | None:
+    def copies_wanted(self, domain, other, *, crosses):
         return 1 if other == domain else 2 * (crosses and {domain, other} == {GLOBAL, 1})
 
 
@@ -297,7 +297,7 @@ class CrossedFleet(Fleet):
     agents = (1, 1)
     names = ("a/1", "b/1")
 
-    def copies_wanted(self, *_, **__) -> int | None:
+    def copies_wanted(self, *_, **__):
         return None
 
 
@@ -314,7 +314,7 @@ def test_paths_are_where_they_belong_whatever_comes_and_goes(machine):
     run_state_machine_as_test(machine, settings=_SETTINGS)
 
 
-def two_agents(*, offers: bool = False) -> tuple[World, Router, Router]:
+def two_agents(*, offers=False):
     world = World(offers=offers)
     return world, Router(world, 1, "host/1"), Router(world, 2, "host/2")
 
@@ -379,21 +379,21 @@ def test_a_subscription_that_returns_within_the_linger_changes_nothing():
 class Services:
     """A server, and clients whose two halves discovery tells of one by one, behind one router."""
 
-    def __init__(self, server: int, client: int) -> None:
+    def __init__(self, server, client):
         self.world, self.router, _ = two_agents()
         self.client = client
         self.participants = defaultdict(self.world.gid)
         for kind, topic in ((SUB, REQUESTS), (PUB, REPLIES)):
             self.world.add(server, plain(self.world, kind, topic))
 
-    def half(self, who: str, kind: EndpointKind) -> EndpointInfo:
+    def half(self, who, kind):
         """Tell of a half of a client; those called by one letter and numbers share a participant."""
         made = plain(self.world, kind, REQUESTS if kind is PUB else REPLIES)
         tag = user_data({"clientid": who}) if who[1:] else b""
         made = replace(made, user_data=tag, participant=self.participants[who[0]])
         return self.world.add(self.client, made)
 
-    def passes(self, writer: EndpointInfo) -> bool | None:
+    def passes(self, writer):
         """Return whether a publisher's samples go somewhere; None while they are held."""
         self.router.hear_all()
         goals = [to for (_, source), to in self.router.judged.items() if source == writer.gid]

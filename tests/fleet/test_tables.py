@@ -16,7 +16,7 @@ ENDS = {*supervision.REST, pipelines.State.GONE}
 LINGERED = "START CANCEL_TIMER LINGER"
 
 
-def walk(name: str, inputs: str, machine=None, now_ns: int = 0):
+def walk(name, inputs, machine=None, now_ns=0):
     """Return a machine, by default a new one, after inputs that are given by name, and its actions."""
     machine = machine or NEW[name]()
     actions = [machine.feed(INPUTS[name][each], now_ns=now_ns) for each in inputs.split()]
