@@ -71,12 +71,16 @@ def test_a_fleet_file_says_everything():
     given = arguments(config)
     assert tuple(given) == plans.COMPONENTS
     router = config_from_argument(RouterConfig, given["router"])
-    assert router == config.router
-    assert router.local == BusAddress(domain_id=1, interface="lo")
-    assert router.remote == BusAddress(domain_id=3, interface="wlan0")
-    assert router.rules == FLEET.policy.rules
-    assert not router.prefix_frames
-    assert (router.shared_frames, router.placed_by_others) == (("hall",), ("base",))
+    expected = RouterConfig(
+        agent="go2",
+        local=BusAddress(domain_id=1, interface="lo"),
+        remote=BusAddress(domain_id=3, interface="wlan0"),
+        rules=FLEET.policy.rules,
+        prefix_frames=False,
+        shared_frames=("hall",),
+        placed_by_others=("base",),
+    )
+    assert router == config.router == expected
     status = config_from_argument(StatusConfig, given["status"])
     (sensor,) = status.settings.description.sensors
     assert (sensor.name, sensor.streams[0].rate_hz) == ("camera_front", 30)

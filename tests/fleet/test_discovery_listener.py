@@ -1,11 +1,8 @@
 """What a local consumer knows from discovery events, also when the discoverer is replaced."""
 
-import pytest
-
 from sfglab.fleet.discovery import listener
 from sfglab.fleet.discovery.listener import KnownAgents, Withdrawn
 from sfglab.messages import default_message
-from sfglab.names import FqnError
 
 OLD, NEW, UNKNOWN = b"o" * 16, b"n" * 16, bytes(16)
 
@@ -15,12 +12,6 @@ def event(agent, kind="DISCOVERED", incarnation=1):
     message.agent, message.event = agent, getattr(message, kind)
     message.metadata.agent, message.metadata.incarnation = agent, incarnation
     return message
-
-
-def test_the_topic_is_the_papers():
-    assert listener.discovery_topic("station") == "/local/station/agent_discovery_event"
-    with pytest.raises(FqnError):
-        listener.discovery_topic("camera")
 
 
 def test_agents_that_a_new_discoverer_does_not_announce_in_time_are_withdrawn():

@@ -20,16 +20,11 @@ from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 REPLAY = gop_config.replay_topic(STREAM)
 
 
-def fill(cache, numbers, gop=5, size_bytes=10):
-    return [cache.add(n, pts=n, is_key=n % gop == 0, size_bytes=size_bytes) for n in numbers]
-
-
-@pytest.mark.parametrize("clock", CLOCKS)
+@pytest.mark.parametrize("clock", CLOCKS.values(), ids=CLOCKS)
 def test_the_group_of_a_stream_without_numbers_is_kept(clock):
     cache = gop_cache.GopCache()
-    for number in range(13):
-        pts = CLOCKS[clock](number)
-        assert cache.add(number, pts=pts, is_key=number % 5 == 0, size_bytes=10)
+    for n in range(13):
+        assert cache.add(n, pts=clock(n), is_key=n % 5 == 0, size_bytes=10)
     assert cache.packets == (10, 11, 12)
 
 
@@ -46,7 +41,7 @@ def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_li
     for number in (0, 1, *numbers):  # so it is a stream with numbers
         follows = bool(group) and number == group[-1] + 1 and len(group) < packets
         group = [number] if number % gop == 0 else [*group, number] if follows else []
-        (kept,) = fill(cache, [number], gop, size_bytes=90)
+        kept = cache.add(number, pts=number, is_key=number % gop == 0, size_bytes=90)
         assert (cache.packets, kept) == (tuple(group), bool(group))
         assert cache.size_bytes == 90 * len(group)
 
@@ -102,11 +97,8 @@ def test_each_late_reader_gets_the_group_under_way_and_what_follows_and_nothing_
     read = []
 
     async def take(node):
-        for count, qos in (
-            (60, gop_config.REPLAY_QOS),
-            (3, gop_config.REPLAY_QOS),
-            (1, SENSOR_DATA),
-        ):
+        reliable = gop_config.REPLAY_QOS
+        for count, qos in ((60, reliable), (3, reliable), (1, SENSOR_DATA)):
             subscription = node.create_subscription(FFMPEG, REPLAY, qos=qos)
             read.append([await subscription.take(timeout_s=60) for _ in range(count)])
             subscription.close()

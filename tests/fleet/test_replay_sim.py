@@ -36,19 +36,16 @@ def pictures(packets):
     return [decoder.decode_bgr(bytes(packet.data))[0] for packet in packets]
 
 
-class Screen:
-    """Where a pipeline's pictures go, with their times, seconds."""
-
-    def __init__(self):
-        self.times_s = []
-        self.pictures = []
+class Screen(list):
+    """Where a pipeline's pictures go, with the time of the first one, seconds."""
 
     def open(self):
         pass
 
     def publish(self, _, picture):
-        self.times_s.append(asyncio.get_running_loop().time())
-        self.pictures.append(picture)
+        if not self:
+            self.first_s = asyncio.get_running_loop().time()
+        self.append(picture)
 
 
 @asynccontextmanager
@@ -89,7 +86,7 @@ def first_picture(packets, latency_s, *, keeper, joined=JOINED, fps=FPS):
             return joined_s
 
     joined_s = run_simulated(main, seed=1, latency_s=latency_s, limit_s=60)
-    return screen.times_s[0] - joined_s, counts, screen
+    return screen.first_s - joined_s, counts, screen
 
 
 def test_with_a_keeper_the_first_picture_is_there_at_once_and_without_one_at_the_next_key_frame(
@@ -100,9 +97,8 @@ def test_with_a_keeper_the_first_picture_is_there_at_once_and_without_one_at_the
     replayed_s, counts, screen = first_picture(packets, 0.001, keeper=True)
     assert replayed_s < 0.1
     assert counts.replayed > 0
-    shown = len(screen.pictures)
-    assert shown >= FRAMES - JOINED - 4, "and every picture from then on"
-    assert all(map(np.array_equal, screen.pictures, pictures[-shown:]))
+    assert len(screen) >= FRAMES - JOINED - 4, "and every picture from then on"
+    assert all(map(np.array_equal, screen, pictures[-len(screen) :]))
 
 
 def test_a_broken_packet_is_counted_and_the_next_key_frame_heals(packets, pictures):
@@ -110,8 +106,8 @@ def test_a_broken_packet_is_counted_and_the_next_key_frame_heals(packets, pictur
     damaged[40] = replace(packets[40], data=packets[40].data[:100])
     _, counts, screen = first_picture(damaged, 0.001, keeper=True)
     assert (counts.broken, bool(counts.last_error)) == (1, True)
-    assert len(screen.pictures) < FRAMES - 60 + 40 - JOINED + 1
-    assert all(map(np.array_equal, screen.pictures[-5:], pictures[-5:]))
+    assert len(screen) < FRAMES - 60 + 40 - JOINED + 1
+    assert all(map(np.array_equal, screen[-5:], pictures[-5:]))
 
 
 def test_on_a_slow_link_the_group_still_comes_before_the_next_key_frame(packets):
