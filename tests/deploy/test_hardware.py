@@ -42,7 +42,7 @@ def machine(tmp_path):
 
 
 def check_honest(machine):
-    """What is chosen is there, with all its devices."""
+    """Check that the chosen accelerator is there with all its devices."""
     chosen = machine.evidence[machine.accelerator]
     assert chosen.found
     assert machine.devices == chosen.devices

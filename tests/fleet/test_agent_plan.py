@@ -76,6 +76,7 @@ def test_a_fleet_file_says_everything():
         local=BusAddress(domain_id=1, interface="lo"),
         remote=BusAddress(domain_id=3, interface="wlan0"),
         rules=FLEET.policy.rules,
+        advertise_unused_topics=True,
         prefix_frames=False,
         shared_frames=("hall",),
         placed_by_others=("base",),

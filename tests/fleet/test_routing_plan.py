@@ -319,14 +319,6 @@ def two_agents(*, offers=False):
     return world, Router(world, 1, "host/1"), Router(world, 2, "host/2")
 
 
-def test_shared_memory_is_never_announced():
-    world, one, _ = two_agents()
-    world.add(1, replace(plain(world, PUB, "rt/tf"), transport="shm"))
-    world.add(GLOBAL, plain(world, SUB, "rt/tf"))
-    world.settle()
-    assert one.open == {}
-
-
 @pytest.mark.parametrize(("qos", "kept"), [(DEFAULT, True), (SENSOR_DATA, True), (LATCHED, False)])
 def test_an_offer_becomes_the_writer_unless_it_would_keep_what_an_earlier_demand_left(qos, kept):
     world, *routers = two_agents(offers=True)
@@ -344,13 +336,15 @@ def test_an_offer_becomes_the_writer_unless_it_would_keep_what_an_earlier_demand
         world.remove(2, sink.gid)
 
 
-def test_volatile_sources_share_a_writer():
+def test_volatile_sources_share_a_writer_and_shared_memory_is_never_announced():
     world, one, _ = two_agents()
     for _ in range(3):
         world.add(1, plain(world, PUB, "rt/tf"))
-    world.add(GLOBAL, plain(world, SUB, "rt/tf"))
+    world.add(1, replace(plain(world, PUB, POSE), transport="shm"))
+    for topic in ("rt/tf", POSE):
+        world.add(GLOBAL, plain(world, SUB, topic))
     world.settle()
-    assert len([spec for spec in one.open if isinstance(spec, WriterSpec)]) == 1
+    assert [spec.path.dds_topic for spec in one.open] == 2 * ["rt/tf"], "a reader and a writer"
 
 
 def test_a_subscription_that_returns_within_the_linger_changes_nothing():
