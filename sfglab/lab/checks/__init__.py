@@ -55,10 +55,12 @@ def share_of_checks(run: Run[Any], prefix: str) -> Share:
 
 
 def shown_checks(
-    table: pd.DataFrame, statements: Mapping[str, str], examples: Mapping[str, str]
+    table: pd.DataFrame,
+    statements: Mapping[str, str] | None = None,
+    examples: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
-    """Return checks as a notebook shows them, with the sentence that each states, by its name in the log."""
-    shown = table.replace({"check": statements, "example": examples})
+    """Return checks as a notebook shows them; texts of the log are replaced by those that are given."""
+    shown = table.replace({"check": statements or {}, "example": examples or {}})
     return shown.rename(
         columns={"check": "property", "checked": "cases", "held": "cases that hold"}
     )
