@@ -44,6 +44,7 @@ COUNT = 40
 CPU_TIMES = 3  #: Times as much CPU time as without a mutant that the tests may take.
 TIMES = 10  #: Times as long that they may take; long, so that a busy machine ends none.
 _LATE = "exchanged rows"  # drawn where the other kinds are too few: a table has one place per row
+_READ = {"data", "notebooks", "figures", "book", "benchmarks", "install", "robot"}
 _UNSEEN = (ast.Raise, ast.JoinedStr, ast.arguments)
 _UNNAMED = {"__repr__", "_repr_html_"}
 _PAIRS = (
@@ -128,7 +129,7 @@ def copy_of(tree: Path, folder: Path) -> Path:
     for name in ("sfglab", "tests"):
         shutil.copytree(tree / name, folder / name, ignore=hidden)
     for file in tree.iterdir():
-        linked = file.name in {"data", "notebooks", "figures", "book", "benchmarks", "install"}
+        linked = file.is_dir() and file.name in _READ
         if linked or (file.is_file() and not file.name.startswith(".")):
             (folder / file.name).symlink_to(file)
     return folder
