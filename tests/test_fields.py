@@ -31,7 +31,7 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Whole(Part):
-    colour: Colour = Colour.RED  #: Of the paint.
+    colour: Colour = Colour.RED  #: Colour of the paint.
     pair: tuple[int, str] = (1, "a")
     parts: Sequence[Part] = ()
     by_name: Mapping[str, Part] = field(default_factory=dict)
@@ -43,7 +43,7 @@ def test_a_field_is_documented_on_its_line_or_above_and_inherits():
     assert field_docs(Whole) == {
         "name": 'Its name: "#" is allowed.',
         "sizes": "Longer than a line, so that it stands above.",
-        "colour": "Of the paint.",
+        "colour": "Colour of the paint.",
         "loss": "Share.",
     }
 

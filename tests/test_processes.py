@@ -133,7 +133,7 @@ def component(**config: object):
 def test_a_component_cleans_up_when_told_but_not_for_ever(told, deaf, status, tmp_path):
     with component(deaf=deaf, number=3, farewell=str(tmp_path / "farewell")) as process:
         assert json.loads(process.stdout.readline())["is"] == "ready"
-        process.send_signal(signal.SIGINT)  # the terminal's interrupt is for whoever started it
+        process.send_signal(signal.SIGINT)  # the terminal's interrupt is for its starter
         if told == "signal":
             process.terminate()
         out, err = process.communicate(timeout=S)

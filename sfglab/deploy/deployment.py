@@ -1,8 +1,8 @@
-"""Deployment of an agent on its machine: the value that every renderer takes.
+"""Deployment of an agent on its target host: the value that every renderer takes.
 
 Only the router's container uses the host's network, because DDS needs multicast there. The agent's container has
-a bridge network of its own without a route to other machines. So data of the agent's domain leaves the machine
-only through the router (paper A, section 4.1), whatever the settings of its nodes are.
+a bridge network of its own without a route to other hosts. So data of the agent's domain leaves the target host only
+through the router (paper A, section 4.1), with any settings of its nodes.
 """
 
 from __future__ import annotations

@@ -62,11 +62,11 @@ class Bridge:
     ```
 
     Args:
-        node: On the domain to look at; it stays open.
-        session: What is shown; it may change at any time, on the loop's thread.
-        surface: What is drawn on; closed with the bridge.
-        follow: Beginnings of topics; for each such topic that a visualizer offers itself for, a display is
-            added. ``("/",)`` is all, the empty tuple none.
+        node: Node in the displayed domain; the bridge does not close it.
+        session: Displays to show; they may change at any time, on the loop's thread.
+        surface: Canvas to draw on; closed with the bridge.
+        follow: Prefixes of topic names. A display is added for each such topic that has a visualizer.
+            ``("/",)`` means all topics, the empty tuple none.
     """
 
     def __init__(

@@ -61,7 +61,7 @@ class Child:
         await self.process.stdin.drain()
 
     async def stop(self):
-        """Make it stand still; until it does, it may acknowledge."""
+        """Stall the reader; until it is stalled, it may acknowledge."""
         self.process.send_signal(signal.SIGSTOP)
         await waiting.until(lambda: psutil.Process(self.pid).status() == psutil.STATUS_STOPPED)
 

@@ -1,4 +1,4 @@
-"""A log is played to readers that are slower than it, and past one that stands still."""
+"""A log is played to readers that are slower than the log, and past a stalled reader."""
 
 import asyncio
 

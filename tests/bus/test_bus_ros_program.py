@@ -1,4 +1,4 @@
-"""The program that serves ROS 2's own services: what it is made of, and what is said where it cannot run."""
+"""The helper process for services of ROS 2: its parts, and the error where it cannot run."""
 
 import ast
 import asyncio

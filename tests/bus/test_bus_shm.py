@@ -92,7 +92,7 @@ async def test_a_held_message_is_never_overwritten_and_its_slot_is_free_once_let
     publisher, subscription = await pair(here, here, type_=IMAGE, qos=3)
     pool = publisher._writer._pool
     publisher.publish(image(1))
-    held = (await subscription.take(60)).data[100:200]  # a view of a view holds it, too
+    held = (await subscription.take(60)).data[100:200]  # a view of a view also holds it
     addresses = set()
     for fill in range(2, 60):
         publisher.publish(image(fill))

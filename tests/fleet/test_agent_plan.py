@@ -1,4 +1,4 @@
-"""What an agent consists of, from a fleet file or options, and what a person reads of it."""
+"""Components of an agent, from a fleet file or options, and the lines that it prints."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What a local consumer knows from discovery events, also when the discoverer is replaced."""
+"""A local consumer follows discovery events, also when the discoverer is replaced."""
 
 from sfglab.fleet.discovery import listener
 from sfglab.fleet.discovery.listener import KnownAgents, Withdrawn

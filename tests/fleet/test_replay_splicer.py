@@ -1,4 +1,4 @@
-"""Joining a stream under way: from its replay, then live, whatever comes in whatever order."""
+"""A stream is joined from its replay and then live, with packets in any order."""
 
 from itertools import pairwise
 

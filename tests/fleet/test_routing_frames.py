@@ -1,4 +1,4 @@
-"""Frames at the border: prefixed once, shared ones untouched, and nobody moves what belongs to another."""
+"""Frames at a router are prefixed once, shared frames stay, and no agent moves another agent's frame."""
 
 import logging
 import re

@@ -37,7 +37,7 @@ DEEP = replace(LATCHED, depth=1000)
 
 @pytest.fixture
 def ids(free_domains):
-    """The ids of a global and two local domains that nobody uses."""
+    """Ids of a global and two local domains that are free."""
     return free_domains(3)
 
 
@@ -55,7 +55,7 @@ async def routing(local, remote):
 
 @asynccontextmanager
 async def fleet(ids):
-    """Two agents behind their routers and somebody in the global domain: nodes one, two and all."""
+    """Two agents behind their routers and a participant in the global domain: nodes one, two and all."""
     async with (
         Node("everybody", domain_id=ids[0], interface="lo") as everybody,
         Node("one", domain_id=ids[1], interface="lo") as one,
@@ -155,7 +155,7 @@ async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_
                     and before.isdisjoint(p.gid for p in two.graph.publishers(TOPIC))
                 )
             )
-            # Who lives is not put aside by who claims its name.
+            # A live publisher is not replaced by a node that claims its name.
             two.create_subscription(STRING, TOPIC, (heard := []).append, deep)
             await until(lambda: len(heard) >= 2)
             await _stillness(lambda: len(heard))

@@ -1,4 +1,4 @@
-"""What strangers say of themselves, and candidates that come late: one test for each way in that was found."""
+"""Announcements of unknown agents, and agents that come late: one test per weakness that was found."""
 
 import asyncio
 import sys
@@ -315,7 +315,7 @@ async def test_a_static_transform_that_was_refused_is_read_again_when_its_rival_
         assert (await heard.take(20)).transforms[0].header.frame_id == "world"
 
 
-# --- Heartbeats in somebody's name, two of one name, and made-up agents.
+# --- Heartbeats in another agent's name, two agents of one name, and invented agents.
 
 SPOOFS = {
     "a later start": {"incarnation": 2**63 - 1},

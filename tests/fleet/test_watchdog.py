@@ -1,4 +1,4 @@
-"""Processes that hang are ended and started anew; those that only get no processor are not."""
+"""Unresponsive processes are ended and restarted; processes that only wait for a core are not."""
 
 import os
 import signal

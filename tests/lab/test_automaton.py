@@ -1,4 +1,4 @@
-"""A machine to press follows its own table; what the table refuses is said, and recorded runs are stepped."""
+"""A clickable automaton follows its table and shows refused transitions; recorded runs are stepped."""
 
 import pytest
 from made_logs import reference

@@ -95,7 +95,7 @@ def test_datagrams_reach_the_other_host_and_nobody_elses_loopback_nor_the_outsid
 
 
 def test_interface_counters_equal_the_bytes_received():
-    with Network() as net:  # of its own: nobody else sends
+    with Network() as net:  # of its own: no other process sends
         hosts = station, edge, _ = [net.add_host(name) for name in ("station", "edge", "idle")]
         with serving(station, SERVER, station.address):
             say(edge, CLIENT, station.address, 30, 1)  # resolves addresses

@@ -1,4 +1,4 @@
-"""Test hosts leave nothing behind, whatever ends them."""
+"""Test hosts leave nothing behind, however they end."""
 
 import json
 import os

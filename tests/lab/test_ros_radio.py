@@ -28,7 +28,7 @@ CALM = Medium(rate_bps=1e8, loss=0.0, overhead_s=50e-6)
 RADIO = {"queue_frames": 500, "queue_rule": "tail", "burst_frames": 0, "access_point": False}
 
 FRAME_TRUE_BYTES = 2048 + 256
-"""What a frame of 1.3 kB takes of a socket's buffer: a block of 2 kB and its sk_buff (Linux 6.18, SIOCOUTQ)."""
+"""Bytes of a socket's buffer per frame of 1.3 kB: a block of 2 kB and its sk_buff (Linux 6.18, SIOCOUTQ)."""
 
 
 @pytest.mark.parametrize(("preset", "stalls"), [("fast_dds_sync", True), ("fast_dds_async", False)])

@@ -1,4 +1,4 @@
-"""Locks of the test bed: nobody else can take them, and this user's programs exclude each other."""
+"""Locks of the test bed: other users cannot take them, and this user's programs exclude each other."""
 
 import fcntl
 import socket

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class MeterRow:
     """One reading."""
 
-    agent: str  #: Who was measured.
+    agent: str  #: Name of the measured process.
     received: int  #: Messages, a count.
     mean_s: float  #: Mean latency, in seconds.
     lossless: bool  #: Whether all came.

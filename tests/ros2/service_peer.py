@@ -45,7 +45,7 @@ class Peer(topic_peer.Peer):
         """Call one time after another, the data alternating; report the answers and their times [s]."""
         deep = QoSProfile(
             depth=1000
-        )  # ten replies to others push one's own out of a reader that stands still
+        )  # ten replies to others push this client's reply out of a stalled reader
         client = self.clients.get(service) or self.node.create_client(
             SetBool, service, qos_profile=deep
         )

@@ -1,4 +1,4 @@
-"""What tests of views share: messages, recordings that are read, and what an editor comes to."""
+"""Helpers of the tests of views: messages, readers of recordings, and states of an editor."""
 
 from typing import NamedTuple
 

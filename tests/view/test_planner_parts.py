@@ -1,4 +1,4 @@
-"""What the scene editor decides before any browser: rows, fields, nodes, what is added, and in which order."""
+"""Decisions of the scene editor without a browser: rows, fields, nodes, additions, and their order."""
 
 import asyncio
 import threading

@@ -53,7 +53,7 @@ needs_rerun = pytest.mark.skipif(
 
 
 class Word(Visualizer):
-    """Somebody else's visualizer: text at its topic."""
+    """A visualizer of another package: text at its topic."""
 
     name = "word"
     inputs = (Input("text", STRING),)
@@ -111,7 +111,7 @@ def test_displays_are_added_tuned_and_removed_while_messages_flow(paper, session
         for job in stage.jobs(0):
             job(paper)
 
-    say("nobody listens")
+    say("no subscriber")
     id_ = session.add(Word, "/words").id
     say("one")
     session.tune(id_, "prefix", "> ")
@@ -207,8 +207,8 @@ def test_a_canvas_waits_for_its_sinks_by_bytes_and_by_time_and_says_when_they_ar
         canvas.at(stamp_ns=0, received_ns=second * S)
         canvas.settle(0)
     assert recording.flush.call_count == 15
-    recording.flush.side_effect = ValueError("nobody listens")
-    with pytest.raises(SinkError, match="the viewer does not take what is shown: nobody listens"):
+    recording.flush.side_effect = ValueError("no connection")
+    with pytest.raises(SinkError, match="the viewer does not take what is shown: no connection"):
         canvas.close()
     canvas.close()
     recording.disconnect.assert_called_once_with()

@@ -1,4 +1,4 @@
-"""What each visualizer draws, on paper and in a real recording that is read back."""
+"""Drawings of each visualizer, on paper and in a real recording that is read back."""
 
 import struct
 from contextlib import closing

@@ -98,7 +98,7 @@ class LogViewer:
             times_s.append((np.array(times_ns) - self.times_ns[0]) / NS_PER_S)
         axes.eventplot(times_s, colors=COLORS["proxy"], linelengths=0.7, linewidths=0.8)
         axes.set_yticks(range(len(names)), names)
-        axes.set(xlabel="time (s)", title="What the recording holds: a line for each message")
+        axes.set(xlabel="time (s)", title="Messages of the recording per topic")
         axes.grid(visible=False, axis="y")
 
     @cached_property
