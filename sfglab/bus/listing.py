@@ -69,7 +69,9 @@ def one_of(known: Iterable[str], name: str, what: str) -> str:
     if name in there:
         return name
     near = difflib.get_close_matches(name, there, n=5, cutoff=0.5) or there[:5]
-    allowed = f"one that is there, such as {', '.join(near)}" if near else "there is none"
+    allowed = (
+        f"one of those found, such as {', '.join(near)}" if near else "none: nothing was found"
+    )
     raise InvalidValueError(what, name, allowed)
 
 

@@ -193,18 +193,19 @@ def _ros() -> _Verdict:
     from sfglab.bus.ros.services import PYTHON_VARIABLE, ros_python
     from sfglab.lab.ros2 import distributions
 
-    found = ", ".join(map(str, distributions().values()))
+    found = list(distributions().values())
     if not found:
         raise SfglabError("no ROS 2 installation was found; run make ros, or source one")
     services = (
-        "cross routers"
+        "routers forward services of rmw_fastrtps"
         if ros_python()
-        else f"cross none until {PYTHON_VARIABLE} names its interpreter"
+        else f"routers forward no services of rmw_fastrtps until {PYTHON_VARIABLE} names an interpreter "
+        f"with rclpy, such as {found[0].python}"
     )
     return (
         Level.OK,
-        found,
-        f"our nodes are tested beside rclpy; services of rmw_fastrtps {services}",
+        ", ".join(map(str, found)),
+        f"tests run beside rclpy; {services}",
     )
 
 
