@@ -46,7 +46,7 @@ def logged(project, profile, **changes):
 def test_a_run_becomes_the_committed_log_with_its_figures(project):
     done = tool(project, "naming", "--dirty")
     assert done.returncode == 0, done.stderr
-    assert "naming: execute 11_names_and_border and 00_start again" in done.stdout
+    assert "naming: commit, then --notebooks 11_names_and_border 01_ledger" in done.stdout
     first = (project.reference_logs / "naming.mcap").read_bytes()
     assert {path.suffix for path in project.figures.iterdir()} == {".svg", ".png", ".json"}
     log = logged(project, "quick", seed=1)

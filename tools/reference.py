@@ -1,7 +1,10 @@
 """Make committed logs: run experiments, check the logs, copy them, and draw the figures.
 
+With ``--notebooks`` it executes notebooks from the committed logs and replaces them.
+
     .venv/bin/python tools/reference.py naming gateways
     .venv/bin/python tools/reference.py decode_once --from runs/logs/decode_once/LOG.mcap
+    .venv/bin/python tools/reference.py --notebooks 11_names_and_border 01_ledger 00_start
 
 A committed log is evidence, so its code must be identified by a commit: a working tree with
 changes is refused unless ``--dirty`` is given. Logs are compressed when they are written; packing
@@ -25,7 +28,13 @@ from sfglab.fields import to_json
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.findings import findings_of
 from sfglab.lab.ledger import redraw_figures
-from sfglab.lab.notebooks import notebook_of
+from sfglab.lab.notebooks import (
+    REFERENCE,
+    experiments_of,
+    find_notebooks,
+    notebook_of,
+    run_notebooks,
+)
 from sfglab.lab.paths import Project, find_project
 from sfglab.lab.runs import standing
 from sfglab.lab.summary import BOUNDARIES, save_summary
@@ -45,13 +54,18 @@ class LogRefusedError(SfglabError):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the committed logs of the experiments that are named; return the exit status."""
-    given = _parser().parse_args(arguments)
+    parser = _parser()
+    given = parser.parse_args(arguments)
+    if unknown := [name for name in given.experiments if name not in EXPERIMENTS]:
+        parser.error(f"no experiment {', '.join(unknown)}; choose from {', '.join(EXPERIMENTS)}")
     try:
         project = find_project()
         if not given.dirty:
             _require_clean(project)
         for name in given.experiments:
             make_reference(project, name, given)
+        for notebook in find_notebooks(project, given.notebooks) if given.notebooks else ():
+            execute(project, notebook)
     except SfglabError as error:
         print(f"reference: {error}", file=sys.stderr)
         return 2
@@ -62,7 +76,10 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("experiments", nargs="+", metavar="EXPERIMENT", choices=EXPERIMENTS)
+    parser.add_argument("experiments", nargs="*", metavar="EXPERIMENT")
+    parser.add_argument(
+        "--notebooks", nargs="+", default=[], help="execute these with the committed logs"
+    )
     parser.add_argument("--profile", choices=("quick", "paper"), default="quick")
     parser.add_argument("--from", dest="log", type=Path, help="take this finished log, run nothing")
     parser.add_argument("--dirty", action="store_true", help="also in a tree with changes")
@@ -108,7 +125,18 @@ def make_reference(project: Project, name: str, given: argparse.Namespace) -> No
     if all((project.reference_logs / f"{b.experiment}.mcap").is_file() for b in BOUNDARIES):
         files += save_summary(project)
     print(f"{name}: copied to {project.relative(reference)}, {len(files)} files of figures drawn")
-    print(f"{name}: execute {notebook_of(project, name)} and 00_start again with this log")
+    print(f"{name}: commit, then --notebooks {notebook_of(project, name)} 01_ledger 00_start")
+
+
+def execute(project: Project, path: Path) -> None:
+    """Execute a notebook with the committed logs of its experiments, and replace it."""
+    names = experiments_of(path)
+    keys = [f"log_{name}" for name in names] if len(names) > 1 else ["log"] * len(names)
+    given = {"profile": "quick", **dict.fromkeys(keys, REFERENCE)}
+    [outcome] = run_notebooks([path], project=project, parameters=given, write=True)
+    if outcome.error:
+        raise LogRefusedError(f"{path.name}: {outcome.error}")
+    print(f"{path.name}: executed")
 
 
 def keep_findings(project: Project, name: str, log: Path) -> Path:

@@ -323,6 +323,10 @@ def load_claims(path: Path | str) -> list[Claim]:
         if claim.id in ids:
             raise document.refusal((position, "id"), claim.id, "each claim once")
         ids.add(claim.id)
+        if claim.where[:1] not in {"A", "B", "C"}:
+            raise document.refusal(
+                (position, "where"), claim.where, "paper A, B or C and its section, such as 'A 4.3'"
+            )
     return claims
 
 

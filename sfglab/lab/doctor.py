@@ -200,7 +200,7 @@ def _ros() -> _Verdict:
         "routers forward services of rmw_fastrtps"
         if ros_python()
         else f"routers forward no services of rmw_fastrtps until {PYTHON_VARIABLE} names an interpreter "
-        f"with rclpy, such as {found[0].python}"
+        f"with rclpy, such as {'/'.join(found[0].python.parts[-3:])}"
     )
     return (
         Level.OK,

@@ -282,12 +282,18 @@ def try_experiment(
 
     Raises:
         InvalidValueError: Before anything runs: fields that the experiment does not have.
+        NotebookError: Before anything runs: its notebook declares no settings.
     """
     fields = dict(parameters)
     profile = fields.pop("profile")
     experiment(name).config(profile, **fields)
     [path] = find_notebooks(project, [name])
-    settings = settings_name(name, _declared(path))
+    declared = _declared(path)
+    settings = settings_name(name, declared)
+    if settings not in declared:
+        raise NotebookError(
+            f"{path.name}: its parameters cell must declare {settings}: dict = {{}}"
+        )
     fields["path"] = project.relative(folder / f"{name}.mcap")
     fitted = {"profile": profile, settings: fields} | _reference_logs(path, project, [name])
     task = _Task(path, folder / path.name, fitted)

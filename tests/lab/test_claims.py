@@ -102,13 +102,14 @@ def test_without_a_figure_the_verdict_is_not_yet_and_the_table_counts_verdicts()
     assert "  this run" in render([of_run])
 
 
-GOOD = "id: A, where: w, says: s, paper: 1, unit: u, band: [1, 2], experiment: null"
+GOOD = "id: A, where: A 1, says: s, paper: 1, unit: u, band: [1, 2], experiment: null"
 
 
 BAD = {
     GOOD.replace("[1, 2]", "[2, 1]"): r"band: given \[2.0, 1.0\], allowed: \[low, high\]",
     f"{GOOD}, better: up": "better: given 'up', allowed: above or below",
     f"{GOOD}, value: 1": "value: given 'value', allowed: ",  # no value of ours, and no verdict
+    GOOD.replace("where: A 1", "where: own"): "where: given 'own', allowed: paper A, B or C",
     f"{GOOD}}}\n- {{{GOOD}": r"claims.yaml:2: \[1\].id: given 'A', allowed: each claim once",
 }
 
