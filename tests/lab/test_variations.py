@@ -15,7 +15,7 @@ from sfglab.lab.claims import Finding, How, entry_for
 from sfglab.lab.experiment import SMOKE_TITLE
 from sfglab.lab.experiments import experiment
 from sfglab.lab.ledger import figures_folder, save_figures
-from sfglab.lab.notebooks import Outcome
+from sfglab.lab.notebooks import Outcome, try_experiment
 from sfglab.lab.paths import find_project
 from sfglab.lab.stats import Estimate
 
@@ -131,6 +131,20 @@ def test_a_try_refuses_what_it_cannot_use_in_one_sentence(checkout, words, sente
     with pytest.raises(SfglabError, match=sentence):
         called("try", *words.split())
     assert not (checkout / "runs" / "try").exists()
+
+
+def test_a_try_is_refused_if_its_notebook_declares_no_settings(checkout):
+    notebook = checkout / "notebooks" / "32_transfer.ipynb"
+    text = notebook.read_text()
+    notebook.unlink()  # the copy may be a link to the committed notebook
+    notebook.write_text(text.replace("settings: dict = {}", "other: dict = {}"))
+    with pytest.raises(SfglabError, match="its parameters cell must declare settings"):
+        try_experiment(
+            "transfer",
+            checkout / "runs" / "try" / "a",
+            project=find_project(),
+            parameters={"profile": "smoke"},
+        )
 
 
 def test_of_a_changed_run_nothing_is_asserted_and_of_another_everything(checkout, tmp_path):
