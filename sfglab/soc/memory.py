@@ -50,8 +50,8 @@ class MemoryInterface:
     #: Cycles from a read request to its first word. Assumed: the memory controller is not in the
     #: reference design.
     read_latency_cycles: float = 30.0
-    #: Cycles from the last word of a write to its response. `STORED` has the fitted value
-    #: 8.758; the default is the whole number that simulated hardware counts.
+    #: Cycles from the last word of a write to its response. Fitted: 8.758. The default is 9,
+    #: because simulated hardware counts whole cycles.
     write_latency_cycles: float = 9.0
 
     def chunks(self, message_bytes: float) -> int:

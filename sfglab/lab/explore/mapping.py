@@ -156,11 +156,11 @@ class PressedMapping(Pressed):
     def titles(self) -> dict[str, str]:
         """Return place or mapping of each node and topic."""
         nodes = {
-            f"node:{node.name}": f"{node.name} runs in {node.placement.value}: press to move it"
+            f"node:{node.name}": f"{node.name} runs in {node.placement.value}: click to move it"
             for node in self.graph.nodes
         }
         topics = {
-            f"topic:{one.name}": f"{one.name} is mapped to {one.mapping.value}: press for the next"
+            f"topic:{one.name}": f"{one.name} is mapped to {one.mapping.value}: click for the next mapping"
             for one in self.graph.topics
         }
         return nodes | topics
@@ -187,12 +187,12 @@ class PressedMapping(Pressed):
         draw_legend(figure)
 
     def _carriages(self) -> Iterator[tuple[float, float, str]]:
-        """Yield place and text of a note below each topic: how often its messages are carried."""
+        """Yield place and text of a note below each topic: number of transfers per message."""
         for topic in self.graph.topics:
             times = mapping.carriages_per_message(self.graph, topic)
             if not times:
                 continue
-            text = f"carried {times:g}x"
+            text = f"{times:g} transfer" + ("" if times == 1 else "s")
             if self._platform:
                 text += f"\n{_MS * topic_load(self.graph, topic):.2g} ms/s"
             frame = self._layout.boxes["topic", topic.name]
@@ -216,7 +216,7 @@ class PressedMapping(Pressed):
             load = assess(self.graph)
             titles.append(
                 f"load {_MS * load.total_s:.1f} ms per second (software {_MS * load.software_s:.1f}, "
-                f"hardware {_MS * load.hardware_s:.1f}, carriage {_MS * load.communication_s:.1f}); "
+                f"hardware {_MS * load.hardware_s:.1f}, transfers {_MS * load.communication_s:.1f}); "
                 f"{load.lut} LUT, {load.bram:g} BRAM"
             )
         if self._chain:

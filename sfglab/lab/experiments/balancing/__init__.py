@@ -5,6 +5,6 @@ rate and depth.
 """
 
 from sfglab.lab.experiments.balancing.experiment import exp
-from sfglab.lab.experiments.balancing.results import cache_curves, channel_loads
+from sfglab.lab.experiments.balancing.results import cache_curves, channel_loads, check_table
 
-__all__ = ["cache_curves", "channel_loads", "exp"]
+__all__ = ["cache_curves", "channel_loads", "check_table", "exp"]

@@ -19,7 +19,7 @@ from sfglab.arp.robots import SENSORS, Rate, cdr_bytes
 from sfglab.arp.topics import load_topics
 from sfglab.fields import Bounds
 from sfglab.lab import pictures
-from sfglab.lab.checks import share_of_checks
+from sfglab.lab.checks import share_of_checks, shown_checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments import experiment
 from sfglab.lab.experiments.balancing.experiment import ELECTRODE, Config, exp
@@ -118,6 +118,39 @@ def demand(link: Link, rate_hz: float, depth: int) -> float:
     rates_hz = np.full(len(link.loss), rate_hz)
     depths = np.full(len(link.loss), depth)
     return at_depths(link, depths, rates_hz).utilisation(rates_hz)
+
+
+_PROPERTIES = {
+    "LC: what passes is the first value and every change, nothing else": "LC: the first value and each change pass, "
+    "no other value",
+    "CC: planning gets the first value and every change, nothing else": "CC: planning receives the first value and "
+    "each change, no other value",
+    "CC: after a local cache planning gets the same": "CC behind a local cache: planning receives the same",
+    "OPT: Eq. 5 holds with nothing to spare, and Dmin <= D <= Dmax": "OPT: Eq. 5 holds as an equality, and "
+    "Dmin <= D <= Dmax",
+    "LC: the counters say what was held": "LC: the counters equal the suppressed bytes",
+    "LC: no silence is longer than allowed": "LC: no silence is longer than the maximum",
+    "LC: with a longest silence every change still passes at once": "LC: with a maximum silence every change "
+    "passes at once",
+    "LC: the model's compiled cache lets the same readings pass": "LC: the compiled cache of the model passes the "
+    "same readings",
+    "LC: of what comes through losses planning gets the first and every change": "LC behind losses: planning "
+    "receives the first value that arrives and each change",
+    "LC: after losses planning ends with the sensor's value": "LC behind losses: planning ends with the sensor's "
+    "value",
+    "CC: of what comes through losses planning gets the first and every change": "CC behind losses: planning "
+    "receives the first value that arrives and each change",
+    "CC: after losses planning ends with the sensor's value": "CC behind losses: planning ends with the sensor's "
+    "value",
+    "OPT: CVXPY finds an optimum where the closed form does, and nowhere else": "OPT: CVXPY and the closed form find "
+    "an optimum for the same inputs",
+}
+"""Sentences for readers, by the names of checks in logs."""
+
+
+def check_table(run: Run[Config]) -> pd.DataFrame:
+    """Return the checks of a run as a notebook shows them."""
+    return shown_checks(run["check"], _PROPERTIES)[["property", "cases", "cases that hold"]]
 
 
 # --- Claims -----------------------------------------------------------------------------------
@@ -233,10 +266,10 @@ def draw_caches(figure: Figure, run: Run[Config]) -> None:
     transport.set_ylabel("frames saved by LC (%)")
     figure.suptitle(
         f"At {suppressed.columns[-1]} Hz the local cache (LC) suppresses "
-        f"{suppressed.iloc[:, -1].mean():.0%} of the readings (mean of the sensors)"
+        f"{100 * suppressed.iloc[:, -1].mean():.0f} % of the readings (mean of the sensors)"
     )
-    what = f"random readings of {run.config.readings_s:g} s per sensor, one run"
-    note(figure, f"{what}; frames: RTPS model, reference run of transmission")
+    readings_text = f"random readings of {run.config.readings_s:g} s per sensor, one run"
+    note(figure, f"frames: simulated (reference run of transmission); {readings_text}")
 
 
 def draw_shares(axes: Axes, shares: pd.DataFrame, names: Sequence[str]) -> None:
@@ -249,7 +282,7 @@ def draw_shares(axes: Axes, shares: pd.DataFrame, names: Sequence[str]) -> None:
 
 @exp.figure("balancing_qos", size=(7, 4.4))
 def draw_qos(figure: Figure, run: Run[Config]) -> None:
-    """Draw the share of the channel that paper B's topics ask for, by method."""
+    """Draw the share of the channel that paper B's topics need, by method."""
     loads = 100 * channel_loads(run)
     axes = figure.subplots()
     styles = {name: {"color": color, "label": name} for name, color in METHODS.items()}
@@ -262,10 +295,10 @@ def draw_qos(figure: Figure, run: Run[Config]) -> None:
     axes.legend(fontsize=8)
     most = loads[OPT]
     figure.suptitle(
-        "Balanced QoS (OPT, Eq. 6) ignores the channel:\n"
-        f"at Rmax = {most.index[-1]} Hz it needs {most.iloc[-1]:.0f} % of it"
+        f"At Rmax = {most.index[-1]} Hz balanced QoS (OPT, Eq. 6) needs {most.iloc[-1]:.0f} %\n"
+        f"of the channel, with the local cache (LC) {loads.iloc[-1, -1]:.0f} %"
     )
-    note(figure, 'topics of paper B on a channel of 20 Mbit/s; LC passes each "Hello"')
+    note(figure, 'topics of paper B, assumed channel of 20 Mbit/s; LC passes each "Hello"')
 
 
 # --- Explorers --------------------------------------------------------------------------------
@@ -335,7 +368,7 @@ def cache_curves(
         outdated[name] = 100 * shares
     said = (
         f"Messages and outdated values of a sensor read at {rate_hz} Hz, over the mean time between "
-        f"changes; {loss:.0%} of the messages are lost. Dots: the sensors of Table 1."
+        f"changes; {100 * loss:.0f} % of the messages are lost. Dots: the sensors of Table 1."
     )
     panels = (
         curves("messages sent", _MESSAGES, messages),

@@ -83,7 +83,7 @@ def draw_gateway(figure: Figure, run: Run[Config]) -> None:
     note(
         figure,
         "yellow state: uses the delegate; blue: uses the hardware-mapped topic; "
-        "white: compares publisher IDs; dashed: added, not in the paper",
+        "white: compares publisher IDs; dashed: added by us; italic: action of the state",
     )
 
 
@@ -96,7 +96,8 @@ def draw_stages(figure: Figure, run: Run[Config]) -> None:
     numbers = ", ".join(f"{value:g}" for value in stated)
     figure.suptitle(
         f"{in_software} edges cross the boundary with all topics in software, {in_hardware} with "
-        f"topics in hardware, {by_gateways} with gateways (paper: {numbers})"
+        f"topics in hardware, {by_gateways} with gateways\n(paper: {numbers}; the graph is completed so "
+        f"that {stated[0]:g} and {stated[1]:g} come out)\n"
     )
 
 

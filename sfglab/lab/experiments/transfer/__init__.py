@@ -9,8 +9,16 @@ from sfglab.lab.experiments.transfer.experiment import exp
 from sfglab.lab.experiments.transfer.results import (
     constants,
     live_bars,
+    prediction_table,
     stated,
     transfer_curves,
 )
 
-__all__ = ["constants", "exp", "live_bars", "stated", "transfer_curves"]
+__all__ = [
+    "constants",
+    "exp",
+    "live_bars",
+    "prediction_table",
+    "stated",
+    "transfer_curves",
+]

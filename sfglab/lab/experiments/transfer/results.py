@@ -114,9 +114,33 @@ def worst_fit(run: Run[Config]) -> float:
     return float((table["model"] / table["paper"] - 1).abs().max())
 
 
+def prediction_table(run: Run[Config]) -> pd.DataFrame:
+    """Return the stated numbers and their predictions as a notebook shows them."""
+    names = {"unit": "ratio of times", "bar": "point", "low": "95 % low", "high": "95 % high"}
+    ratios = {_FAST: "topic / gateway", "times as slow": "gateway / topic"}
+    points = {"lowest": "lowest speed-up", "highest": "highest speed-up"}
+    return stated(run).replace({"unit": ratios, "bar": points}).rename(columns=names)
+
+
+_UNITS = {
+    "s": (1e6, "µs"),
+    "rate": (1e9, "ns/B"),
+    "hz": (1e-6, "MHz"),
+    "cycles": (1, "cycles"),
+    "bytes": (1, "B"),
+}
+"""Factor and unit of a constant in a table, by the last part of its name."""
+
+
 def constants() -> pd.DataFrame:
     """Return the constants of the memory model with their values, meanings and origins."""
-    return pd.DataFrame(field_rows(STORED)[1:], columns=["constant", "value", "meaning"])
+    rows = []
+    for name, value, meaning in field_rows(STORED)[1:]:
+        label, _, unit_name = name.replace("_s_per_byte", "_per_byte_rate").rpartition("_")
+        factor, unit = _UNITS[unit_name]
+        text = meaning.replace(", s.", ".").replace(", Hz.", ".")
+        rows.append((label.replace("_", " "), f"{factor * float(value):.4g} {unit}", text))
+    return pd.DataFrame(rows, columns=["constant", "value", "meaning"])
 
 
 # --- Claims -----------------------------------------------------------------------------------
@@ -191,7 +215,7 @@ def live_detail(run: Run[Config], panel: Panel, size: int, count: int) -> str:
     place = f"panel == '{panel.value}' and message_bytes == {size} and subscribers == {count}"
     found = lines_of(live_bars(run).query(place))
     if not found:
-        return "this bar was not measured"
+        return "this case was not measured"
     [bar] = found
     speed_up = Estimate(value=bar.ratio, low=bar.low, high=bar.high, unit=_FAST)
     return f"{speed_up}, {count} hardware subscribers, {size} B; {bar.repeats} repetitions"
@@ -230,7 +254,7 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> None:
     figure.suptitle(title)
     note(
         figure,
-        f"memory model, {len(FITTED)} constants fitted to the dashed numbers of the paper; "
+        f"memory model with {len(FITTED)} constants fitted to the dashed numbers of the paper; "
         "hollow: with the cycles of simulated hardware (RTL)",
     )
 
