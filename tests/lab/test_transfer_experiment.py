@@ -77,7 +77,7 @@ def test_without_amaranth_the_claims_say_why(tmp_path, monkeypatch):
     run = ran(exp, tmp_path / "a.mcap", live_rounds=0)
     details = exp.measure(run)["C-HWHW"].details
     assert details["RTL"].startswith("left out: amaranth is not installed")
-    assert details["live"] == "this bar was not measured"
+    assert details["live"] == "this case was not measured"
 
 
 BYTES = 10_000

@@ -293,10 +293,10 @@ def draw_qos(figure: Figure, run: Run[Config]) -> None:
     axes.set(xlabel="Rmax (Hz)", ylabel=demand_text, yscale="log")
     axes.set_yticks([10, 100, 1000], ["10", "100", "1000"])
     axes.legend(fontsize=8)
-    most = loads[OPT]
+    most, cached = loads[OPT], loads.iloc[:, -1]
     figure.suptitle(
         f"At Rmax = {most.index[-1]} Hz balanced QoS (OPT, Eq. 6) needs {most.iloc[-1]:.0f} %\n"
-        f"of the channel, with the local cache (LC) {loads.iloc[-1, -1]:.0f} %"
+        f"of the channel, with the local cache (LC) {cached.iloc[-1]:.0f} %"
     )
     note(figure, 'topics of paper B, assumed channel of 20 Mbit/s; LC passes each "Hello"')
 

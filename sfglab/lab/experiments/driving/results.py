@@ -260,7 +260,7 @@ def _draw_map(axes: Axes, run: Run[Config]) -> None:
     track = run["track"]
     lights = np.array(town["lights"])
     axes.plot(track["x_m"], track["y_m"], color=COLORS["proxy"], label="track")
-    start, ahead = track[["x_m", "y_m"]].iloc[[0, 8]].to_numpy()
+    start, ahead = zip(track["x_m"].iloc[[0, 8]], track["y_m"].iloc[[0, 8]], strict=True)
     arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "linewidth": 2}
     axes.annotate("", ahead, start, arrowprops=arrow)
     axes.annotate("start", start, (-24, 0), textcoords="offset points", ha="right", fontsize=8)
