@@ -192,7 +192,7 @@ def test_the_text_shows_everything_and_a_file_that_is_no_fleet_gives_one_line(tm
     text, code = lint_file(BROKEN)
     assert code == 1
     assert text == render(lint(load_fleet(BROKEN)))
-    for title in ("who hears what", "discovery between hosts", "broken: "):
+    for title in ("senders and receivers", "discovery between hosts", "broken: "):
         assert title in text
     assert "broken.yaml:" in text
     path = tmp_path / "x.yaml"

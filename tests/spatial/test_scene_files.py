@@ -219,7 +219,7 @@ def test_two_agents_that_meet_are_reported_and_the_margin_counts_beyond_the_radi
     b = editor.add("agent", "b", parent=group, pose=Pose.at((0.0, 1.0, 0.0)), radius_m=0.5)
     assert warnings(editor) == []
     editor.set_scene("margin_m", 0.4)
-    text = "a and b are 0.200 m closer than the margin of 0.4 m at 6.000 s"
+    text = "a and b: centres are 1.000 m apart (radii and margin: 1.200 m) at 6.000 s"
     assert warnings(editor) == [(ConflictKind.AGENTS, (a, b), text)]
     [found] = editor.conflicts()
     assert (found.time_s, *found.position_m) == pytest.approx((6.0, 1.0, 0.0, 0.0))

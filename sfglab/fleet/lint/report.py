@@ -106,7 +106,7 @@ def render(report: Report) -> str:
     blocks = [
         f"fleet {report.fleet}",
         render_findings(report.findings),
-        "who hears what\n" + text_table(_hearings(report)),
+        "senders and receivers\n" + text_table(_hearings(report)),
         "discovery between hosts, estimated\n" + text_table(_discovery(report.discovery)),
         f"{report.fleet}: {counts}",
     ]
@@ -150,9 +150,9 @@ def _discovery(found: Discovery) -> Iterator[tuple[str, ...]]:
     counts = ("participants", "endpoints", "pairs of participants", "announcements", "bytes")
     yield "", *counts, "grows with"
     yield _announcements("one domain for all", found.standard, "(processes in the fleet)^2")
-    yield _announcements("through routers", found.routed, "agents x endpoints shown outside")
+    yield _announcements("through routers", found.routed, "agents x endpoints in the global domain")
     for agent, (participants, endpoints) in found.local.items():
-        shown = f"shows {found.shown[agent]} outside"
+        shown = f"{found.shown[agent]} in the global domain"
         yield f"  inside {agent}", str(participants), str(endpoints), "", "", "", shown
 
 

@@ -60,7 +60,8 @@ def shown_checks(
     examples: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
     """Return checks as a notebook shows them; texts of the log are replaced by those that are given."""
-    shown = table.replace({"check": statements or {}, "example": examples or {}})
+    texts = {"check": statements or {}, "example": examples or {}, "how": {"exact": "computed"}}
+    shown = table.replace(texts)
     return shown.rename(
         columns={"check": "property", "checked": "cases", "held": "cases that hold"}
     )

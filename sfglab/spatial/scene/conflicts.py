@@ -97,18 +97,29 @@ class _Plan:
         return gaps.reshape(local.shape[:2])
 
     def worst(  # noqa: PLR0913, PLR0917  # all parts of a warning
-        self, kind: ConflictKind, index: int, other: int, excess: Floats, before: str, after: str
+        self,
+        kind: ConflictKind,
+        index: int,
+        other: int,
+        excess: Floats,
+        before: str,
+        after: str,
+        shown: Floats | None = None,
     ) -> Iterator[Conflict]:
-        """Yield the warning about an agent's largest excess over what is allowed, if it is positive."""
+        """Yield the warning about an agent's largest excess over what is allowed, if it is positive.
+
+        Its text has the excess, or the value of `shown` at the same time.
+        """
         at = int(excess.argmax())
         if excess[at] > 0.0:
             agent = self.agents[index]
             time_s = float(self.times_s[at])
+            value = (excess if shown is None else shown)[at]
             x, y, z = self.positions_m[index, at].tolist()
             yield Conflict(
                 kind=kind,
                 objects=(agent.id, other),
-                text=f"{agent.name} {before} {excess[at]:.3f} m{after} at {time_s:.3f} s",
+                text=f"{agent.name} {before} {value:.3f} m{after} at {time_s:.3f} s",
                 time_s=time_s,
                 position_m=(x, y, z),
             )
@@ -116,13 +127,14 @@ class _Plan:
 
 def _meetings(plan: _Plan) -> Iterator[Conflict]:
     margin_m = plan.scene.margin_m
-    after = f" closer than the margin of {margin_m:g} m"
     for first, second in combinations(range(len(plan.agents)), 2):
         agent, other = plan.agents[first], plan.agents[second]
         apart_m = np.linalg.norm(plan.positions_m[second] - plan.positions_m[first], axis=1)
-        excess = agent.radius_m + other.radius_m + margin_m - apart_m
-        before = f"and {other.name} are"
-        yield from plan.worst(ConflictKind.AGENTS, first, other.id, excess, before, after)
+        least_m = agent.radius_m + other.radius_m + margin_m
+        before = f"and {other.name}: centres are"
+        after = f" apart (radii and margin: {least_m:.3f} m)"
+        kind, excess = ConflictKind.AGENTS, least_m - apart_m
+        yield from plan.worst(kind, first, other.id, excess, before, after, apart_m)
 
 
 def _touches(plan: _Plan) -> Iterator[Conflict]:

@@ -119,7 +119,9 @@ def slopes(run: Run[Config]) -> pd.DataFrame:
     rows = []
     for mode, label in LABELS.items():
         less = str(reduction(run, mode)) if mode in HANDED_ON else ""
-        rows.append((label, str(slope(run, mode, "cpu")), str(slope(run, mode, "rx")), less))
+        rx = slope(run, mode, "rx")
+        received = f"{rx.value:.4f} {rx.unit} [{rx.low:.4f}, {rx.high:.4f}]"  # may be close to 0
+        rows.append((label, str(slope(run, mode, "cpu")), received, less))
     columns = ["mode", "CPU", "received over the network", "reduction of the CPU"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -353,8 +355,14 @@ def draw_colour(figure: Figure, run: Run[Config]) -> None:
     cpu.set(title="CPU of the consumer", ylabel="% of one core", ylim=(0, None))
     net.set(title="network: received by the consumer", ylabel="Mbit/s", ylim=(0, None))
     cpu.legend(loc="upper left")
-    saved = [f"{reduction(run, mode).value:.0f} % less {WAYS[mode]}" for mode in HANDED_ON]
-    figure.suptitle(f"CPU of an added subscriber: {', '.join(saved)} than in standard")
+    saved = []
+    for mode in HANDED_ON:
+        less = reduction(run, mode)
+        saved.append(f"{less.value:.0f} % [{less.low:.0f}, {less.high:.0f}] less {WAYS[mode]}")
+    figure.suptitle(
+        f"An additional subscriber needs less CPU than in standard:\n{', '.join(saved)}",
+        fontsize="medium",
+    )
     note(figure, "dashed: slopes of the paper; bands: standard deviation", run)
 
 
@@ -454,7 +462,7 @@ def decoding_costs(
             "CPU by Eq. 2 and 3",
             _CPU,
             cpu,
-            f"with {subscribers}, as in the legend: {', '.join(costs.values())} %",
+            f"{subscribers} subscribers: {', '.join(costs.values())} % (order of the legend)",
         ),
         curves("network", _NET, net, "decode once: equal over DDS and shared memory"),
     )

@@ -90,9 +90,10 @@ def draw_layers(figure: Figure, run: Run[Config]) -> None:
             width = len(list(same))
             left = first - 0.44
             bars = axes.barh(height, width - 0.12, 0.72, left, color=color, alpha=0.28)
-            if layer != LAYERS[-1]:
-                text = fill(says, 15) if width == 1 else says
-                axes.bar_label(bars, [text], label_type="center", fontsize=7)
+            text = fill(says, 15) if width == 1 else says
+            if layer == LAYERS[-1]:
+                text = agents[first]  # the instructions of one agent
+            axes.bar_label(bars, [text], label_type="center", fontsize=7)
             first += width
     axes.set_xticks(range(len(agents)), agents)
     axes.set_yticks(range(len(LAYERS)), _NAMES)
@@ -102,7 +103,7 @@ def draw_layers(figure: Figure, run: Run[Config]) -> None:
     axes.set_title(f"{said}; agents below one box share it")
     note(
         figure,
-        "exact: as rendered from the fleet file (paper A, Fig. 5); equal texts: for another processor or hardware base",
+        "computed: as rendered from the fleet file (paper A, Fig. 5); boxes with equal text are separate builds",
     )
     axes.tick_params(length=0)
     axes.grid(visible=False)

@@ -43,6 +43,7 @@ PAPERS_LARGEST = 6  #: Number of agents that the claims are about.
 SLOWER = "at two thirds of the pace"
 NAMES = {STANDARD: "plain ROS 2", LAUNCHED: "paper's method", ROUTED: "sfglab variant"}
 """Name for readers by live mode."""
+SHORT = {LAUNCHED: "paper", ROUTED: "sfglab"}  #: Shorter names for titles.
 TIME, BYTES = "resolved_s", "own_bytes"
 STANDARD_MB = "MB at 6 agents, standard"  #: Key of the paper's bytes of the standard fleet.
 RECEIVED_MB = "MB received by standard"  #: Key of ours.
@@ -303,13 +304,22 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     for mode in (LAUNCHED, ROUTED):
         if finding := bytes_of(run, mode):
             times = float(f"{10**finding.estimate.value:.2g}")
-            saved.append(f"{times:g} times ({NAMES[mode]})")
+            saved.append(f"1/{times:g} ({SHORT[mode]})")
     if saved:
-        draw_extrapolated(bytes_axes, main_nodes(run), *by_nodes(run)[:2])
-        title = f"Six agents, fewer bytes than with plain ROS 2:\n{', '.join(saved)}"
+        few = by_nodes(run)[:2]
+        draw_extrapolated(bytes_axes, main_nodes(run), *few)
+        standard_mb = extrapolated(main_nodes(run), *few) / 1e6
+        title = (
+            f"Each of six agents receives {' and '.join(saved)}\n"
+            f"of the {standard_mb:.0f} MB extrapolated for plain ROS 2"
+        )
     bytes_axes.set_title(title, fontsize=10)
-    note(figure, f"live, {main_nodes(run)} nodes per agent; one marker per agent; bars: medians")
-    return {**default_sidecar(run), "repetitions": int(fleets["repeat"].nunique())}
+    shown = {**default_sidecar(run), "repetitions": int(fleets["repeat"].nunique())}
+    note(
+        figure,
+        f"live, {main_nodes(run)} nodes per agent; one marker per agent; bars: medians; run on {shown['machine']}",
+    )
+    return shown
 
 
 def draw_agents(

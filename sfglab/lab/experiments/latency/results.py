@@ -6,7 +6,7 @@ A picture is identified by its capture stamp, which is also in the camera's own 
 from __future__ import annotations
 
 from textwrap import fill
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from sfglab.lab.stats import Estimate, bootstrap, median_of, ratio_of, rounded
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -34,7 +36,7 @@ NAMES = {
     "decoder": "sfglab without routers",
 }
 """Names of the paths as tables, figures and texts print them."""
-STEADY_BARS = (STANDARD, PAPERS, OURS, "decoder")
+ADDED_BARS = (PAPERS, OURS, "decoder")
 FIRST_BARS = (STANDARD, PAPERS, NEW_PROCESS, OURS)
 """Paths that the panels of the figure show."""
 BAR_COLORS = {
@@ -167,16 +169,24 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
         return
     steady, first = figure.subplots(1, 2)
     medians, times = look_medians(run), firsts(run)
-    more_ms = paper("A-G2G")
-    expected_ms = {PAPERS: medians[STANDARD].median() + more_ms}
-    draw_bars(steady, medians[[*STEADY_BARS]], medians.median(), expected_ms)
+    more = {path: added(run, path) for path in ADDED_BARS}
+    heights = {path: one.value for path, one in more.items()}
+    spans = {path: (one.low, one.high) for path, one in more.items()}
+    apart = medians[[*ADDED_BARS]].sub(medians[STANDARD], axis=0)
+    draw_bars(steady, apart, heights, spans, {PAPERS: paper("A-G2G")})
+    low, high = spans[PAPERS]
     steady.set(
-        title=f"Paper's container: {added(run, PAPERS).value:.1f} ms more than standard",
-        ylabel="latency (ms), bars: median",
+        title=f"Paper's container adds {heights[PAPERS]:.1f} ms [{low:.1f}, {high:.1f}] "
+        f"to standard's {rounded(medians[STANDARD].median())} ms",
+        ylabel="added latency (ms), bars: median",
     )
-    steady.legend([steady.collections[-1]], [f"standard + the paper's {more_ms:g} ms"])
+    steady.legend([steady.collections[-1]], ["paper A, 5.4"])
     expected_ms = {path: paper("A-FIRST", key) for path, key in FIRST_ENDS.items()}
-    draw_bars(first, times[[*FIRST_BARS]], times.mean(), expected_ms)
+    times = times[[*FIRST_BARS]]
+    # The paper draws one standard deviation. Of normal samples this is the same, and it does not follow
+    # one subscription during which the machine was busy.
+    spans = {path: np.nanpercentile(times[path], (16, 84)) for path in FIRST_BARS}
+    draw_bars(first, times, times.mean().to_dict(), spans, expected_ms)
     first.legend([first.collections[-1]], ["paper A, 5.4"])
     first.set(
         title=f"sfglab's GOP cache: first frame after {times[OURS].mean():.0f} ms, "
@@ -185,13 +195,18 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
     )
     note(
         figure,
-        "one dot per subscription; error bars: 16th to 84th percentile of subscriptions",
+        "dots: left differences within repetitions, right subscriptions;\n"
+        "error bars: left 95 % intervals of the medians, right 16th to 84th percentile of subscriptions",
         run,
     )
 
 
 def draw_bars(
-    axes: Axes, samples: pd.DataFrame, heights: pd.Series, expected_ms: dict[str, float]
+    axes: Axes,
+    samples: pd.DataFrame,
+    heights: dict[Any, float],
+    spans: Mapping[str, Sequence[float]],
+    expected_ms: dict[str, float],
 ) -> None:
     """Draw a bar per path with its samples, and the paper's values.
 
@@ -199,14 +214,13 @@ def draw_bars(
         axes: Axes to draw into.
         samples: Times, ms, by repetition; one column per path.
         heights: Heights of the bars, ms, by path.
+        spans: Ends of the error bars, ms, by path.
         expected_ms: The paper's values, ms, by path.
     """
     names = []
     for place, path in enumerate(map(str, samples)):
-        times, height = samples[path].dropna(), float(heights[path])
-        # The paper draws one standard deviation. Of normal samples this is the same, and it does not follow
-        # one subscription during which the machine was busy.
-        low, high = np.percentile(times, (16, 84))
+        times, height = samples[path].dropna(), heights[path]
+        low, high = spans[path]
         error = [[max(height - low, 0)], [max(high - height, 0)]]
         axes.bar(place, height, 0.5, color=BAR_COLORS[path], yerr=error, capsize=4)
         beside = place + np.linspace(-0.25, 0.25, len(times))
@@ -217,4 +231,4 @@ def draw_bars(
     axes.hlines(values, places - 0.38, places + 0.38, **PAPER_STYLE, color="black")
     axes.set_xticks(range(len(names)), names)
     axes.grid(visible=False, axis="x")
-    axes.set_ylim(0, 1.15 * axes.dataLim.ymax)
+    axes.set_ylim(1.15 * min(axes.dataLim.ymin, 0), 1.15 * axes.dataLim.ymax)

@@ -61,17 +61,19 @@ BETWEEN_ROWS: dict[tuple[State, State], tuple[float, float, float, Point]] = {
 }
 KEY = (
     "\u21ba: the state stays. CAPITALS: discovery event. Bold: stated by the paper.\n"
-    "Texts between two boxes: above the line for the arrow to the right, below it for the one to the left. "
+    "Texts above a line belong to the arrow to the right, texts below it to that to the left."
 )
-KEY_OF_RUN = f"input / actions \u00d7 number in this run. {KEY}Grey: not taken."
+KEY_OF_RUN = f"input / actions \u00d7 number in this run. {KEY}"
 KEY_OF_MOMENT = (
-    f"input / actions. {KEY}Orange: present state and last transition. Blue: possible now."
+    f"input / actions. {KEY}\nOrange: present state and last transition. Blue: possible now."
 )
 
 
 def draw_run(axes: Axes, taken: Mapping[Transition, int]) -> None:
     """Draw the table with the number of times that each transition was taken."""
-    _Table(axes, taken).draw(KEY_OF_RUN)
+    _Table(axes, taken).draw(
+        KEY_OF_RUN if all(taken.values()) else f"{KEY_OF_RUN}\nGrey: not taken."
+    )
 
 
 def draw_to_press(figure: Figure) -> Parts:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from sfglab.lab.checks import Case, CheckRow, check_row, lowest_share
+from sfglab.lab.checks import Case, CheckRow, check_row, lowest_share, shown_checks
 from sfglab.lab.checks.trees import (
     AGENT,
     CAMERAS,
@@ -36,6 +36,26 @@ if TYPE_CHECKING:
 RIGHT_MM = 20.0
 """Limit of the error of a position: a tenth of the distance between markers and base, so that no frame is
 taken for the other one."""
+STATEMENTS = {
+    "live, proxy: the tree as received is whole": "live, proxy: the received tree is connected",
+    "live, proxy: the robot's own edges are as without": (
+        "live, proxy: the robot's own edges are those without motion capture"
+    ),
+    "live, direct: what is published is no frame of the robot": (
+        "live, direct: the published frame does not belong to the robot"
+    ),
+    "direct: what is published is no frame of the robot": (
+        "direct: the published frame does not belong to the robot"
+    ),
+    "proxy: nothing is found wrong": "proxy: the tree has no error",
+    "proxy: every frame stands where matrices put it": (
+        "proxy: the pose of every frame is the product of matrices"
+    ),
+    "renamed, markers at the root: the tree is whole": (
+        "renamed, markers at the root: the tree is connected"
+    ),
+}
+"""Texts for readers of some checks, by their name in the log."""
 FORMER = "faulty"  #: Name of the live run in older logs, which have further ones.
 
 
@@ -73,8 +93,7 @@ def checks(run: Run[Config]) -> pd.DataFrame:
 
 def check_table(run: Run[Config]) -> pd.DataFrame:
     """Return the checks of a run for readers."""
-    table = checks(run)[["check", "how", "checked", "held"]]
-    return table.rename(columns={"checked": "cases", "held": "cases that hold"})
+    return shown_checks(checks(run)[["check", "how", "checked", "held"]], STATEMENTS)
 
 
 def _live_checks(run: Run[Config]) -> Iterator[CheckRow]:
@@ -212,11 +231,11 @@ def draw_error(figure: Figure, run: Run[Config]) -> None:
     looks = live(run, "look")
     errors, waits = figure.subplots(2, 1, sharex=True)
     kinds = {
-        "error_mm": ("proxy", "for the time asked for, after the wait"),
-        "latest_mm": ("standard", "latest transforms, without a wait"),
+        "error_mm": ("proxy", "at the requested time stamp (waits)"),
+        "latest_mm": ("standard", "latest transforms (no wait)"),
     }
     for column, (key, text) in kinds.items():
-        label = f"{text} (median {looks[column].median():.2g} mm)"
+        label = f"{text}, median {looks[column].median():.2g} mm"
         errors.plot(
             looks["at_s"], looks[column], label=label, linestyle="", markersize=2.5, **series(key)
         )
@@ -227,7 +246,11 @@ def draw_error(figure: Figure, run: Run[Config]) -> None:
     errors.legend(fontsize=8, ncols=2, loc="upper right")
     waits.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
     waits.set(yscale="log", xlabel="time (s)", ylabel="wait (ms)")
-    waits.set_title("Wait until the transforms for the time asked for are known")
+    waits.set_title("Wait until the transforms for the requested time stamp are known")
     at, latest = looks["error_mm"].median(), looks["latest_mm"].median()
     figure.suptitle(f"Median position error {at:.1f} mm after the wait, {latest:.0f} mm without it")
-    note(figure, f"simulated cameras with occlusions and lost captures; {len(looks)} look-ups", run)
+    note(
+        figure,
+        f"simulated motion capture with occlusions and lost captures; {len(looks)} look-ups in one run",
+        run,
+    )

@@ -134,7 +134,7 @@ def draw_scene(figure: Figure, run: Run[Config]) -> None:
     figure.suptitle(f"Agents of a scene carry out their plans; largest error: {', '.join(largest)}")
     note(
         figure,
-        "dashed: planned; live, over DDS on one host; simulated agents; the paper states no values",
+        "live, over DDS on one host; simulated agents; dashed: planned; the left panel shows no times and thus no tracking error",
     )
 
 

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 AGENT = "agent_1"  #: The agent whose messages the figure follows.
 GROUND = "ground_1"  #: The party in the global domain whose messages the figure follows.
-HEARD = "received, and allowed"
-SILENT = "not received, and forbidden"
-FORBIDDEN = "received, but forbidden"
-MISSING = "not received, but allowed"
+HEARD = "received, as Eq. 1 says"
+SILENT = "not received, as Eq. 1 says"
+FORBIDDEN = "received, against Eq. 1"
+MISSING = "not received, against Eq. 1"
 OUTCOMES = {
     HEARD: COLORS["proxy"],
     SILENT: "#ececec",
@@ -233,12 +233,12 @@ def draw_border(figure: Figure, run: Run[Config]) -> None:
     live = checks(run).query("how == @How.LIVE.value")
     figure.suptitle(
         f"{live['held'].sum():,} of {live['checked'].sum():,} live cases hold: names of Table 1 cross the "
-        "border, and no others"
+        "domain boundary, and no others"
     )
     note(
         figure,
-        "above the line: names of Table 1; white: not tested;\n"
-        "numbers: share of messages or calls that arrived, %",
+        "live; above the line: names of Table 1; white: not tested;\n"
+        "numbers: share of messages or calls that arrived, %, if not all or none",
     )
 
 
@@ -253,7 +253,7 @@ def _draw_matrix(axes: Axes, cells: pd.DataFrame, names: list[str], domains: lis
     x, y = cells["domain"].map(domains.index), cells["name"].map(names.index)
     axes.barh(y, 0.88, 0.84, left=x - 0.44, color=cells["outcome"].map(OUTCOMES))
     for place, row, share in zip(x, y, cells["share"], strict=True):
-        if share > 0:
+        if 0 < share < 1:
             text = f"{100 * share:.0f}"
             axes.text(place, row, text, ha="center", va="center", color="white", fontsize=8)
     axes.axhline(sum(map(in_table_1, names)) - 0.5, color="black", linewidth=1)
