@@ -235,18 +235,19 @@ def draw_error(figure: Figure, run: Run[Config]) -> None:
         "latest_mm": ("standard", "latest transforms (no wait)"),
     }
     for column, (key, text) in kinds.items():
-        label = f"{text}, median {looks[column].median():.2g} mm"
+        label = f"{text}: {_quartiles(looks[column])} mm"
         errors.plot(
             looks["at_s"], looks[column], label=label, linestyle="", markersize=2.5, **series(key)
         )
-    errors.set(
-        yscale="log", ylabel="position error (mm)", title="Position error of the robot's camera"
-    )
+    errors.set(yscale="log", ylabel="position error of the camera (mm)")
     errors.margins(y=0.25)  # room for the legend
     errors.legend(fontsize=8, ncols=2, loc="upper right")
     waits.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
     waits.set(yscale="log", xlabel="time (s)", ylabel="wait (ms)")
-    waits.set_title("Wait until the transforms for the requested time stamp are known")
+    wait_ms = _quartiles(looks["wait_ms"].dropna())
+    waits.set_title(
+        f"Wait for the transforms of the requested time stamp: {wait_ms} ms", fontsize=9.5
+    )
     at, latest = looks["error_mm"].median(), looks["latest_mm"].median()
     figure.suptitle(f"Median position error {at:.1f} mm after the wait, {latest:.0f} mm without it")
     note(
@@ -254,3 +255,8 @@ def draw_error(figure: Figure, run: Run[Config]) -> None:
         f"simulated motion capture with occlusions and lost captures; {len(looks)} look-ups in one run",
         run,
     )
+
+
+def _quartiles(values: pd.Series[float]) -> str:
+    low, median, high = values.quantile([0.25, 0.5, 0.75])
+    return f"median {median:.2g} (quartiles {low:.2g} and {high:.2g})"

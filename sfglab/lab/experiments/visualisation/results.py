@@ -109,8 +109,9 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
     axes.set(xlabel="time until the sink has the image (ms)", ylabel="share of images")
     axes.set(xlim=(0, None), ylim=(0, 1.02))
     median_ms, tail_ms = beyond_rerun_ms(run).values()
+    added = added_ms(run)
     axes.set_title(
-        f"The bridge adds {median_ms:.1f} ms to the median and {tail_ms:.1f} ms to the 99th percentile (bound: {ADDED_MS:g} ms)",
+        f"The bridge adds {median_ms:.1f} ms [{added.low:.1f}, {added.high:.1f}] to the median and {tail_ms:.1f} ms to the 99th percentile (bound: {ADDED_MS:g} ms)",
         fontsize="medium",
     )
     axes.legend(loc="lower right", fontsize="small")
