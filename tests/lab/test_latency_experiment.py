@@ -58,7 +58,7 @@ def test_the_papers_way_and_ours_are_claims_of_their_own(made):
     }
     first = measured["A-FIRST"]
     assert first.ends == {"on demand (ms)": 915, "standard (ms)": 515}
-    said = "loading adds 400 ms [400, 400] in a container and 700 ms [700, 700] in a new process"
+    said = "Loading the decoder adds 400 ms [400, 400] in a running container and 700 ms [700, 700] in a new process"
     assert said in first.reason
 
 
