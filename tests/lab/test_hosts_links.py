@@ -221,6 +221,17 @@ def test_a_late_look_lowers_no_rate_and_a_change_keeps_frames():
     assert [frame for frame, _ in arrivals_of(air, [])] == [0, 1, 2]
 
 
+def test_a_frame_arrives_at_its_time_also_if_an_earlier_one_has_a_longer_latency():
+    air = Air(1, Medium(latency_s=0.1))
+    air.offer(0, "slow", size_bytes=100, now_ns=0)
+    air.advance(10_000_000)
+    air.change(Medium())
+    air.offer(0, "fast", size_bytes=100, now_ns=10_000_000)
+    assert [sent.frame for sent in air.advance(50_000_000)] == ["fast"]
+    assert air.next_ns() > 100_000_000, "nothing is due before the slow frame"
+    assert [frame for frame, _ in arrivals_of(air, [])] == ["slow"]
+
+
 def test_a_radio_that_did_not_keep_up_says_so():
     counted = [{"late": 10}, {"late": 11}, {"overrun": 1}]
     kept_up = [RadioCounters(delivered=1000, **counts).kept_up for counts in counted]

@@ -18,6 +18,7 @@ import socket
 import struct
 import time
 from collections import deque
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfglab.lab.hosts.radio import RadioCounters
@@ -75,7 +76,7 @@ class Air:
         self._free_ns = 0  # time at which the medium is free
         self._on_air: Sent | None = None
         self._relayed: _Waiting | None = None  # the frame on air, if it is sent again
-        self._flight: deque[Sent] = deque()
+        self._flight: list[Sent] = []
         self.change(medium)
 
     def change(self, medium: Medium) -> None:
@@ -112,10 +113,11 @@ class Air:
                 self._queue(self._access_point, self._relayed)
             self._on_air = None
             self._start()
-        arrived = []
-        while self._flight and self._flight[0].due_ns <= until_ns:
-            arrived.append(self._flight.popleft())
-        return arrived
+        arrived = [sent for sent in self._flight if sent.due_ns <= until_ns]
+        if arrived:
+            self._flight = [sent for sent in self._flight if sent.due_ns > until_ns]
+        # After a change to a lower latency, later frames arrive before earlier ones.
+        return sorted(arrived, key=attrgetter("due_ns"))
 
     def next_ns(self) -> int | None:
         """Return the time of the next event; None: none before the next frame is offered."""
