@@ -59,11 +59,11 @@ def test_verdicts_follow_from_figure_interval_band_and_whose_way_it_is(
     ("more", "verdict", "reason"),
     [
         ({"ends": {"e": 0.5}}, Verdict.REPRODUCED, ""),
-        ({"ends": {"e": 2}}, Verdict.DEVIATES, "e: 2, asked 0 to 1"),
+        ({"ends": {"e": 2}}, Verdict.DEVIATES, "e: 2 (accepted: 0 to 1)"),
         ({"ends": {}}, UNDECIDED, "e: not measured"),
         ({"ends": {"e": 0.5}, "under": {"f": EXACT_7}}, UNDECIDED, "f: 7 u [7, 7], deviates"),
         ({"ends": {"e": 0.5}, "fitted": "six to seven"}, Verdict.FITTED, "six to seven"),
-        ({"ends": {"e": 2}, "fitted": "six to seven"}, Verdict.DEVIATES, "e: 2, asked 0 to 1"),
+        ({"ends": {"e": 2}, "fitted": "six to seven"}, Verdict.DEVIATES, "e: 2 (accepted: 0 to 1)"),
     ],
 )
 def test_verdicts_follow_from_ends_conditions_and_fits(more, verdict, reason):

@@ -131,7 +131,11 @@ def test_a_verdict_is_the_criterion_s(claim, where, column, value, agrees):
     found = exp.measure(Made(*tables))[claim]
     expected = Verdict.REPRODUCED if agrees else Verdict.DEVIATES
     assert entry_for(CLAIMS[claim], found).verdict is expected
-    said = "of laps at 1.00% loss" if claim == "B-COOP" else "of 27; a small depth worse in"
+    said = (
+        "of laps at 1.00% loss"
+        if claim == "B-COOP"
+        else "of 27 conditions, and a small depth is worse"
+    )
     assert said in found.reason
 
 
