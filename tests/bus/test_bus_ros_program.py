@@ -111,5 +111,6 @@ async def test_a_server_or_client_opens_with_both_halves_and_closes_with_the_las
         for half in (second, first):
             half.close()
         await until(lambda: "close" in orders.read_text())
+        assert not opened(ros, "a", halves[0]).matched, "it waits for its other half again"
     carried_out = [f"open {role} /b", f"open {role} /a", f"close {role} /a"]
     assert orders.read_text().splitlines() == carried_out

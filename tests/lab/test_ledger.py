@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from reference import keep_findings
 
+from sfglab.errors import SfglabError
 from sfglab.lab.claims import Verdict
 from sfglab.lab.experiments.naming import exp
 from sfglab.lab.findings import kept_findings
@@ -171,6 +172,16 @@ def test_kept_findings_follow_log_claims_and_the_modules_of_the_experiment(proje
     assert claim_by(copy) == first | {"unit": "share"}
     (project.reference_logs / "naming.mcap").write_bytes(b"no log")
     assert claim_by(copy)["verdict"] == "not yet"
+
+
+def test_kept_findings_are_not_used_after_a_log_of_the_user_is_another(project):
+    log = project.runs / "logs" / "naming" / "a.mcap"
+    log.parent.mkdir(parents=True)
+    shutil.copy(LEDGER.parent / "reference" / "naming.mcap", log)
+    assert kept_findings(project, "naming", log).measured
+    log.write_bytes(b"no log")
+    with pytest.raises(SfglabError):
+        kept_findings(project, "naming", log)
 
 
 def test_a_damaged_file_of_the_cache_is_ignored(project):

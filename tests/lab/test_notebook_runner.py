@@ -207,10 +207,15 @@ def test_ctrl_c_ends_both_processes_and_their_kernels(project, two_cores, tmp_pa
     write(project, "01_a", "x: int = 1", BEGINS.format("measured"), sleeps)
     write(project, "02_b", "x: int = 1", COMPUTED, BEGINS.format("computed"), sleeps)
 
+    sessions = []
+
     def interrupt():
         both = [project.root / "measured", project.root / "computed"]
         while not all(file.exists() for file in both):
             time.sleep(0.05)
+        children = [child for child in psutil.Process().children() if child.pid not in before]
+        runs = [child for child in children if "sfglab.lab.notebook_process" in child.cmdline()]
+        sessions.extend(os.getsid(child.pid) for child in runs)
         os.kill(os.getpid(), signal.SIGINT)
 
     before = {process.pid for process in psutil.Process().children(recursive=True)}
@@ -221,6 +226,17 @@ def test_ctrl_c_ends_both_processes_and_their_kernels(project, two_cores, tmp_pa
     _, alive = psutil.wait_procs(left, timeout=10)
     assert [p for p in alive if "resource_tracker" not in str(p.cmdline())] == []
     assert list(tmp_path.glob("tmp*")) == [], "no sockets"
+    assert len({*sessions, os.getsid(0)}) == 3, "a terminal interrupts neither process itself"
+
+
+def test_a_notebook_without_a_log_of_its_own_has_none_of_former_runs(project):
+    write(project, "01_a", *SEVERAL)
+    task = notebooks._Task(project.notebooks / "01_a.ipynb", project.runs / "01_a.ipynb", {})
+    log = project.runs / "logs" / "naming" / "a.mcap"
+    log.parent.mkdir(parents=True)
+    log.touch()
+    assert task.logs(project, [log]) == {}
+    assert task.logs(project, []) == {"naming": log}
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import pytest
 from made_logs import DATA, made_run
 
 from sfglab.arp.robots import DEPTHS
-from sfglab.lab.cells import run_cells
+from sfglab.lab.cells import _jobs, run_cells
 from sfglab.lab.experiment import SkippedPartError
 from sfglab.lab.experiments import transmission
 from sfglab.lab.experiments.transmission import live, results
@@ -131,6 +131,10 @@ def bench(tmp_path):
     """The context of a run of a made-up experiment."""
     config, log = SimpleNamespace(profile="quick"), SimpleNamespace(path=tmp_path / "a.mcap")
     return Mock(experiment="made", config=config, log=log)
+
+
+def test_each_cell_has_its_own_number_of_repetitions_and_all_first_ones_come_first():
+    assert _jobs([2, 0, 1]) == [(0, 0), (2, 0), (0, 1)]
 
 
 def run(bench, cells, play, *, start=started, repeats=1):
