@@ -221,6 +221,14 @@ def test_a_late_look_lowers_no_rate_and_a_change_keeps_frames():
     assert [frame for frame, _ in arrivals_of(air, [])] == [0, 1, 2]
 
 
+def test_a_frame_that_the_access_point_does_not_get_is_counted_and_not_sent_again():
+    air = Air(2, Medium(access_point=True), lose=lambda host: host == 0)
+    for host in range(2):
+        air.offer(host, f"of {host}", size_bytes=100, now_ns=0)
+    assert [frame for frame, _ in arrivals_of(air, [])] == ["of 1"]
+    assert (air.counters.lost, air.counters.frames) == (1, 3)
+
+
 def test_a_frame_arrives_at_its_time_also_if_an_earlier_one_has_a_longer_latency():
     air = Air(1, Medium(latency_s=0.1))
     air.offer(0, "slow", size_bytes=100, now_ns=0)
