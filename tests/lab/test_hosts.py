@@ -7,12 +7,13 @@ import subprocess
 import sys
 from contextlib import contextmanager, suppress
 from functools import partial
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from sfglab.errors import InvalidValueError
-from sfglab.lab.hosts import HostsError, Network
+from sfglab.lab.hosts import HostsError, HostsUnavailableError, Network
 from sfglab.rtps import Medium
 
 pytestmark = pytest.mark.netns
@@ -168,6 +169,15 @@ def test_a_closed_network_starts_nothing_and_a_lost_hub_takes_the_hosts_along():
         assert guest.wait(TIMEOUT_S) == -9
         with pytest.raises(HostsError, match="hub"):
             net.add_host("late")
+
+
+def test_a_hub_that_gets_no_namespace_is_closed(monkeypatch):
+    channel = Mock()
+    channel.receive.side_effect = HostsError("no namespace")
+    monkeypatch.setattr("sfglab.lab.hosts.network.Channel", lambda: channel)
+    with pytest.raises(HostsUnavailableError, match="no namespace"), Network():
+        pass
+    channel.close.assert_called_once_with()
 
 
 @pytest.mark.parametrize("given", [{"shared": False}, {"queue_rule": "block"}])
