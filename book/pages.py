@@ -440,8 +440,8 @@ def ledger_page() -> str:
     project = find_project()
     page = page_html(project, compute_ledger(project, committed=True))
     about = (
-        "`sfglab claims --reference` prints these values, and `sfglab claims` those of your own runs. Press a "
-        "statement to see its acceptance range, our reason and a text to cite."
+        "`sfglab claims --reference` prints these values, and `sfglab claims` those of your own runs. Click a "
+        "statement to see its acceptance range, the reason of its verdict and a text to cite."
     )
     return f"# The ledger\n\n{about}\n\n{page}\n"
 

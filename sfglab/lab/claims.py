@@ -50,6 +50,11 @@ class How(Enum):
     RTL = "rtl"
     EXACT = "exact"
 
+    @property
+    def shown(self) -> str:
+        """Word for texts. Logs have the value: *exact* for computed values."""
+        return "computed" if self is How.EXACT else self.value
+
 
 class Verdict(Enum):
     """Result of comparing our value with the claim of the paper."""
@@ -69,13 +74,14 @@ class Verdict(Enum):
 
 
 _MEANINGS = {
-    Verdict.REPRODUCED: "the value is accepted; its interval, if it has one, may reach further.",
+    Verdict.REPRODUCED: "the value and the claim's other values are accepted; an interval may reach further.",
     Verdict.BETTER: "the whole interval is above or below the number after 'better'.",
     Verdict.AS_GOOD: "the value of the sfglab variant, which is another method, is accepted.",
     Verdict.FITTED: "the value is accepted, but constants were fitted to the same numbers.",
     Verdict.UNDECIDED: "runs, or conditions that the paper leaves open, have different verdicts, or a part "
     "was not measured.",
-    Verdict.DEVIATES: "the value, or another quantity that the printed reason names, is not accepted.",
+    Verdict.DEVIATES: "the value, or another value that the reason names, is not accepted; it may be "
+    "better than the paper's.",
     Verdict.NOT_YET: "no run has measured it.",
 }
 _FAVOURABLE = (Verdict.REPRODUCED, Verdict.BETTER, Verdict.AS_GOOD)
@@ -226,11 +232,11 @@ class Entry:
 
     @property
     def interval(self) -> str:
-        """Kind of the interval: of one run, over several runs, or none."""
+        """Kind of the interval: of one run, envelope of several runs, or none."""
         shown = self.shown
         if shown is None or shown.low == shown.high:
             return ""
-        return f"range over {len(self.runs)} runs" if self.runs else "95 % interval"
+        return f"envelope of {len(self.runs)} runs" if self.runs else "95 % interval"
 
     def __repr__(self) -> str:
         return f"<{self.claim.id}, {self.verdict.value}: {_comparison(self)}>"
@@ -293,19 +299,19 @@ class Ledger(list[Entry]):
                 rows.append(("", "in this run alone", "", "", *_row(entry.own)[2:]))
                 reasons.setdefault(entry.own_reason, []).append(claim)
         notes = [f"In this run alone ({', '.join(of)}): {why}." for why, of in reasons.items()]
-        notes += self._legend()
+        notes += self.legend()
         lines = "<br>".join(escape(note) for note in notes)
         return f"{html_table(rows, repr(self)[1:-1])}<p>{lines}</p>"
 
-    def _legend(self) -> list[str]:
-        """Return what the verdicts and intervals of these entries mean."""
+    def legend(self) -> list[str]:
+        """Return the meanings of the verdicts and intervals of these entries, one line each."""
         shown = [*self, *(entry.own for entry in self if entry.own)]
         verdicts = {entry.verdict for entry in shown}
         lines = [f"{each.value}: {_MEANINGS[each]}" for each in Verdict if each in verdicts]
         if any(entry.runs and entry.interval for entry in self):
             lines.append(
-                "sfglab, range over several runs: the median of their values, and the lowest and highest "
-                "end of their 95 % intervals."
+                "Several runs: the median of the runs' values, and as envelope the lowest lower and the "
+                "highest upper limit of their 95 % intervals."
             )
         return lines
 
@@ -441,7 +447,7 @@ def render_in_full(entries: Iterable[Entry]) -> str:
 def _paragraph(entry: Entry) -> list[str]:
     claim = entry.claim
     measured = entry.measured
-    how = f", {measured.how.value}" if measured else ""
+    how = f", {measured.how.shown}" if measured else ""
     interval = f" ({entry.interval})" if entry.interval else ""
     lines = [
         f"{claim.id}: {entry.verdict.value}{how}",
@@ -480,7 +486,7 @@ def _row(entry: Entry) -> tuple[str, ...]:
         entry.value,
         entry.interval,
         entry.unit,
-        entry.measured.how.value if entry.measured else "",
+        entry.measured.how.shown if entry.measured else "",
         entry.verdict.value,
     )
 

@@ -261,9 +261,9 @@ class Experiment(Generic[C]):
 
         By default, the sidecar comes from the run: machine, repetitions and the tables that were read. The
         note then begins with the words that the function passes to `note`. It ends with repetitions and
-        machine, or with *computed* if nothing in the figure is measured. If the function returns a
-        dictionary of JSON values, dataclasses and tables, this is the sidecar, and the function alone
-        writes the note.
+        machine. If nothing is measured, it ends with *computed*, unless it begins with *simulated*. If the
+        function returns a dictionary of JSON values, dataclasses and tables, this is the sidecar, and the
+        function alone writes the note.
 
         Args:
             name: Name of the figure.

@@ -88,11 +88,17 @@ def default_sidecar(run: Run[Any]) -> dict[str, Any]:
 
 
 def add_note(figure: Figure, sidecar: Mapping[str, Any], *, measured: bool) -> None:
-    """Append repetitions and machine of a sidecar, or "computed", to the note below a figure."""
+    """Append repetitions and machine of a sidecar, or "computed", to the note below a figure.
+
+    A note that begins with "simulated" has its origin.
+    """
     parts = [figure.get_supxlabel()]
     if sidecar["repetitions"] > 1:
         parts.append(f"{sidecar['repetitions']} repetitions")
-    parts.append(f"run on {sidecar['machine']}" if measured else "computed")
+    if measured:
+        parts.append(f"run on {sidecar['machine']}")
+    elif not parts[0].startswith("simulated"):
+        parts.append("computed")
     note(figure, "; ".join(filter(None, parts)))
 
 

@@ -90,7 +90,7 @@ def _row(project: Project, path: Path, title: str, exp: Experiment[Any], ledger:
     name = next(iter(exp.drawings), "")
     caption = exp.caption(name) if name else ""
     picture = _thumbnail(project.figures / f"{name}.png", caption)
-    claims = verdicts_html(entry for entry in ledger if entry.claim.experiment == exp.name)
+    claims = verdicts_html(entry for entry in ledger if entry.claim.id in exp.claims)
     link = f'<b><a href="{path.name}">{path.stem}</a></b> {escape(exp.where)}<br>{escape(title)}'
     cells = (picture, link, escape(caption), claims)
     return "<tr>" + "".join(f"<td {_CELL}>{cell}</td>" for cell in cells) + "</tr>"

@@ -230,7 +230,7 @@ def _difference(project: Project, entry: Entry, own: Entry, run: Run[Any]) -> st
             f"by the acceptance range of this run; the criterion is judged in notebook {notebook}"
         )
     if entry.runs:
-        return f"one of the {len(entry.runs)} runs whose median and range the ledger has"
+        return f"one of the {len(entry.runs)} runs whose median and envelope the ledger has"
     return f"the ledger has the value of {entry.log}"
 
 

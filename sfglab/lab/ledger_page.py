@@ -40,7 +40,7 @@ PAPERS = {
 """Titles of the papers."""
 ALL = "all"  #: Choice of a filter that hides nothing.
 LEGEND = (
-    "The grey bar is the acceptance range, the line is the paper's number, and the dot is our value with its "
+    "The grey bar is the acceptance range, the line is the paper's number, and the dot is sfglab's value with its "
     "interval. Each claim has a scale of its own."
 )
 _WIDTH = 100  #: Width of an interval plot without its edges, px.
@@ -109,7 +109,8 @@ def page_html(project: Project, ledger: Ledger, top: str = "..") -> str:
     )
     lines = "".join(_line(project, entry, top) for entry in ledger)
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
-    return f"<p>{escape(source)}{LEGEND}</p>{table}"
+    meanings = "<br>".join(map(escape, ledger.legend()))
+    return f"<p>{escape(source)}{LEGEND}</p>{table}<p>{meanings}</p>"
 
 
 def verdict_html(entry: Entry) -> str:
@@ -201,7 +202,7 @@ def citation(project: Project, entry: Entry) -> str:
         parts.append(entry.interval)
     parts.append(f"verdict: {entry.verdict.value}")
     if entry.measured:
-        parts.append(f"{entry.measured.how.value}, number of runs: {max(len(entry.runs), 1)}")
+        parts.append(f"{entry.measured.how.shown}, number of runs: {max(len(entry.runs), 1)}")
     log = project.root / entry.log
     if entry.log and log.is_file():
         commit = entry.origin.rpartition("; ")[2]

@@ -89,7 +89,7 @@ def test_shares_are_of_cells_that_kept_their_schedule_by_medians_and_by_the_firs
     assert ("topics", "cyclone_dds") not in table.index, "it has no play on time"
     figure, _ = transmission.exp.draw("transmission_validation", run)
     assert any(
-        "4 of 6 plays kept their schedule and are shown; 1 failed" in text.get_text()
+        "4 of 6 trials kept their schedule, only these are shown; 1 failed" in text.get_text()
         for text in figure.texts
     )
 

@@ -8,12 +8,14 @@ from sfglab.lab.experiments.cooperation import drawn, live  # noqa: F401 - decla
 from sfglab.lab.experiments.cooperation.experiment import exp
 from sfglab.lab.experiments.cooperation.explorer import hallway_lap
 from sfglab.lab.experiments.cooperation.results import (
+    depth_text,
     difference,
     endings,
     laps,
 )
 
 __all__ = [
+    "depth_text",
     "difference",
     "endings",
     "exp",

@@ -141,8 +141,8 @@ def draw_success(figure: Figure, run: Run[Config]) -> None:
     )
     note(
         figure,
-        f"simulated, {table['seed'].nunique()} seeds per setting, {100 * run.config.loss:g} % of "
-        "frames lost",
+        f"simulated, {table['seed'].nunique()} seeds per setting, {100 * run.config.loss:g} % frame loss; "
+        "timing of Fast DDS; OPT: balanced QoS, LC: local cache, CC: cache control",
     )
 
 
@@ -165,7 +165,7 @@ def draw_tracks(figure: Figure, run: Run[Config]) -> None:
         titles[name] = f"{setting_text(lap)}: {ending}"
     draw_laps(figure, run["track"], titles)
     figure.suptitle("A lap that is completed, and one that fails")
-    note(figure, "simulated, first lap that ends so")
+    note(figure, "simulated; each panel has the first lap with this outcome")
 
 
 def draw_laps(figure: Figure, tracks: pd.DataFrame, titles: dict[str, str]) -> None:
@@ -216,5 +216,8 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
     titles = {LIVE: f"live: {values['end']}", SIMULATED: f"simulated: {values['simulated_end']}"}
     draw_laps(figure, run["track"], titles)
     schedule = "kept its schedule" if values["kept_up"] else "did not keep its schedule"
-    figure.suptitle(f"{setting_text(LIVE_SETTINGS)}: the live lap over DDS {schedule}")
-    note(figure, f"one live lap of {values['lasted_s']:.0f} s, over Cyclone DDS")
+    figure.suptitle(f"One lap over Cyclone DDS with {setting_text(LIVE_SETTINGS)}, live and simulated")
+    note(
+        figure,
+        f"the live lap {schedule} and lasted {values['lasted_s']:.0f} s; the claim concerns Fast DDS",
+    )

@@ -5,7 +5,7 @@ The experiment gives latency and loss for every rate, depth and method, with the
 """
 
 from sfglab.lab.experiments.transmission.experiment import exp
-from sfglab.lab.experiments.transmission.results import causes, order, validated
+from sfglab.lab.experiments.transmission.results import causes, compared, validated
 from sfglab.lab.explore.timeline import Timeline
 
-__all__ = ["Timeline", "causes", "exp", "order", "validated"]
+__all__ = ["Timeline", "causes", "compared", "exp", "validated"]

@@ -109,6 +109,23 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
     }
 
 
+def compared(run: Run[Config], column: str, *, tie: float = 0.0) -> pd.DataFrame:
+    """Return `order` as a table for readers, with latencies in ms or losses in per cent."""
+    found = order(run, column, tie=tie)
+    unit, factor = ("%", 100) if column == "loss" else ("ms", 1)
+    answer = {True: "yes", False: "no"}
+    return pd.DataFrame(
+        {
+            "Rmax (Hz)": found["rate_max_hz"],
+            f"OPT+LC at opt ({unit})": factor * found["best"],
+            f"lowest other ({unit})": factor * found["lowest"],
+            "OPT+LC lowest": found["wins"].map(answer),
+            "highest cell": found["highest_method"] + ", DEPTH " + found["highest_depth"],
+            "DEPTH up to 10 highest": found["small_is_worst"].map(answer),
+        }
+    )
+
+
 @derived
 def causes(run: Run[Config]) -> pd.DataFrame:
     """Return loss with its causes as means over seeds, without cache control, for DEPTH 10 and the depth of Eq. 6.
@@ -122,7 +139,8 @@ def causes(run: Run[Config]) -> pd.DataFrame:
     table["loss (%)"] = 100 * means["loss"]
     table["channel utilisation (%)"] = 100 * means["air_share"]
     table["dropped by full queues (frames/s)"] = means["queue_full"] / run.config.duration_s
-    return table.reset_index()
+    names = {"rate_max_hz": "Rmax (Hz)", "depth": "DEPTH"}
+    return table.reset_index().rename(columns=names)
 
 
 # --- Claims -----------------------------------------------------------------------------------
@@ -260,10 +278,10 @@ def draw_grid(figure: Figure, table: pd.DataFrame, quantity: str, *, scale: str)
         scale: Scale of the vertical axes, ``linear`` or ``log``.
     """
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
-    depths = list(dict.fromkeys(table["depth"]))
+    depths = sorted(set(table["depth"]), key=_place)
     for axes, (rate, part) in zip(panels.flat, table.groupby("rate_max_hz"), strict=False):
         for method, style in STYLES.items():
-            rows = part[part["method"] == method]
+            rows = part[part["method"] == method].sort_values("depth", key=lambda of: of.map(_place))
             base = method.removesuffix("CC").removesuffix("+") or "none"
             places = [depths.index(depth) for depth in rows["depth"]]
             at = np.array(places) + 0.15 * ([*LABELS].index(base) - 1.5)
@@ -281,12 +299,18 @@ def draw_grid(figure: Figure, table: pd.DataFrame, quantity: str, *, scale: str)
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside right center")
 
 
+def _place(depth: str) -> int:
+    """Return a key that sorts depths: the depth of Eq. 6 is between 100 and 1000."""
+    return DEPTHS[-2] - 1 if depth == OPT_DEPTH else int(depth)
+
+
 def codes(run: Run[Config]) -> str:
     """Return the note of the grid's figures."""
     seeds = run["cell"]["seed"].nunique()
     return (
-        "Rmax: publishing rate without OPT; DEPTH: depth of histories, opt: by Eq. 6; "
-        f"medians over {seeds} seeds, bars: range"
+        f"simulated, {100 * run.config.loss:g} % frame loss, {PRESETS[run.config.vendor].name}; medians over "
+        f"{seeds} seeds, bars: lowest to highest seed\n"
+        "Rmax: publishing rate without OPT; DEPTH: depth of histories; opt: by Eq. 6, between 100 and 1000"
     )
 
 
@@ -300,7 +324,7 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
         "OPT+LC at the DEPTH of Eq. 6 (opt) has the lowest latency\n"
         f"at {wins.sum()} of {len(wins)} Rmax (paper: at each)"
     )
-    note(figure, f"{codes(run)}\nwhite dot: fewer than half arrived")
+    note(figure, f"{codes(run)}\nwhite dot: more than half of the messages lost; the median is that of the others")
 
 
 @exp.figure("transmission_loss", size=(10, 6.4), measured=False)
@@ -334,10 +358,10 @@ def on_time(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def counts_text(run: Run[Config], part: str, plays: pd.DataFrame) -> str:
-    """Return how many plays of a part are shown and how many are left out, and what is grey."""
+    """Return how many trials of a part are shown and how many are left out, and what is grey."""
     failed = len(failed_plays(run, part))
     return (
-        f"{len(on_time(plays))} of {len(plays)} plays kept their schedule and are shown; {failed} "
+        f"{len(on_time(plays))} of {len(plays)} trials kept their schedule, only these are shown; {failed} "
         "failed; grey: acceptance range"
     )
 
@@ -367,8 +391,13 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
     left.set(xlabel="loss, live - model (percentage points)")
     right.set(xlabel="median latency, live / model")
     right.legend(loc="lower right", fontsize=8)
+    by_cell = agreeing(kept).groupby(_CELL)[["loss_agrees", "latency_agrees"]].all()
+    lost, late = by_cell.sum()
     figure.suptitle(
-        "Live cells on Cyclone DDS beside the model" if len(kept) else run.skipped("live")
+        f"Model and Cyclone DDS (one trial per cell) agree in loss in {lost}, in latency in {late} of "
+        f"{len(by_cell)} cells"
+        if len(kept)
+        else run.skipped("live")
     )
     note(figure, counts_text(run, "live", run["live"].drop_duplicates(_CELL)))
 
@@ -402,11 +431,11 @@ def _earlier_cells(log: Run[Config]) -> list[pd.DataFrame]:
 def validated(run: Run[Config]) -> pd.DataFrame:
     """Return how well each preset agrees with live runs, by the topics and by the grid's cells.
 
-    Counted are plays that kept their schedule.
+    Counted are trials that kept their schedule.
 
     Returns:
         ``preset``, ``of`` (``topics`` or ``grid``), number of ``cells``; the share of these whose medians over
-        all plays agree in loss and latency, ``both_within``, and whose first play does, ``first_within``.
+        all trials agree in loss and latency, ``both_within``, and whose first trial does, ``first_within``.
     """
     kept = on_time(played(run))
     cells = kept.groupby([*KEYS, "of"], sort=False, dropna=False)
@@ -430,7 +459,7 @@ KIND_STYLES = {
 
 @exp.figure("transmission_validation", size=(10, 6.6))
 def draw_validation(figure: Figure, run: Run[Config]) -> None:
-    """Draw each play of the validation, live over the model: losses above, median latencies below."""
+    """Draw each trial of the validation, live over the model: losses above, median latencies below."""
     rows = played(run)
     kept = on_time(rows)
     panels = figure.subplots(2, len(MODES), sharex="row", sharey="row")
@@ -450,9 +479,15 @@ def draw_validation(figure: Figure, run: Run[Config]) -> None:
     panels[0, 0].set_ylabel("packet loss, live (%)")
     panels[1, 0].set_ylabel("median latency, live (ms)")
     panels[0, 0].legend(fontsize=8)
+    names = {"topics": "topics", GRID: "grid cells"}
     shares = validated(run).groupby("of")["first_within"].agg(["min", "max"])
-    texts = [f"{share.Index} {share.min:.0%} to {share.max:.0%}" for share in lines_of(shares)]
-    figure.suptitle(f"First plays that agree with the model: {', '.join(texts)} (by preset)")
+    texts = [
+        f"{100 * share.min:.0f} to {100 * share.max:.0f} % of the {names[share.Index]}"
+        for share in lines_of(shares.sort_index(ascending=False))
+    ]
+    figure.suptitle(
+        f"First trials in which DDS and model agree, by preset: {', '.join(texts)}\n(points: all trials)"
+    )
     note(figure, counts_text(run, "validation", rows))
 
 
