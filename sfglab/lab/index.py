@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -62,16 +63,19 @@ def make_result(project: Project, ledger: Ledger, says: str, figure: str) -> Ind
     Args:
         project: The checkout.
         ledger: The claims.
-        says: The sentence. ``{ID}`` is replaced by the value of the claim `ID`.
+        says: The sentence. ``{ID}`` is replaced by the value of the claim `ID` with its interval, and
+            ``{ID:.0%}`` by the value alone in this format.
         figure: Name of a committed figure.
     """
     sentence = says
     entries = []
     for entry in ledger:
-        place = f"{{{entry.claim.id}}}"
-        if place in says:
+        for place, form in re.findall(rf"({{{entry.claim.id}(?::(.+?))?}})", says):
             entries.append(entry)
-            sentence = sentence.replace(place, entry.value or "no value")
+            value = entry.value or "no value"
+            if form and entry.shown:
+                value = format(entry.shown.value, form).replace("%", " %")
+            sentence = sentence.replace(place, value)
     exp = next(exp for exp in map(experiment, EXPERIMENTS) if figure in exp.drawings)
     notebook = notebook_of(project, exp.name)
     png = project.figures / f"{figure}.png"
