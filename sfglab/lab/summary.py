@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sfglab.lab.paths import Project
     from sfglab.lab.runs import Run
 
-CAPTION = "Cost at four boundaries without and with a proxy, each with one claim of the ledger."
+CAPTION = "Four boundaries: cost without and with the proxy, and the claim of the ledger for each."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,9 +151,7 @@ def save_summary(project: Project) -> list[Path]:
     return save_figure(figure, project.figures / "summary", sidecar)
 
 
-def _draw(
-    figure: Figure, panels: list[tuple[Boundary, pd.DataFrame, Entry, Entry | None]]
-) -> None:
+def _draw(figure: Figure, panels: list[tuple[Boundary, pd.DataFrame, Entry, Entry | None]]) -> None:
     # values and verdicts are below
     figure.set_layout_engine("constrained", rect=(0, 0.28, 1, 0.72))
     for axes, (boundary, table, entry, papers) in zip(figure.subplots(1, 4), panels, strict=True):

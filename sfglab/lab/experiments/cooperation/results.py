@@ -216,7 +216,9 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
     titles = {LIVE: f"live: {values['end']}", SIMULATED: f"simulated: {values['simulated_end']}"}
     draw_laps(figure, run["track"], titles)
     schedule = "kept its schedule" if values["kept_up"] else "did not keep its schedule"
-    figure.suptitle(f"One lap over Cyclone DDS with {setting_text(LIVE_SETTINGS)}, live and simulated")
+    figure.suptitle(
+        f"One lap over Cyclone DDS with {setting_text(LIVE_SETTINGS)}, live and simulated"
+    )
     note(
         figure,
         f"the live lap {schedule} and lasted {values['lasted_s']:.0f} s; the claim concerns Fast DDS",

@@ -281,7 +281,9 @@ def draw_grid(figure: Figure, table: pd.DataFrame, quantity: str, *, scale: str)
     depths = sorted(set(table["depth"]), key=_place)
     for axes, (rate, part) in zip(panels.flat, table.groupby("rate_max_hz"), strict=False):
         for method, style in STYLES.items():
-            rows = part[part["method"] == method].sort_values("depth", key=lambda of: of.map(_place))
+            rows = part[part["method"] == method].sort_values(
+                "depth", key=lambda of: of.map(_place)
+            )
             base = method.removesuffix("CC").removesuffix("+") or "none"
             places = [depths.index(depth) for depth in rows["depth"]]
             at = np.array(places) + 0.15 * ([*LABELS].index(base) - 1.5)
@@ -324,7 +326,10 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
         "OPT+LC at the DEPTH of Eq. 6 (opt) has the lowest latency\n"
         f"at {wins.sum()} of {len(wins)} Rmax (paper: at each)"
     )
-    note(figure, f"{codes(run)}\nwhite dot: more than half of the messages lost; the median is that of the others")
+    note(
+        figure,
+        f"{codes(run)}\nwhite dot: more than half of the messages lost; the median is that of the others",
+    )
 
 
 @exp.figure("transmission_loss", size=(10, 6.4), measured=False)
