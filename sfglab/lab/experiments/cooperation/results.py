@@ -17,6 +17,7 @@ from sfglab.lab.experiments.cooperation.live import LIVE, LIVE_SETTINGS, SIMULAT
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, difference_of, share_of
+from sfglab.rtps import PRESETS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -142,7 +143,7 @@ def draw_success(figure: Figure, run: Run[Config]) -> None:
     note(
         figure,
         f"simulated, {table['seed'].nunique()} seeds per setting, {100 * run.config.loss:g} % frame loss; "
-        "timing of Fast DDS; OPT: balanced QoS, LC: local cache, CC: cache control",
+        f"timing of {PRESETS[run.config.vendor].name}; OPT: balanced QoS, LC: local cache, CC: cache control",
     )
 
 
