@@ -148,7 +148,7 @@ def test_live_cells_agree_in_latency_and_but_for_two_saturated_ones_in_loss():
     differing = table[~table["loss_agrees"]][["method", "rate_max_hz", "depth"]].drop_duplicates()
     assert differing.to_numpy().tolist() == [["none", 200, "10"], ["none", 200, "1000"]]
     figure, _ = exp.draw("transmission_live", reference(exp))
-    assert "14 of 14 plays" in figure.get_supxlabel()
+    assert "14 of 14 trials" in figure.get_supxlabel()
 
 
 def test_optimised_methods_have_the_depth_of_eq_6_live_as_well():
