@@ -90,7 +90,7 @@ async def show_camera(talker: Node, listener: Node) -> None:
     picture, header = open_source("photos").frame().bgr, default_message("std_msgs/msg/Header")
     publisher = talker.create_publisher(packet_type, CAMERA, COMPRESSED_STREAM)
     route = routes_of_topic(CAMERA)[0]
-    outputs = Outputs(listener, IMAGE, route.local_topic, ["shm"])
+    outputs = Outputs(listener, route, ["shm"])
     decoded = run_pipeline(route, remote=listener, outputs=outputs, counts=Statistics())
     options: dict[str, Any] = {"qos": SENSOR_DATA, "transport": "shm"}
     frames = listener.create_subscription(IMAGE, route.local_topic, **options)

@@ -2,7 +2,7 @@
 
 import asyncio
 import zlib
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,8 +15,11 @@ from sfglab.codecs import COMPRESSED_IMAGE
 from sfglab.component import Orders, beside
 from sfglab.fleet.decoder import pipeline, streams
 from sfglab.fleet.decoder.pipeline import (
+    LOCAL_QOS,
+    REPAIR_BYTES,
     Statistics,
     StreamCodec,
+    dds_qos,
     image_prefix,
     message_bytes,
     write_message,
@@ -43,6 +46,33 @@ def metadata(topic=STREAM, **stream_fields):
     stream = default_message("sfglab_interfaces/msg/StreamInfo", **fields)
     sensor = default_message("sfglab_interfaces/msg/SensorInfo", streams=[stream])
     return default_message("sfglab_interfaces/msg/AgentMetadata", agent="go2", sensors=[sensor])
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "depth"),
+    [(64, 64, 256), (640, 360, 74), (1280, 720, 21), (3840, 2160, LOCAL_QOS.depth), (0, 0, 24)],
+)
+def test_images_are_kept_for_readers_that_lag_behind_as_far_as_memory_allows(width, height, depth):
+    (image,), _ = routes_of_agent(metadata(codec="h264", width=width, height=height))
+    assert dds_qos(image) == replace(LOCAL_QOS, depth=depth)
+    assert depth == LOCAL_QOS.depth or width * height * 3 * depth <= REPAIR_BYTES
+
+
+def test_camera_info_has_the_usual_history_and_so_has_shared_memory():
+    image, info = routes_of_topic(STREAM)
+    assert dds_qos(info) == LOCAL_QOS
+    made = {}
+
+    def create_publisher(type_, topic, qos, *, transport):
+        made[transport] = (type_, topic, qos)
+        return SimpleNamespace(close=lambda: None)
+
+    outputs = pipeline.Outputs(
+        SimpleNamespace(create_publisher=create_publisher), image, ["dds", "shm"]
+    )
+    outputs.open()
+    outputs.close()
+    assert made == {"dds": (IMAGE, LOCAL, dds_qos(image)), "shm": (IMAGE, LOCAL, LOCAL_QOS)}
 
 
 def test_a_stream_is_known_by_its_name_or_description_and_only_numbered_packets_have_a_replay():

@@ -10,13 +10,14 @@ import asyncio
 import functools
 import struct
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.bus.errors import InvalidMessageError
 from sfglab.codecs import CodecError, image_decoder
+from sfglab.codecs.errors import MAX_PIXELS
 from sfglab.component import beside
 from sfglab.fleet.decoder.splicer import Source, Splicer
 from sfglab.fleet.decoder.streams import IMAGE_TYPE, RELAY, Route
@@ -98,6 +99,26 @@ def message_bytes(prefix: bytes, items: NDArray[np.generic]) -> bytes:
 
 LOCAL_QOS = QoSProfile(depth=5)  #: QoS on the device: reliable, so that every subscription matches.
 
+#: Maximum size of the images that a DDS writer keeps for a reader that lags behind, bytes.
+REPAIR_BYTES = 64 << 20
+_MOST_REPAIRED = 256
+_USUAL_PIXELS = 1280 * 720  # of a stream that does not announce its size
+_PIXEL_BYTES = 3
+
+
+def dds_qos(route: Route) -> QoSProfile:
+    """Return the QoS of a route's local DDS writer: `LOCAL_QOS`, for images with a deeper history.
+
+    A writer sends a GAP for an image that a reader still requests, but that it has overwritten. If a reader of
+    Fast DDS (2.14 and 3.2) has received a part of this image, its next `take` never returns.
+    """
+    if route.codec == RELAY:
+        return LOCAL_QOS  # a message fits one datagram
+    pixels = _USUAL_PIXELS if route.most_pixels == MAX_PIXELS else route.most_pixels
+    depth = min(REPAIR_BYTES // (pixels * _PIXEL_BYTES), _MOST_REPAIRED)
+    return replace(LOCAL_QOS, depth=max(depth, LOCAL_QOS.depth))
+
+
 #: Time for a replay to connect, s; the live stream has sent a key frame by then.
 REPLAY_TIMEOUT_S = 3.0
 
@@ -115,10 +136,9 @@ class Statistics:
 class Outputs:
     """Local publishers of one topic: one for each subscribed transport, once it is open."""
 
-    def __init__(self, local: Node, type_: str, topic: str, transports: Iterable[str]) -> None:
+    def __init__(self, local: Node, route: Route, transports: Iterable[str]) -> None:
         self._local = local
-        self._type = type_
-        self._topic = topic
+        self._route = route
         self._transports = frozenset(transports)
         self._is_open = False
         self._publishers: dict[str, Publisher] = {}
@@ -137,9 +157,9 @@ class Outputs:
             self._publishers.pop(gone).close()
         for new in sorted(wanted - set(self._publishers)):
             self._publishers[new] = self._local.create_publisher(
-                self._type,
-                self._topic,
-                LOCAL_QOS,
+                self._route.local_type,
+                self._route.local_topic,
+                dds_qos(self._route) if new == "dds" else LOCAL_QOS,
                 transport=new,  # type: ignore[arg-type]  # the protocol carries text
             )
 

@@ -69,9 +69,7 @@ class PipelineWorker:
             await self._end()
             route = from_json(Route, order["stream"])
             # Before the task has begun, the next order may change the transports.
-            self._outputs = Outputs(
-                self._local, route.local_type, route.local_topic, order["transports"]
-            )
+            self._outputs = Outputs(self._local, route, order["transports"])
             self._pipeline = asyncio.create_task(self._run_one(route, self._outputs))
         elif order["do"] == "serve" and self._outputs is not None:
             self._outputs.serve(order["transports"])
