@@ -97,7 +97,7 @@ def draw_stages(figure: Figure, run: Run[Config]) -> None:
     figure.suptitle(
         f"{in_software} edges cross the boundary with all topics in software, {in_hardware} with "
         f"topics in hardware, {by_gateways} with gateways\n(paper: {numbers}; the graph is completed so "
-        f"that {stated[0]:g} and {stated[1]:g} come out)\n"
+        f"that {stated[0]:g} and {stated[1]:g} come out)"
     )
 
 
