@@ -32,5 +32,6 @@ def _value(rng, type_):
 
 
 def random_message(rng, name):
-    types = fields_of(name).items()
-    return type_store().types[name](**{field: _value(rng, type_) for field, type_ in types})
+    types = fields_of(name).values()
+    # By position: a field whose name is a keyword of Python has another name in the class.
+    return type_store().types[name](*(_value(rng, type_) for type_ in types))
