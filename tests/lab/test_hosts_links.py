@@ -265,7 +265,8 @@ def test_frames_pass_at_the_rate_of_the_medium_and_a_full_queue_drops_and_counts
     assert (counters.queue_full > 100) == (queue_frames < 800)
     assert count + counters.queue_full + counters.overrun == 800
     assert span_s > count * airtime_s
-    assert counters.airtime_ns / 1e9 == pytest.approx(count * airtime_s, rel=0.02)
+    surplus_s = counters.airtime_ns / 1e9 - count * airtime_s
+    assert -0.001 * span_s < surplus_s < 5 * airtime_s, "a few frames of address resolution"
 
 
 @netns
