@@ -15,8 +15,8 @@ from sfglab.codecs import COMPRESSED_IMAGE
 from sfglab.component import Orders, beside
 from sfglab.fleet.decoder import pipeline, streams
 from sfglab.fleet.decoder.pipeline import (
+    HISTORY_BYTES,
     LOCAL_QOS,
-    REPAIR_BYTES,
     Statistics,
     StreamCodec,
     dds_qos,
@@ -55,7 +55,7 @@ def metadata(topic=STREAM, **stream_fields):
 def test_images_are_kept_for_readers_that_lag_behind_as_far_as_memory_allows(width, height, depth):
     (image,), _ = routes_of_agent(metadata(codec="h264", width=width, height=height))
     assert dds_qos(image) == replace(LOCAL_QOS, depth=depth)
-    assert depth == LOCAL_QOS.depth or width * height * 3 * depth <= REPAIR_BYTES
+    assert depth == LOCAL_QOS.depth or width * height * 3 * depth <= HISTORY_BYTES
 
 
 def test_camera_info_has_the_usual_history_and_so_has_shared_memory():

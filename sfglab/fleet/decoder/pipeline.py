@@ -99,23 +99,25 @@ def message_bytes(prefix: bytes, items: NDArray[np.generic]) -> bytes:
 
 LOCAL_QOS = QoSProfile(depth=5)  #: QoS on the device: reliable, so that every subscription matches.
 
-#: Maximum size of the images that a DDS writer keeps for a reader that lags behind, bytes.
-REPAIR_BYTES = 64 << 20
-_MOST_REPAIRED = 256
+#: Size of the images that a DDS writer keeps for a reader that lags behind, bytes, unless these are fewer images
+#: than the depth of `LOCAL_QOS`.
+HISTORY_BYTES = 64 << 20
+_MAX_DEPTH = 256
 _USUAL_PIXELS = 1280 * 720  # of a stream that does not announce its size
-_PIXEL_BYTES = 3
+_PIXEL_BYTES = 3  # of the encoding bgr8
 
 
 def dds_qos(route: Route) -> QoSProfile:
     """Return the QoS of a route's local DDS writer: `LOCAL_QOS`, for images with a deeper history.
 
-    A writer sends a GAP for an image that a reader still requests, but that it has overwritten. If a reader of
-    Fast DDS (2.14 and 3.2) has received a part of this image, its next `take` never returns.
+    If a reader requests an image that the writer has overwritten, the writer sends a GAP. If a reader of Fast DDS
+    (2.14 and 3.2) has received a part of this image, its next `take` can hang. With a deeper history, the
+    reader has more time to request the image.
     """
     if route.codec == RELAY:
         return LOCAL_QOS  # a message fits one datagram
     pixels = _USUAL_PIXELS if route.most_pixels == MAX_PIXELS else route.most_pixels
-    depth = min(REPAIR_BYTES // (pixels * _PIXEL_BYTES), _MOST_REPAIRED)
+    depth = min(HISTORY_BYTES // (pixels * _PIXEL_BYTES), _MAX_DEPTH)
     return replace(LOCAL_QOS, depth=max(depth, LOCAL_QOS.depth))
 
 
