@@ -81,7 +81,7 @@ def service_of(dds_topic: str) -> str:
 
 
 class RosHalf:
-    """Reader or writer of a server or client; a reader has an inbox."""
+    """Request or reply endpoint of a server or client; a reader has an inbox."""
 
     lost = 0
 
@@ -190,15 +190,15 @@ class RosServices:
     ) -> RosHalf:
         """Open a reader, which needs an inbox, or a writer.
 
-        The program opens the server or client when both are open. A server with its reader alone would be seen
-        and called while its replies have no way back, and they would be lost.
+        The program opens a server or client once its request endpoint and its reply endpoint are open. Clients
+        would discover and call a server without its reply endpoint, and the replies would be lost.
         """
         half = RosHalf(self, endpoint, notify, inbox)
         beside = self._halves_of(half.key)
         self._halves.append(half)
         if half.key in self._opened:
             half.matched = beside[0].matched
-        elif any((one.inbox is None) is not (inbox is None) for one in beside):
+        elif len({one.inbox is None for one in (half, *beside)}) == 2:  # a reader and a writer
             self._opened.add(half.key)
             self._order(do="open", **half.order)
         self.start()
