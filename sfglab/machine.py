@@ -108,9 +108,8 @@ class ProcessLife(Generic[S, I, A]):
             timing: Waits between restarts.
         """
         self.state = start  #: Present state.
-        self.deadline_ns: int | None = (
-            None  #: Time at which the timer is due; None: it is not armed.
-        )
+        #: Time at which the timer is due; None: it is not armed.
+        self.deadline_ns: int | None = None
         self.was_ready = False  #: Whether the process has ever served.
         self._name = name
         self._table = table
@@ -141,13 +140,14 @@ class ProcessLife(Generic[S, I, A]):
         """
         before = self.state
         self.state, actions = step(self._name, self._table, self.state, given)
-        for action in actions:
+        action = next(iter(actions), None)
+        if action is not None:
             wait_ns = self._wait_ns(action, now_ns)
             self.deadline_ns = None if wait_ns is None else now_ns + wait_ns
         if given is self.READY and self.state is not before:
             self.was_ready = True
             self._serves_since_ns = now_ns
-        return next(iter(actions), None)
+        return action
 
     def _wait_ns(self, action: A, now_ns: int) -> int | None:
         if action is not self.BACK_OFF:

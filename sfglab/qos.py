@@ -51,9 +51,8 @@ class QoSProfile(Shown):
     deadline_ns: int | None = None
     #: Age after which a sample is dropped, ns; None is infinite.
     lifespan_ns: int | None = None
-    liveliness: Liveliness = (
-        Liveliness.AUTOMATIC
-    )  #: Source of liveliness assertions: process or samples.
+    #: Source of liveliness assertions: process or samples.
+    liveliness: Liveliness = Liveliness.AUTOMATIC
     #: Time without an assertion after which a writer is lost, ns; None is infinite.
     lease_ns: int | None = None
 

@@ -93,9 +93,10 @@ def map_graph(
         mapping, load = _placed(graph, lut, bram)
     else:
         unused("without --optimise-placement, which alone uses areas", "lut", "bram")
-        mapping = map_communication(graph)
         if gateway_rule == "size":
             mapping = map_communication(graph, gateway=faster_by_gateway)
+        else:
+            mapping = map_communication(graph)
     found = mapping.gateways
     files: dict[Path, str | bytes] = {}
     if figure is not None:
