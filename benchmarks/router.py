@@ -1,12 +1,13 @@
 """Measure the cost of the router: talker and listener in two domains, against both in one domain.
 
 Three processes on loopback: talker, router (``python -m sfglab.fleet.router.node``), listener; for the direct
-arm the router stands idle and the listener is in the talker's domain. Talker and listener touch samples as
-little as possible, so the difference is the router. One quantity is the latency of 64-byte messages at 200 Hz and of
-691 kB images at 30 Hz, from the source time stamp until the listener takes the sample. The other is the throughput
-of 64-byte messages and of images when the talker sends as fast as RELIABLE and KEEP_ALL permit. Its CPU time until it is ready and its largest memory are measured as well. If ROS 2 is installed, an rclpy
-node also receives the images, and its latency is from the stamp in the header to its callback. Rounds of the arms
-alternate, so that other load on the machine falls on both; ratios are within a round.
+arm the router is idle and the listener is in the talker's domain. Talker and listener touch samples as
+little as possible, so the difference is the router. One quantity is the latency of 64-byte messages at 200 Hz
+and of 691 kB images at 30 Hz, from the source time stamp until the listener takes the sample. Another is the
+throughput of 64-byte messages and of images when the talker sends as fast as RELIABLE and KEEP_ALL permit. The
+router's CPU time until it is ready and the router's largest memory are measured as well. If ROS 2 is installed,
+an rclpy node also receives the images, and its latency is from the stamp in the header to its callback. Rounds
+of the arms alternate, so that other load on the machine falls on both; ratios are within a round.
 
     python benchmarks/router.py --seconds 5 --rounds 5
 """

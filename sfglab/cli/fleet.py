@@ -111,8 +111,8 @@ def agent_up(
 
     The router connects the agent's own DDS domain with the domain that all agents share. The
     status provider and the discoverer make agents known to each other. The decoder decodes video of
-    other agents, and the GOP cache sends the current group of pictures to late-joining subscribers (paper A, section 4).
-    Crashed components are restarted; each restart is reported.
+    other agents, and the GOP cache sends the current group of pictures to late-joining subscribers
+    (paper A, section 4). Crashed components are restarted; each restart is reported.
 
     Examples:
       sfglab agent up --domain 7
