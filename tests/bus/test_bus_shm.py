@@ -36,7 +36,7 @@ def address_of(array):
     return array.__array_interface__["data"][0]
 
 
-def door(node):
+def connect(node):
     """Return a connection to the publisher of /t, as a subscriber makes it."""
     return wire.connect(entries(node.graph.publishers("/t")[0].user_data)[SHM_KEY])
 
@@ -277,7 +277,7 @@ async def test_limits_of_size_and_memory_are_errors_that_say_so(here):
 async def test_a_peer_cannot_write_or_truncate_the_memory_and_nonsense_is_hung_up_on(here):
     publisher, subscription = await pair(here, here)
     for nonsense in (b"x", b"", b"sfgs" + bytes(100)):
-        peer = door(here)
+        peer = connect(here)
         peer.send(nonsense)
         peer.setblocking(True)
         assert await asyncio.wait_for(asyncio.to_thread(peer.recv, 10), 60) == b""
@@ -297,7 +297,7 @@ async def test_a_subscriber_that_gives_slots_back_and_ends_while_more_waits_is_n
 ):
     publisher = here.create_publisher(STRING, "/t", transport="shm")
     await until(lambda: here.graph.publishers("/t"))
-    with door(here) as peer:
+    with connect(here) as peer:
         peer.sendall(wire.pack_hello(wire.Hello(depth=1, wants_history=False)))
         await until(lambda: publisher._writer._fanout.peers)
         for i in range(2 * credits_of(1)):
@@ -317,7 +317,7 @@ async def test_silent_connections_end_and_used_up_descriptors_lock_nobody_out(
 ):
     monkeypatch.setattr(writer, "HELLO_S", 0.2)
     publisher, _ = await pair(here, here)
-    silent = [door(here) for _ in range(20)]
+    silent = [connect(here) for _ in range(20)]
     await until(lambda: len(publisher._writer._connections) > 1)
     await until(lambda: len(publisher._writer._connections) == 1)
     asked, real = [], publisher._writer._listener
@@ -329,7 +329,7 @@ async def test_silent_connections_end_and_used_up_descriptors_lock_nobody_out(
 
     listener.accept = none_left
     publisher._writer._listener = listener
-    silent.append(door(here))
+    silent.append(connect(here))
     await asyncio.sleep(0.5)
     assert len(asked) < 5, "it spins"
     listener.accept = real.accept

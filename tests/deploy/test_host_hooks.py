@@ -61,13 +61,18 @@ def tree(root, *, times=True):
     found = {}
     for path in root.rglob("*"):
         state = path.lstat()
-        content = path.readlink() if path.is_symlink() else path.is_file() and path.read_bytes()
-        found[path.relative_to(root)] = (state.st_mode, content, times and state.st_mtime_ns)
+        content = None
+        if path.is_symlink():
+            content = path.readlink()
+        elif path.is_file():
+            content = path.read_bytes()
+        changed_ns = state.st_mtime_ns if times else 0
+        found[path.relative_to(root)] = (state.st_mode, content, changed_ns)
     return found
 
 
 def files_in(root):
-    return {path for path, (_, content, _) in tree(root).items() if content is not False}
+    return {path for path, (_, content, _) in tree(root).items() if content is not None}
 
 
 def test_another_root_gets_what_a_dry_run_shows_undo_takes_it_back_and_nothing_that_runs_is_touched(

@@ -58,7 +58,7 @@ def test_a_look_up_between_any_frames_is_the_product_of_the_matrices(seed, size)
     buffer, from_root = FrameBuffer(), [np.eye(4)]
     for frame in range(1, size):
         parent, static = int(rng.integers(frame)), bool(rng.integers(2))
-        poses = [Pose.at(rng.normal(size=3), rng.normal(size=4)) for _ in range(2 - static)]
+        poses = [Pose.at(rng.normal(size=3), rng.normal(size=4)) for _ in range(1 if static else 2)]
         for second, pose in enumerate(poses):
             put(buffer, f"f{parent}", f"f{frame}", second, pose=pose, static=static)
         from_root.append(from_root[parent] @ poses[0].interpolate(poses[-1], 0.25).matrix())

@@ -94,7 +94,6 @@ def test_names_and_numbers_read_back_as_the_same(editor):
 SAVES = """
 import sys
 from pathlib import Path
-from unittest.mock import Mock
 from sfglab.spatial.scene.files import load_scene, save_scene
 path = Path(sys.argv[1])
 scenes = [load_scene(path.with_name(name)) for name in ("a.yaml", "b.yaml")]
