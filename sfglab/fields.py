@@ -66,23 +66,18 @@ class Bounds:
 
 
 def bounds(
-    low: float = 0, high: float = math.inf, *, log: bool = False, without: tuple[float, ...] = ()
+    low: float = 0, high: float = math.inf, *, without: tuple[float, ...] = ()
 ) -> dict[str, Any]:
     """Return metadata, as in ``field(metadata=bounds(1, 9))``; arguments as of `Bounds`."""
-    allowed = Bounds(low, high, log, without)
+    allowed = Bounds(low, high, without=without)
     return {BOUNDS: allowed, **allowed.limits}
 
 
 def between(
-    default: T,
-    low: float = 0,
-    high: float = math.inf,
-    *,
-    log: bool = False,
-    without: tuple[float, ...] = (),
+    default: T, low: float = 0, high: float = math.inf, *, without: tuple[float, ...] = ()
 ) -> T:
     """Bound a field of a dataclass, whose default this is; further arguments as of `Bounds`."""
-    return dataclasses.field(default=default, metadata=bounds(low, high, log=log, without=without))
+    return dataclasses.field(default=default, metadata=bounds(low, high, without=without))
 
 
 def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:

@@ -99,8 +99,8 @@ METHODS = {
 BEST = "OPT+LC"  #: Method that by the paper has the lowest latency and loss and completes the lap.
 
 MethodName = Literal["none", "OPT", "CC", "LC", "OPT+CC", "OPT+LC", "OPT+LC+CC"]
-Rate = Annotated[int, Bounds(10, 1000, log=True)]  #: Value of Rmax, Hz.
-Depth = Annotated[int, Bounds(1, 5000, log=True)]  #: Depth of a history, samples.
+Rate = Annotated[int, Bounds(10, 1000)]  #: Value of Rmax, Hz.
+Depth = Annotated[int, Bounds(1, 5000)]  #: Depth of a history, samples.
 RATES_HZ = (100, 200, 500, 1000)  #: Values of Rmax: Table 2, DEADLINE.
 
 #: Values of DEPTH in Table 2; the optimum of Eq. 6 is a further value.

@@ -40,7 +40,7 @@ _FASTEST = 1  # level of PNG
 class Config(Shown):
     """Frames and level of PNG of the run."""
 
-    frames: int = between(40, 1, 1200, log=True)  #: Depth frames, each coded by all codecs.
+    frames: int = between(40, 1, 1200)  #: Depth frames, each coded by all codecs.
     #: Level of PNG beside its fastest, 1; the transport plug-in's is 9.
     png_level: int = between(9, 0, 9)
     source: str = "stereo"  #: Source of frames with depth.

@@ -45,7 +45,7 @@ class Config(Profiled):
     """The `Config` has the settings of a run."""
 
     #: Time for which each sensor is read, s.
-    readings_s: float = between(60.0, 1.0, 3600.0, log=True)
+    readings_s: float = between(60.0, 1.0, 3600.0)
     rates_hz: tuple[Rate, ...] = RATES_HZ  #: Rates at which each sensor is read, Hz.
     loss: float = between(0.2, 0.0, 0.9)  #: Share of frames that the simulated link loses.
     #: Numbers of topics per agent for which Eq. 6 is solved.
@@ -58,7 +58,7 @@ class Config(Profiled):
         (10,),
     )
     #: Values of Rmin for which Eq. 6 is solved, Hz. The paper states no value of Rmin.
-    rates_min_hz: tuple[Annotated[float, Bounds(0.1, 100.0, log=True)], ...] = (0.5, 1.0, 10.0)
+    rates_min_hz: tuple[Annotated[float, Bounds(0.1, 100.0)], ...] = (0.5, 1.0, 10.0)
     #: Values of Dmin for which Eq. 6 is solved. The paper states no value of Dmin.
     depths_min: tuple[float, ...] = (1.0, 10.0, 100.0)
     #: File in the data folder with the topics and the channel for the rates of Eq. 6.
