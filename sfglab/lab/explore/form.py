@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sfglab.fields import Bounds
 
 _STEPS = 200
+_UNIT = re.compile(r"\[([^\]]+)\]")
 _ARGUMENT = re.compile(r"^ {4}(\w+): (.+(?:\n {8}.+)*)", re.MULTILINE)
 
 
@@ -65,10 +66,10 @@ class Form:
     def _row(self, name: str, hint: Any, text: str) -> Any:
         """Return a parameter's widget with its unit and text."""
         control = _control(hint, self.default[name])
-        unit = "".join(re.findall(r"\[([^\]]+)\]", text))
-        control.description = name.removesuffix(f"_{unit.lower().replace('µ', 'u')}").replace(
-            "_", " "
-        )
+        found = _UNIT.search(text)
+        unit = found[1] if found else ""
+        suffix = f"_{unit.lower().replace('µ', 'u')}"
+        control.description = name.removesuffix(suffix).replace("_", " ")
         control.tooltip = text
         control.style.description_width = "9em"
         control.layout.width = "26em"

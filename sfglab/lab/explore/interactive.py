@@ -57,8 +57,9 @@ class Interactive:
         self.form = Form(function, self._ask)
         self._setting = self.form.default  #: Setting of the picture that is shown.
         computed = function()
-        self.picture: Picture  #: The picture that is shown.
-        *_, self.picture = [computed] if isinstance(computed, Picture) else filter(None, computed)
+        if not isinstance(computed, Picture):
+            *_, computed = filter(None, computed)
+        self.picture: Picture = computed  #: The picture that is shown.
         self._is_whole = True
         self._changed_at = time.monotonic()
         self._lock = threading.Lock()  # two threads send values to the page

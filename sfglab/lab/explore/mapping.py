@@ -175,6 +175,7 @@ class PressedMapping(Pressed):
         lines = self._layout.lines
         for x, y, text in self._carriages():
             ax.text(x, y, text, color=FRAME, **_NOTE)
+            # The second point, towards the subscribers, keeps the times on their edges farther away.
             places += [(x, y), (x + _NOTE_SIZE[0] / 3, y)]
         for edge, text in self._times().items():
             others = [line for other, line in lines.items() if other != edge]

@@ -34,7 +34,7 @@ Samples = Annotated[int, Bounds(1, 40)]
 Seed = Annotated[int, Bounds(0, 20)]
 
 _FLOW = "a"
-_REPAIR, _LOST = "repair", "lost"
+_REPAIR = "repair"
 _KINDS = {
     Frame.DATA: ("sample", COLORS["proxy"]),
     Frame.BURST: (_REPAIR, COLORS["third"]),
@@ -131,7 +131,7 @@ class Timeline(Pressed):
         axes.grid(visible=False)
         for label, color in _KINDS.values():
             axes.plot([], [], color=color, label=label)
-        axes.plot([], [], "x", color=COLORS["standard"], label=_LOST)
+        axes.plot([], [], "x", color=COLORS["standard"], label="lost")
         figure.legend(loc="outside lower center", ncols=6, fontsize=8)
         late = "never"
         if outcome.delivered.any():
@@ -177,5 +177,7 @@ def _draw_samples(axes: Axes, outcome: FlowOutcome, place_of: Callable[[Any], An
         axes.text(place_of(time_ns), 1.06, str(number), va="bottom", color=color, **style)
     for time_ns in np.unique(outcome.received_ns[had]):
         taken = numbers[had & (outcome.received_ns == time_ns)]
-        text = "-".join(map(str, np.unique(taken[[0, -1]])))
+        text = str(taken[0])
+        if len(taken) > 1:
+            text += f"-{taken[-1]}"
         axes.text(place_of(time_ns), -0.06, text, va="top", **style)

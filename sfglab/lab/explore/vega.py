@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Rows = dict[str, list[dict[str, Any]]]
 
-_WIDTH, _HEIGHT = 200, 200  # of a panel in the still; the page sets the width
+_PANEL_SIZE = 200  # width and height of a panel in the still; the page sets the width
 _STILL_SCALE = 1.5
 _GHOST = {"opacity": 0.45, "aria": False, "clip": True}
 _DARK_COLORS = {
@@ -36,7 +36,8 @@ _DARK_COLORS = {
 """Colours of `COLORS` on a dark background."""
 _POINT = ("place", "series", "x", "y", "words")
 _PATH = ("part", "number", "series", "x", "y")
-REFERENCE, LAST = "reference", "last"  #: Names of the two kinds of faint outlines.
+REFERENCE = "reference"  #: Name of the outlines of the setting at the start.
+LAST = "last"  #: Name of the outlines of the previous setting.
 
 
 # --- Values -----------------------------------------------------------------------------------
@@ -125,7 +126,7 @@ def _panel_chart(place: int, panel: Panel, color: Any) -> Any:
         .encode(x=alt.value(0), y=alt.value(0), text="note:N"),
     ]
     title = alt.Title(panel.title, anchor="start", frame="group")
-    return alt.layer(*layers).properties(width=_WIDTH, height=_HEIGHT, title=title)
+    return alt.layer(*layers).properties(width=_PANEL_SIZE, height=_PANEL_SIZE, title=title)
 
 
 def _channel(channel: Any, axis: Axis) -> Any:
