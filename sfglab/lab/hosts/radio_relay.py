@@ -5,8 +5,8 @@ which the relay hands it to its receivers. A frame to a group reaches all other 
 loss is drawn for each receiver.
 
 The medium is a pure state machine of frames at times, in nanoseconds of the caller's clock. Its rules are
-the functions of `sfglab.rtps.channel`, which the model of RTPS uses as well. The delay of the relay itself is added and counted. It lowers no rate, because a frame's
-end follows from the end of the previous frame.
+the functions of `sfglab.rtps.channel`, which the model of RTPS uses as well. The delay of the relay itself
+is added and counted. It lowers no rate, because a frame's end follows from the end of the previous frame.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Air:
 
     def change(self, medium: Medium) -> None:
         """Change the medium and reset the counters; frames that are sent or queued keep their places."""
-        self._medium = medium
+        self.medium = medium  #: Present medium.
         #: Counters; the caller counts deliveries, and losses of receivers.
         self.counters = RadioCounters()
 
@@ -94,7 +94,7 @@ class Air:
 
     def _queue(self, host: int, waiting: _Waiting) -> None:
         queue = self._queues[host]
-        result = admission(self._medium.rule, len(queue), self._medium.queue_frames)
+        result = admission(self.medium.rule, len(queue), self.medium.queue_frames)
         if result != JOINS:
             self.counters.queue_full += 1
         if result == DISPLACES:
@@ -128,7 +128,7 @@ class Air:
     def _start(self) -> None:
         """Send the next frame: the first of the host whose turn it is among the hosts that wait by then."""
         queues = self._queues
-        medium = self._medium
+        medium = self.medium
         firsts_ns = [queue[0].since_ns for queue in queues if queue]
         if not firsts_ns:
             return
@@ -154,8 +154,11 @@ class Air:
 
 # linux/if_ether.h, linux/if_packet.h, asm-generic/socket.h, linux/prctl.h
 _ETH_P_ALL = 0x0003
-_SOL_PACKET, _PACKET_STATISTICS, _PACKET_IGNORE_OUTGOING = 263, 6, 23
-_SO_RCVBUFFORCE, _SO_TIMESTAMPNS = 33, 35
+_SOL_PACKET = 263
+_PACKET_STATISTICS = 6
+_PACKET_IGNORE_OUTGOING = 23
+_SO_RCVBUFFORCE = 33
+_SO_TIMESTAMPNS = 35
 _PR_SET_TIMERSLACK = 29
 _BUFFER_BYTES = 4 << 20
 _FRAME_BYTES = 2048
@@ -208,7 +211,6 @@ class Relay:
         for host, port in enumerate(ports.values()):
             self.sockets.append(_open(port.outer))
             self._host_of[bytes.fromhex(port.mac.replace(":", ""))] = host
-        self._medium = medium
         self._random = random.Random()
         # whether the last frame from a host to a receiver was lost
         self._bad: dict[tuple[int, int | None], bool] = {}
@@ -220,7 +222,6 @@ class Relay:
 
     def set(self, medium: Medium, *, seed: int) -> None:
         """Change the medium, and reset the counters."""
-        self._medium = medium
         self._air.change(medium)
         self._random.seed(seed)
         self._bad.clear()
@@ -263,7 +264,8 @@ class Relay:
 
     def _lost(self, host: int, receiver: int | None = None) -> bool:
         """Return whether a frame is lost on its way to a receiver or, for None, to the access point."""
-        way, medium = (host, receiver), self._medium
+        way = (host, receiver)
+        medium = self._air.medium
         draw = self._random.random()
         self._bad[way] = is_lost(self._bad.get(way, False), draw, medium.loss, medium.burst_frames)
         return self._bad[way]
