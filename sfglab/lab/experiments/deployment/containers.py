@@ -44,7 +44,7 @@ async def ask_containers(pairs: Pairs, folder: Path) -> dict[str, str]:
     """Run agents as their Compose projects say, and look at all domains from outside; return the faults.
 
     Raises:
-        ProcessFailedError: A container ended.
+        ProcessFailedError: An agent's container ended.
     """
     names = {deployment.agent.name for deployment, _ in pairs}
     with Network() as network:
@@ -73,7 +73,7 @@ async def ask_containers(pairs: Pairs, folder: Path) -> dict[str, str]:
 async def _start(
     stack: AsyncExitStack, deployment: Deployment, bundle: Bundle, host: Host, fleet: Path
 ) -> LineProcess:
-    """Start both containers of an agent, and return the process of the agent's."""
+    """Start both containers of an agent, and return the process in the agent's container."""
     services = yaml.safe_load(bundle.members["compose.yaml"].text)["services"]
     commands = {}
     for name, service in services.items():

@@ -22,26 +22,17 @@ from sfglab.fleet.fleet_file import Accelerator
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.deployment.containers import OUTSIDER, ask_containers
-from sfglab.lab.experiments.deployment.facts import (
-    CODEC,
-    FACTS,
-    TRIAL,
-    Outcome,
-    accepted,
-)
+from sfglab.lab.experiments.deployment.facts import CODEC, FACTS, TRIAL, Outcome, accepted
 from sfglab.lab.experiments.deployment.image import ask_image
 from sfglab.lab.hosts import Network
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from sfglab.deploy.bundle import Bundle
-    from sfglab.deploy.deployment import Deployment
     from sfglab.lab.bench import Bench
-
-    Pairs = Sequence[tuple[Deployment, Bundle]]
+    from sfglab.lab.experiments.deployment.containers import Pairs
 
 LAYERS = ("base", "adapter", "application")
 """Layers of an image from the hardware upwards: paper A, Fig. 5."""

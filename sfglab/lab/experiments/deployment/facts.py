@@ -30,8 +30,12 @@ class Fact:
     was: tuple[str, ...] = ()
 
 
-LAYERS, DETECTION, CONTAINERS = "three image layers", "accelerator detection", "two containers"
-SYSTEMD, DEV_CONTAINER, HOOKS = "systemd", "dev container", "hooks"
+LAYERS = "three image layers"
+DETECTION = "accelerator detection"
+CONTAINERS = "two containers"
+SYSTEMD = "systemd"
+DEV_CONTAINER = "dev container"
+HOOKS = "hooks"
 _ROBOT = "on a machine of the fleet"
 
 CODEC = "FFmpeg opens an H.264 codec of the accelerator that was found"

@@ -52,7 +52,9 @@ def share_confirmed(run: Run[Config]) -> Finding:
     A part of the claim counts as measured if no program was missing for any of its facts.
     """
     facts = facts_of(run)
-    shares, ends, reasons = [], {}, []
+    shares = []
+    ends = {}
+    reasons = []
     for end, rows in facts.groupby("end", sort=False):
         missing = rows[rows["outcome"] == _MISSING]
         asked = rows.drop(missing.index)
