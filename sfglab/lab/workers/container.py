@@ -14,7 +14,8 @@ import sys
 from sfglab.lab.hosts.enter import CLONE_NEWNET, unshare
 from sfglab.lab.hosts.host import INTERFACE
 
-_MACHINE, _INSIDE = "10.88.0.1", "10.88.0.2"
+_MACHINE = "10.88.0.1"
+_INSIDE = "10.88.0.2"
 _LO = 1
 
 

@@ -59,8 +59,11 @@ _FIRST_NS = 250 * NS_PER_MS  # time of the first look-up
 _BASE_FROM_MARKERS = Pose.at((0.1, 0.0, 0.2), (0.0, 0.05, 0.0, 1.0))
 _BASE_FROM_CAMERA = Pose.at((0.33, 0.0, 0.13), (0.5, -0.5, 0.5, -0.5))
 _WORLD_FROM_ODOM = Pose.from_yaw((1.5, -0.7, 0.1), 0.6)
-_DRIFT_M_S, _DRIFT_RAD_S = 0.02, 0.01  # of the odometry, typical of wheels and legs
-_MOTION_HZ, _LOOK_UP_HZ = 50.0, 50.0
+# Drift of the odometry, typical of wheels and legs.
+_DRIFT_M_S = 0.02
+_DRIFT_RAD_S = 0.01
+_MOTION_HZ = 50.0
+_LOOK_UP_HZ = 50.0
 _PATIENCE_S = 2.0  # longest wait of a look-up
 _SAMPLE_NS = 100 * NS_PER_MS  # time between transforms in the log
 

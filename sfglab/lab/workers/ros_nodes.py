@@ -48,7 +48,8 @@ _BATCH = 256
 # The stacks of a process need different domain ids, although all of them join one domain on the network.
 _FIRST_STACK_ID = 110
 _ROS_TOPICS = (b"rt/", b"rq/", b"rr/", b"ros_discovery_info")
-TALKER, LISTENER = "talker", "listener"
+TALKER = "talker"
+LISTENER = "listener"
 _ROSOUT = QoSProfile(depth=1000, durability=Durability.TRANSIENT_LOCAL, lifespan_ns=10 * NS_PER_S)
 _SERVICE = QoSProfile(history=History.KEEP_ALL)
 _CHATTER = {TALKER: QoSProfile(depth=7), LISTENER: QoSProfile(depth=10)}

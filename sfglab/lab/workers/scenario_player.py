@@ -144,7 +144,8 @@ class _Inlet:
         lib = library()
         if lib.dds_takecdr(self.handle, self._serdata, 1, self._infos, ANY_STATE) != 1:
             return None
-        serdata, info = self._serdata[0], self._infos[0]
+        serdata = self._serdata[0]
+        info = self._infos[0]
         cdr = bytes_from_serdata(serdata) if info.valid_data else b""
         lib.ddsi_serdata_unref(serdata)
         return (info.source_timestamp, value_of(cdr)) if cdr else self.take()

@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from sfglab.lab.checks import Case, CheckRow, check_row, lowest_share, shown_checks
-from sfglab.lab.checks.trees import (
-    AGENT,
-    CAMERAS,
-    CHECKS,
-    DIRECT,
-    PROXY,
-    RENAMED,
-    WAYS,
-    WORLD,
-)
+from sfglab.lab.checks.trees import AGENT, CAMERAS, CHECKS, DIRECT, PROXY, RENAMED, WAYS, WORLD
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.mocap.experiment import FIGURE_6, LIVE, Config, exp
 from sfglab.lab.figures import COLORS, note, series
@@ -248,8 +239,10 @@ def draw_error(figure: Figure, run: Run[Config]) -> None:
     waits.set_title(
         f"Wait for the transforms of the requested time stamp: {wait_ms} ms", fontsize=9.5
     )
-    at, latest = looks["error_mm"].median(), looks["latest_mm"].median()
-    figure.suptitle(f"Median position error {at:.1f} mm after the wait, {latest:.0f} mm without it")
+    medians = looks[["error_mm", "latest_mm"]].median()
+    figure.suptitle(
+        f"Median position error {medians['error_mm']:.1f} mm after the wait, {medians['latest_mm']:.0f} mm without it"
+    )
     note(
         figure,
         f"simulated motion capture with occlusions and lost captures; {len(looks)} look-ups in one run",

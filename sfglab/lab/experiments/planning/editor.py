@@ -47,6 +47,7 @@ class SceneCell:
     def _draw(self, figure: Figure) -> None:
         from sfglab.lab.experiments.planning.results import draw_from_above
 
-        scene, axes = self.planner.call(lambda editor: editor.scene), figure.subplots()
+        scene = self.planner.call(lambda editor: editor.scene)
+        axes = figure.subplots()
         draw_from_above(axes, scene)
         axes.set_title(f"{scene.name} from above: run this cell to edit it here, or: sfglab plan")

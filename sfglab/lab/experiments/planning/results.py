@@ -16,13 +16,7 @@ from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.spatial import Pose
 from sfglab.spatial.scene.files import read_scene
-from sfglab.spatial.scene.model import (
-    AgentObject,
-    Box,
-    ObstacleObject,
-    ZoneObject,
-    ZoneRule,
-)
+from sfglab.spatial.scene.model import AgentObject, Box, ObstacleObject, ZoneObject, ZoneRule
 from sfglab.spatial.trajectory.motion import pose_at, sample
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 from sfglab.units import NS_PER_S

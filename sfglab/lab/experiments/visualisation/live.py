@@ -152,7 +152,8 @@ async def time_pictures(
         rounds: Number of rounds.
         pictures: Pictures of an arm in one round.
     """
-    recording, address = new_recording("delay"), f"rerun+http://127.0.0.1:{port}/proxy"
+    recording = new_recording("delay")
+    address = f"rerun+http://127.0.0.1:{port}/proxy"
     recording.set_sinks(rr.GrpcSink(address))
     taken_ms: dict[str, list[float]] = {"bare": [], "bridge": []}
     with closing(RerunCanvas(recording, [address])):

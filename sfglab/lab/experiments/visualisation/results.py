@@ -139,8 +139,11 @@ def draw_points(figure: Figure, run: Run[Config]) -> None:
     axes.view_init(elev=18, azim=-68)
     axes.set(xlabel="x (m)", ylabel="depth (m)", zlabel="height (m)")
     axes.locator_params(nbins=4)
-    largest_m, count = run["cloud"]["largest_error_m"].max(), len(run["cloud"])
+    errors_m = run["cloud"]["largest_error_m"]
     figure.suptitle(
-        f"3D points agree with the closed form within {1e6 * largest_m:.1f} µm (depth resolution: 1 mm)"
+        f"3D points agree with the closed form within {1e6 * errors_m.max():.1f} µm (depth resolution: 1 mm)"
     )
-    note(figure, f"computed; closed form in double precision; largest difference in {count} images")
+    note(
+        figure,
+        f"computed; closed form in double precision; largest difference in {len(errors_m)} images",
+    )
