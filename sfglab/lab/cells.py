@@ -66,8 +66,6 @@ async def run_cells(  # noqa: PLR0913 - options
     run_name = f"{bench.experiment}-{bench.config.profile}"
     journal_path = bench.stack.enter_context(journaled.journals(bench.log.path, run_name))
     identity = journaled.identity_of(run_cells, [bench.config, *todo])
-    # Numbers of failures: of each repetition, and of each stage's start since it last succeeded.
-    failures: Counter[Any] = Counter()
     given_up: set[Job] = set()
     reasons: dict[str, str] = {}  # errors of the last attempts
     with journaled.open_journal(journal_path(table), identity) as journal:
@@ -78,25 +76,29 @@ async def run_cells(  # noqa: PLR0913 - options
 
         async def play_stage(stage: S) -> None:
             own = [job for job in jobs if stage_of(todo[job[0]]) == stage]
+            start_failures = 0  # since the last start that succeeded
+            play_failures: Counter[Job] = Counter()
             while playable := missing(own):
                 playing: Job | None = None
                 try:
                     async with turn, start(stage) as processes:
-                        failures[stage] = 0
+                        start_failures = 0
                         for playing in playable:
                             place, repeat = playing
                             rows = await play(processes, todo[place], repeat)
                             journal.add(place, repeat, journaled.text_from_result(rows))
                             bench.advance(f"cell {place + 1} of {len(todo)}, repetition {repeat}")
                 except (ProcessFailedError, HostsError, TimeoutError) as error:
-                    what = stage if playing is None else playing
-                    failures[what] += 1
-                    if failures[what] == _TRIES:
-                        for job in missing(own if playing is None else [playing]):
-                            given_up.add(job)
-                            place, repeat = job
-                            reasons[f"{todo[place]}, repetition {repeat}"] = str(error)
-                            bench.advance(f"cell {place + 1} of {len(todo)}: failed")
+                    if playing is None:
+                        start_failures += 1
+                        lost = own if start_failures == _TRIES else []
+                    else:
+                        play_failures[playing] += 1
+                        lost = [playing] if play_failures[playing] == _TRIES else []
+                    for place, repeat in missing(lost):
+                        given_up.add((place, repeat))
+                        reasons[f"{todo[place]}, repetition {repeat}"] = str(error)
+                        bench.advance(f"cell {place + 1} of {len(todo)}: failed")
 
         async with beside(*map(play_stage, dict.fromkeys(map(stage_of, todo)))) as played:
             await asyncio.gather(*played)
