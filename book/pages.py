@@ -310,7 +310,7 @@ def experiments_page() -> str:
     about = (
         "What may be set: `sfglab try depth_codecs frames=10`, `notebook.run(exp, profile, "
         "frames=10)`, or by sliders; and the values of each profile. A run whose fields were changed, the seed "
-        "apart, is kept and shown, and speaks for no claim."
+        "apart, is kept and shown, and counts for no claim."
     )
     return (
         "\n\n".join([f"# Experiments\n\n{about}", *map(_settings, map(experiment, EXPERIMENTS))])

@@ -57,7 +57,7 @@ def find_log(
     newest = None
     for log in logs_of(project, name, committed=committed):
         found = standing(log)
-        if not found.speaks:
+        if not found.counts:
             continue
         if profile in (None, found.profile):
             return log
@@ -111,9 +111,9 @@ def history(project: Project) -> Ledger:
     for name in _experiments_of(claims):
         counting = find_log(project, name)
         for log in logs_of(project, name):
-            mark = standing(log).why_not or "a newer one speaks"
+            mark = standing(log).why_not or "a newer log counts"
             if log == counting:
-                mark = "speaks"
+                mark = "counts"
             entries += _read(project, claims, name, log, f": {mark}")
         entries += _kept_again(project, claims, name)
     ledger = Ledger()
@@ -245,7 +245,7 @@ def figures_folder(project: Project, log: Path, notebook: Path) -> Path:
     logs = project.runs / "logs"
     if not log.resolve().is_relative_to(logs.resolve()):
         return folder / log.stem
-    return folder if standing(log).speaks else folder / f"{log.parent.name}-{log.stem}"
+    return folder if standing(log).counts else folder / f"{log.parent.name}-{log.stem}"
 
 
 def save_figures(project: Project, run: Run[Any], folder: Path) -> list[Path]:

@@ -195,7 +195,7 @@ class Standing:
     why_not: str  #: Reason why it counts for no claim; empty if it counts.
 
     @property
-    def speaks(self) -> bool:
+    def counts(self) -> bool:
         """Whether it counts for its experiment's claims."""
         return not self.why_not
 

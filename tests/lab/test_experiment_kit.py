@@ -1,4 +1,4 @@
-"""The kit: profiles, logs that speak only when finished, rows, cases, defaults of figures, resuming, configuration."""
+"""The kit: profiles, logs that count only when finished, rows, cases, defaults of figures, resuming, configuration."""
 
 from __future__ import annotations
 
@@ -233,7 +233,7 @@ def test_a_removed_field_that_held_another_value_than_usual_counts_for_no_claim(
     assert later.config == Later(profile="smoke", seeds=1, newer=4)
 
 
-def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finished(
+def test_an_interrupted_run_has_another_name_goes_on_and_counts_only_when_finished(
     tmp_path, monkeypatch
 ):
     project = Project(root=tmp_path)

@@ -1,4 +1,4 @@
-"""Which log speaks, what becomes of an unreadable one, and what saved figures say of their origin."""
+"""The log that counts for claims, unreadable logs, and the origin in the sidecars of saved figures."""
 
 import asyncio
 import hashlib
@@ -52,7 +52,7 @@ def finished(path: Path, profile: str, **other) -> Path:
     return path
 
 
-def test_the_log_that_counts_is_the_asked_profile_else_the_newest_that_speaks_else_the_reference(
+def test_the_log_that_counts_is_the_asked_profile_else_the_newest_that_counts_else_the_reference(
     project,
 ):
     folder = project.runs / "logs" / "naming"
@@ -95,7 +95,7 @@ def test_figures_and_verdicts_come_from_logs_alone_and_an_unreadable_one_costs_i
     assert entries["A-CPU-SFG"].verdict is Verdict.NOT_YET
     assert redraw_figures(project) == {}, "a run replaces no figure of the repository"
     assert [each.log for each in history(project) if each.measured] == [
-        f"{project.relative(log)}: speaks"
+        f"{project.relative(log)}: counts"
     ]
     shutil.copy(log, project.reference_logs / "naming.mcap")
     log.unlink()
@@ -103,7 +103,7 @@ def test_figures_and_verdicts_come_from_logs_alone_and_an_unreadable_one_costs_i
     [joined] = [each for each in compute_ledger(project) if each.runs]
     assert (joined.claim.id, len(joined.runs), joined.verdict) == ("A-FQN", 2, Verdict.REPRODUCED)
     logs = [each.log for each in history(project) if each.measured]
-    assert logs == ["data/reference/naming.mcap: speaks", "data/reference/again/naming_1.json"]
+    assert logs == ["data/reference/naming.mcap: counts", "data/reference/again/naming_1.json"]
     files = redraw_figures(project)["naming"]
     before = {path.suffix: path.read_bytes() for path in files}
     assert {path.suffix: path.read_bytes() for path in redraw_figures(project)["naming"]} == before
