@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., object])
 G = TypeVar("G", bound=Callable[[], "Iterable[Case]"])
 T = TypeVar("T")
-ALL = "all of them"  #: The example of a trial that always held.
 NOTHING = "nothing to check"  #: The example of a property without a case, which has not held.
 #: Description of a case for readers, and whether the property held.
 Case = tuple[str, bool]

@@ -1,6 +1,7 @@
 """Rules of a remote agent's life cycle, written apart from the discoverer's table: paper A, section 4.2.
 
-They say of any state and input what must follow, so that a wrong row, and a wrong move in a log, is found.
+They give the outcome of every state and input, and so detect a wrong row of the table and a wrong
+transition in a log.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ Outcome = tuple[State, tuple[Action, ...]]
 
 
 def ruled(state: State, given: Input) -> Outcome | None:
-    """Return the next state and what has to be done, in order; None where the input cannot happen."""
+    """Return the next state and the actions in order; None if the input cannot happen in this state."""
     if state is State.UNKNOWN:
         return (State.QUERYING, (Action.QUERY,)) if given is Input.HEARD else None
     if given in {Input.HEARD, Input.CHANGED, Input.RESTARTED}:
@@ -57,16 +58,16 @@ def _without_heartbeat(state: State, given: Input) -> Outcome | None:
 
 
 def _after_query(state: State, given: Input) -> Outcome | None:
-    told, query = state.announced, state.query
+    announced, query = state.announced, state.query
     if given is Input.RETRY and query is QueryState.BACKING_OFF:
-        return State((told, QueryState.QUERYING)), (Action.QUERY,)
+        return State((announced, QueryState.QUERYING)), (Action.QUERY,)
     if query is not QueryState.QUERYING:
         return None
     if given is Input.FAILED:
-        return State((told, QueryState.BACKING_OFF)), (Action.BACK_OFF,)
+        return State((announced, QueryState.BACKING_OFF)), (Action.BACK_OFF,)
     if given is Input.ANSWERED:
-        return State.ACTIVE, (NEWS[told],)
-    if given is Input.ANSWERED_ANEW and told is not Announced.NOTHING:
+        return State.ACTIVE, (NEWS[announced],)
+    if given is Input.ANSWERED_ANEW and announced is not Announced.NOTHING:
         return State.ACTIVE, (Action.RESTARTED,)
     return None
 

@@ -77,7 +77,7 @@ def _random_segment(values: list[Any], rng: np.random.Generator) -> tuple[Any, .
 
 @cache
 def _names(count: int, seed: int) -> tuple[RosFqn, ...]:
-    """Return all standard names and so many random ones."""
+    """Return all standard names and `count` random ones."""
     return (*all_standard_fqns(AGENT), *random_fqns(count, rng=np.random.default_rng(seed)))
 
 
@@ -98,8 +98,8 @@ def _is_ros_name(fqn: RosFqn) -> bool:
 
 
 @checks.each("has a resource that Fig. 2 allows after its last segment", _names)
-def _stands_where_it_may(fqn: RosFqn) -> bool:
-    """Ask Fig. 2; a custom resource may stand anywhere."""
+def _is_allowed_there(fqn: RosFqn) -> bool:
+    """A custom resource is allowed everywhere."""
     resource = fqn.resource.base if isinstance(fqn.resource, Suffixed) else fqn.resource
     return isinstance(resource, Custom) or fqn.preceding in resource.after
 

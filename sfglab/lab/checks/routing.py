@@ -30,13 +30,13 @@ NEAR_MISSES = (
     "/robot/tf",
     "/robot/tf_static",
 )
-"""Topics that Table 1 does not name, though they nearly look so."""
+"""Topics that Table 1 does not name, although they resemble those that it names."""
 
 checks = Checks()
 
 
 def in_table_1(dds_name: str) -> bool:
-    """Return whether Table 1 of paper A names a DDS topic, said without its patterns."""
+    """Return whether Table 1 of paper A names a DDS topic, without its patterns."""
     prefix, _, rest = dds_name.partition("/")
     if prefix == "rt" and rest in {"tf", "tf_static"}:
         return True
@@ -67,7 +67,7 @@ def random_dds_names(count: int, *, rng: np.random.Generator) -> Iterator[str]:
 
 @cache
 def _names(count: int, seed: int) -> tuple[str, ...]:
-    """Return all standard names on the wire, the near misses, and so many random ones."""
+    """Return the DDS names of all standard names, the near misses, and `count` random ones."""
     standard = (name for fqn in all_standard_fqns(AGENT) for name in fqn.dds_names)
     drawn = random_dds_names(count, rng=np.random.default_rng(seed))
     return ("rt/tf", "rt/tf_static", *standard, *map(dds_topic, NEAR_MISSES), *drawn)

@@ -15,11 +15,7 @@ from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
 from sfglab.spatial.frames.lint import lint_frames
 from sfglab.spatial.mocap.bridge import BridgeCore
-from sfglab.spatial.mocap.mapping import (
-    MappedObject,
-    MocapMapping,
-    direct_transforms,
-)
+from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping, direct_transforms
 from sfglab.spatial.mocap.tracking import Capture
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 
 from sfglab.bus import Node
 from sfglab.lab.bench import TableRow
-from sfglab.lab.checks import ALL, CheckRow
+from sfglab.lab.checks import CheckRow
 from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.planning.facts import FACTS
 from sfglab.lab.paths import find_project
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 POSE = "geometry_msgs/msg/PoseStamped"
 OWN_GOAL = "the scene's trajectory"  #: Reason of the goals; earlier logs have further ones.
+_ALL = "all of them"  #: Example of a fact that always held.
 _LEAD_S = 3.0  # from the start of the nodes, which discover each other meanwhile
 
 
@@ -87,7 +88,7 @@ def try_facts(bench: Bench[Config]) -> None:
         rng = np.random.default_rng([bench.config.seed, number])
         for _ in range(bench.config.cases):
             problem = problem_of(rng)
-            bench.cases[name].append((problem or ALL, not problem))
+            bench.cases[name].append((problem or _ALL, not problem))
         bench.advance(name)
 
 
