@@ -9,8 +9,8 @@ tree. The tool compares claims and figures from these logs, the rows of all seed
 profile smoke, and artefacts: messages, codecs, files that commands write, transition tables.
 
 Tables are compared in the columns, and JSON in the keys, that both versions have. Columns and keys
-of one version are listed. The exit status is 0 if every difference has a reason in `REASONS`. A tree of the
-version with which this wave began:
+that only one version has are listed. The exit status is 0 if every difference has a reason in
+`REASONS`. This command makes a tree of the version that `compare_baseline.py` can drive:
 
     git worktree add build/old 671791e4
 """

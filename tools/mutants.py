@@ -44,6 +44,7 @@ COUNT = 40
 CPU_TIMES = 3  #: Times as much CPU time as without a mutant that the tests may take.
 TIMES = 10  #: Times as long that they may take; long, so that a busy machine ends none.
 _LATE = "exchanged rows"  # drawn where the other kinds are too few: a table has one place per row
+#: Folders that tests read; only trees of older versions have `robot`.
 _READ = {"data", "notebooks", "figures", "book", "benchmarks", "install", "robot"}
 _UNSEEN = (ast.Raise, ast.JoinedStr, ast.arguments)
 _UNNAMED = {"__repr__", "_repr_html_"}

@@ -30,6 +30,7 @@ from sfglab.lab.findings import findings_of
 from sfglab.lab.ledger import redraw_figures
 from sfglab.lab.notebooks import (
     REFERENCE,
+    NotebookError,
     experiments_of,
     find_notebooks,
     notebook_of,
@@ -49,13 +50,15 @@ MOST_BYTES = 6_000_000
 
 
 class LogRefusedError(SfglabError):
-    """A log that must not be committed, or a tree that it must not be made in."""
+    """Error because of a log that must not be committed, or a tree in which none must be made."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the committed logs of the experiments that are named; return the exit status."""
+    """Make the committed logs of experiments, then execute notebooks; return the exit status."""
     parser = _parser()
     given = parser.parse_args(arguments)
+    if not given.experiments and not given.notebooks:
+        parser.error("name experiments, or notebooks with --notebooks")
     if unknown := [name for name in given.experiments if name not in EXPERIMENTS]:
         parser.error(f"no experiment {', '.join(unknown)}; choose from {', '.join(EXPERIMENTS)}")
     try:
@@ -64,8 +67,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _require_clean(project)
         for name in given.experiments:
             make_reference(project, name, given)
-        for notebook in find_notebooks(project, given.notebooks) if given.notebooks else ():
-            execute(project, notebook)
+        if given.notebooks:
+            for notebook in find_notebooks(project, given.notebooks):
+                execute(project, notebook)
     except SfglabError as error:
         print(f"reference: {error}", file=sys.stderr)
         return 2
@@ -131,11 +135,12 @@ def make_reference(project: Project, name: str, given: argparse.Namespace) -> No
 def execute(project: Project, path: Path) -> None:
     """Execute a notebook with the committed logs of its experiments, and replace it."""
     names = experiments_of(path)
-    keys = [f"log_{name}" for name in names] if len(names) > 1 else ["log"] * len(names)
-    given = {"profile": "quick", **dict.fromkeys(keys, REFERENCE)}
-    [outcome] = run_notebooks([path], project=project, parameters=given, write=True)
+    parameters = {"profile": "quick"}
+    for name in names:
+        parameters[f"log_{name}" if len(names) > 1 else "log"] = REFERENCE
+    [outcome] = run_notebooks([path], project=project, parameters=parameters, write=True)
     if outcome.error:
-        raise LogRefusedError(f"{path.name}: {outcome.error}")
+        raise NotebookError(f"{path.name}: {outcome.error}")
     print(f"{path.name}: executed")
 
 
