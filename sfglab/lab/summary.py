@@ -89,7 +89,6 @@ def _mapping(run: Run[Any]) -> pd.DataFrame:
     )
 
 
-PLAIN = "plain ROS 2"
 _WIDE_RANGE = 10  #: Ratio of values above which an axis is logarithmic.
 _BYTES = "A-DISC-BYTES-OURS"
 BOUNDARIES = (
@@ -155,7 +154,7 @@ def _draw(figure: Figure, panels: list[tuple[Boundary, pd.DataFrame, Entry, Entr
     # values and verdicts are below
     figure.set_layout_engine("constrained", rect=(0, 0.28, 1, 0.72))
     for axes, (boundary, table, entry, papers) in zip(figure.subplots(1, 4), panels, strict=True):
-        labels = {PLAIN: series("standard"), boundary.method: series("proxy")}
+        labels = {"plain ROS 2": series("standard"), boundary.method: series("proxy")}
         if len(table) > 1:
             _draw_lines(axes, table, labels)
         else:
