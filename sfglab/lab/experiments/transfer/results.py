@@ -123,23 +123,25 @@ def prediction_table(run: Run[Config]) -> pd.DataFrame:
 
 
 _UNITS = {
-    "s": (1e6, "µs"),
-    "rate": (1e9, "ns/B"),
-    "hz": (1e-6, "MHz"),
-    "cycles": (1, "cycles"),
-    "bytes": (1, "B"),
+    "_s_per_byte": (" per byte", 1e9, "ns/B"),
+    "_s": ("", 1e6, "µs"),
+    "_hz": ("", 1e-6, "MHz"),
+    "_cycles": ("", 1, "cycles"),
+    "_bytes": ("", 1, "B"),
 }
-"""Factor and unit of a constant in a table, by the last part of its name."""
+"""End of a constant's label, factor and unit of its value, by the end of its name."""
 
 
 def constants() -> pd.DataFrame:
     """Return the constants of the memory model with their values, meanings and origins."""
     rows = []
     for name, value, meaning in field_rows(STORED)[1:]:
-        label, _, unit_name = name.replace("_s_per_byte", "_per_byte_rate").rpartition("_")
-        factor, unit = _UNITS[unit_name]
+        suffix = next(end for end in _UNITS if name.endswith(end))
+        label_end, factor, unit = _UNITS[suffix]
+        label = name.removesuffix(suffix).replace("_", " ") + label_end
+        # The table has another unit than the field.
         text = meaning.replace(", s.", ".").replace(", Hz.", ".")
-        rows.append((label.replace("_", " "), f"{factor * float(value):.4g} {unit}", text))
+        rows.append((label, f"{factor * float(value):.4g} {unit}", text))
     return pd.DataFrame(rows, columns=["constant", "value", "meaning"])
 
 
