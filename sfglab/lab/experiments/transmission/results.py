@@ -278,12 +278,11 @@ def draw_grid(figure: Figure, table: pd.DataFrame, quantity: str, *, scale: str)
         scale: Scale of the vertical axes, ``linear`` or ``log``.
     """
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
-    depths = sorted(set(table["depth"]), key=_place)
+    table = table.sort_values("depth", key=lambda depths: depths.map(_place))
+    depths = list(dict.fromkeys(table["depth"]))
     for axes, (rate, part) in zip(panels.flat, table.groupby("rate_max_hz"), strict=False):
         for method, style in STYLES.items():
-            rows = part[part["method"] == method].sort_values(
-                "depth", key=lambda of: of.map(_place)
-            )
+            rows = part[part["method"] == method]
             base = method.removesuffix("CC").removesuffix("+") or "none"
             places = [depths.index(depth) for depth in rows["depth"]]
             at = np.array(places) + 0.15 * ([*LABELS].index(base) - 1.5)
@@ -302,8 +301,8 @@ def draw_grid(figure: Figure, table: pd.DataFrame, quantity: str, *, scale: str)
 
 
 def _place(depth: str) -> int:
-    """Return a key that sorts depths: the depth of Eq. 6 is between 100 and 1000."""
-    return DEPTHS[-2] - 1 if depth == OPT_DEPTH else int(depth)
+    """Return a key that sorts depths; the depth of Eq. 6 is about 800 at every Rmax."""
+    return 800 if depth == OPT_DEPTH else int(depth)
 
 
 def codes(run: Run[Config]) -> str:
