@@ -342,7 +342,8 @@ def _title(run: Run[Config]) -> str:
     lost, late, more = (one.estimate.value if one else np.nan for one in found)
     if np.isnan(lost):
         return "Six answers about paper B's conclusions, by condition"
-    count = len({place[1:-1] for place in plausible()})
+    places = pd.DataFrame(plausible(), columns=PLACE)
+    count = len(places.drop_duplicates(["loss", "frame_us", "stall_ms"]))
     return (
         f"Plausible conditions that agree with paper B: loss {lost * count:.0f} of {count}, latency "
         f"{late * count:.0f} of {count}\nsuccess rate of laps with OPT+LC: {100 * more:.0f} percentage "
