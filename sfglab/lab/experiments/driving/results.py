@@ -257,10 +257,10 @@ def _draw_map(axes: Axes, run: Run[Config]) -> None:
     road = Road(np.array(town["road"]))
     for left_m, color in ((0.0, "#E6B800"), (-LANE_M, "0.5"), (LANE_M, "0.5")):
         axes.fill(*road.beside(left_m).T, fill=False, edgecolor=color)
-    track = run["track"]
+    track = run["track"][["x_m", "y_m"]].to_numpy()
     lights = np.array(town["lights"])
-    axes.plot(track["x_m"], track["y_m"], color=COLORS["proxy"], label="track")
-    start, ahead = zip(track["x_m"].iloc[[0, 8]], track["y_m"].iloc[[0, 8]], strict=True)
+    axes.plot(*track.T, color=COLORS["proxy"], label="track")
+    start, ahead = track[0], track[8]
     arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "linewidth": 2}
     axes.annotate("", ahead, start, arrowprops=arrow)
     axes.annotate("start", start, (-24, 0), textcoords="offset points", ha="right", fontsize=8)
