@@ -46,7 +46,7 @@ exp.table("check")(CheckRow)
 
 @exp.part("checks", total=len(checks), timed=False)
 def check_names(bench: Bench[Config]) -> None:
-    """Check the schema and write one row a property."""
+    """Check the schema and write one row per property."""
     for row in checks.rows(bench.config.samples, bench.config.seed):
         bench.write("check", row)
         bench.advance(row.check)

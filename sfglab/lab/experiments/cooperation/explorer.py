@@ -171,9 +171,8 @@ def wrong_beams(
     measured_m: NDArray[np.float64], believed_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Return which ranges at the station differ from the measured ranges by more than `WRONG_M`."""
-    return ~np.isclose(
-        measured_m, believed_m, rtol=0, atol=WRONG_M
-    )  # infinite: no echo, or no value
+    # A range is infinite without an echo or a value, and two infinite ranges are equal.
+    return ~np.isclose(measured_m, believed_m, rtol=0, atol=WRONG_M)
 
 
 def wrong_for_s(snapshots: list[Snapshot]) -> NDArray[np.float64]:

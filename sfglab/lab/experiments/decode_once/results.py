@@ -120,7 +120,8 @@ def slopes(run: Run[Config]) -> pd.DataFrame:
     for mode, label in LABELS.items():
         less = str(reduction(run, mode)) if mode in HANDED_ON else ""
         rx = slope(run, mode, "rx")
-        received = f"{rx.value:.4f} {rx.unit} [{rx.low:.4f}, {rx.high:.4f}]"  # may be close to 0
+        # The slope of a mode with a decoder is close to 0.
+        received = f"{rx.value:.4f} {rx.unit} [{rx.low:.4f}, {rx.high:.4f}]"
         rows.append((label, str(slope(run, mode, "cpu")), received, less))
     columns = ["mode", "CPU", "received over the network", "reduction of the CPU"]
     return pd.DataFrame(rows, columns=columns)

@@ -183,8 +183,8 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
     steady.legend([steady.collections[-1]], ["paper A, 5.4"])
     expected_ms = {path: paper("A-FIRST", key) for path, key in FIRST_ENDS.items()}
     times = times[[*FIRST_BARS]]
-    # The paper draws one standard deviation. Of normal samples this is the same, and it does not follow
-    # one subscription during which the machine was busy.
+    # The paper draws one standard deviation. Of normally distributed samples these percentiles are at the
+    # same distance, and one subscription during which the machine was busy does not move them.
     spans = {path: np.nanpercentile(times[path], (16, 84)) for path in FIRST_BARS}
     draw_bars(first, times, times.mean().to_dict(), spans, expected_ms)
     first.legend([first.collections[-1]], ["paper A, 5.4"])
