@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from sfglab.lab.runs import Run
 
-MOST_BYTES = 6_000_000
+MOST_BYTES = 5_000_000
 """Size of all committed logs together, which tests/test_project.py bounds."""
 
 

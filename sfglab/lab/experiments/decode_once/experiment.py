@@ -56,7 +56,7 @@ class Config(Profiled):
     period_s: float = 0.7  #: Time between readings, s.
     #: Time between the last subscriber's first frame and the first reading of a cell, s.
     settle_s: float = 0.5
-    raw_s: float = 3.0  #: Duration for which the stream's messages are recorded, s.
+    raw_s: float = 2.2  #: Duration for which the stream's messages are recorded, s.
     encoder: str = "auto"  #: H.264 encoder by FFmpeg's name, or ``auto``.
     #: Use of multicast by DDS between hosts: ``spdp`` (for discovery only, as Cyclone DDS does on
     #: Wi-Fi, the paper's network) or ``default`` (for data as well, on a wired link).
