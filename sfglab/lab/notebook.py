@@ -134,7 +134,9 @@ def image_of(figure: Figure, text: str = "") -> Image:
 
 def setup(exp: Experiment[Any]) -> Image:
     """Return a diagram of an experiment: its hosts, processes and messages."""
-    return image_of(draw_setup(exp.setup), f"Hosts, processes and messages of {exp.name}")
+    links = [f"{link.source} to {link.target}: {link.carries}" for link in exp.setup.links]
+    text = f"Hosts, processes and messages of {exp.name}. {'; '.join(links)}."
+    return image_of(draw_setup(exp.setup), text)
 
 
 def table(frame: pd.DataFrame) -> HTML:

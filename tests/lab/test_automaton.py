@@ -90,8 +90,10 @@ def test_a_typed_name_shows_its_segments_and_the_rules_that_decide(name):
     texts = {text.get_text().replace("\n", "") for text in figure.axes[0].texts}
     assert {text for _, text in (picture.fqn.segments if picture.fqn else ())} <= texts
     for line in figure.get_supxlabel().splitlines():
-        dds, _, pattern = line.partition(" crosses by ")
-        matching = [rule.pattern for rule in TABLE_1 if rule.matches(dds.removesuffix(" stays"))]
+        dds, _, pattern = line.partition(": forwarded by the rule ")
+        matching = [
+            rule.pattern for rule in TABLE_1 if rule.matches(dds.removesuffix(": not forwarded"))
+        ]
         assert matching == ([pattern] if pattern else [])
 
 

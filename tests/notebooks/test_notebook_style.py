@@ -61,5 +61,6 @@ def test_it_is_executed_and_its_outputs_are_clean(code):
     assert [c.execution_count for c in code] == list(range(1, len(code) + 1))
     for output in (output for cell in code for output in cell.outputs):
         assert output.output_type != "error"
-        # Neither a path of a machine, nor a time of day, nor a progress bar.
-        assert not re.search(r"/(home|root|work|tmp)/|\b\d\d:\d\d:\d\d\b|%\|", json.dumps(output))
+        # Neither a path of a machine, nor a time of day, a progress bar, or a line of the kernel's log.
+        unclean = r"/(home|root|work|tmp)/|\b\d\d:\d\d:\d\d\b|%\||\[IPKernelApp\]"
+        assert not re.search(unclean, json.dumps(output))

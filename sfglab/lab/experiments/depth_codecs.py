@@ -22,7 +22,7 @@ from sfglab.lab.experiment import Experiment
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.sources import open_source
-from sfglab.lab.stats import Estimate, exactly, ratio_of
+from sfglab.lab.stats import Estimate, exactly, ratio_of, rounded
 from sfglab.tables import Shown
 
 if TYPE_CHECKING:
@@ -151,15 +151,15 @@ def encoding_speed(run: Run[Config]) -> Finding:
 
 @exp.figure("depth_codecs", size=(11, 3.6))
 def draw_codecs(figure: Figure, run: Run[Config]) -> None:
-    """Draw coding times and sizes of all codecs: boxes are quartiles over frames, with their medians."""
+    """Draw times to encode and decode a depth image, and its compressed size, for RVL and two levels of PNG."""
     labels = [*codec_names(run.config.png_level).values()]
     panels = {
-        "encode": (codings(run, "encode_ms"), "CPU time per frame (ms), log scale"),
-        "decode": (codings(run, "decode_ms"), "CPU time per frame (ms)"),
-        "size": (codings(run, "coded_bytes") / 1000, "compressed size (kB)"),
+        "Encode (log scale)": (codings(run, "encode_ms"), "CPU time per frame (ms)", "log"),
+        "Decode": (codings(run, "decode_ms"), "CPU time per frame (ms)", "linear"),
+        "Compressed size": (codings(run, "coded_bytes") / 1000, "size per frame (kB)", "linear"),
     }
     all_axes = figure.subplots(1, len(panels))
-    for axes, (title, (table, quantity)) in zip(all_axes, panels.items(), strict=True):
+    for axes, (title, (table, quantity, scale)) in zip(all_axes, panels.items(), strict=True):
         boxes = axes.boxplot(
             table.to_numpy(),
             tick_labels=labels,
@@ -170,17 +170,18 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> None:
         )
         for box, color in zip(boxes["boxes"], CODECS.values(), strict=True):
             box.set_facecolor(COLORS[color])
-        axes.set(title=title, ylabel=quantity)
-        if title == "encode":
-            axes.set_yscale("log")
-        else:
-            axes.set_ylim(0, None)
+        for place, values in enumerate(table, 1):
+            top = table[values].max()
+            label = rounded(table[values].median())
+            axes.annotate(label, (place, top), (0, 4), textcoords="offset points", ha="center")
+        axes.set(title=title, ylabel=quantity, yscale=scale)
+        axes.set_ylim((1, 2000) if scale == "log" else (0, 1.15 * table.to_numpy().max()))
     encoding, decoding = (
         ratio(run, column, "png_fast").value for column in ("encode_ms", "decode_ms")
     )
     figure.suptitle(
-        f"Depth 640 x 360, lossless: RVL encodes {encoding:.1f} times and decodes {decoding:.1f} times as "
-        "fast as the fastest PNG"
+        f"RVL encodes depth images {encoding:.1f} times and decodes them {decoding:.1f} times as fast as the "
+        "fastest PNG"
     )
-    text = "boxes: quartiles and median, whiskers: up to 1.5 x IQR, outliers not drawn"
-    note(figure, f"measured on {len(codings(run, 'exact'))} frames; {text}")
+    text = "boxes: quartiles and median (number); whiskers: up to 1.5 x IQR"
+    note(figure, f"lossless, {len(codings(run, 'exact'))} frames of 640 x 360; {text}")

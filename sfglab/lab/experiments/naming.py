@@ -89,15 +89,15 @@ def share_of_names(run: Run[Config]) -> Finding:
 
 @exp.figure("naming_schema", size=(10, 3.6))
 def draw_naming(figure: Figure, run: Run[Config]) -> None:
-    """Draw the naming schema (Fig. 2): the chain of segments and the exits into the resource."""
+    """Draw the naming schema (Fig. 2): its five segments, and after which of them a resource may follow."""
     draw_schema(figure.subplots())
     held = int((run["check"]["held"] == run["check"]["checked"]).sum())
     names_checked = run["check"]["checked"].max()
     figure.suptitle(
-        f"The naming schema (Fig. 2): {held} of {len(run['check'])} properties hold, on up to "
+        f"{held} of {len(run['check'])} properties of the naming schema (Fig. 2) hold for up to "
         f"{names_checked:,} names"
     )
-    note(figure, "dashed: a name may leave this segment out; blue: exits into the resource")
+    note(figure, "dashed: optional segment; blue: a resource may follow this segment directly")
 
 
 #: Segments of a name, first to last.
@@ -125,13 +125,13 @@ def draw_schema(axes: Axes, fqn: RosFqn | None = None) -> None:
     for lane, (source, resources) in enumerate(permitted().items()):
         if fqn is not None and fqn.segments[-2][0] != source:
             continue
-        x, height = places[source], 2.9 - 0.45 * lane
+        x, height = places[source], 1.1 if fqn else 2.9 - 0.45 * lane
         line: dict[str, Any] = {"color": COLORS["standard" if fqn else "proxy"], "linewidth": 1}
         axes.plot([x, x, into], [0.4, height, height], **line)
         axes.annotate("", (into, 0.4), (into, height), arrowprops={"arrowstyle": "->", **line})
         label = f"after {source}: {len(resources)} resources"
         axes.text(x + 0.1, height + 0.06, label, fontsize=8)
-    axes.set(xlim=(-1, into + 1), ylim=(-1.6, 3.3))
+    axes.set(xlim=(-1, into + 1), ylim=(-1.6, 1.5 if fqn else 3.3))
     axes.axis("off")
 
 
@@ -149,7 +149,7 @@ def _draw_segment(axes: Axes, label: str, x: float, fqn: RosFqn | None) -> None:
     values = _SETS.get(label)
     below = f"{len(values)} values" if values else "SFG_AGENT_NAME,\nelse host name"
     if label in EXTENSIBLE:
-        below += "\n+ suffix, Custom"
+        below += "\nor custom, + suffix"
     if text:
         below = label
     axes.text(x, -0.55, below, ha="center", va="top", fontsize=8)
@@ -165,7 +165,7 @@ _SETS = {
 
 
 class NamePicture(Pressed):
-    """A ROS name to type: its segments in Fig. 2, and the rule that lets each of its DDS topics cross.
+    """A ROS name to type: its segments in Fig. 2, and the rule by which each of its DDS topics is forwarded.
 
     Raises:
         FqnError: It is no ROS name.
@@ -176,7 +176,7 @@ class NamePicture(Pressed):
         layout = {"width": "40em"}
         self.field = widgets().Text(value=name, description="name", layout=layout)
         self._read()
-        super().__init__((11, 4), [self.field])
+        super().__init__((11, 3), [self.field])
         self.field.observe(lambda _: self.answer(self._read), "value")
 
     def _read(self) -> None:
@@ -201,5 +201,7 @@ class NamePicture(Pressed):
         lines = []
         for dds in names.dds_names(self.name, kind):
             rule = Policy().deciding(dds, Direction.OUTWARD)
-            lines.append(f"{dds} crosses by {rule.pattern}" if rule else f"{dds} stays")
+            lines.append(
+                f"{dds}: forwarded by the rule {rule.pattern}" if rule else f"{dds}: not forwarded"
+            )
         note(figure, "\n".join(lines))

@@ -98,7 +98,7 @@ class LogViewer:
             times_s.append((np.array(times_ns) - self.times_ns[0]) / NS_PER_S)
         axes.eventplot(times_s, colors=COLORS["proxy"], linelengths=0.7, linewidths=0.8)
         axes.set_yticks(range(len(names)), names)
-        axes.set(xlabel="time (s)", title="Messages of the recording per topic")
+        axes.set(xlabel="time (s)", title="Times of messages per topic (in brackets: their number)")
         axes.grid(visible=False, axis="y")
 
     @cached_property
@@ -205,5 +205,5 @@ class LiveView:
             name = f"{display.id}\n{', '.join(display.topics.values())}"
             axes.barh(name, display.slot.received, 0.6, color=COLORS["network"])
             axes.barh(name, display.slot.shown, 0.3, color=COLORS["proxy"])
-        axes.set_xlabel("messages: received (wide), shown (narrow)")
-        axes.set_title("Live: what the displays had when this cell was shown; run it to look")
+        axes.set_xlabel("number of messages: received (wide, grey), shown (narrow, blue)")
+        axes.set_title("Messages of each display when the cell was run; run it for the live viewer")

@@ -97,10 +97,10 @@ exp = Experiment(
         Link(
             "camera",
             "subscriber",
-            "standard, receive only: compressed, to each",
+            "standard, receive only: compressed frames, to each",
             boundary="network",
         ),
-        Link("camera", "decoder", "decode once: compressed, once", boundary="network"),
+        Link("camera", "decoder", "decode once: compressed frames, once", boundary="network"),
         Link("decoder", "subscriber", "frames over DDS"),
         Link("decoder", "subscriber", "or frames", over="shared memory"),
     ),

@@ -60,14 +60,14 @@ exp = Experiment(
     actors=(
         Actor("agent", "container on the machine's bridge", "discovers the others"),
         Actor("router", "machine", "forwards global names"),
-        Actor("others", "other machines", "an agent and a router per machine"),
-        Actor("onlooker", OUTSIDER, "joins all domains from outside"),
+        Actor("others", "other machines", "an agent and a router on each"),
+        Actor("onlooker", OUTSIDER, "joins all domains, and records what it receives"),
     ),
     links=(
-        Link("agent", "router", "its own domain"),
+        Link("agent", "router", "data in the agent's own domain"),
         Link("router", "agent", "data of other agents"),
-        Link("router", "others", "the global domain, in both directions", boundary="network"),
-        Link("router", "onlooker", "the global domain", boundary="network"),
+        Link("router", "others", "global names, in both directions", boundary="network"),
+        Link("router", "onlooker", "global names", boundary="network"),
     ),
 )
 

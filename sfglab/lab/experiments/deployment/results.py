@@ -79,9 +79,9 @@ _NAMES = ("hardware base", "adapter", "application")
 _COLORS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
 
 
-@exp.figure("deployment_layers", size=(10, 2.7))
+@exp.figure("deployment_layers", size=(10, 2.7), measured=False)
 def draw_layers(figure: Figure, run: Run[Config]) -> None:
-    """Draw every agent's image as three layers; what is the same for several is one box."""
+    """Draw the three layers of each agent's image; a layer that several agents share is one box."""
     layers = run["layer"]
     agents = layers["agent"].unique()
     axes = figure.subplots()
@@ -101,11 +101,13 @@ def draw_layers(figure: Figure, run: Run[Config]) -> None:
     axes.set_yticks(range(len(LAYERS)), _NAMES)
     axes.set(xlim=(-0.55, len(agents) - 0.45), ylim=(-0.5, len(LAYERS) - 0.5))
     counts = layers.groupby("layer")["digest"].nunique()
-    said = f"{counts['base']} hardware bases and {counts['adapter']} adapters carry {len(agents)} agents"
-    axes.set_title(f"{said}; agents below one box share it")
+    axes.set_title(
+        f"{len(agents)} agents need {counts['base']} hardware bases and {counts['adapter']} adapters; "
+        "a box spans the agents that share it"
+    )
     note(
         figure,
-        "computed: as rendered from the fleet file (paper A, Fig. 5); boxes with equal text are separate builds",
+        "rendered from the fleet file (paper A, Fig. 5); boxes with equal text are separate builds",
     )
     axes.tick_params(length=0)
     axes.grid(visible=False)

@@ -179,23 +179,29 @@ exp = Experiment(
             does="stand-ins with the endpoints of demo_nodes_cpp",
             count="2 to 20",
         ),
-        Actor("router", host="each agent", does="joins the agent's domain with the global one"),
+        Actor(
+            "router",
+            host="each agent",
+            does="forwards between the agent's domain and the global one",
+        ),
         Actor("status provider", host="each agent", does="sends heartbeats, describes the agent"),
         Actor("discoverer", host="each agent", does="discovers the peers"),
         Actor("peers", host="other agents", does="the same processes"),
     ),
     links=(
-        Link("nodes", "peers", "plain ROS 2: DDS discovery of all nodes", boundary="the network"),
-        Link("nodes", "router", "with routers: DDS discovery of the nodes stays here"),
+        Link("nodes", "peers", "plain ROS 2: DDS discovery of all nodes", boundary="network"),
+        Link("nodes", "router", "with routers: DDS discovery of the nodes goes no further"),
         Link("status provider", "router", "heartbeats, description"),
         Link("discoverer", "router", "paper's method: queries"),
         Link(
             "router",
             "peers",
             "with routers: routers' DDS discovery, heartbeats, descriptions, queries",
-            boundary="the network",
+            boundary="network",
         ),
-        Link("peers", "router", "the same from the peers", boundary="the network"),
+        Link(
+            "peers", "router", "heartbeats, descriptions, queries of the peers", boundary="network"
+        ),
         Link("router", "discoverer", "peers' heartbeats, descriptions"),
     ),
     removed={

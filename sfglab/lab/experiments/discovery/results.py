@@ -267,6 +267,13 @@ STYLES = {STANDARD: series("standard"), LAUNCHED: series("third"), ROUTED: serie
 SHIFTS = {STANDARD: -0.12, LAUNCHED: 0.0, ROUTED: 0.12}
 """Offset of the markers of a mode, so that they do not overlap."""
 _STAR: dict[str, Any] = {"marker": "*", "markersize": 13, "linestyle": "", "fillstyle": "none"}
+_STARTS: dict[str, dict[str, Any]] = {
+    "filled: agents start one after the other": {"marker": "s", "linestyle": ""},
+    "open: all agents start at once": {"marker": "s", "linestyle": "", "fillstyle": "none"},
+    "paper A, Fig. 9: all at once": _STAR,
+    "extrapolated value, which the claims use": {"marker": "x", "linestyle": ""},
+}
+"""Styles of the markers by their meaning."""
 
 
 def drawn_fleets(run: Run[Config]) -> pd.DataFrame:
@@ -279,7 +286,7 @@ def drawn_fleets(run: Run[Config]) -> pd.DataFrame:
 
 @exp.figure("discovery_fleet", size=(10, 5), when=lambda run: not run["cell"].empty)
 def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw the discovery time and received bytes of each agent of the live fleets, and the paper's values."""
+    """Draw the discovery time (left) and the received bytes (right) of each agent, over the number of agents."""
     fleets = drawn_fleets(run)
     time_axes, bytes_axes = figure.subplots(1, 2)
     times_s = {
@@ -296,9 +303,18 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     draw_agents(bytes_axes, fleets, BYTES, "B", received)
     time_axes.set_ylabel("discovery time per agent (s)")
     bytes_axes.set_ylabel("received per agent during discovery")
-    bytes_axes.plot([], [], color="black", label="paper A, Fig. 9, all at once", **_STAR)
-    bytes_axes.legend(loc=(0.1, 0.34), fontsize=9)
-    time_axes.set_title("Discovery time, from the start of the last agent", fontsize=10)
+    for mode, name in NAMES.items():
+        time_axes.plot([], [], linestyle="", markersize=5, label=name, **STYLES[mode])
+    time_axes.legend(loc="upper left", fontsize=9)
+    for label, style in _STARTS.items():
+        bytes_axes.plot([], [], color="black", label=label, **style)
+    bytes_axes.legend(loc=(0.1, 0.42), fontsize=9)
+    findings = {mode: time_of(run, mode) for mode in SHORT}
+    took = [f"{one.estimate.value:.2g} s ({NAMES[m]})" for m, one in findings.items() if one]
+    time_axes.set_title(
+        f"Six agents discover each other in\n{' and '.join(took)}" if took else "Discovery time",
+        fontsize=10,
+    )
     title = "Received bytes"
     saved = []
     for mode in (LAUNCHED, ROUTED):
@@ -310,8 +326,8 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         draw_extrapolated(bytes_axes, main_nodes(run), *few)
         standard_mb = extrapolated(main_nodes(run), *few) / 1e6
         title = (
-            f"Each of six agents receives {' and '.join(saved)}\n"
-            f"of the {standard_mb:.0f} MB extrapolated for plain ROS 2"
+            f"Each agent receives {' and '.join(saved)} of\n"
+            f"the {standard_mb:.0f} MB that are extrapolated for plain ROS 2"
         )
     bytes_axes.set_title(title, fontsize=10)
     shown = {**default_sidecar(run), "repetitions": int(fleets["repeat"].nunique())}
@@ -343,10 +359,8 @@ def draw_agents(
     groups: Any = table.groupby(["mode", "at_once"])
     for (mode, at_once), rows in groups:
         style = {**STYLES[mode], "fillstyle": "none" if at_once else "full"}
-        start = "all at once" if at_once else "one after the other"
         places = rows["agents"] + SHIFTS[mode] - 0.07 * at_once
-        label = f"{NAMES[mode]}, {start}"
-        axes.plot(places, rows[column], linestyle="", markersize=4, label=label, **style)
+        axes.plot(places, rows[column], linestyle="", markersize=4, **style)
         medians = rows.groupby(places)[column].median()
         axes.plot(medians, "_", color=style["color"], markersize=11, markeredgewidth=1)
     for (agents, mode), value in stated.items():
@@ -383,7 +397,7 @@ def draw_scale(figure: Figure, run: Run[Config]) -> None:
         color = STYLES[method]["color"]
         axes.plot(many, announcements(mode, many, nodes), label=NAMES[method], color=color)
     axes.set(xscale="log", yscale="log", xlabel="number of agents")
-    axes.set_ylabel("announcements between agents")
+    axes.set_ylabel("announcements between agents (number)")
     axes.set_xticks([2, 6, 25, 100, LARGEST], ["2", "6", "25", "100", f"{LARGEST:,}"])
     axes.legend()
     counts = [f"{announcements(mode, LARGEST, nodes) / 1e6:,.0f} million" for mode in SCALES]

@@ -51,8 +51,8 @@ exp = Experiment(
     actors=(
         Actor("camera", "edge", "encodes and publishes"),
         Actor("GOP cache", "edge", "stores the current group of pictures (sfglab)"),
-        Actor("router", "edge", "edge's domain to the global domain"),
-        Actor("router 2", "consumer", "global domain to the consumer's domain"),
+        Actor("router", "edge", "forwards from the edge's domain to the global domain"),
+        Actor("router 2", "consumer", "forwards from the global domain to the consumer's"),
         Actor("decoder", "consumer", "decodes on demand, except on standard"),
         Actor("viewer", "consumer", "subscribes on one path at a time"),
     ),

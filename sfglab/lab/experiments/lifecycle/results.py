@@ -27,6 +27,7 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
 from sfglab.lab.experiments.lifecycle.states import draw_run, draw_to_press
 from sfglab.lab.explore import Automaton
+from sfglab.lab.figures import note
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import exactly
 from sfglab.messages import message_type
@@ -271,6 +272,7 @@ def draw_states(figure: Figure, run: Run[Config]) -> None:
         f"{len(taken) - len(STATED)} that sfglab adds",
         fontsize="medium",
     )
+    note(figure, "real and made-up agents", run)
 
 
 def press_states(run: Run[Config]) -> Automaton:

@@ -48,7 +48,7 @@ COLORS_OF_ROWS = dict(zip(Announced, ("#999999", "#009E73", "#D55E00"), strict=T
 HALF_WIDTH, HALF_HEIGHT = 1.75, 0.85
 LANE = 0.3  #: Distance of an arrow from the middle of its row.
 LEFT = -3.7  #: Place of the arrow along the left side.
-LINE = 0.4  #: Distance of two lines of text.
+LINE = 0.5  #: Distance of two lines of text.
 
 #: Arrows between rows: places of their start, their end, their horizontal part, and their text.
 BETWEEN_ROWS: dict[tuple[State, State], tuple[float, float, float, Point]] = {

@@ -54,13 +54,22 @@ exp = Experiment(
     hosts=tuple(HOSTS.values()),
     actors=(
         Actor("robot", HOSTS["robot"], "publishes its TF tree, with odometry that drifts"),
-        Actor("bridge", HOSTS["bridge"], "simulated cameras, mocap bridge, direct receiver"),
+        Actor(
+            "bridge",
+            HOSTS["bridge"],
+            "simulates motion capture; runs the bridge or the direct receiver",
+        ),
         Actor("listener", HOSTS["listener"], "builds the TF trees, looks up the robot's camera"),
     ),
     links=(
         Link("robot", "bridge", "the robot's transforms", boundary="network"),
         Link("robot", "listener", "the robot's transforms", boundary="network"),
-        Link("bridge", "listener", "the robot's root, or its markers (direct)", boundary="network"),
+        Link(
+            "bridge",
+            "listener",
+            "pose of the robot's root, or of its markers (direct receiver)",
+            boundary="network",
+        ),
     ),
     removed={
         "rounds": {"smoke": ["faulty"], "quick": _BOTH, "paper": _BOTH},

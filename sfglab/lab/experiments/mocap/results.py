@@ -176,16 +176,19 @@ _WRONG = "#FBE3D3"  # fill of frames with errors
 
 @exp.figure("mocap_trees", size=(10, 4.6), measured=False)
 def draw_trees(figure: Figure, run: Run[Config]) -> None:
-    """Draw the TF trees of Fig. 6 and the one between them, with their errors."""
+    """Draw the TF trees with the direct receiver, with it under the right name, and with the bridge."""
     for axes, (way, title) in zip(figure.subplots(1, 3), _TITLES.items(), strict=True):
         findings = findings_of(run, FIGURE_6, way)
         _draw_tree(axes, tree_of(run, FIGURE_6, way), _PLACES[way], findings)
         axes.set_title(title)
         lines = [fill(f"{one.code}: {one.what}", 44) for one in findings]
         text = "\n".join(lines) or "no error"
-        axes.text(0.5, -0.02, text, transform=axes.transAxes, ha="center", va="top", fontsize=8.5)
+        middle = 1.5 if way == PROXY else 1.0
+        axes.text(middle, -0.45, text, ha="center", va="top", fontsize=8.5)
     figure.suptitle("The direct receiver breaks a robot's TF tree, the bridge does not")
-    note(figure, "the paper's example; blue: motion capture; orange: frames that an error names")
+    note(
+        figure, "the paper's example; blue: published by motion capture; orange: named in an error"
+    )
 
 
 def _draw_tree(
@@ -218,7 +221,7 @@ def _draw_tree(
 
 @exp.figure("mocap_error", size=(10, 5.6))
 def draw_error(figure: Figure, run: Run[Config]) -> None:
-    """Draw the live run: errors of the camera's position, and waits for its transforms, over time."""
+    """Draw errors of the camera's position (top) and waits for its transforms (bottom) over the live run."""
     looks = live(run, "look")
     errors, waits = figure.subplots(2, 1, sharex=True)
     kinds = {
@@ -226,30 +229,29 @@ def draw_error(figure: Figure, run: Run[Config]) -> None:
         "latest_mm": ("standard", "latest transforms (no wait)"),
     }
     for column, (key, text) in kinds.items():
-        label = f"{text}: {_quartiles(looks[column])} mm"
         errors.plot(
-            looks["at_s"], looks[column], label=label, linestyle="", markersize=2.5, **series(key)
+            looks["at_s"], looks[column], label=text, linestyle="", markersize=2.5, **series(key)
         )
-    errors.set(yscale="log", ylabel="position error of the camera (mm)")
+    errors.set(yscale="log", ylabel="position error (mm)")
     errors.margins(y=0.25)  # room for the legend
-    errors.legend(fontsize=8, ncols=2, loc="upper right")
+    errors.legend(fontsize=9, ncols=2, loc="upper right")
     waits.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
-    waits.set(yscale="log", xlabel="time (s)", ylabel="wait (ms)")
-    wait_ms = _quartiles(looks["wait_ms"].dropna())
-    waits.set_title(
-        f"Wait for the transforms of the requested time stamp: {wait_ms} ms", fontsize=9.5
-    )
-    medians = looks[["error_mm", "latest_mm"]].median()
-    figure.suptitle(
-        f"Median position error {medians['error_mm']:.1f} mm after the wait, {medians['latest_mm']:.0f} mm without it"
+    waits.set(yscale="log", xlabel="time since the start of the run (s)", ylabel="wait (ms)")
+    wait_ms = _quartiles(looks["wait_ms"].dropna(), "ms")
+    waits.set_title(f"Wait for the transforms of the requested time stamp: {wait_ms}", fontsize=10)
+    error_mm, latest_mm = (_quartiles(looks[column], "mm") for column in kinds)
+    errors.set_title(
+        f"Error of the camera's position: {error_mm} at the requested time stamp,\n"
+        f"{latest_mm} with the latest transforms",
+        fontsize=10,
     )
     note(
         figure,
-        f"simulated motion capture with occlusions and lost captures; {len(looks)} look-ups in one run",
+        f"{len(looks)} look-ups in one run;\nsimulated motion capture with occlusions and lost captures",
         run,
     )
 
 
-def _quartiles(values: pd.Series[float]) -> str:
+def _quartiles(values: pd.Series[float], unit: str) -> str:
     low, median, high = values.quantile([0.25, 0.5, 0.75])
-    return f"median {median:.2g} (quartiles {low:.2g} and {high:.2g})"
+    return f"median {median:.2g} {unit} (quartiles {low:.2g} and {high:.2g})"

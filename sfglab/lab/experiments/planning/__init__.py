@@ -6,6 +6,6 @@ their trajectories as goals of an action.
 
 from sfglab.lab.experiments.planning.editor import SceneCell
 from sfglab.lab.experiments.planning.experiment import exp
-from sfglab.lab.experiments.planning.results import facts_of, goals_of
+from sfglab.lab.experiments.planning.results import fact_table, facts_of, goals_of
 
-__all__ = ["SceneCell", "exp", "facts_of", "goals_of"]
+__all__ = ["SceneCell", "exp", "fact_table", "facts_of", "goals_of"]

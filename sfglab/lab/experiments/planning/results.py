@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.lab.checks import check_row, fact_rows, lowest_share
+from sfglab.lab.checks import check_row, fact_rows, lowest_share, shown_checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.planning.experiment import OWN_GOAL, Config, exp, pose_topic
 from sfglab.lab.experiments.planning.facts import FACTS
@@ -30,6 +30,26 @@ if TYPE_CHECKING:
 FORMER_TABLES = ("geometry", "editing")
 """Tables of earlier logs that hold the facts, among further checks that are tests now."""
 CARRIED_OUT = "a goal is carried out by an action server"
+STATEMENTS = {
+    "aligned to the previous waypoint, x looks along the segment that arrives, without roll": (
+        "A pose aligned to the previous waypoint has its x axis along the segment before it, and no roll."
+    ),
+    "aligned to the next waypoint, x looks along the segment that leaves, without roll": (
+        "A pose aligned to the next waypoint has its x axis along the segment after it, and no roll."
+    ),
+    "a polyline is linear in position and SLERP in orientation": (
+        "A polyline is interpolated linearly in position and with SLERP in orientation."
+    ),
+    "a spline is Barry and Goldman's pyramid with centripetal knots": (
+        "A spline agrees with Barry and Goldman's construction with centripetal knots."
+    ),
+    "any edits, undone and done again, give the same bytes at every step": (
+        "After edits in random order, each undo and redo restores the scene file byte by byte."
+    ),
+    "a saved scene is the file that is loaded": "A scene that is saved and loaded is equal.",
+    CARRIED_OUT: "An action server executes the trajectory of a goal, and the goal succeeds.",
+}
+"""Sentence that each fact states, by its name in the log."""
 _SUCCEEDED = "succeeded"
 
 EXAMPLE_M = ((0.0, 0.0), (1.2, 0.3), (1.5, 1.5), (3.0, 1.5), (3.3, 1.3), (5.0, 0.0))
@@ -88,6 +108,11 @@ def facts_of(run: Run[Config]) -> pd.DataFrame:
     return pd.concat([of_cases, carried_out], ignore_index=True)
 
 
+def fact_table(run: Run[Config]) -> pd.DataFrame:
+    """Return the facts with the sentence that each states."""
+    return shown_checks(facts_of(run).drop(columns="example"), STATEMENTS)
+
+
 @exp.claim("A-PLAN", how=How.LIVE)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of cases that hold, of the fact where it is lowest."""
@@ -109,26 +134,41 @@ def share_that_holds(run: Run[Config]) -> Finding:
 
 @exp.figure("planning_scene", size=(10, 4.9))
 def draw_scene(figure: Figure, run: Run[Config]) -> None:
-    """Draw the scene from above with the plans and the driven tracks, and the tracking errors over time."""
+    """Draw plans and driven tracks from above (left), and the agents' tracking errors over time (right)."""
     above, errors = figure.subplots(1, 2, width_ratios=(1.55, 1.0))
-    draw_from_above(above, scene_of(run))
+    scene = scene_of(run)
+    draw_from_above(above, scene)
+    above.set_title("Planned (dashed) and driven (colour)")
+    agents = scene.all_of(AgentObject)
+    ends_s = {agent.name: scene.motion(agent.id).end_ns / NS_PER_S for agent in agents}
     largest = []
     for color, name in zip(_AGENT_COLORS, sorted(goals_of(run)["agent"]), strict=False):
         track = track_of(run, name)
         above.plot(track["x_m"], track["y_m"], color=color, lw=3)
-        errors.plot(track["t_s"], track["error_m"], color=color, label=name)
+        errors.plot(track["t_s"], track["error_m"], color=color)
+        errors.axvline(ends_s[name], color=color, linestyle=":")
+        place = {
+            "transform": errors.get_xaxis_transform(),
+            "rotation": 90,
+            "ha": "right",
+            "va": "center",
+        }
+        errors.text(ends_s[name], 0.7, f"plan of {name} ends", **place)
         largest.append(f"{name} {track['error_m'].max():.2f} m")
     errors.set(
         ylim=(0, None),
         xlabel="time since the start of both plans (s)",
-        ylabel="error (m)",
-        title="Tracking error",
+        ylabel="tracking error (m)",
+        title="Distance to the plan",
     )
-    errors.legend()
-    figure.suptitle(f"Agents of a scene carry out their plans; largest error: {', '.join(largest)}")
+    arrived = (goals_of(run)["outcome"] == _SUCCEEDED).sum()
+    figure.suptitle(
+        f"{arrived} of {len(largest)} agents reach their goals; largest tracking error: "
+        f"{', '.join(largest)}"
+    )
     note(
         figure,
-        "live, over DDS on one host; simulated agents; dashed: planned; the left panel shows no times and thus no tracking error",
+        "live, over DDS on one host; simulated agents",
     )
 
 
@@ -176,7 +216,7 @@ def _draw_plan(axes: Axes, name: str, planned: Trajectory) -> None:
 
 @exp.figure("planning_interpolation", size=(10, 4.2), measured=False)
 def draw_interpolation(figure: Figure, run: Run[Config]) -> None:  # noqa: ARG001  # computed
-    """Draw path and speed of the example, as a polyline and as a spline."""
+    """Draw path (left) and speed (right) of six waypoints, as a polyline and as a spline."""
     path, speed = figure.subplots(1, 2)
     for way, (name, color) in WAYS.items():
         timed = [(i * NS_PER_S, Pose.at((*place, 0.0))) for i, place in enumerate(EXAMPLE_M)]
@@ -188,5 +228,5 @@ def draw_interpolation(figure: Figure, run: Run[Config]) -> None:  # noqa: ARG00
     path.set(xlabel="x (m)", ylabel="y (m)", title="Path", aspect="equal")
     path.legend(fontsize=8)
     speed.set(xlabel="time (s)", ylabel="speed (m/s)", title="Speed", ylim=(0, None))
-    figure.suptitle("The speed of a spline changes continuously; that of a polyline jumps")
+    figure.suptitle("The speed of a spline is continuous; that of a polyline jumps at waypoints")
     note(figure, "six waypoints, 1 s apart; splines are the paper's future work")

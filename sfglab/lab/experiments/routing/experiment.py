@@ -49,20 +49,25 @@ exp = Experiment(
     paper={"agents": 6, "seconds": 20.0, "random_names": 200_000},
     hosts=lambda config: [*domains_of(config.agents)],
     actors=(
-        Actor("router", "agent_i", "at the border of D_i and D_0", count="one per agent"),
+        Actor(
+            "router",
+            "agent_i",
+            "joins agent domain D_i and global domain D_0",
+            count="one per agent",
+        ),
         Actor(
             "agent",
             "agent_i",
-            "publishes, subscribes, serves and calls every name",
+            "uses every name, in its domain D_i",
             count="2, 3 or 6",
         ),
-        Actor("ground", "ground_i", "as an agent, in D_0 without a router", count="2"),
+        Actor("ground", "ground_i", "uses every name, in D_0 without a router", count="2"),
     ),
     links=(
         Link("agent", "router", "messages of Table 1 only"),
-        Link("router", "ground", "the same, to all routers", boundary="network"),
+        Link("router", "ground", "these messages, also to other routers", boundary="network"),
         Link("ground", "router", "messages of Table 1 only", boundary="network"),
-        Link("router", "agent", "the same, from all routers"),
+        Link("router", "agent", "these messages, also from other routers"),
     ),
     removed={"busy": {"quick": 20, "paper": 50}},
 )

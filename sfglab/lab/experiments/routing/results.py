@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -215,7 +215,7 @@ def reached(run: Run[Config], source: str) -> pd.DataFrame:
 
 @exp.figure("routing_border", size=(10, 8))
 def draw_border(figure: Figure, run: Run[Config]) -> None:
-    """Draw who hears what: one panel for an agent's messages, one for the global domain's."""
+    """Draw the domains that receive each DDS topic: those of an agent (left) and of the global domain (right)."""
     panels = {source: reached(run, source) for source in (AGENT, GROUND)}
     names = sorted(set().union(*(panel["name"] for panel in panels.values())), key=_order)
     domains = sorted(run["party"]["domain"].unique())
@@ -223,23 +223,27 @@ def draw_border(figure: Figure, run: Run[Config]) -> None:
     left, right = figure.subplots(1, 2, sharey=True)
     _draw_matrix(left, panels[AGENT], names, [1, GLOBAL_DOMAIN, *others])
     _draw_matrix(right, panels[GROUND], names, domains)
-    left.set_title("published in an agent's domain, $D_1$", fontsize=10)
-    right.set_title("published in the global domain, $D_0$", fontsize=10)
-    shown = {*panels[AGENT]["outcome"], *panels[GROUND]["outcome"]}
+    left.set_title("Published in an agent's domain, $D_1$", fontsize=10)
+    right.set_title("Published in the global domain, $D_0$", fontsize=10)
+    of_table = sum(map(in_table_1, names))
+    side: dict[str, Any] = {"rotation": 270, "va": "center", "fontsize": 9}
+    right.text(len(domains) - 0.45, of_table / 2 - 0.5, "names of Table 1", **side)
+    right.text(len(domains) - 0.45, (of_table + len(names)) / 2, "other names", **side)
+    both = pd.concat(panels.values())
+    shown = {*both["outcome"]}
     for outcome, color in OUTCOMES.items():
         if outcome in shown:
             left.bar(0, 0, color=color, label=outcome)
     figure.legend(loc="outside lower right", ncols=len(shown), fontsize=9)
     live = checks(run).query("how == @How.LIVE.value")
     figure.suptitle(
-        f"{live['held'].sum():,} of {live['checked'].sum():,} live cases hold: names of Table 1 cross the "
-        "domain boundary, and no others"
+        f"Names of Table 1 cross the domain boundary, no others: {live['held'].sum():,} of "
+        f"{live['checked'].sum():,} live cases hold"
     )
-    note(
-        figure,
-        "live; above the line: names of Table 1; white: not tested;\n"
-        "numbers: share of messages or calls that arrived, %, if not all or none",
-    )
+    text = "live; white: not tested"
+    if both["share"].between(0, 1, inclusive="neither").any():
+        text += "; numbers: % that arrived"
+    note(figure, text)
 
 
 def _order(name: str) -> tuple[bool, int, str]:
@@ -259,6 +263,7 @@ def _draw_matrix(axes: Axes, cells: pd.DataFrame, names: list[str], domains: lis
     axes.axhline(sum(map(in_table_1, names)) - 0.5, color="black", linewidth=1)
     axes.axvline(0.5, color="black", linewidth=1, linestyle=":")
     axes.set_xticks(range(len(domains)), [f"$D_{domain}$" for domain in domains])
+    axes.set_xlabel("domain of the subscriber or server")
     axes.set_yticks(range(len(names)), names, fontsize=8, family="monospace")
     axes.set(xlim=(-0.5, len(domains) - 0.5), ylim=(len(names) - 0.5, -0.5))
     axes.tick_params(length=0)

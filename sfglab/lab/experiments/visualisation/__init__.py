@@ -5,6 +5,11 @@ a picture, beside Rerun's own call.
 """
 
 from sfglab.lab.experiments.visualisation.experiment import exp
-from sfglab.lab.experiments.visualisation.results import added_ms, facts, latency_table
+from sfglab.lab.experiments.visualisation.results import (
+    STATEMENTS,
+    added_ms,
+    facts,
+    latency_table,
+)
 
-__all__ = ["added_ms", "exp", "facts", "latency_table"]
+__all__ = ["STATEMENTS", "added_ms", "exp", "facts", "latency_table"]

@@ -58,14 +58,14 @@ exp = Experiment(
     },
     actors=(
         Actor("camera", "this host", "sends an image 30 times per second"),
-        Actor("bridge", "this host", "draws what it receives; baseline: Rerun's own call"),
-        Actor("observer", "this host", "sees the bridge's subscriptions"),
-        Actor("sink", "this host", "receives what is drawn, in place of a viewer"),
+        Actor("bridge", "this host", "logs received images to Rerun; baseline: logs without DDS"),
+        Actor("observer", "this host", "records the bridge's subscriptions"),
+        Actor("sink", "this host", "receives the logged images, in place of a viewer"),
     ),
     links=(
         Link("camera", "bridge", "images of 640 x 360"),
         Link("bridge", "observer", "its subscriptions", "DDS discovery"),
-        Link("bridge", "sink", "what is drawn", "gRPC"),
+        Link("bridge", "sink", "logged images", "gRPC"),
     ),
 )
 exp.table("check")(CheckRow)

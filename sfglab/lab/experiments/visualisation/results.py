@@ -42,6 +42,15 @@ FACTS = {
     ),
 }
 """The facts, each with the checks that stand for it in logs before 0.1.0; the delay is computed from its times."""
+STATEMENTS = {
+    PLUGIN: "Visualizers of another package work, and one that fails disturbs no other.",
+    DISPLAY: "A visualizer is added and removed while the bridge runs.",
+    PARAMETER: "A parameter is changed at run time.",
+    QOS: "A QoS profile is changed at run time.",
+    POINTS: "A synchronised depth image and camera info become the points of the closed form.",
+    DELAY: f"The bridge adds less than {ADDED_MS:g} ms to the median and to the 99th percentile.",
+}
+"""Sentence that each fact states."""
 
 
 def taken_ms(run: Run[Config], arm: str) -> NDArray[np.float64]:
@@ -98,7 +107,7 @@ def share_that_holds(run: Run[Config]) -> Finding:
 
 @exp.figure("visualisation_latency", size=(7, 4.2))
 def draw_latency(figure: Figure, run: Run[Config]) -> None:
-    """Draw the time until a sink has an image, through the bridge and with Rerun alone."""
+    """Draw the cumulative share of images over their delay, through the bridge and with Rerun alone."""
     axes = figure.subplots()
     table = latency_table(run)
     arms = {"bare": ("standard", "Rerun alone"), "bridge": ("proxy", "through the bridge")}
@@ -106,12 +115,12 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
         median_ms, tail_ms = table.loc[arm, [*JUDGED]]
         text = f"{name}: median {median_ms:.1f} ms,\n99th percentile {tail_ms:.1f} ms"
         axes.ecdf(taken_ms(run, arm), color=COLORS[color], label=text)
-    axes.set(xlabel="time until the sink has the image (ms)", ylabel="share of images")
+    axes.set(xlabel="delay until the sink has the image (ms)", ylabel="cumulative share of images")
     axes.set(xlim=(0, None), ylim=(0, 1.02))
     median_ms, tail_ms = beyond_rerun_ms(run).values()
     added = added_ms(run)
     axes.set_title(
-        f"The bridge adds {median_ms:.1f} ms [{added.low:.1f}, {added.high:.1f}] to the median and {tail_ms:.1f} ms to the 99th percentile (bound: {ADDED_MS:g} ms)",
+        f"The bridge adds {median_ms:.1f} ms [{added.low:.1f}, {added.high:.1f}] to the median delay\nand {tail_ms:.1f} ms to the 99th percentile (bound: {ADDED_MS:g} ms)",
         fontsize="medium",
     )
     axes.legend(loc="lower right", fontsize="small")
@@ -119,21 +128,19 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
     note(figure, f"live, on this host; {count} raw images of 640 x 360 per curve")
 
 
-@exp.figure("visualisation_points", size=(10, 3.7))
+@exp.figure("visualisation_points", size=(10, 3.7), measured=False)
 def draw_points(figure: Figure, run: Run[Config]) -> None:
-    """Draw an image and the 3D points from its depth, with their largest error."""
+    """Draw an image (left) and the 3D points from its depth (right)."""
     from matplotlib.image import imread
 
     grid = figure.add_gridspec(1, 2, width_ratios=[1, 1.3])
-    picture = figure.add_subplot(grid[0], title="image, registered to the depth")
+    picture = figure.add_subplot(grid[0], title="Image, registered to the depth")
     picture.imshow(imread(io.BytesIO(run.attachment(PICTURE)), "jpg"))
     picture.set_axis_off()
     cloud = np.load(io.BytesIO(run.attachment(CLOUD)))
     # As the camera sees them from a step to the side: x right, z forward, y down (REP 103).
     x, y, z = cloud["points"].T
-    axes: Any = figure.add_subplot(
-        grid[1], projection="3d", title=f"the {len(x)} points of this image"
-    )
+    axes: Any = figure.add_subplot(grid[1], projection="3d", title=f"Its {len(x):,} points")
     axes.scatter(x, z, -y, c=cloud["colors"] / 255.0, s=1.2, linewidths=0, rasterized=True)
     axes.set_box_aspect([np.ptp(x), np.ptp(z), np.ptp(y)], zoom=1.25)
     axes.view_init(elev=18, azim=-68)
@@ -145,5 +152,5 @@ def draw_points(figure: Figure, run: Run[Config]) -> None:
     )
     note(
         figure,
-        f"computed; closed form in double precision; largest difference in {len(errors_m)} images",
+        f"closed form in double precision; largest difference in {len(errors_m)} images",
     )
