@@ -119,7 +119,6 @@ def test_what_is_heard_what_leaks_and_what_is_missing_is_told_apart(tmp_path):
     assert (tf[0], tf[2]) == (HEARD, MISSING)
     tf2 = cells.loc["rt/tf2", "outcome"]
     assert (tf2[0], tf2[1], tf2[2]) == (SILENT, HEARD, FORBIDDEN)
-    assert cells["share"]["rt/tf2", 2] == 0.3
 
 
 def test_near_misses_are_not_of_table_1_and_some_random_names_are():

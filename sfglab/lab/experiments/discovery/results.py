@@ -271,7 +271,6 @@ _STARTS: dict[str, dict[str, Any]] = {
     "filled: agents start one after the other": {"marker": "s", "linestyle": ""},
     "open: all agents start at once": {"marker": "s", "linestyle": "", "fillstyle": "none"},
     "paper A, Fig. 9: all at once": _STAR,
-    "extrapolated value, which the claims use": {"marker": "x", "linestyle": ""},
 }
 """Styles of the markers by their meaning."""
 

@@ -110,7 +110,6 @@ def passages(run: Run[Config]) -> pd.DataFrame:
             source=calls[source],
             hearer=calls[hearer],
             owner=calls["server"],
-            sent=1,
             received=calls["answered"].astype(int),
             call=call,
         )
@@ -197,8 +196,8 @@ def reached(run: Run[Config], source: str) -> pd.DataFrame:
     """Return what the messages, requests and replies of one party reached.
 
     Returns:
-        One row per DDS topic and domain: ``name`` with ``<agent>`` for the party, ``domain``,
-        ``share`` of the messages that arrived or calls that were answered, and ``outcome``.
+        One row per DDS topic and domain: ``name`` with ``<agent>`` for the party, ``domain``, and
+        ``outcome``, by whether at least one message arrived or call was answered.
     """
     table = passages(run)
     # Earlier logs have further local topics, which only add load.
@@ -206,11 +205,11 @@ def reached(run: Run[Config], source: str) -> pd.DataFrame:
     pairs = zip(own["dds_topic"], own["owner"], strict=True)
     names = [topic.replace(owner, "<agent>") for topic, owner in pairs]
     by_place = own.assign(name=names).groupby(["name", "domain", "across"], sort=False)
-    found = by_place[["received", "sent"]].sum().reset_index()
+    found = by_place["received"].sum().reset_index()
     allowed = found["name"].map(in_table_1) | ~found["across"]
     arrived = found["received"] > 0
     outcome = np.select([arrived & allowed, arrived, allowed], [HEARD, FORBIDDEN, MISSING], SILENT)
-    return found.assign(share=found["received"] / found["sent"], outcome=outcome)
+    return found.assign(outcome=outcome)
 
 
 @exp.figure("routing_border", size=(10, 8))
@@ -229,8 +228,7 @@ def draw_border(figure: Figure, run: Run[Config]) -> None:
     side: dict[str, Any] = {"rotation": 270, "va": "center", "fontsize": 9}
     right.text(len(domains) - 0.45, of_table / 2 - 0.5, "names of Table 1", **side)
     right.text(len(domains) - 0.45, (of_table + len(names)) / 2, "other names", **side)
-    both = pd.concat(panels.values())
-    shown = {*both["outcome"]}
+    shown = {*panels[AGENT]["outcome"], *panels[GROUND]["outcome"]}
     for outcome, color in OUTCOMES.items():
         if outcome in shown:
             left.bar(0, 0, color=color, label=outcome)
@@ -240,10 +238,7 @@ def draw_border(figure: Figure, run: Run[Config]) -> None:
         f"Names of Table 1 cross the domain boundary, no others: {live['held'].sum():,} of "
         f"{live['checked'].sum():,} live cases hold"
     )
-    text = "live; white: not tested"
-    if both["share"].between(0, 1, inclusive="neither").any():
-        text += "; numbers: % that arrived"
-    note(figure, text)
+    note(figure, "live; white: not tested")
 
 
 def _order(name: str) -> tuple[bool, int, str]:
@@ -256,10 +251,6 @@ def _draw_matrix(axes: Axes, cells: pd.DataFrame, names: list[str], domains: lis
     """Draw where each name was heard; the first column is the publisher's own domain."""
     x, y = cells["domain"].map(domains.index), cells["name"].map(names.index)
     axes.barh(y, 0.88, 0.84, left=x - 0.44, color=cells["outcome"].map(OUTCOMES))
-    for place, row, share in zip(x, y, cells["share"], strict=True):
-        if 0 < share < 1:
-            text = f"{100 * share:.0f}"
-            axes.text(place, row, text, ha="center", va="center", color="white", fontsize=8)
     axes.axhline(sum(map(in_table_1, names)) - 0.5, color="black", linewidth=1)
     axes.axvline(0.5, color="black", linewidth=1, linestyle=":")
     axes.set_xticks(range(len(domains)), [f"$D_{domain}$" for domain in domains])
