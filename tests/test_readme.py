@@ -3,6 +3,7 @@
 `python tests/test_readme.py` updates them.
 """
 
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
+COUNTS = re.compile(r"(?<=<!-- counts: tests/test_readme.py -->\n).*")
 BEGIN, END = "<!-- results: tests/test_readme.py -->\n", "<!-- end of results -->\n"
 DEVIATING = (
     "These claims deviate: the value in the table, or another value that the claim requires, is not accepted. "
@@ -69,14 +71,18 @@ def is_favourable(entry, ledger):
     return (better == "above" and above) or (better == "below" and below)
 
 
-def block():
-    """Return the README's results, as the committed logs have them."""
-    whole = compute_ledger(Project(root=ROOT), committed=True)
+def counts(whole):
+    """Return the sentence of the first screen: how many claims have each verdict."""
+    numbers = Counter(entry.verdict for entry in whole)
+    verdicts = [f"{each.value} {numbers[each]}" for each in Verdict if numbers[each]]
+    link = "[Verdicts](#how-the-numbers-are-obtained)"
+    return f"{link} on {len(whole)} claims: {', '.join(verdicts)}. See [Results](#results)."
+
+
+def block(whole):
+    """Return the README's tables of results, as the committed logs have them."""
     ledger = {entry.claim.id: entry for entry in whole}
-    counts = Counter(entry.verdict for entry in whole)
-    verdicts = [f"{counts[each]} {each.value}" for each in Verdict if counts[each]]
-    lines = [f"{len(whole)} claims: {', '.join(verdicts)}.", ""]
-    lines += _head("result", "method", "paper", "accepted", "sfglab", "unit", "verdict")
+    lines = _head("result", "method", "paper", "accepted", "sfglab", "unit", "verdict")
     for result, claims in RESULTS.items():
         for number, (method, name) in enumerate(claims.items()):
             e = ledger[name]
@@ -97,9 +103,10 @@ def block():
 
 def made():
     """Return the README with the results as they should be."""
+    whole = compute_ledger(Project(root=ROOT), committed=True)
     before, begin, rest = README.read_text(encoding="utf-8").partition(BEGIN)
     _, end, after = rest.partition(END)
-    return before + begin + block() + end + after
+    return COUNTS.sub(counts(whole), before) + begin + block(whole) + end + after
 
 
 def test_the_readme_has_the_figures_and_verdicts_of_the_committed_logs():
