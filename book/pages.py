@@ -41,6 +41,49 @@ SURFACE = (
     *("lab", "lab.experiments", "lab.explore", "lab.notebook"),
 )
 """Packages and modules with public names."""
+PLAIN_WORDS = {
+    "Types as this distribution has them": "Message types of this distribution",
+    "best effort loses some with Linux's socket buffer, and a few in a hundred at 30 Hz": (
+        "with Linux's default receive buffer, best effort loses some, and a few percent at 30 Hz"
+    ),
+    "Reliability and durability: who hears whom": "Reliability and durability: which endpoints match",
+    "Bytes behind a message, as rclpy sends serialised ones": (
+        "Trailing bytes after a message, as rclpy appends them to serialised messages"
+    ),
+    "On demand, and in the graph before anybody subscribes (what `topic list` reads)": (
+        "Topics behind a router: forwarded on demand, and listed before a node subscribes"
+    ),
+    "agents offer it": "agents advertise them",
+    "life asserted without a message does not cross": (
+        "liveliness asserted without a message is not forwarded"
+    ),
+    "who joins later behind a router gets one of a latched past, for Fast DDS does not announce how deep it is": (
+        "a late joiner behind a router receives one transient-local sample, because Fast DDS does not announce the depth"
+    ),
+    "messages a second": "messages per second",
+    "of 921 kB a second": "of 921 kB per second",
+    "of 640 x 480 a second": "of 640 x 480 per second",
+    "as complete as direct": "as completely as without routers",
+    "What will never be heard is said, with the node's name: QoS and types": (
+        "Warning about incompatible QoS or types, with the node's name"
+    ),
+    "Publishers and processes that come, go and die": (
+        "Publishers and processes that start, end or are killed"
+    ),
+    "Services where no ROS 2 stands beside a router: not announced, which is said": (
+        "Services without ROS 2 on the router's host: not announced, with a warning"
+    ),
+    "ROS 2 beside each router": "with ROS 2 on the host of each router",
+    "ROS 2 beside it": "with ROS 2 on the same host",
+    "(what `ros2 param` asks)": "(with `ros2 param`)",
+    "TF: /tf and latched /tf_static": "TF: /tf and transient-local /tf_static",
+    "received until then (MB)": "bytes received during discovery (MB)",
+    "until an agent knows its peers (s)": "discovery time per agent (s)",
+    "pictures received (%)": "images received (%)",
+    "capture to picture in hand (ms)": "latency from capture to receipt (ms)",
+    "first picture (ms)": "time to the first image (ms)",
+}
+"""Plain words for those of committed logs, which name features and quantities in earlier words."""
 
 
 def write_pages(folder: Path) -> None:
@@ -123,10 +166,17 @@ def ros2_tables() -> dict[str, str]:
     tables = []
     for name in ros2.BASELINES:
         frame = ros2.compared(ros2.baseline(name)).map(ros2_cell)
-        frame.insert(0, "stand-in of", name)
+        frame.insert(0, "experiment", name)
         tables.append(frame)
-    features, baselines = ros2.feature_table(), pd.concat(tables)
+    features, baselines = ros2.feature_table().map(plain), pd.concat(tables).map(plain)
     return {"ros2-features": markdown(features), "ros2-baselines": markdown(baselines)}
+
+
+def plain(text: str) -> str:
+    """Return a text of a log in plain words."""
+    for former, current in PLAIN_WORDS.items():
+        text = text.replace(former, current)
+    return text
 
 
 def ros2_cell(value: object) -> str:

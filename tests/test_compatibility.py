@@ -27,7 +27,7 @@ def test_the_book_has_the_tables_of_the_logs():
     page, tables = (ROOT / "book" / "ros2.md").read_text(encoding="utf-8"), pages.ros2_tables()
     assert [mark for mark in tables if f"<!-- {mark} -->" not in page] == []
     rows = [line.split(" | ") for table in tables.values() for line in table.splitlines()]
-    for feature, *verdicts in ros2.feature_table().itertuples(index=False):
+    for feature, *verdicts in ros2.feature_table().map(pages.plain).itertuples(index=False):
         assert [f"| {feature}", *verdicts[:-1], f"{verdicts[-1]} |"] in rows
     for name in ros2.BASELINES:
         assert any(row[0] == f"| {name}" for row in rows), name

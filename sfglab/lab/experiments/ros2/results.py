@@ -16,7 +16,7 @@ from sfglab.lab.runs import lines_of
 from sfglab.lab.stats import Estimate, paired_ratios
 from sfglab.record import LogReader
 
-WORKS, FAILS, CANNOT, UNTESTED = "works", "fails", "cannot work", "untested against the real thing"
+WORKS, FAILS, CANNOT, UNTESTED = "works", "fails", "cannot work", "untested"
 ELSEWHERE = (
     "rmw_cyclonedds_cpp, rmw_connextdds, rmw_zenoh_cpp",
     "Humble, Rolling",
