@@ -37,6 +37,7 @@ nb_mime_priority_overrides = [
 nb_merge_streams = True
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
 myst_heading_anchors = 4
+smartquotes = False  # an option such as --profile keeps both dashes
 suppress_warnings = ["mystnb.mime_priority"]
 copybutton_prompt_text = "$ "
 

@@ -100,8 +100,12 @@ def write_pages(folder: Path) -> None:
         _copy_linked_figures(text, folder)
     (folder / "figures").mkdir()
     for page in folder.rglob("*.md"):
-        for name in re.findall(r"figures/([\w.]+)", page.read_text("utf-8")):
+        text = page.read_text("utf-8")
+        for name in re.findall(r"figures/([\w.]+)", text):
             shutil.copy(ROOT / "figures" / name, folder / "figures")
+        # The folders are beside the folder of the book, and within the book's pages.
+        text = re.sub(r"\.\./(notebooks|figures)/", r"\1/", text)
+        page.write_text(text, encoding="utf-8")
     _replace(folder / "extend.md", {"experiment-of-design": _experiment()})
     _replace(folder / "ros2.md", ros2_tables())
     reference = folder / "reference"
@@ -197,8 +201,9 @@ def format_page(name: str, form: Format) -> str:
     shown = "\n".join(lines[:60] + ["# ..."] * (len(lines) > 60))
     top = defs[_target(schema["items"])] if "items" in schema else schema
     about = (
-        f"{top['description']} Read by `{form.read_by}`; an editor takes `sfglab schema {name}`. "
-        "A key with neither a default nor *needed* may be left out; *None* means that it is."
+        f"`{form.read_by}` reads files of this format, and other commands may read them as well. "
+        f"`sfglab schema {name}` prints the JSON Schema, with which an editor completes keys. Keys "
+        "that are not marked as *needed* are optional. *None* means that the key was left out."
     )
     parts = [
         f"# {form.title}\n\n{about}",
@@ -313,7 +318,9 @@ def commands() -> Iterator[tuple[str, Any]]:
 
 def commands_page() -> str:
     """Return the page of the command line."""
-    parts = ["# Command line\n\nErrors are one sentence; the exit status is 0 where all went well."]
+    parts = [
+        "# Command line\n\nAn error is one sentence on standard error, with an exit status other than 0."
+    ]
     return (
         "\n\n".join([*parts, *(_command(words, command) for words, command in commands())]) + "\n"
     )
@@ -358,9 +365,10 @@ def _safe(text: str) -> str:
 def experiments_page() -> str:
     """Return the page of what may be set in each experiment."""
     about = (
-        "What may be set: `sfglab try depth_codecs frames=10`, `notebook.run(exp, profile, "
-        "frames=10)`, or by sliders; and the values of each profile. A run whose fields were changed, the seed "
-        "apart, is kept and shown, and counts for no claim."
+        "This page lists the fields of each experiment, with their values in each profile (the size of a run). "
+        "Three ways change a field: the command `sfglab try depth_codecs frames=10`, the call "
+        "`notebook.run(exp, profile, frames=10)`, and the sliders of a notebook. A run with changed fields, "
+        "except the seed, counts for no claim."
     )
     return (
         "\n\n".join([f"# Experiments\n\n{about}", *map(_settings, map(experiment, EXPERIMENTS))])
@@ -490,8 +498,9 @@ def ledger_page() -> str:
     project = find_project()
     page = page_html(project, compute_ledger(project, committed=True))
     about = (
-        "`sfglab claims --reference` prints these values, and `sfglab claims` those of your own runs. Click a "
-        "statement to see its acceptance range, the reason of its verdict and a text to cite."
+        "This page compares each claim of the papers with the value of sfglab. `sfglab claims --reference` prints "
+        "the same values, and `sfglab claims` also uses your own runs. Click a statement to see its acceptance "
+        "range, the reason of its verdict and a text to cite."
     )
     return f"# The ledger\n\n{about}\n\n{page}\n"
 
