@@ -87,7 +87,7 @@ fuzz: $(VENV)/.tests ## Fuzz all input parsers for MINUTES, in one process per c
 	@mkdir -p runs && for i in $$(seq $$(nproc)); do \
 		$(BIN)/python tests/fuzz/run.py $$(( $(MINUTES) * 60 )) $$RANDOM 2> runs/fuzz.$$i.log & done; wait
 
-soak: setup ## Cause faults in three agents with streams for MINUTES, and print each recovery; SOAK=--keep-processes also judges memory
+soak: setup ## Cause faults in three agents with streams for MINUTES, and print each recovery; SOAK=--keep-processes ends no process and judges all memory
 	$(BIN)/python tests/soak/run.py $(MINUTES) $(SOAK)
 
 check: lint types test ## Format check, lint, types and tests: what CI runs

@@ -50,7 +50,7 @@ def _set_help(info: Any, text: str | None) -> None:
 
 
 app = typer.Typer(
-    help="""Run multi-robot ROS 2 components beside real robots, and the experiments of three papers.
+    help="""Run components for multi-robot ROS 2 systems, and the experiments of three papers.
 
 Paper A: communication between robots. Paper B: QoS of topics on a wireless link. Paper C: topics
 between software and hardware (FPGA).""",
