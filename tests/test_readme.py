@@ -27,7 +27,7 @@ RESULTS = {  # what a reader takes home, its figure, and the claims about it by 
     },
     "[Discovery traffic of six agents, compared with plain ROS 2](figures/discovery_fleet.png)": {
         "paper's: agents query each other": "A-DISC-BYTES",
-        "sfglab variant: published descriptions": "A-DISC-BYTES-OURS",
+        "sfglab variant: descriptions published, processes kept ready": "A-DISC-BYTES-OURS",
     },
     "[Time to the first image of a late-joining subscriber, compared with plain ROS 2]"
     "(figures/latency.png)": {"paper's": "A-FIRST", "sfglab variant: GOP cache": "A-FIRST-OURS"},
