@@ -438,7 +438,10 @@ def _entry(holder: str, name: str, value: Any) -> str:
         signature = re.sub(r"<function .*? at 0x\w+>", "...", str(inspect.signature(value)))
     except (TypeError, ValueError):
         signature = ""
+    signature = re.sub(r"(: |-> )'([^']*)'", r"\1\2", signature)  # annotations are strings
     text = f"{'class ' if inspect.isclass(value) else ''}{name}{signature}"
+    if len(text) > 80:
+        text = re.sub(r"(\(|, )(?=\*, |\w+: )", lambda found: f"{found[1].strip()}\n    ", text)
     head = f"## {name}\n\n```python\nfrom {holder} import {name}\n{text}\n```"
     return f"{head}\n\n{_prose(inspect.getdoc(value) or '')}"
 
