@@ -84,7 +84,7 @@ def _capacity() -> _Verdict:
         reasons.append("other work is running, so times and CPU loads will be noisy")
     if cores < _ENOUGH_CORES:
         reasons.append(
-            "with few cores the hosts of an experiment compete, so compare ratios, not absolute figures"
+            "with few cores the hosts of an experiment compete, so compare ratios, not absolute values"
         )
     if memory.available < _ENOUGH_MEMORY_BYTES:
         reasons.append("large profiles may run out of memory; use the quick one")
@@ -96,21 +96,21 @@ def _capacity() -> _Verdict:
 def _receive_buffer() -> _Verdict:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         # The kernel doubles a requested size for its own bookkeeping (socket(7)), but not the default.
-        unasked = probe.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        default_bytes = probe.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
         granted = probe.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
-    said = f"a UDP socket gets {granted / _MIB:.1f} of {_RECEIVE_BUFFER_BYTES / _MIB:.0f} MiB asked for"
-    said += f", and {unasked / _MIB:.1f} unasked, as ROS 2 nodes on Fast DDS do"
+    said = f"a UDP socket gets {granted / _MIB:.1f} of {_RECEIVE_BUFFER_BYTES / _MIB:.0f} MiB that it requests"
+    said += f", and {default_bytes / _MIB:.1f} MiB by default, as in ROS 2 nodes on Fast DDS"
     if granted < _RECEIVE_BUFFER_BYTES:
         consequence = (
-            "bursts of large messages may be lost: RELIABLE repairs them at a cost, BEST_EFFORT does not; "
+            "bursts of large messages may be lost; only RELIABLE retransmits them; "
             f"raise it with sysctl net.core.rmem_max={_RECEIVE_BUFFER_BYTES}"
         )
         return Level.LIMITED, said, consequence
-    if unasked < _RECEIVE_BUFFER_BYTES:
+    if default_bytes < _RECEIVE_BUFFER_BYTES:
         consequence = (
-            "bursts of images fit here, but not where nobody asks: an image that a Fast DDS node hears by best "
-            f"effort may be lost; raise it with sysctl net.core.rmem_default={_RECEIVE_BUFFER_BYTES}"
+            "bursts of images fit in sfglab's nodes; a Fast DDS node may lose images that it receives best "
+            f"effort; raise the default with sysctl net.core.rmem_default={_RECEIVE_BUFFER_BYTES}"
         )
         return Level.OK, said, consequence
     return Level.OK, said, "bursts of images fit"
@@ -213,7 +213,7 @@ def _ros() -> _Verdict:
 _CHECKS: dict[str, tuple[Callable[[], _Verdict], str]] = {
     "network namespaces": (
         _namespaces,
-        "experiments with several hosts run on this machine's loopback or are simulated, and say so",
+        "experiments with several hosts run on this machine's loopback or are simulated, and logs name this",
     ),
     "cores, memory, load": (_capacity, "how steady the numbers are is unknown"),
     "UDP receive buffer": (_receive_buffer, "live experiments over UDP do not run"),
@@ -229,7 +229,7 @@ _CHECKS: dict[str, tuple[Callable[[], _Verdict], str]] = {
     "H.264": (_h264, _NO_VIDEO),
     _ROS: (
         _ros,
-        "nothing is tested beside rclpy, and services of rmw_fastrtps cross no router; nothing else needs ROS",
+        "tests beside rclpy are skipped, and routers forward no services of rmw_fastrtps; nothing else needs ROS",
     ),
 }
 
