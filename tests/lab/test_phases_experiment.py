@@ -43,6 +43,7 @@ def test_a_click_prints_the_cells_and_a_command_that_simulates_the_condition_aga
     here = (place.preset, place.loss, place.frame_us)
     assert found == [(rate_hz, *here) for rate_hz in (100, 200, 500, 1000)]
     pressed = press_map(run, place.preset)
+    assert "OPT+LC: laps completed" in pressed.titles()[str(place.Index)]
     pressed.press(str(place.Index))
     assert "OPT+LC" in pressed.widget.children[0].value
     assert pressed.said == ""

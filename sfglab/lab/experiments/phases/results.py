@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from sfglab.lab.explore import Pressed
 
 LEAST_SEEDS = 6  #: Number of seeds that the criteria require.
-MOST_RATES = 3  #: Number of the four Rmax at which OPT+LC has to be lowest.
+MOST_RATES = 3 / 4  #: Share of the four Rmax at which OPT+LC has to be lowest.
 _MAP = "figure phases, notebook 22"
 FAST_HZ = (
     500,
@@ -63,14 +63,14 @@ _ROBOT2 = "robot2"
 # --- Answers ----------------------------------------------------------------------------------
 
 ANSWERS = {
-    "latency_lowest": "OPT+LC:\nlatency at most\n5 % above the\nlowest other?",
-    "loss_lowest": "OPT+LC:\nloss at most\n1 point above the\nlowest other?",
-    "latency_small": "No method:\nhigher latency with\nsome DEPTH ≤ 10 than\nwith some ≥ 100?",
-    "loss_small": "No method:\nhigher loss with\nsome DEPTH ≤ 10 than\nwith some ≥ 100?",
-    "completed": "OPT+LC:\nrobots complete the\nlap in the hallway?",
-    "completed_none": "No method:\nrobots complete the\nlap in the hallway?",
+    "loss_lowest": "OPT+LC: loss at most 1 point above the lowest",
+    "loss_small": "no method: a DEPTH up to 10 loses more",
+    "latency_lowest": "OPT+LC: latency at most 5 % above the lowest",
+    "latency_small": "no method: a DEPTH up to 10 is later",
+    "completed": "OPT+LC: laps completed",
+    "completed_none": "no method: laps completed",
 }
-"""Questions about each condition, by the column of the answers; an answer is a share from 0, no, to 1, yes."""
+"""Statements about each condition, by the column of the answers; an answer is a share from 0, no, to 1, yes."""
 
 
 def summary(cells: pd.DataFrame) -> pd.DataFrame:
@@ -220,7 +220,7 @@ def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
         and ``agrees`` (both conditions hold).
     """
     fast = table[table["rate_max_hz"].isin(FAST_HZ)]
-    lowest = table.groupby(_CONDITION, sort=False)[f"{of}_lowest"].sum() >= MOST_RATES
+    lowest = table.groupby(_CONDITION, sort=False)[f"{of}_lowest"].mean() >= MOST_RATES
     small = fast.groupby(_CONDITION, sort=False)[f"{of}_small"].any()
     found = pd.DataFrame({"lowest": lowest, "small": small})
     return found.assign(agrees=found["lowest"] & found["small"]).reset_index()
@@ -291,49 +291,87 @@ QUEUES = {
     "head": "a full queue drops the oldest",
 }
 """Texts for the rules of a host's full queue."""
-_SQUARE: dict[str, Any] = {"marker": "s", "cmap": "cividis", "vmin": 0, "vmax": 1, "ec": "black"}
-_WIDTH, _ROW_HEIGHT = 10.5, 2.2
+_COLUMN = ["queue_rule", "preset", "loss", "frame_us"]
+_WIDTH, _ROW_HEIGHT = 10.5, 2.5
+_LIGHT = 0.45  #: Share from which the colour of a cell is light, so that its text is black.
 
 
 @derived
 def mapped(run: Run[Config]) -> pd.DataFrame:
     """Return the mean outcomes over Rmax in the conditions without stalls."""
     table = phases(run)
-    keys = ["queue_rule", "preset", "loss", "frame_us"]
-    without_stalls = table[table["stall_ms"] == 0].groupby(keys, sort=False)
+    without_stalls = table[table["stall_ms"] == 0].groupby(_COLUMN, sort=False)
     return without_stalls[list(ANSWERS)].mean().reset_index()
 
 
-@exp.figure("phases", size=(_WIDTH, 9.6))
+@derived
+def in_conditions(run: Run[Config]) -> pd.DataFrame:
+    """Return the answers in each plausible condition, or in all conditions of a run without the criterion."""
+    table = phases(run)
+    if run.config.criterion:
+        table = table.merge(pd.DataFrame(plausible(), columns=PLACE), on=PLACE)
+    found = table.groupby(_CONDITION, sort=False)[["completed", "completed_none"]].mean()
+    for of in ("loss", "latency"):
+        halves = agreement(table, of).set_index(_CONDITION)
+        found[f"{of}_lowest"] = halves["lowest"]
+        found[f"{of}_small"] = halves["small"]
+    return found.reset_index()
+
+
+@exp.figure("phases", size=(_WIDTH, 6.4))
 def draw_map(figure: Figure, run: Run[Config]) -> None:
-    """Draw where the paper's conclusions hold: by airtime and loss of a frame, one row per middleware."""
-    rows = list(mapped(run).groupby(["queue_rule", "preset"], sort=False))
-    rules = sorted({str(rule) for (rule, _), _ in rows})
-    figure.set_size_inches(_WIDTH, _ROW_HEIGHT * len(rows) + 1.4)
-    grid = figure.subplots(len(rows), len(ANSWERS), sharex=True, sharey=True, squeeze=False)
-    for panels, ((rule, preset), part) in zip(grid, rows, strict=True):
-        name = PRESETS[str(preset)].name
-        queue = f"{QUEUES[str(rule)]}\n" if len(rules) > 1 else ""
-        panels[0].set_ylabel(f"{name}\n{queue}frame loss (%)", fontsize=8)
-        squares = draw_row(panels, part)
-    for top, bottom, question in zip(grid[0], grid[-1], ANSWERS.values(), strict=True):
-        top.set_title(question, fontsize=8)
-        bottom.set_xlabel("airtime of a frame (us)", fontsize=8)
-    figure.colorbar(
-        squares,
-        ax=grid,
-        shrink=0.5,
-        aspect=40,
-        label="share of the Rmax with answer yes (hallway: share of laps)",
-    )
+    """Draw in how many conditions paper B's statements hold: one column per frame loss and airtime, one panel per timing."""
+    groups = list(in_conditions(run).groupby(["queue_rule", "preset"], sort=False))
+    figure.set_size_inches(_WIDTH, _ROW_HEIGHT * len(groups) + 1.4)
+    panels = figure.subplots(len(groups), squeeze=False)[:, 0]
+    for axes, ((rule, preset), part) in zip(panels, groups, strict=True):
+        cells = part.groupby(["loss", "frame_us"])
+        texts = [texts_of(cell) for _, cell in cells]
+        draw_answers(axes, cells[list(ANSWERS)].mean().reset_index(), texts)
+        for y, text in enumerate(texts_of(part)):
+            axes.text(len(texts) + 0.1, y + 0.5, text, va="center", fontsize=8, weight="bold")
+        axes.set_title(f"timing of {PRESETS[str(preset)].name}; {QUEUES[str(rule)]}", fontsize=9)
     figure.suptitle(_title(run))
     note(
         figure,
-        f"simulated, {run.config.seeds} seeds; OPT: balanced QoS, LC: local cache; one square per condition "
-        f"without channel stalls; {' or '.join(QUEUES[rule] for rule in rules)}\n"
-        "grey: plausible conditions in the modes that the criteria judge; the title also counts those with "
-        "stalls, by the mode with the lower result",
+        f"simulated, {run.config.seeds} seeds; number of conditions in which the statement holds, or share of laps; "
+        "bold: all columns\n"
+        "OPT: balanced QoS, LC: local cache; conditions of one column differ in the length of channel stalls",
     )
+
+
+def texts_of(found: pd.DataFrame) -> list[str]:
+    """Return for each statement the number of conditions in which it holds, or the share of laps completed."""
+    texts = []
+    for answer in ANSWERS:
+        if answer.startswith("completed"):
+            texts.append(f"{100 * found[answer].mean():.0f} %")
+        else:
+            texts.append(f"{found[answer].sum()} of {len(found)}")
+    return texts
+
+
+def draw_answers(axes: Axes, columns: pd.DataFrame, texts: Sequence[Sequence[str]]) -> None:
+    """Draw one row per statement and one column per frame loss and airtime: yellow is yes, dark blue is no.
+
+    Args:
+        axes: Axes to draw into.
+        columns: Frame loss, airtime and answers of each column.
+        texts: Texts of the cells of each column.
+    """
+    shares = columns[list(ANSWERS)].to_numpy(dtype=np.float64)
+    axes.pcolormesh(shares.T, cmap="cividis", vmin=0, vmax=1, edgecolors="white")
+    for (x, y), share in np.ndenumerate(shares):
+        color = "black" if share > _LIGHT else "white"
+        axes.text(x + 0.5, y + 0.5, texts[x][y], ha="center", va="center", fontsize=8, color=color)
+    ticks = [f"{100 * row.loss:.2g} %\n{row.frame_us:.0f} µs" for row in lines_of(columns)]
+    axes.set_xticks(np.arange(len(ticks)) + 0.5, ticks, fontsize=8)
+    axes.set_yticks(np.arange(len(ANSWERS)) + 0.5, ANSWERS.values(), fontsize=8)
+    axes.set_xlabel("frame loss and airtime of a frame, on each hop", fontsize=8)
+    for x in np.flatnonzero(np.diff(columns["loss"])) + 1:
+        axes.axvline(x, color="white", linewidth=5)
+    axes.invert_yaxis()
+    axes.grid(visible=False)
 
 
 def _title(run: Run[Config]) -> str:
@@ -341,34 +379,13 @@ def _title(run: Run[Config]) -> str:
     found = [finding(run) for finding in (loss_order, latency_order, laps_completed)]
     lost, late, more = (one.estimate.value if one else np.nan for one in found)
     if np.isnan(lost):
-        return "Six answers about paper B's conclusions, by condition"
+        return "Answers about paper B's conclusions, by condition"
     places = pd.DataFrame(plausible(), columns=PLACE)
     count = len(places.drop_duplicates(["loss", "frame_us", "stall_ms"]))
     return (
-        f"Plausible conditions that agree with paper B: loss {lost * count:.0f} of {count}, latency "
-        f"{late * count:.0f} of {count}\nsuccess rate of laps with OPT+LC: {100 * more:.0f} percentage "
-        "points above that without a method"
+        f"Of {count} plausible conditions {lost * count:.0f} agree with paper B in loss, and {late * count:.0f} in "
+        f"latency;\nOPT+LC completes {100 * more:.0f} percentage points more laps than no method"
     )
-
-
-def draw_row(panels: Sequence[Axes], table: pd.DataFrame) -> Any:
-    """Draw the simulated conditions of one middleware, one panel per question, and return the last squares."""
-    from matplotlib.patches import Rectangle
-
-    asked = criterion()
-    low, high = asked.region["loss"]
-    least_us, most_us = asked.region["frame_us"]
-    is_judged = table["preset"].isin(asked.modes).all()
-    for axes, answer in zip(panels, ANSWERS, strict=True):
-        size = (most_us - least_us, 100 * (high - low))
-        if is_judged:
-            axes.add_patch(Rectangle((least_us, 100 * low), *size, color="0.85", zorder=0))
-        squares = axes.scatter(table["frame_us"], 100 * table["loss"], 36, table[answer], **_SQUARE)
-        axes.set(xscale="log", yscale="log")
-        axes.set_xticks([50, 200, 1000], ["50", "200", "1000"], fontsize=8)
-        axes.set_yticks([0.01, 0.1, 1], ["0.01", "0.1", "1"])
-        axes.minorticks_off()
-    return squares
 
 
 def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
@@ -380,31 +397,41 @@ def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
     from sfglab.lab.explore import Pressed, part
     from sfglab.view.widgets import widgets
 
-    table = mapped(run).query("preset == @preset")
+    table = mapped(run).query("preset == @preset").sort_values(["loss", "frame_us"])
     rows = {str(row.Index): row for row in lines_of(table)}
-    printed = widgets().HTML(
-        "<p>Yellow: yes; dark blue: no. Click a square to print its cells.</p>"
-    )
+    texts = [[f"{100 * getattr(row, answer):.0f} %" for answer in ANSWERS] for row in rows.values()]
+    printed = widgets().HTML("<p>Click a column to print its cells.</p>")
 
     class ConditionMap(Pressed):
-        """Simulated conditions of one middleware with the answers to six questions, to click."""
+        """Conditions without stalls of one middleware: share of the Rmax, or of laps, with six statements; to click."""
 
         def draw(self, figure: Figure) -> None:
-            panels = figure.subplots(1, len(ANSWERS), sharey=True)
-            draw_row(panels, table)
-            panels[0].set_ylabel(f"{PRESETS[preset].name}\nframe loss (%)", fontsize=8)
-            figure.supxlabel("airtime of a frame (us)", fontsize=8)
-            for axes, question in zip(panels, ANSWERS.values(), strict=True):
-                axes.set_title(question, fontsize=8)
-                for name, row in rows.items():
-                    # The square is nearly invisible, because the mouse needs an area.
-                    part(name, *axes.plot(row.frame_us, 100 * row.loss, "s", ms=9, alpha=0.02))
+            axes = figure.subplots()
+            draw_answers(axes, table, texts)
+            axes.set_title(
+                f"timing of {PRESETS[preset].name}: share of the Rmax, or of laps", fontsize=9
+            )
+            for x, name in enumerate(rows):
+                # The column is nearly invisible, because the mouse needs an area.
+                part(name, axes.axvspan(x, x + 1, alpha=0.02))
+
+        def titles(self) -> dict[str, str]:
+            return {name: tooltip(row) for name, row in rows.items()}
 
         def take(self, name: str) -> None:
             cells = cells_at(run, rows[name]).to_html(float_format="{:.3g}".format)
             printed.value = f"<pre>{escape(command_of(run, rows[name]))}</pre>{cells}"
 
-    return ConditionMap((_WIDTH, 3.2), [printed])
+    return ConditionMap((_WIDTH, 3.0), [printed])
+
+
+def tooltip(place: Any) -> str:
+    """Return the condition of one row of `mapped` and its answers, one line each."""
+    texts = [
+        f"{100 * place.loss:.2g} % frame loss, {place.frame_us:.0f} µs airtime; click to print"
+    ]
+    texts += [f"{text}: {100 * getattr(place, answer):.0f} %" for answer, text in ANSWERS.items()]
+    return "\n".join(texts)
 
 
 def cells_at(run: Run[Config], place: Any) -> pd.DataFrame:
