@@ -1,13 +1,15 @@
 """Pictures of paper C that answer: the core's table and the programme of node mapping have the say."""
 
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
 from made_logs import DATA
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from sfglab.errors import SfglabError
 from sfglab.lab.experiments import gateways
+from sfglab.lab.figures import drawn
 from sfglab.soc import ZCU104, assess, chain_s, load_graph, map_communication, place_nodes
 from sfglab.soc.driving import CHAIN, Chain
 from sfglab.soc.exploration import walk
@@ -99,3 +101,15 @@ def test_a_chain_that_goes_round_ends_with_its_last_transfer():
     graph = Graph(nodes=(Node(name="a"), Node(name="b")), topics=tuple(topics))
     once_s, thrice_s = (max(chain_s(graph, chain).values()) for chain in ("ab", "abab"))
     assert thrice_s == pytest.approx(3 * once_s)
+
+
+def test_notes_of_the_driving_graph_are_apart():
+    pressed = PressedMapping(BEGIN, ZCU104, chain=CHAIN)
+    figure = drawn(pressed._size, pressed.draw)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    notes = [text for text in figure.axes[0].texts if text.get_bbox_patch()]
+    boxes = [note.get_bbox_patch().get_window_extent(renderer) for note in notes]
+    assert len(boxes) > 10
+    for one, other in combinations(boxes, 2):
+        assert not one.padded(4).overlaps(other), "two notes touch"

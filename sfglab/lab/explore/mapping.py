@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from sfglab.soc.graph_layout import Box
+
     Point = tuple[float, float]
 
 _MS = 1e3
@@ -173,7 +175,12 @@ class PressedMapping(Pressed):
         places = []
         crossing = mapping.crossing_edges(self.graph)
         lines = self._layout.lines
-        for x, y, text in self._carriages():
+        boxes = np.array([(box.x, box.y) for box in self._layout.boxes.values()])
+        for box, text in self._carriages():
+            # Below the topic, or above it if there is more room.
+            away = box.height / 2 + _NOTE_SIZE[1] / 2
+            sides = np.array([(box.x, box.y - away), (box.x, box.y + away)])
+            x, y = _free_place(sides, np.vstack([*lines.values(), boxes]))
             ax.text(x, y, text, color=FRAME, **_NOTE)
             # The second point, towards the subscribers, keeps the times on their edges farther away.
             places += [(x, y), (x + _NOTE_SIZE[0] / 3, y)]
@@ -187,8 +194,8 @@ class PressedMapping(Pressed):
         figure.suptitle(self._cost(), fontsize="medium")
         draw_legend(figure)
 
-    def _carriages(self) -> Iterator[tuple[float, float, str]]:
-        """Yield place and text of a note below each topic: number of transfers per message."""
+    def _carriages(self) -> Iterator[tuple[Box, str]]:
+        """Yield the frame of each topic, and the text of its note: number of transfers per message."""
         for topic in self.graph.topics:
             times = mapping.carriages_per_message(self.graph, topic)
             if not times:
@@ -196,8 +203,7 @@ class PressedMapping(Pressed):
             text = f"{times:g} transfer" + ("" if times == 1 else "s")
             if self._platform:
                 text += f"\n{_MS * topic_load(self.graph, topic):.2g} ms/s"
-            frame = self._layout.boxes["topic", topic.name]
-            yield frame.x, frame.y - frame.height / 2 - _NOTE_SIZE[1] / 2, text
+            yield self._layout.boxes["topic", topic.name], text
 
     def _times(self) -> dict[Edge, str]:
         """Return how long a message takes on the edge to each subscriber."""
@@ -228,11 +234,11 @@ class PressedMapping(Pressed):
 
 
 def _free_place(line: NDArray[np.float64], others: NDArray[np.float64]) -> Point:
-    """Return the point of an edge that is farthest from other points.
+    """Return the point of a line that is farthest from other points.
 
     Args:
-        line: Curve of the edge, shape (n, 2).
-        others: Points of other edges and of notes, and the ends of the edge, shape (m, 2).
+        line: Points to choose from, such as the curve of an edge, shape (n, 2).
+        others: Points to keep away from, such as other edges, notes, and the ends of the edge, shape (m, 2).
     """
     # In sizes of a note: two notes that are one size apart do not overlap.
     distances = np.abs(line[:, None] - others) / _NOTE_SIZE
