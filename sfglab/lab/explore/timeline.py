@@ -34,7 +34,7 @@ Samples = Annotated[int, Bounds(1, 40)]
 Seed = Annotated[int, Bounds(0, 20)]
 
 _FLOW = "a"
-_REPAIR = "repair"
+_REPAIR = "retransmission"
 _KINDS = {
     Frame.DATA: ("sample", COLORS["proxy"]),
     Frame.BURST: (_REPAIR, COLORS["third"]),

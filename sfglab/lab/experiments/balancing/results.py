@@ -250,7 +250,7 @@ def by_rate(shares: pd.Series[float]) -> str:
 _SHADES = ("#cfe3f2", "#86b9de", "#3d8fc8", COLORS["proxy"])
 
 
-@exp.figure("balancing_caches", size=(8.4, 6.2))
+@exp.figure("balancing_caches", size=(9.4, 6.2))
 def draw_caches(figure: Figure, run: Run[Config]) -> None:
     """Draw what the local cache (LC) saves: readings of each sensor, and RTPS frames by kind."""
     suppressed, frames = saved(run), frames_saved(run)
@@ -259,8 +259,12 @@ def draw_caches(figure: Figure, run: Run[Config]) -> None:
     names = [f"{name}\nchanges every\n{changes[name]:g} s" for name in suppressed.index]
     draw_shares(readings, suppressed, names)
     readings.set_ylabel("readings suppressed (%)")
-    title = "reading rate (above), Rmax (below)"
-    readings.legend(title=title, ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.3))
+    readings.set_title(
+        "Readings that the local cache suppresses, by sensor and reading rate", fontsize=9
+    )
+    transport.set_title("Frames that the local cache saves, by kind, method and Rmax", fontsize=9)
+    handles = readings.get_legend_handles_labels()
+    figure.legend(*handles, loc="outside right center", title="reading rate\nor Rmax")
     names = [f"{frame}\n{PAIRS[name][1]} instead of\n{name}" for name, frame in frames.index]
     draw_shares(transport, frames, names)
     transport.set_ylabel("frames saved by LC (%)")
@@ -269,7 +273,7 @@ def draw_caches(figure: Figure, run: Run[Config]) -> None:
         f"{100 * suppressed.iloc[:, -1].mean():.0f} % of the readings (mean of the sensors)"
     )
     readings_text = f"random readings of {run.config.readings_s:g} s per sensor, one run"
-    note(figure, f"frames: simulated (reference run of transmission); {readings_text}")
+    note(figure, f"{readings_text}; frames: simulated, reference run of notebook 22")
 
 
 def draw_shares(axes: Axes, shares: pd.DataFrame, names: Sequence[str]) -> None:
@@ -285,20 +289,27 @@ def draw_qos(figure: Figure, run: Run[Config]) -> None:
     """Draw the share of the channel that paper B's topics need, by method."""
     loads = 100 * channel_loads(run)
     axes = figure.subplots()
-    styles = {name: {"color": color, "label": name} for name, color in METHODS.items()}
+    styles = {name: {"color": color} for name, color in METHODS.items()}
     lines(axes, loads, styles, marker="o", markersize=4)
+    for name, color in METHODS.items():
+        label = {"color": color, "va": "center", "fontsize": 8}
+        axes.text(1.03 * loads.index[-1], loads[name].iloc[-1], name, **label)
+    axes.set_xticks(loads.index)
+    axes.set_xlim(0, 1.4 * loads.index[-1])
     axes.axhline(100, color="black", linestyle="--", linewidth=1)
-    axes.text(loads.index[-1], 108, "saturated", ha="right", va="bottom", fontsize=8)
-    demand_text = "demand on the channel if all hosts contend (%)"
+    axes.text(1.38 * loads.index[-1], 95, "above: saturated", ha="right", va="top", fontsize=8)
+    demand_text = "demand on the channel (%)"
     axes.set(xlabel="Rmax (Hz)", ylabel=demand_text, yscale="log")
     axes.set_yticks([10, 100, 1000], ["10", "100", "1000"])
-    axes.legend(fontsize=8)
     most, cached = loads[OPT], loads.iloc[:, -1]
     figure.suptitle(
         f"At Rmax = {most.index[-1]} Hz balanced QoS (OPT, Eq. 6) needs {most.iloc[-1]:.0f} %\n"
         f"of the channel, with the local cache (LC) {cached.iloc[-1]:.0f} %"
     )
-    note(figure, 'topics of paper B, assumed channel of 20 Mbit/s; LC passes each "Hello"')
+    note(
+        figure,
+        'topics of paper B, assumed channel of 20 Mbit/s; all hosts contend; LC passes each "Hello"',
+    )
 
 
 # --- Explorers --------------------------------------------------------------------------------

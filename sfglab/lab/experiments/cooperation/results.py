@@ -132,18 +132,21 @@ def draw_success(figure: Figure, run: Run[Config]) -> None:
     for (y, x), count in np.ndenumerate(done):
         axes.text(x, y, f"{count} of {driven[y, x]}", ha="center", va="center", fontsize=8)
     names = [f"{method}, DEPTH {depth_text(depth)}" for method, depth in done.index]
-    axes.set_xticks(range(len(done.columns)), done.columns)
+    axes.set_xticks(range(len(done.columns)), [f"{rate_hz} Hz" for rate_hz in done.columns])
     axes.set_yticks(range(len(done)), names, fontsize=8)
-    axes.set_xlabel("maximum rate Rmax (Hz)")
+    axes.set_xlabel("Rmax, the highest rate of a topic")
     axes.grid(visible=False)
+    is_always = (done.to_numpy() == driven).all(axis=1)
+    always = [name for name, every in zip(names, is_always, strict=True) if every]
     figure.suptitle(
-        f"Laps completed: {completed(table, BEST)} with OPT+LC, {completed(table, NONE)} without a "
-        "method\n(paper: OPT+LC completes the task)"
+        f"Laps completed: {completed(table, BEST)} with OPT+LC (paper: it completes the task),\n"
+        f"{completed(table, NONE)} without a method; all with: {'; '.join(always) or 'no setting'}"
     )
     note(
         figure,
         f"simulated, {table['seed'].nunique()} seeds per setting, {100 * run.config.loss:g} % frame loss; "
-        f"timing of {PRESETS[run.config.vendor].name}; OPT: balanced QoS, LC: local cache, CC: cache control",
+        f"timing of {PRESETS[run.config.vendor].name}\n"
+        "none: no method; OPT: balanced QoS, LC: local cache, CC: cache control",
     )
 
 
@@ -165,8 +168,12 @@ def draw_tracks(figure: Figure, run: Run[Config]) -> None:
         ending = ending_text(End(lap.end), lap.robot, lap.ended_s)
         titles[name] = f"{setting_text(lap)}: {ending}"
     draw_laps(figure, run["track"], titles)
-    figure.suptitle("A lap that is completed, and one that fails")
-    note(figure, "simulated; each panel has the first lap with this outcome")
+    figure.suptitle("The first lap that is completed, and the first that fails")
+    note(
+        figure,
+        "simulated; +: start, disc: end; the hallways of the three robots are drawn as one\n"
+        "OPT+LC: balanced QoS and local cache, none: no method",
+    )
 
 
 def draw_laps(figure: Figure, tracks: pd.DataFrame, titles: dict[str, str]) -> None:
@@ -175,6 +182,14 @@ def draw_laps(figure: Figure, tracks: pd.DataFrame, titles: dict[str, str]) -> N
     for axes, (name, title) in zip(panels, titles.items(), strict=False):
         draw_lap(axes, tracks[tracks["run"] == name])
         axes.set_title(title, fontsize=9)
+    panels[0].legend(
+        fontsize=8,
+        title="track and boxes of",
+        title_fontsize=8,
+        loc="center",
+        bbox_to_anchor=(1.5, 2.2),
+        bbox_transform=panels[0].transData,
+    )
 
 
 def draw_lap(axes: Axes, tracks: pd.DataFrame) -> None:
@@ -192,13 +207,6 @@ def draw_lap(axes: Axes, tracks: pd.DataFrame) -> None:
         axes.plot(own["x_m"], own["y_m"], color=color, linewidth=1.2, label=area.robot)
         end = own[["x_m", "y_m"]].iloc[-1]
         axes.add_patch(Circle(tuple(end), RADIUS_M, color=color, alpha=0.7))
-    axes.legend(
-        fontsize=8,
-        title="track and boxes of",
-        title_fontsize=8,
-        loc="upper right",
-        bbox_to_anchor=(1.06, 0.97),
-    )
     axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
     axes.grid(visible=False)
 
@@ -222,5 +230,5 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
     )
     note(
         figure,
-        f"the live lap {schedule} and lasted {values['lasted_s']:.0f} s; the claim concerns Fast DDS",
+        f"the live lap {schedule} and lasted {values['lasted_s']:.0f} s; +: start, disc: end; B-COOP is about Fast DDS",
     )

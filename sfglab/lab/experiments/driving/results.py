@@ -203,7 +203,7 @@ def draw_chain(figure: Figure, run: Run[Config]) -> None:
             places, rows["mean (ms)"], rows["deviation (ms)"], fmt="o", capsize=4, **style
         )
     axes.set_xticks(range(len(sources)), [fill(source, 16) for source in sources])
-    axes.set(ylabel="time of the chain (ms)", ylim=(0, None))
+    axes.set(ylabel="time of node chain \N{GREEK SMALL LETTER ALPHA} (ms)", ylim=(0, None))
     axes.legend(loc="lower left")
     times = chain_ms(run)
     model_ms = times[SOFTWARE].mean() - times[GATEWAY].mean()
@@ -217,7 +217,11 @@ def draw_chain(figure: Figure, run: Run[Config]) -> None:
         f"A gateway for topic A saves {model_ms:.1f} ms by the model{across} "
         f"(paper: {paper('C-DRIVE'):.1f} ms)"
     )
-    note(figure, "model: transfer times of hardware nodes; error bars: standard deviation")
+    note(
+        figure,
+        "chain \N{GREEK SMALL LETTER ALPHA}: compensation to lane control; model: transfer times of hardware nodes\n"
+        "error bars: standard deviation",
+    )
 
 
 @derived
@@ -266,5 +270,5 @@ def _draw_map(axes: Axes, run: Run[Config]) -> None:
     axes.annotate("start", start, (-24, 0), textcoords="offset points", ha="right", fontsize=8)
     axes.plot(lights[:, 0], lights[:, 1], "s", color="black", mfc="white", label="stop line")
     axes.plot(stopped(run)["x_m"], stopped(run)["y_m"], "o", color=_RED, label="stop of the car")
-    axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)")
+    axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)", title="lap from above")
     axes.legend(fontsize=8, loc="center")

@@ -82,8 +82,10 @@ def draw_gateway(figure: Figure, run: Run[Config]) -> None:
     )
     note(
         figure,
-        "yellow state: uses the delegate; blue: uses the hardware-mapped topic; "
-        "white: compares publisher IDs; dashed: added by us; italic: action of the state",
+        "yellow state: uses the delegate over its interface, OSIF; blue: uses the hardware-mapped topic, HMT; "
+        "white: compares publisher IDs\n"
+        "SMT: software-mapped topic; dashed: added by us; italic: action of the state; own: sent by the core "
+        "itself; foreign: sent by a node",
     )
 
 

@@ -389,21 +389,26 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
         own = kept["group"] == group
         left.plot(loss[own], names[own], linestyle="", **style)
         right.plot(latency[own], names[own], linestyle="", **style)
-    left.axvspan(-100 * LOSS_WITHIN, 100 * LOSS_WITHIN, color="0.9")
-    right.axvspan(1 / (1 + LATENCY_WITHIN), 1 / (1 - LATENCY_WITHIN), color="0.9")
+    left.axvspan(-100 * LOSS_WITHIN, 100 * LOSS_WITHIN, color="0.9", zorder=0)
+    right.axvspan(1 / (1 + LATENCY_WITHIN), 1 / (1 - LATENCY_WITHIN), color="0.9", zorder=0)
     left.invert_yaxis()
     left.set(xlabel="loss, live - model (percentage points)")
-    right.set(xlabel="median latency, live / model")
-    right.legend(loc="lower right", fontsize=8)
+    right.set(xlabel="median latency, live / model (ratio)")
+    left.axvline(0, color="black", linewidth=0.8)
+    right.axvline(1, color="black", linewidth=0.8)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside right center", fontsize=8)
     by_cell = agreeing(kept).groupby(_CELL)[["loss_agrees", "latency_agrees"]].all()
     lost, late = by_cell.sum()
     figure.suptitle(
-        f"Model and Cyclone DDS (one trial per cell) agree in loss in {lost}, in latency in {late} of "
-        f"{len(by_cell)} cells"
+        f"The model agrees with live Cyclone DDS in loss in {lost} of {len(by_cell)} cells, in latency in {late}"
         if len(kept)
         else run.skipped("live")
     )
-    note(figure, counts_text(run, "live", run["live"].drop_duplicates(_CELL)))
+    counts = counts_text(run, "live", run["live"].drop_duplicates(_CELL))
+    note(
+        figure,
+        f"one trial per cell; line: equal; {counts}\nnone: no method; OPT+LC: balanced QoS, local cache",
+    )
 
 
 # --- Validation of the presets ----------------------------------------------------------------
@@ -454,9 +459,9 @@ def validated(run: Run[Config]) -> pd.DataFrame:
 
 _MARKS: dict[str, Any] = {"linestyle": "", "markersize": 3.5, "alpha": 0.7}
 KIND_STYLES = {
-    "calm": {"label": "calm topic", **series("third"), **_MARKS},
-    "lossy": {"label": "lossy topic", **series("proxy"), **_MARKS},
-    "saturated": {"label": "saturated topic", **series("standard"), **_MARKS},
+    "calm": {"label": "topic, few frames lost", **series("third"), **_MARKS},
+    "lossy": {"label": "topic, many frames lost", **series("proxy"), **_MARKS},
+    "saturated": {"label": "topic, channel saturated", **series("standard"), **_MARKS},
     GRID: {"label": '"Hello" of the grid', **series("fourth"), **_MARKS},
 }
 
@@ -489,10 +494,12 @@ def draw_validation(figure: Figure, run: Run[Config]) -> None:
         f"{100 * share.min:.0f} to {100 * share.max:.0f} % of the {names[share.Index]}"
         for share in lines_of(shares.sort_index(ascending=False))
     ]
-    figure.suptitle(
-        f"First trials in which DDS and model agree, by preset: {', '.join(texts)}\n(points: all trials)"
+    figure.suptitle(f"The model agrees with real DDS in {' and '.join(texts)}")
+    counts = counts_text(run, "validation", rows)
+    note(
+        figure,
+        f"title: first trials, lowest and highest preset; points: all trials; line: equal\n{counts}",
     )
-    note(figure, counts_text(run, "validation", rows))
 
 
 def draw_band(axes: Axes, equal: Floats, low: Floats, high: Floats) -> None:
