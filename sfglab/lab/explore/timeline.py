@@ -43,7 +43,8 @@ _KINDS = {
     Frame.GAP: ("GAP: sample not kept", COLORS["network"]),
 }
 """Name and colour of each kind of frame."""
-_TICKS = 14
+_TICKS = 14  #: Largest number of ticks.
+_TICK_MS = 50  #: Ticks are at multiples of this time, ms.
 
 
 class Timeline(Pressed):
@@ -122,9 +123,12 @@ class Timeline(Pressed):
         for frame in self.frames:
             _draw_frame(axes, frame, place_of((frame.began_ns, frame.ended_ns)))
         _draw_samples(axes, outcome, place_of)
-        ticks = np.linspace(places[0], places[-1], _TICKS)
-        times_ms = np.interp(ticks, places, times_ns) / 1e6
-        axes.set_xticks(ticks, [f"{time_ms:.0f}" for time_ms in times_ms])
+        ticks = {places[0]: "0"}
+        for time_ms in range(0, int(times_ns[-1] / 1e6), _TICK_MS):
+            place = float(place_of(1e6 * time_ms))
+            if place > max(ticks) + places[-1] / _TICKS:
+                ticks[place] = str(time_ms)
+        axes.set_xticks([*ticks], ticks.values())
         axes.set_yticks((0, 1), ("reader", "writer"))
         axes.set(ylim=(-0.25, 1.25), xlabel="time (ms)")
         axes.margins(x=0.01)

@@ -291,9 +291,8 @@ def draw_qos(figure: Figure, run: Run[Config]) -> None:
     axes = figure.subplots()
     styles = {name: {"color": color} for name, color in METHODS.items()}
     lines(axes, loads, styles, marker="o", markersize=4)
-    for name, color in METHODS.items():
-        label = {"color": color, "va": "center", "fontsize": 8}
-        axes.text(1.03 * loads.index[-1], loads[name].iloc[-1], name, **label)
+    for name in METHODS:
+        axes.text(1.03 * loads.index[-1], loads[name].iloc[-1], name, va="center", fontsize=8)
     axes.set_xticks(loads.index)
     axes.set_xlim(0, 1.4 * loads.index[-1])
     axes.axhline(100, color="black", linestyle="--", linewidth=1)

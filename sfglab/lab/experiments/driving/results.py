@@ -95,7 +95,7 @@ def chain_table(run: Run[Config]) -> pd.DataFrame:
         stated = paper("C-DRIVE", f"{mapping}, mean (ms)")
         deviation = paper("C-DRIVE-DEV", f"{mapping}, deviation (ms)")
         rows.append((PAPER, mapping, stated, None, None, deviation))
-    interval = ["95 % CI of the mean: low", "high"]
+    interval = ["95 % low of the mean (ms)", "95 % high of the mean (ms)"]
     return pd.DataFrame(
         rows, columns=["source", "topic A", "mean (ms)", *interval, "deviation (ms)"]
     )

@@ -285,12 +285,6 @@ def by_loss(laps: pd.DataFrame) -> str:
 
 # --- Map --------------------------------------------------------------------------------------
 
-QUEUES = {
-    "block": "a full queue blocks",
-    "tail": "a full queue drops the newest",
-    "head": "a full queue drops the oldest",
-}
-"""Texts for the rules of a host's full queue."""
 _COLUMN = ["queue_rule", "preset", "loss", "frame_us"]
 _WIDTH, _ROW_HEIGHT = 10.5, 2.5
 _LIGHT = 0.45  #: Share from which the colour of a cell is light, so that its text is black.
@@ -330,7 +324,8 @@ def draw_map(figure: Figure, run: Run[Config]) -> None:
         draw_answers(axes, cells[list(ANSWERS)].mean().reset_index(), texts)
         for y, text in enumerate(texts_of(part)):
             axes.text(len(texts) + 0.1, y + 0.5, text, va="center", fontsize=8, weight="bold")
-        axes.set_title(f"timing of {PRESETS[str(preset)].name}; {QUEUES[str(rule)]}", fontsize=9)
+        name = PRESETS[str(preset)].name
+        axes.set_title(f"timing of {name}; rule of a full queue: {rule}", fontsize=9)
     figure.suptitle(_title(run))
     note(
         figure,
@@ -369,7 +364,7 @@ def draw_answers(axes: Axes, columns: pd.DataFrame, texts: Sequence[Sequence[str
     axes.set_yticks(np.arange(len(ANSWERS)) + 0.5, ANSWERS.values(), fontsize=8)
     axes.set_xlabel("frame loss and airtime of a frame, on each hop", fontsize=8)
     for x in np.flatnonzero(np.diff(columns["loss"])) + 1:
-        axes.axvline(x, color="white", linewidth=5)
+        axes.axvline(float(x), color="white", linewidth=5)
     axes.invert_yaxis()
     axes.grid(visible=False)
 
@@ -416,22 +411,19 @@ def press_map(run: Run[Config], preset: str = "fast_dds_foxy") -> Pressed:
                 part(name, axes.axvspan(x, x + 1, alpha=0.02))
 
         def titles(self) -> dict[str, str]:
-            return {name: tooltip(row) for name, row in rows.items()}
+            found = {}
+            for name, row in rows.items():
+                lines = [
+                    f"{100 * getattr(row, key):.0f} %: {text}" for key, text in ANSWERS.items()
+                ]
+                found[name] = "\n".join(lines)
+            return found
 
         def take(self, name: str) -> None:
             cells = cells_at(run, rows[name]).to_html(float_format="{:.3g}".format)
             printed.value = f"<pre>{escape(command_of(run, rows[name]))}</pre>{cells}"
 
     return ConditionMap((_WIDTH, 3.0), [printed])
-
-
-def tooltip(place: Any) -> str:
-    """Return the condition of one row of `mapped` and its answers, one line each."""
-    texts = [
-        f"{100 * place.loss:.2g} % frame loss, {place.frame_us:.0f} µs airtime; click to print"
-    ]
-    texts += [f"{text}: {100 * getattr(place, answer):.0f} %" for answer, text in ANSWERS.items()]
-    return "\n".join(texts)
 
 
 def cells_at(run: Run[Config], place: Any) -> pd.DataFrame:
