@@ -103,14 +103,13 @@ def paper_of(entry: Entry) -> str:
 
 def page_html(project: Project, ledger: Ledger, top: str = "..") -> str:
     """Return the page as HTML; `top` is the path of the top folder in links."""
-    source = f"Values and verdicts are from {ledger.source}. " if ledger.source else ""
-    head = "".join(
-        f'<th style="{_CELL}">{name}</th>' for name in ("claim", "value", "the paper's statement")
-    )
+    columns = ("claim", "the paper's statement", "paper and sfglab", "verdict")
+    head = "".join(f'<th style="{_CELL}">{name}</th>' for name in columns)
     lines = "".join(_line(project, entry, top) for entry in ledger)
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
     meanings = "<br>".join(map(escape, ledger.legend()))
-    return f"<p>{escape(source)}{LEGEND}</p>{table}<p>{meanings}</p>"
+    summary = f"{len(ledger)} claims, {repr(ledger).strip('<>')}."
+    return f"<p>{escape(summary)}</p><p>{LEGEND}</p>{table}<p>{meanings}</p>"
 
 
 def verdict_html(entry: Entry) -> str:
@@ -133,13 +132,20 @@ def _line(project: Project, entry: Entry, top: str) -> str:
         lines.append(f"<b>figures</b>: {', '.join(links)}")
     # The book adds a button to copy to elements of this class.
     lines.append(f'<b>to cite</b>:<div class="highlight">{cited_html(project, [entry])}</div>')
+    numbers = f"sfglab: {entry.value or 'no value'}"
+    if claim.paper is not None:
+        numbers = f"paper: {stated(claim)}; {numbers}"
     cells = (
-        (_CELL, f"{claim.id}<br>{verdict_html(entry)}"),
-        (_CELL, f"{interval_plot(entry)}<br>{escape(f'{entry.value} {entry.unit}')}"),
+        (f"{_CELL}; white-space: nowrap", claim.id),
         (
             f"{_CELL}; overflow-wrap: anywhere",  # a path in a text may be long
             f"<details><summary>{escape(claim.says)}</summary>{'<br>'.join(lines)}</details>",
         ),
+        (
+            f"{_CELL}; min-width: 17em",
+            f"{interval_plot(entry)}<br>{escape(numbers)}<br>{escape(entry.unit)}",
+        ),
+        (f"{_CELL}; white-space: nowrap", verdict_html(entry)),
     )
     row = "".join(f'<td style="{style}">{cell}</td>' for style, cell in cells)
     return f'<tr data-paper="{paper_of(entry)}" data-verdict="{entry.verdict.value}">{row}</tr>'
