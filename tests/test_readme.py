@@ -17,7 +17,8 @@ COUNTS = re.compile(r"(?<=<!-- counts: tests/test_readme.py -->\n).*")
 BEGIN, END = "<!-- results: tests/test_readme.py -->\n", "<!-- end of results -->\n"
 DEVIATING = (
     "These claims deviate: the value in the table, or another value that the claim requires, is not accepted. "
-    "A deviation is favourable if it means a smaller cost or a larger gain than in the paper:"
+    "A deviation is favourable if it means a smaller cost or a larger gain than in the paper, and mixed if several "
+    "values differ in both directions:"
 )
 RESULTS = {  # what a reader takes home, its figure, and the claims about it by their methods
     "[CPU saved per additional subscriber if a stream is decoded once per device]"
@@ -55,22 +56,6 @@ def _head(*columns):
     return [_row(*columns), "|" + "---|" * len(columns)]
 
 
-def is_favourable(entry, ledger):
-    """Return whether all values outside their acceptance ranges are on the better side.
-
-    Of the paper's own method the ledger does not say which side is the better one; its variant does.
-    """
-    claim, measured = entry.claim, entry.measured
-    variant = ledger.get(f"{claim.id}-OURS")
-    better = claim.better or (variant and variant.claim.better)
-    values = [(measured.estimate.value, claim.band)]
-    values += [(measured.ends[name], band) for name, band in claim.ends.items()]
-    outside = [(value, band) for value, band in values if not band[0] <= value <= band[1]]
-    above = all(value > high for value, (_, high) in outside)
-    below = all(value < low for value, (low, _) in outside)
-    return (better == "above" and above) or (better == "below" and below)
-
-
 def counts(whole):
     """Return the sentence of the first screen: how many claims have each verdict."""
     numbers = Counter(entry.verdict for entry in whole)
@@ -94,9 +79,15 @@ def block(whole):
     for e in whole:
         if e.verdict is Verdict.DEVIATES:
             claim = f"{e.claim.id} ({e.claim.where})"
-            side = "favourable" if is_favourable(e, ledger) else "unfavourable"
-            reason = "; ".join(e.reason.split("; ")[:2]).replace("|", "/")
-            cells = (claim, e.claim.says, _accepted(e), e.value, e.unit, f"{side}: {reason}")
+            reason = "; ".join(e.reason.split("; ")[:4]).replace("|", "/")
+            cells = (
+                claim,
+                e.claim.says,
+                _accepted(e),
+                e.value,
+                e.unit,
+                f"{whole.direction(e)}: {reason}",
+            )
             lines.append(_row(*cells))
     return "\n".join(lines) + "\n"
 

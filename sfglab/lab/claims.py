@@ -75,7 +75,7 @@ class Verdict(Enum):
 
 _MEANINGS = {
     Verdict.REPRODUCED: "the value and the claim's other values are accepted; an interval may reach further.",
-    Verdict.BETTER: "the whole interval is above or below the number after 'better'.",
+    Verdict.BETTER: "the whole interval is beyond the acceptance range, on the side that counts as better.",
     Verdict.AS_GOOD: "the value of the sfglab variant, which is another method, is accepted.",
     Verdict.FITTED: "the value is accepted, but constants were fitted to the same numbers.",
     Verdict.UNDECIDED: "runs, or conditions that the paper leaves open, have different verdicts, or a part "
@@ -178,16 +178,25 @@ class Entry:
             return ""
         if self.verdict is Verdict.FITTED:
             return measured.fitted
-        reasons = [measured.reason]
-        for name in _outside(self.claim, measured):
-            accepted_range = _range(self.claim.ends[name])
-            reasons.append(f"{name}: {measured.ends[name]:.3g} (accepted: {accepted_range})")
+        reasons = [measured.reason, *self.failing_ends]
         reasons += [f"{name}: not measured" for name in self.missing_ends]
         for name, estimate in measured.under.items():
             reasons.append(f"{name}: {estimate}, {_compare(self.claim, estimate).value}")
         if len({run.verdict for run in self.runs}) > 1:
             reasons += [f"{run.log}: {run.value}, {run.verdict.value}" for run in self.runs]
         return "; ".join(filter(None, reasons))
+
+    @property
+    def failing_ends(self) -> list[str]:
+        """Measured `ends` of the claim that are not accepted, each with its value and its range."""
+        measured = self.measured
+        if measured is None:
+            return []
+        lines = []
+        for name in _outside(self.claim, measured):
+            accepted_range = _range(self.claim.ends[name])
+            lines.append(f"{name}: {measured.ends[name]:.3g} (accepted: {accepted_range})")
+        return lines
 
     @property
     def missing_ends(self) -> list[str]:
@@ -302,6 +311,31 @@ class Ledger(list[Entry]):
         notes += self.legend()
         lines = "<br>".join(escape(note) for note in notes)
         return f"{html_table(rows, repr(self)[1:-1])}<p>{lines}</p>"
+
+    def direction(self, entry: Entry) -> str:
+        """Return whether a deviation means a smaller cost or a larger gain than the paper's.
+
+        A claim on the paper's own method does not say which side is better; the claim on its sfglab
+        variant does.
+
+        Returns:
+            ``favourable``, ``unfavourable``, ``mixed`` if values deviate to both sides, or an empty
+            text if the claim does not deviate.
+        """
+        measured = entry.measured
+        if measured is None or entry.verdict is not Verdict.DEVIATES:
+            return ""
+        claim = entry.claim
+        family = [claim, *(each.claim for each in self if each.claim.id == f"{claim.id}{_OURS}")]
+        better = next((each.better for each in family if each.better), None)
+        values = [(measured.estimate.value, claim.band)]
+        values += [(measured.ends[name], claim.ends[name]) for name in _outside(claim, measured)]
+        sides = {value > high for value, (low, high) in values if not low <= value <= high}
+        if better is None or not sides:
+            return "unfavourable"
+        if len(sides) > 1:
+            return "mixed"
+        return "favourable" if sides == {better == "above"} else "unfavourable"
 
     def legend(self) -> list[str]:
         """Return the meanings of the verdicts and intervals of these entries, one line each."""
@@ -467,15 +501,14 @@ def _paragraph(entry: Entry) -> list[str]:
     return lines + [f"{name}: {part}" for name, part in parts.items() if part]
 
 
-def criterion_of(claim: Claim) -> list[str]:
-    """Return the rules that judge a claim, one line each: its criterion, its range and its ends."""
-    lines = []
+def criterion_of(entry: Entry) -> list[str]:
+    """Return the rules that judge a claim, one line each: its range with the quantity, and its ends."""
+    claim = entry.claim
     rule = claim.criterion
-    if rule:
-        lines.append(f"{rule.measure}: {_range(rule.band)}; until there is such a run:")
-    for name, band in {claim.unit: claim.band, **claim.ends}.items():
-        lines.append(f"{name}: {_range(band)}")
-    return lines
+    by_criterion = entry.measured is not None and entry.measured.by_criterion
+    quantity = rule.measure if rule and by_criterion else claim.unit
+    rules = {quantity: claim.band, **claim.ends}
+    return [f"{_range(band)}: {name}" for name, band in rules.items()]
 
 
 def _row(entry: Entry) -> tuple[str, ...]:

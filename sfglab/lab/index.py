@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from sfglab.lab.claims import accepted, stated
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import few_colors
 from sfglab.lab.ledger_page import PAPERS, cited_html, verdict_html
@@ -64,7 +65,7 @@ def make_result(project: Project, ledger: Ledger, says: str, figure: str) -> Ind
         project: The checkout.
         ledger: The claims.
         says: The sentence. ``{ID}`` is replaced by the value of the claim `ID` with its interval, and
-            ``{ID:.0%}`` by the value alone in this format.
+            ``{ID:.0%}`` by the same numbers in this format.
         figure: Name of a committed figure.
     """
     sentence = says
@@ -72,21 +73,38 @@ def make_result(project: Project, ledger: Ledger, says: str, figure: str) -> Ind
     for entry in ledger:
         for place, form in re.findall(rf"({{{entry.claim.id}(?::(.+?))?}})", says):
             entries.append(entry)
-            value = entry.value or "no value"
-            if form and entry.shown:
-                value = format(entry.shown.value, form).replace("%", " %")
-            sentence = sentence.replace(place, value)
+            sentence = sentence.replace(place, _formatted(entry, form))
     exp = next(exp for exp in map(experiment, EXPERIMENTS) if figure in exp.drawings)
     notebook = notebook_of(project, exp.name)
     png = project.figures / f"{figure}.png"
+    most_runs = max((len(entry.runs) for entry in entries), default=0)
+    runs = f"The figure shows one of the {most_runs} runs.<br>" if most_runs else ""
     parts = (
         f"<p>{escape(sentence)}</p>",
         _thumbnail(png, exp.caption(figure), _RESULT_PX),
-        f"<p>{verdicts_html(entries, ', ')}<br>",
+        f"<p>{runs}{'<br>'.join(_judged(ledger, entry) for entry in entries)}<br>",
         f'Go deeper: <a href="{notebook}.ipynb">{notebook}</a></p>',
         f"<details><summary>Cite this</summary>{cited_html(project, entries)}</details>",
     )
     return IndexPage("".join(parts), sentence)
+
+
+def _formatted(entry: Entry, form: str) -> str:
+    """Return a claim's value and interval in a format; an empty format stands for the ledger's."""
+    shown = entry.shown
+    if not form or shown is None:
+        return entry.value or "no value"
+    value = format(shown.value, form)
+    if entry.interval:
+        value += f" [{shown.low:{form}}, {shown.high:{form}}]"
+    return value.replace("%", " %")
+
+
+def _judged(ledger: Ledger, entry: Entry) -> str:
+    """Return HTML of a claim's verdict, with its direction, the paper's number and the accepted values."""
+    facts = [ledger.direction(entry), f"paper: {stated(entry.claim)}"]
+    facts.append(f"accepted: {accepted(entry.claim)}")
+    return f"{verdicts_html([entry])} ({escape('; '.join(filter(None, facts)))})"
 
 
 def _row(project: Project, path: Path, title: str, exp: Experiment[Any], ledger: Ledger) -> str:

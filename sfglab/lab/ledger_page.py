@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import sfglab
 from sfglab.lab.claims import Entry, Ledger, Verdict, accepted, criterion_of, stated
 from sfglab.lab.figures import file_sha256
+from sfglab.lab.notebooks import notebook_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -38,10 +39,15 @@ PAPERS = {
     "Platforms",
 }
 """Titles of the papers."""
+_AUTHORS = {
+    "A": "Blessing et al., 2026",
+    "B": "Jalil, Kobayashi and Saitoh, 2023",
+    "C": "Lienen, Nowosad and Platzner, 2023",
+}
 ALL = "all"  #: Choice of a filter that hides nothing.
 LEGEND = (
     "The grey bar is the acceptance range, the line is the paper's number, and the dot is sfglab's value with its "
-    "interval. Each claim has a scale of its own."
+    "interval. Each claim has a scale of its own. Click a statement for its acceptance range, reasons and a citation."
 )
 _WIDTH = 100  #: Width of an interval plot without its edges, px.
 _HEIGHT = 20  #: Height of an interval plot, px.
@@ -103,13 +109,19 @@ def paper_of(entry: Entry) -> str:
 
 def page_html(project: Project, ledger: Ledger, top: str = "..") -> str:
     """Return the page as HTML; `top` is the path of the top folder in links."""
-    columns = ("claim", "the paper's statement", "paper and sfglab", "verdict")
+    columns = ("claim", "the paper's statement", "paper and sfglab")
     head = "".join(f'<th style="{_CELL}">{name}</th>' for name in columns)
-    lines = "".join(_line(project, entry, top) for entry in ledger)
+    lines = ""
+    for letter, title in PAPERS.items():
+        of_paper = [entry for entry in ledger if paper_of(entry) == letter]
+        if of_paper:
+            name = f'<th colspan="{len(columns)}" style="{_CELL}">Paper {letter}: {title}</th>'
+            lines += f'<tr data-paper="{letter}">{name}</tr>'
+        lines += "".join(_line(project, ledger, entry, top) for entry in of_paper)
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
     meanings = "<br>".join(map(escape, ledger.legend()))
     summary = f"{len(ledger)} claims, {repr(ledger).strip('<>')}."
-    return f"<p>{escape(summary)}</p><p>{LEGEND}</p>{table}<p>{meanings}</p>"
+    return f"<p>{escape(summary)}</p><p>{LEGEND}</p><p>{meanings}</p>{table}"
 
 
 def verdict_html(entry: Entry) -> str:
@@ -117,16 +129,20 @@ def verdict_html(entry: Entry) -> str:
     return f'<b style="color: {COLORS[entry.verdict]}">{entry.verdict.value}</b>'
 
 
-def _line(project: Project, entry: Entry, top: str) -> str:
+def _line(project: Project, ledger: Ledger, entry: Entry, top: str) -> str:
     claim = entry.claim
     details = {
         "paper": f"{claim.where}; {stated(claim)}",
         "the paper's words": claim.criterion.sentence if claim.criterion else "",
-        "accepted": "; ".join(criterion_of(claim)),
-        "interval": entry.interval,
+        "accepted": "; ".join(criterion_of(entry)),
+        "interval": uncertainty(entry),
         "reason": entry.reason,
     }
     lines = [f"<b>{name}</b>: {escape(text)}" for name, text in details.items() if text]
+    notebook = notebook_of(project, claim.experiment or "")
+    if notebook:
+        link = f'<a href="{top}/notebooks/{notebook}.ipynb">{notebook}</a>'
+        lines.append(f"<b>explained in</b>: {link}")
     links = [f'<a href="{top}/figures/{name}.png">{name}</a>' for name in entry.figures]
     if links:
         lines.append(f"<b>figures</b>: {', '.join(links)}")
@@ -135,17 +151,14 @@ def _line(project: Project, entry: Entry, top: str) -> str:
     numbers = f"sfglab: {entry.value or 'no value'}"
     if claim.paper is not None:
         numbers = f"paper: {stated(claim)}; {numbers}"
+    values = [numbers, entry.unit, *entry.failing_ends]
     cells = (
-        (f"{_CELL}; white-space: nowrap", claim.id),
+        (_CELL, f"{claim.id}<br>{verdict_html(entry)}<br>{ledger.direction(entry)}"),
         (
             f"{_CELL}; overflow-wrap: anywhere",  # a path in a text may be long
             f"<details><summary>{escape(claim.says)}</summary>{'<br>'.join(lines)}</details>",
         ),
-        (
-            f"{_CELL}; min-width: 17em",
-            f"{interval_plot(entry)}<br>{escape(numbers)}<br>{escape(entry.unit)}",
-        ),
-        (f"{_CELL}; white-space: nowrap", verdict_html(entry)),
+        (f"{_CELL}; min-width: 9em", f"{interval_plot(entry)}<br>{'<br>'.join(map(escape, values))}"),
     )
     row = "".join(f'<td style="{style}">{cell}</td>' for style, cell in cells)
     return f'<tr data-paper="{paper_of(entry)}" data-verdict="{entry.verdict.value}">{row}</tr>'
@@ -196,22 +209,35 @@ def cited_html(project: Project, entries: Iterable[Entry]) -> str:
     return f'<pre style="white-space: pre-wrap; text-align: left">{escape(text)}</pre>'
 
 
+def uncertainty(entry: Entry) -> str:
+    """Return what a value is, and what its interval is; empty if the value has no interval."""
+    if not entry.interval:
+        return ""
+    if entry.runs:
+        return f"median of {len(entry.runs)} runs; the bracket spans their 95 % intervals"
+    if entry.measured and entry.measured.by_criterion:
+        return "one run; 95 % interval that counts its trials as independent"
+    return "one run; 95 % interval"
+
+
 def citation(project: Project, entry: Entry) -> str:
     """Return a text that cites a claim's value with its uncertainty, log and paper."""
     claim = entry.claim
     letter = paper_of(entry)
-    parts = [
-        f"sfglab {sfglab.__version__}, claim {claim.id} ({claim.says})",
-        f"{entry.value} {entry.unit}".strip() or "no value",
+    source = f"{_AUTHORS[letter]}, {PAPERS[letter]}, {claim.where.removeprefix(letter).strip()}"
+    sentences = [
+        f"sfglab {sfglab.__version__}, claim {claim.id}: {claim.says} ({source})",
+        f"Paper: {stated(claim)}; accepted: {accepted(claim)}",
     ]
-    if entry.interval:
-        parts.append(entry.interval)
-    parts.append(f"verdict: {entry.verdict.value}")
-    if entry.measured:
-        parts.append(f"{entry.measured.how.shown}, number of runs: {max(len(entry.runs), 1)}")
+    value = f"{entry.value} {entry.unit}" if entry.value else "no value"
+    kind = f" ({uncertainty(entry)})" if entry.interval else ""
+    sentences.append(f"sfglab: {value}{kind}; verdict: {entry.verdict.value}")
     log = project.root / entry.log
-    if entry.log and log.is_file():
-        commit = entry.origin.rpartition("; ")[2]
-        parts.append(f"log {entry.log}, SHA-256 {file_sha256(log)[:_HASH_LETTERS]}, {commit}")
-    parts.append(f"paper {letter}: {PAPERS[letter]}, {claim.where.removeprefix(letter).strip()}")
-    return "; ".join(parts) + "."
+    if entry.measured and entry.log and log.is_file():
+        machine, *_, commit = entry.origin.split("; ")
+        digest = file_sha256(log)[:_HASH_LETTERS]
+        how = entry.measured.how.shown
+        sentences.append(
+            f"{how.capitalize()} on {machine}; log {entry.log}, SHA-256 {digest}..., {commit}"
+        )
+    return ". ".join(sentences) + "."

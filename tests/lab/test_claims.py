@@ -10,6 +10,7 @@ from sfglab.lab.claims import (
     Claim,
     Finding,
     How,
+    Ledger,
     Verdict,
     entry_for,
     joined,
@@ -70,6 +71,26 @@ def test_verdicts_follow_from_ends_conditions_and_fits(more, verdict, reason):
     entry = entry_for(claim(ends={"e": (0.0, 1.0)}), replace(measured(5), **more))
     assert entry.verdict is verdict
     assert entry.reason == reason
+
+
+@pytest.mark.parametrize(
+    ("figure", "ends", "better", "direction"),
+    [
+        (7, {}, "above", "favourable"),
+        (7, {}, "below", "unfavourable"),
+        (7, {}, None, "unfavourable"),
+        (5, {"e": 2}, "above", "favourable"),
+        (7, {"e": -1}, "above", "mixed"),
+        (5, {"e": 0.5}, "above", ""),
+    ],
+)
+def test_a_deviation_has_a_direction_which_the_claim_on_the_variant_tells(
+    figure, ends, better, direction
+):
+    bounds = dict.fromkeys(ends, (0.0, 1.0))
+    entry = entry_for(claim(ends=bounds), replace(measured(figure), ends=ends))
+    variant = entry_for(claim(id="X-OURS", better=better), measured(5))
+    assert Ledger([entry, variant]).direction(entry) == direction
 
 
 @pytest.mark.parametrize(

@@ -135,7 +135,7 @@ def test_a_verdict_is_the_criterion_s(claim, where, column, value, agrees):
     said = (
         "of laps at 1.00% loss"
         if claim == "B-COOP"
-        else "of 27 conditions, and a small depth is worse than a deep one in"
+        else "and a small depth is worse than a deep one in"
     )
     assert said in found.reason
 
