@@ -131,7 +131,7 @@ def test_a_citation_has_value_interval_runs_verdict_log_commit_and_paper():
         entry.value,
         entry.unit,
         "median of 4 runs",
-        "accepted: 65 to 80",
+        "accepted: at least 65",
         "better",
         digest,
         "commit ",
