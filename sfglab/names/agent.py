@@ -1,4 +1,4 @@
-"""Names of agents: allowed names, the default name, and the prefix of frames.
+"""Names of agents: allowed names, the default name, and the prefix of TF frames.
 
 Paper A, section 4.1: the set A is resolved at run time, from `SFG_AGENT_NAME` or the sanitised host name;
 and "for transform topics, appropriate frame prefixing is required to prevent TF frame ID clashes". The form
@@ -24,12 +24,12 @@ AGENT_VARIABLE = "SFG_AGENT_NAME"  #: The environment variable that names the ag
 def validate_agent(agent: str) -> str:
     """Return an agent's name unchanged if every name of the schema can carry it.
 
-    Wrong characters are refused. The names of scopes, components, streams and resources are refused as
-    well, so that a forgotten agent is detected. So are names that a DDS router breaks in
+    Three kinds of names are refused: names with wrong characters; the names of scopes, components, streams and
+    resources, so that a forgotten agent is detected; and names that a DDS router breaks in
     `/global/<agent>/get_metadata`, such as `torq`.
 
     Raises:
-        FqnError: With segment `agent`.
+        FqnError: The name is refused; the error's segment is ``agent``.
     """
     check_words("agent", agent)
     check_unmistakable("agent", agent, own=Component)

@@ -6,7 +6,7 @@ part *of* an agent. Without the agent, two agents' lidars would share one global
 segments alone therefore gives the meaning of each. All names that the paper prints have this form:
 `/global/agent_heartbeat`, `/global/<agent>/get_metadata`, `/local/<agent>/agent_discovery_event`.
 
-The `After` flags of a resource and the last segment before it decide whether it may stand there; the scope
+A resource is allowed behind a segment if its `After` flags contain the kind of that segment; the scope
 does not matter. `str()` of a `RosFqn` and `parse` are inverse to each other. A name does not state whether
 a custom resource is a topic, a service or an action, so `parse` has an argument for it.
 """
@@ -101,7 +101,7 @@ class RosFqn:
 
     @property
     def preceding(self) -> After:
-        """The kind of the last segment before the resource."""
+        """Kind of the last segment before the resource."""
         return After[self.segments[-2][0].upper()]
 
     @property
@@ -208,8 +208,10 @@ class RosFqnBuilder:
 
     It is the builder of paper A, section 4.1: names from enumerations. Every method returns a new builder.
     If the agent is neither given nor excluded, it is this host's (`default_agent`). Component, stream and
-    resource take a suffix, as in `Component.CAMERA, "front"` or `Stream.INFRA, "1"`; a wrong one raises
-    `FqnError`.
+    resource take a suffix, as in `Component.CAMERA, "front"` or `Stream.INFRA, "1"`.
+
+    Raises:
+        FqnError: A method was given a suffix that is not allowed; `build` raises it for the other segments.
     """
 
     __slots__ = ("_segments",)
@@ -218,7 +220,7 @@ class RosFqnBuilder:
         self._segments: Mapping[str, Any] = {}
 
     def scope(self, scope: Scope) -> RosFqnBuilder:
-        """Return a builder with this scope."""
+        """Return a builder with this scope, such as `Scope.GLOBAL`."""
         return self._with("scope", scope)
 
     def agent(self, agent: str) -> RosFqnBuilder:
@@ -230,15 +232,15 @@ class RosFqnBuilder:
         return self._with("agent", None)
 
     def component(self, component: ComponentSegment, suffix: str | None = None) -> RosFqnBuilder:
-        """Return a builder with this component."""
+        """Return a builder with this component, and a suffix if the agent has several of its kind."""
         return self._with("component", component, suffix)
 
     def stream(self, stream: StreamSegment, suffix: str | None = None) -> RosFqnBuilder:
-        """Return a builder with this data stream."""
+        """Return a builder with this data stream, and a suffix if the component has several of its kind."""
         return self._with("stream", stream, suffix)
 
     def resource(self, resource: ResourceSegment, suffix: str | None = None) -> RosFqnBuilder:
-        """Return a builder with this resource."""
+        """Return a builder with this topic, service or action, and its optional suffix."""
         return self._with("resource", resource, suffix)
 
     def build(self) -> RosFqn:

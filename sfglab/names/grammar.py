@@ -111,7 +111,11 @@ def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
 
 
 def check_words(segment: str, text: str) -> str:
-    """Return a schema segment's text unchanged if its characters are allowed, else raise `FqnError`."""
+    """Return the text of a schema's segment unchanged if its characters are allowed.
+
+    Raises:
+        FqnError: With this segment.
+    """
     if not isinstance(text, str) or not _WORDS.fullmatch(text):
         raise FqnError(segment, text, _WORDS_RULE)
     return text

@@ -26,7 +26,7 @@ _DIGITS = re.compile(r"[0-9]+")
 
 
 class Scope(Enum):
-    """The set S: whether a name stays in the agent's domain or is forwarded to the global one."""
+    """The set S: whether a name is used in the agent's domain only or also in the global domain."""
 
     LOCAL = "local"
     GLOBAL = "global"
@@ -119,11 +119,11 @@ _TOPIC, _SERVICE, _ACTION = ResourceKind.TOPIC, ResourceKind.SERVICE, ResourceKi
 class Resource(_Standard):
     """The set R: topics, services and actions."""
 
-    after: After  #: Kinds of segment that it may follow.
+    after: After  #: Kinds of segment that the resource may follow.
     kind: ResourceKind  #: Topic, service or action.
 
     def __new__(cls, text: str, after: After, kind: ResourceKind) -> Self:
-        """Keep the text as the value, so that `Resource("image_raw")` finds the member."""
+        """Use the text alone as the value, so that `Resource("image_raw")` finds the member."""
         member = object.__new__(cls)
         member._value_ = text
         member.after = after
@@ -177,7 +177,11 @@ StandardT = TypeVar("StandardT", bound=_Standard)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suffixed(Generic[StandardT]):
-    """A standard value with a suffix, for example for a front and a rear camera."""
+    """A standard value with a suffix, for example for a front and a rear camera.
+
+    Raises:
+        FqnError: The suffix has other characters, or value and suffix together spell another standard value.
+    """
 
     base: StandardT  #: The standard value.
     suffix: str  #: Letters and digits, with single underscores between them.
@@ -237,7 +241,11 @@ def read_standard(values: type[StandardT], text: str) -> StandardT | Suffixed[St
 
 
 def check_unmistakable(segment: str, text: str, *, own: type[_Standard]) -> None:
-    """Raise `FqnError` if a text spells a standard value, or one of its own set with a suffix."""
+    """Check that a text spells no standard value, and no value of its own set with a suffix.
+
+    Raises:
+        FqnError: With this segment; the text spells such a value.
+    """
     meant = _standard_texts().get(text)
     if meant is not None:
         raise FqnError(segment, text, f"a name that cannot be mistaken for the standard {meant}")
