@@ -44,7 +44,7 @@ class CdrError(MessageError):
     def __init__(self, type_name: str, reason: str, *, size_bytes: int | None = None) -> None:
         self.type_name = type_name  #: Type of the message.
         self.size_bytes = size_bytes  #: Length of the bytes; None for an error of serialisation.
-        self.reason = reason  #: Reason.
+        self.reason = reason  #: Cause, as a phrase.
         what = (
             "cannot serialise" if size_bytes is None else f"not in these {size_bytes} bytes of CDR"
         )
@@ -116,7 +116,7 @@ def serialized_size(message: Any) -> int:
 
     Raises:
         CdrError: A field has a value of the wrong kind.
-        UnknownTypeError: It is no message.
+        UnknownTypeError: The object is no message.
     """
     definition, store = _known(message.__class__)
     try:
@@ -143,8 +143,8 @@ def serialize(message: Any) -> bytes:
     the same width is not detected. Padding is zero, so equal messages give equal bytes.
 
     Raises:
-        CdrError: A field has a value of the wrong kind or out of range; the message names the field.
-        UnknownTypeError: It is no message.
+        CdrError: A field has a value of the wrong kind or out of range; the error names the field.
+        UnknownTypeError: The object is no message.
     """
     # The bytes are written in place and returned without a copy. For an image, a copy would take longer
     # than all other steps together.
@@ -158,8 +158,9 @@ def serialize_into(message: Any, buffer: Buffer) -> int:
     """Write a message as `serialize` does into contiguous memory that is large enough; return the number of bytes.
 
     Raises:
-        CdrError: As for `serialize`, or the buffer is too small. After an error, its content is undefined.
-        UnknownTypeError: It is no message.
+        CdrError: As for `serialize`, or the buffer is too small. After an error the buffer's content is
+            undefined.
+        UnknownTypeError: The object is no message.
     """
     size = serialized_size(message)
     view = memoryview(buffer).cast("B")
@@ -173,7 +174,7 @@ def serialize_into(message: Any, buffer: Buffer) -> int:
 
 
 def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
-    """Return a function from CDR bytes to messages. Work that is equal for all messages is done once, here."""
+    """Return a function from CDR bytes to messages; it prepares here what is equal for all messages of the type."""
     from rosbags.serde import SerdeError
 
     definition = store.get_msgdef(name)
@@ -278,9 +279,10 @@ def register_definition(name: str, text: str) -> None:
 
 
 def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:
-    """Return a `deserialize` for a type known only by its definition, as `definition` returns it.
+    """Return a function from CDR bytes to messages for a type that is known only by its definition.
 
-    Its types are separate from those of `message_type`, also if they have equal names.
+    The text has the form that `sfglab.messages.store.definition` returns. The types of the messages are
+    separate from those of `message_type`, even if they have equal names.
 
     Raises:
         CdrError: The text is no complete definition of the type.

@@ -107,6 +107,6 @@ def service_half_idl_struct(name: str) -> type[IdlStruct]:
 def opaque_idl_struct(name: str) -> type[IdlStruct]:
     """Return a Cyclone DDS type for a type name, in the form of ROS or of DDS, which forwards any CDR unchanged.
 
-    It matches endpoints that announce no type description: those of ROS 2 and opaque ones.
+    It matches endpoints that announce no type description: those of ROS 2 and other opaque endpoints.
     """
     return make_idl_struct("Opaque", announced_type_name(name), {"first_octet": types.uint8})

@@ -8,13 +8,13 @@ import numpy as np
 
 
 class FieldType(NamedTuple):
-    """Type of a field."""
+    """Type of one field of a message."""
 
     base: str  #: Type of the value or of each element: a primitive, `string` or a full name.
     longest: int  #: Largest number of characters of a string; 0: any.
     is_message: bool  #: Whether `base` is the name of a message type.
-    is_list: bool  #: Whether it is an array or a sequence.
-    is_array: bool  #: Whether it is a list of exactly `length` elements.
+    is_list: bool  #: Whether the field is an array or a sequence.
+    is_array: bool  #: Whether the field is a list of exactly `length` elements.
     length: int  #: Largest number of elements; 0: any.
 
     @property
@@ -29,7 +29,7 @@ class FieldType(NamedTuple):
 
 
 def field_type(desc: Any) -> FieldType:
-    """Return a type of rosbags in the flat form."""
+    """Return the flat form of a field's type as rosbags describes it."""
     from rosbags.interfaces import Nodetype
 
     is_array = desc[0] == Nodetype.ARRAY

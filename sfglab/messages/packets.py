@@ -4,7 +4,8 @@ from __future__ import annotations
 
 #: Largest step of `pts` that counts as lost packets: the longest group of pictures.
 MOST_LOST = 256
-LEAST_TIME = 10  #: Smallest step of a time: milliseconds between frames at 100 Hz.
+#: Smallest step of `pts` that counts as a time: milliseconds between frames at 100 Hz.
+LEAST_TIME = 10
 
 
 class PacketOrder:

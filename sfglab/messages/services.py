@@ -1,7 +1,7 @@
 """Requests and replies with the service header of rmw_cyclonedds, 16 bytes before the fields.
 
-The frame is `cdds_request_header_t`. rmw_fastrtps has no such header, so the two middlewares cannot call
-each other's services.
+The header is `cdds_request_header_t`. rmw_fastrtps has no such header, so a client of one middleware cannot
+call a service of the other.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _FRAME = {
 
 
 class ServiceFrame(NamedTuple):
-    """Parts of one request or reply."""
+    """Parts of one request or reply: the header's two numbers, and the message."""
 
     client_guid: int  #: Id of the client; a reply repeats it.
     sequence: int  #: Number of the request; a reply repeats it.
@@ -48,7 +48,7 @@ def unframe_service(data: bytes) -> ServiceFrame:
     """Return client, sequence number and plain CDR of a request or reply from DDS, in either byte order.
 
     Raises:
-        MessageError: The data are too short, or no CDR.
+        MessageError: The data are too short, or are no CDR.
     """
     start = _ENCAPSULATION_BYTES
     end = start + _FRAME[1].size
@@ -66,7 +66,7 @@ _MARK = "_FeedbackMessage"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActionType:
-    """Message types of an action, all dataclasses with `__msgtype__`."""
+    """Message types of an action (design.ros2.org, "Actions"), all dataclasses with `__msgtype__`."""
 
     name: str  #: Name of the action, such as `sfglab_interfaces/action/FollowTrajectory`.
     goal: type[Any]  #: Type of goals.

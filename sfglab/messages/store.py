@@ -59,7 +59,7 @@ class MessageError(SfglabError, ValueError):
 
 
 class UnknownTypeError(SfglabError, LookupError):
-    """A type that the store does not hold."""
+    """A type that is not in the store of message types."""
 
     def __init__(self, name: object, known: Iterable[str] = ()) -> None:
         """Name the unknown type, and those of the known ones that are similar."""
@@ -117,7 +117,7 @@ def interface_texts(name: str, text: str) -> dict[str, str]:
     An action has its three parts, and the wrappers of ROS 2's design (design.ros2.org, "Actions").
 
     Raises:
-        MessageError: The text of a service or an action has another number of parts.
+        MessageError: A service's text does not have two parts, or an action's text not three.
     """
     kind = name.split("/")[1]
     if kind == "msg":
@@ -265,7 +265,11 @@ def _is_wide(name: str, left_out: set[str]) -> bool:
 
 
 def register_texts(texts: Mapping[str, str]) -> None:
-    """Add the types of `.msg` texts without dependencies, as `add_types`, and keep the texts."""
+    """Add the types of `.msg` texts without dependencies, by full name, to the store, and keep the texts.
+
+    Raises:
+        MessageError: A text cannot be read, or contradicts the store; nothing was added.
+    """
     parsed = {name: parse_definition(name, text)[name] for name, text in texts.items()}
     with _lock:
         new = add_types(parsed)
@@ -273,7 +277,13 @@ def register_texts(texts: Mapping[str, str]) -> None:
 
 
 def add_types(parsed: Typesdict) -> Typesdict:
-    """Add types, all or none, and return those that are new; types that exist already are kept."""
+    """Add types in rosbags' form to the store, all or none, and return those that are new.
+
+    Types that exist already are kept.
+
+    Raises:
+        MessageError: A type contradicts the store or uses an unknown type; nothing was added.
+    """
     with _lock:
         store = type_store()
         check_new(store, parsed)
@@ -315,7 +325,12 @@ def _used(definition: Any) -> Iterator[tuple[str, str]]:
 
 
 def check_new(store: Typestore, parsed: Typesdict) -> None:
-    """Refuse definitions that contradict the store or use unknown types."""
+    """Refuse definitions that contradict the store or use unknown types.
+
+    Raises:
+        MessageError: A type has other fields in the store, uses an unknown type or `wstring`, has too many
+            values, or contains itself.
+    """
     for name, definition_ in parsed.items():
         if name in store.fielddefs and not _agree(store.fielddefs[name], definition_):
             raise MessageError(
@@ -394,14 +409,14 @@ def service_type(name: str) -> ServiceType:
 
 
 def names_before(ending: str, kind: str) -> list[str]:
-    """Return the names of a kind of interface that the names of its message types begin with."""
+    """Return the names of all interfaces of a kind, from the names of their message types, sorted."""
     names = [name for name in type_store().types if f"/{kind}/" in name]
     return [name.removesuffix(ending) for name in names if name.endswith(ending)]
 
 
 @functools.cache
 def fields_of(name: str) -> dict[str, FieldType]:
-    """Return the types of the fields of a message type."""
+    """Return the types of the fields of a message type, given its full name, by the field's name."""
     return _fields(type_store().fielddefs[name])
 
 
@@ -409,7 +424,7 @@ def type_name(type_or_name: type[Any] | str) -> str:
     """Return the full name of a message type, such as `std_msgs/msg/String`; a name is checked.
 
     Raises:
-        UnknownTypeError: It is neither a message type nor the name of one.
+        UnknownTypeError: The argument is neither a message type nor the name of one.
     """
     if isinstance(type_or_name, str):
         return message_type(type_or_name).__msgtype__  # type: ignore[no-any-return]  # set by rosbags

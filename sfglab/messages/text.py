@@ -33,7 +33,7 @@ def values_of(message: Any, most: int | None = None) -> dict[str, Any]:
 
 
 def _types_of(type_name: str) -> dict[str, FieldType]:
-    """Return the types of the fields without the octet of a message that has none."""
+    """Return the types of a message's fields, without the octet that stands for an empty message's fields."""
     types = fields_of(type_name)
     return {name: type_ for name, type_ in types.items() if name != EMPTY}
 

@@ -18,7 +18,7 @@ _DDS = re.compile(rf"(?P<package>{_PACKAGE})::(?P<kind>msg|srv|action)::dds_::(?
 
 
 class TypeNameError(MessageError):
-    """Text that is not the name of a type in the expected form."""
+    """A text that is not the name of a type in the expected form."""
 
 
 def dds_type_name(name: str) -> str:
