@@ -1,7 +1,8 @@
 """H.264 and RVL, and the ROS messages that carry them (paper A, section 4.3).
 
-Functions and values only: no nodes, no message classes. `sfglab.codecs.rvl`, which compiles code,
-is imported with the first depth image, or on purpose to have that behind you.
+The package has functions and values, but neither nodes nor message classes. `sfglab.codecs.rvl` compiles
+code when it is imported, which happens with the first depth image. A caller that cannot wait then imports
+it earlier.
 """
 
 from sfglab.codecs.carriers import (

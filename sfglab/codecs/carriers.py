@@ -1,7 +1,7 @@
 """Messages that carry compressed images: their fields as plain values, and decoders from messages to images.
 
-Knows ffmpeg_image_transport_msgs/FFMPEGPacket, sensor_msgs/CompressedImage and foxglove_msgs/CompressedVideo,
-headers left out, by their attributes.
+The messages are ffmpeg_image_transport_msgs/FFMPEGPacket, sensor_msgs/CompressedImage and
+foxglove_msgs/CompressedVideo. The module reads their attributes, except the header, and imports no class of them.
 
 Source: ffmpeg_image_transport 3; image_transport_plugins (format strings); foxglove-sdk (CompressedVideo).
 """
@@ -56,7 +56,7 @@ class FfmpegPacketFields:
     encoding: str  #: ``codec;av_pix_fmt;cv_bridge_format;ros_encoding``.
     pts: int  #: Number of the frame from 0, not a time.
     flags: int  #: FFmpeg's packet flags; bit 0 marks a key frame.
-    is_bigendian: bool  #: Whether the source pixels were.
+    is_bigendian: bool  #: Whether the pixels of the source image were big-endian.
     data: bytes  #: One access unit.
 
 
@@ -70,14 +70,19 @@ class CompressedImageFields:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FfmpegEncoding:
-    """Content of the `encoding` field of FFMPEGPacket."""
+    """Parsed content of the `encoding` field of FFMPEGPacket."""
 
     codec: str  #: ``"h264"``, ``"hevc"``, or another name.
     ros_encoding: str  #: Encoding of the image before compression; empty in older packets.
 
 
 def ffmpeg_packet_fields(packet: EncodedPacket, settings: H264Settings) -> FfmpegPacketFields:
-    """Return a packet of `H264Encoder.encode`, of these settings, as ffmpeg_image_transport 3 publishes it."""
+    """Return the fields of FFMPEGPacket for a packet of `H264Encoder.encode`, as ffmpeg_image_transport 3 does.
+
+    Args:
+        packet: Encoded frame.
+        settings: Settings of the encoder that made it.
+    """
     return FfmpegPacketFields(
         width=settings.width,
         height=settings.height,
@@ -90,19 +95,29 @@ def ffmpeg_packet_fields(packet: EncodedPacket, settings: H264Settings) -> Ffmpe
 
 
 def compressed_depth_fields(depth: NDArray[Any], codec: str = "rvl") -> CompressedImageFields:
-    """Return a depth image as compressed_depth_image_transport publishes it; see `encode_depth`.
+    """Return the fields of CompressedImage for a depth image, as compressed_depth_image_transport publishes it.
+
+    Args:
+        depth: Shape (rows, columns), uint16, in millimetres with 0 for holes.
+        codec: ``"rvl"`` or ``"png"``.
 
     Raises:
-        CodecError: If the image or the codec is of another kind.
+        CodecError: The image has another shape or type, or the codec is another one.
     """
     depth_format, data = encode_depth(depth, codec=codec)
     return CompressedImageFields(format=str(depth_format), data=data)
 
 
 def compressed_image_fields(image_bgr: NDArray[np.uint8]) -> CompressedImageFields:
-    """Return a colour image as compressed_image_transport publishes it: JPEG of its default quality.
+    """Return the fields of CompressedImage for a colour image, as compressed_image_transport publishes it.
 
-    Pixels have the shape (height, width, 3), BGR, uint8; anything else is a CodecError.
+    The image becomes a JPEG of that plugin's default quality.
+
+    Args:
+        image_bgr: Pixels of shape (height, width, 3), BGR, uint8.
+
+    Raises:
+        CodecError: The image has another shape or type.
     """
     from sfglab.codecs.still import encode_jpeg
 
@@ -113,7 +128,11 @@ def compressed_image_fields(image_bgr: NDArray[np.uint8]) -> CompressedImageFiel
 
 
 def parse_ffmpeg_encoding(text: str) -> FfmpegEncoding:
-    """Read FFMPEGPacket's `encoding`: four values, or an encoder's name, which becomes its codec if known."""
+    """Return the content of FFMPEGPacket's `encoding`.
+
+    Newer packets have four values with semicolons between them. Older packets have only an encoder's name,
+    such as ``h264_nvenc``; if it is known, the codec takes its place.
+    """
     name, *rest = [part.strip() for part in text.split(";")]
     ros_encoding = rest[2] if len(rest) >= 3 else ""
     prefix = name.lower().partition("_")[0]
@@ -131,18 +150,18 @@ _FORMATS = {
     "jpg": "jpeg",
     "png": "png",
 }
-"""Codecs by the words that the formats of CompressedImage hold."""
+"""Codecs by the words that identify them in the field `format` of CompressedImage."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecodedImage:
-    """One image."""
+    """One image that an `ImageDecoder` decoded."""
 
     array: NDArray[Any]  #: Pixels, contiguous, shape (rows, columns) or (rows, columns, channels).
     encoding: str  #: ROS image encoding of `array`, such as ``"bgr8"``, ``"16UC1"`` or ``"32FC1"``.
-    is_key: bool  #: Whether a decoder could have started here.
-    #: False from a video packet that is known to be missing until the next key frame. Only FFMPEGPacket counts
-    #: its packets; elsewhere a loss goes unnoticed.
+    is_key: bool  #: Whether a decoder can start at this image.
+    #: Whether all packets since the last key frame arrived. Only FFMPEGPacket numbers its packets; in other
+    #: messages a loss is not detected, and the value is True.
     intact: bool
 
 
@@ -161,7 +180,7 @@ def image_decoder(
         most_pixels: Largest number of pixels. A larger image is refused before memory is allocated.
 
     Raises:
-        CodecUnavailableError: If messages of this type hold no readable images, or the hint is no codec.
+        CodecUnavailableError: Messages of this type hold no readable images, or the hint is no codec.
     """
     readers = {
         FFMPEG_PACKET: _read_ffmpeg_packet,
@@ -220,7 +239,14 @@ class ImageDecoder:
         self._intact = True
 
     def feed(self, message: Any) -> tuple[DecodedImage, ...]:
-        """Decode one message to images, which come at once or never; CodecError for this one alone."""
+        """Decode one message to images: one, or none while a video decoder waits for a key frame.
+
+        After an error the decoder accepts the next message.
+
+        Raises:
+            CodecError: The message cannot be decoded; `BitstreamError` if its bytes are damaged,
+                `CodecUnavailableError` if its codec is unknown.
+        """
         content = self._read(message)
         codec = self._codec(content)
         if codec in _VIDEO:
@@ -246,12 +272,12 @@ class ImageDecoder:
         return (DecodedImage(array=array, encoding=encoding, is_key=True, intact=True),)
 
     def skip(self, message: Any) -> None:
-        """Take one message whose image is not wanted, so that the next ones can be decoded.
+        """Process one message whose image is not wanted, so that the next messages can be decoded.
 
-        Cheaper than `feed`: nothing is converted to pixels, and a still image is passed over unread.
+        The method costs less than `feed`: it converts no frame to pixels, and does not decode still images.
 
         Raises:
-            CodecError: As `feed`.
+            CodecError: As for `feed`.
         """
         content = self._read(message)
         codec = self._codec(content)

@@ -1,7 +1,7 @@
 """Depth images as compressed_depth_image_transport writes them: a 12-byte header, then PNG or RVL.
 
-16-bit depth is lossless and keeps all distances; the ROS plugin turns those beyond 10 m into holes by default.
-32-bit depth, which the plugin quantises to 16 bits, is read only.
+16-bit depth is stored without loss and keeps all distances, while the ROS plugin by default turns distances beyond
+10 m into holes. 32-bit depth, which the plugin quantises to 16 bits, can be read but not written.
 
 Source: image_transport_plugins, compressed_depth_image_transport: codec.cpp, compression_common.h.
 """
@@ -26,14 +26,18 @@ save a tenth to a fifth of the bytes."""
 
 _HEADER = struct.Struct("<iff")  # format, depthQuantA, depthQuantB
 _INV_DEPTH = 0
-_SIZE = struct.Struct("<II")  # columns, rows; PNG says them itself
+_SIZE = struct.Struct("<II")  # columns, rows; a PNG has its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthFormat:
-    """Content of the `format` field of a compressed depth message; CodecError for another codec."""
+    """Content of the `format` field of a compressed depth message; `str()` is its text.
 
-    encoding: str  #: ROS image encoding such as ``"16UC1"``; empty if an old writer left it out.
+    Raises:
+        CodecError: The codec is neither ``"png"`` nor ``"rvl"``.
+    """
+
+    encoding: str  #: ROS image encoding such as ``"16UC1"``; empty if the message has none.
     codec: str  #: ``"png"`` or ``"rvl"``.
 
     def __post_init__(self) -> None:
@@ -46,7 +50,13 @@ class DepthFormat:
 
 
 def parse_depth_format(text: str) -> DepthFormat:
-    """Read a format string in any case, PNG by default; CodecError for none, or for another codec."""
+    """Return the content of a `format` field, such as ``16UC1; compressedDepth rvl``, in any case.
+
+    A text without a codec means PNG.
+
+    Raises:
+        CodecError: The text has another form, or names another codec.
+    """
     encoding, _, transport = text.rpartition(";")
     words = transport.lower().split()
     if len(words) not in (1, 2) or words[0] != "compresseddepth":
@@ -59,7 +69,7 @@ def parse_depth_format(text: str) -> DepthFormat:
 def encode_depth(
     depth_mm: NDArray[np.uint16], *, codec: str = "rvl", png_level: int = PNG_LEVEL
 ) -> tuple[DepthFormat, bytes]:
-    """Compress a depth image to its format and payload.
+    """Return a depth image as the `format` and the `data` of a compressed depth message.
 
     Args:
         depth_mm: Shape (rows, columns), uint16, in millimetres with 0 for holes.
@@ -67,7 +77,7 @@ def encode_depth(
         png_level: Effort of zlib for PNG, from 0 to 9.
 
     Raises:
-        CodecError: If the image or the codec is of another kind.
+        CodecError: The image has another shape or type, or the codec is another one.
     """
     if depth_mm.ndim != 2 or depth_mm.dtype != np.uint16 or not depth_mm.size:
         allowed = "allowed is uint16 of two dimensions, not empty"
@@ -81,9 +91,18 @@ def encode_depth(
 def decode_depth(
     data: bytes, depth_format: DepthFormat, *, most_pixels: int = MAX_PIXELS
 ) -> tuple[NDArray[Any], str]:
-    """Restore a depth image, (rows, columns), uint16 (holes 0) or float32 in m (holes NaN), and its encoding.
+    """Return a depth image, shape (rows, columns), and its ROS encoding.
 
-    Raises BitstreamError where the payload is cut, damaged or claims too large an image.
+    Pixels are uint16 as they were written, with 0 for holes; or, if they were quantised, float32 in metres
+    with NaN for holes.
+
+    Args:
+        data: The `data` of the message.
+        depth_format: Content of its `format`.
+        most_pixels: Largest number of pixels; a larger image is refused.
+
+    Raises:
+        BitstreamError: The data are cut off, damaged, or claim too large an image.
     """
     if len(data) <= _HEADER.size:
         raise BitstreamError(
@@ -132,7 +151,7 @@ def _decompressed(body: memoryview, codec: str, most_pixels: int) -> NDArray[np.
 
 
 def _from_rvl(body: memoryview, most_pixels: int) -> NDArray[np.uint16]:
-    """Decode columns and rows, which RVL does not say itself, and the words that follow."""
+    """Decode columns and rows, which are not part of RVL, and the RVL words that follow."""
     from sfglab.codecs.rvl import decode
 
     if len(body) < _SIZE.size:

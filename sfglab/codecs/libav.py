@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 # BT.601, limited range: the matrix of swscale's defaults, which ffmpeg_image_transport uses on both sides
 # without looking at the stream (ffmpeg_encoder_decoder, encoder.cpp and decoder.cpp), and of OpenCV's YUV
-# conversions. It is also written into the stream (VUI), so readers that look see the same colours.
+# conversions. It is also written into the stream (VUI), so readers that evaluate the VUI get the same colours.
 # SMPTE 170M in ITU-T H.264, table E-5; the same number means BT.601 primaries and transfer
 _MATRIX = 6
 _RANGE = ColorRange.MPEG
@@ -44,7 +44,12 @@ _RANGE = ColorRange.MPEG
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class H264Settings:
-    """How a camera stream is encoded."""
+    """Settings of the encoder of a camera stream.
+
+    Raises:
+        CodecError: A side is odd or not positive, the image has more than `MAX_PIXELS`, or another value is not
+            positive.
+    """
 
     width: int  #: Pixels per row, even.
     height: int  #: Rows, even.
@@ -72,7 +77,7 @@ TABLE_2 = H264Settings(width=640, height=360, fps=30, bitrate_bps=4_000_000, gop
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncodedPacket:
-    """One access unit of H.264."""
+    """One encoded frame, which is one access unit of H.264."""
 
     data: bytes  #: Annex B bytes; key frames hold the parameter sets.
     pts: int  #: Number of the frame, from 0.
@@ -81,8 +86,8 @@ class EncodedPacket:
 
 # The encoders' own options for no look-ahead, forced IDR frames and a constant rate.
 _OPTIONS = {
-    # superfast keeps CABAC and the loop filter, as camera hardware does, so decoding costs what it does
-    # in the field; ultrafast drops both and makes decoding three times cheaper than it really is.
+    # superfast keeps CABAC and the loop filter, as camera hardware does, so decoding takes a realistic time;
+    # ultrafast drops both, and decoding then takes a third of that time.
     "libx264": {"preset": "superfast", "tune": "zerolatency", "forced-idr": "1"},
     "h264_nvenc": {
         "tune": "ull",
@@ -98,7 +103,7 @@ _OPTIONS = {
 
 
 def why(error: BaseException) -> str:
-    """Return FFmpeg's reason without its call and options."""
+    """Return the cause of an FFmpeg error as a phrase, without FFmpeg's call and options."""
     if isinstance(error, UnknownCodecError):
         return "not in this build of FFmpeg"
     if isinstance(error, av.FFmpegError):
@@ -114,10 +119,14 @@ def _context(name: str, mode: str) -> VideoCodecContext:
 
 
 class VideoEncoder:
-    """An FFmpeg encoder of one stream, by its name; CodecError where it cannot be opened."""
+    """An FFmpeg encoder of one H.264 stream, chosen by FFmpeg's name, such as ``"libx264"``.
+
+    Raises:
+        CodecError: The encoder cannot be opened with these settings.
+    """
 
     def __init__(self, name: str, settings: H264Settings) -> None:
-        self.settings = settings  #: As given.
+        self.settings = settings  #: Settings of the stream.
         self.encoder_name = name  #: The FFmpeg encoder that was opened.
         self._reformatter = VideoReformatter()
         self._shape = (settings.height, settings.width, 3)
@@ -131,7 +140,7 @@ class VideoEncoder:
     def encode(
         self, image_bgr: NDArray[np.uint8], *, force_key: bool = False
     ) -> tuple[EncodedPacket, ...]:
-        """Encode one image (height, width, 3), BGR, uint8, into exactly one packet.
+        """Encode one image, shape (height, width, 3), BGR, uint8, and return exactly one packet.
 
         With `force_key` the packet is an extra key frame, and the next regular key frame follows one GOP later.
 
@@ -193,17 +202,24 @@ class VideoEncoder:
 
 
 class VideoDecoder:
-    """An FFmpeg decoder of one H.264 or H.265 stream that starts, also after a fault, at a key frame.
+    """An FFmpeg decoder of one H.264 or H.265 stream. It starts, and continues after an error, at a key frame.
 
-    A missing packet is not noticed here: libavcodec goes on from the wrong reference frame and marks nothing
-    until the next key frame. `sfglab.codecs.carriers` counts packets where their messages do. Streams with B
-    frames are refused, because their frames come later than the packets and would get wrong time stamps.
+    The class does not detect missing packets: libavcodec decodes with the wrong reference frame and marks no
+    frame until the next key frame. `sfglab.codecs.carriers` counts packets if their messages number them.
+    Streams with B frames are refused, because their frames come later than the packets and would get wrong time
+    stamps.
 
-    The codec is ``"h264"`` or ``"hevc"``, the decoder FFmpeg's name; CodecError where it cannot be opened.
+    Args:
+        codec: ``"h264"`` or ``"hevc"``.
+        decoder: FFmpeg's name of the decoder.
+        most_pixels: Largest number of pixels of a frame.
+
+    Raises:
+        CodecError: The decoder cannot be opened.
     """
 
     def __init__(self, codec: str, *, decoder: str, most_pixels: int = MAX_PIXELS) -> None:
-        self.codec = codec  #: As given.
+        self.codec = codec  #: Codec of the stream, ``"h264"`` or ``"hevc"``.
         self.decoder_name = decoder  #: The FFmpeg decoder that was opened.
         self.waiting = True  #: Whether packets are skipped until the next key frame.
         self.refused_packets = 0  #: Packets that were skipped while waiting for a key frame.
@@ -212,10 +228,12 @@ class VideoDecoder:
         self._context = self._opened()
 
     def decode(self, data: bytes) -> tuple[av.VideoFrame, ...]:
-        """Decode one packet, an access unit in Annex B, to its frame.
+        """Decode one packet, an access unit in Annex B, and return its frame.
 
-        There is none while waiting for a key frame or for a packet of parameter sets alone. Raises
-        BitstreamError where the packet is broken; the decoder then waits for the next key frame.
+        The result is empty while the decoder waits for a key frame, and for a packet of parameter sets alone.
+
+        Raises:
+            BitstreamError: The packet is damaged or has B frames. The decoder then waits for the next key frame.
         """
         if not has_start_code(data):
             self._fail(data, NO_START_CODE)
@@ -241,15 +259,18 @@ class VideoDecoder:
         return tuple(frames)
 
     def decode_bgr(self, data: bytes) -> tuple[NDArray[np.uint8], ...]:
-        """Decode one packet to the pixels of its frame; see `decode` and `bgr`."""
+        """Decode one packet and return the pixels of its frame, (height, width, 3), BGR; see `decode` and `bgr`."""
         return tuple(map(self.bgr, self.decode(data)))
 
     def bgr(self, frame: av.VideoFrame) -> NDArray[np.uint8]:
-        """Convert a frame to BGR (height, width, 3), uint8, contiguous; CodecError where swscale cannot.
+        """Return the pixels of a frame, shape (height, width, 3), BGR, uint8, contiguous.
 
-        The colour matrix and range are those that the stream names, BT.601 if none. One reformatter, bilinear,
-        one thread: a quarter or less of what ``frame.to_ndarray(format="bgr24")`` costs, which builds a new
-        context each time.
+        The colour matrix and range are those that the stream names, or else BT.601. The method uses one
+        reformatter with bilinear interpolation in one thread. It takes at most a quarter of the time of
+        ``frame.to_ndarray(format="bgr24")``, which builds a new context for each frame.
+
+        Raises:
+            CodecUnavailableError: swscale cannot convert the frame's pixel format.
         """
         try:
             image = self._reformatter.reformat(
@@ -264,14 +285,14 @@ class VideoDecoder:
         return pixels.reshape(frame.height, frame.width, 3)
 
     def reset(self) -> None:
-        """Forget the reference frames, not the parameter sets, and wait for a key frame again."""
+        """Discard the reference frames, keep the parameter sets, and wait for the next key frame."""
         self._context.flush_buffers()
         self.waiting = True
 
     def _opened(self) -> VideoCodecContext:
         try:
             context = _context(self.decoder_name, "r")
-            # A second thread rarely pays below full HD, and never at 640 x 360.
+            # A second thread rarely saves time below full HD, and never at 640 x 360.
             context.thread_type, context.thread_count = ThreadType.SLICE, 1
             context.flags |= Flags.low_delay
             context.options = {"max_pixels": str(self._most_pixels), "err_detect": "explode"}
@@ -295,12 +316,15 @@ _PARAMETER_SETS = {"h264": frozenset({7}), "hevc": frozenset({32, 33})}  # seque
 
 
 def has_start_code(data: bytes) -> bool:
-    """Return whether the bytes start as Annex B demands, and not with a length as AVCC in MP4 files."""
+    """Return whether bytes start with a start code of Annex B; AVCC, as in MP4 files, starts with a length."""
     return data.startswith((b"\0\0\1", b"\0\0\0\1"))
 
 
 def nal_unit_types(data: bytes, *, codec: str) -> Iterator[int]:
-    """Yield each NAL unit's type, as tables 7-1 number them, in Annex B bytes of ``"h264"`` or ``"hevc"``."""
+    """Yield the type of each NAL unit in Annex B bytes, as the codec's table 7-1 numbers it.
+
+    The codec is ``"h264"`` (ITU-T H.264) or ``"hevc"`` (ITU-T H.265).
+    """
     at = data.find(b"\0\0\1")
     while 0 <= at < len(data) - 3:
         header = data[at + 3]
@@ -309,11 +333,11 @@ def nal_unit_types(data: bytes, *, codec: str) -> Iterator[int]:
 
 
 def is_entry_point(data: bytes, *, codec: str) -> bool:
-    """Return whether a decoder may start here: at a key frame, or at parameter sets that are sent apart."""
+    """Return whether a decoder can start at this packet: a key frame, or a packet of parameter sets alone."""
     wanted = _KEY_SLICES[codec] | _PARAMETER_SETS[codec]
     return not wanted.isdisjoint(nal_unit_types(data, codec=codec))
 
 
 def has_key_frame(data: bytes, codec: str) -> bool:
-    """Return whether this access unit has a slice, and not parameter sets alone, of a key frame."""
+    """Return whether an access unit contains a slice of a key frame; parameter sets alone do not count."""
     return not _KEY_SLICES[codec].isdisjoint(nal_unit_types(data, codec=codec))

@@ -1,8 +1,8 @@
 """Probes of the H.264 encoders and decoders that really work on this machine.
 
-FFmpeg's lists say what was compiled in, not what is there, and some codecs open and fail at the first frame;
-so each candidate encodes or decodes three frames, which are counted and compared. Verdicts hold for the life of
-the process.
+FFmpeg's lists contain all compiled codecs, whether or not their hardware is present, and some codecs fail only at
+the first frame. Therefore each candidate encodes or decodes three frames, which are counted and compared with the
+originals. The result is kept until the process ends.
 """
 
 from __future__ import annotations
@@ -46,37 +46,41 @@ _FAILURES = (av.FFmpegError, OSError, RuntimeError, ValueError)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CodecProbe:
-    """The verdict on one encoder or decoder."""
+    """Result of the trial of one encoder or decoder."""
 
     name: str  #: FFmpeg's name.
-    works: bool  #: Whether it encoded or decoded the trial frames at once and well.
-    reason: str  #: Why it does not work, or the quality of the trial frames.
+    #: Whether it encoded or decoded each trial frame without delay and in sufficient quality.
+    works: bool
+    reason: str  #: Cause of the failure, or the quality of the trial frames.
 
     @property
     def hardware(self) -> bool:
-        """Whether it is a piece of hardware."""
+        """Whether the codec runs on hardware."""
         return self.name not in SOFTWARE
 
 
 def available_encoders() -> tuple[CodecProbe, ...]:
-    """Try all H.264 encoders and return the verdicts in order of preference."""
+    """Try all H.264 encoders, and return the results in order of preference."""
     return tuple(map(probe_encoder, ENCODERS))
 
 
 def available_decoders() -> tuple[CodecProbe, ...]:
-    """Try all H.264 decoders and return the verdicts in order of preference."""
+    """Try all H.264 decoders, and return the results in order of preference."""
     return tuple(map(probe_decoder, DECODERS))
 
 
 @functools.cache
 def probe_encoder(name: str) -> CodecProbe:
-    """Encode three frames, the last as a forced key frame, and check them with the software decoder."""
+    """Try an encoder, by FFmpeg's name, once per process, and return the result.
+
+    It encodes three frames, the last one as a forced key frame. The software decoder checks them.
+    """
     return _verdict(name, encoder=name, decoder="h264")
 
 
 @functools.cache
 def probe_decoder(name: str) -> CodecProbe:
-    """Decode three frames that a software encoder made."""
+    """Try a decoder, by FFmpeg's name, on three frames of a software encoder, once per process."""
     for encoder in _SOFTWARE_ENCODERS:
         if probe_encoder(encoder).works:
             return _verdict(name, encoder=encoder, decoder=name)
@@ -85,9 +89,13 @@ def probe_decoder(name: str) -> CodecProbe:
 
 
 def choose_encoder(wanted: str) -> str:
-    """Return an H.264 encoder that works: ``"auto"`` for the first of `ENCODERS`, or the named one.
+    """Return FFmpeg's name of an H.264 encoder that works here.
 
-    CodecUnavailableError where none works.
+    Args:
+        wanted: ``"auto"`` for the first of `ENCODERS` that works, or the name of an encoder.
+
+    Raises:
+        CodecUnavailableError: The named encoder does not work here, or none does; the error has the causes.
     """
     failures = []
     for name in ENCODERS if wanted == "auto" else (wanted,):
@@ -100,7 +108,7 @@ def choose_encoder(wanted: str) -> str:
 
 
 def choose_decoder() -> str:
-    """Return the first of `DECODERS` that works; the software decoder is not tried."""
+    """Return FFmpeg's name of the first of `DECODERS` that works; the software decoder needs no trial."""
     for name in DECODERS:
         if name in SOFTWARE or probe_decoder(name).works:
             break
@@ -117,7 +125,7 @@ def _verdict(name: str, *, encoder: str, decoder: str) -> CodecProbe:
 
 
 def _worst_db(encoder: str, decoder: str) -> float:
-    """Return the lowest PSNR of the trial frames: of the whole stream, and of its last frame alone."""
+    """Return the lowest PSNR, dB, of the trial frames, decoded as one stream and the last frame also alone."""
     images = _trial_images()
     opened = VideoEncoder(encoder, _TRIAL)
     packets = [opened.encode(image, force_key=image is images[2])[0] for image in images]
@@ -137,7 +145,7 @@ def _worst_db(encoder: str, decoder: str) -> float:
 
 
 def _trial_images() -> list[NDArray[np.uint8]]:
-    """Return three smooth images that differ, so that a repeated or missing one shows."""
+    """Return three smooth images that differ, so that the PSNR reveals a repeated or missing one."""
     ramp = np.linspace(0, 255, _TRIAL.width).astype(np.uint8)
     row = np.stack([ramp, ramp[::-1], ramp // 2], axis=-1)
     image = np.broadcast_to(row, (_TRIAL.height, *row.shape))

@@ -1,12 +1,13 @@
 """RVL: lossless compression of 16-bit depth images, bit-exact with image_transport's.
 
-A frame is a sequence of numbers: how many zeros, how many non-zeros, then each non-zero pixel as the zigzag
-of its difference to the non-zero pixel before it (holes do not interrupt that chain). Each number is written
-as nibbles of three bits, lowest first, the fourth bit saying that more follow; eight nibbles fill a 32-bit
-little-endian word from its top. The tests' `rvl_reference` says the same in plain loops.
+A frame is a sequence of numbers. Each run begins with the number of zeros and the number of non-zeros. The non-zero
+pixels follow, each as the zigzag code of its difference to the non-zero pixel before it, which may be before the
+zeros. A number is written as nibbles with three of its bits each, lowest bits first; a nibble's fourth bit is set if
+more nibbles follow. Eight nibbles fill a 32-bit little-endian word from its top. The tests have the same format in
+plain loops (`rvl_reference`).
 
-Knows this bitstream and nothing of the messages around it (`sfglab.codecs.depth`). Importing this module
-imports numba and, the first time on a machine, compiles the kernels; no later call is ever cold.
+The module handles the bitstream; `sfglab.codecs.depth` handles the messages around it. The import of this module
+loads Numba and, the first time on a machine, compiles the kernels, so that no call has to compile.
 
 Source: A. D. Wilson, "Fast Lossless Depth Image Compression", ISS 2017; image_transport_plugins,
 compressed_depth_image_transport, rvl_codec.cpp.
@@ -27,9 +28,10 @@ if TYPE_CHECKING:
 
 
 def encode(depth: NDArray[np.uint16]) -> bytes:
-    """Compress a depth image, shape (rows, columns), uint16, without loss; 0 is "no reading".
+    """Compress a depth image, shape (rows, columns), uint16, without loss, and return its RVL words.
 
-    RVL words are at most about 1.5 times the size of the image.
+    A pixel of 0 is a hole, a pixel without a measurement. The words take at most about 1.5 times the size of
+    the image.
     """
     pixels = np.require(depth, np.uint16, ["C", "A"]).reshape(-1)
     # A run's length never has more nibbles than the run has pixels, and a pixel has at most six.
@@ -40,7 +42,9 @@ def encode(depth: NDArray[np.uint16]) -> bytes:
 def decode(
     data: bytes | memoryview, shape: tuple[int, int], *, most_pixels: int = MAX_PIXELS
 ) -> NDArray[np.uint16]:
-    """Restore a depth image; hostile bytes cost time and memory in proportion to `shape`, nothing more.
+    """Return the depth image, shape `shape`, uint16, of RVL words.
+
+    Even for malicious bytes, time and memory grow at most in proportion to the number of pixels.
 
     Streams of writers that keep pixels as signed 16-bit numbers decode to the same values, because
     differences are taken modulo 2**16.
@@ -51,13 +55,12 @@ def decode(
         most_pixels: Largest number of pixels.
 
     Raises:
-        BitstreamError: If the image is too large, or the words are cut, run past it, end before it or go on
-            after it.
+        BitstreamError: The image is too large, or the words are cut off or encode another number of pixels.
     """
     rows, columns = shape
     size_bytes = len(data)
     check_size("rvl", width=columns, height=rows, size_bytes=size_bytes, most_pixels=most_pixels)
-    pixels = np.zeros(shape, dtype=np.uint16)  # holes are skipped, so they are never even touched
+    pixels = np.zeros(shape, dtype=np.uint16)  # the kernel skips holes and does not write them
     words = np.frombuffer(data, "<u4", size_bytes // 4)
     words = np.require(words, np.uint32, ["C", "A"])
     if size_bytes % 4 or not _decode_words(words, pixels.reshape(-1)):
@@ -84,7 +87,7 @@ def _delta_nibbles() -> NDArray[np.int32]:
 _DELTA_NIBBLES = _delta_nibbles()
 
 
-# In both kernels only the lowest `bits` bits of `window` count; what stands above them is left to overflow.
+# In both kernels only the lowest `bits` bits of `window` count; the bits above them may overflow.
 
 
 @numba.njit
@@ -130,7 +133,7 @@ def _encode_words(pixels: Any, words: Any, table: Any) -> Any:
             previous = pixel
             window = window << (entry & 31) | entry >> 5
             bits += entry & 31
-            # Stored whether or not the word is full: cheaper than a branch that is wrong half the time.
+            # The word is stored even if it is not full, because a branch would be mispredicted half of the time.
             words[at] = window >> (bits & 31) & 0xFFFFFFFF
             at += bits >> 5
             bits &= 31

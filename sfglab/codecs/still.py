@@ -1,7 +1,7 @@
-"""Single pictures: PNG and JPEG through OpenCV, with the claimed size checked before anything is allocated.
+"""Still images: PNG and JPEG through OpenCV. The size that a file claims is checked before memory is allocated.
 
-Refuses to know messages and depth (`sfglab.codecs.carriers`, `sfglab.codecs.depth`). The libraries below
-OpenCV write a line to stderr for each broken picture; that cannot be turned off from Python.
+The module handles neither messages (`sfglab.codecs.carriers`) nor depth (`sfglab.codecs.depth`). The libraries below
+OpenCV write a line to stderr for each damaged image, which Python cannot prevent.
 """
 
 from __future__ import annotations
@@ -23,23 +23,35 @@ _JPEG_START = b"\xff\xd8"
 
 
 def encode_png(image: NDArray[Any], *, level: int) -> bytes:
-    """Compress a picture without loss, with zlib's effort from 0 to 9.
+    """Return an image as a PNG file.
 
-    Pixels have the shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A).
+    Args:
+        image: Pixels of shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A).
+        level: Effort of zlib, from 0 to 9.
+
+    Raises:
+        CodecError: PNG cannot hold pixels of this shape or type.
     """
     return _encode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, level])
 
 
 def encode_jpeg(image: NDArray[np.uint8]) -> bytes:
-    """Compress a picture, (rows, columns) or (rows, columns, 3), uint8, BGR, with loss."""
+    """Return an image, shape (rows, columns) or (rows, columns, 3), uint8, BGR, as a JPEG file of quality 95.
+
+    Raises:
+        CodecError: JPEG cannot hold pixels of this shape or type.
+    """
     return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
 
 
 def decode_still(data: bytes, *, most_pixels: int = MAX_PIXELS) -> NDArray[Any]:
-    """Decode a whole PNG or JPEG file, whichever it is, to pixels as `encode_png` takes them.
+    """Return the pixels of a PNG or JPEG file, in the shapes and types that `encode_png` accepts.
 
-    A flipped bit in a PNG is always noticed. JPEG has no checksum: damage inside its scan is seen only in the
-    picture. Raises BitstreamError where it is neither, is broken, or claims more than `most_pixels`.
+    A flipped bit in a PNG is always detected. JPEG has no checksum, so damage inside its scan is visible only in
+    the image.
+
+    Raises:
+        BitstreamError: The data are neither PNG nor JPEG, are damaged, or claim more than `most_pixels`.
     """
     codec, width, height = _claim(data)
     check_size(codec, width=width, height=height, size_bytes=len(data), most_pixels=most_pixels)
