@@ -1,10 +1,10 @@
 """Reading and writing of logs.
 
-A log is one MCAP file that `ros2 bag`, Foxglove and Rerun open: messages as they were on the wire, measurements
-as rows of tables, configuration and versions as metadata.
+A log is one MCAP file that `ros2 bag`, Foxglove and Rerun open. It holds messages as they were on the wire,
+measurements as rows of tables, and configuration and versions as metadata.
 
-The package has about 8,200 nodes of the syntax tree and exceeds its budget of 7,000. It also reads files of killed
-recorders, damaged files and files of other recorders, with limits on what a file claims; the libraries do not.
+The package also reads files of killed recorders, damaged files and files of other recorders, with limits on the sizes
+that a file claims. The libraries do not do this, which explains the size of the package.
 """
 
 from sfglab.record.metadata import run_context

@@ -1,7 +1,7 @@
 """Reading rosbag2 folders and their SQLite files.
 
-In a folder, the files are read that its metadata.yaml names. If metadata.yaml is missing or
-damaged, all MCAP and SQLite files of the folder are read.
+In a folder, the module reads the files that metadata.yaml names. If metadata.yaml is missing or
+damaged, it reads all MCAP and SQLite files of the folder.
 """
 
 from __future__ import annotations
@@ -67,13 +67,13 @@ ORDER BY timestamp, id
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a path looks like what `LogReader` opens: an MCAP file or a bag."""
+    """Return whether a path looks like an MCAP file or a bag: it is a folder, or its suffix is that of such a file."""
     return path.is_dir() or path.suffix in _SUFFIXES
 
 
 @dataclass(frozen=True)
 class _Bag:
-    """Contents of a metadata.yaml that reading needs."""
+    """The part of metadata.yaml that reading needs."""
 
     relative_file_paths: list[str]
     message_count: int | None  # None: not known
@@ -82,7 +82,7 @@ class _Bag:
 
 @dataclass(frozen=True)
 class _Metadata:
-    """A metadata.yaml."""
+    """The document metadata.yaml of rosbag2."""
 
     rosbag2_bagfile_information: _Bag
 
@@ -126,7 +126,7 @@ def _opened_parts(path: Path, bag: _Bag, stack: ExitStack) -> list[McapFile | Sq
 
 
 def _bag_of(path: Path) -> _Bag:
-    """Return what the metadata.yaml of a folder says; all files of the folder if it is missing or damaged."""
+    """Return the contents of a folder's metadata.yaml, or all files of the folder if it is missing or damaged."""
     file = path / "metadata.yaml"
     if file.exists():
         try:
@@ -189,7 +189,7 @@ class SqliteFile:
         """
         self.path = name
         self.channels: dict[int, Channel] = {}  #: The channels by their numbers.
-        #: Log times, those of the first and the last message among them.
+        #: Log times, ns; those of the first and the last message are among them.
         self.times_ns: list[int] = []
         with damage_named(name):
             self._database = _database(path.resolve(), stack)
@@ -221,7 +221,11 @@ class SqliteFile:
     def messages(
         self, channels: Collection[Channel], start_ns: int, end_ns: int
     ) -> Iterator[LogMessage]:
-        """Yield messages in the order of log time."""
+        """Yield the messages of channels in a range of log time, ns, in the order of log time.
+
+        Raises:
+            LogError: The file is damaged.
+        """
         wanted = [number for number, channel in self.channels.items() if channel in channels]
         bounds = json.dumps(wanted), str(start_ns), str(end_ns)
         with damage_named(self.path):

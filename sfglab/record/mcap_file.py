@@ -151,7 +151,7 @@ class _Index:
 
 
 class McapFile:
-    """One MCAP file of a log."""
+    """One open MCAP file of a log, with its index."""
 
     def __init__(self, path: Path, name: Path, stack: ExitStack) -> None:
         """Open a file, which errors call `name`, and read its index, or make one where it has none.
@@ -180,7 +180,7 @@ class McapFile:
 
     @property
     def times_ns(self) -> list[int]:
-        """Log times, those of the first and the last message among them."""
+        """Log times, ns; those of the first and the last message are among them."""
         times_ns = []
         for block in self._index.blocks:
             # A chunk without messages has zeros for its times.
@@ -221,13 +221,21 @@ class McapFile:
         return stored
 
     def strings(self, name: str) -> dict[str, str]:
-        """Return the content of one metadata record."""
+        """Return the entries of the metadata record with a name.
+
+        Raises:
+            LogError: The record is damaged.
+        """
         with damage_named(self.path):
             record = self._record(self.metadata[name])
             return dict(records.Metadata.read(record.stream).metadata)
 
     def attachment(self, name: str) -> bytes:
-        """Return the content of one attached file."""
+        """Return the bytes of the attachment with a name.
+
+        Raises:
+            LogError: The record is damaged.
+        """
         with damage_named(self.path):
             record = self._record(self.attachments[name])
             return bytes(records.Attachment.read(record.stream).data)

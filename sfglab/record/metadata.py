@@ -121,7 +121,7 @@ _INFINITE_NS = 2**63 - 1
 
 
 def offered_qos_profiles(qos: QoSProfile) -> str:
-    """Return a profile as rosbag2's YAML list of one, with numbers, as rosbag2 of Humble writes it."""
+    """Return a QoS profile as rosbag2's YAML: a list of one profile, with numbers for policies as in Humble."""
     from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability
 
     return (
@@ -143,7 +143,10 @@ def _duration_yaml(duration_ns: int | None) -> str:
 
 
 def profile_from_bag(text: str) -> QoSProfile:
-    """Return the first profile that rosbag2 recorded; missing values are those of ROS 2's default."""
+    """Return the first QoS profile in rosbag2's YAML.
+
+    Missing values, and all values of a text that cannot be read, are those of ROS 2's default profile.
+    """
     from rosbags.rosbag2.errors import ReaderError
     from rosbags.rosbag2.metadata import parse_qos
 
@@ -176,7 +179,7 @@ def _duration_ns(given: QosTime) -> int | None:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of JSON in place of a value of another type."""
+    """Return the JSON form of a value whose type JSON does not have."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     plain = to_json(value)
@@ -199,14 +202,21 @@ def strings_from_values(name: str, values: Mapping[str, Any]) -> dict[str, str]:
 
     Text that is valid JSON is quoted, so that `values_from_strings` returns the same value. Values may be text,
     numbers, None, lists, mappings, enums, dataclasses and NumPy values, also nested. Tuples and arrays become
-    lists, dataclasses become mappings, and keys become text. Other values raise a LogError with `name`.
+    lists, dataclasses become mappings, and keys become text.
+
+    Args:
+        name: Name of the record in errors.
+        values: The mapping.
+
+    Raises:
+        LogError: A value is of another type, or a text is not valid Unicode.
     """
     strings = {}
     for key, value in values.items():
         is_text = type(value) is str and not _is_literal(value)
         try:
             text = value if is_text else json.dumps(value, default=_plain)
-            f"{key}{text}".encode()  # half a character would break the file
+            f"{key}{text}".encode()  # a lone surrogate cannot be stored
             strings[str(key)] = text
         except (TypeError, ValueError) as exc:
             raise LogError(f"metadata {name!r}: {key!r} cannot be kept: {exc}") from exc
@@ -214,5 +224,5 @@ def strings_from_values(name: str, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def values_from_strings(strings: Mapping[str, str]) -> dict[str, Any]:
-    """Return the values that `strings_from_values` was given."""
+    """Return the mapping that `strings_from_values` turned into strings."""
     return {key: json.loads(text) if _is_literal(text) else text for key, text in strings.items()}

@@ -18,9 +18,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 MSG = "ros2msg"  #: Encoding of a definition as `.msg`.
-QOS_KEY = "offered_qos_profiles"  #: Key of QoS profiles in a channel of MCAP and a topic of SQLite.
-# Checksums and text that are wrong are ValueErrors, lz4's error is a RuntimeError, and mcap
-# believes the lengths and offsets within a record.
+#: Key of the QoS profiles: metadata of an MCAP channel, column of SQLite's topics.
+QOS_KEY = "offered_qos_profiles"
+# Wrong checksums and texts raise ValueError, lz4 raises RuntimeError. The library mcap does not check lengths
+# and offsets within a record, which leads to the other errors.
 DAMAGE = (
     McapError,
     ZstdError,
@@ -37,12 +38,16 @@ DAMAGE = (
 
 
 class LogError(SfglabError, ValueError):
-    """A log cannot be written or read, or does not hold what was asked for."""
+    """A log cannot be written or read, or does not contain the requested topic, table or record."""
 
 
 @contextmanager
 def damage_named(path: Path) -> Iterator[None]:
-    """Turn the libraries' errors for a damaged file into a LogError that names the file."""
+    """Turn the libraries' errors for a damaged file into a LogError that names the file.
+
+    Raises:
+        LogError: The block raised one of `DAMAGE`.
+    """
     try:
         yield
     except DAMAGE as error:
@@ -55,7 +60,7 @@ class Channel:
 
     topic: str  #: Name of the topic.
     type_name: str  #: ROS type of the messages; empty where the file does not name it.
-    encoding: str  #: Encoding of the messages.
+    encoding: str  #: Encoding of the messages, such as ``cdr``.
     definition: str  #: Definition of the type as `.msg`; empty where the file has none.
     definition_encoding: str  #: Encoding of the definition, such as `ros2msg`.
     offered_qos: str  #: QoS profiles of the publishers, as rosbag2's YAML.
@@ -63,11 +68,11 @@ class Channel:
 
 
 class LogMessage(NamedTuple):
-    """One message as it was recorded."""
+    """One recorded message, still serialised, with its times."""
 
-    channel: Channel  #: Channel of its file.
-    log_time_ns: int  #: Time of reception, on the clock of the run.
-    publish_time_ns: int  #: Time of publication, on the same clock.
+    channel: Channel  #: Channel of the message in its file.
+    log_time_ns: int  #: Time of reception, ns, on the clock of the run.
+    publish_time_ns: int  #: Time of publication, ns, on the same clock.
     cdr: bytes  #: Serialised message.
 
     @property
@@ -77,23 +82,23 @@ class LogMessage(NamedTuple):
 
     @property
     def type_name(self) -> str:
-        """ROS type."""
+        """ROS type of the message, such as ``std_msgs/msg/String``."""
         return self.channel.type_name
 
 
 def most_bytes(compressed: int) -> int:
-    """Return a bound on the size of what is compressed to a number of bytes.
+    """Return the largest accepted decompressed size of data, bytes, given the compressed size, bytes.
 
-    A black picture takes a thousandth of its size.
+    The factor is 1024, because a black image is compressed to a thousandth of its size.
     """
     return 2**26 + 1024 * compressed
 
 
 def decompress(data: bytes, most: int) -> bytes:
-    """Return the content of one frame of Zstandard, at most so many bytes.
+    """Return the content of one Zstandard frame; `most` is the largest accepted size of the content, bytes.
 
     Raises:
-        ZstdError: The frame is damaged, or holds more.
+        ZstdError: The frame is damaged, or its content is larger.
     """
     if frame_content_size(data) > most:
         raise ZstdError(f"{len(data)} compressed bytes hold more than {most}")

@@ -42,7 +42,7 @@ _AFTER_ALL_NS = 2**64  # MCAP's times are smaller
 
 
 class DecodedMessage(NamedTuple):
-    """One message, deserialised; fields as of `LogMessage`."""
+    """One message, deserialised; the other fields are those of `LogMessage`."""
 
     topic: str
     type_name: str
@@ -52,7 +52,7 @@ class DecodedMessage(NamedTuple):
 
 
 def rate_and_size(messages: Sequence[LogMessage]) -> tuple[float, float]:
-    """Return rate [Hz] and mean size [bytes] of a topic's messages; 0 if there are too few."""
+    """Return the mean rate, Hz, and the mean size, bytes, of a topic's messages; 0 if there are too few."""
     if not messages:
         return 0.0, 0.0
     span_s = (messages[-1].log_time_ns - messages[0].log_time_ns) / NS_PER_S
@@ -63,7 +63,7 @@ def rate_and_size(messages: Sequence[LogMessage]) -> tuple[float, float]:
 class LogReader(AbstractContextManager["LogReader"]):
     """An MCAP file or a bag to read, as a context manager; for one thread at a time.
 
-    A bag is a rosbag2 folder (SQLite or MCAP, also compressed) or its .db3 file, of any ROS 2.
+    A bag is a rosbag2 folder (SQLite or MCAP, also compressed) or its .db3 file, of any ROS 2 distribution.
 
     A file whose writer was killed, or that is still being written, is read up to its last whole chunk
     at the time of opening; `truncated` is then true. A warning is logged for each other part that cannot be read.
@@ -111,38 +111,54 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """Log times [ns] of the first and the last message; zeros without messages."""
+        """Log times of the first and the last message, ns; zeros without messages."""
         times_ns = [time_ns for file in self._files for time_ns in file.times_ns]
         return min(times_ns, default=0), max(times_ns, default=0)
 
     def offered_qos(self, topic: str) -> QoSProfile:
-        """Return the recorded profile of a topic's publishers; what is left open is ROS 2's default."""
+        """Return the recorded QoS of a topic's publishers; missing policies have ROS 2's defaults.
+
+        Raises:
+            KeyError: There is no such topic in this log.
+        """
         return profile_from_bag(self.topics[topic].offered_qos)
 
     def first(self, topic: str) -> list[LogMessage]:
-        """Return a topic's first messages, at most 200: enough for its rate and size."""
+        """Return a topic's first messages, at most 200, from which its rate and size can be computed.
+
+        Raises:
+            LogError: There is no such topic, or the log is damaged or closed.
+        """
         return list(itertools.islice(self.messages(topic), _SAMPLE))
 
     @property
     def tables(self) -> tuple[str, ...]:
-        """The names of the tables in this log, sorted."""
+        """Names of the tables in this log, sorted."""
         return tuple(
             t.removeprefix(TABLE_PREFIX) for t in self.topics if t.startswith(TABLE_PREFIX)
         )
 
     @property
     def metadata_names(self) -> tuple[str, ...]:
-        """The names of the metadata records in this log, in the order of writing."""
+        """Names of the metadata records in this log, in the order of writing."""
         return tuple(self._metadata)
 
     def metadata(self, name: str) -> dict[str, Any]:
-        """Return one metadata record as it was written; LogError if there is none of that name."""
+        """Return the values of one metadata record, as `LogWriter.write_metadata` was given them.
+
+        Raises:
+            LogError: There is no record with this name, or it is damaged.
+        """
         if name not in self._metadata:
             raise _missing("metadata", name, self._metadata)
         return values_from_strings(self._metadata[name].strings(name))
 
     def attachment(self, name: str) -> bytes:
-        """Return the content of one attached file, by its name; LogError if there is none."""
+        """Return the content of one attached file, given its name.
+
+        Raises:
+            LogError: There is no such file, or it is damaged.
+        """
         if name not in self._attachments:
             raise _missing("attachment", name, self._attachments)
         return self._attachments[name].attachment(name)
@@ -150,23 +166,32 @@ class LogReader(AbstractContextManager["LogReader"]):
     def messages(
         self, topic: str | None = None, *, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[LogMessage]:
-        """Return the recorded messages in the order of their log times; a chunk is read when its turn comes.
+        """Return an iterator over recorded messages in the order of log time, which reads one chunk after the other.
 
-        Only those of a topic, None: of all; from `start_ns` on and before `end_ns`, log times in nanoseconds.
-        Raises LogError where there is no such topic, or while iterating: a chunk is damaged, or the log was
-        closed.
+        Args:
+            topic: Topic of the messages; None for all topics.
+            start_ns: Smallest log time, ns; None for the start of the log.
+            end_ns: Log time, ns, that all messages are before; None for the end of the log.
+
+        Raises:
+            LogError: There is no such topic; or, during the iteration, a chunk is damaged or the log was closed.
         """
         if topic is not None and topic not in self._channels:
             raise _missing("topic", topic, self._channels)
         topics = self._channels if topic is None else [topic]
         channels = [channel for name in topics for channel in self._channels[name]]
-        # Other integers, as of NumPy, are none for SQLite.
+        # SQLite does not accept other types of integers, such as NumPy's.
         start = 0 if start_ns is None else int(start_ns)
         end = _AFTER_ALL_NS if end_ns is None else int(end_ns)
         return self._merged(channels, start, end)
 
     def decoded(self, topic: str) -> Iterator[DecodedMessage]:
-        """Return the messages of a topic, deserialised; errors as of `messages`, and while iterating of `decode`."""
+        """Return an iterator over the messages of a topic, deserialised, in the order of log time.
+
+        Raises:
+            LogError: As for `messages`; during the iteration also as for `decode`.
+            CdrError: During the iteration, as for `decode`.
+        """
         return (
             DecodedMessage(
                 topic,
@@ -185,17 +210,21 @@ class LogReader(AbstractContextManager["LogReader"]):
         or the log has none, the message is of the type that `sfglab.messages.message_type` returns.
 
         Raises:
-            LogError: The message is no CDR, or its type is not known.
+            LogError: The message is not in CDR, or its type is not known.
             CdrError: The bytes or the definition are damaged.
         """
         return self._decoder_of(message.channel)(message.cdr)
 
     def knows(self, topic: str) -> bool:
-        """Return whether this process has the type of a topic's messages with the same fields."""
+        """Return whether the topic's message type is known in this process with the same fields."""
         return all(is_known_as(c.type_name, c.definition) for c in self._channels.get(topic, ()))
 
     def table(self, name: str) -> pd.DataFrame:
-        """Return a table of `log_time_ns` and fields in the order of log times; LogError as `metadata`."""
+        """Return a table as a data frame: `log_time_ns` and one column per field, rows in the order of log time.
+
+        Raises:
+            LogError: There is no table with this name, or the log is damaged or closed.
+        """
         import pandas as pd
 
         if name not in self.tables:
@@ -208,7 +237,7 @@ class LogReader(AbstractContextManager["LogReader"]):
         return pd.DataFrame(rows)
 
     def close(self) -> None:
-        """Close the file; a second time does nothing."""
+        """Close the file; further calls have no effect."""
         self._stack.close()
 
     def __exit__(self, *_: object) -> None:

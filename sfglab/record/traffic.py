@@ -1,6 +1,6 @@
 """Traffic of the topics of a log: publishers, subscribers, sizes, rates, and times between changes of the value.
 
-The commands `qos` and `map` use it instead of a file.
+The commands `qos` and `map` use it instead of a file that describes the topics.
 """
 
 from __future__ import annotations
@@ -29,23 +29,24 @@ _STAMP = slice(4, 12)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Traffic:
-    """Traffic of one topic. Numbers are of its first messages; None: not known."""
+    """Traffic of one topic. Numbers are means over its first messages; None: not known."""
 
     topic: str  #: Name of the topic.
     type_name: str  #: ROS type of its messages.
     publishers: tuple[str, ...] | None  #: Nodes that publish it. None: the log does not name them.
     subscribers: tuple[str, ...] = ()  #: Nodes that subscribe.
-    size_bytes: int | None = None  #: Mean size of a serialised message.
+    size_bytes: int | None = None  #: Mean size of a serialised message, bytes.
     rate_hz: float | None = None  #: Mean rate, Hz.
     #: Mean time between changes of the value, without the time stamp of a header, s.
     change_s: float | None = None
 
 
 def traffic_of(log: LogReader) -> Iterator[Traffic]:
-    """Yield the traffic of each topic of a log, sorted by name; tables are no topics.
+    """Yield the traffic of each topic of a log, sorted by name, without the topics of tables.
 
-    Raises InvalidValueError if the record `COMPUTATION_GRAPH` does not hold two lists of names for each topic,
-    LogError if the log is damaged.
+    Raises:
+        InvalidValueError: The record `COMPUTATION_GRAPH` does not have two lists of names for each topic.
+        LogError: The log is damaged.
     """
     sides = _sides(log)
     for topic, info in log.topics.items():
@@ -66,7 +67,7 @@ def traffic_of(log: LogReader) -> Iterator[Traffic]:
 
 @dataclass(frozen=True, slots=True)
 class _Sides:
-    """The nodes on both sides of a topic."""
+    """Nodes that publish a topic, and nodes that subscribe to it."""
 
     publishers: tuple[str, ...] = ()
     subscribers: tuple[str, ...] = ()

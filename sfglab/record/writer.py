@@ -46,7 +46,11 @@ class LogWriter(AbstractContextManager["LogWriter"]):
     """
 
     def __init__(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Create the file and its directory; LogError if the file exists, without `overwrite`."""
+        """Create the file and its directory.
+
+        Raises:
+            LogError: The file exists, and `overwrite` is False.
+        """
         from mcap.writer import Writer
 
         self.path = Path(path)
@@ -157,21 +161,27 @@ class LogWriter(AbstractContextManager["LogWriter"]):
     def write_metadata(self, name: str, values: Mapping[str, Any]) -> None:
         """Write a named mapping, such as the configuration or `run_context()`, at once.
 
-        Text is stored unchanged; numbers, lists, mappings, enums and dataclasses are stored as JSON. Raises
-        LogError if a value has no form in JSON, or the log is closed.
+        Text is stored unchanged; numbers, lists, mappings, enums and dataclasses are stored as JSON.
+
+        Raises:
+            LogError: A value cannot be written as JSON, or the log is closed.
         """
         strings = strings_from_values(name, values)
         with self._writing():
             self._mcap.add_metadata(name, strings)
 
     def attach(self, name: str, data: Buffer, media_type: str) -> None:
-        """Write a file of a media type at once; LogError if the log is closed."""
+        """Attach a file with its media type, such as ``text/plain``, and write it at once.
+
+        Raises:
+            LogError: The log is closed.
+        """
         content = bytes(data)
         with self._writing():
             self._mcap.add_attachment(0, 0, name, media_type, content)
 
     def close(self) -> None:
-        """Write the index and close the file, once. After a failed write the file has no index."""
+        """Write the index and close the file; further calls have no effect. After a failed write there is no index."""
         with self._lock:
             if not self._stream.closed:
                 with self._writing():
