@@ -37,10 +37,14 @@ JOINS, DISPLACES, REFUSED = range(3)
 def airtime_ns(
     size_bytes: int, contenders: int, overhead_ns: int, rate_bps: float, contention: float
 ) -> int:
-    """Return how long a frame is on air while a number of hosts contend.
+    """Return how long a frame is on air, ns, while a number of hosts contend.
 
-    Each host beyond the first host lengthens the frame by the share `contention`. The other arguments are those of
-    `Medium`.
+    Args:
+        size_bytes: Size of the frame with the Ethernet header, bytes.
+        contenders: Number of hosts that have a frame to send; each host beyond the first one lengthens the frame.
+        overhead_ns: Airtime overhead per frame, ns.
+        rate_bps: Bit rate, bits per second.
+        contention: Share by which each further host lengthens the frame.
     """
     stretch = 1.0 + contention * (contenders - 1)
     return int((overhead_ns + size_bytes * 8e9 / rate_bps) * stretch)
@@ -91,7 +95,10 @@ def is_blocked(blocked: bool, waiting: int, room: int) -> bool:  # noqa: FBT001 
 
 
 def after_stall_ns(now_ns: int, every_ns: int, stall_ns: int) -> int:
-    """Return when a frame that is ready now can begin; the medium stalls at the beginning of each period."""
+    """Return the time, ns, at which a frame that is ready now can begin.
+
+    The medium stalls for `stall_ns` at the beginning of each period `every_ns`.
+    """
     if stall_ns == 0 or now_ns % every_ns >= stall_ns:
         return now_ns
     return now_ns + stall_ns - now_ns % every_ns

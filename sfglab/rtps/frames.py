@@ -23,7 +23,7 @@ def frame_bytes(kind: int, size_bytes: int, samples: int, heartbeats: int) -> in
 
     Args:
         kind: Kind of the frame, a `Frame`.
-        size_bytes: CDR size of the flow's samples.
+        size_bytes: CDR size of the flow's samples, bytes.
         samples: Number of samples in a BURST.
         heartbeats: Number of heartbeats that travel with DATA or in a BURST.
     """

@@ -39,12 +39,16 @@ _BLOCKED_ROOM = 4096
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flow:
-    """A `Flow` is one topic with its writer and its reader."""
+    """A `Flow` is one topic with its writer and its reader.
+
+    Raises:
+        InvalidValueError: A value is out of its bounds, or the history is KEEP_ALL.
+    """
 
     name: str  #: Name of the flow for messages and tables.
     source: str  #: Host of the writer.
     target: str  #: Host of the reader.
-    size_bytes: int = between(24)  #: CDR size of a sample.
+    size_bytes: int = between(24)  #: CDR size of a sample, bytes.
     #: Samples per second, with 1 ns or more between two samples; 0 if only a chain publishes the flow.
     rate_hz: float = between(0.0, 0, 1e9)
     phase_s: float = between(0.0, 0, _LONGEST_S)  #: Time of the first publication, seconds.
@@ -99,7 +103,11 @@ class Scenario:
 
 
 def check_chains(flows: Sequence[Flow]) -> None:
-    """Refuse a flow whose `then` names no later flow, or one with changes of its own."""
+    """Check that each flow's `then` names a later flow whose value does not change with time.
+
+    Raises:
+        InvalidValueError: A flow's `then` names another one.
+    """
     for place, flow in enumerate(flows, 1):
         later = [other.name for other in flows[place:] if not other.change_s]
         if flow.then is not None and flow.then not in later:
@@ -191,12 +199,15 @@ def _filled(fields: Any, *sources: object) -> np.ndarray:
 
 
 def end_ns(scenario: Scenario) -> int:
-    """Return the time at which a run ends, ns: publishing and retransmissions."""
+    """Return the duration of a run, ns: the time of publishing and the time of retransmissions after it."""
     return _ns(scenario.duration_s) + _ns(scenario.drain_s)
 
 
 def most_samples(scenario: Scenario) -> int:
-    """Return how many samples one flow can have at most; a chain publishes once for each that it follows."""
+    """Return the largest number of samples that one flow can have.
+
+    A flow that others trigger (`Flow.then`) publishes one sample per sample of theirs.
+    """
     most = dict.fromkeys((flow.name for flow in scenario.flows), 0)
     for flow in scenario.flows:
         if flow.rate_hz:

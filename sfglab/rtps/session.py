@@ -38,8 +38,8 @@ _TRACE_FRAMES = 1024
 class FlowOutcome:
     """A `FlowOutcome` has one flow's samples, in the order of their sequence numbers."""
 
-    published_ns: NDArray[np.int64]  #: Time of each sample's publication, shape (n,).
-    #: Time when the application had processed a sample, 0 for other samples, shape (n,).
+    published_ns: NDArray[np.int64]  #: Time of each sample's publication, ns, shape (n,).
+    #: Time when the application had processed a sample, ns, 0 for other samples, shape (n,).
     received_ns: NDArray[np.int64]
     value: NDArray[np.int32]  #: Number of the value that a sample carries, shape (n,).
     fate: NDArray[np.int8]  #: Delivery outcome of each sample, a `Fate`, shape (n,).
@@ -70,7 +70,7 @@ class Outcome:
 
 
 def outcome_of(flows: Sequence[Flow], state: State) -> Outcome:
-    """Return the outcome of the flows in a state."""
+    """Return the outcome of a run from the flows and the state of the engine."""
     results = {}
     for i, flow in enumerate(flows):
         samples = slice(1, int(state.writer[i].last) + 1)
@@ -84,7 +84,10 @@ def outcome_of(flows: Sequence[Flow], state: State) -> Outcome:
 
 
 def run(scenario: Scenario, *, seed: int) -> Outcome:
-    """Simulate a scenario; the same seed gives the same losses, values and outcome to the bit."""
+    """Simulate a scenario to its end and return the outcome.
+
+    The same seed gives the same losses, values and outcome to the bit.
+    """
     return outcome_of(scenario.flows, _state_at_end(scenario, seed, 0, {}))
 
 
@@ -131,17 +134,17 @@ class Session:
                 params.flows["change_ns"][number] = SET
         self._state.delivery["watched"] = 1
         self._world = World(params, self._state)
-        self.now_ns = 0  #: Time that the run has reached.
+        self.now_ns = 0  #: Time that the run has reached, ns.
 
     def set_value(self, flow: str, value: int) -> None:
-        """Set the value, by its number from 0, that a flow with a rate publishes from now on."""
+        """Set the number of the value, from 0, that a flow with a rate publishes from now on."""
         self._state.writer["value"][self._numbers[flow]] = value
 
     def advance(self, until_ns: int) -> Delivery | None:
-        """Run to the next delivery of a new value and return it; `now_ns` is then its time.
+        """Run to the next delivery of a new value and return the delivery; `now_ns` is then its time.
 
         A value is new if it differs from that of the flow's delivery before. Without such a delivery the run
-        reaches `until_ns`, and None is returned.
+        reaches `until_ns`, in nanoseconds, and the method returns None.
         """
         from sfglab.rtps.engine import advance
 
@@ -170,8 +173,8 @@ class AirFrame:
     #: the retransmission: ``a/DATA/7.1``.
     name: str
     kind: Frame  #: Kind of the frame.
-    began_ns: int  #: Time when the frame went on air.
-    ended_ns: int  #: Time when the frame left the air.
+    began_ns: int  #: Time when the frame went on air, ns.
+    ended_ns: int  #: Time when the frame left the air, ns.
     lost: bool  #: Whether the medium lost the frame when it left the air.
     #: Samples that the frame carries, requests or declares to be gone, counted from 1.
     samples: tuple[int, ...]
@@ -183,10 +186,16 @@ class AirFrame:
 def trace(
     scenario: Scenario, *, seed: int, lost: Mapping[str, bool] | None = None
 ) -> tuple[Outcome, tuple[AirFrame, ...]]:
-    """Simulate as `run` does, except for the fate of the frames in `lost`, and return every frame that left the air.
+    """Simulate as `run` does, with chosen losses, and return the outcome and every frame that left the air.
 
-    The losses determine which frames occur, so names of frames that do not occur have no effect. A name of
-    another flow or kind raises an InvalidValueError.
+    Args:
+        scenario: Flows, medium, vendor and times.
+        seed: Seed of all losses that are not chosen.
+        lost: Whether a frame is lost, by the frame's name (`AirFrame.name`). Losses determine which frames occur;
+            names of frames that do not occur have no effect.
+
+    Raises:
+        InvalidValueError: A name has another form, or names another flow or kind.
     """
     wanted = lost or {}
     kinds = [f"{flow.name}/{kind.name}" for flow in scenario.flows for kind in Frame]
@@ -258,7 +267,7 @@ def _newest(kind: Frame, frame: Any) -> int:
     return int(frame.newest) if frame.heartbeats else 0
 
 
-# --- What a run was worth ----------------------------------------------------------------------
+# --- Age of information ------------------------------------------------------------------------
 
 
 def age_ms(outcome: FlowOutcome, *, duration_s: float) -> float:

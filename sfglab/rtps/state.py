@@ -82,18 +82,18 @@ class FlowFields(NamedTuple):
     source: int  #: Host of the writer.
     target: int  #: Host of the reader.
     server: int
-    period_ns: int  #: Period of publications; 0 if only a chain publishes the flow.
+    period_ns: int  #: Period of publications, ns; 0 if only a chain publishes the flow.
     phase_ns: int
-    size_bytes: int  #: CDR size of a sample.
+    size_bytes: int  #: CDR size of a sample, bytes.
     depth: int  #: Depth of the writer's history.
     reader_depth: int  #: Depth of the reader's history.
     reliable: int
     chain: int  #: Flow that the executor publishes after a sample of this flow; -1: none.
-    #: Mean time between changes of the value; 0: every sample has a new value; `SET`: a session sets the value.
+    #: Mean time between changes of the value, ns; 0: every sample has a new value; `SET`: a session sets the value.
     change_ns: int
     cached: int  #: 1: a local cache suppresses repeated values.
     service_ns: int
-    compare_ns: int  #: Time of the server per repeated value; -1: the time of any other value.
+    compare_ns: int  #: Time of the server per repeated value, ns; -1: the time of any other value.
     keeps_acked: int  #: 1: acknowledged samples stay in the writer's history, for late joiners.
 
 
@@ -148,7 +148,7 @@ class FrameFields(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """A `Trace` has the entries of a trace in addition to the frame."""
+    """A `Trace` has the start and the end on air, ns, and the loss of one traced frame."""
 
     began_ns: int
     ended_ns: int
@@ -162,11 +162,11 @@ class Writer(NamedTuple):
     last: int  #: Newest sample.
     acked: int  #: Newest sample up to which all samples are acknowledged.
     armed: int  #: 1: the periodic heartbeat is scheduled.
-    last_heartbeat_ns: int  #: Time of the last heartbeat.
+    last_heartbeat_ns: int  #: Time of the last heartbeat, ns.
     value: int  #: Number of the value that the sensor has now.
-    next_change_ns: int  #: Time of the value's next change.
+    next_change_ns: int  #: Time of the value's next change, ns.
     sent_value: int  #: Value that was published last.
-    data_ns: int  #: Time of the last DATA frame.
+    data_ns: int  #: Time of the last DATA frame, ns.
     last_queued: int  #: Newest sample that has left the history for the host's queue.
     bytes_since_heartbeat: int  #: Bytes of samples since the last heartbeat.
     sent_bytes: int  #: Number of all bytes that the sending thread has sent.
@@ -187,10 +187,10 @@ class Reader(NamedTuple):
     newest: int  #: Newest sample that has arrived.
     #: First sample after the last request. This field and the fields below serve prompt readers.
     nacked: int
-    nacked_ns: int  #: Time of the last request.
+    nacked_ns: int  #: Time of the last request, ns.
     repeated: int  #: 1: the last request was repeated because its time was over.
     answered_next: int  #: Value of `next` at the last response.
-    answered_ns: int  #: Time of the last response.
+    answered_ns: int  #: Time of the last response, ns.
     asked: int  #: 1: the writer requests a response.
     repaired: int  #: 1: a heartbeat after retransmissions requests the response.
     #: Number of the current message's frames that have arrived; -1: one of these frames is lost.

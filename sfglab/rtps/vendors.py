@@ -16,30 +16,30 @@ class Vendor:
     """A `Vendor` has the times of one DDS implementation's reliability protocol (RTPS 2.5, clause 8.4)."""
 
     name: str  #: Name of the implementation.
-    #: Period of heartbeats while something is unacknowledged.
+    #: Period of heartbeats while a sample is unacknowledged, ns.
     heartbeat_ns: int = field(metadata=bounds(1))
-    #: Time from the first heartbeat that shows a gap to the reader's request.
+    #: Time from the first heartbeat that shows a gap to the reader's request, ns.
     nack_delay_ns: int = field(metadata=_FROM_ZERO)
-    #: Time from a heartbeat that shows no gap to the reader's acknowledgement.
+    #: Time from a heartbeat that shows no gap to the reader's acknowledgement, ns.
     ack_delay_ns: int = field(metadata=_FROM_ZERO)
-    #: Time from a request to the writer's retransmission.
+    #: Time from a request to the writer's retransmission, ns.
     nack_response_ns: int = field(metadata=_FROM_ZERO)
     #: Largest number of samples that one request can name: a bitmap has 256 bits (RTPS 2.5, clause 9.4.2.6).
     nack_most: int = between(256, 1, 256)
-    #: A heartbeat travels with every sample; else only while the writer's history is full, of samples that are
-    #: unacknowledged, or with TRANSIENT_LOCAL durability of any. The reader answers each heartbeat at once: with
-    #: a request if it lacks something that it has not asked for yet, with an acknowledgement only if it is asked.
-    #: `nack_delay_ns` is then how long it waits before it asks for the same again, `ack_delay_ns` before it
-    #: acknowledges the same again. The writer's repairs end with a heartbeat to which the reader may ask again at
-    #: once, and it sends a periodic one only if it has sent no other for a period.
+    #: Whether a heartbeat travels with every sample, as with Cyclone DDS. The reader then responds to each heartbeat
+    #: at once: with a request for missing samples that it has not requested yet, or with an acknowledgement if the
+    #: heartbeat requires one. It repeats a request after `nack_delay_ns`, and an acknowledgement after `ack_delay_ns`.
+    #: Retransmissions end with a heartbeat, after which the reader may repeat its request at once. The writer sends a
+    #: periodic heartbeat only if it has sent no other for a period. If False, a heartbeat travels with a sample only
+    #: while the writer's history is full: of unacknowledged samples, or with TRANSIENT_LOCAL of any samples.
     prompt: bool = False
-    #: Time below which the heartbeat of a sample requests no response (FINAL), counted from the sample before; 0: the
-    #: heartbeat always requests a response.
+    #: Time below which the heartbeat of a sample requests no response (FINAL), counted from the sample before, ns;
+    #: 0: the heartbeat always requests a response.
     final_within_ns: int = 0
     #: Largest number of samples that wait behind a gap, apart from the reader's history; the reader drops the newest
     #: sample beyond this number. 0: the samples wait in the reader's history.
     reorder_most: int = 0
-    #: Size of the RTPS message in which retransmissions travel together; the loss of any of its frames loses the
+    #: Size of the RTPS message in which retransmissions travel together, bytes; the loss of any of its frames loses the
     #: message. 0: each retransmission has its own frame.
     burst_bytes: int = 0
     #: Bytes of samples since the last heartbeat after which a heartbeat travels with a sample; 0: no such heartbeat.

@@ -227,7 +227,7 @@ def heartbeat(world: Any, now: int, flow: int) -> None:
 
 @compiled
 def hear_acknack(world: Any, now: int, frame: Any) -> None:
-    """Take a reader's acknowledgement, and retransmit requested samples after the vendor's delay."""
+    """Process a reader's ACKNACK at a time, ns, and retransmit requested samples after the vendor's delay."""
     flow, bits = frame.flow, frame.bits
     writer, request = world.writer[flow], world.request[flow]
     writer.acked = max(writer.acked, frame.sample - 1)
