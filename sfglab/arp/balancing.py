@@ -23,15 +23,20 @@ DEPTH_MAX = 5000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BalanceInput:
-    """A `BalanceInput` is the input of the published problem."""
+    """A `BalanceInput` is the input of the published problem.
+
+    Raises:
+        InvalidValueError: An agent has no topics, or a lower limit is not positive or above its upper limit.
+    """
 
     #: Number of topics of each agent, T_a of Eq. 1: topics of its sensors and of the results that the agent receives.
     topics: tuple[int, ...]
-    rate_max_hz: float  #: Rmax, the rate at which a single topic could be sent.
-    #: Rmin, the smallest rate; the paper does not state the value of Rmin.
+    rate_max_hz: float  #: Rmax, the rate at which a single topic could be sent, Hz.
+    #: Rmin, the smallest rate, Hz; the paper does not state the value of Rmin.
     rate_min_hz: float = 1.0
-    depth_max: float = DEPTH_MAX  #: Dmax, the largest depth.
-    depth_min: float = 1.0  #: Dmin, the smallest depth; the paper does not state the value of Dmin.
+    depth_max: float = DEPTH_MAX  #: Dmax, the largest depth, samples.
+    #: Dmin, the smallest depth, samples; the paper does not state the value of Dmin.
+    depth_min: float = 1.0
 
     def __post_init__(self) -> None:
         if not self.topics or min(self.topics) < 1:
@@ -46,8 +51,8 @@ class BalanceInput:
 class Balance:
     """A `Balance` is a solution of the published problem."""
 
-    rate_hz: float  #: R, the rate at which each topic is sent.
-    #: D, the depth of each history, as a real number; users round the depth down.
+    rate_hz: float  #: R, the rate at which each topic is sent, Hz.
+    #: D, the depth of each history, samples, as a real number; users round the depth down.
     depth: float
 
 
@@ -56,15 +61,18 @@ class InfeasibleBalanceError(SfglabError, ValueError):
 
 
 def average_topics(topics: Sequence[int]) -> float:
-    """Return T_avg of Eq. 2 for the topics of each agent (Eq. 1)."""
+    """Return T_avg of Eq. 2, the mean of the number of topics of each agent (Eq. 1)."""
     return sum(topics) / len(topics)
 
 
 def balance_closed_form(given: BalanceInput) -> Balance:
-    """Return the optimum without a solver: the optimum attains both upper bounds.
+    """Return the optimum of Eq. 6 without a solver: the point that attains both upper bounds.
 
-    The optimum is R* = min(Rmax / T_avg - Rmin, Rmax) and D* = min(Dmax R* / Rmax - Dmin, Dmax). The function raises
-    InfeasibleBalanceError if a lower bound lies above the upper bound of Eq. 4 or Eq. 5.
+    The optimum is R* = min(Rmax / T_avg - Rmin, Rmax) and D* = min(Dmax R* / Rmax - Dmin, Dmax).
+
+    Raises:
+        InfeasibleBalanceError: A lower bound is above the upper bound of Eq. 4 or Eq. 5; the error names the violated
+            constraint and the missing amount.
     """
     rate_hz = min(
         given.rate_max_hz / average_topics(given.topics) - given.rate_min_hz, given.rate_max_hz
@@ -119,7 +127,16 @@ def balance(given: BalanceInput, *, weight: float = 0.5) -> Balance:
 
 
 def solve_problem(problem: Any, about: str, **settings: Any) -> None:
-    """Solve a CVXPY problem; the function raises an SfglabError if the solver ends without an optimum."""
+    """Solve a CVXPY problem; the optimum is in the problem's variables.
+
+    Args:
+        problem: The problem.
+        about: Name of the problem in the error.
+        settings: Options of CVXPY's `solve`.
+
+    Raises:
+        SfglabError: The solver ended without an optimum.
+    """
     from cvxpy import SolverError
 
     try:

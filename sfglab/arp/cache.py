@@ -66,9 +66,9 @@ class _Entry:
 class _ChangeFilter:
     """A `_ChangeFilter` passes a value of a topic if the value has changed."""
 
-    #: Time without a passed value after which the filter passes an unchanged value; None: never, as in the paper.
+    #: Time without a passed value, ns, after which the filter passes an unchanged value; None: never, as in the paper.
     max_silence_ns: int | None = None
-    held_bytes: int = 0  #: Size of all suppressed values whose size the caller gave.
+    held_bytes: int = 0  #: Size of all suppressed values whose size the caller gave, bytes.
     _entries: dict[str, _Entry] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -106,6 +106,6 @@ class CacheControl(_ChangeFilter):
     """A `CacheControl` suppresses repeated values in the station before planning (paper B, section 2.3, Fig. 5)."""
 
     def current(self, topic: str) -> Any:
-        """Return the value that planning works with; None before the first value."""
+        """Return the last passed value of a topic, with which planning works; None before the first value."""
         entry = self._entries.get(topic)
         return None if entry is None else entry.value

@@ -95,7 +95,7 @@ _FAST_HOW = (
 
 
 def fast_dds_xml(plan: Plan, generation: Generation = GENERATION_2) -> str:
-    """Return a plan with the timing of Fast DDS as XML for a generation of Fast DDS."""
+    """Return a plan with the timing of Fast DDS as an XML file of profiles for a generation of Fast DDS."""
     vendor = plan.vendor
     writer_times = {
         generation.heartbeat: vendor.heartbeat_ns,
@@ -147,9 +147,9 @@ def _seconds(duration_ns: int) -> dict[str, int]:
 
 _NAMESPACE = "https://cdds.io/config"
 # These are Cyclone's defaults. The model of the link does not include them.
-_LEAST_NS = 5_000_000  #: HeartbeatInterval's `min`.
-_SCHEDULED_LEAST_NS = 20_000_000  #: HeartbeatInterval's `minsched`.
-_LONGEST_NS = 8_000_000_000  #: HeartbeatInterval's `max`.
+_LEAST_NS = 5_000_000  #: HeartbeatInterval's `min`, ns.
+_SCHEDULED_LEAST_NS = 20_000_000  #: HeartbeatInterval's `minsched`, ns.
+_LONGEST_NS = 8_000_000_000  #: HeartbeatInterval's `max`, ns.
 
 _CYCLONE_HOW = (
     "Set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp and CYCLONEDDS_URI to this file. It contains timing only: this "
@@ -225,12 +225,13 @@ class Export(NamedTuple):
     """An `Export` is one format of a file."""
 
     file: str  #: Usual name of the file.
-    render: Callable[[Plan], str]  #: Writes a plan of this vendor.
-    #: Beginning of the name of the vendor whose timing the plan must have, which its presets share.
+    #: Function that returns the file's text for a plan of this vendor.
+    render: Callable[[Plan], str]
+    #: Beginning of the name of the vendor whose timing the plan must have; all presets of a vendor begin with it.
     vendor: str
 
     def suits(self, vendor: Vendor) -> bool:
-        """Return whether the format can say the timing of a vendor."""
+        """Return whether the format has keys for the timing of a vendor."""
         return vendor.name.startswith(self.vendor)
 
     def text(self, plan: Plan) -> str:
@@ -253,4 +254,4 @@ EXPORTS = {
     "cyclone": Export("cyclonedds.xml", cyclone_xml, CYCLONE_DDS.name),
     "ros2": Export("qos_overrides.yaml", ros2_parameters, ""),
 }
-"""Formats by the name that the command line uses."""
+"""Formats by their names on the command line."""

@@ -44,7 +44,7 @@ class GridCell:
         InvalidValueError: The depth is neither a whole number from 1 nor `OPT_DEPTH`.
     """
 
-    rate_max_hz: int  #: Rmax, the highest rate of a topic.
+    rate_max_hz: int  #: Rmax, the highest rate of a topic, Hz.
     depth: str  #: DEPTH: a number as text, or `OPT_DEPTH`.
     method: str  #: Name of the method, one of `METHODS`.
     duration_s: float  #: Duration of publishing, s.

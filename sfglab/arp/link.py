@@ -1,13 +1,14 @@
 """The module `link` computes what topics cost on a link, and how long retransmissions delay topics, in closed form.
 
-The link is a half-duplex medium that all hosts share, as Wi-Fi is. The arithmetic of a plan: airtime of samples
-and acknowledgements, mean wait in the queue, mean delay by retransmissions (`repairs`). A sample that fits into
-one frame has the frames, delays and heartbeats of the simulation in `sfglab.rtps`. A larger one takes several
-IP fragments here and one long frame in the simulation.
-Cyclone DDS divides samples from about 1.3 kB into RTPS fragments instead, which neither includes.
-Given the depths, every formula is convex in the rates; it is written once, for numbers and for CVXPY's
-expressions. First-order in losses; heartbeats that travel alone and GAPs are left out, which are rare where
-heartbeats ride with samples. Shapes: n topics.
+The link is a half-duplex medium that all hosts share, as with Wi-Fi. A plan needs the airtime of samples and
+acknowledgements, the mean wait in the queue, and the mean delay because of retransmissions (`repairs`). For samples
+that fit into one frame, the frames, delays and heartbeats are those of the simulation in `sfglab.rtps`. A larger
+sample takes several IP fragments here, and one long frame in the simulation. Cyclone DDS divides samples from about
+1.3 kB into RTPS fragments instead, which neither model includes.
+
+Given the depths, every formula is convex in the rates. Each formula is written once, for numbers and for CVXPY's
+expressions. The formulas are of first order in the losses. They leave out GAPs and heartbeats that travel alone, which
+are rare if heartbeats travel with samples. Arrays have one entry per topic, shape (n,).
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _LEAST = 1e-9
-_LOSS_MOST = 0.99  # beyond, no number of retransmissions helps
+_LOSS_MOST = 0.99  # with a higher loss no reasonable number of retransmissions helps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,10 +44,11 @@ class Link:
 
     #: Airtime that one sample costs with all hosts contending, with repeats, seconds, shape (n,).
     data_s: Floats
-    #: Airtime that the acknowledgements of one sample cost alike, seconds, shape (n,).
+    #: Airtime that the acknowledgements of one sample cost, also with repeats, seconds, shape (n,).
     acknack_s: Floats
     acknack_share: Floats  #: Number of acknowledgements per sample, shape (n,).
-    #: Largest number of acknowledgements per second; the reader's delay bundles heartbeats; shape (n,).
+    #: Largest number of acknowledgements per second, because one acknowledges all heartbeats within the reader's
+    #: delay; shape (n,).
     acknack_most_hz: Floats
     #: Changes per second of a topic's value if a local cache passes only changes, otherwise infinite, shape (n,).
     change_most_hz: Floats
@@ -66,7 +68,7 @@ class Link:
     loss: Floats
     reliable: NDArray[np.bool_]  #: Whether a topic's losses are retransmitted, shape (n,).
     batching: NDArray[np.bool_]  #: Whether heartbeats come once in `depth` samples, shape (n,).
-    #: `repairs.Held` of each topic, shape (3, n); zeros of best-effort topics, where nothing waits for what is lost.
+    #: `repairs.Held` of each topic, shape (3, n); zeros for best-effort topics, whose samples wait for no other.
     held: Floats
 
     @property
@@ -80,19 +82,19 @@ class Link:
         return np.isfinite(self.change_most_hz)
 
     def utilisation(self, rates_hz: Floats) -> float:
-        """Return the share of the medium's time that rates take."""
+        """Return the channel utilisation for rates, Hz, shape (n,): the share of the medium's time that they take."""
         sent_hz = self.sent_hz(rates_hz)
         return float(self.data_s @ sent_hz + self.acknack_s @ self.acknacks_hz(sent_hz))
 
     def acknacks_hz(self, sent_hz: Floats) -> Floats:
-        """Return the acknowledgements per second of each topic, shape (n,)."""
+        """Return the acknowledgements per second of each topic, given its travelling samples per second, shape (n,)."""
         return np.minimum(self.acknack_share * sent_hz, self.acknack_most_hz)
 
     def sent_hz(self, rates_hz: Floats) -> Floats:
-        """Return the number of samples per second that travel, shape (n,).
+        """Return the samples per second that travel, given the readings per second, shape (n,) each.
 
         Without a local cache all samples travel. With a local cache r (1 - exp(-1 / (r t))) samples travel: the
-        readings that find a new value.
+        readings with a new value, at r readings per second and a mean time t between changes.
         """
         cached = self.cached
         new = -np.expm1(-np.where(cached, self.change_most_hz, 1.0) / rates_hz)
@@ -100,10 +102,14 @@ class Link:
 
 
 def link_of(given: TopicFile) -> Link:
-    """Return what topics cost on their link with their vendor's timing, for histories of one sample (`at_depths`).
+    """Return the costs of topics on their link, with their vendor's timing, for histories of one sample.
 
-    Every further host that contends stretches each frame (`Medium.contention`). Capacity is reckoned with all
-    hosts contending, as they do when the medium is nearly full, which is when it decides.
+    `at_depths` returns the costs for other depths. Each further host that contends lengthens every frame
+    (`Medium.contention`). The airtimes assume that all hosts contend, as on a nearly full medium, because only there
+    does the capacity limit a plan.
+
+    Raises:
+        InvalidValueError: The medium loses more than 99 % of a topic's samples.
     """
     topics = given.topics
     medium = given.medium
@@ -122,7 +128,7 @@ def link_of(given: TopicFile) -> Link:
     change_most_hz = np.array([1 / t.change_s if t.cached else np.inf for t in topics])
     loss = np.array([loss_of(topic, medium) for topic in topics])
     bundled_s = 0.0 if vendor.prompt else vendor.ack_delay_ns / 1e9
-    # Time of a retransmission beside its way; a prompt reader waits only before its second request.
+    # A retransmission takes this time besides its transmission; a prompt reader waits only before its second request.
     answer_ns = (0 if vendor.prompt else vendor.nack_delay_ns) + vendor.nack_response_ns
     frames_s = np.concatenate([data_s, acknack_s])
     link = Link(
@@ -149,7 +155,11 @@ def link_of(given: TopicFile) -> Link:
 
 
 def loss_of(topic: Topic, medium: Medium) -> float:
-    """Return the share of a topic's samples that lose a frame; InvalidValueError if the share is above 99 %."""
+    """Return the share of a topic's samples that lose at least one of their frames.
+
+    Raises:
+        InvalidValueError: The share is above 99 %.
+    """
     frames = frames_of(topic)
     loss = medium.loss if frames == 1 else float(1 - (1 - medium.loss) ** frames)
     if loss > _LOSS_MOST:
@@ -174,7 +184,8 @@ def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: Floats) -> Link:
     for i in np.flatnonzero(link.reliable).tolist():
         sent, loss, round_s = float(sent_hz[i]), float(link.loss[i]), float(link.round_s[i])
         batch = int(depths[i]) if link.batching[i] else 1
-        is_alone = batch > sent * link.period_s  # the period ends before a heartbeat can ride
+        # A heartbeat is alone if its period ends before a sample can carry it.
+        is_alone = batch > sent * link.period_s
         if is_alone:
             held[:, i] = alone_held(sent, link.period_s, round_s, loss)
         else:
@@ -182,7 +193,7 @@ def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: Floats) -> Link:
         if is_alone and batch > 1:
             most_hz[i] = 1 / link.period_s
         else:
-            # The share of samples that follow too soon for their heartbeat to ask for an answer.
+            # This is the share of samples that follow so soon that their heartbeat requests no response.
             within = sent * link.final_within_s
             unasked = -math.expm1(-within) if cached[i] else float(within > 1)
             share[i] = min(1.0, (1 - unasked) / batch + max(loss, _LEAST))
@@ -190,7 +201,10 @@ def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: Floats) -> Link:
 
 
 def wait_s(link: Link, rates_hz: Floats) -> float:
-    """Return how long samples wait in the mean, infinite where the medium is overloaded."""
+    """Return the mean wait of a frame for contention and queue, seconds; infinite on an overloaded medium.
+
+    The argument `rates_hz` has the topics' rates, shape (n,).
+    """
     utilisation = link.utilisation(rates_hz)
     if utilisation >= 1:
         return math.inf
@@ -198,7 +212,7 @@ def wait_s(link: Link, rates_hz: Floats) -> float:
 
 
 def queue_wait_s(utilisation: Any, link: Link, *, inverse: Callable[[Any], Any]) -> Any:
-    """Return the mean time that contention and the queue add to each frame.
+    """Return the mean time, seconds, that contention and the queue add to each frame.
 
     Frames of one length at random times wait s u / (2 (1 - u)) (M/D/1) at a utilisation u below 1.
     Contention lengthens frames on a busy medium: s = f (1 + k u). Wait and lengthening together are
@@ -210,7 +224,7 @@ def queue_wait_s(utilisation: Any, link: Link, *, inverse: Callable[[Any], Any])
 
 
 def repair_delay_s(link: Link, sent_hz: Any, *, inverse: Callable[[Any], Any]) -> Any:
-    """Return the mean delay of a topic's samples by losses, shape (n,); the delay is convex in the rates.
+    """Return the mean delay of each topic's samples because of losses, seconds, shape (n,), convex in the rates.
 
     A lost sample delays all following samples until its retransmission arrives, T later: p (T / 2 + r T^2 / 2) per
     sample, and p T if no other sample follows within T. The module `repairs` has the parts of T; T + r T^2 is

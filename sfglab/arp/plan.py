@@ -42,7 +42,7 @@ _HALVINGS = 40  #: Number of bisection steps over a share.
 
 
 def depths_for(link: Link, rates_hz: Floats, *, residual_loss: float) -> Depths:
-    """Return the depths of the histories for given rates.
+    """Return the depths of the topics' histories, samples, shape (n,), for given rates, Hz, shape (n,).
 
     If a heartbeat travels with every sample, a history holds a sample and the samples that are published while this
     sample waits for k retransmissions: k samples until the heartbeats, and r times the delays, each with twice the
@@ -63,6 +63,8 @@ def depths_for(link: Link, rates_hz: Floats, *, residual_loss: float) -> Depths:
 def expected_losses(link: Link, depths: Depths, rates_hz: Floats) -> Floats:
     """Return the expected share of each topic's samples that is never delivered because the medium loses frames.
 
+    Depths (samples), rates (Hz) and shares have shape (n,), one value per topic.
+
     If heartbeats come in batches, a batch loses at its head as many samples as are published during a
     retransmission. A batch also loses each later sample whose one retransmission fails.
     """
@@ -81,7 +83,9 @@ def expected_losses(link: Link, depths: Depths, rates_hz: Floats) -> Floats:
 
 
 def rates_most_hz(link: Link, highest_hz: Floats, *, utilisation_max: float) -> Floats:
-    """Return the highest rates that keep the allowed loss, on a link `at_depths` of batches.
+    """Return the highest rates, Hz, shape (n,), that keep the allowed loss, on a link `at_depths` of batches.
+
+    The argument `highest_hz` has the rates that other bounds allow, shape (n,).
 
     If heartbeats come in batches, a sample that is published during a retransmission is lost. Therefore no sample may
     be published during a retransmission: r c < 1. With a local cache a newer state has replaced the lost sample. The
@@ -103,7 +107,7 @@ def rates_most_hz(link: Link, highest_hz: Floats, *, utilisation_max: float) -> 
 def _rates_at_hz(
     link: Link, highest_hz: Floats, utilisation: float, bounded: NDArray[np.bool_]
 ) -> Floats:
-    """Return the highest rates on a link that is so busy."""
+    """Return the highest rates at a channel utilisation; `bounded` tells which topics have batches to protect."""
     waiting_s = queue_wait_s(utilisation, link, inverse=np.reciprocal)
     most_hz = np.minimum(highest_hz, _RATE_MARGIN / _repair_s(link, waiting_s))
     return np.where(bounded, most_hz, highest_hz)
@@ -115,7 +119,10 @@ def _repair_s(link: Link, waiting_s: float) -> Floats:
 
 
 def rounds_needed(loss: float, residual_loss: float) -> int:
-    """Return the retransmissions that a sample must await: loss (1 - (1 - loss)^2)^k <= residual loss, 1 or more."""
+    """Return how many retransmissions k the history must wait for, at least 1.
+
+    k is the smallest number with loss (1 - (1 - loss)^2)^k <= residual loss; both losses are shares.
+    """
     if loss <= residual_loss:
         return 1
     return max(1, math.ceil(math.log(residual_loss / loss) / math.log(1 - (1 - loss) ** 2)))
@@ -134,7 +141,7 @@ class TopicPlan:
     topic: Topic  #: Topic of the plan.
     rate_hz: float  #: Planned number of samples per second, Hz.
     depth: int  #: Depth of the writer's and the reader's history.
-    #: Expected mean time from publication to delivery; infinite on an overloaded medium.
+    #: Expected mean time from publication to delivery, seconds; infinite on an overloaded medium.
     latency_s: float
     #: Expected share of time in which the reader holds the value that the sensor has.
     up_to_date: float
@@ -167,24 +174,34 @@ class Plan:
     """A `Plan` has the rates and depths of all topics."""
 
     topics: tuple[TopicPlan, ...]  #: Each topic's part, in the order given.
-    method: str  #: Method that found it.
-    medium: Medium  #: The link that was reckoned with.
-    vendor: Vendor  #: The timing that was reckoned with.
-    #: Share of the medium's time that is taken, repeats and acknowledgements included; above 1, queues grow
-    #: without end.
+    method: str  #: Method that found the plan.
+    medium: Medium  #: Link that the plan assumes.
+    vendor: Vendor  #: Timing that the plan assumes.
+    #: Channel utilisation: share of the medium's time that samples, repeats and acknowledgements take. Above 1,
+    #: queues grow without limit.
     utilisation: float
     #: Objective without latency: weighted mean of r t / (1 + r t), the share of time in which the value
-    #: sent last is still true, with the mean time t between changes.
+    #: sent last is still true, with the rate r and the mean time t between changes.
     freshness: float
-    latency_s: float  #: Weighted mean of the topics' latencies.
+    latency_s: float  #: Weighted mean of the topics' latencies, seconds.
     #: Weighted mean of the topics' shares of time in which readers are up to date.
     up_to_date: float
-    #: Freshness that one second of mean latency costs; None if no programme was solved.
+    #: Freshness that one second of mean latency costs, 1/s; None if no optimisation problem was solved.
     latency_price_hz: float | None = None
 
 
 def assess(given: TopicFile, rates_hz: Floats, depths: Depths, *, method: str) -> Plan:
-    """Return the plan with rates and depths that a method found, and with the effects that the arithmetic expects."""
+    """Return a plan with given rates and depths, and with its predicted effects on the link.
+
+    Args:
+        given: Topics and link.
+        rates_hz: Rate of each topic, Hz, shape (n,).
+        depths: History depth of each topic, samples, shape (n,).
+        method: Name of the method that found them.
+
+    Raises:
+        InvalidValueError: The link loses too many of a topic's samples.
+    """
     link = at_depths(link_of(given), depths, rates_hz)
     change_s = np.array([topic.change_s for topic in given.topics])
     weights = np.array([topic.weight for topic in given.topics])

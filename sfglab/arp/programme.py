@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from sfglab.arp.topics import TopicFile
 
 PRICES_HZ = np.geomspace(0.1, 1000, 13).tolist()
-"""Prices of latency that the front is drawn with: from a second costing a tenth of the freshness to a
-millisecond costing all of it."""
+"""Prices of latency of the Pareto front, 1/s: from a second that costs a tenth of the freshness to a millisecond
+that costs all of it."""
 
 _ALTERNATIONS_MOST = 4
 _GAIN_LEAST = 1e-6
@@ -53,10 +53,16 @@ _LOWERINGS = 51
 
 
 def plan_file(given: TopicFile, *, latency_price_hz: float | None = None) -> Plan:
-    """Return rates and depths for topics on their link, with their vendor's timing; errors are those of `pareto_front`.
+    """Return rates and depths for topics on their link, with their vendor's timing.
 
-    The price is the freshness that a second of mean latency costs. None selects the point of the Pareto front at which
-    readers are expected to be up to date for the largest share of time.
+    Args:
+        given: Topics and link.
+        latency_price_hz: Freshness that a second of mean latency costs, 1/s. None selects the plan of the Pareto front
+            with which readers are expected to be up to date for the largest share of time.
+
+    Raises:
+        InvalidValueError: The link loses too many of a topic's samples.
+        SfglabError: The minimal rates alone exceed the capacity, or the solver ended without an optimum.
     """
     if latency_price_hz is None:
         return max(pareto_front(given), key=lambda point: point.up_to_date)
@@ -91,7 +97,11 @@ class _Planner:
         self._check_feasible()
 
     def _check_feasible(self) -> None:
-        """Raise an SfglabError if the minimal rates take more of the medium's time than is allowed."""
+        """Check that the minimal rates take no more of the medium's time than is allowed.
+
+        Raises:
+            SfglabError: The minimal rates take more.
+        """
         link, allowed = self._first, self._given.utilisation_max
         sent_hz = np.minimum(self._lowest, link.change_most_hz)
         taken = link.data_s * sent_hz + link.acknack_s * link.acknacks_hz(sent_hz)
@@ -202,7 +212,7 @@ class _Programme:
         self._problem = cp.Problem(objective, constraints)
 
     def solve(self, link: Link, price: float) -> Floats:
-        """Return the rates at a price of latency, after the branches have settled.
+        """Return the topics' rates, Hz, shape (n,), at a price of latency, after the branches have settled.
 
         Samples and acknowledgements that travel grow with the readings up to a bound. In one branch the number of
         travelling samples is a share of the readings; in the other branch the number is the bound. The argument `link`

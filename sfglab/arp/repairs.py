@@ -39,10 +39,11 @@ def failing_share(loss: Any) -> Any:
 def riding_held(batch: int, round_s: float, again_s: float, loss: float) -> Held:
     """Return how long one loss delays other samples if a heartbeat travels with one sample in `batch`.
 
-    Rounds follow each other until one succeeds, so that their number N is geometric:
-    T = N m / r + N c + (N - 1) a. A heartbeat comes after m samples in the mean: the last of a batch of d carries
-    it, so that sample j waits for d - j others, the last for one. The retransmission comes c after the heartbeat
-    (`round_s`). The reader waits a longer before it requests the same again (`again_s`).
+    Rounds follow each other until one succeeds, so their number N has a geometric distribution:
+    T = N m / r + N c + (N - 1) a. A heartbeat comes after m samples in the mean: the last sample of a batch of d
+    samples carries it, so sample j waits for d - j others, and the last sample for one. The retransmission arrives the
+    time c after the heartbeat (`round_s`). The reader waits the additional time a before it requests the same samples
+    again (`again_s`).
     """
     succeeds = (1 - loss) ** 2
     n = 1 / succeeds
@@ -55,7 +56,10 @@ def riding_held(batch: int, round_s: float, again_s: float, loss: float) -> Held
 
 
 def alone_held(rate_hz: float, period_s: float, round_s: float, loss: float) -> Held:
-    """Return how long one loss delays other samples if heartbeats travel alone.
+    """Return how long one loss delays other samples if heartbeats travel without samples.
+
+    The arguments are the topic's rate (Hz), the period of heartbeats (s), the time from a heartbeat to the
+    retransmission (s), and the share of lost frames.
 
     The writer's timer starts with the first unacknowledged sample, and the samples of the timer's period wait for the
     end of the period. After a failed retransmission samples wait for another whole period.

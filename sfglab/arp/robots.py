@@ -61,18 +61,18 @@ ROBOTS = {
 
 
 def object_bytes(sensor: Sensor) -> int:
-    """Return the size of a sensor's value as a Python object; Table 1 has this size."""
+    """Return the size of a sensor's value as a Python object, bytes; Table 1 has this size."""
     return sys.getsizeof(sensor.example)
 
 
 def cdr_bytes(sensor: Sensor) -> int:
-    """Return the size of a sensor's message on the wire: CDR with its 4-byte header, padded to whole words."""
+    """Return the size of a sensor's message on the wire, bytes: CDR with its 4-byte header, padded to whole words."""
     return len(serialize(message_type(sensor.type)(data=sensor.example)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """A `Method` is one way to move the robots' data (paper B, sections 2.2 to 2.4)."""
+    """A `Method` is one combination of local cache, cache control and QoS (paper B, sections 2.2 to 2.4)."""
 
     name: str  #: Name of the method, as in Fig. 10, 11 and 16.
     #: OPT: the rate comes from Eq. 6; with the depth ``opt`` the depth also comes from Eq. 6.

@@ -35,7 +35,7 @@ class Topic:
     source: str = field(metadata=named("from"))  #: Host that publishes.
     #: Host or hosts that subscribe; each host gets a copy and acknowledges the copy, as DDS sends over Wi-Fi.
     target: str | tuple[str, ...] = field(metadata=named("to"))
-    #: CDR size of a message; large messages take several frames.
+    #: CDR size of a message, bytes; large messages take several frames.
     size_bytes: int = field(metadata=bounds(0, 10**9))
     #: Lowest useful rate, Hz.
     rate_min_hz: float = between(1.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
@@ -74,10 +74,10 @@ class _Link:
     #: Bit rate of the link, Mbit/s.
     rate_mbps: float = between(20.0, 1 / _FIELD_MOST, _FIELD_MOST)
     loss: float = between(0.01, 0, 1, without=(1,))  #: Share of frames that are lost.
-    overhead_us: float = between(300.0, 0, _FIELD_MOST)  #: Airtime of a frame beside its bits.
+    overhead_us: float = between(300.0, 0, _FIELD_MOST)  #: Airtime of a frame beside its bits, µs.
     #: Share by which each further host that wants to send lengthens a frame.
     contention: float = between(0.15, 0, _FIELD_MOST)
-    #: Time from the end of sending to arrival of a frame.
+    #: Time from the end of sending to arrival of a frame, ms.
     latency_ms: float = between(0.0, 0, _FIELD_MOST)
     queue_frames: int = between(500, 1, 10**6)  #: Number of frames that a host's queue holds.
 
@@ -101,11 +101,11 @@ _MILLISECONDS = bounds(1e-3, _FIELD_MOST)
 class _Timing:
     """A `_Timing` has the times that replace the vendor's own times."""
 
-    #: Time between two heartbeats.
+    #: Time between two heartbeats, ms.
     heartbeat_ms: float | None = field(default=None, metadata=_MILLISECONDS)
-    #: Time from a loss to the request for the lost sample.
+    #: Time from a loss to the request for the lost sample, ms.
     nack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)
-    #: Time from a heartbeat to the response to the heartbeat.
+    #: Time from a heartbeat to the response to the heartbeat, ms.
     ack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)
 
 
@@ -113,7 +113,7 @@ class _Timing:
 class _Shared:
     """`_Shared` has the fields that a file of topics and its values have in common."""
 
-    #: The most of the medium's time that may be planned.
+    #: Largest share of the medium's time that a plan may use.
     utilisation_max: float = between(0.9, 0.01, 1, without=(1,))
     #: Share of samples that may stay lost after retransmissions, if a history can keep this share; a plan has the
     #: expected share (`TopicPlan.loss`).
@@ -127,7 +127,7 @@ class _Shared:
 class TopicKeys(_Shared):
     """A file of topics for `sfglab qos` describes the topics between hosts, and their link."""
 
-    #: Largest rate of any topic.
+    #: Largest rate of any topic, Hz.
     rate_max_hz: float = between(1000.0, 1 / _RATE_MOST_HZ, _RATE_MOST_HZ)
     link: _Link = field(default_factory=_Link)  #: The link that all topics share.
     #: DDS implementation, a preset of `sfglab.rtps`.
@@ -140,9 +140,9 @@ class TopicKeys(_Shared):
 class TopicFile(_Shared):
     """A `TopicFile` has topics with the link that all topics share."""
 
-    #: The link that all of them share; its `shared` and `access_point` are not reckoned with.
+    #: Link that all topics share; the plan ignores its fields `shared` and `access_point`.
     medium: Medium = field(default_factory=Medium)
-    #: The DDS implementation, with the file's timing where it says any.
+    #: Timing of the DDS implementation, with the times that the file replaces.
     vendor: Vendor = FAST_DDS
 
     def limited_to(self, rate_max_hz: float | None) -> TopicFile:
@@ -164,12 +164,20 @@ class TopicFile(_Shared):
 
 
 def load_topics(path: Path | str) -> TopicFile:
-    """Read a YAML file of topics; a DocumentError names the place of a mistake and the allowed values."""
+    """Read a YAML file of topics.
+
+    Raises:
+        DocumentError: The file cannot be read, or has a mistake; the error names its place and the allowed values.
+    """
     return read_topics(Document.of_file(path))
 
 
 def read_topics(document: Document) -> TopicFile:
-    """Read topics from a document; the errors are those of `load_topics`."""
+    """Read topics from a document.
+
+    Raises:
+        DocumentError: As for `load_topics`.
+    """
     file = document.read(TopicKeys)
     if not file.topics:
         raise document.refusal(("topics",), document.value["topics"], "one topic at least")

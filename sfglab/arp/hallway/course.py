@@ -1,9 +1,9 @@
 """The module `course` has the hallway: one course for three areas, boxes in each area, and compiled wall geometry.
 
 Paper B, Fig. 14: "move the robots by parallels in different areas". The paper draws the course without
-measures; ours is a ring of corridors with five corners to the right and one to the left. Metres, x to the right
-and y up. Poses are x, y and heading, shape (robots, 3); walls are x, y of both ends, shape (robots, walls, 4),
-each robot's own.
+measures. The course of sfglab is a ring of corridors with five corners to the right and one to the left. Lengths are
+metres, x is to the right and y up. Poses are x, y and heading, shape (robots, 3). Walls are x, y of both ends, shape
+(robots, walls, 4), with separate walls for each robot.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ class Box:
     """A `Box` is a cardboard box at a wall, 0.3 m long in the wall's direction and 0.2 m deep."""
 
     leg: int  #: Number of the corridor: the number of the waypoint where the corridor begins.
-    along_m: float  #: Distance of the box's middle from the waypoint where the corridor begins.
+    along_m: float  #: Distance of the box's middle from the waypoint where the corridor begins, m.
     side: str  #: Side of the corridor in the driving direction: ``left`` or ``right``.
 
     def corners(self) -> NDArray[np.float64]:
-        """Return the four corners of the box, shape (4, 2)."""
+        """Return x, y of the box's four corners, metres, shape (4, 2)."""
         start = np.array(WAYPOINTS[self.leg])
         ahead = np.array(WAYPOINTS[(self.leg + 1) % len(WAYPOINTS)]) - start
         ahead = ahead / np.linalg.norm(ahead)
@@ -62,13 +62,13 @@ class Area:
 
     @cached_property
     def rings(self) -> list[NDArray[np.float64]]:
-        """Corners of both walls and of each box, in their order, shape (n, 2) each."""
+        """x, y of the corners of both walls and of each box, metres, in order, shape (n, 2) each."""
         boxes = [box.corners() for box in self.boxes]
         return [_offset(HALF_WIDTH_M), _offset(-HALF_WIDTH_M), *boxes]
 
     @cached_property
     def segments(self) -> NDArray[np.float64]:
-        """Segments that a beam can hit: x, y of both ends, shape (n, 4)."""
+        """Segments that a beam can hit: x, y of both ends, metres, shape (n, 4)."""
         sides = [np.hstack((ring, np.roll(ring, -1, axis=0))) for ring in self.rings]
         return np.concatenate(sides)
 
@@ -84,7 +84,10 @@ def _offset(outwards_m: float) -> NDArray[np.float64]:
 
 
 def winding_rad(x: float, y: float) -> float:
-    """Return the angle of a position around the ring, from -pi to pi: 0 at home, growing as robots drive."""
+    """Return the angle of a position, metres, around the ring, radians from -pi to pi.
+
+    The angle is 0 at the robots' start, and grows in the driving direction.
+    """
     return math.remainder(_HOME_RAD - math.atan2(y - _PIVOT[1], x - _PIVOT[0]), math.tau)
 
 
@@ -99,7 +102,14 @@ ROBOTS = tuple(area.robot for area in AREAS)  #: Names of the robots.
 
 @nb.njit(cache=True, nogil=True)
 def scan(walls: Any, pose: Any, angles: Any, ranges: Any) -> None:
-    """Write the distances to walls (walls, 4) by angle from ahead (n,) into `ranges` (n,); infinity without a wall."""
+    """Write the distance from a pose to the nearest wall in each direction, metres, into `ranges`, shape (n,).
+
+    Args:
+        walls: x, y of both ends of each wall, metres, shape (walls, 4).
+        pose: x, y (metres) and heading (radians), shape (3,).
+        angles: Direction of each beam, radians to the left of the heading, shape (n,).
+        ranges: The result; infinity for a beam that meets no wall.
+    """
     for i in range(len(angles)):
         dx, dy = math.cos(pose[2] + angles[i]), math.sin(pose[2] + angles[i])
         nearest = np.inf
@@ -117,7 +127,10 @@ def scan(walls: Any, pose: Any, angles: Any, ranges: Any) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def clearances(walls: Any, poses: Any, result: Any) -> None:
-    """Write the distance from each robot's middle to the nearest wall into `result`, shape (robots,)."""
+    """Write the distance from each robot's middle to its nearest wall, metres, into `result`, shape (robots,).
+
+    The argument `walls` has the shape (robots, walls, 4), and `poses` the shape (robots, 3), as in this module's text.
+    """
     for r in range(poses.shape[0]):
         nearest = np.inf
         for k in range(walls.shape[1]):
@@ -131,7 +144,14 @@ def clearances(walls: Any, poses: Any, result: Any) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def drive(poses: Any, wheels: Any, base_m: float, dt_s: float) -> None:
-    """Move `poses` along arcs; `wheels` has the wheels' speeds, left and right, m/s, (robots, 2), `base_m` apart."""
+    """Move robots with differential drive along arcs, in place.
+
+    Args:
+        poses: x, y (metres) and heading (radians), shape (robots, 3); the function changes it.
+        wheels: Speeds of the left and the right wheel, m/s, shape (robots, 2).
+        base_m: Distance between the wheels, metres.
+        dt_s: Duration, seconds.
+    """
     for r in range(poses.shape[0]):
         ahead = 0.5 * (wheels[r, 0] + wheels[r, 1]) * dt_s
         turn = (wheels[r, 1] - wheels[r, 0]) / base_m * dt_s

@@ -30,7 +30,7 @@ _FINE_STEPS = round(_FINE_UNTIL_M / _FINE_M)
 
 
 def step_from_range(range_m: float) -> int:
-    """Return the number of the step as which the sensor measures a range; `NO_ECHO` out of the sensor's reach."""
+    """Return the number of the LIDAR's resolution step for a range, metres; `NO_ECHO` out of the LIDAR's reach."""
     if not _NEAREST_M <= range_m <= _FARTHEST_M:
         return NO_ECHO
     if range_m <= _FINE_UNTIL_M:
@@ -77,7 +77,7 @@ class Command:
 
     @property
     def number(self) -> int:
-        """Number of the command; each command has another number, and the reliability model carries the numbers."""
+        """Number of the command, different for each command; the reliability model transmits this number."""
         return (self.moving << 15) | (self.turn_mrad_s + _TURN_OFFSET)
 
     @classmethod
@@ -98,22 +98,22 @@ STOP = Command(moving=False)
 class View:
     """A `View` is the place of a robot, as measured with the robot's own beams."""
 
-    ahead_m: float  #: Range ahead.
-    left_m: float  #: Range 45 degrees to the left of ahead.
-    right_m: float  #: Range 45 degrees to the right of ahead.
-    beside_left_m: float  #: Range to the left, at 90 degrees.
-    beside_right_m: float  #: Range to the right, at 90 degrees.
-    #: Heading relative to the left wall, positive to the left; None if the left wall is not straight.
+    ahead_m: float  #: Range ahead, metres.
+    left_m: float  #: Range 45 degrees to the left of ahead, metres.
+    right_m: float  #: Range 45 degrees to the right of ahead, metres.
+    beside_left_m: float  #: Range to the left, at 90 degrees, metres.
+    beside_right_m: float  #: Range to the right, at 90 degrees, metres.
+    #: Heading relative to the left wall, radians, positive to the left; None if the left wall is not straight.
     heading_left_rad: float | None
-    #: Heading relative to the right wall, positive to the left; None if the right wall is not straight.
+    #: Heading relative to the right wall, radians, positive to the left; None if the right wall is not straight.
     heading_right_rad: float | None
-    #: Distance from the corridor's middle to the left, by the straight walls; None without a straight wall.
+    #: Distance to the left of the corridor's middle, metres, from the straight walls; None without a straight wall.
     offset_m: float | None
     obstacle: bool  #: Whether an object ahead is closer than the safe distance.
 
     @property
     def heading_rad(self) -> float | None:
-        """Heading relative to the corridor, positive to the left: the mean of both walls' values."""
+        """Heading relative to the corridor, radians, positive to the left: the mean of both walls' values."""
         known = [h for h in (self.heading_left_rad, self.heading_right_rad) if h is not None]
         return sum(known) / len(known) if known else None
 
@@ -123,12 +123,12 @@ class LocalisationNode:
 
     def __init__(self) -> None:
         self._steps: list[int | None] = [None] * len(BEAMS_DEG)
-        #: Last range of each beam that the station knows.
+        #: Last range of each beam that the station knows, m.
         self.ranges_m = [math.inf] * len(BEAMS_DEG)
         self.view: View | None = None
 
     def hear(self, beam: int, step: int) -> bool:
-        """Take the value of a beam, by the beam's index in `BEAMS_DEG`; return whether the view has changed."""
+        """Process the new range step of a beam of `BEAMS_DEG`, given by index; return whether the view has changed."""
         if self._steps[beam] == step:
             return False
         self._steps[beam] = step

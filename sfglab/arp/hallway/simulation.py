@@ -70,8 +70,8 @@ class Snapshot:
     time_s: float  #: Time since the start, s.
     manoeuvre: Manoeuvre  #: Manoeuvre that the station released last.
     poses: NDArray[np.float64]  #: x, y (m) and heading (rad), shape (robots, 3).
-    measured_m: NDArray[np.float64]  #: Ranges that the LIDARs measured, shape (robots, beams).
-    believed_m: NDArray[np.float64]  #: Ranges that the station holds, shape (robots, beams).
+    measured_m: NDArray[np.float64]  #: Ranges that the LIDARs measured, shape (robots, beams), m.
+    believed_m: NDArray[np.float64]  #: Ranges that the station holds, shape (robots, beams), m.
 
 
 def rate_and_depth(settings: LapSettings) -> tuple[float, int]:

@@ -19,7 +19,7 @@ TURN_MRAD_S = round(1000 * SPEED_M_S / HALF_WIDTH_M)
 
 
 class Manoeuvre(Enum):
-    """A `Manoeuvre` is a move of all robots."""
+    """A `Manoeuvre` is a move of all robots, which the station releases."""
 
     FORWARD = "forward"
     TURN_LEFT = "turn left"
@@ -120,18 +120,24 @@ LEADER = 0  #: Index of the robot that plans for all robots.
 
 
 class Station:
-    """The nodes at the station; the first robot leads."""
+    """All nodes at the station: three localisations and the planning of the leading robot."""
 
     def __init__(self) -> None:
-        self.localisations = [LocalisationNode() for _ in ROBOTS]  #: One per robot.
+        self.localisations = [LocalisationNode() for _ in ROBOTS]  #: Localisation of each robot.
         self._planning = PlanningNode()
         self.commands = [STOP] * len(ROBOTS)  #: Present command of each robot.
-        #: Robot whose localisation was the last to see an obstacle and stop all; None: none has.
+        #: Index of the robot whose localisation last saw an obstacle and stopped all robots; None: none has.
         self.stopped_by: int | None = None
         self.manoeuvre = Manoeuvre.STOP  #: Manoeuvre that the station released last.
 
     def hear(self, robot: int, beam: int, step: int) -> bool:
-        """Take the value of a robot's beam in `BEAMS_DEG`; return whether the command of any robot has changed."""
+        """Process the new range step of a robot's beam; return whether the command of any robot has changed.
+
+        Args:
+            robot: Index of the robot.
+            beam: Index of the beam in `BEAMS_DEG`.
+            step: Number of the range's step (`step_from_range`).
+        """
         if not self.localisations[robot].hear(beam, step):
             return False
         views = [localisation.view for localisation in self.localisations]

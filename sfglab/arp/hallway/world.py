@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-RADIUS_M = 0.105  #: Radius of the robot's body; a wall at a smaller distance is a contact.
+RADIUS_M = 0.105  #: Radius of the robot's body, metres; a wall at a smaller distance is a contact.
 
 #: Duration of one step: the controller board sets the motors 50 times per second.
 STEP_NS = 20_000_000
@@ -68,19 +68,22 @@ class World:
         return [step_from_range(range_m) for range_m in self._ranges.tolist()]
 
     def wound_rad(self) -> list[float]:
-        """Return how far each robot has driven around the ring; callers must call this four times per lap."""
+        """Return the angle that each robot has driven around the ring since the start, radians.
+
+        The method adds the changes between calls, so callers must call it at least four times per lap.
+        """
         for robot, (x, y, _) in enumerate(self.poses.tolist()):
             self._wound[robot] += math.remainder(winding_rad(x, y) - self._wound[robot], math.tau)
         return self._wound.copy()
 
 
-LIMIT_S = 120.0  #: Time limit of a run; the lap takes 77 s at the constant velocity.
+LIMIT_S = 120.0  #: Time limit of a run, s; the lap takes 77 s at the constant velocity.
 
 _HOME_RAD = 0.1  # A lap may end at this angle before home, which is 0.3 m.
 
 
 class End(Enum):
-    """An `End` says how a run ended."""
+    """An `End` is the way in which a run ended."""
 
     SUCCESS = "success"
     CONTACT = "contact"
@@ -102,9 +105,12 @@ def judge(
     *,
     stopped_by: int | None,
 ) -> Verdict | None:
-    """Return how a run has ended, or None while it goes on, from what the `World` says of its robots.
+    """Return how a run has ended, or None while it continues. The caller checks the time limit.
 
-    The time limit is not judged here.
+    Args:
+        clearance_m: Distance of each robot from its nearest wall, metres (`World`).
+        wound_rad: Angle that each robot has driven around the ring, radians (`World.wound_rad`).
+        stopped_by: Index of the robot whose obstacle stopped all robots; None for none.
     """
     for robot, clearance in enumerate(clearance_m):
         if clearance <= RADIUS_M:
