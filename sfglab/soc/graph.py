@@ -79,7 +79,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
-    """Draw the background of the parts in the logic: a wide band and, on top, a slightly narrower band."""
+    """A `Topic` is a ROS topic with its publishers, its subscribers and its mapping."""
 
     name: str  #: Name in the graph.
     type: str = ""  #: ROS type of the messages; empty if unknown.
@@ -148,11 +148,19 @@ class Graph:
         return f"<graph {self.name}: {nodes}; {len(self.topics)} topics>"
 
     def node(self, name: str) -> Node:
-        """Return the node with a name; an unknown name raises an InvalidValueError."""
+        """Return the node with a name.
+
+        Raises:
+            InvalidValueError: The graph has no such node.
+        """
         return _named("nodes", name, self.nodes)
 
     def topic(self, name: str) -> Topic:
-        """Return the topic with a name; an unknown name raises an InvalidValueError."""
+        """Return the topic with a name.
+
+        Raises:
+            InvalidValueError: The graph has no such topic.
+        """
         return _named("topics", name, self.topics)
 
     def edges(self) -> Iterator[Edge]:

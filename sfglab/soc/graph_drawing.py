@@ -46,8 +46,8 @@ def draw_graph(
     Args:
         ax: Axes to draw on.
         graph: Graph with its mapping.
-        layout: Places of the vertices, so that several pictures agree. [default: the places of `layered_layout`]
-        title: Text above the picture. The drawing adds the number of crossing edges to the text.
+        layout: Places of the vertices, so that several drawings agree. [default: the places of `layered_layout`]
+        title: Text above the drawing. The function adds the number of crossing edges to the text.
 
     Returns:
         The frame and the text of each node and topic.

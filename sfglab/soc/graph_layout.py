@@ -62,7 +62,7 @@ class Layout:
 
 
 def layered_layout(graph: Graph) -> Layout:
-    """Return the places of a graph's nodes, topics and edges."""
+    """Return the places of a graph's nodes, topics and edges, inches, in layers from left to right."""
     import networkx as nx
 
     layer_of = _layers(graph)

@@ -214,7 +214,7 @@ class Setup:
 
     publisher: Placement  #: Side of the publisher.
     mapping: TopicMapping  #: Mapping of the topic.
-    message_bytes: int  #: Size of the message.
+    message_bytes: int  #: Size of the message, bytes.
     hardware_subscribers: int  #: Number of subscribers in hardware.
     software_subscribers: int = 1  #: Number of subscribers in software; the paper has one.
 

@@ -49,7 +49,7 @@ class SpeedUp:
     """A `SpeedUp` is a bar of Fig. 6 or 7."""
 
     panel: Panel  #: Sides of publisher and subscriber.
-    message_bytes: int  #: Size of the message.
+    message_bytes: int  #: Size of the message, bytes.
     subscribers: int  #: Number of hardware subscribers.
     smt_s: float  #: Transfer time over a software-mapped topic, s.
     gateway_s: float  #: Transfer time through a gateway, s.
@@ -71,7 +71,7 @@ def speed_ups(
     Args:
         costs: Constants of the memory model.
         subscribers: Numbers of hardware subscribers.
-        sizes_bytes: Sizes of the message.
+        sizes_bytes: Sizes of the message, bytes.
     """
     bars = []
     for panel, count, size in product(Panel, subscribers, sizes_bytes):

@@ -66,19 +66,23 @@ ZCU104 = Platform(name="ZCU104", lut=230_400, bram=312.0)
 class Load:
     """A `Load` is the work of a mapped graph on a platform, in seconds of work per second of operation."""
 
-    software_s: float  #: Work of the nodes in software.
-    hardware_s: float  #: Work of the nodes in hardware.
-    communication_s: float  #: Time of the carriages across the memory interface.
+    software_s: float  #: Work of the nodes in software, s.
+    hardware_s: float  #: Work of the nodes in hardware, s.
+    communication_s: float  #: Time of the carriages across the memory interface, s.
     lut: int  #: Number of look-up tables of nodes and gateways.
     bram: float  #: Number of block memories of nodes; a gateway takes none.
 
     @property
     def total_s(self) -> float:
-        """Return the sum of all times; the placement of nodes minimises this sum."""
+        """Return the sum of all times, s; the placement of nodes minimises this sum."""
         return self.software_s + self.hardware_s + self.communication_s
 
     def check_fits(self, platform: Platform) -> None:
-        """Raise an SfglabError if the nodes need more LUT or BRAM than the platform has."""
+        """Check that the platform has the look-up tables and block memories that the load needs.
+
+        Raises:
+            SfglabError: The load needs more than the platform has.
+        """
         if self.lut > platform.lut or self.bram > platform.bram:
             raise SfglabError(
                 f"mapping: takes {self.lut} LUT and {self.bram:g} BRAM, "

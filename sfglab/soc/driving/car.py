@@ -93,7 +93,7 @@ class CarState(Pose):
     """A `CarState` is the pose of the rear axle in the town's frame, with the speed and the steering angle."""
 
     speed_mps: float = 0.0  #: Forward speed.
-    steer_rad: float = 0.0  #: Angle of the front wheels, positive to the left.
+    steer_rad: float = 0.0  #: Angle of the front wheels, positive to the left, rad.
 
 
 # The limits of the car are assumed, as for a model car of scale 1:10.

@@ -38,7 +38,10 @@ class Chain:
     """A `Chain` has the transfer times of the node chain in a graph.
 
     The graph's topics have the mappings of section 5's cases without gateways. Only topic A also has a time through a
-    gateway. A property raises an InvalidValueError if the graph lacks a topic of the chain.
+    gateway.
+
+    Raises:
+        InvalidValueError: A property was read, and the graph lacks a topic of the chain.
     """
 
     graph: Graph  #: Graph in which the chain's nodes are placed.

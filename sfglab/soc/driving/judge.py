@@ -26,8 +26,8 @@ class Verdict:
 
     red_lights_obeyed: int  #: Number of red lights that the car stopped at and did not run.
     red_lights_run: int  #: Number of stop lines that the car crossed at red.
-    largest_lateral_m: float  #: Largest distance of the rear axle from the lane's middle.
-    lap_s: float  #: Duration of the lap on the town's clock.
+    largest_lateral_m: float  #: Largest distance of the rear axle from the lane's middle, m.
+    lap_s: float  #: Duration of the lap on the town's clock, s.
     passed: bool  #: Whether the car met all rules.
 
 
@@ -60,7 +60,7 @@ class Judge:
             now_s: Time on the town's clock.
             car: True place of the rear axle on the lane.
             speed_mps: True speed.
-            red_since_s: Time at which each light turned red; None for a green light.
+            red_since_s: Time at which each light turned red, s; None for a green light.
         """
         self._now_s = now_s
         self._largest_m = max(self._largest_m, abs(car.left_m))

@@ -98,7 +98,7 @@ class Stack:
 class Moment:
     """A `Moment` has the true state of the car and the results of the nodes in one frame."""
 
-    now_s: float  #: Time in the town.
+    now_s: float  #: Time in the town, s.
     car: CarState  #: True state of the car.
     frame: Frame  #: Results of the nodes.
 
@@ -108,8 +108,8 @@ class Lap:
     """A `Lap` is the result of one lap."""
 
     verdict: Verdict  #: Result of the judge.
-    lane_m: float  #: Length of the lane.
-    odometry_error_m: float  #: Distance between the odometry's position and the car at the end.
+    lane_m: float  #: Length of the lane, m.
+    odometry_error_m: float  #: Distance between the odometry's position and the car at the end, m.
 
 
 _RATE_HZ = 15.0  #: Frame rate of the camera.
@@ -133,7 +133,7 @@ def run_lap(
     Args:
         seed: Seed of town, texture, noise, start pose and steering error.
         stack: The nodes. [default: new nodes for a default camera]
-        timeout_s: Time in the town after which the lap has failed.
+        timeout_s: Time in the town after which the lap has failed, s.
         watch: Function that the loop calls after each frame.
     """
     stack = stack or Stack(Camera())

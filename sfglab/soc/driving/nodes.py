@@ -119,12 +119,12 @@ _GATE_M = 0.10  #: Largest distance of a pixel from the expected line.
 class Lane:
     """A `Lane` is the lane's middle in the vehicle frame: y(x) = offset + slope x + bend x^2, m, left positive."""
 
-    offset_m: float  #: Position at x = 0.
+    offset_m: float  #: Position at x = 0, m.
     slope: float  #: Slope at x = 0.
-    bend_per_m: float  #: Quadratic coefficient.
+    bend_per_m: float  #: Quadratic coefficient, 1/m.
 
     def y_m(self, x_m: T) -> T:
-        """Return the lateral position of the lane's middle at one distance ahead or at several distances ahead."""
+        """Return the lateral position of the lane's middle, m, at one distance ahead or at several distances ahead."""
         return self.offset_m + self.slope * x_m + self.bend_per_m * x_m * x_m
 
 

@@ -70,8 +70,8 @@ def planar_motion(before_xy: Floats, now_xy: Floats) -> Pose | None:
 class _View:
     """A `_View` has the features of a frame."""
 
-    points_xy: Floats  #: Ground points (n, 2) in the vehicle frame, m.
-    descriptors: Image  #: ORB descriptors (n, 32).
+    points_xy: Floats  #: Ground points in the vehicle frame, shape (n, 2), m.
+    descriptors: Image  #: ORB descriptors, shape (n, 32), uint8.
 
 
 class VisualOdometry:

@@ -16,9 +16,9 @@ T = TypeVar("T", float, NDArray[np.float64])
 class Pose:
     """A `Pose` is a planar pose relative to a parent frame."""
 
-    x_m: float = 0.0  #: Position along the parent's x axis.
-    y_m: float = 0.0  #: Position along the parent's y axis.
-    yaw_rad: float = 0.0  #: Heading relative to the parent.
+    x_m: float = 0.0  #: Position along the parent's x axis, m.
+    y_m: float = 0.0  #: Position along the parent's y axis, m.
+    yaw_rad: float = 0.0  #: Heading relative to the parent, rad.
 
     def to_parent(self, x_m: T, y_m: T) -> tuple[T, T]:
         """Return the coordinates in the parent frame of a point, or of points, of the pose's frame."""

@@ -36,8 +36,8 @@ _CLOCKED = 2
 class Place:
     """A `Place` is a position relative to a lane."""
 
-    along_m: float  #: Distance along the lane's middle from its first point.
-    left_m: float  #: Distance to the left of the lane's middle.
+    along_m: float  #: Distance along the lane's middle from its first point, m.
+    left_m: float  #: Distance to the left of the lane's middle, m.
 
 
 class Road:
@@ -66,7 +66,7 @@ class Road:
         return np.asarray(self.points_xy + left_m * normals_xy, np.float64)
 
     def at(self, along_m: float, left_m: float = 0.0) -> Pose:
-        """Return the pose of a place on the line or beside the line, in the direction of travel."""
+        """Return the pose at `along_m` on the line and `left_m` to its left, in the direction of travel."""
         i = round(along_m / self.length_m * len(self.points_xy)) % len(self.points_xy)
         x, y = self.points_xy[i]
         tangent_x, tangent_y = self.tangents_xy[i]
@@ -77,7 +77,7 @@ class Road:
         )
 
     def place(self, x_m: float, y_m: float) -> Place:
-        """Return the place of a point relative to the tangent at the line's nearest point."""
+        """Return the place of a point, m in the town's frame, relative to the tangent at the line's nearest point."""
         away_xy = np.array([x_m, y_m]) - self.points_xy
         i = int(np.argmin((away_xy * away_xy).sum(axis=1)))
         tangent_x, tangent_y = self.tangents_xy[i]
@@ -92,14 +92,14 @@ class Road:
 class Light:
     """A `Light` is a traffic light on the right of the lane."""
 
-    stop_m: float  #: Position of the light's stop line along the car's lane.
-    #: Time from the detection of a car to green. A light with `wait_s` is red until this time, as with an
+    stop_m: float  #: Position of the light's stop line along the car's lane, m.
+    #: Time from the detection of a car to green, s. A light with `wait_s` is red until this time, as with an
     #: induction loop, and green afterwards. A light with None follows the clock.
     wait_s: float | None = None
-    offset_s: float = 0.0  #: Begin of the first red phase of a light that follows the clock.
+    offset_s: float = 0.0  #: Begin of the first red phase of a light that follows the clock, s.
 
     def red_since_s(self, now_s: float, detected_s: float | None) -> float | None:
-        """Return the time at which the light turned red, or None while the light is green.
+        """Return the time at which the light turned red, s, or None while the light is green.
 
         The argument `detected_s` is the time at which the light detected the car; None before the detection.
         """
@@ -127,7 +127,7 @@ class Signals:
         self._detected_s: list[float | None] = [None] * len(town.lights)
 
     def red_since_s(self, now_s: float, car: Place) -> list[float | None]:
-        """Detect the car at the lights, and return the time at which each light turned red; None for a green light."""
+        """Detect the car at the lights, and return when each light turned red, s in the town; None for a green one."""
         found = []
         for i, light in enumerate(self._lights):
             if self._detected_s[i] is None and 0 <= light.stop_m - car.along_m <= _LOOP_M:

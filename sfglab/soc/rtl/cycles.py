@@ -75,7 +75,7 @@ def simulated_cycles(
         path: Path of the message.
         nodes: Number of hardware nodes that receive the message. The time of a simulation of shared reads grows with
             the square of this number.
-        message_bytes: Size, a multiple of 8.
+        message_bytes: Size in bytes, a multiple of 8.
         delays: Latencies of the memory; None: the default latencies.
 
     Raises:
@@ -143,7 +143,17 @@ def cycle_limit(words: int, nodes: int, delays: Delays) -> int:
 
 
 def compare_words(ctx: Any, memory: Any, expected: Sequence[int], place: str) -> None:
-    """Compare the first words of a simulated memory with the expected words; raise SfglabError if one differs."""
+    """Compare the first words of a simulated memory with the expected words.
+
+    Args:
+        ctx: Context of Amaranth's simulator.
+        memory: Memory of the simulated hardware.
+        expected: Expected words.
+        place: Name of the memory in the error.
+
+    Raises:
+        SfglabError: A word differs.
+    """
     for index, word in enumerate(expected):
         found = ctx.get(memory.data[index])
         if found != word:
