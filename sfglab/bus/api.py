@@ -63,7 +63,11 @@ class MessageInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawEndpoint:
-    """Description of a writer or reader of serialized messages that a backend opens."""
+    """Description of a writer or reader of serialized messages, from which a backend opens it.
+
+    Raises:
+        InvalidValueError: The transport does not exist, or is not for this kind of endpoint.
+    """
 
     dds_topic: str  #: DDS topic, such as "rt/tf" or "rq/global/go2/get_metadataRequest".
     #: ROS type, or the DDS type if it has no ROS name. On topics below "rq/" and "rr/" the CDR begins with the

@@ -76,7 +76,7 @@ class Backend(ABC):
     def open_reader(
         self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox
     ) -> Reader:
-        """Return a new reader that pushes samples into `inbox`; see `open_writer`."""
+        """Return a new reader that pushes samples into `inbox`; `notify` is called when its matching writers change."""
 
     @abstractmethod
     def leave(self) -> None:
@@ -104,7 +104,7 @@ class Backend(ABC):
         return CallbackRunner(self._tasks, where)
 
     def register(self, close: Callable[[], None]) -> None:
-        """Call `close` when the node closes."""
+        """Register a function that is called when the node closes, unless `end` has called it before."""
         self._owned[close] = None
 
     def end(self, close: Callable[[], None]) -> None:

@@ -50,13 +50,13 @@ class Endpoint(Protocol):
 
 
 class Writer(Endpoint, Protocol):
-    """Outgoing endpoint."""
+    """Outgoing endpoint, which sends samples to the matching readers of its topic."""
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
         """Send serialized bytes; see `Publisher.publish_raw`."""
 
     def write_message(self, message: Any) -> None:
-        """Serialize and send a message."""
+        """Serialize a ROS message to CDR and send it; see `Publisher.publish`."""
 
 
 class Reader(Endpoint, Protocol):

@@ -43,7 +43,7 @@ class BusTimeoutError(BusError, TimeoutError):
 
 
 class GoalRejectedError(BusError, RuntimeError):
-    """An action server rejected a goal."""
+    """An action server rejected a goal; raised by `ActionClient.send_goal`."""
 
 
 def check_size(topic: str, size_bytes: int, limit_bytes: int) -> None:

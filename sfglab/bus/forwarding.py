@@ -75,9 +75,9 @@ class GuardedWriter(ABC):
             self._delete()
 
     def bound_backlog(self, size_bytes: int) -> None:
-        """Bound the unacknowledged samples, before a sample of `size_bytes` is sent.
+        """Bound the unacknowledged samples; to be called before a sample of `size_bytes` is sent.
 
-        After the send, the acknowledgement of this sample would be missing even from a fast reader.
+        A later call would find this sample unacknowledged even if the reader is fast.
         """
         self._backlog_bytes += size_bytes
         if not self._bounded or self._backlog_bytes <= MAX_BACKLOG_BYTES:
@@ -114,7 +114,7 @@ class GuardedWriter(ABC):
 
 @dataclass(slots=True)
 class ForwardCounts:
-    """Counters of a forward."""
+    """Counters of a forward since it was opened."""
 
     forwarded: int = 0  #: Number of samples handed to a raw writer.
     #: Number of samples that were refused, also by a transform or the middleware, or dropped while held.
@@ -134,7 +134,7 @@ class SourceGate(Generic[_Sample, _Destination]):
         self._held: dict[bytes, deque[_Sample]] = {}
 
     def take(self, source: bytes, sample: _Sample) -> None:
-        """Send, drop or hold one sample."""
+        """Send a sample to its source's destination, drop it without one, or hold it while that is undecided."""
         if source not in self._destinations:
             self._hold(source, sample)
         elif (destination := self._destinations[source]) is None:

@@ -39,7 +39,7 @@ class View:
     nodes: tuple[NodeInfo, ...]  #: Nodes, ordered by name.
 
     def topics(self, *, hidden: bool = False) -> Types:
-        """Return topics with their types."""
+        """Return the types of each topic, by the topic's name; hidden topics only if `hidden` is True."""
         return types_by_topic(
             end
             for end in self.endpoints
@@ -47,7 +47,7 @@ class View:
         )
 
     def ends(self, topic: str, kind: EndpointKind) -> list[EndpointInfo]:
-        """Return a topic's publishers or subscriptions."""
+        """Return the endpoints of one kind of a topic: its publishers or its subscriptions."""
         return [e for e in self.endpoints if e.topic == topic and e.kind is kind]
 
 
@@ -60,7 +60,12 @@ def _role(endpoint: EndpointInfo) -> names.DdsRole | None:
 
 
 def one_of(known: Iterable[str], name: str, what: str) -> str:
-    """Return `name` if it is known.
+    """Return a name unchanged if it is one of the known names.
+
+    Args:
+        known: Known names.
+        name: Name to check.
+        what: Kind of the name in the error's text, such as ``topic``.
 
     Raises:
         InvalidValueError: The name is unknown; the error lists similar names.

@@ -109,7 +109,7 @@ class WatchThread:
         done.wait(JOIN_S)
 
     def run_on_loop(self, function: Callable[[], None]) -> None:
-        """Call a function on the loop soon."""
+        """Let the event loop call a function as soon as it can, and return without waiting for the call."""
         self._bridge.post(function)
         self._bridge.flush()
 
@@ -138,11 +138,11 @@ class WatchThread:
 
 
 def nothing(*_: object) -> None:
-    """Do nothing."""
+    """Accept any arguments and do nothing; a placeholder for callbacks."""
 
 
 def call_logged(function: Callable[[], None]) -> None:
-    """Call a function, and log its failure."""
+    """Call a function; an exception is logged instead of raised."""
     try:
         function()
     except Exception:  # noqa: BLE001 - logged; one failed event must not stop the others of its batch
@@ -165,7 +165,7 @@ class Signal:
                 waiter.set_result(None)
 
     async def wait(self) -> None:
-        """Return at the next notification."""
+        """Wait until the next call of `notify`."""
         waiter = self._loop.create_future()
         self._waiters[waiter] = None
         try:
@@ -221,7 +221,7 @@ class CallbackRunner:
         return task
 
     def report(self, error: BaseException) -> None:
-        """Log a failure."""
+        """Log the exception of a callback, with the name of its endpoint and the traceback."""
         _log.error("callback of %s failed", self._where, exc_info=error)
 
     def _ended(self, task: asyncio.Task[Any], then: Callable[[], None] | None) -> None:

@@ -11,7 +11,7 @@ from sfglab.units import NS_PER_S
 
 
 class Rate:
-    """Rate over the latest messages."""
+    """Rate of a topic's messages over the latest `window` intervals between them."""
 
     def __init__(self, window: int) -> None:
         self._gaps_ns: deque[int] = deque(maxlen=window)

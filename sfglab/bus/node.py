@@ -32,7 +32,11 @@ if TYPE_CHECKING:
 
 
 class Timer:
-    """Timer with a plain or async callback every `period_s` seconds, without drift; missed turns are skipped."""
+    """Timer with a plain or async callback every `period_s` seconds, without drift; missed turns are skipped.
+
+    Raises:
+        InvalidValueError: The period is not positive.
+    """
 
     def __init__(
         self, period_s: float, callback: Callable[[], Awaitable[None] | None], calls: CallbackRunner
@@ -163,6 +167,12 @@ class Node:
             max_message_bytes: Limit of one message's CDR with "shm", bytes. The memory file is at most about 64
                 times as large. Memory is taken only for messages that are kept: the history for late joiners,
                 the newest `depth` messages, and at most depth + 4 (never more than 64) for each subscriber.
+
+        Raises:
+            FqnError: The name is not valid.
+            UnknownTypeError: There is no such message type.
+            InvalidValueError: There is no such transport.
+            ClosedError: The node was not started, or is closed.
         """
         options = {"transport": transport, "max_message_bytes": max_message_bytes}
         endpoint = topic_endpoint(type_, self._resolve(topic), qos, **options)
@@ -191,6 +201,12 @@ class Node:
             threaded: Whether a plain callback runs in the thread that takes messages, which costs less CPU
                 than on the loop. The callback must use the node only through `loop.call_soon_threadsafe`.
                 Closing waits for a running call, 5 s at most.
+
+        Raises:
+            InvalidValueError: There is no such transport, or `threaded` is set without a plain callback.
+            FqnError: The name is not valid.
+            UnknownTypeError: There is no such message type.
+            ClosedError: The node was not started, or is closed.
         """
         if threaded and (callback is None or inspect.iscoroutinefunction(callback)):
             place = f"threaded subscription of {topic!r}, callback"
@@ -202,16 +218,25 @@ class Node:
     def create_service(
         self, type_: str, name: str, handler: Handler, *, transport: Transport = "dds"
     ) -> Service:
-        """Create a service of a type such as "example_interfaces/srv/AddTwoInts"; its handler may be async.
+        """Create a server of a service.
 
-        Transport "dds" reaches sfglab and rmw_cyclonedds. Transport "ros" reaches rmw_fastrtps and needs an
-        installed ROS 2.
+        Args:
+            type_: Name of the service type, such as "example_interfaces/srv/AddTwoInts".
+            name: Name: absolute, relative or private.
+            handler: Plain or async function that returns the response to a request.
+            transport: "dds" for clients of sfglab and rmw_cyclonedds; "ros" for clients of rmw_fastrtps, which
+                needs an installed ROS 2.
+
+        Raises:
+            FqnError: The name is not valid.
+            UnknownTypeError: There is no such service type.
+            ClosedError: The node was not started, or is closed.
         """
         name = self._resolve(name)
         return Service(self.backend, type_, name=name, handler=handler, transport=transport)
 
     def create_client(self, type_: str, name: str, *, transport: Transport = "dds") -> Client:
-        """Create a client of a service; see `create_service`."""
+        """Create a client of a service; arguments and errors are those of `create_service`."""
         return Client(self.backend, type_, name=self._resolve(name), transport=transport)
 
     def create_action_server(
@@ -222,7 +247,7 @@ class Node:
         return ActionServer(self.backend, type_, name=name, execute=execute_callback)
 
     def create_action_client(self, type_: str, name: str) -> ActionClient:
-        """Create a client of an action."""
+        """Create a client of an action type such as "sfglab_interfaces/action/FollowTrajectory"; see `ActionClient`."""
         return ActionClient(self.backend, type_, name=self._resolve(name))
 
     def create_timer(
@@ -234,7 +259,10 @@ class Node:
         return timer
 
     def open_forwarder(self, target: Node) -> Forwarder:
-        """Return a forwarder of unchanged samples from this node to one in another domain, of any backend."""
+        """Return a forwarder that sends samples from this node's domain unchanged to the domain of another node.
+
+        The two nodes may have different backends.
+        """
         here, there = self.backend, target.backend
         if type(here) is not type(there):
             return RawForwarder(here, there)

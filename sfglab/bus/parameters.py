@@ -68,7 +68,13 @@ def parameter_value(value: Any) -> Any:
 
 
 class Parameters:
-    """Parameters of a started node: the fields of a dataclass, with nested names joined by dots."""
+    """Read-only parameters of a started node: the fields of a dataclass, with nested names joined by dots.
+
+    Args:
+        node: The node, which gets the services.
+        config: Dataclass with the values.
+        transport: Transport of the services, as in `Node.create_service`.
+    """
 
     def __init__(self, node: Node, config: Any, transport: ParameterTransport = "dds") -> None:
         self._values: Mapping[str, Any] = dict(flat(to_json(config)))

@@ -47,10 +47,15 @@ _LATE_S = 2.0  #: Time for readers to acknowledge the last samples, s.
 
 
 class Recorder:
-    """Recorder of wanted topics from when they appear; `on_log` receives sentences for the user.
+    """Recorder of topics of a domain, each from the time when it appears.
 
-    `open_log` makes the log in the thread that writes it. At the end the recorder writes the publishers and
-    subscribers of each topic into the log.
+    At the end the recorder writes the publishers and subscribers of each topic into the log.
+
+    Args:
+        node: Node in the domain.
+        open_log: Function that creates the log; it is called in the thread that writes the log.
+        wanted: Whether a topic, given by name, is recorded.
+        on_log: Called with sentences for the user.
     """
 
     def __init__(
@@ -170,7 +175,15 @@ class Playing:
 
 
 class Player:
-    """Player of wanted topics of a log at the recorded pace, once subscriptions match; see `Recorder`."""
+    """Player of topics of a log at the recorded pace, once subscriptions match.
+
+    Args:
+        node: Node in the domain.
+        path: MCAP file or bag.
+        how: Options of playing.
+        wanted: Whether a topic, given by name, is played.
+        on_log: Called with sentences for the user.
+    """
 
     def __init__(
         self, node: Node, path: Path, how: Playing, *, wanted: Callable[[str], bool], on_log: OnLog
@@ -185,7 +198,11 @@ class Player:
         self._left_behind: set[str] = set()
 
     async def run(self) -> None:
-        """Play to the end, and wait for the acknowledgements of all reliable subscriptions."""
+        """Play to the end, and wait for the acknowledgements of all reliable subscriptions.
+
+        Raises:
+            LogError: The log cannot be read.
+        """
         with ThreadPoolExecutor(1) as thread:
             do = partial(asyncio.get_running_loop().run_in_executor, thread)
             reader = await do(LogReader, self._path)

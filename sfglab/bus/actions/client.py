@@ -1,6 +1,6 @@
 """Client of an action: sends goals, receives their feedback, and fetches their results.
 
-A wait ends with the goal, with its server, or at a time-out.
+A wait ends when the goal ends, when its server disappears, or after a timeout.
 """
 
 from __future__ import annotations
@@ -130,13 +130,21 @@ class ActionClient:
         return ClientGoalHandle(self, goal_id)
 
     async def cancel(self, goal_id: bytes, timeout_s: float = 5.0) -> CancelCode:
-        """Request cancellation of a goal of any client; see `ClientGoalHandle.cancel_goal`."""
+        """Request cancellation of a goal of any client, given by its 16-byte id, and return the response.
+
+        Raises:
+            BusTimeoutError: The server did not respond within `timeout_s`, seconds.
+        """
         request = service_type(goals.CANCEL_GOAL).request(goal_info=goals.goal_info(goal_id))
         response = await self._cancel.call(request, timeout_s)
         return CancelCode(response.return_code)
 
     async def result_of(self, goal_id: bytes) -> GoalResult:
-        """Return the result of a goal of any client; see `ClientGoalHandle.result`."""
+        """Wait for the end of a goal of any client, given by its 16-byte id, and return its result.
+
+        Raises:
+            BusError: The server disappeared, there is none, or it does not know the goal.
+        """
         request = self._action.get_result.request(goal_id=goals.uuid_message(goal_id))
         response = await self._unless_gone(goal_id, self._result.call(request, None))
         status = GoalStatus(response.status)

@@ -41,7 +41,7 @@ class GoalStatus(IntEnum):
 
 
 class GoalEvent(Enum):
-    """Events of a goal on its server."""
+    """Events of a goal's state machine on its server, named as in rcl_action's `rcl_action_goal_event_t`."""
 
     EXECUTE = "execute"
     CANCEL_GOAL = "cancel_goal"

@@ -85,7 +85,7 @@ class DdsBackend(Backend):
     def open_reader(
         self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox
     ) -> Reader:
-        """Return a new reader over DDS, shared memory or ROS 2's program."""
+        """Return a new reader over the endpoint's transport: DDS, shared memory or ROS 2's program."""
         if endpoint.transport == "shm":
             from sfglab.bus.shm.reader import ShmReader
 

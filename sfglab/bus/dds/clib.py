@@ -37,7 +37,7 @@ TIMESTAMP_INVALID = -(2**63)
 
 
 class SampleInfo(ct.Structure):
-    """`dds_sample_info_t`."""
+    """C struct `dds_sample_info_t`: state, source timestamp and writer of a sample."""
 
     _fields_ = (
         ("sample_state", ct.c_uint),
@@ -56,13 +56,13 @@ class SampleInfo(ct.Structure):
 
 
 class IoVec(ct.Structure):
-    """`ddsrt_iovec_t`."""
+    """C struct `ddsrt_iovec_t`: address and length of a block of memory."""
 
     _fields_ = (("base", ct.c_void_p), ("size", ct.c_size_t))
 
 
 class Endpoint(ct.Structure):
-    """`dds_builtintopic_endpoint_t`."""
+    """C struct `dds_builtintopic_endpoint_t`: a discovered endpoint."""
 
     _fields_ = (
         ("key", ct.c_uint8 * 16),
@@ -75,13 +75,13 @@ class Endpoint(ct.Structure):
 
 
 class Participant(ct.Structure):
-    """`dds_builtintopic_participant_t`."""
+    """C struct `dds_builtintopic_participant_t`: a discovered participant."""
 
     _fields_ = (("key", ct.c_uint8 * 16), ("qos", ct.c_void_p))
 
 
 class MatchedStatus(ct.Structure):
-    """`dds_publication_matched_status_t` and `dds_subscription_matched_status_t`."""
+    """C structs `dds_publication_matched_status_t` and `dds_subscription_matched_status_t`, which are alike."""
 
     _fields_ = (
         ("total_count", ct.c_uint32),
@@ -93,7 +93,7 @@ class MatchedStatus(ct.Structure):
 
 
 class LivelinessStatus(ct.Structure):
-    """`dds_liveliness_changed_status_t`."""
+    """C struct `dds_liveliness_changed_status_t`: a publisher became alive or lost its liveliness."""
 
     _fields_ = (
         ("alive_count", ct.c_uint32),
@@ -105,7 +105,7 @@ class LivelinessStatus(ct.Structure):
 
 
 class SampleLostStatus(ct.Structure):
-    """`dds_sample_lost_status_t`."""
+    """C struct `dds_sample_lost_status_t`: number of samples that a reader lost."""
 
     _fields_ = (("total_count", ct.c_uint32), ("total_count_change", ct.c_int32))
 
@@ -194,7 +194,7 @@ def library() -> Any:
 
 
 def error_text(code: int) -> str:
-    """Return Cyclone's text for a return code."""
+    """Return the text of Cyclone DDS for one of its return codes."""
     text: bytes = library().dds_strretcode(code)
     return text.decode()
 
@@ -235,8 +235,8 @@ def qos_object(user_data: bytes) -> Iterator[int]:
 class EndpointOptions(TypedDict, total=False):
     """Options of a reader or writer beside its QoS profile."""
 
-    user_data: bytes  #: USER_DATA.
-    partition: str  #: PARTITION.
+    user_data: bytes  #: USER_DATA of the endpoint.
+    partition: str  #: PARTITION of the endpoint.
     ignore_local: bool  #: Whether it never matches endpoints of its own participant.
     #: Largest number of samples that a KEEP_ALL reader holds; beyond it senders wait.
     max_samples: int
@@ -305,7 +305,7 @@ def profile_from_dds(qos: int) -> QoSProfile:
 
 
 def user_data(qos: int) -> bytes:
-    """Return a QoS object's USER_DATA."""
+    """Return the USER_DATA of a QoS object, given by its address; empty if there is none."""
     lib = library()
     value, size = ct.c_void_p(), ct.c_size_t()
     if not lib.dds_qget_userdata(qos, ct.byref(value), ct.byref(size)) or not value.value:

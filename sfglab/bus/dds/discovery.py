@@ -4,7 +4,7 @@ Sources are Cyclone's built-in topics, USER_DATA of sfglab and ROS 2, and the DD
 From that topic ROS 2's tools learn of nodes and their endpoints. They show endpoints that are not listed
 there under `_CREATED_BY_BARE_DDS_APP_` (rmw_dds_common; rmw_cyclonedds_cpp and rmw_fastrtps_cpp). GIDs on the
 topic have 24 bytes up to Humble, a GUID and eight zeros, and 16 bytes from Iron on, under one type name. A
-reader of the other layout reads nonsense, so all participants of a domain must use the same layout.
+reader of the other layout reads wrong values, so all participants of a domain must use the same layout.
 ROS_DISTRO selects it; without ROS_DISTRO, or with an unknown name, the layout is Humble's.
 """
 

@@ -76,7 +76,11 @@ class DomainOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DomainConfig:
-    """Configuration of one process in one DDS domain; all its nodes of that domain share it."""
+    """Configuration of one process in one DDS domain; all its nodes of that domain share it.
+
+    Raises:
+        DomainError: A domain id is not in 0 to 232, or the lease is shorter than 0.1 s.
+    """
 
     domain_id: int = 0  #: DDS domain, 0 to 232.
     #: Network interface, such as "lo" or "eth0"; None lets Cyclone choose.
@@ -459,7 +463,15 @@ def _create_topic(participant: int, name: str, idl_type: Any) -> int:
 
 
 def checked(handle: int, what: str) -> int:
-    """Return a handle of Cyclone DDS, or raise a `BusError` if it is an error code instead."""
+    """Return a handle of Cyclone DDS unchanged, if it is not an error code.
+
+    Args:
+        handle: Return value of a function of Cyclone DDS.
+        what: Failed action in the error's text.
+
+    Raises:
+        BusError: The handle is an error code.
+    """
     if handle < 0:
         raise BusError(f"Cyclone DDS cannot create {what}: {error_text(handle)}")
     return handle

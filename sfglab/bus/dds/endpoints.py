@@ -156,7 +156,13 @@ class DdsWriter:
         waitset.attach(handle, self._update_matched)
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
-        """Send one serialized message; see `Publisher.publish_raw`."""
+        """Send one serialized message with its source time stamp, Unix time, ns; None for the present time.
+
+        Raises:
+            InvalidMessageError: The CDR is no message of the topic's type.
+            WriterBlockedError: The writer has KEEP_ALL and waits for slow readers.
+            PublishError: The middleware refused the message.
+        """
         data = cdr if isinstance(cdr, bytes) else np.frombuffer(cdr, np.uint8)
         serdata = serdata_from_bytes(self._sertype, data)
         if not serdata:

@@ -80,7 +80,11 @@ def _asked_by_fast_dds(header: Any) -> bool:
 
 
 def report_sample(key: str, call: Any, message: Any) -> None:
-    """Report a request or a response."""
+    """Report a request or a response, in CDR, to the process that started the program.
+
+    Raises:
+        ValueError: The CDR is larger than a report may be.
+    """
     cdr = serialize_message(message)
     if len(cdr) > _MAX_MESSAGE_BYTES:
         raise ValueError(f"{key}: given {len(cdr)} bytes, allowed are {_MAX_MESSAGE_BYTES}")

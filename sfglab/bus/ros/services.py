@@ -117,7 +117,11 @@ class RosHalf:
         self._services.write(self.key, unframe_service(bytes(cdr)))
 
     def write_message(self, message: Any) -> NoReturn:
-        """Raise TypeError because only frames can be sent."""
+        """Refuse a message, because this endpoint sends only frames.
+
+        Raises:
+            TypeError: Always.
+        """
         raise TypeError(f"{self.key}: given {message!r}, allowed are frames")
 
     def close(self) -> None:
@@ -126,7 +130,13 @@ class RosHalf:
 
 
 class RosServices:
-    """Program of one node in a DDS domain, None for no such domain, on an interface, None for any."""
+    """Access of one node to the services of rmw_fastrtps, through a helper program that runs rclpy.
+
+    Args:
+        calls: Function that returns the runner for the callbacks of a named endpoint.
+        domain_id: DDS domain of the node; None: the node is in no such domain.
+        interface: Network interface; None for any.
+    """
 
     def __init__(
         self,
@@ -164,9 +174,10 @@ class RosServices:
         self._order(do="find", service=service)
 
     def when_settled(self, endpoint: RawEndpoint, act: Callable[[], None]) -> None:
-        """Call `act` once no client of rclpy takes a request reader over DDS for its own server.
+        """Call `act` as soon as no client of rclpy can mistake a request reader over DDS for its own server.
 
-        That is now if the program does not serve the service, otherwise when it does, at the latest after 5 s.
+        That is at once for any other endpoint, or if the program cannot serve the service. Otherwise it is when
+        the program's server has matched, at the latest after 5 s.
         """
         misleads = endpoint.transport == "dds" and endpoint.dds_topic.startswith("rq/")
         if misleads and not self._is_settled(endpoint):

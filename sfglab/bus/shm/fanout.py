@@ -175,7 +175,10 @@ class Fanout:
         return told
 
     def join(self, key: int, depth: int, *, wants_history: bool) -> list[Announcement]:
-        """Add a subscriber; return the announcements to send to it first."""
+        """Add a subscriber that holds at most `depth` messages (0: all); return the announcements to send to it first.
+
+        With `wants_history` these are the latest kept messages, otherwise none.
+        """
         peer = self._peers[key] = _Peer(depth)
         history = list(self._history)[-depth:] if wants_history else []
         return [announcement for announcement in history if self._give(peer, announcement)]

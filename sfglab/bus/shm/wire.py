@@ -60,7 +60,7 @@ class ProtocolError(BusError, ValueError):
 
 
 class Hello(NamedTuple):
-    """First datagram of a subscriber."""
+    """Content of a HELLO, the first datagram that a subscriber sends to a publisher."""
 
     depth: int  #: Number of the newest messages to keep for the subscriber; 0 for all.
     wants_history: bool  #: Whether the subscriber requests messages published before it connected.
@@ -76,7 +76,7 @@ class Announcement(NamedTuple):
 
 
 def pack_hello(hello: Hello) -> bytes:
-    """Return a HELLO."""
+    """Return the HELLO datagram with this content."""
     return _HELLO.pack(_MAGIC, _VERSION, _FLAG_HISTORY * hello.wants_history, hello.depth)
 
 
@@ -110,7 +110,7 @@ def unpack_welcome(datagram: bytes) -> bytes:
 
 
 def pack_announcement(announcement: Announcement) -> bytes:
-    """Return an ANNOUNCE."""
+    """Return the ANNOUNCE datagram for one message."""
     return _ANNOUNCE.pack(*announcement)
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class SimClock(Clock):
-    """Clock of a simulated world."""
+    """Virtual clock of a simulated world, which advances only when all tasks wait."""
 
     def __init__(self, loop: VirtualLoop) -> None:
         self._loop = loop
@@ -42,7 +42,7 @@ class SimBackend(Backend):
         self._random = random
 
     def open_writer(self, endpoint: RawEndpoint, notify: Callable[[], None]) -> Writer:
-        """Return a new writer."""
+        """Return a new writer of the participant; see `Backend.open_writer`."""
         writer = Writer(self.participant, endpoint, notify)
         self.participant.open(writer)
         return writer
@@ -50,7 +50,7 @@ class SimBackend(Backend):
     def open_reader(
         self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox
     ) -> Reader:
-        """Return a new reader."""
+        """Return a new reader of the participant; see `Backend.open_reader`."""
         reader = Reader(self.participant, endpoint, notify, inbox=inbox)
         self.participant.open(reader)
         return reader
@@ -60,5 +60,5 @@ class SimBackend(Backend):
         return self._random.randbytes(count)
 
     def leave(self) -> None:
-        """Leave the domain."""
+        """Leave the simulated domain with all endpoints of the participant."""
         self.participant.domain.leave(self.participant)

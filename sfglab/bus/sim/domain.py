@@ -50,7 +50,7 @@ class Host:
         return self is other or (self.is_connected and other.is_connected)
 
     def delay_ns(self, other: Host, far_ns: int) -> int:
-        """Return the delay of a packet to a host. To another host it is `far_ns` and the latency of both links."""
+        """Return the delay of a packet to a host, ns. To another host it is `far_ns` and the latency of both links."""
         return LOOPBACK_NS if self is other else self.latency_ns + other.latency_ns + far_ns
 
 
@@ -61,7 +61,7 @@ class Process:
     free_ns: int = 0  #: Time at which all work so far is done, ns.
 
     def occupy(self, time_ns: int, duration_ns: int) -> int:
-        """Do work that arrives at `time_ns` behind earlier work; return the time at which it is done."""
+        """Add work that arrives at `time_ns` and runs after all earlier work; return the time of its end, ns."""
         self.free_ns = max(self.free_ns, time_ns) + duration_ns
         return self.free_ns
 
@@ -170,14 +170,14 @@ class Participant:
         self.process = process  #: Process that runs the node.
         self.graph = graph  #: Graph that receives every discovered endpoint.
         self.name = name  #: Full name of the node.
-        self.lease_ns = lease_ns  #: Lease: the others remove a participant after this silence.
+        self.lease_ns = lease_ns  #: Lease, ns: the others remove a participant after this silence.
         digest = hashlib.blake2b(f"{host.id} {number} {name}".encode(), digest_size=12).digest()
         self.guid = digest + b"\x00\x00\x01\xc1"  # RTPS 2.5, table 9.1: ENTITYID_PARTICIPANT
         self.is_alive = True
         #: Endpoints that opened (True) or closed (False).
         self.changes: list[tuple[Endpoint, bool]] = []
         self.views: dict[Participant, View] = {}  #: Views of all participants, itself included.
-        #: Its endpoints by DDS topic.
+        #: Endpoints of the participant by DDS topic.
         self.own: defaultdict[str, dict[Endpoint, None]] = defaultdict(dict)
         #: Discovered endpoints by DDS topic.
         self.known: defaultdict[str, dict[Endpoint, None]] = defaultdict(dict)
@@ -200,7 +200,7 @@ class Participant:
         self.domain.announce(self, endpoint, is_open=True)
 
     def withdraw(self, endpoint: Endpoint) -> None:
-        """Retract an endpoint; repeated calls are harmless."""
+        """Close an endpoint, and announce its end to the other participants; repeated calls are harmless."""
         if endpoint.is_open:
             del self.own[endpoint.info.dds_topic][endpoint]
             endpoint.silence()
@@ -220,7 +220,7 @@ class Participant:
         self.graph.apply([(endpoint.gid, endpoint.info)])
 
     def forget(self, endpoint: Endpoint) -> None:
-        """Remove an endpoint that has left."""
+        """Remove an endpoint of another participant that was closed, also from the participant's own matches."""
         topic = endpoint.info.dds_topic
         self.known[topic].pop(endpoint, None)
         for own in tuple(self.own[topic]):
@@ -232,7 +232,7 @@ class View:
     """View of the endpoints of one participant, the owner, by another one, the observer."""
 
     def __init__(self, observer: Participant, owner: Participant) -> None:
-        self.met_ns = NEVER_NS  #: Time of their discovery; NEVER_NS before it and after a loss.
+        self.met_ns = NEVER_NS  #: Time of their discovery, ns; NEVER_NS before it and after a loss.
         self._apart_ns = NEVER_NS  # time of their disconnection; NEVER_NS while they are connected
         self._observer = observer
         self._owner = owner
@@ -242,7 +242,7 @@ class View:
 
     @property
     def is_apart(self) -> bool:
-        """Whether a disconnected host separates the two."""
+        """Whether the observer cannot reach the owner, because the host of one of them is disconnected."""
         return not self._owner.host.can_reach(self._observer.host)
 
     def expect(self, delay_ns: int) -> None:

@@ -43,13 +43,13 @@ class Reader(Endpoint):
         self._notify()
 
     def forget(self, endpoint: Endpoint) -> None:
-        """Stop taking samples of a writer."""
+        """Stop accepting samples of a writer, and report its loss to the inbox."""
         if endpoint in self.peers:
             self._inbox.on_life(endpoint.gid, False)
         super().forget(endpoint)
 
     def take(self, writer: Writer, item: Item) -> None:
-        """Take a sample that has arrived."""
+        """Put an arrived sample of a matching writer into the inbox, and count the samples missing before it."""
         if not self.is_open:
             return
         sequence, cdr, stamp_ns = item
@@ -78,7 +78,7 @@ class Reader(Endpoint):
         self._loop.at(done_ns, self.take, writer, item)
 
     def silence(self) -> None:
-        """Stop taking samples, and drop early ones."""
+        """Stop receiving without notice to others, and drop the samples of undiscovered writers."""
         super().silence()
         self._early.clear()
 
@@ -96,11 +96,11 @@ class Writer(Endpoint):
         self._late: dict[Reader, list[Item]] = {}
 
     def write_message(self, message: Any) -> None:
-        """Serialize and send a message."""
+        """Serialize a ROS message to CDR and send it."""
         self.write(serialize(message))
 
     def learn(self, endpoint: Reader) -> None:
-        """Send to a reader from now on."""
+        """Send samples to a reader from now on, after the history if the reader is TRANSIENT_LOCAL."""
         if not self.is_open or endpoint in self.peers:
             return
         self.peers[endpoint] = self.sequence
@@ -111,12 +111,12 @@ class Writer(Endpoint):
         self._notify()
 
     def forget(self, endpoint: Endpoint) -> None:
-        """Stop sending to a reader."""
+        """Stop sending samples to a reader."""
         super().forget(endpoint)
         self._late.pop(endpoint, None)  # type: ignore[call-overload]  # harmless for a writer
 
     def silence(self) -> None:
-        """Stop sending."""
+        """Stop sending without notice to others, also the history to late readers."""
         super().silence()
         self._late.clear()
 

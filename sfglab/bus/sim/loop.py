@@ -82,11 +82,15 @@ class VirtualLoop(asyncio.BaseEventLoop):
         heapq.heappush(self._schedule, (time_ns, next(self._numbers), function, arguments))
 
     def new_task_number(self) -> int:
-        """Return the number of tasks created before."""
+        """Return the number of the next task, from 0."""
         return next(self._task_numbers)
 
     def select(self, timeout_s: float | None) -> list[_Event]:
-        """Advance the clock to the next timer or event; return the events that are due then."""
+        """Advance the clock to the next timer or event; return the events that are due then.
+
+        Raises:
+            DeadlockError: All tasks wait and nothing is scheduled.
+        """
         schedule = self._schedule
         if timeout_s is None and not schedule:
             raise DeadlockError(self.time(), asyncio.all_tasks(self))
@@ -120,7 +124,11 @@ class VirtualLoop(asyncio.BaseEventLoop):
         raise TimeLimitError(limit_s, asyncio.all_tasks(self))
 
     def run_in_executor(self, *_arguments: Any) -> NoReturn:  # type: ignore[override]
-        """Raise BusError because a thread's work would take no virtual time and could not wake the loop."""
+        """Refuse work for a thread, because it would take no virtual time and could not wake the loop.
+
+        Raises:
+            BusError: Always.
+        """
         what = "a thread (run_in_executor, to_thread)"
         raise BusError(f"{what} does not exist in a simulated world: it would not be reproducible")
 

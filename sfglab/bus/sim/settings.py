@@ -43,5 +43,5 @@ class Costs:
 
 
 def ns_from_s(duration_s: float) -> int:
-    """Return a duration in whole nanoseconds."""
+    """Return a duration in seconds as whole nanoseconds."""
     return round(duration_s * NS_PER_S)

@@ -31,6 +31,9 @@ class World:
         seed: Seed of all random draws.
         latency_s: Latency of the link of every host without a latency of its own, s.
         costs: Processing times of processes.
+
+    Raises:
+        BusError: The running loop is no `VirtualLoop`.
     """
 
     def __init__(
