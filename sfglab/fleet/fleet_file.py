@@ -191,8 +191,8 @@ class HostSpec(_Part):
     model: str = ""  #: Manufacturer and model, as information for people.
     #: Address for SSH, ``[user@]host``; empty for this machine.
     address: Annotated[str, Matching(ADDRESS, "[user@]host, as ssh takes it")] = ""
-    architecture: Architecture = Architecture.AMD64  #: Architecture of its processor.
-    #: Its accelerator; None: it is detected.
+    architecture: Architecture = Architecture.AMD64  #: Architecture of the host's processor.
+    #: Accelerator of the host; None: it is detected.
     accelerator: Annotated[
         Accelerator | None, ReadAs(Literal[AUTO] | Accelerator, lambda a: None if a == AUTO else a)
     ] = None
@@ -293,13 +293,13 @@ class FrameSpec(_Part):
 
     child: str  #: Child frame.
     parent: str  #: Parent frame.
-    #: Whether it is sent once on /tf_static; otherwise it is sent periodically on /tf.
+    #: Whether the transform is sent once on /tf_static; otherwise it is sent periodically on /tf.
     static: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTree(_Part):
-    """The transforms of one agent."""
+    """The transforms (TF) that the nodes of one agent broadcast, and how its router renames their frames."""
 
     #: The transforms.
     frames: tuple[FrameSpec, ...] = ()
@@ -317,34 +317,35 @@ class AgentSpec(_Part):
     """One agent: one or several computers behind one router."""
 
     name: Annotated[str, _named(validate_agent)]  #: The agent segment of its names.
-    domain: int = field(metadata=bounds(0, MAX_DOMAIN))  #: Its own DDS domain, D_i in the paper.
+    #: The agent's own DDS domain, D_i in the paper.
+    domain: int = field(metadata=bounds(0, MAX_DOMAIN))
     #: Interface to the other agents; None leaves the choice to DDS.
     global_interface: str | None = None
-    #: Interface of its own domain; None leaves the choice to DDS.
+    #: Interface of the agent's own domain; None leaves the choice to DDS.
     local_interface: str | None = None
     processes: int = between(1, 1)  #: Number of ROS processes, each of which is a DDS participant.
-    #: Whether it runs status provider and discoverer (paper A, section 4.2).
+    #: Whether the agent runs a status provider and a discoverer (paper A, section 4.2).
     lifecycle: bool = True
-    sensors: tuple[SensorSpec, ...] = ()  #: Sensors in its metadata.
-    tf: FrameTree = field(default_factory=FrameTree)  #: Its transforms.
+    sensors: tuple[SensorSpec, ...] = ()  #: Sensors in the agent's metadata.
+    tf: FrameTree = field(default_factory=FrameTree)  #: Transforms that the agent broadcasts.
     #: Published topics, without those of `sensors`, `tf` and `lifecycle`.
     publishes: tuple[Annotated[TopicUse, ShortFor("name")], ...] = ()
     subscribes: tuple[Annotated[TopicUse, ShortFor("name")], ...] = ()  #: Subscribed topics.
-    serves: Services = ()  #: Services that it serves.
-    calls: Services = ()  #: Services that it calls.
-    action_servers: Actions = ()  #: Actions that it serves.
-    action_clients: Actions = ()  #: Actions that it calls.
+    serves: Services = ()  #: Services that the agent serves.
+    calls: Services = ()  #: Services that the agent calls.
+    action_servers: Actions = ()  #: Actions that the agent serves.
+    action_clients: Actions = ()  #: Actions that the agent calls.
     #: Target host; None: not given, and the agent cannot be deployed.
     host: HostSpec | None = None
 
     @property
     def streams(self) -> tuple[StreamSpec, ...]:
-        """The streams of all its sensors."""
+        """Streams of all sensors of the agent."""
         return tuple(stream for sensor in self.sensors for stream in sensor.streams)
 
     @property
     def description(self) -> AgentDescription:
-        """Description of its sensors, without accelerators and software."""
+        """Description of the agent's sensors, without accelerators and software."""
         return AgentDescription(sensors=tuple(map(_describe, self.sensors)))
 
 
@@ -367,7 +368,7 @@ class _Shared(_Part):
     #: Exchange of agents' descriptions: published on a latched topic, or queried over each agent's metadata
     #: service, as in the paper.
     descriptions: Literal["published", "queried"] = "published"
-    #: Its agents, at least one, in the order of the file.
+    #: Agents of the fleet, at least one, in the order of the file.
     agents: Annotated[tuple[AgentSpec, ...], ByName("name")]
     #: Settings of all target hosts.
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)
@@ -375,7 +376,7 @@ class _Shared(_Part):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetFile(_Shared):
-    """Agents that share a global domain."""
+    """Content of a fleet file, as it is written; `Fleet` is the checked result."""
 
     #: The domain that all routers join.
     border: _GlobalDomain = field(default_factory=_GlobalDomain, metadata=named("global"))
@@ -385,7 +386,7 @@ class FleetFile(_Shared):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fleet(_Shared):
-    """Agents that share a global domain."""
+    """Agents that share a global domain, as read from a fleet file."""
 
     global_domain: int = 0  #: The domain that all routers join, D_0 in the paper.
     policy: Policy = field(default_factory=Policy)  #: Forwarding rules.
@@ -396,7 +397,11 @@ class Fleet(_Shared):
         return f"<fleet {self.name}: {len(self.agents)} agents around domain {self.global_domain}>"
 
     def agent(self, name: str) -> AgentSpec:
-        """Return an agent by its name; `InvalidValueError` if there is no such agent."""
+        """Return an agent by its name.
+
+        Raises:
+            InvalidValueError: The fleet has no such agent.
+        """
         agents = {agent.name: agent for agent in self.agents}
         if name not in agents:
             allowed = ", ".join(agents) + suggestion(name, agents)
@@ -405,12 +410,21 @@ class Fleet(_Shared):
 
 
 def load_fleet(path: Path | str) -> Fleet:
-    """Read a fleet from a file; a `DocumentError` names the place, the given and the allowed values."""
+    """Read a fleet from a YAML file, such as ``data/fleets/esslingen.yaml``.
+
+    Raises:
+        DocumentError: The file cannot be read, or has a mistake; the error names the place, the given value and the
+            allowed values.
+    """
     return _read(Document.of_file(Path(path), "a fleet file in UTF-8", one_line=True))
 
 
 def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
-    """Read a fleet from the YAML text of a file; errors contain its name, and are those of `load_fleet`."""
+    """Read a fleet from the YAML text of a file; errors name the file `file`.
+
+    Raises:
+        DocumentError: As for `load_fleet`.
+    """
     return _read(Document(text, file, one_line=True))
 
 

@@ -47,11 +47,11 @@ MAX_GROUP_BYTES = 8_000_000  #: Maximum size of a kept group: two seconds of 32 
 class GopCache:
     """Current group of pictures of a stream; empty after a gap or overflow until the next key frame.
 
-    The arguments are the maximum number and size of its packets.
+    The arguments are the maximum number and the maximum total size, bytes, of its packets.
     """
 
     def __init__(self, max_packets: int = REPLAY_DEPTH, max_bytes: int = MAX_GROUP_BYTES) -> None:
-        self.size_bytes = 0  #: Size of the kept packets.
+        self.size_bytes = 0  #: Size of the kept packets, bytes.
         self._max_packets = max_packets
         self._max_bytes = max_bytes
         self._packets: list[Any] = []
@@ -62,7 +62,7 @@ class GopCache:
 
     @property
     def packets(self) -> tuple[Any, ...]:
-        """The kept packets, the key frame first."""
+        """Kept packets, the key frame first."""
         return tuple(self._packets)
 
     def add(self, packet: Any, *, pts: int, is_key: bool, size_bytes: int) -> bool:
@@ -87,11 +87,11 @@ class GopCache:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replayed:
-    """One replay that was sent."""
+    """One replay of a stream that a GOP cache sent to a new subscriber."""
 
     topic: str  #: Topic of the stream.
     packets: int  #: Number of packets since the last key frame.
-    size_bytes: int  #: Size of these packets.
+    size_bytes: int  #: Size of these packets, bytes.
 
 
 class GopCacheNode:
@@ -193,7 +193,11 @@ class _Stream:
 
 
 async def run_gop_cache(config: GopCacheConfig, report: Reporter) -> None:
-    """Run a GOP cache until cancelled and all it started has ended; `BusError` if it cannot join the domain."""
+    """Run a GOP cache until cancelled; everything it started has ended when this returns.
+
+    Raises:
+        BusError: The domain cannot be joined.
+    """
     from sfglab.bus import Node
 
     def on_replay(replayed: Replayed) -> None:

@@ -42,7 +42,11 @@ def replay_topic(stream_topic: str) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GopCacheConfig:
-    """Configuration of a GOP cache's process."""
+    """Configuration of a GOP cache's process.
+
+    Raises:
+        InvalidValueError: A stream is no topic of the schema that ends in ``ffmpeg``.
+    """
 
     address: BusAddress  #: The agent's domain.
     streams: tuple[str, ...] = ()  #: Topics of the compressed streams.

@@ -1,4 +1,4 @@
-"""Lines for a person at a terminal about the reports of routers and decoders."""
+"""Lines for the terminal about the reports of routers and decoders."""
 
 from __future__ import annotations
 

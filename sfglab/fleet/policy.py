@@ -1,14 +1,16 @@
 """Routing between an agent's domain and the global one: paper A, section 4.1, Eq. 1 and Table 1.
 
-Pure functions decide which topics are forwarded and which readers and writers have to be open, for sfglab's
-router (`sfglab.fleet.router.plan`) and for the configurations of other routers.
+Functions without side effects decide which topics are forwarded and which readers and writers have to be open, for
+sfglab's router (`sfglab.fleet.router.plan`) and for the configurations of other routers.
 
-A reader is opened in the source's domain when the target's domain has a subscription. Outward it also needs a
-source, so that only used topics are announced in the global domain. Inward it does not: another agent's router
-then discovers the demand, and routers do not wait for each other. A writer is opened when there is a source too,
-also for one whose samples have to wait; a router that advertises topics opens it for a source alone, so that
-ROS 2's tools list the topic. Writers offer the QoS of their source. Readers request nothing stronger than a
-direct connection would have.
+*Readers.* A reader is opened in the source's domain when the target's domain has a subscription. Outward, the router
+also requires a source, so that only used topics are announced in the global domain. Inward, the router requires no
+source: another agent's router then discovers the demand, and routers do not wait for each other. Readers request
+nothing stronger than a direct connection would have.
+
+*Writers.* A writer is opened when there is a subscription and a source, including a source whose samples have to wait.
+A router that advertises topics opens a writer for a source alone, so that ROS 2's tools list the topic. Writers offer
+the QoS of their source.
 """
 
 from __future__ import annotations
@@ -61,19 +63,20 @@ class Crossing(Enum):
     """How many of the DDS topics of a ROS name are forwarded: all, some or none."""
 
     NONE = "none"
-    #: Some of them are, such as the requests of a service without its replies.
+    #: Some of the DDS topics are forwarded, such as the requests of a service without its replies.
     PARTIAL = "partial"
     WHOLE = "whole"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForwardRule:
-    """One row of Table 1."""
+    """One row of Table 1 in paper A: a pattern of DDS topics that are forwarded."""
 
     #: DDS topic names; ``*`` stands for any characters, slashes included, as in the DDS Router.
     pattern: str
     description: str = ""  #: Description for people.
-    directions: frozenset[Direction] = frozenset(Direction)  #: Directions in which it is open.
+    #: Directions in which topics of the rule are forwarded.
+    directions: frozenset[Direction] = frozenset(Direction)
 
     def matches(self, dds_name: str) -> bool:
         """Return whether a DDS topic matches this rule."""
@@ -92,7 +95,7 @@ TABLE_1 = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Policy:
-    """The set F_forward of Eq. 1 as rules."""
+    """The set F_forward of Eq. 1 in paper A, as rules."""
 
     rules: tuple[ForwardRule, ...] = TABLE_1  #: Rules; topics that match none do not cross.
 
@@ -137,8 +140,9 @@ _CALLS_KEPT = 1000  # as `sfglab.bus.ros.program` keeps
 def requested_qos(dds_topic: str, source: QoSProfile, sinks: Iterable[QoSProfile]) -> QoSProfile:
     """Return the QoS of the router's reader of a source.
 
-    It is RELIABLE only if the source offers and a subscription requests that, so that best-effort subscriptions
-    cost no retransmission. For latched samples it always is: late joiners get them from the router's writer.
+    The reader is RELIABLE only if the source offers and a subscription requests RELIABLE, so that best-effort
+    subscriptions cost no retransmission. The reader of latched samples is always RELIABLE, because late joiners get
+    these samples from the router's writer.
     """
     latched = _is_latched(source)
     repaired = latched or any(sink.reliability is Reliability.RELIABLE for sink in sinks)
@@ -166,8 +170,9 @@ def announced_qos(dds_topic: str, sinks: Iterable[QoSProfile]) -> QoSProfile:
 def offered_qos(dds_topic: str, source: QoSProfile) -> QoSProfile:
     """Return the QoS of the router's writer for a source: the same except for the depth.
 
-    A volatile history is only the sender's buffer; a shallow one would lose samples that the source's keeps. A
-    writer of calls does not keep all: it would wait for one stalled client, and all others with it.
+    A volatile history is only the sender's buffer, and a shallow buffer would lose samples that the source's buffer
+    keeps. A writer of requests or replies does not have KEEP_ALL, because one stalled client would then block it for
+    all others.
     """
     if dds_topic.startswith(_SERVICE_PREFIXES):
         return replace(source, history=History.KEEP_LAST, depth=_CALLS_KEPT)
@@ -182,11 +187,11 @@ class Path:
 
     dds_topic: str  #: DDS topic.
     type: str  #: Type as in `EndpointInfo.type`; endpoints of another type have another path.
-    outward: bool  #: Whether it leads from the agent's domain to the global one.
+    outward: bool  #: Whether the path leads from the agent's domain to the global one.
 
     @property
     def direction(self) -> Direction:
-        """Its direction."""
+        """Direction of the path."""
         return Direction.OUTWARD if self.outward else Direction.INWARD
 
 
@@ -194,10 +199,10 @@ class Path:
 class ReaderSpec:
     """A reader of the router, in the source's domain."""
 
-    path: Path  #: Its path.
+    path: Path  #: Path that the reader belongs to.
     qos: QoSProfile  #: Requested QoS.
-    transport: Transport = "dds"  #: Transport of its sources.
-    #: Generation in which its sources are read again; 0 for the first reader.
+    transport: Transport = "dds"  #: Transport of the sources.
+    #: Generation in which the sources are read again; 0 for the first reader.
     reread_generation: int = 0
 
 
@@ -205,14 +210,14 @@ class ReaderSpec:
 class WriterSpec:
     """A writer of the router, in the target's domain."""
 
-    path: Path  #: Its path.
+    path: Path  #: Path that the writer belongs to.
     qos: QoSProfile  #: Offered QoS.
-    #: Its only source, if that source is latched or has a liveliness lease. Several latched sources in one writer
-    #: would push each other out of its history, and their samples would stay when they have gone. Empty for all
-    #: other sources that offer the same QoS.
+    #: GID of the writer's only source, if that source is latched or has a liveliness lease; empty for all other
+    #: sources that offer the same QoS. Several latched sources would overwrite each other's samples in the history of
+    #: one writer, and their samples would remain after their end.
     source: bytes = b""
-    transport: Transport = "dds"  #: Transport to its subscriptions.
-    reread_generation: int = 0  #: Generation of its reader.
+    transport: Transport = "dds"  #: Transport to the subscriptions.
+    reread_generation: int = 0  #: Generation of the reader (`ReaderSpec`).
 
 
 class Held(Enum):
@@ -235,7 +240,7 @@ class Setup:
 
 @dataclass(slots=True)
 class PathState:
-    """Endpoints of one path, by gid."""
+    """Endpoints of one path by GID, and the path's current setup."""
 
     #: Publishers in the source's domain whose samples may cross.
     sources: dict[bytes, EndpointInfo] = field(default_factory=dict)

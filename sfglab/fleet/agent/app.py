@@ -46,7 +46,7 @@ class ComponentError(SfglabError, RuntimeError):
 
     def __init__(self, component: str, why: str) -> None:
         self.component = component  #: Name of the component.
-        self.why = why  #: Its report, or the way in which it ended.
+        self.why = why  #: Report of the component, or the way in which it ended.
         super().__init__(why if why.startswith(component) else f"{component}: {why}")
 
 
@@ -222,7 +222,7 @@ def _reason(status: int) -> str:
 
 
 class Narrator:
-    """Description of an agent's reports for a person."""
+    """Text lines about an agent's reports, to be read at a terminal."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._router = config.router
@@ -230,13 +230,13 @@ class Narrator:
         self._streams = StreamNarrator()
 
     def beginning(self) -> str:
-        """Return the first line."""
+        """Return the line that is printed at the start."""
         local = _place(self._router.local)
         remote = _place(self._router.remote)
         return f"agent {self._router.agent}: its own {local}, the global {remote}; starting"
 
     def end(self) -> str:
-        """Return the last line."""
+        """Return the line that is printed at the end."""
         return f"agent {self._router.agent}: everything has ended"
 
     def lines(self, report: Report) -> list[str]:

@@ -1,6 +1,6 @@
 """Processes of an agent and their configurations, from the fleet file and the command line.
 
-The module is pure. It refuses everything that can be refused before a process starts.
+The module has no I/O. It refuses everything that can be refused before a process starts.
 """
 
 from __future__ import annotations
@@ -64,7 +64,11 @@ def plan(config: AgentConfig) -> tuple[Component, ...]:
 
 
 def without(config: AgentConfig, components: Iterable[str]) -> AgentConfig:
-    """Return the agent without the named components; `InvalidValueError` if one of them does not exist."""
+    """Return the configuration of an agent without the named components.
+
+    Raises:
+        InvalidValueError: There is no such component.
+    """
     dropped = frozenset(components)
     for name in sorted(dropped - set(COMPONENTS)):
         where = f"agent {config.router.agent}, component"

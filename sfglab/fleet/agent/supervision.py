@@ -148,7 +148,15 @@ class ComponentProcess(LineProcess):
     async def launch(
         cls, component: Component, on_report: Callable[[Report], None]
     ) -> ComponentProcess:
-        """Start a component. Raises an `OSError` if the operating system cannot start it."""
+        """Start a component and return its process.
+
+        Args:
+            component: The component.
+            on_report: Called with each report of the process.
+
+        Raises:
+            OSError: The operating system cannot start the process.
+        """
         return await cls.start(
             component.name,
             component.argv,

@@ -67,10 +67,10 @@ OFFER = user_data({OFFER_KEY: "decoder"})
 class PipelineStatus:
     """Current state of one stream in the decoder."""
 
-    local_topic: str  #: The local topic.
+    local_topic: str  #: Name of the local topic.
     state: str  #: Name of the life cycle's state.
-    subscribers: int  #: Local subscriptions.
-    statistics: Statistics | None  #: Its latest counts; None before the first.
+    subscribers: int  #: Number of local subscriptions.
+    statistics: Statistics | None  #: Latest counts of the pipeline; None before the first.
 
 
 @dataclass(slots=True)

@@ -68,7 +68,7 @@ class StreamCodec:
     #: decodes without them.
     decoder: Callable[[Route], Any]
     #: Function of a header and a decoded value that returns the message's CDR up to its last field, and
-    #: that field's items.
+    #: that field's items, in an array of any shape.
     parts: Callable[[Any, Any], tuple[bytes, NDArray[np.generic]]]
 
 
@@ -85,14 +85,14 @@ CODECS = {IMAGE_TYPE: StreamCodec(_image_decoder, _image_parts)}
 
 
 def write_message(buffer: Any, prefix: bytes, items: NDArray[np.generic]) -> None:
-    """Write a message into a buffer of exactly ``len(prefix) + items.nbytes`` bytes."""
+    """Write a message, in the parts of `StreamCodec`, into a buffer of ``len(prefix) + items.nbytes`` bytes."""
     view = np.frombuffer(buffer, dtype=np.uint8)
     view[: len(prefix)] = np.frombuffer(prefix, dtype=np.uint8)
     view[len(prefix) : len(prefix) + items.nbytes] = items.reshape(-1).view(np.uint8)
 
 
 def message_bytes(prefix: bytes, items: NDArray[np.generic]) -> bytes:
-    """Return a whole message, padded to a multiple of four bytes as the middleware requires."""
+    """Return a message, given in the parts of `StreamCodec`, padded to a multiple of four bytes for the middleware."""
     body = prefix + items.tobytes()
     return body + bytes(-len(body) % 4)
 
@@ -129,9 +129,9 @@ REPLAY_TIMEOUT_S = 3.0
 class Statistics:
     """Counts of a pipeline since it was opened."""
 
-    replayed: int = 0  #: Messages from its replay.
+    replayed: int = 0  #: Number of messages from the GOP replay.
     newest: int = -1  #: Number of the latest frame; -1 if there is none or frames have no numbers.
-    broken: int = 0  #: Messages that could not be decoded.
+    broken: int = 0  #: Number of messages that could not be decoded.
     last_error: str = ""  #: Latest decoding error; empty without one.
 
 
@@ -146,7 +146,7 @@ class Outputs:
         self._publishers: dict[str, Publisher] = {}
 
     def open(self) -> None:
-        """Create the publishers."""
+        """Create the publishers of the decoded stream, one per requested transport."""
         self._is_open = True
         self.serve(self._transports)
 
@@ -180,7 +180,7 @@ class Outputs:
             publisher.publish_raw(cdr)
 
     def close(self) -> None:
-        """Close all publishers; idempotent."""
+        """Close all publishers; further calls have no effect."""
         self.serve(())
 
 

@@ -56,7 +56,7 @@ class PipelineWorker:
         self._outputs: Outputs | None = None
 
     async def run(self, orders: Orders) -> None:
-        """Follow orders until cancelled."""
+        """Report that the worker is ready, and execute orders one by one until the task is cancelled."""
         self._report({"is": "ready"})
         try:
             while True:
@@ -118,7 +118,7 @@ def _warm_up() -> None:
 
 
 async def serve(config: WorkerConfig, report: Reporter, orders: Orders) -> None:
-    """Run the process."""
+    """Run the pipeline process until cancelled: join its domains, and follow orders."""
     from sfglab.bus import Node
 
     _warm_up()
@@ -144,14 +144,14 @@ Owner = Callable[["Worker", Report], None]
 class Worker(LineProcess):
     """One pipeline process, as the decoder sees it."""
 
-    is_ready = False  #: Whether it has reported that it is ready.
+    is_ready = False  #: Whether the process has reported that it is ready.
 
     def assign(self, owner: Owner) -> None:
         """Send all further reports of the decoder process to an owner, also the report that it has ended."""
         self.on_report = partial(owner, self)
 
     async def end(self) -> None:
-        """Tell it to end and wait; end it by force after a grace period."""
+        """Tell the process to end and wait for that; end it by force after a grace period."""
         await self.close(grace_s=END_GRACE_S)
 
 
@@ -182,7 +182,7 @@ class WorkerPool:
         """Start the standby process and return when it is ready.
 
         Raises:
-            ProcessFailedError: It failed to start.
+            ProcessFailedError: The process failed to start.
         """
         if self._wants_spare:
             self._spare = await self._spawn()

@@ -23,8 +23,8 @@ MOST_AHEAD = 512
 class Source(Enum):
     """Source of a packet."""
 
-    LIVE = auto()
-    REPLAY = auto()
+    LIVE = auto()  #: The live stream.
+    REPLAY = auto()  #: The replay of a GOP cache.
 
 
 class Phase(Enum):

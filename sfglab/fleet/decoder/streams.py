@@ -52,10 +52,10 @@ KINDS = {
 
 
 class StreamError(SfglabError, ValueError):
-    """A stream that cannot be offered locally."""
+    """A stream that cannot be decoded or relayed on this device."""
 
     def __init__(self, topic: str, why: str) -> None:
-        self.topic = topic  #: The remote topic.
+        self.topic = topic  #: Name of the remote topic.
         super().__init__(f"stream {topic!r}: {why}")
 
 
@@ -63,13 +63,13 @@ class StreamError(SfglabError, ValueError):
 class Route:
     """One remote topic and the local topic that offers it."""
 
-    agent: str  #: The remote agent.
-    source_topic: str  #: The remote topic.
-    source_type: str  #: Its ROS type.
+    agent: str  #: Name of the remote agent.
+    source_topic: str  #: Name of the remote topic.
+    source_type: str  #: ROS type of the remote topic.
     codec: str  #: Codec hint, or `RELAY` for messages that are relayed unchanged.
-    local_topic: str  #: The local topic.
+    local_topic: str  #: Name of the local topic.
     decoded_type: str = IMAGE_TYPE  #: ROS type of the decoded messages.
-    #: Topic on which its sender may replay the last group of pictures; empty for none.
+    #: Topic on which the stream's sender may replay the last group of pictures; empty for none.
     replay_topic: str = ""
     #: Maximum number of pixels of a frame, with what codecs add at the edges.
     most_pixels: int = MAX_PIXELS
@@ -78,7 +78,7 @@ class Route:
 
     @property
     def local_type(self) -> str:
-        """The ROS type of the local topic."""
+        """ROS type of the local topic."""
         return self.source_type if self.codec == RELAY else self.decoded_type
 
 
@@ -270,7 +270,8 @@ class Timing(ProcessTiming):
     stop_ns: int = 2_000_000_000
     backoff_ns: int = 100_000_000
     backoff_max_ns: int = 5_000_000_000
-    linger_ns: int = 1_000_000_000  #: Time that a pipeline is kept after its last subscriber left.
+    #: Time that a pipeline is kept after its last subscriber left, ns.
+    linger_ns: int = 1_000_000_000
 
 
 class Lifecycle(ProcessLife[State, Input, Action]):

@@ -17,12 +17,12 @@ class Timing:
 
     #: Announced periods without a heartbeat after which an agent is lost.
     missed: float = between(3.0, without=(0,))
-    slack_ns: int = between(500_000_000, without=(0,))  #: Additional time for the network.
-    #: Wait after the first failed query; each further failure doubles it.
+    slack_ns: int = between(500_000_000, without=(0,))  #: Additional time for the network, ns.
+    #: Wait after the first failed query, ns; each further failure doubles it.
     backoff_ns: int = between(250_000_000, without=(0,))
-    #: Longest wait between queries.
+    #: Longest wait between queries, ns.
     backoff_max_ns: int = between(10_000_000_000, without=(0,))
-    #: Time until a lost agent is forgotten.
+    #: Time until a lost agent is forgotten, ns.
     forget_ns: int = between(600_000_000_000, without=(0,))
 
     def __post_init__(self) -> None:
@@ -33,9 +33,9 @@ class Timing:
 class DiscoverySettings:
     """Settings of a discoverer."""
 
-    agent: str  #: Its own agent, whose heartbeats it ignores.
+    agent: str  #: Name of the discoverer's own agent, whose heartbeats it ignores.
     timing: Timing = field(default_factory=Timing)  #: Timeouts and waits.
-    #: Remote agents in the table. At most 900, so that a late joiner receives an event of each.
+    #: Largest number of remote agents in the table: at most 900, so that a late joiner receives an event of each.
     max_agents: int = between(MAX_AGENTS, 1, 900)
     #: Timeout for the answer of a metadata service, seconds.
     query_timeout_s: float = between(2.0, 0, 60, without=(0,))

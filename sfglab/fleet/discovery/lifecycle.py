@@ -76,7 +76,7 @@ class Input(Enum):
 
 
 class Action(Enum):
-    """Action after a transition."""
+    """Action of the discoverer that a transition of the life cycle requires."""
 
     QUERY = auto()  #: Query the agent's description.
     ABANDON = auto()  #: Abandon the outstanding query; a later answer is ignored.

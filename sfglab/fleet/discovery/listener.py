@@ -55,7 +55,7 @@ class Offered:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Withdrawn:
-    """An agent is no longer present."""
+    """An agent is no longer present: it was lost, or a new discoverer did not announce it."""
 
     agent: str  #: Name of the agent.
 
@@ -71,7 +71,8 @@ class KnownAgents:
     """
 
     def __init__(self, *, grace_ns: int = 10_000_000_000) -> None:
-        self.deadline_ns: int | None = None  #: Time at which `expire` must be called, or None.
+        #: Time at which `expire` must be called, ns; None: never.
+        self.deadline_ns: int | None = None
         self._grace_ns = grace_ns
         self._publisher = _UNKNOWN_GID
         self._predecessors: set[bytes] = set()

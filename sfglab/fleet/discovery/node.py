@@ -322,7 +322,7 @@ async def run_discoverer(config: DiscoveryConfig, report: Reporter, _orders: Ord
     """Run a discoverer until cancelled.
 
     Raises:
-        BusError: It cannot join the domain.
+        BusError: The domain cannot be joined.
     """
     from sfglab.bus import Node
 

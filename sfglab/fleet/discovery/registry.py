@@ -62,13 +62,13 @@ class Order:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """Transition that was taken."""
+    """One transition of a remote agent's life cycle, as reported to `Registry`'s `on_move`."""
 
     agent: str  #: Name of the agent.
     before: State  #: State before the transition.
-    given: Input  #: Input.
+    given: Input  #: Input that caused the transition.
     after: State  #: State after the transition.
-    actions: tuple[Action, ...]  #: Actions.
+    actions: tuple[Action, ...]  #: Actions of the transition, in order.
 
 
 @dataclass(slots=True)
@@ -111,7 +111,7 @@ class _Remote:
 
 
 class Registry:
-    """All agents except the discoverer's own."""
+    """Life cycles and descriptions of all remote agents that a discoverer knows."""
 
     def __init__(
         self,
@@ -213,7 +213,7 @@ class Registry:
         return remote is not None and remote.speakers.is_claimed(*version)
 
     def failed(self, agent: str, query: int, *, now_ns: int) -> list[Order]:
-        """Process the failure or the timeout of a query, and return orders."""
+        """Process the failure or the timeout of a query, given by number; return the orders that follow."""
         remote = self._queried(agent, query)
         if remote is None:
             return []
@@ -242,7 +242,7 @@ class Registry:
 
     @property
     def deadline_ns(self) -> int | None:
-        """Time at which `due` must be called, on the caller's clock; None if nothing is due."""
+        """Time at which `due` must be called, ns on the caller's clock; None if nothing is due."""
         deadlines = [at_ns for r in self._remotes.values() for at_ns, _ in r.deadlines()]
         return min(deadlines, default=None)
 

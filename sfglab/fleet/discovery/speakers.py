@@ -22,11 +22,12 @@ _MIN_MIXED = 2  # heartbeats of other sources between those of each source; one 
 class Source:
     """Claim of one publisher to be one incarnation of the agent."""
 
-    silent_ns: int = 0  #: Time at which the source counts as silent, after the announced period.
+    #: Time at which the source counts as silent, after the announced period, ns.
+    silent_ns: int = 0
     revision: int = 0  #: Announced revision of the description.
     #: Whether the source is trusted. None: not queried yet. False: the agent answered otherwise.
     trust: bool | None = None
-    heard_ns: int = 0  #: Time of the last heartbeat.
+    heard_ns: int = 0  #: Time of the last heartbeat, ns.
     beats: int = 0  #: Number of heartbeats.
     place: int = 0  #: Index of the last heartbeat among all heartbeats of the name.
     mixed: int = 0  #: Number of gaps in which another source sent a heartbeat.
@@ -73,11 +74,11 @@ class Speakers:
                 source.trust = True
 
     def any_trusted(self) -> bool:
-        """Return whether a source is trusted."""
+        """Return whether at least one source of the agent's heartbeats is trusted."""
         return any(source.trust for source in self._sources.values())
 
     def silent_ns(self, held: int | None, *, doubted: bool) -> int:
-        """Return the time at which the agent counts as silent.
+        """Return the time at which the agent counts as silent, ns.
 
         If the incarnation `held` is present, this is the first deadline of its trusted or repeated claims.
         Otherwise it is the last deadline of the sources that may still be confirmed. If queries have failed

@@ -36,11 +36,12 @@ class Refusal(Enum):
 
     #: The bytes, the name, the phase, the period or the version are invalid.
     MALFORMED = "malformed"
-    FLOOD = "flood"  #: Its rate exceeds the limit.
-    OWN = "own"  #: It is from the discoverer's own agent.
-    SPOOFED = "spoofed"  #: It contains the own agent's name and is from another publisher.
-    STALE = "stale"  #: It is from an earlier incarnation than the present one.
-    CLAIMED = "claimed"  #: It claims, again, an incarnation or a revision that did not answer.
+    FLOOD = "flood"  #: The rate of the messages exceeds the limit.
+    OWN = "own"  #: The message is from the discoverer's own agent.
+    SPOOFED = "spoofed"  #: The message contains the own agent's name and is from another publisher.
+    STALE = "stale"  #: The message is from an earlier incarnation than the present one.
+    #: The message claims again an incarnation or revision that did not answer a query.
+    CLAIMED = "claimed"
     FULL = "full"  #: The table of agents is full.
 
 

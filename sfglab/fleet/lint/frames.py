@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """One transform as other agents receive it."""
+    """One transform of an agent, with the frame names that other agents receive."""
 
-    agent: str  #: Agent that broadcasts it.
+    agent: str  #: Agent that broadcasts the transform.
     child: str  #: Child frame, with prefix.
     parent: str  #: Parent frame, with prefix.
-    place: Place  #: Its place in the file.
+    place: Place  #: Place of the transform in the fleet file.
 
 
 def edges_of(agent: AgentSpec) -> list[Edge]:

@@ -201,7 +201,7 @@ def check_static_transforms(view: View) -> Iterator[Finding]:
 
 
 def check_schema(view: View) -> Iterator[Finding]:
-    """Find forwarded names outside the schema."""
+    """Find forwarded names that do not follow the naming schema of paper A, section 4.1."""
     for meeting in view.meetings:
         name = meeting.name
         is_hidden = any(part.startswith("_") for part in name.split("/"))

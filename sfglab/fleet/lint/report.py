@@ -21,7 +21,7 @@ class Severity(Enum):
     """Severity of a finding, the worst first."""
 
     ERROR = "error"  #: The fleet relies on something that will not work.
-    WARNING = "warning"  #: It works, but probably not as intended, or not indefinitely.
+    WARNING = "warning"  #: The fleet works, but probably not as intended, or not indefinitely.
     INFO = "info"  #: Information.
 
 
@@ -29,12 +29,12 @@ class Severity(Enum):
 class Finding:
     """One error, warning or information about a fleet."""
 
-    severity: Severity  #: Its severity.
-    code: str  #: Its kind, a short stable name.
-    place: Place  #: Its place in the file.
-    what: str  #: The problem.
-    why: str  #: Its consequence, and the rule that it follows from.
-    remedy: str = ""  #: The solution; empty if none is needed.
+    severity: Severity  #: Severity of the finding.
+    code: str  #: Kind of the finding, a short stable name.
+    place: Place  #: Place of the problem in the fleet file.
+    what: str  #: Description of the problem.
+    why: str  #: Consequence of the problem, and the rule that it follows from.
+    remedy: str = ""  #: Solution; empty if none is needed.
 
 
 # Function with which a check makes a finding.
@@ -49,10 +49,10 @@ class Hearing:
 
     name: str  #: ROS name.
     kind: ResourceKind  #: Topic, service or action.
-    speakers: tuple[str, ...]  #: Agents that publish or serve it.
-    hearers: tuple[str, ...]  #: Agents that subscribe or call it.
-    crosses: bool  #: Whether it is forwarded from one agent to another.
-    rules: tuple[str, ...]  #: Patterns of the rules that forward it.
+    speakers: tuple[str, ...]  #: Agents that publish or serve the name.
+    hearers: tuple[str, ...]  #: Agents that subscribe to or call the name.
+    crosses: bool  #: Whether the name is forwarded from one agent to another.
+    rules: tuple[str, ...]  #: Patterns of the rules that forward the name.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,11 +60,11 @@ class Announcements:
     """Traffic of discovery between the hosts of a fleet."""
 
     participants: int  #: Number of participants in the domain that the hosts share.
-    endpoints: int  #: Number of endpoints in it.
+    endpoints: int  #: Number of endpoints in that domain.
     #: Number of ordered pairs of participants on different hosts: each announces itself to the other.
     pairs: int
     announced: int  #: Number of announcements of an endpoint to a participant on another host.
-    estimated_bytes: int  #: Estimated bytes that all hosts receive for both.
+    estimated_bytes: int  #: Estimated bytes that all hosts receive for participants and endpoints.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,38 +32,39 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Use:
-    """One agent's use of one name."""
+    """One agent's use of one topic, service or action: the agent offers it or consumes it."""
 
     agent: str  #: Name of the agent.
     name: str  #: ROS name.
     kind: ResourceKind  #: Topic, service or action.
-    #: Whether the agent publishes or serves it; otherwise it subscribes to it or calls it.
+    #: Whether the agent publishes or serves the name; otherwise the agent subscribes to it or calls it.
     speaks: bool
     type: str = ""  #: ROS type; empty if unknown.
     qos: QoSProfile | None = None  #: QoS of a topic's endpoints; None if unknown.
     count: int = 1  #: Number of endpoints, or of servers and clients.
-    implied: bool = False  #: Whether the file only implies it.
-    place: Place = NOWHERE  #: Its place in the file.
+    implied: bool = False  #: Whether the fleet file only implies the use.
+    place: Place = NOWHERE  #: Place of the use in the fleet file.
 
 
 @dataclass(slots=True)
 class Meeting:
-    """All uses of one name."""
+    """All uses of one name by the agents of a fleet."""
 
     kind: ResourceKind  #: Topic, service or action.
     name: str  #: ROS name.
-    crossing: Crossing  #: Part of it that is forwarded from one agent to another.
+    #: Part of the name's DDS topics that is forwarded from one agent to another.
+    crossing: Crossing
     speakers: list[Use] = field(default_factory=list)  #: Uses that publish or serve.
     hearers: list[Use] = field(default_factory=list)  #: Uses that subscribe or call.
 
     @property
     def first(self) -> Use:
-        """First of the uses, whose place is reported."""
+        """First of the uses; findings report its place."""
         return (self.speakers + self.hearers)[0]
 
     @property
     def senders(self) -> list[str]:
-        """Agents that publish or serve it."""
+        """Agents that publish or serve the name."""
         return list(dict.fromkeys(use.agent for use in self.speakers))
 
     @property
@@ -73,7 +74,7 @@ class Meeting:
 
 
 class View:
-    """Uses of a fleet by name."""
+    """Topics, services and actions of a fleet, with the agents that use them; the input of all checks."""
 
     def __init__(self, fleet: Fleet) -> None:
         self.fleet = fleet  #: The fleet.

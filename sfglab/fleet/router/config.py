@@ -34,7 +34,12 @@ class RouterSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouterConfig(RouterSettings):
-    """Configuration of a router's process."""
+    """Configuration of a router's process.
+
+    Raises:
+        InvalidValueError: Both sides have the same domain.
+        FqnError: The agent's name is not valid.
+    """
 
     local: BusAddress  #: The agent's domain.
     remote: BusAddress  #: The global domain.

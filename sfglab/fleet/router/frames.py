@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frames:
-    """Names of one agent's frames."""
+    """Rules for the names of one agent's TF frames."""
 
     agent: str  #: Name of the agent.
     #: Frames without prefix, common to all agents.
@@ -43,7 +43,7 @@ class Frames:
     placed_by_others: frozenset[str] = frozenset()
 
     def outward(self, frame: str) -> str:
-        """Return a local frame's name in the global domain."""
+        """Return the global name of a frame of the agent's domain, with the agent's prefix if it gets one."""
         return prefixed_frame(frame, self.agent, shared=self.shared)
 
     def outward_refusal(self, child: str) -> str:
@@ -61,8 +61,9 @@ class Frames:
     def inward_refusal(self, child: str, parent: str = "map") -> str:
         """Return why a transform of others is dropped; empty if it may pass.
 
-        It must not move the agent's frames, except those in `placed_by_others`. A name without prefix that is
-        not shared would mean another frame inside, and long names are refused.
+        The transform must not move the agent's frames, except those in `placed_by_others`. Names that are longer than
+        `MAX_FRAME`, and names that have no prefix and are not shared, are refused: inside, the latter would mean
+        another frame.
         """
         frame, below = child.removeprefix("/"), parent.removeprefix("/")
         known = (

@@ -46,7 +46,7 @@ class RouterRunningError(SfglabError, RuntimeError):
     """Another router on this host serves the agent's domain."""
 
     def __init__(self, domain_id: int, pid: int | None) -> None:
-        self.domain_id = domain_id  #: The agent's domain.
+        self.domain_id = domain_id  #: DDS domain of the agent.
         self.pid = pid  #: Process id of the other router; None if it cannot be seen from here.
         who = "a process out of sight" if pid is None else f"process {pid}"
         super().__init__(
@@ -59,12 +59,12 @@ class RouterRunningError(SfglabError, RuntimeError):
 def domain_lock(domain_id: int) -> Iterator[None]:
     """Hold the lock of the router of an agent's domain, among this user's routers on this host.
 
-    The global domain is not part of it: a second router would forward the agent's topics twice also if it led
-    to another global domain or another middleware.
+    The lock does not depend on the global domain: a second router would forward the agent's topics twice even if it
+    led to another global domain or another middleware.
 
     Raises:
         RouterRunningError: Another router holds the lock.
-        InvalidValueError: There is no home, and others can write to the folder in its place.
+        InvalidValueError: There is no home folder, and other users can write to the folder that replaces it.
     """
     try:
         with user_lock(f"router-{domain_id}"):
@@ -85,7 +85,7 @@ class Router:
     Args:
         local: Node in the agent's domain.
         remote: Node in the global domain.
-        settings: Settings.
+        settings: Settings of the router.
         tag: Name of the agent's domain among all hosts. Routers of one domain ignore each other's endpoints.
             By default the agent's name.
         on_paths: Called with all open paths whenever they change.
@@ -200,7 +200,7 @@ async def run_router(config: RouterConfig, report: Reporter) -> None:
 
 
 def main() -> None:
-    """Be the process: serve until told to end."""
+    """Run the process until it is told to end."""
     run_component(RouterConfig, lambda config, report, _: run_router(config, report))
 
 

@@ -58,7 +58,7 @@ class Replies:
 
     @property
     def deadline_ns(self) -> int | None:
-        """Time at which `overdue` returns something, on the caller's clock; None while nothing waits."""
+        """Time at which `overdue` returns something, ns on the caller's clock; None while nothing waits."""
         return next((deadline_ns for deadline_ns, _, _ in self._since.values()), None)
 
     def must_wait_for_reply_reader(self, path: Path, writer: EndpointInfo, *, now_ns: int) -> bool:
@@ -72,7 +72,7 @@ class Replies:
         return True
 
     def opened(self, path: Path, reader: EndpointInfo) -> list[tuple[Path, bytes]]:
-        """Take a new subscription; return the path and gid of each publisher that no longer has to wait."""
+        """Process a new subscription; return the path and GID of each publisher that no longer has to wait."""
         asker = _asker(path, reader, DdsRole.REPLY)
         if asker is None:
             return []
@@ -92,7 +92,7 @@ class Replies:
             del self._listening[asker]
 
     def overdue(self, now_ns: int) -> list[tuple[Path, bytes]]:
-        """Return publishers that have waited long enough, as `opened` does."""
+        """Return the path and GID of each publisher that has waited long enough."""
         # They are in the order of their deadlines: all wait equally long.
         due = list(takewhile(lambda item: item[1][0] <= now_ns, self._since.items()))
         return [self._released(gid) for gid, _ in due]
@@ -126,46 +126,46 @@ ROUTER_KEY = "sfglab.router"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Open:
-    """Open a reader or writer."""
+    """Action of a router: open a reader or a writer."""
 
     what: ReaderSpec | WriterSpec  #: The reader or writer.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Close:
-    """Close a reader or writer."""
+    """Action of a router: close a reader or a writer."""
 
     what: ReaderSpec | WriterSpec  #: The reader or writer.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssignRoute:
-    """Set the writer of the samples that a reader receives from a source."""
+    """Action of a router: set the writer of the samples that a reader receives from a source."""
 
     reader: ReaderSpec  #: An open reader.
-    source: EndpointInfo  #: The publisher.
+    source: EndpointInfo  #: Publisher whose samples the route is for.
     writer: WriterSpec | None  #: An open writer; None to drop the samples.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RemoveSource:
-    """Remove a source that has gone."""
+    """Action of a router: remove a source whose publisher has gone, and drop its held samples."""
 
     reader: ReaderSpec  #: An open reader.
-    source: bytes  #: The publisher's gid.
+    source: bytes  #: GID of the publisher.
 
 
 Action = Open | Close | AssignRoute | RemoveSource
 
 
 class Plan:
-    """Paths that are open and that have to be open, and the actions in between.
+    """Paths that are open and paths that must be open, and the actions that lead from the former to the latter.
 
     Args:
         policy: Forwarding rules.
         participants: GUIDs of the router's own participants; their endpoints never count.
         tag: Name of the agent's domain, as in USER_DATA under `ROUTER_KEY`.
-        linger_ns: Time that an endpoint counts after it has gone.
+        linger_ns: Time that an endpoint counts after it has gone, ns.
         advertise_unused_topics: Whether topics without a subscription have writers.
     """
 
@@ -189,12 +189,12 @@ class Plan:
 
     @property
     def deadline_ns(self) -> int | None:
-        """Time of the next `feed`, with or without events, on the caller's clock; None for no time."""
+        """Time, ns on the caller's clock, at which `feed` must be called even without events; None for no time."""
         deadlines = (next(iter(self._leaving.values()), None), self._replies.deadline_ns)
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     def feed(self, events: Iterable[tuple[Side, EndpointEvent]], *, now_ns: int) -> list[Action]:
-        """Take events of both graphs and the time; return the actions in their order.
+        """Process events of both graphs at a time, ns; return the actions in their order.
 
         Each path that changes is planned once, because that takes time per endpoint of the path.
         """

@@ -33,7 +33,9 @@ _log = logging.getLogger(__name__)
 
 
 class RosHalves:
-    """Reports a service as one endpoint: it appears with its first request or reply endpoint and goes with its last.
+    """Combines the request and reply endpoints of a service into one endpoint.
+
+    That endpoint appears with the first of them, and disappears with the last.
 
     Endpoints of other middleware pass unchanged.
     """
@@ -46,7 +48,7 @@ class RosHalves:
         self._warn = WarnOnce(_log)
 
     def feed(self, side: Side, event: EndpointEvent) -> None:
-        """Take an event of an endpoint."""
+        """Process the discovery or the loss of an endpoint on one side of the router."""
         endpoint = event.endpoint
         framed = endpoint.transport != "ros"
         if framed:
@@ -96,7 +98,7 @@ class RosHalves:
 
 
 def _asks(endpoint: EndpointInfo) -> bool:
-    """Whether it is an endpoint of a client over DDS, and not one that a router made for a remote client."""
+    """Return whether an endpoint belongs to a client over DDS, and not to a router on behalf of a remote client."""
     prefix = "rq/" if endpoint.kind is EndpointKind.PUBLISHER else "rr/"
     there = endpoint.transport == "dds" and endpoint.dds_topic.startswith(prefix)
     return there and ROUTER_KEY not in entries(endpoint.user_data)

@@ -1,6 +1,6 @@
 """Open paths of a router, and the endpoints of the global domain that it has to discover.
 
-The table knows which paths are open; `plan` decides which ones have to be.
+The table knows which paths are open; `plan` decides which paths must be open.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class CounterpartWatcher:
                 self._forget(topic)
 
     def close(self) -> None:
-        """End all watches; idempotent."""
+        """End all watches; further calls have no effect."""
         for end in self._ends.values():
             end()
         self._here.clear()
@@ -86,10 +86,10 @@ class CounterpartWatcher:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathStatus:
-    """One open path."""
+    """One open path of a router, as in its status reports."""
 
     topic: str  #: DDS topic.
-    type: str  #: Type of its samples.
+    type: str  #: Type of the path's samples.
     direction: str  #: "outward" or "inward".
     readers: int  #: Number of the router's readers.
     writers: int  #: Number of the router's writers.

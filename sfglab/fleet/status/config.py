@@ -15,8 +15,9 @@ class StatusSettings:
     """Settings of a status provider."""
 
     agent: str  #: Name of the agent.
-    description: AgentDescription = field(default_factory=AgentDescription)  #: Its description.
-    schedule: Schedule = field(default_factory=Schedule)  #: Times of its heartbeats.
+    #: Description of the agent.
+    description: AgentDescription = field(default_factory=AgentDescription)
+    schedule: Schedule = field(default_factory=Schedule)  #: Times of the heartbeats.
     #: Whether the description is also published on a latched topic. The paper's metadata service answers
     #: queries in both cases.
     publish_description: bool = True

@@ -24,7 +24,7 @@ _TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*", re.ASCII)
 
 
 class DescriptionError(SfglabError, ValueError):
-    """A description with an invalid part."""
+    """An agent's description has an invalid part; the error names the part, the value and the allowed values."""
 
     def __init__(self, place: str, why: str) -> None:
         self.place = place  #: The invalid part.
@@ -74,7 +74,7 @@ class StreamDescription:
                 raise DescriptionError(place, f"given the {given}, allowed are {allowed}")
 
     def to_message(self) -> Any:
-        """Return the ``StreamInfo``."""
+        """Return the stream as a ``sfglab_interfaces/msg/StreamInfo``."""
         from sfglab.messages import message_type
 
         return message_type("sfglab_interfaces/msg/StreamInfo")(**asdict(self))
@@ -84,12 +84,12 @@ class StreamDescription:
 class SensorDescription:
     """Sensor of an agent; see ``SensorInfo.msg``."""
 
-    name: str  #: Unique within its agent.
+    name: str  #: Name, unique within its agent.
     model: str = ""  #: Manufacturer and model.
     streams: tuple[StreamDescription, ...] = ()  #: Streams in the global scope.
 
     def to_message(self) -> Any:
-        """Return the ``SensorInfo``."""
+        """Return the sensor as a ``sfglab_interfaces/msg/SensorInfo``."""
         from sfglab.messages import message_type
 
         return message_type("sfglab_interfaces/msg/SensorInfo")(

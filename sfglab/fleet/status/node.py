@@ -130,7 +130,7 @@ async def run_status(config: StatusConfig, report: Reporter, orders: Orders) -> 
     """Run a status provider until cancelled.
 
     Raises:
-        BusError: It cannot join the domain.
+        BusError: The domain cannot be joined.
     """
     from sfglab.bus import Node
 
