@@ -1,6 +1,6 @@
-"""Space: poses, frames with time, motion capture; trajectories and scenes beside them.
+"""Space: poses, TF frames with time, motion capture, trajectories and scenes (paper A, section 4.5).
 
-What decides is pure and takes time as a value; listeners and bridges are thin shells on the bus.
+All decisions are made without I/O, and take the time as a value; listeners and bridges are I/O wrappers on the bus.
 """
 
 from sfglab.spatial.poses import Pose, PoseError, StampedTransform

@@ -2,7 +2,7 @@
 
 A pose reads as ``target_from_source``: it converts a point's coordinates from the source frame to the
 target frame. It is also the pose of the source frame in the target frame, as in TF. Quaternions have the
-order of ROS: x, y, z, w. All of this is plain Python, because one product with SciPy takes several times
+order of ROS: x, y, z, w. The module is plain Python, because one product with SciPy takes several times
 as long.
 """
 
@@ -36,20 +36,20 @@ _new, _set = object.__new__, object.__setattr__  # faster by their own names
 
 
 class PoseError(InvalidValueError):
-    """Numbers that are no pose."""
+    """Values are no pose: not 3 and 4 finite numbers, or a quaternion of almost no length."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseKeys:
-    """A pose in a file."""
+    """Keys of a pose in a file: position and orientation."""
 
-    position_m: Vec3  #: Position along x, y and z.
+    position_m: Vec3  #: Position along x, y and z, m.
     quat_xyzw: Quat = (0.0, 0.0, 0.0, 1.0)  #: Quaternion x, y, z, w of length 1.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """A position and an orientation.
+    """A position and an orientation of a frame in another one, ``target_from_source``.
 
     Quaternions with another length than 1 are normalised. q and -q are the same orientation, see
     `same_as`.
@@ -59,7 +59,7 @@ class Pose:
             and 4.
     """
 
-    position_m: Vec3 = (0.0, 0.0, 0.0)  #: Position x, y, z.
+    position_m: Vec3 = (0.0, 0.0, 0.0)  #: Position x, y, z, m.
     quat_xyzw: Quat = (0.0, 0.0, 0.0, 1.0)  #: Unit quaternion x, y, z, w.
 
     def __post_init__(self) -> None:
@@ -89,7 +89,7 @@ class Pose:
 
     @staticmethod
     def from_yaw(position_m: Iterable[float], yaw_rad: float) -> Pose:
-        """Return a pose that is rotated about z only."""
+        """Return a pose that is rotated about z only, by an angle in radians."""
         return Pose.at(position_m, (0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)))
 
     @staticmethod
@@ -110,7 +110,7 @@ class Pose:
         return _pose(self.apply(other.position_m), _normalised(*product))
 
     def inverse(self) -> Pose:
-        """Return ``b_from_a`` of ``a_from_b``."""
+        """Return the inverse pose: ``b_from_a`` for ``a_from_b``."""
         x, y, z, w = self.quat_xyzw
         back = (-x, -y, -z, w)
         px, py, pz = _rotated(back, self.position_m)
@@ -135,11 +135,11 @@ class Pose:
         return _pose(position, _slerp(self.quat_xyzw, other.quat_xyzw, fraction))
 
     def distance_m(self, other: Pose) -> float:
-        """Return the distance between the two positions."""
+        """Return the distance between the two positions, m."""
         return math.dist(self.position_m, other.position_m)
 
     def angle_rad(self, other: Pose) -> float:
-        """Return the angle of the rotation that leads to the other orientation, 0 to pi."""
+        """Return the angle of the rotation to the other orientation, radians, 0 to pi."""
         x, y, z, w = self.quat_xyzw
         x, y, z, w = _product((-x, -y, -z, w), other.quat_xyzw)
         return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
@@ -150,12 +150,12 @@ class Pose:
 
     @property
     def yaw_rad(self) -> float:
-        """The heading: the angle of the rotated x axis in the x-y plane, above -pi to pi."""
+        """Heading: angle of the rotated x axis in the x-y plane, radians, above -pi to pi."""
         x, y, z, w = self.quat_xyzw
         return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
     def matrix(self) -> NDArray[np.float64]:
-        """Return the homogeneous matrix, shape (4, 4)."""
+        """Return the homogeneous matrix ``target_from_source``, shape (4, 4), in metres."""
         import numpy as np
         from scipy.spatial.transform import Rotation
 
@@ -165,12 +165,12 @@ class Pose:
         return matrix
 
     def to_pose_msg(self) -> Any:
-        """Return a `geometry_msgs/msg/Pose`."""
+        """Return the pose as a `geometry_msgs/msg/Pose`."""
         position = _type("Point")(*self.position_m)
         return _type("Pose")(position=position, orientation=_type("Quaternion")(*self.quat_xyzw))
 
     def to_transform_msg(self) -> Any:
-        """Return a `geometry_msgs/msg/Transform`."""
+        """Return the pose as a `geometry_msgs/msg/Transform`."""
         translation = _type("Vector3")(*self.position_m)
         rotation = _type("Quaternion")(*self.quat_xyzw)
         return _type("Transform")(translation=translation, rotation=rotation)
@@ -190,7 +190,7 @@ class StampedTransform:
         """Return the value of a `geometry_msgs/msg/TransformStamped`, without leading slashes, as tf2.
 
         Raises:
-            PoseError: The numbers are no pose. The message names the frames.
+            PoseError: The numbers are no pose; the error names the frames.
         """
         parent = message.header.frame_id.removeprefix("/")
         child = message.child_frame_id.removeprefix("/")
@@ -199,7 +199,7 @@ class StampedTransform:
         return cls(parent=parent, child=child, stamp_ns=stamp_ns, pose=pose)
 
     def to_msg(self) -> Any:
-        """Return a `geometry_msgs/msg/TransformStamped`."""
+        """Return the transform as a `geometry_msgs/msg/TransformStamped`."""
         return _type("TransformStamped")(
             header=header_msg(self.parent, self.stamp_ns),
             child_frame_id=self.child,
@@ -208,7 +208,7 @@ class StampedTransform:
 
 
 def header_msg(frame_id: str, stamp_ns: int) -> Any:
-    """Return a `std_msgs/msg/Header`."""
+    """Return a `std_msgs/msg/Header` with a frame and a time, in nanoseconds since the epoch."""
     return message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id=frame_id)
 
 

@@ -1,4 +1,4 @@
-"""Trajectories that are carried out: goals of an action, and a server that simulates an agent.
+"""Execution of trajectories: goals of an action, and a server that simulates an agent.
 
-Paper A, section 4.5: the trajectory inspector sends a trajectory to a configurable ROS 2 action server.
+In paper A, section 4.5, the trajectory inspector sends a trajectory to a configurable ROS 2 action server.
 """

@@ -1,7 +1,7 @@
 """A simulated agent: a point with a heading that follows a timed trajectory within its limits.
 
-It follows until the trajectory's time is over, settles at the end, and brakes when it is stopped or does not
-arrive. It knows neither clocks nor messages.
+The agent follows the trajectory until its time is over, and settles at the end. It brakes when it is stopped, or when
+it does not arrive. The module does not depend on clocks and messages.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ _GAIN_PER_S = 2.0  # velocity that is added to the planned one for each metre of
 _SUBSTEP_NS = 20_000_000
 #: Distance and angle from the last pose, and speed, at which an agent may stop.
 GOAL_M, GOAL_RAD, GOAL_M_S = 0.05, 0.1, 0.02
-_LONGEST_NS = 10 * NS_PER_S  # a clock that leaps moves no agent for longer than this
+# Longest step: after a jump of the clock an agent moves for this time only
+_LONGEST_NS = 10 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,27 +53,35 @@ class Limits:
 def steered(
     state: AgentState, target: Pose, velocity_m_s: Vec3, dt_s: float, limits: Limits
 ) -> AgentState:
-    """Return an agent after `dt_s`, some hundredths of a second, in which it steered to the planned motion."""
+    """Return an agent after a step in which it steered to the planned motion.
+
+    Args:
+        state: Agent before the step.
+        target: Planned pose at the end of the step.
+        velocity_m_s: Planned velocity in the fixed frame, m/s.
+        dt_s: Duration of the step, some hundredths of a second.
+        limits: Limits that the agent does not exceed.
+    """
     missing = _sum(target.position_m, state.pose.position_m, -1.0)
     distance_m = math.hypot(*missing)
     rate_per_s = _GAIN_PER_S
     acceleration = limits.acceleration_m_s2
     if acceleration is not None and distance_m * rate_per_s**2 > acceleration:
-        # So that half of the acceleration is enough for braking.
+        # With this speed, half of the acceleration is enough for braking.
         rate_per_s = math.sqrt(acceleration / distance_m)
     wanted = _limited(_sum(velocity_m_s, missing, rate_per_s), limits.speed_m_s)
     return _moved(state, wanted, target, dt_s, limits)
 
 
 def braked(state: AgentState, dt_s: float, limits: Limits) -> AgentState:
-    """Return an agent after `dt_s` of braking, in which it does not turn."""
+    """Return an agent after `dt_s` seconds of braking, in which it does not turn."""
     return _moved(state, _ZERO, state.pose, dt_s, limits)
 
 
 def _moved(
     state: AgentState, wanted_m_s: Vec3, aim: Pose, dt_s: float, limits: Limits
 ) -> AgentState:
-    """Return an agent after `dt_s`, in which it accelerated and turned as far as its limits allow."""
+    """Return an agent after `dt_s` seconds, in which it accelerated and turned as far as its limits allow."""
     change = _sum(wanted_m_s, state.velocity_m_s, -1.0)
     if limits.acceleration_m_s2 is not None:
         change = _limited(change, limits.acceleration_m_s2 * dt_s)
@@ -105,9 +114,10 @@ def _limited(vector: Vec3, limit: float | None) -> Vec3:
 
 
 class Follower:
-    """Moves an agent along a trajectory in its frame, whose time 0 is `start_ns` on the caller's clock.
+    """Follower: moves an agent along a trajectory, whose time 0 is `start_ns` on the caller's clock.
 
-    An agent that has not arrived `settle_s` after the trajectory's end brakes.
+    The trajectory is in the agent's fixed frame. An agent that has not arrived `settle_s` seconds after the
+    trajectory's end brakes.
     """
 
     def __init__(  # noqa: PLR0913  # all that belongs to an execution
@@ -145,11 +155,11 @@ class Follower:
         return min(max(share, 0.0), 1.0)
 
     def stop(self, outcome: Outcome) -> None:
-        """Brake, and end with an outcome; nothing changes if the agent brakes already."""
+        """Brake, and end with an outcome; without effect if the agent already brakes."""
         self._stopped = self._stopped or outcome
 
     def step(self, now_ns: int) -> None:
-        """Move the agent to a later time; an earlier time changes nothing."""
+        """Simulate the agent until a later time, ns; an earlier time has no effect."""
         if now_ns <= self._now_ns:
             return
         self._now_ns = max(self._now_ns, now_ns - _LONGEST_NS)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Execution:
-    """One trajectory on its way: `begin` sends it, `result` waits for its end.
+    """Execution of one trajectory by an agent: `begin` sends the order, `result` waits for the end.
 
     ```python
     execution = Execution(node, "go2", on_feedback=print)
@@ -44,9 +44,9 @@ class Execution:
         timeout_s: Timeout for finding the server, and for its response, s.
 
     Raises:
-        FqnError: No action is given, and it is not the name of an agent.
-        BusTimeoutError: By the methods that need a server: there is none, or it does not respond.
-        BusError: By waiting for the end: the server went away before.
+        FqnError: No action is given, and the name is not allowed for an agent.
+        BusTimeoutError: A method needs a server, and there is none, or it does not respond.
+        BusError: The server disappeared before the end.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Execution:
         self._answered.set()  # no goal was sent yet
 
     async def ready(self) -> None:
-        """Return once there is a server, so that a goal arrives at once."""
+        """Return once a server is discovered, so that a goal arrives without delay."""
         await self._client.wait_for_server(self._timeout_s)
 
     async def begin(self, order: Order) -> None:
@@ -87,16 +87,17 @@ class Execution:
         return ended_of(await self._handle.result())
 
     async def cancel(self) -> None:
-        """Stop the agent; `result` then returns when it stands. Nothing happens after the end.
+        """Stop the agent; `result` then returns when the agent stands. The method has no effect after the end.
 
-        The agent may move before its response arrives. A goal that is being sent is cancelled then.
+        The agent may move before its response to a new goal arrives. Such a goal is cancelled when the response
+        arrives.
         """
         await self._answered.wait()
         if self._handle is not None:
             await self._handle.cancel_goal(self._timeout_s)
 
     def close(self) -> None:
-        """Close the client; the agent goes on."""
+        """Close the client; the agent continues its trajectory."""
         self._client.close()
 
     def _received(self, message: Any) -> None:
@@ -109,7 +110,8 @@ def scene_orders(
 ) -> tuple[Order, ...]:
     """Return the orders of a scene to the named agents, by default to all that follow a trajectory.
 
-    All have the same time 0: `start_ns`, as Unix time in ns; 0: when each server accepts its goal.
+    All orders have the same time 0: `start_ns`, as Unix time in ns. With 0, each trajectory begins when its server
+    accepts the goal.
 
     Raises:
         InvalidValueError: There is no such agent, several have this name, or it has no trajectory.

@@ -19,7 +19,7 @@ from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 from sfglab.units import NS_PER_S
 
 FOLLOW_TRAJECTORY = "sfglab_interfaces/action/FollowTrajectory"
-"""ROS type of the action."""
+"""ROS type of the action that moves an agent along a trajectory."""
 _POLYLINE_STEP_NS = 100_000_000
 _SUCCEEDED = GoalStatus.SUCCEEDED
 _ABORTED = GoalStatus.ABORTED
@@ -29,8 +29,8 @@ _CANCELED = GoalStatus.CANCELED
 class Outcome(Enum):
     """Outcome of an order.
 
-    A server that refuses a goal accepts and aborts it, because only a result has a reason. `REJECTED` has
-    no result; our simulated agents never report `PATH_LEFT`.
+    A server that refuses a goal accepts and then aborts it, because only a result contains a reason. An outcome
+    `REJECTED` has no result. The simulated agents of sfglab never report `PATH_LEFT`.
     """
 
     status: GoalStatus  #: Last status of the goal.
@@ -38,7 +38,7 @@ class Outcome(Enum):
     meaning: str  #: Meaning, a clause.
 
     def __new__(cls, word: str, status: GoalStatus, code: int, meaning: str) -> Self:
-        """Make a member whose value is a word."""
+        """Use the word alone as the value of a member."""
         made = object.__new__(cls)
         made._value_ = word
         made.status, made.code, made.meaning = status, code, meaning
@@ -87,23 +87,24 @@ class RefusalError(SfglabError, ValueError):
 
     def __init__(self, outcome: Outcome, text: str) -> None:
         self.outcome = outcome  #: Outcome of the order.
-        self.text = text  #: Reason, in words.
+        self.text = text  #: Cause of the refusal, as a sentence.
         super().__init__(f"{outcome.value}: {text}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """A trajectory for an agent."""
+    """A trajectory that an agent is to execute, with its frame and start time."""
 
     agent: str  #: Name of the agent.
     trajectory: Trajectory  #: The trajectory.
-    frame_id: str = "map"  #: Frame of its poses.
-    start_ns: int = 0  #: Its time 0 as Unix time, ns; 0: when the server accepts the goal.
+    frame_id: str = "map"  #: Frame of the trajectory's poses.
+    #: Unix time of the trajectory's time 0, ns; 0: when the server accepts the goal.
+    start_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feedback:
-    """Feedback of a server."""
+    """Feedback of a server on the execution of a trajectory."""
 
     share: float  #: Share of the trajectory's duration that is over, 0 to 1.
     pose: Pose  #: Pose of the agent.
@@ -112,10 +113,10 @@ class Feedback:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ended:
-    """End of an execution."""
+    """Result of the execution of a trajectory."""
 
-    outcome: Outcome  #: Outcome.
-    text: str = ""  #: Reason, in words; empty after success.
+    outcome: Outcome  #: Outcome of the execution.
+    text: str = ""  #: Cause, as a sentence; empty after success.
     pose: Pose | None = None  #: Pose of the agent at the end; None: the result has none.
 
     def __str__(self) -> str:
@@ -123,7 +124,11 @@ class Ended:
 
 
 def action_name(agent: str) -> str:
-    """Return the default action of an agent (paper A, 4.1); FqnError if this is no agent's name."""
+    """Return the name of an agent's default action, ``/global/<agent>/execute_trajectory`` (paper A, section 4.1).
+
+    Raises:
+        FqnError: The name is not allowed for an agent.
+    """
     builder = RosFqnBuilder().scope(Scope.GLOBAL).agent(agent)
     return str(builder.resource(Resource.EXECUTE_TRAJECTORY).build())
 
@@ -162,9 +167,12 @@ def goal_message(order: Order) -> Any:
 
 
 def order_from_goal(goal: Any) -> Order:
-    """Return the order of a goal, or raise a RefusalError if it has no trajectory of the agent.
+    """Return the order in a goal of the action.
 
-    The trajectory is that of the joint with the agent's name; if there is none, of the first joint.
+    The trajectory is that of the joint with the agent's name or, if there is none, that of the first joint.
+
+    Raises:
+        RefusalError: The goal has no valid trajectory.
     """
     message, agent = goal.trajectory, str(goal.agent)
     names = list(message.joint_names)
@@ -189,19 +197,19 @@ def order_from_goal(goal: Any) -> Order:
 
 
 def duration_msg(time_ns: int) -> Any:
-    """Return a `builtin_interfaces/msg/Duration`."""
+    """Return a duration in nanoseconds as a `builtin_interfaces/msg/Duration`."""
     sec, nanosec = divmod(time_ns, NS_PER_S)
     return message_type("builtin_interfaces/msg/Duration")(sec=sec, nanosec=nanosec)
 
 
 def stamped_pose(pose: Pose, frame_id: str, stamp_ns: int) -> Any:
-    """Return a `geometry_msgs/msg/PoseStamped`."""
+    """Return a pose in a frame at a time (ns since the epoch) as a `geometry_msgs/msg/PoseStamped`."""
     stamped = message_type("geometry_msgs/msg/PoseStamped")
     return stamped(header=header_msg(frame_id, stamp_ns), pose=pose.to_pose_msg())
 
 
 def feedback_of(message: Any) -> Feedback:
-    """Return the feedback in a message."""
+    """Return the values of a feedback message of the action."""
     return Feedback(
         share=float(message.progress),
         pose=Pose.from_msg(message.pose.pose, place="feedback"),
@@ -210,7 +218,7 @@ def feedback_of(message: Any) -> Feedback:
 
 
 def ended_of(result: GoalResult) -> Ended:
-    """Return the end in a result."""
+    """Return the end of an execution from the result of its goal."""
     message = result.result
     try:
         pose = Pose.from_msg(message.final_pose.pose, place="result")

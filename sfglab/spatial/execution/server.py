@@ -41,9 +41,9 @@ _ROUNDING = 1e-3  #: Share by which a trajectory may exceed the highest speed.
 class AgentSetup:
     """Settings of a simulated agent."""
 
-    pose: Pose = field(default_factory=Pose)  #: Pose before it moves.
-    frame_id: str = "map"  #: Frame of its poses.
-    limits: Limits = field(default_factory=Limits)  #: Limits of its motion.
+    pose: Pose = field(default_factory=Pose)  #: Pose before the first motion.
+    frame_id: str = "map"  #: Frame of the poses.
+    limits: Limits = field(default_factory=Limits)  #: Limits of the motion.
 
     @classmethod
     def of_scene(cls, scene: Scene, agent: AgentObject) -> AgentSetup:
@@ -58,10 +58,17 @@ class AgentSetup:
 
 
 def check_order(order: Order, agent: str, setup: AgentSetup, pose: Pose, now_ns: int) -> None:
-    """Check whether an agent at a pose can carry out an order, by the clock of the order's start.
+    """Check that an agent at a pose can execute an order.
+
+    Args:
+        order: The order.
+        agent: Name of the agent.
+        setup: Settings of the agent.
+        pose: Present pose of the agent.
+        now_ns: Present time, Unix time, ns, as in `Order.start_ns`.
 
     Raises:
-        RefusalError: It cannot; with the first reason.
+        RefusalError: The agent cannot execute the order; the error has the first cause.
     """
     if order.agent != agent:
         text = f"agent: given {order.agent!r}, allowed: {agent!r}"
@@ -92,9 +99,9 @@ def check_order(order: Order, agent: str, setup: AgentSetup, pose: Pose, now_ns:
 
 
 class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
-    """Moves one simulated agent along the trajectories that it is sent, one at a time.
+    """Action server that moves one simulated agent along one received trajectory at a time.
 
-    It publishes ``/global/<agent>/pose`` and ``odometry``, and the frame ``<agent>/base`` on ``/tf``. A goal
+    The server publishes ``/global/<agent>/pose`` and ``odometry``, and the frame ``<agent>/base`` on ``/tf``. A goal
     that is canceled ends when the agent stands. By default, the action is
     ``/global/<agent>/execute_trajectory``.
 
@@ -104,7 +111,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
     ```
 
     Raises:
-        FqnError: It is not the name of an agent.
+        FqnError: The name is not allowed for an agent.
     """
 
     def __init__(
@@ -113,7 +120,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         self._node, self._agent, self._setup = node, agent, setup or AgentSetup()
         self.state = AgentState(pose=self._setup.pose)  #: State of the agent.
         self._run: _Run | None = None
-        # Imports SciPy now and not after the start of a goal.
+        # The call imports SciPy now instead of after the start of a goal.
         motion_of(Trajectory.standing(self._setup.pose))
         self._stepped_ns = node.get_clock().now_ns()
         own = RosFqnBuilder().scope(Scope.GLOBAL).agent(agent)
@@ -130,7 +137,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
 
     @property
     def busy(self) -> bool:
-        """Whether it follows a goal."""
+        """Whether the agent follows a goal."""
         return self._run is not None
 
     def close(self) -> None:
@@ -166,7 +173,11 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         return self._finish(handle, outcome, text)
 
     def _accepted(self, goal: Any) -> Order:
-        """Return the order of a goal that can be followed now, or raise a RefusalError."""
+        """Return the order of a goal, if the agent can follow it now.
+
+        Raises:
+            RefusalError: The agent cannot follow the goal.
+        """
         order = order_from_goal(goal)
         now_ns = self._node.get_clock().now_ns()
         check_order(order, self._agent, self._setup, self.state.pose, now_ns)
@@ -232,7 +243,7 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
 
 @dataclass(slots=True, kw_only=True)
 class _Run:
-    """A goal that is followed."""
+    """A goal that the agent follows."""
 
     handle: ServerGoalHandle
     follower: Follower

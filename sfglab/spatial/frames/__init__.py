@@ -1,1 +1,1 @@
-"""Frames with time: a buffer of transforms, look-up at any time within it, names with prefixes, and a lint."""
+"""TF frames with time: a buffer of transforms with lookup at any time in it, a listener, and a check of TF trees."""

@@ -1,8 +1,8 @@
-"""The TF tree with time: transforms in, poses between any two frames at any time of the history out.
+"""Buffer of transforms: it gives the pose between any two frames at any time of the history.
 
-The semantics are those of tf2. A frame has one parent, that of the latest transform. Static transforms
-hold at all times. Between two stamps, positions are interpolated linearly and orientations by SLERP.
-Nothing is extrapolated unless asked. This is plain Python: a look-up over 12 edges takes less than 0.1 ms
+The semantics are those of tf2. A frame has one parent, that of the latest transform. Static transforms are valid
+at all times. Between two stamps, positions are interpolated linearly and orientations by SLERP.
+Extrapolation must be requested. The module is plain Python: a lookup over 12 edges takes less than 0.1 ms
 (`benchmarks/frames.py`).
 """
 
@@ -65,7 +65,7 @@ class Edge:
     contradicting: int = 0
 
     def add(self, stamp_ns: int) -> None:
-        """Count one more transform."""
+        """Count one more transform with its stamp, ns."""
         self.count += 1
         if stamp_ns < self.last_ns and not self.static:
             self.backwards += 1
@@ -114,7 +114,7 @@ class _Frame:
         return is_other
 
     def pose_at(self, time_ns: int, reach_ns: int) -> Pose | None:
-        """Return the pose in the parent at a time, or None if it is not known then."""
+        """Return the pose in the parent at a time, ns; None if it is not known with `reach_ns` of extrapolation."""
         stamps = self.stamps
         if self.is_static and stamps:
             return self.poses[0]
@@ -135,8 +135,8 @@ class FrameBuffer:
         history_s: Length of the history before the newest transform of a frame, s; None: unlimited.
 
     Raises:
-        UnknownFrameError: From each method with a frame: no transform has this frame.
-        NotConnectedError: From each method with two frames: they are in different trees.
+        UnknownFrameError: A method was given a frame that occurs in no transform.
+        NotConnectedError: A method was given two frames of different trees.
     """
 
     def __init__(self, *, history_s: float | None = 10.0) -> None:
@@ -146,7 +146,7 @@ class FrameBuffer:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """The names of all frames, sorted."""
+        """Names of all frames, sorted."""
         return tuple(sorted(self._frames))
 
     @property
@@ -161,12 +161,12 @@ class FrameBuffer:
 
         Args:
             transform: The transform.
-            static: Whether it is static.
-            authority: Its publisher; empty if unknown.
+            static: Whether the transform is static.
+            authority: Name of the publisher; empty if unknown.
 
         Raises:
             InvalidValueError: A frame has no name.
-            FrameLoopError: The child would be below itself. The tree stays as it was.
+            FrameLoopError: The child would be below itself; the tree is unchanged.
         """
         edge = self._count(transform, static=static, authority=authority)
         child, parent = self._frame(transform.child), self._frame(transform.parent)

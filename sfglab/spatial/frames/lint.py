@@ -1,8 +1,8 @@
 """Errors of a TF tree: parents, loops, roots, names, stamps, and transforms that listeners ignore.
 
-tf2 reports few of them. With two parents a frame jumps between them, and with two roots a look-up fails
-later and elsewhere. Frames have the prefix of their agent, ``<agent>/<frame>`` (paper A, section 4.1,
-and `sfglab.names`). The functions judge edges that were received; they have no clock and no node.
+tf2 reports few of these errors. A frame with two parents jumps between them, and in a tree with two roots a lookup
+fails later and in another node. Frames have the prefix of their agent, ``<agent>/<frame>`` (paper A, section 4.1,
+and `sfglab.names`). The functions check received edges; they need neither a clock nor a node.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ _WHY = {
 
 @dataclass(frozen=True, slots=True)
 class FrameFinding:
-    """One error of a tree."""
+    """One error of a TF tree."""
 
     code: str  #: Code of the error.
-    frames: tuple[str, ...]  #: Frames, or topics, that it is about.
+    frames: tuple[str, ...]  #: Frames, or topics, with the error.
     what: str  #: Description of the error.
 
     @property
     def why(self) -> str:
-        """Its consequence."""
+        """Consequence of the error."""
         return _WHY[self.code]
 
     def __str__(self) -> str:
@@ -64,7 +64,7 @@ def lint_frames(
     refused: Mapping[tuple[str, str, str], int] | None = None,
     namespaced: Iterable[str] = (),
 ) -> tuple[FrameFinding, ...]:
-    """Return the errors of a tree.
+    """Return the errors of a TF tree.
 
     Args:
         edges: Edges of the tree, as of `FrameBuffer.edges`.
@@ -110,7 +110,7 @@ def _publishers(edges: Iterable[Edge]) -> Iterator[FrameFinding]:
 
 
 def _rivals(group: Sequence[Edge]) -> list[str]:
-    """Return the publishers of an edge at the same time; one that replaced another is no rival."""
+    """Return the publishers that publish an edge at the same time, without those that replaced an earlier one."""
     moving = sorted((e for e in group if not e.static), key=lambda e: (e.first_ns, e.last_ns))
     rivals = set()
     for before, after in combinations(moving, 2):

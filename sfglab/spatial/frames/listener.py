@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 
 
 class TransformIntake:
-    """Inserts the transforms of messages into a buffer."""
+    """Intake that inserts the transforms of messages into a buffer, and counts refused ones."""
 
     def __init__(self, buffer: FrameBuffer) -> None:
         self._buffer = buffer
@@ -48,7 +48,13 @@ class TransformIntake:
         self.refused: Counter[tuple[str, str, str]] = Counter()
 
     def take(self, message: Any, *, static: bool, authority: str = "") -> None:
-        """Insert all transforms of a `tf2_msgs/msg/TFMessage`."""
+        """Insert all transforms of a `tf2_msgs/msg/TFMessage`; an invalid one is counted in `refused` and skipped.
+
+        Args:
+            message: The message.
+            static: Whether it is from /tf_static.
+            authority: Name of its publisher, for error messages.
+        """
         for transform in message.transforms:
             try:
                 _check_numbers(transform)
@@ -64,9 +70,12 @@ class TransformIntake:
 
 
 def _check_numbers(transform: Any) -> None:
-    """Raise a FrameError if tf2 ignores a `geometry_msgs/msg/TransformStamped` for its numbers.
+    """Check that tf2 accepts the numbers of a `geometry_msgs/msg/TransformStamped`.
 
-    They are not in the text, so that a stream of such transforms is one reason.
+    The error's text does not contain the numbers, so that a stream of such transforms has one reason.
+
+    Raises:
+        FrameError: tf2 ignores the transform because of its numbers.
 
     Source:
         tf2, buffer_core.cpp, `BufferCore::setTransformImpl` (Humble to Rolling).
@@ -111,7 +120,13 @@ class FramesListener(TransformIntake):
     async def wait_for(
         self, target: str, source: str, time_ns: int | None = None, *, timeout_s: float = 1.0
     ) -> Pose:
-        """Return a pose, as `FrameBuffer.look_up`, as soon as the transforms for it are known.
+        """Return the pose of the source frame in the target frame as soon as the transforms for it are known.
+
+        Args:
+            target: Target frame.
+            source: Source frame.
+            time_ns: Time, ns; None: the latest time at which all transforms are known.
+            timeout_s: Longest wait, s.
 
         Raises:
             UnknownFrameError: A frame is still unknown after the timeout.
@@ -137,7 +152,7 @@ class FramesListener(TransformIntake):
 def fill_from_log(reader: LogReader, buffer: FrameBuffer) -> TransformIntake:
     """Insert all transforms on /tf and /tf_static of a log into a buffer, and return the intake.
 
-    A buffer with ``history_s=None`` keeps all of them.
+    A buffer with ``history_s=None`` keeps all transforms.
     """
     intake = TransformIntake(buffer)
     for topic in (TF_STATIC, TF):

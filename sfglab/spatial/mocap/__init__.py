@@ -1,1 +1,1 @@
-"""Motion capture: where cameras see the agents, published so that every agent's tree of frames stays whole."""
+"""Motion capture: the detected poses of agents, published as TF so that each agent keeps one TF tree."""

@@ -1,6 +1,6 @@
-"""The mocap bridge: captures in, transforms and a status out.
+"""Motion-capture bridge: it converts captures into transforms, and publishes a status.
 
-`BridgeCore` decides, without clock and node, and `MocapBridge` is its node. The topic of the status,
+`BridgeCore` makes the decisions without clock and node, and `MocapBridge` is its node. The topic of the status,
 `sfglab_interfaces/msg/MocapStatus`, is global, so that routers forward it (paper A, section 4.1).
 """
 
@@ -48,7 +48,7 @@ STATUS_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
 _OBJECT = "sfglab_interfaces/msg/MocapObject"
 _RECENT = 1000  # transforms whose latency counts
 _STATUS_PERIOD_S = 1.0
-#: Time by which agents' transforms are continued where they are older than a capture.
+#: Time, ns, by which an agent's transforms are extrapolated if they are older than a capture.
 _REACH_NS = 100 * NS_PER_MS
 _SETTLE_NS = 500 * NS_PER_MS
 
@@ -56,11 +56,11 @@ _log = logging.getLogger(__name__)
 
 
 class ObjectStatus:
-    """Status of one object of the mapping."""
+    """State and counters of one captured object, as the bridge reports them."""
 
     def __init__(self, mapped: MappedObject, limits: Limits) -> None:
-        self.mapped = mapped  #: The object.
-        self.track = Track(limits)  #: Its poses over time.
+        self.mapped = mapped  #: Object of the mapping.
+        self.track = Track(limits)  #: Poses of the object over time.
         self.frame = ""  #: Frame that was published latest; empty before the first one.
         self.published = 0  #: Number of published transforms.
         self.unplaced = 0  #: Number of sound poses that the agent's tree did not allow to publish.
@@ -100,7 +100,7 @@ class ObjectStatus:
 class BridgeCore:
     """Converts captures into transforms that keep the agents' trees whole.
 
-    The agents' transforms are continued by up to 0.1 s where they are older than a capture.
+    The agents' transforms are extrapolated by up to 0.1 s if they are older than a capture.
 
     Args:
         mapping: Objects and their frames.
@@ -124,11 +124,11 @@ class BridgeCore:
 
     @property
     def statuses(self) -> tuple[ObjectStatus, ...]:
-        """Status of each object of the mapping. They change with the next capture."""
+        """Status of each object of the mapping; the objects change with the next capture."""
         return tuple(self._objects.values())
 
     def take(self, capture: Capture) -> list[StampedTransform]:
-        """Take a capture, and return the transforms to publish now, stamped with the capture time."""
+        """Process a capture, and return the transforms to publish now, stamped with the capture time."""
         self._count(capture)
         transforms = []
         for id_, status in self._objects.items():
@@ -184,7 +184,7 @@ class BridgeCore:
 
 
 def status_topic(agent: str = "") -> str:
-    """Return the topic of a bridge's status; without an agent, it belongs to none."""
+    """Return the topic of a bridge's status, below the agent's name if an agent is given."""
     name = RosFqnBuilder().scope(Scope.GLOBAL).resource(Custom("mocap_status"))
     return str((name.agent(agent) if agent else name.without_agent()).build())
 
@@ -221,9 +221,9 @@ def _object_message(status: ObjectStatus) -> Any:
 
 
 class MocapBridge:
-    """Publishes poses of agents from a capture system as TF, and keeps the agents' trees whole.
+    """Bridge that publishes poses from a capture system as TF, so that each agent keeps one TF tree.
 
-    Its node subscribes to /tf and /tf_static, and publishes on /tf and, for its status, `status_topic`.
+    The node subscribes to /tf and /tf_static. It publishes transforms on /tf, and the status on `status_topic`.
 
     ```python
     bridge = MocapBridge(node, ViconSource("192.168.10.1", clock=node.get_clock()), load_mapping(path))
@@ -231,10 +231,10 @@ class MocapBridge:
     ```
 
     Args:
-        node: The node.
+        node: Node in the domain.
         source: Source of captures.
         mapping: Objects and their frames.
-        agent: Agent that has the bridge, as in the topic of the status; empty: none.
+        agent: Agent in the name of the status topic; empty: none.
     """
 
     def __init__(
@@ -242,7 +242,8 @@ class MocapBridge:
     ) -> None:
         self._node, self._source, self._agent = node, source, agent
         self._buffer = FrameBuffer()
-        self.core = BridgeCore(mapping, self._buffer, settle_ns=_SETTLE_NS)  #: It decides.
+        #: Core that makes the decisions.
+        self.core = BridgeCore(mapping, self._buffer, settle_ns=_SETTLE_NS)
 
     async def run(self) -> None:
         """Run until the source ends, or until cancelled.

@@ -1,9 +1,9 @@
 """Objects of a capture system, the frames of their agents, and the transforms that place them.
 
-Paper A, section 4.5: the official receiver "rigidly maps Vicon tracked object IDs to ROS 2 TF frame
-IDs". If it publishes the markers, the robot's tree has a second root. Therefore the root of that tree is
-published instead (Eq. 4, ``T_map_base = T_map_markers * T_markers_base``). The markers, which may be
-anywhere in the tree, are then where the cameras detect them: they are the proxy frame.
+According to paper A, section 4.5, the official receiver "rigidly maps Vicon tracked object IDs to ROS 2 TF frame
+IDs". If the receiver publishes the frame of the markers, the robot's tree has a second root. Therefore the bridge
+publishes the root of the robot's tree instead (Eq. 4, ``T_map_base = T_map_markers * T_markers_base``). The frame of
+the markers, the proxy frame, may be anywhere in the tree, and then is at the place where the cameras detect it.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class MappedObject:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MocapMapping:
-    """All objects, and the limits of their motion.
+    """Objects of a capture system with their frames, and the limits of their motion.
 
     Raises:
         InvalidValueError: There is no object, two objects have one frame, or a frame is the world.
@@ -82,20 +82,20 @@ def load_mapping(path: Path | str) -> MocapMapping:
     """Return the mapping of a YAML file such as ``data/mocap/two_agents.yaml``.
 
     Raises:
-        DocumentError: The file is no mapping; the error names the line.
+        DocumentError: The file cannot be read, or is no mapping; the error names the line.
     """
     return Document.of_file(path).read(MocapMapping)
 
 
 class PlacingError(MocapError):
-    """A frame that must not be published, because the tree would break."""
+    """A frame that must not be published, because the agent's frames would no longer form one tree."""
 
     def __init__(self, frame: str, why: str) -> None:
         super().__init__(f"frame {frame!r} is not published: {why}")
 
 
 class SettlingError(PlacingError):
-    """A root that may yet change: the agent's transforms are still arriving."""
+    """A root that may still change, because the agent's transforms are still arriving."""
 
 
 def place_via_proxy(
@@ -107,7 +107,7 @@ def place_via_proxy(
         buffer: Transforms of the agent.
         mapped: The object.
         seen: Pose of the object in the world.
-        reach_ns: Time by which the agent's transforms are continued where they are older than the
+        reach_ns: Time by which the agent's transforms are extrapolated if they are older than the
             capture, ns.
 
     Raises:
@@ -154,7 +154,10 @@ def direct_name(object_id: str) -> str:
 
 
 def direct_transforms(capture: Capture, *, world: str) -> Iterator[StampedTransform]:
-    """Yield the transforms of the Vicon Receiver for ROS 2, 1.0.x, stamped at receipt: Fig. 6, left."""
+    """Yield the transforms that the Vicon Receiver for ROS 2, 1.0.x, publishes, stamped at receipt.
+
+    Paper A, Fig. 6, left, shows the resulting TF tree.
+    """
     for object_id, sight in capture.sights.items():
         if isinstance(sight, Pose):
             yield StampedTransform(

@@ -1,9 +1,9 @@
 """Captures from ROS topics, from a log, or from a Vicon Tracker.
 
-The Tracker is read with `pyvicon-datastream`, which is installed only where it is needed. It returns
+The Tracker is read with `pyvicon-datastream`, which users install only if they need it. The package returns
 millimetres, quaternions as w, x, y, z, and None for an occluded object. It also returns the latency from
-the cameras to its output in seconds: the capture time is the receipt less that latency. Its calls block,
-so they run in a thread.
+the cameras to its output in seconds: the capture time is the time of receipt minus this latency. The package's calls
+block, so they run in a thread.
 
 Source: pyvicon_datastream/pyvicon_datastream.py of pyvicon-datastream 0.2; Vicon DataStream SDK 1.11 manual.
 """
@@ -52,7 +52,7 @@ class TopicSource:
     """Captures from one topic per object, received with best effort.
 
     Args:
-        node: The node.
+        node: Node that subscribes to the topic.
         topics: Topics by object.
         type_: Type of all topics: `POSE` or `TRANSFORM`.
     """
@@ -61,7 +61,7 @@ class TopicSource:
         self._node, self._topics, self._type = node, topics, type_
 
     async def captures(self) -> AsyncGenerator[Capture, None]:
-        """Subscribe, and yield a capture per message; of waiting ones, the latest 1000 remain."""
+        """Subscribe, and yield one capture per message; of waiting captures, the latest 1000 are kept."""
         waiting: asyncio.Queue[Capture] = asyncio.Queue(_WAITING)
 
         def receive(object_id: str, message: Any) -> None:
@@ -94,7 +94,7 @@ class LogSource:
         self._reader, self._topics, self._clock = reader, topics, clock
 
     async def captures(self) -> AsyncGenerator[Capture, None]:
-        """Yield all captures. Their receipt is the time in the log.
+        """Yield all captures at the pace of the log; the time of receipt is the log time.
 
         Raises:
             LogError: The log has no such topic.
@@ -128,7 +128,7 @@ _NO_FRAME_PAUSE_S = 0.002
 
 
 class ViconSource:
-    """Captures of all subjects of a Vicon Tracker, each with the pose of its root segment.
+    """Captures of all subjects of a Vicon Tracker: one pose per subject, that of its root segment.
 
     Objects are named ``subject/segment``, or ``subject`` if both have the same name.
 

@@ -33,10 +33,10 @@ _JITTER_S = 0.0005  # mean of the exponential part of that time
 class SyntheticMotion:
     """A closed path: an ellipse whose height, roll and pitch vary; the x axis points forward."""
 
-    centre_m: Vec3 = (0.0, 0.0, 0.5)  #: Centre of the ellipse.
+    centre_m: Vec3 = (0.0, 0.0, 0.5)  #: Centre of the ellipse, x, y, z, m.
 
     def pose_at(self, time_s: float) -> Pose:
-        """Return the pose at a time."""
+        """Return the pose at a time, seconds."""
         from scipy.spatial.transform import Rotation
 
         angle = 2.0 * math.pi * time_s / _PERIOD_S
@@ -54,8 +54,8 @@ class SyntheticConfig:
     """Quality of the capture system. Times between occlusions and their durations are random."""
 
     rate_hz: float = 100.0  #: Captures per second, above 0.
-    occlusions_hz: float = 0.0  #: Occlusions per object and second.
-    occlusion_s: float = 0.2  #: Mean duration of an occlusion, above 0.
+    occlusions_hz: float = 0.0  #: Mean number of occlusions per object and second, 1/s.
+    occlusion_s: float = 0.2  #: Mean duration of an occlusion, s, above 0.
     dropped: float = 0.0  #: Share of captures that are lost, below 1.
 
 
@@ -74,7 +74,7 @@ def synthetic_captures(
         config: Quality of the capture system.
         rng: Generator of noise, occlusions, losses and latencies.
         start_ns: Time of the first capture, which is time 0 of the paths, ns.
-        duration_s: Duration.
+        duration_s: Duration, s.
     """
     hidden: set[str] = set()
     for number in range(math.ceil(min(duration_s * config.rate_hz, 2**62))):
@@ -117,7 +117,7 @@ class SyntheticSource:
         self._captures, self._clock = captures, clock
 
     async def captures(self) -> AsyncGenerator[Capture, None]:
-        """Yield the captures."""
+        """Yield each capture at its time of receipt."""
         for capture in self._captures:
             # A loop may wake up a little early, when the capture has not arrived yet.
             while (wait_ns := capture.receipt_ns - self._clock.now_ns()) > 0:

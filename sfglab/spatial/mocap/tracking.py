@@ -1,8 +1,8 @@
-"""Captures of a motion capture system, and which poses of an object are published.
+"""Captures of a motion-capture system, and the decision which poses of an object are published.
 
 Cameras lose objects, confuse their markers, and detect symmetric patterns turned by half a turn. A pose
-that the object cannot have reached since its last published one is not published. If the object stays
-there for some time, the pose is published after all, because then the former pose was the wrong one.
+that the object cannot have reached since its last published pose is not published. If the object stays
+at such a pose for some time, the pose is published, because then the former pose was wrong.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 
 class MocapError(SfglabError):
-    """Motion capture that is not available or cannot be used."""
+    """A motion-capture system or capture that is not available or cannot be used."""
 
 
 class Lapse(Enum):
-    """The reason why an object has no pose in a capture."""
+    """Reason why an object has no pose in a capture."""
 
     OCCLUDED = "occluded"  #: Too few markers of the object were visible.
     INVALID = "invalid"  #: The numbers are no pose: not finite, or a quaternion of length zero.
@@ -37,32 +37,32 @@ Sight = Pose | Lapse  #: Pose of an object in the world of the capture system, o
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capture:
-    """All objects at one time."""
+    """Poses of all detected objects at one time."""
 
     number: int | None  #: Frame number of the capture system; None if it has none.
     capture_ns: int  #: Time of the capture by this host's clock, ns.
-    receipt_ns: int  #: Time of its arrival by the same clock, ns.
+    receipt_ns: int  #: Time of the capture's arrival by the same clock, ns.
     sights: Mapping[str, Sight]  #: Detected objects by their id in the capture system.
 
 
 class MocapSource(Protocol):
-    """A source of captures."""
+    """A source of captures, such as a motion-capture system or a synthetic motion."""
 
     def captures(self) -> AsyncGenerator[Capture, None]:
         """Yield captures. The first one opens the source, and closing the generator closes it."""
 
 
 class TrackState(Enum):
-    """The state of an object."""
+    """State of an object in the course of captures."""
 
-    ABSENT = "absent"  #: It was never detected.
-    TRACKED = "tracked"  #: Its latest pose was published.
-    HIDDEN = "hidden"  #: It is not detected now.
-    SUSPECT = "suspect"  #: It is detected at a place that it cannot have reached.
+    ABSENT = "absent"  #: The object was never detected.
+    TRACKED = "tracked"  #: The latest pose of the object was published.
+    HIDDEN = "hidden"  #: The object is not detected now.
+    SUSPECT = "suspect"  #: The object is detected at a pose that it cannot have reached.
 
 
 class Verdict(Enum):
-    """The verdict on an object in a capture."""
+    """Decision about the pose of an object in a capture."""
 
     SOUND = "sound"  #: The object can be there.
     JUMPED = "jumped"  #: The position is out of reach.
@@ -74,7 +74,7 @@ class Verdict(Enum):
 
     @property
     def is_published(self) -> bool:
-        """Whether such a pose is published."""
+        """Whether a pose with this verdict is published."""
         return self in {Verdict.SOUND, Verdict.CONFIRMED}
 
 
@@ -82,20 +82,20 @@ class Verdict(Enum):
 class Limits:
     """Limits of all objects' motion, and the time after which a pose beyond them is published."""
 
-    speed_m_s: float = between(10.0, without=(0,))  #: Highest speed.
-    turn_rad_s: float = between(12.0, without=(0,))  #: Highest rate of rotation.
-    #: Distance that two poses may always have, because of noise.
+    speed_m_s: float = between(10.0, without=(0,))  #: Highest speed, m/s.
+    turn_rad_s: float = between(12.0, without=(0,))  #: Highest rate of rotation, rad/s.
+    #: Distance that two poses may always have, because of noise, m.
     slack_m: float = between(0.02, without=(0,))
-    #: Angle that two poses may always have, because of noise.
+    #: Angle that two poses may always have, because of noise, rad.
     slack_rad: float = between(0.2, without=(0,))
-    #: Largest rotation that is published at once, however long the object was hidden. Symmetric markers
+    #: Largest rotation that is published at once, however long the object was hidden, rad. Symmetric markers
     #: may be detected turned by half a turn.
     turn_rad: float = between(2.7, without=(0,))
-    #: Time after which a pose out of reach is published.
+    #: Time after which a pose out of reach is published, s.
     believe_after_s: float = between(0.5, without=(0,))
 
     def verdict(self, before: Pose, after: Pose, elapsed_ns: int) -> Verdict:
-        """Return whether an object can move so far: SOUND, JUMPED or FLIPPED."""
+        """Return whether an object can move from a pose to another one in a time, ns: SOUND, JUMPED or FLIPPED."""
         elapsed_s = elapsed_ns / NS_PER_S
         if before.distance_m(after) > self.speed_m_s * elapsed_s + self.slack_m:
             return Verdict.JUMPED
@@ -113,7 +113,7 @@ class _Suspicion(NamedTuple):
 
 
 class Track:
-    """The poses of one object over time."""
+    """State of one captured object, which judges each new pose against the latest published one."""
 
     def __init__(self, limits: Limits) -> None:
         self.state = TrackState.ABSENT  #: State of the object.
@@ -124,7 +124,7 @@ class Track:
         self._suspicion: _Suspicion | None = None
 
     def judge(self, sight: Sight, capture_ns: int) -> Verdict:
-        """Return the verdict on the object in the next capture."""
+        """Process the object's pose in the next capture, and return the verdict on it."""
         if capture_ns <= self._seen_ns:
             return Verdict.STALE
         self._seen_ns = capture_ns
@@ -147,13 +147,13 @@ class Track:
         return verdict
 
     def _reach(self, pose: Pose, elapsed_ns: int) -> Verdict:
-        """Return whether an object can have come to a pose from its last published one in a time."""
+        """Return whether an object can have reached a pose from its last published pose in a time, ns."""
         if self._pose is None:
             return Verdict.SOUND
         return self._limits.verdict(self._pose, pose, elapsed_ns)
 
     def _stays(self, suspicion: _Suspicion, pose: Pose, now_ns: int) -> bool:
-        """Return whether an object stays at a suspect place, even if by now it could have gone there slowly."""
+        """Return whether an object stays at a suspect pose, even if it could have moved there slowly by now."""
         step_ns = now_ns - suspicion.seen_ns
         is_near = self._limits.verdict(suspicion.pose, pose, step_ns) is Verdict.SOUND
         return is_near and self._reach(pose, step_ns) is not Verdict.SOUND

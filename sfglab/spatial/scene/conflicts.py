@@ -1,7 +1,7 @@
-"""Warnings about a plan, and the agents at a time.
+"""Warnings about a plan, and the poses of the agents at a time.
 
-Distances and speeds are computed from samples: at each waypoint and each 50 ms. Warnings refuse nothing, because
-an unfinished plan may be wrong.
+Distances and speeds are computed from samples: at each waypoint and every 50 ms. Warnings do not prevent an edit,
+because an unfinished plan may have conflicts.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _ROUNDING = 1e-4  # share by which a speed may exceed its limit
 
 
 class ConflictKind(Enum):
-    """Kind of a warning."""
+    """Kind of a warning about a plan."""
 
     AGENTS = "agents"  #: Two agents are closer than their radii and the scene's margin.
     OBSTACLE = "obstacle"  #: An agent touches an obstacle.
@@ -49,7 +49,7 @@ class ConflictKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conflict:
-    """A warning."""
+    """A warning about a plan."""
 
     kind: ConflictKind  #: Kind of the warning.
     objects: tuple[int, ...]  #: Ids of the objects concerned.
@@ -90,7 +90,7 @@ class _Plan:
         return [zone for zone in self.scene.all_of(ZoneObject) if zone.rule is rule]
 
     def gaps_m(self, body: ObstacleObject | ZoneObject) -> Floats:
-        """Return the distances of the agents' centres to a body, shape (agents, times); negative inside."""
+        """Return the distances of the agents' centres to a body, m, shape (agents, times); negative inside."""
         pose = self.scene.world_pose(body.id)
         local = (self.positions_m - pose.position_m) @ pose.matrix()[:3, :3]
         gaps = body.shape.distances_m(local.reshape(-1, 3))
@@ -108,7 +108,7 @@ class _Plan:
     ) -> Iterator[Conflict]:
         """Yield the warning about an agent's largest excess over what is allowed, if it is positive.
 
-        Its text has the excess, or the value of `shown` at the same time.
+        The excess has one value per time. The text has the excess, or the value of `shown` at the same time.
         """
         at = int(excess.argmax())
         if excess[at] > 0.0:
@@ -182,17 +182,17 @@ def _loose_ends(scene: Scene) -> Iterator[Conflict]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ghost:
-    """An agent at a time."""
+    """Planned pose and speed of an agent at one time."""
 
     agent: int  #: Id of the agent.
     name: str  #: Name of the agent.
     pose: Pose  #: Pose in the scene's frame.
     speed_m_s: float  #: Speed, m/s; 0 before the start, after the end and without a trajectory.
-    driving: bool  #: Whether its trajectory covers this time.
+    driving: bool  #: Whether the agent's trajectory covers this time.
 
 
 def ghosts(scene: Scene, time_s: float) -> tuple[Ghost, ...]:
-    """Return each agent at a time; it stands before its trajectory, after it, and without one."""
+    """Return the pose of each agent at a time, s; agents stand before and after their trajectory, and without one."""
     found = []
     for agent in scene.all_of(AgentObject):
         motion = scene.motion(agent.id)

@@ -1,6 +1,6 @@
-"""An editor without a screen: a scene with its history, selection, time and file, and listeners for changes.
+"""Editor without a user interface: a scene with its history, selection, time and file, and listeners for changes.
 
-A browser, a notebook or a test calls methods, in one thread, and listens; all decisions are here.
+A browser, a notebook or a test calls the methods in one thread, and listens to changes; all decisions are here.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ _DEPTH = 1000  # steps that can be undone
 
 
 class Change(Enum):
-    """A change, as listeners get it."""
+    """Kind of a change of the editor's state, which every listener receives."""
 
-    EDIT = "edit"  #: An edit was done.
-    UNDO = "undo"  #: A step was taken back.
-    REDO = "redo"  #: A step was done again.
+    EDIT = "edit"  #: An edit was made.
+    UNDO = "undo"  #: A step was undone.
+    REDO = "redo"  #: A step was redone.
     LOAD = "load"  #: Another scene was loaded.
     SAVE = "save"  #: The scene was saved.
     SELECTION = "selection"  #: Other objects are selected.
@@ -50,7 +50,7 @@ class Change(Enum):
 
     @property
     def is_of_scene(self) -> bool:
-        """Whether the scene is another one now."""
+        """Whether the scene has changed, and not only the selection, the time or the file."""
         return self not in {Change.SAVE, Change.SELECTION, Change.TIME}
 
 
@@ -79,8 +79,8 @@ class Editor:
     """A scene that is edited, by default an empty one, and its file.
 
     Raises:
-        SceneError: By each method that edits or selects: an id that no object has, or an edit that is not
-            allowed; nothing changed, and no listener is called.
+        SceneError: A method that edits or selects was given an unknown id, or an edit that is not allowed. Then the
+            scene is unchanged, and no listener is called.
     """
 
     def __init__(self, scene: Scene | None = None, *, file: Path | None = None) -> None:
@@ -133,10 +133,17 @@ class Editor:
 
         return end
 
-    # Edits. Each is one step, or a part of the current drag.
+    # Edits: each edit is one step, or a part of the current drag.
 
     def add(self, kind: str, name: str = "", *, parent: int = ROOT, **values: Any) -> int:
-        """Add an object of one of `KINDS`, with values of its fields as in a file, or typed; return its id."""
+        """Add an object and return its id.
+
+        Args:
+            kind: Kind of the object, one of `KINDS`.
+            name: Name for people.
+            parent: Id of the object that holds it.
+            values: Values of further fields, as Python values or as in a file.
+        """
         if kind not in KINDS:
             raise SceneError("kind", kind, " or ".join(KINDS))
         id_ = self._next_id
@@ -220,7 +227,7 @@ class Editor:
         return new[id_]
 
     def move(self, id_: int, parent: int) -> None:
-        """Put an object under another parent, after those there; its place in the scene stays."""
+        """Move an object to another parent, after the parent's other objects; its pose in the scene's frame stays."""
         thing = self.scene.get(id_)
         if parent == thing.parent:
             return
@@ -234,16 +241,16 @@ class Editor:
         return self.set_property(id_, "name", name)
 
     def set_pose(self, id_: int, pose: Pose) -> bool:
-        """Put an object elsewhere in its parent; an aligned waypoint keeps its orientation."""
+        """Set the pose of an object in its parent; an aligned waypoint keeps its orientation."""
         return self.set_property(id_, "pose", pose)
 
     def place(self, id_: int, world_pose: Pose) -> bool:
-        """Put an object elsewhere in the scene's frame."""
+        """Set the pose of an object in the scene's frame."""
         parent = self.scene.world_pose(self.scene.get(id_).parent)
         return self.set_pose(id_, parent.inverse() @ world_pose)
 
     def set_waypoint_time(self, id_: int, time_ns: int) -> bool:
-        """Give a waypoint another time; the order of the waypoints may change."""
+        """Set the time of a waypoint, ns; the order of the waypoints may change."""
         return self.set_property(id_, "time_ns", time_ns)
 
     def set_property(self, id_: int, key: str, value: Any) -> bool:
@@ -256,29 +263,29 @@ class Editor:
         return self._put(label, made)
 
     def align(self, id_: int, align: Align) -> bool:
-        """Align all waypoints of a trajectory. Paper A, section 4.5."""
+        """Set the alignment of all waypoints of a trajectory (paper A, section 4.5)."""
         self.scene.of_kind(id_, TrajectoryObject)
         turned = [changed(waypoint, align=align) for waypoint in self.scene.waypoints(id_)]
         return self._put("Align waypoints", *turned)
 
     def set_scene(self, key: str, value: Any) -> bool:
-        """Change a property of the scene itself."""
+        """Set one property of `SceneSettings`; return whether the scene changed."""
         own = {name: getattr(self.scene, name) for name in SETTINGS}
         made = read_object(SceneSettings, own | {key: value}, "scene")
         after = replace(self.scene, **{name: getattr(made, name) for name in SETTINGS})
         return self._do(f"Change {key}", after)
 
     def _put(self, label: str, *things: SceneObject) -> bool:
-        """Do the edit that replaces objects by those of the same ids."""
+        """Commit the edit that replaces objects by those with the same ids."""
         objects = {**self.scene.objects, **{thing.id: thing for thing in things}}
         return self._commit(label, objects.values())
 
     def _commit(self, label: str, objects: Iterable[SceneObject]) -> bool:
-        """Do the edit that leads to a scene with these objects."""
+        """Commit the edit whose result is a scene with these objects."""
         return self._do(label, scene_of(self.scene, objects))
 
     def _do(self, label: str, after: Scene) -> bool:
-        """Go on to another scene, as one step or as a part of the current drag; return whether it differs."""
+        """Set the next scene, as one step or as a part of the current drag; return whether it differs."""
         if after == self.scene:
             return False
         self._next_id = max(self._next_id, after.next_id)
@@ -290,11 +297,11 @@ class Editor:
     # Undo, redo and drags.
 
     def undo(self) -> bool:
-        """Take the last step back and end the current drag; return whether there was a step."""
+        """Undo the last step and end the current drag; return whether there was a step."""
         return self._go(-1, self.undo_label, Change.UNDO)
 
     def redo(self) -> bool:
-        """Do the last undone step again and end the current drag; return whether there was one."""
+        """Redo the last undone step and end the current drag; return whether there was one."""
         return self._go(1, self.redo_label, Change.REDO)
 
     def _go(self, steps: int, label: str | None, change: Change) -> bool:
@@ -308,7 +315,7 @@ class Editor:
         self._drag = self._history
 
     def end_drag(self) -> None:
-        """Let each of the following edits be a step."""
+        """End the drag; each of the following edits is a step again."""
         self._drag = None
 
     # Selection, time, warnings and file.
@@ -323,14 +330,18 @@ class Editor:
             self._tell(Change.SELECTION)
 
     def set_time(self, time_s: float) -> None:
-        """Move the time slider; SceneError if the time is no finite number."""
+        """Move the time slider to a time, s.
+
+        Raises:
+            SceneError: The time is no finite number.
+        """
         if not float("-inf") < time_s < float("inf"):
             raise SceneError("time", time_s, "a finite number of seconds")
         self.time_s = float(time_s)
         self._tell(Change.TIME)
 
     def ghosts(self) -> tuple[Ghost, ...]:
-        """Return each agent at the time of the slider."""
+        """Return the pose of each agent at the time of the slider."""
         return ghosts(self.scene, self.time_s)
 
     def conflicts(self) -> tuple[Conflict, ...]:
@@ -346,7 +357,7 @@ class Editor:
         target = file or self.file
         if target is None:
             raise SceneError("file", None, "a file to save into")
-        # Ids of a saved file are not given again, also if their addition was undone since.
+        # Ids of a saved file are not used again, even if their addition has been undone since.
         save_scene(replace(self.scene, next_id=self._next_id), target)
         self.file, self._saved = target, self.scene
         self._tell(Change.SAVE)
@@ -365,7 +376,7 @@ class Editor:
         self._show(_History((scene,)), Change.LOAD)
 
     def _show(self, history: _History, change: Change) -> None:
-        """Take another history, and tell that the scene differs."""
+        """Set another history, and notify the listeners of the change."""
         self._history = history
         self.selection = tuple(id_ for id_ in self.selection if id_ in self.scene.objects)
         self._tell(change)

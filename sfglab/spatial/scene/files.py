@@ -1,8 +1,8 @@
-"""Scenes as YAML files: read strictly, with file and line of each mistake; saved whole or not at all.
+"""Scenes as YAML files: the reader refuses unknown keys and names the line; the writer replaces a file atomically.
 
-A scene always has the same bytes, and a small edit makes a small difference: objects are in the order of the
-tree, one key per line, a waypoint on one line, and defaults are left out. Numbers have the fewest digits that
-read back as the same float.
+A scene always has the same bytes, and a small edit causes a small difference: objects are in the order of the
+tree, one key per line, a waypoint on one line, and defaults are left out. Numbers have the fewest digits from which
+the same float is read.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def _value(value: Any) -> str:
 
 
 def _number(value: float) -> str:
-    """Return the shortest text that YAML 1.1 reads as this float: it wants a point before an exponent."""
+    """Return the shortest text that YAML 1.1 reads as this float; YAML 1.1 requires a point before an exponent."""
     digits = repr(value + 0.0)  # no -0.0
     if "." not in digits and "e" in digits:
         return digits.replace("e", ".0e")
@@ -158,8 +158,8 @@ def read_scene(text: str, *, file: str = "scene.yaml") -> Scene:
         file: Name of its file, for messages.
 
     Raises:
-        SceneError: It is not YAML, has unknown, doubled or missing keys, or no scene can be like it: a doubled
-            id, a loop of parents, equal times, a bad number or quaternion.
+        SceneError: The text is not YAML; it has unknown, duplicate or missing keys; or it breaks a rule of scenes:
+            a duplicate id, a loop of parents, equal times, a number or quaternion that is not allowed.
     """
     try:
         document = Document(text, file)
@@ -201,7 +201,11 @@ def _objects(keys: tuple[Any, ...]) -> Iterator[tuple[KeyPath, SceneObject]]:
 
 
 def load_scene(path: Path | str) -> Scene:
-    """Read a scene file, such as ``data/scenes/hall.yaml``; a `SceneError` has the place of a mistake."""
+    """Read a scene file, such as ``data/scenes/hall.yaml``.
+
+    Raises:
+        SceneError: The file cannot be read, or has a mistake; the error names the place.
+    """
     path = Path(path)
     try:
         text = read_text(path)

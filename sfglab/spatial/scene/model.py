@@ -1,8 +1,8 @@
 """Objects of a scene (paper A, section 4.5): groups, agents, obstacles, zones, trajectories and waypoints.
 
-Each is a value with an id that no other object ever gets, a name, a parent, and a pose in its parent. Types
-and bounds of the fields are declared here once: pydantic checks files and edits with them, and the
-inspector derives its fields.
+Each object is a value with an id that no other object ever gets, a name, a parent, and a pose in its parent. Types
+and bounds of the fields are declared only here: pydantic checks files and edits with them, and the
+inspector derives its fields from them.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Box:
     size_m: tuple[Length, Length, Length]  #: Lengths along x, y and z, m.
 
     def distances_m(self, points_m: Floats) -> Floats:
-        """Return the distances of points, shape (n, 3), to the surface; negative inside."""
+        """Return the distances of points, shape (n, 3), to the surface, m, shape (n,); negative inside."""
         return _distances(np.abs(points_m) - np.array(self.size_m) / 2.0)
 
 
@@ -79,7 +79,7 @@ class Sphere:
     radius_m: Length  #: Radius, m.
 
     def distances_m(self, points_m: Floats) -> Floats:
-        """Return the distances of points, shape (n, 3), to the surface; negative inside."""
+        """Return the distances of points, shape (n, 3), to the surface, m, shape (n,); negative inside."""
         return np.asarray(np.linalg.norm(points_m, axis=1) - self.radius_m)
 
 
@@ -92,7 +92,7 @@ class Cylinder:
     height_m: Length  #: Height, m; half of it is below the centre.
 
     def distances_m(self, points_m: Floats) -> Floats:
-        """Return the distances of points, shape (n, 3), to the surface; negative inside."""
+        """Return the distances of points, shape (n, 3), to the surface, m, shape (n,); negative inside."""
         beside = np.hypot(points_m[:, 0], points_m[:, 1]) - self.radius_m
         above = np.abs(points_m[:, 2]) - self.height_m / 2.0
         return _distances(np.stack([beside, above], axis=1))
@@ -110,7 +110,7 @@ def _distances(beyond: Floats) -> Floats:
 
 
 class ByKind:
-    """Chooses one of several dataclasses by their field ``kind``."""
+    """Annotation of a type: the field ``kind`` of a value selects one of several dataclasses."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic import Field
@@ -131,7 +131,7 @@ class ByKind:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseKeys:
-    """A pose in the parent."""
+    """Keys of an object's pose in its parent: position and orientation."""
 
     xyz_m: tuple[Coordinate, Coordinate, Coordinate]  #: Position along x, y and z, m.
     #: Orientation, of length 1.
@@ -139,7 +139,7 @@ class PoseKeys:
 
     @property
     def pose(self) -> Pose:
-        """The pose."""
+        """The position and orientation as a `Pose`."""
         return Pose.at(self.xyz_m, self.quat_xyzw)
 
 
@@ -164,7 +164,7 @@ class SceneObject:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Group(SceneObject):
-    """Holds other objects and moves them together."""
+    """A group of objects, which moves all of them together."""
 
     kind: Literal["group"] = "group"
 
@@ -192,7 +192,7 @@ class ObstacleObject(SceneObject):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZoneObject(SceneObject):
-    """A part of space with a rule."""
+    """A region of space with a rule for agents."""
 
     kind: Literal["zone"] = "zone"
     shape: Annotated[Shape, ByKind()] = _SPHERE  #: Part, centred at the pose.
@@ -201,7 +201,7 @@ class ZoneObject(SceneObject):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrajectoryObject(SceneObject):
-    """Holds waypoints, in order of time."""
+    """A trajectory: waypoints in order of time, and the agent that follows them."""
 
     kind: Literal["trajectory"] = "trajectory"
     #: Id of the agent that follows it; an agent follows one trajectory at most.
@@ -229,24 +229,24 @@ KINDS: dict[str, type[SceneObject]] = {
     "trajectory": TrajectoryObject,
     "waypoint": WaypointObject,
 }
-"""Classes of objects by kind."""
+"""Classes of a scene's objects by their ``kind``."""
 COMMON = tuple(f.name for f in fields(SceneObject))  #: Names of the fields that all objects have.
 
 
 def place_of(thing: SceneObject) -> str:
-    """Return the name of an object in messages: kind, id and name."""
+    """Return the text that identifies an object in errors: kind, id and name."""
     return f"{thing.kind} {thing.id}" + (f" ({thing.name})" if thing.name else "")
 
 
 def plain(value: Any) -> Any:
-    """Return a value of a field as it is in a file."""
+    """Return a field's value in the form that it has in a file."""
     if isinstance(value, Pose):
         return {"xyz_m": list(value.position_m), "quat_xyzw": list(value.quat_xyzw)}
     return to_json(value)
 
 
 def settings_of(thing: Any) -> dict[str, Any]:
-    """Return the fields of an object that differ from their defaults, as they are in a file."""
+    """Return the fields of an object that differ from their defaults, in the form that they have in a file."""
     found = {}
     for one in fields(thing):
         value = getattr(thing, one.name)
@@ -261,10 +261,13 @@ def settings_of(thing: Any) -> dict[str, Any]:
 def read_object(cls: type[T], values: Mapping[str, Any], place: str) -> T:
     """Return an object, or the settings of a scene, from values of its fields.
 
-    The values may be typed, or plain as in a file; an empty text is a missing one where this is the default.
+    Args:
+        cls: Class of the object.
+        values: Values by field, as Python values or as in a file. An empty text means the default if that is empty.
+        place: Text with which errors begin.
 
     Raises:
-        SceneError: A field is unknown, or its value is not allowed; it begins with the place.
+        SceneError: A field is unknown, or its value is not allowed.
     """
     own: Any = cls
     empty = {one.name for one in fields(own) if one.default == ""}
@@ -280,5 +283,9 @@ def read_object(cls: type[T], values: Mapping[str, Any], place: str) -> T:
 
 
 def changed(thing: Thing, /, **values: Any) -> Thing:
-    """Return an object with other values of some fields; SceneError as of `read_object`."""
+    """Return an object with other values of some fields, as in `read_object`.
+
+    Raises:
+        SceneError: A field is unknown, or its value is not allowed.
+    """
     return read_object(type(thing), {**settings_of(thing), **values}, place_of(thing))

@@ -1,6 +1,6 @@
 """A scene as a value: objects, their holders, and the rules that concern more than one object.
 
-Each state of a scene is a value. `scene_of` makes the next one from its objects and checks it: files and
+Each state of a scene is a value. `scene_of` makes the next state from its objects and checks it, so that files and
 edits have the same rules.
 """
 
@@ -39,7 +39,7 @@ _SAME_RAD = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneSettings:
-    """The properties of a scene itself."""
+    """Properties of a scene that belong to none of its objects."""
 
     name: Text = "scene"  #: Name for people.
     frame_id: Text = "map"  #: Frame of the objects at the top, for messages.
@@ -51,7 +51,7 @@ class Scene(SceneSettings):
     """A tree of objects; `scene_of` makes a checked one.
 
     Raises:
-        SceneError: By each method that takes an id: no object has it, or the object is of another kind.
+        SceneError: A method was given an id that no object has, or that of an object of another kind.
     """
 
     next_id: int = 1  #: Lowest id that no object ever had.
@@ -60,13 +60,13 @@ class Scene(SceneSettings):
     children: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
     def get(self, id_: int) -> SceneObject:
-        """Return an object."""
+        """Return the object with an id, of any kind."""
         if id_ not in self.objects:
             raise SceneError("object id", id_, "the id of an object in the scene")
         return self.objects[id_]
 
     def of_kind(self, id_: int, kind: type[T]) -> T:
-        """Return an object of a class."""
+        """Return the object with an id, which must be of a class."""
         found = self.get(id_)
         if not isinstance(found, kind):
             words = [word for word, known in KINDS.items() if issubclass(known, kind)]
@@ -74,7 +74,7 @@ class Scene(SceneSettings):
         return found
 
     def held_by(self, id_: int = ROOT) -> tuple[int, ...]:
-        """Return the ids that an object, or the top, holds."""
+        """Return the ids of the objects that an object, or the top of the tree, holds."""
         return self.children.get(id_, ())
 
     def walk(self, id_: int = ROOT) -> Iterator[SceneObject]:
@@ -115,7 +115,7 @@ class Scene(SceneSettings):
         return None if found is None else in_frame(found, self.world_pose(id_))
 
     def driven_by(self, agent: int) -> TrajectoryObject | None:
-        """Return the trajectory that an agent follows, if any."""
+        """Return the trajectory that an agent follows; None if it follows none."""
         for thing in self.objects.values():
             if isinstance(thing, TrajectoryObject) and thing.agent == agent:
                 return thing
@@ -135,11 +135,11 @@ SETTINGS = tuple(f.name for f in fields(SceneSettings))  #: Names of a scene's o
 def scene_of(
     before: Scene, objects: Iterable[SceneObject], places: Mapping[int, str] = MappingProxyType({})
 ) -> Scene:
-    """Return a scene with other objects, after checking the rules between them.
+    """Return a scene with other objects, after a check of the rules that concern several objects.
 
-    The top or a group holds each object, and a trajectory holds a waypoint; nothing holds itself. The waypoints
-    of a trajectory have different times. An agent follows one trajectory at most. Aligned waypoints are
-    turned along their segments.
+    A trajectory holds each waypoint; the top of the tree or a group holds every other object; no object holds itself.
+    The waypoints of a trajectory have different times. An agent follows at most one trajectory. The function turns
+    aligned waypoints along their segments.
 
     Args:
         before: Scene whose own properties stay.
@@ -167,7 +167,7 @@ def scene_of(
 
 
 def _wrong_parents(objects: Mapping[int, SceneObject]) -> Iterator[Problem]:
-    """Find objects with a wrong holder, or in a loop of them."""
+    """Find objects with a wrong parent, or in a loop of parents."""
     for thing in objects.values():
         holder = objects.get(thing.parent)
         if isinstance(thing, WaypointObject):
@@ -185,7 +185,7 @@ def _wrong_parents(objects: Mapping[int, SceneObject]) -> Iterator[Problem]:
 
 
 def _wrong_agents(objects: Mapping[int, SceneObject]) -> Iterator[Problem]:
-    """Find trajectories whose agent is none, or follows another one."""
+    """Find trajectories whose agent does not exist, or follows another trajectory."""
     followed: dict[int, int] = {}
     for thing in objects.values():
         if not isinstance(thing, TrajectoryObject) or thing.agent is None:
@@ -199,7 +199,7 @@ def _wrong_agents(objects: Mapping[int, SceneObject]) -> Iterator[Problem]:
 
 
 def _equal_times(held: Mapping[int, list[SceneObject]]) -> Iterator[Problem]:
-    """Find waypoints of a trajectory that have one time."""
+    """Find waypoints of a trajectory that have the same time."""
     for things in held.values():
         for one, after in pairwise(_waypoints(things)):
             if one.time_ns == after.time_ns:
@@ -212,7 +212,7 @@ def _waypoints(things: Iterable[SceneObject]) -> list[WaypointObject]:
 
 
 def _aligned(things: Iterable[SceneObject]) -> Iterator[WaypointObject]:
-    """Yield those waypoints in order of time that must be turned, turned along their segments."""
+    """Yield the aligned waypoints whose orientation must change, turned along their segments."""
     waypoints = _waypoints(things)
     positions = [waypoint.pose.position_m for waypoint in waypoints]
     for index, waypoint in enumerate(waypoints):

@@ -41,7 +41,7 @@ _ALPHA = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Samples:
-    """A trajectory at n times."""
+    """Poses and velocities of a trajectory at n times, in the trajectory's frame."""
 
     times_s: Floats  #: Times, shape (n,), s.
     positions_m: Floats  #: Positions, shape (n, 3), m.
@@ -52,11 +52,11 @@ class Samples:
 
     @property
     def speeds_m_s(self) -> Floats:
-        """Lengths of the velocities, shape (n,)."""
+        """Lengths of the velocities, m/s, shape (n,)."""
         return np.asarray(np.linalg.norm(self.velocities_m_s, axis=1))
 
     def pose(self, index: int) -> Pose:
-        """Return one of the poses."""
+        """Return the pose of the sample with an index from 0."""
         position, quat = self.positions_m[index].tolist(), self.quats_xyzw[index].tolist()
         return Pose.at(position, quat, place=f"sample {index}")
 
@@ -82,12 +82,12 @@ class Motion:
             _bend(self._knots_s, positions, self._law, self._path)
 
     def positions(self, times_s: ArrayLike) -> Floats:
-        """Return the positions at one or more times, shape (n, 3)."""
+        """Return the positions at one or more times, s, in metres, shape (n, 3)."""
         segments, local_s = self._locate(np.atleast_1d(np.asarray(times_s, dtype=np.float64)))
         return _value(self._path[segments], _value(self._law[segments], local_s)[:, None])
 
     def sample(self, times_s: ArrayLike) -> Samples:
-        """Return poses and rates at one or more times; before the start and after the end, rates are zero."""
+        """Return poses and rates at one or more times, s; before the start and after the end, rates are zero."""
         from scipy.spatial.transform import Rotation
 
         times = np.atleast_1d(np.asarray(times_s, dtype=np.float64))
@@ -119,12 +119,12 @@ def motion_of(trajectory: Trajectory) -> Motion:
 
 
 def sample(trajectory: Trajectory, times_s: ArrayLike) -> Samples:
-    """Return poses and rates at one or more times, shape (n,), s."""
+    """Return the poses and rates of a trajectory at one or more times, shape (n,), s."""
     return motion_of(trajectory).sample(times_s)
 
 
 def pose_at(trajectory: Trajectory, time_s: float) -> Pose:
-    """Return the pose at a time."""
+    """Return the pose of a trajectory at a time, s."""
     return sample(trajectory, time_s).pose(0)
 
 

@@ -1,7 +1,7 @@
-"""A trajectory as a value: timed poses and the way from one to the next. Paper A, section 4.5.
+"""A trajectory as a value: timed poses and their interpolation. Paper A, section 4.5.
 
-The paper's T = {(p_i, t_i)}, p_i in SE(3), with t_i an offset from time 0. Times are whole nanoseconds, so
-that files and messages give them back exactly. `motion` has the poses between waypoints.
+It is the paper's T = {(p_i, t_i)}, with p_i in SE(3) and t_i an offset from time 0. Times are whole nanoseconds, so
+that files and messages reproduce them exactly. `motion` computes the poses between waypoints.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Align(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Waypoint:
-    """A pose at a time."""
+    """A pose of a trajectory at a time."""
 
     time_ns: int  #: Time since the trajectory's time 0, ns, up to `LATEST_NS`.
     pose: Pose  #: Pose at that time.
@@ -54,7 +54,7 @@ class Trajectory:
         InvalidValueError: There is no waypoint, a time is out of range, or times do not grow.
     """
 
-    waypoints: tuple[Waypoint, ...]  #: At least one; their times grow strictly.
+    waypoints: tuple[Waypoint, ...]  #: Waypoints, at least one, with strictly growing times.
     interpolation: Interpolation = Interpolation.POLYLINE  #: Way from one to the next.
 
     def __post_init__(self) -> None:
@@ -94,7 +94,7 @@ class Trajectory:
 
 
 def in_frame(trajectory: Trajectory, target_from_source: Pose) -> Trajectory:
-    """Return a trajectory in another frame; both interpolations commute with rigid motions."""
+    """Return a trajectory in another frame; both interpolations commute with rigid motions, so the result is exact."""
     if target_from_source == Pose():
         return trajectory
     moved = tuple(replace(w, pose=target_from_source @ w.pose) for w in trajectory.waypoints)
@@ -104,7 +104,7 @@ def in_frame(trajectory: Trajectory, target_from_source: Pose) -> Trajectory:
 def heading_quat(start_m: Vec3, end_m: Vec3) -> Quat | None:
     """Return the orientation x, y, z, w without roll whose x axis points from one position to the other.
 
-    None if one position is above the other or both are equal: there is no yaw.
+    The result is None if one position is above the other, or both are equal, because then there is no yaw.
     """
     dx, dy, dz = (b - a for a, b in zip(start_m, end_m, strict=True))
     flat = math.hypot(dx, dy)
@@ -116,7 +116,7 @@ def heading_quat(start_m: Vec3, end_m: Vec3) -> Quat | None:
 
 
 def aligned_quat(positions_m: Sequence[Vec3], index: int, align: Align) -> Quat | None:
-    """Return the orientation x, y, z, w of a waypoint that is aligned to a segment; None: its own.
+    """Return the orientation x, y, z, w of an aligned waypoint; None if the waypoint keeps its own orientation.
 
     The first waypoint has only the segment that leaves, and the last only the segment that arrives.
     """
