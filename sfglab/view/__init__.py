@@ -1,9 +1,9 @@
-"""The view: what a fleet sees and how it hears itself, in the Rerun viewer (paper A, section 4.5).
+"""The view shows the messages of a fleet, live or from a log, in the Rerun viewer (paper A, section 4.5).
 
 Visualizers are small classes with declared inputs, QoS, synchronisation and rate budget, found through entry
-points (group ``sfglab.visualizers``). A session adds, removes and tunes them at run time (`session`, `panel`);
-a bridge feeds them from the bus (`bridge`), a log from an MCAP file or a bag (`arrivals`), both for `app`;
-`rerunning` sends what they draw to a viewer, a notebook or a ``.rrd`` file. Rerun is in the extra ``view``.
+points (group ``sfglab.visualizers``). A session adds, removes and tunes them at run time (`session`, `panel`).
+The messages come from the bus (`bridge`) or from an MCAP file or a bag (`arrivals`); `app` starts both. `rerunning`
+sends the drawn data to a viewer, a notebook or a ``.rrd`` file. Rerun is in the extra ``view``.
 
 A visualizer of your own is a class in your package:
 

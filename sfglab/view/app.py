@@ -1,6 +1,6 @@
 """Entry points of ``sfglab view`` and of notebooks: from a log or a domain to a viewer, a file or a cell.
 
-An interruption ends a view cleanly: what was drawn up to then is sent, and a file is complete.
+An interruption ends a view cleanly: everything drawn until then is sent, and a file is complete.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewOptions:
-    """Outputs of a view, and what it shows."""
+    """Outputs and contents of a view."""
 
     to: tuple[str, ...] = ("viewer",)  #: Outputs; see `open_canvas`.
     fleet: Path | None = None  #: Fleet file whose cameras are laid out.
@@ -40,7 +40,15 @@ class ViewOptions:
 
 
 def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
-    """Return a session with every display that installed visualizers offer for topics, given type by topic."""
+    """Return a session with every display that installed visualizers offer for some topics.
+
+    Args:
+        topics: ROS type of each topic, by the topic's name.
+        options: Contents of the view.
+
+    Raises:
+        InvalidValueError: There are topics, and none begins with one of `ViewOptions.topics`.
+    """
     session = Session()
     chosen = {
         t: kind for t, kind in topics.items() if not options.topics or t.startswith(options.topics)
@@ -66,16 +74,18 @@ def view_log(
     *,
     progress: Callable[[Iterator[Arrival]], Iterable[Arrival]] = iter,
 ) -> Session:
-    """Show what visualizers can show of a log, and return the displays, which say what became of the messages.
+    """Show a log with all visualizers that suit its topics, and return the session.
+
+    The displays of the session have the numbers of shown and dropped messages.
 
     Args:
         path: MCAP file or rosbag2 folder.
-        options: Where and how to show it.
-        progress: Passes the messages on, and may count them.
+        options: Outputs and contents of the view.
+        progress: Function that passes the messages on, and may count them.
 
     Raises:
         SfglabError: The log cannot be read (LogError).
-        SinkError: An output does not take what is shown.
+        SinkError: An output no longer accepts data.
         MissingExtraError: Rerun is not installed.
     """
     with LogReader(path) as log:
@@ -97,11 +107,11 @@ async def view_live(
 
     Args:
         node: Node on the domain.
-        options: Where and how to show it.
+        options: Outputs and contents of the view.
         on_start: Called with the session, which may be changed, when the bridge runs.
 
     Raises:
-        SinkError: An output does not take what is shown.
+        SinkError: An output no longer accepts data.
         MissingExtraError: Rerun is not installed.
     """
     session = Session()

@@ -20,24 +20,28 @@ if TYPE_CHECKING:
     from sfglab.record import LogReader
 
 _STAMP = {b"\0\0": struct.Struct(">iI"), b"\0\1": struct.Struct("<iI")}
-"""By the encapsulation that CDR begins with (OMG RTPS 2.5, clause 10.2): plain CDR, big and little endian."""
+"""Reader of the stamp in a header, by the encapsulation at the beginning of CDR (RTPS 2.5, clause 10.2): plain CDR, big
+and little endian."""
 
 _HEADED = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 _STAMPS = ("header", "stamp", "timestamp")
 
 
 class Arrival(NamedTuple):
-    """One message."""
+    """One serialized message as a view receives it."""
 
-    topic: str  #: Its topic.
-    type_name: str  #: Its ROS type.
-    received_ns: int  #: Time of its reception, on the clock of this host or of the log.
-    cdr: bytes  #: Its bytes; empty where only the message is known.
-    message: Any = None  #: Decoded, where that had to be done already.
+    topic: str  #: Topic of the message.
+    type_name: str  #: ROS type of the message.
+    received_ns: int  #: Time of reception, ns, on the clock of this host or of the log.
+    cdr: bytes  #: Serialized message; empty if only the decoded message is known.
+    message: Any = None  #: Decoded message, if it has been decoded already; otherwise None.
 
 
 def capture_ns(arrival: Arrival) -> int:
-    """Return when a message was captured; without a stamp, or with one of zero, when it was received."""
+    """Return the capture time of a message, ns: the stamp of its header, or the time of reception if that is zero.
+
+    Messages without a header also have the time of reception.
+    """
     if arrival.message is None:
         stamp_ns = _from_bytes(arrival.cdr) if _starts_with_stamp(arrival.type_name) else 0
     else:
@@ -46,7 +50,12 @@ def capture_ns(arrival: Arrival) -> int:
 
 
 def decoded(arrival: Arrival) -> Any:
-    """Return the message; CdrError where the bytes are not of the type, UnknownTypeError for no type."""
+    """Return the decoded message.
+
+    Raises:
+        CdrError: The bytes are no message of the type.
+        UnknownTypeError: There is no such type.
+    """
     return _decoder(arrival.type_name)(arrival.cdr) if arrival.message is None else arrival.message
 
 
@@ -83,7 +92,7 @@ def _from_message(message: Any) -> int:
 def arrivals_of(log: LogReader, topics: Collection[str]) -> Iterator[Arrival]:
     """Yield the messages of some topics of a log, in the order of reception.
 
-    The log's own definitions decode types that this process does not know as they are there.
+    Types that this process does not know with the same fields are decoded with the definitions in the log.
     """
     foreign = {topic for topic in topics if not log.knows(topic)}
     for entry in log.messages():

@@ -1,8 +1,8 @@
 """Live bridge: subscriptions for the displays of a session, and a thread that draws.
 
-The memory is bounded however slow a viewer is. A subscription keeps as many messages as its QoS says, and a
-display as many sets as its queue holds. One job at a time is drawn, and the canvas waits when too much is on its
-way. Messages that do not fit are counted and dropped; other displays do not wait.
+The memory is bounded even if a viewer is slow. A subscription keeps as many messages as its QoS allows, and a
+display as many sets as its queue holds. One job at a time is drawn, and the canvas waits while too many bytes are
+in flight to the outputs. Messages that do not fit are counted and dropped; other displays do not wait.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 
 _TICK_S = 0.05
 _MOST_DISPLAYS = 500
-"""Limit of displays that are added automatically, against a flood of topics."""
+"""Largest number of displays that are added automatically, as a protection against a flood of topics."""
 
 _Key = tuple[str, str, QoSProfile]
 
 
 def strongest(profiles: Iterable[QoSProfile]) -> QoSProfile:
-    """Return the QoS of one subscription for several requests: the strictest of each policy, the largest depth."""
+    """Return the QoS of one subscription for several displays: the strictest policies and the largest depth."""
     first, *others = profiles
     for other in others:
         depth = max(first.depth, other.depth)
@@ -100,18 +100,22 @@ class Bridge:
         await self.close()
 
     async def failed(self) -> None:
-        """Return never, but raise what ended the bridge: SinkError where the place takes no more."""
+        """Wait for the error that ends the bridge, and raise it; the method never returns.
+
+        Raises:
+            SinkError: The output no longer accepts data.
+        """
         tasks = self._drawing, self._arranging
         ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in ended:
             task.result()
 
     async def close(self) -> None:
-        """End subscriptions and drawing, send what is left and close the surface; again is harmless."""
+        """End subscriptions and drawing, send the remaining data and close the surface; idempotent."""
         await self._ends.aclose()
 
     async def _in_thread(self, job: Callable[..., None], *arguments: Surface) -> None:
-        """Do something in the drawing thread, when what it does now is done."""
+        """Run a function in the drawing thread, after the thread's present job."""
         await asyncio.get_running_loop().run_in_executor(self._thread, job, *arguments)
 
     async def _end_tasks(self) -> None:
@@ -121,7 +125,7 @@ class Bridge:
         endpoint = event.endpoint
         if endpoint.kind is not EndpointKind.PUBLISHER or isinstance(event, EndpointRemoved):
             return
-        # To follow what is only offered would decode everything that there is.
+        # Topics that are only advertised are not followed, because a subscription would start their decoders.
         offered = OFFER_KEY in entries(endpoint.user_data)
         if endpoint.type and endpoint.topic.startswith(self._follow) and not offered:
             self._types[endpoint.topic] = endpoint.type
@@ -136,9 +140,9 @@ class Bridge:
                 self._session.add_offer(offer)
 
     async def _arrange_on_change(self) -> None:
-        """Have one subscription for every topic, type and QoS that is wanted, and no other.
+        """Keep exactly one subscription for each wanted topic, type and QoS, after every change of the displays.
 
-        All changes that come at a time are one: in a large fleet thousands of endpoints are discovered.
+        Changes that come together are handled together, because thousands of endpoints may be discovered at once.
         """
         while True:
             await self._changed.wait()
@@ -151,7 +155,7 @@ class Bridge:
                 self._readers[key] = asyncio.create_task(self._read(*key))
 
     def _wanted(self) -> Iterable[_Key]:
-        """Yield one subscription for each topic and type, however many displays look at it."""
+        """Yield one subscription per topic and type, for all displays of the topic together."""
         profiles: dict[tuple[str, str], list[QoSProfile]] = {}
         for display in self._session.displays:
             for given, topic, profile in display.inputs if display.enabled else ():

@@ -1,9 +1,9 @@
 """Rerun's viewer in a cell of a notebook: its program from this machine, its data through the kernel.
 
-Where the browser reaches this machine's loopback, a small server gives it the viewer (67 MB, once a page); from
-elsewhere it comes through the kernel's connection (23 MB), if the page's address is one that browsers trust;
-else there is a still with a sentence. The page finds out which. Nothing comes from a network: what the viewer
-asks of one (whether there is a newer release) is refused in the page. Refuses to know what is drawn.
+The page chooses one of three ways. If the browser reaches this machine's loopback, a small server sends the viewer
+(67 MB, once per page). If it does not, and the page has an address that browsers trust, the viewer comes through the
+kernel's connection (23 MB). Otherwise the page shows a still image with a sentence. Nothing comes from the Internet:
+the page blocks the viewer's request for newer releases. The module does not depend on the drawn data.
 """
 
 from __future__ import annotations
@@ -27,19 +27,23 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 WAITING_BYTES = 32 * 2**20
-"""Limit of bytes that wait for a page. More is not shown until there is a page."""
-#: The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there.
+"""Largest number of bytes that wait for a page; further data is dropped until a page has loaded the viewer."""
+#: Step of the times that the viewer reports, ns: it reports nanoseconds since 1970 as a float.
 ROUNDED_NS = 256
 PROGRAM, WASM = "widget.js", "re_viewer_bg.wasm"
 _KINDS, _TOKEN = {PROGRAM: "text/javascript", WASM: "application/wasm"}, token_urlsafe()
 
 
 class CellViewer:
-    """A viewer; `widget` is what a cell shows; MissingExtraError without the notebook's part of Rerun.
+    """A viewer for a cell of a notebook; the cell shows `widget`.
 
-    The still picture, PNG, is for pages that cannot have the viewer. `on_page` is
-    called when a page has the viewer: what is sent then is not too early; `on_time` with the time that it
-    shows, ns, whenever that changes.
+    Args:
+        still: Image, PNG, for pages that cannot load the viewer.
+        on_page: Called when a page has loaded the viewer; it shows all data that is sent from then on.
+        on_time: Called with the time that the viewer shows, ns, whenever this time changes.
+
+    Raises:
+        MissingExtraError: Rerun's part for notebooks is not installed.
     """
 
     def __init__(
@@ -61,14 +65,14 @@ class CellViewer:
         self._asked: tuple[str, int] | None = None
 
     def send(self, recording: bytes) -> None:
-        """Show a part of a recording, as ``.rrd`` has it; it waits until there is a page."""
+        """Show a part of a recording in the format of ``.rrd`` files; it waits until a page has loaded the viewer."""
         if self._ready:
             self.widget.send({"type": "rrd"}, buffers=[recording])
         elif sum(map(len, self._waiting)) + len(recording) <= WAITING_BYTES:
             self._waiting.append(recording)
 
     def go_to(self, timeline: str, at_ns: int) -> None:
-        """Pause, and show a time; of a timeline of which the viewer knows nothing yet, as soon as it does."""
+        """Pause, and show a time, ns, of a timeline; an unknown timeline is shown as soon as the viewer knows it."""
         self._asked = timeline, at_ns
         if self._opened:
             order = {
@@ -95,11 +99,11 @@ class CellViewer:
             shown_ns = round(event["time"])
             self._on_time(shown_ns)
             self._obeyed |= self._asked is not None and abs(shown_ns - self._asked[1]) <= ROUNDED_NS
-        if self._asked and not self._obeyed:  # what the viewer refuses it says to its page alone
+        if self._asked and not self._obeyed:  # the viewer reports a refusal only to its page
             self.go_to(*self._asked)
 
     def _give(self, wanted: str) -> None:
-        """Give the page the viewer's program, by the way that it asks for."""
+        """Send the viewer's program to the page in the way that the page requests."""
         if wanted == "served":
             self.widget.address = _address()
         elif wanted == "inline":
@@ -140,12 +144,12 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write((_files() / name).read_bytes())
 
     def log_message(self, *_: Any) -> None:
-        """Say nothing below the cell."""
+        """Log nothing, because the log would be shown below the cell."""
 
 
 @cache
 def _address() -> str:
-    """Return where the viewer's program is served to this machine's browsers, as long as the kernel lives."""
+    """Return the URL at which this machine's browsers get the viewer's program, while the kernel runs."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), _Handler)
     threading.Thread(target=server.serve_forever, name="viewer's program", daemon=True).start()
     return f"http://127.0.0.1:{server.server_port}/{_TOKEN}"

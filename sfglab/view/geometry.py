@@ -1,6 +1,6 @@
-"""From sensor messages to points and pixels, as arrays.
+"""Points and pixels of sensor messages as arrays.
 
-Pure functions of NumPy arrays and of messages read by their attributes; refuses to know the viewer. Points are
+The functions have no side effects and do not depend on the viewer; they read messages by their attributes. Points are
 in the frame of the message's header, in metres, float32, shape (N, 3).
 """
 
@@ -36,8 +36,11 @@ _POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8
 def pixels(image: Any) -> NDArray[Any]:
     """Return the pixels of a ``sensor_msgs/msg/Image``, without its padding and in this machine's byte order.
 
-    Their shape is (height, width) or (height, width, channels); a view on the message where that is possible.
-    An unknown encoding, and sizes that do not fit the data, are InvalidValueErrors.
+    The result has the shape (height, width) or (height, width, channels) and the type of the encoding. It is a view of
+    the message's data if possible.
+
+    Raises:
+        InvalidValueError: The encoding is unknown, or the image's size does not fit its data.
     """
     if image.encoding not in _PIXELS:
         raise InvalidValueError("image encoding", image.encoding, ", ".join(_PIXELS))
@@ -55,7 +58,10 @@ def pixels(image: Any) -> NDArray[Any]:
 
 
 def depth_in_m(depth: NDArray[Any]) -> NDArray[np.float32]:
-    """Return a depth image in metres with NaN for holes: uint16 is millimetres with 0 for holes (REP 118)."""
+    """Return a depth image in metres with NaN for holes, in the same shape.
+
+    An image of uint16 has millimetres with 0 for holes, one of float32 has metres already (REP 118).
+    """
     if depth.dtype == np.uint16:
         metres = depth.astype(np.float32) * np.float32(1e-3)
         metres[depth == 0] = np.nan
@@ -66,8 +72,10 @@ def depth_in_m(depth: NDArray[Any]) -> NDArray[np.float32]:
 def pinhole_matrix(info: Any) -> NDArray[np.float64]:
     """Return the 3 x 3 matrix of a ``sensor_msgs/msg/CameraInfo`` for a rectified image.
 
-    That is the left part of P where it is given, else K; distortion is not applied. Raises InvalidValueError
-    where neither has positive focal lengths.
+    It is the left part of P if P is given, otherwise K; distortion is not applied.
+
+    Raises:
+        InvalidValueError: Neither P nor K has positive focal lengths.
     """
     matrix = np.asarray(info.p, dtype=np.float64).reshape(3, 4)[:, :3]
     if not matrix[0, 0] > 0:
@@ -85,16 +93,18 @@ def depth_points(
     color: NDArray[np.uint8] | None = None,
     max_m: float = np.inf,
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
-    """Return the points that a depth image shows: x = (u - cx) z / fx, y = (v - cy) z / fy, z.
+    """Return the points of a depth image: x = (u - cx) z / fx, y = (v - cy) z / fy, z.
 
     Args:
         depth: Shape (rows, columns), uint16 millimetres or float32 metres.
         matrix: Pinhole matrix of the image at its full size.
-        decimation: Every how many-th row and column is taken.
-        color: RGB picture, registered to the depth image; where it has another size it is sampled.
-        max_m: Depth beyond which pixels are left out.
+        decimation: Step between the rows and columns that are used.
+        color: RGB image, registered to the depth image; an image of another size is sampled.
+        max_m: Depth beyond which pixels are left out, metres.
 
-    Returns points in the camera's optical frame (z forward, REP 103), and their colours, shape (N, 3).
+    Returns:
+        Points in the camera's optical frame (z forward, REP 103), and their colours, shape (N, 3) each; None for the
+        colours without `color`.
     """
     z = depth_in_m(depth[::decimation, ::decimation])
     rows, columns = np.nonzero((z > 0) & (z <= max_m))
@@ -109,7 +119,10 @@ def depth_points(
 
 
 def scan_points(scan: Any) -> NDArray[np.float32]:
-    """Return the hits of a ``sensor_msgs/msg/LaserScan``; what its own range limits exclude is left out."""
+    """Return the points of a ``sensor_msgs/msg/LaserScan`` in its frame, m, shape (N, 3), with z = 0.
+
+    Ranges beyond the message's own limits are left out.
+    """
     ranges = np.asarray(scan.ranges, dtype=np.float32)
     angles = scan.angle_min + np.arange(len(ranges)) * scan.angle_increment
     hit = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
@@ -119,7 +132,13 @@ def scan_points(scan: Any) -> NDArray[np.float32]:
 
 
 def cloud_points(cloud: Any) -> tuple[NDArray[np.float32], NDArray[Any]]:
-    """Return a PointCloud2's finite points with all their fields, structured; InvalidValueError without xyz."""
+    """Return the finite points of a ``sensor_msgs/msg/PointCloud2``, and a structured array of all their fields.
+
+    The points are in the cloud's frame, m, shape (N, 3); the structured array has shape (N,).
+
+    Raises:
+        InvalidValueError: The cloud does not have the fields x, y and z, or its sizes do not fit its data.
+    """
     records = _records(cloud)
     names = records.dtype.names or ()
     if not {"x", "y", "z"}.issubset(names):
@@ -131,7 +150,10 @@ def cloud_points(cloud: Any) -> tuple[NDArray[np.float32], NDArray[Any]]:
 
 
 def cloud_colors(records: NDArray[Any]) -> NDArray[np.uint8] | None:
-    """Return a cloud's colours, (N, 3), from PCL's bits 0xAARRGGBB in ``rgb`` or ``rgba``; None without."""
+    """Return the colours of a cloud's points, shape (N, 3), uint8, RGB; None without a field for them.
+
+    The field ``rgb`` or ``rgba`` has the bits 0xAARRGGBB, as in PCL.
+    """
     for name in ("rgb", "rgba"):
         if name in (records.dtype.names or ()) and records.dtype[name].itemsize == 4:
             packed = np.ascontiguousarray(records[name])

@@ -22,7 +22,7 @@ Topics = Callable[[], Mapping[str, str]]
 
 
 class Panel:
-    """A list of displays with what can be tuned, and a row to add one. `widget` is what a cell shows.
+    """A list of displays with their parameters, and a row that adds a display. A cell shows `widget`.
 
     Raises:
         MissingExtraError: ipywidgets is not installed.
@@ -50,7 +50,7 @@ class Panel:
             self._rows[display.id].children[-1].value = display.counts
 
     def _add(self) -> None:
-        """Add what the session offers for a topic, partners included; else the topic alone."""
+        """Add the display that the session offers for a topic with its related topics, or for the topic alone."""
         kind, topic = self._kind.value, self._topic.value
         for offer in self._session.offers(self._topics()):
             if offer.kind == kind and topic in offer.topics.values():
@@ -59,7 +59,7 @@ class Panel:
         self._session.add(kind, topic)
 
     def _arrange(self) -> None:
-        """Have one row for each display."""
+        """Show one row per display."""
         rows = {}
         for display in self._session.displays:
             rows[display.id] = self._rows.get(display.id) or self._row(display)
@@ -93,7 +93,7 @@ class Panel:
         return made
 
     def _request(self, id_: str, role: str, qos: QoSProfile) -> Any:
-        """Return the QoS of one input: whether lost messages are repaired, and whether the past is wanted."""
+        """Return the drop-down list for the QoS of one input: reliability and durability."""
         profiles = {}
         for reliability, durability in product(Reliability, Durability):
             profile = replace(qos, reliability=reliability, durability=durability)
@@ -104,7 +104,7 @@ class Panel:
         return made
 
     def _follow(self, widget: Any, apply: Callable[[Any], None]) -> None:
-        """Pass a widget's new values on; one that is refused is taken back."""
+        """Apply new values of a widget; a refused value is reset in the widget."""
 
         def changed(change: Any) -> None:
             if not attempt(lambda: apply(change["new"]), self._said):

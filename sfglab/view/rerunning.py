@@ -24,7 +24,11 @@ if TYPE_CHECKING:
 
 
 def rerun() -> Any:
-    """Return the Rerun SDK; MissingExtraError where it is not installed."""
+    """Return the Rerun SDK.
+
+    Raises:
+        MissingExtraError: Rerun is not installed.
+    """
     try:
         import rerun
     except ImportError as error:
@@ -33,7 +37,7 @@ def rerun() -> Any:
 
 
 class _Rerun:
-    """Rerun, imported when something of it is first asked for."""
+    """The Rerun SDK, which is imported at the first access to an attribute."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(rerun(), name)
@@ -49,7 +53,7 @@ WINDOW_BYTES = 32 * 2**20  #: Bytes that may be drawn before the outputs have ta
 _PLACES = "FILE.rrd, viewer"
 _MEMORY = "25%"  #: Share of the memory above which a viewer removes its oldest data.
 _TAKE_LIMIT_S = 10.0
-#: A batch of this size leaves at once: a picture does not wait for company.
+#: Size of a batch that is sent at once, bytes, so that an image does not wait for further data.
 _IMAGE_BYTES = 128 * 1024
 
 
@@ -57,7 +61,8 @@ class RerunCanvas:
     """A recording to draw on, from one thread; made by `open_canvas`."""
 
     def __init__(self, recording: Any, to: Sequence[str]) -> None:
-        self.recording = recording  #: For what only Rerun can do.
+        #: Rerun's recording, for functions that the canvas does not have.
+        self.recording = recording
         self._to = to
         self._pending_bytes = 0  # of the messages that were drawn since the last flush
         self._now_ns = self._flushed_ns = 0
@@ -65,7 +70,7 @@ class RerunCanvas:
         self._closed = False
 
     def at(self, *, stamp_ns: int, received_ns: int) -> None:
-        """Set the time of what is drawn next."""
+        """Set the capture time and the reception time, ns, of everything drawn next."""
         import numpy as np
 
         self._now_ns = received_ns
@@ -73,25 +78,36 @@ class RerunCanvas:
         self.recording.set_time(RECEIVED, timestamp=np.datetime64(received_ns, "ns"))
 
     def place(self, entity: str, frame: str) -> None:
-        """Say in which coordinate frame an entity's geometry is given; said again only when it changes."""
+        """Set the coordinate frame of an entity's geometry; only a change of the frame is logged."""
         frame = frame.strip("/")  # a leading slash is what ROS 1 wrote
         if frame and self._frames.get(entity) != frame:
             self._frames[entity] = frame
             self.log(entity, rr.CoordinateFrame(frame), static=True)
 
     def log(self, entity: str, *what: Any, static: bool = False) -> None:
-        """Draw archetypes at an entity."""
+        """Draw Rerun archetypes at an entity; see `Canvas.log`."""
         first, *more = what
         self.recording.log(entity, first, *more, static=static, strict=True)
 
     def settle(self, size_bytes: int) -> None:
-        """Wait for the sinks when much is on its way, or once a second, so that one gone is seen: SinkError."""
+        """Wait for the outputs if `WINDOW_BYTES` are in flight, and once per second, to detect a closed output.
+
+        Args:
+            size_bytes: Size of the last update, bytes.
+
+        Raises:
+            SinkError: An output no longer accepts data.
+        """
         self._pending_bytes += size_bytes
         if self._pending_bytes >= WINDOW_BYTES or abs(self._now_ns - self._flushed_ns) >= NS_PER_S:
             self.flush()
 
     def flush(self) -> None:
-        """Wait until the sinks have taken everything; SinkError where that takes more than ten seconds."""
+        """Wait until the outputs have accepted everything.
+
+        Raises:
+            SinkError: An output no longer accepts data, or takes more than ten seconds.
+        """
         try:
             self.recording.flush(timeout_sec=_TAKE_LIMIT_S)
         except (RuntimeError, ValueError, OSError) as error:
@@ -101,7 +117,7 @@ class RerunCanvas:
         self._pending_bytes, self._flushed_ns = 0, self._now_ns
 
     def close(self) -> None:
-        """Send what is left and disconnect; again is harmless."""
+        """Send the remaining data and disconnect; further calls have no effect."""
         if self._closed:
             return
         self._closed = True
@@ -116,7 +132,7 @@ class RerunCanvas:
 
 
 def new_recording(title: str) -> Any:
-    """Return a recording of Rerun that sends small batches at once and whose only times are ours."""
+    """Return a recording of Rerun that sends small batches at once, and has only the two timelines of this module."""
     config = rr.ChunkBatcherConfig.LOW_LATENCY()
     config.flush_num_bytes = _IMAGE_BYTES
     recording = rr.RecordingStream(title, batcher_config=config)
@@ -126,7 +142,7 @@ def new_recording(title: str) -> Any:
 
 
 def open_canvas(to: Sequence[str], *, title: str = "sfglab") -> RerunCanvas:
-    """Open a recording that goes to one or several places at once.
+    """Open a recording with one or several outputs.
 
     Args:
         to: ``FILE.rrd`` for a file; ``viewer`` for a viewer that is started on this host.
@@ -134,8 +150,8 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab") -> RerunCanvas:
 
     Raises:
         MissingExtraError: Rerun is not installed.
-        InvalidValueError: There is no such kind of place, or no place at all.
-        SinkError: It cannot be opened.
+        InvalidValueError: There is no such kind of output, or none is given.
+        SinkError: An output cannot be opened.
     """
     if not to:
         raise InvalidValueError("to", to, "at least one place")
@@ -151,7 +167,7 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab") -> RerunCanvas:
 
 
 def cell_canvas(title: str) -> tuple[RerunCanvas, CellViewer]:
-    """Return a canvas and the viewer that shows it in a cell while the kernel lives.
+    """Return a canvas, and the viewer that shows it in a cell of a notebook while the kernel runs.
 
     Raises:
         MissingExtraError: Rerun, or its part for notebooks, is not installed.
@@ -176,7 +192,7 @@ def _sink(place: str, recording: Any) -> Any:
 
 
 def _discard(to: Sequence[str], *, emptied: bool = False) -> None:
-    """Remove files that are not whole; with `emptied` those in which nothing stands."""
+    """Remove incomplete files; with `emptied` only empty ones."""
     for path in (Path(place) for place in to if place.endswith(".rrd")):
         if path.is_file() and not (emptied and path.stat().st_size):
             path.unlink()
@@ -193,18 +209,18 @@ _CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """Views of the viewer."""
+    """Description of the viewer's views."""
 
     frame: str = ""  #: The frame in which space is drawn; empty leaves the choice to the viewer.
     #: Entity of each camera's view, by title.
     cameras: Mapping[str, str] = field(default_factory=dict)
-    #: Entities of images without a CameraInfo: they have no place in space.
+    #: Entities of images without a CameraInfo, which the 3D view cannot show.
     flat: tuple[str, ...] = ()
     heartbeats: bool = False  #: Whether the age of heartbeats and the agents' states are shown.
 
 
 def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> Layout:
-    """Return the layout of a fleet, drawn in a frame: a view for every stream that its agents announce."""
+    """Return the layout of a fleet in a frame, with one view per image stream that its agents announce."""
     cameras = {
         f"{agent.name} {sensor.name} {stream.codec}": entity_of_topic(stream.topic)
         for agent in fleet.agents
@@ -215,7 +231,7 @@ def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> Layout:
 
 
 def layout_of_topics(topics: Mapping[str, str], *, frame: str = "") -> Layout:
-    """Return a layout, drawn in a frame, for topics alone, given type by topic."""
+    """Return the layout in a frame for topics without a fleet file, given the ROS type by topic."""
     pictures = sorted(topic for topic, type_name in topics.items() if type_name in _PICTURES)
     cameras = {topic: entity_of_topic(topic) for topic in pictures}
     placed = {camera_name(topic) for topic, kind in topics.items() if kind == _CAMERA_INFO}
@@ -225,7 +241,11 @@ def layout_of_topics(topics: Mapping[str, str], *, frame: str = "") -> Layout:
 
 
 def blueprint(layout: Layout) -> Any:
-    """Return Rerun's blueprint of a layout; MissingExtraError without Rerun."""
+    """Return Rerun's blueprint of a layout.
+
+    Raises:
+        MissingExtraError: Rerun is not installed.
+    """
     rerun()
     import rerun.blueprint as rrb
 
@@ -247,7 +267,10 @@ def blueprint(layout: Layout) -> Any:
 
 
 def _contents(layout: Layout) -> list[str]:
-    """Return what space holds: not images without a place, nor depth images, which it holds as points."""
+    """Return the contents of the 3D view: all entities except images without a place, and depth images.
+
+    The 3D view shows depth images as points.
+    """
     rules = ["/**", *(f"- {entity}" for entity in layout.flat)]
     for entity in layout.cameras.values():
         if "depth" in entity:
@@ -256,7 +279,7 @@ def _contents(layout: Layout) -> list[str]:
 
 
 def _space(frame: str) -> dict[str, Any]:
-    """Return how space is looked at: from above one side of a known frame, else as the viewer likes."""
+    """Return the camera of the 3D view: obliquely from above for a known frame, otherwise the viewer's default."""
     import rerun.blueprint as rrb
 
     if not frame:
@@ -274,7 +297,7 @@ def _heartbeats() -> list[Any]:
     """Return the views of the age of heartbeats and of the agents' states."""
     import rerun.blueprint as rrb
 
-    above = rrb.PlotLegend(rrb.Corner2D.LeftTop)  # an age that grows reaches the right side
+    above = rrb.PlotLegend(rrb.Corner2D.LeftTop)  # growing ages would cover a legend on the right
     everything = f"{AGENTS}/**"
     ages = rrb.TimeSeriesView(
         origin=AGENTS, contents=everything, name="age of heartbeats (s)", plot_legend=above

@@ -1,6 +1,6 @@
 """Displays of a view, which are added, removed and tuned at run time, as in RViz's list of displays.
 
-A package offers visualizers of its own under entry points of the group ``sfglab.visualizers``. One that cannot
+A package adds its own visualizers with entry points of the group ``sfglab.visualizers``. A visualizer that cannot
 be loaded is reported and left out. A session knows which visualizers show which topics; `stage` delivers
 messages to them.
 """
@@ -44,11 +44,14 @@ BUILT_IN: tuple[type[Visualizer], ...] = (
     fleet.AgentStatus,
     fleet.AgentHeartbeats,
 )
-"""All of them, in the order in which they offer themselves for a topic."""
+"""Visualizers of sfglab, in the order in which a session offers them for a topic."""
 
 
 def installed_visualizers() -> tuple[dict[str, type[Visualizer]], list[str]]:
-    """Return all visualizers by name, and a sentence for each one that is left out; ours are never replaced."""
+    """Return all visualizers by name, and a sentence for each one that is left out.
+
+    A visualizer of another package cannot replace one of sfglab.
+    """
     kinds = {kind.name: kind for kind in BUILT_IN}
     problems = []
     for entry in sorted(entry_points(group=GROUP), key=lambda e: (e.name, e.value)):
@@ -72,25 +75,25 @@ def _add_kind(entry: EntryPoint, kinds: dict[str, type[Visualizer]]) -> None:
 
 @dataclass(slots=True, kw_only=True)
 class Display:
-    """One visualizer that looks at certain topics. Changed by its session only."""
+    """One visualizer with its topics, settings and counts. Only its session changes it."""
 
-    id: str  #: Unique in its session, stable.
+    id: str  #: Id, unique in the session and constant.
     visualizer: Visualizer  #: Visualizer that draws.
-    slot: Slot[Any]  #: Its queues.
-    #: Requested instead of the inputs' own, by role.
+    slot: Slot[Any]  #: Queues of the display.
+    #: QoS that is requested instead of the inputs' own, by role.
     qos: dict[str, QoSProfile] = field(default_factory=dict)
-    enabled: bool = True  #: Whether messages reach it.
-    errors: int = 0  #: Updates that could not be shown.
-    last_error: str = ""  #: Why the latest of these could not be.
+    enabled: bool = True  #: Whether the display receives messages.
+    errors: int = 0  #: Number of updates that could not be shown.
+    last_error: str = ""  #: Cause of the latest error; empty without one.
 
     @property
     def topics(self) -> dict[str, str]:
-        """Topic by role."""
+        """Topic of each bound input, by the input's role."""
         return self.visualizer.topics
 
     @property
     def inputs(self) -> list[tuple[Input, str, QoSProfile]]:
-        """Each bound input with its topic and what is requested."""
+        """Each bound input with its topic and the requested QoS."""
         bound = [given for given in self.visualizer.inputs if given.role in self.topics]
         return [
             (given, self.topics[given.role], self.qos.get(given.role, given.qos)) for given in bound
@@ -104,24 +107,28 @@ class Display:
         return f"{text}; {self.errors} failed: {self.last_error}" if self.errors else text
 
     def fail(self, why: str) -> None:
-        """Note an update that could not be shown."""
+        """Count an update that could not be shown, with the cause `why`."""
         self.errors += 1
         self.last_error = why
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Offer:
-    """A visualizer that could be added."""
+    """A visualizer that can be added to a session, with its topics."""
 
-    kind: str  #: Its name.
+    kind: str  #: Name of the visualizer.
     topics: Mapping[str, str]  #: Topic by role.
 
 
 class Session:
-    """The displays; methods refuse, as an InvalidValueError, an id, role or value not there or not allowed."""
+    """The displays of a view, which are added, removed and tuned at run time.
+
+    Raises:
+        InvalidValueError: A method was given an id, a role, a name or a value that does not exist or is not allowed.
+    """
 
     def __init__(self) -> None:
-        #: Visualizers by name, ours first; and a sentence for each one that cannot be used.
+        #: Visualizers by name, those of sfglab first; and a sentence for each one that cannot be used.
         self.kinds, self.problems = installed_visualizers()
         self._displays: dict[str, Display] = {}
         self._listeners: dict[object, Callable[[], None]] = {}
@@ -129,11 +136,11 @@ class Session:
 
     @property
     def displays(self) -> tuple[Display, ...]:
-        """All of them, in the order in which they were added."""
+        """All displays, in the order in which they were added."""
         return tuple(self._displays.values())
 
     def display(self, id_: str) -> Display:
-        """Return a display."""
+        """Return the display with an id."""
         if id_ not in self._displays:
             raise InvalidValueError("display", id_, _listed(self._displays))
         return self._displays[id_]
@@ -144,7 +151,13 @@ class Session:
         topics: Mapping[str, str] | str,
         settings: Mapping[str, object] | None = None,
     ) -> Display:
-        """Add a display of a visualizer or its name; a topic alone is the first role's."""
+        """Add a display and return it.
+
+        Args:
+            kind: Visualizer, or its name.
+            topics: Topic by role, or the topic of the first role alone.
+            settings: Values of parameters by name; the others have their defaults.
+        """
         if isinstance(kind, str):
             if kind not in self.kinds:
                 raise InvalidValueError("visualizer", kind, _listed(self.kinds))
@@ -162,30 +175,33 @@ class Session:
         return display
 
     def add_offer(self, offer: Offer) -> None:
-        """Add a display of an offer; a visualizer that fails is one of the problems."""
+        """Add a display of an offer; an error of the visualizer is appended to `problems`."""
         try:
             self.add(offer.kind, offer.topics)
         except Exception as error:  # noqa: BLE001 - a plug-in may raise any error
             self.problems.append(f"visualizer {offer.kind!r}: {type(error).__name__}: {error}")
 
     def remove(self, id_: str) -> None:
-        """Remove a display; what it has drawn stays in the viewer's history."""
+        """Remove a display; its drawn data stays in the viewer's history."""
         self.display(id_)
         del self._displays[id_]
         self._tell()
 
     def tune(self, id_: str, name: str, value: object) -> None:
-        """Set one parameter of a display."""
+        """Set one parameter of a display's visualizer by its name."""
         self.display(id_).visualizer.tune(name, value)
 
     def limit(self, id_: str, max_hz: float | None) -> None:
-        """Set the rate budget of a display; None lifts it."""
+        """Set the rate budget of a display, updates per second; None for no limit."""
         if max_hz is not None and not 0 < max_hz < float("inf"):
             raise InvalidValueError("max_hz", max_hz, "positive numbers, or None for no limit")
         self.display(id_).slot.max_hz = max_hz
 
     def enable(self, id_: str, *, enabled: bool) -> None:
-        """Switch a display on or off; what is off costs nothing and keeps its settings, not what waited."""
+        """Enable or disable a display.
+
+        A disabled display causes no work; it keeps its settings, and drops its waiting sets.
+        """
         display = self.display(id_)
         if display.enabled and not enabled:
             display.slot.interrupt()
@@ -193,7 +209,7 @@ class Session:
         self._tell()
 
     def request(self, id_: str, role: str, profile: QoSProfile) -> None:
-        """Change the QoS that a display requests for a role; what waited is gone."""
+        """Change the QoS that a display requests for a role; waiting messages are dropped."""
         display = self.display(id_)
         if role not in display.topics:
             raise InvalidValueError("role", role, _listed(display.topics))
@@ -202,7 +218,7 @@ class Session:
         self._tell()
 
     def offers(self, topics: Mapping[str, str]) -> tuple[Offer, ...]:
-        """Return what could be added for topics, given type by topic, without what is shown already."""
+        """Return the visualizers that can be added for topics, given the ROS type by topic, and are not shown yet."""
         shown = {(d.visualizer.name, next(iter(d.topics.values()))) for d in self.displays}
         found = []
         for kind in self.kinds.values():
@@ -213,7 +229,10 @@ class Session:
         return tuple(found)
 
     def listen(self, listener: Callable[[], None]) -> Callable[[], None]:
-        """Call `listener` now and after each change of the list, of QoS, and on and off; return what ends that."""
+        """Call a function now and after each change, and return a function that stops this.
+
+        Changes are added, removed, enabled and disabled displays, and changed QoS.
+        """
         key = object()
         self._listeners[key] = listener
         listener()
@@ -229,7 +248,7 @@ class Session:
 
 
 def _bound(kind: type[Visualizer], topic: str, topics: Mapping[str, str]) -> dict[str, str] | None:
-    """Return a topic for every input, led by the given one; None if one that is needed is not there."""
+    """Return a topic for each input of a visualizer, the given one first; None if a required topic is missing."""
     leading, *others = kind.inputs
     if not leading.fits(topic, topics[topic]):
         return None

@@ -1,8 +1,8 @@
 """Queue between the topics of a display and its visualizer.
 
-At most ``depth`` items of each topic wait for their partners, and at most ``queue`` sets for their turn. Others
-are counted and dropped. A viewer keeps all that it receives, and no limit of the viewer covers graphics memory;
-so the rate is limited here. Pure: stamps and opaque items in, sets out, the clock is the caller's.
+At most ``depth`` items of each topic wait for the items of other topics, and at most ``queue`` sets wait to be drawn.
+Further items are counted and dropped. A viewer keeps everything that it receives, and has no limit for graphics
+memory, so the rate is limited here. The module has no clock: the caller passes stamps, items and the time.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ T = TypeVar("T")
 
 
 class Taken(NamedTuple, Generic[T]):
-    """A set whose turn has come."""
+    """A set of items that is drawn next."""
 
-    items: dict[str, T]  #: By role.
-    stamp_ns: int  #: Stamp of the leading item.
-    lost: int  #: Sets passed over since the one before.
+    items: dict[str, T]  #: Items by role.
+    stamp_ns: int  #: Stamp of the first role's item, ns.
+    lost: int  #: Number of sets that were dropped since the set before.
 
 
 class Slot(Generic[T]):
-    """The queue of a visualizer's sets."""
+    """The queue of a visualizer: it matches items of several topics to sets, and limits their rate."""
 
     def __init__(self, visualizer: Visualizer, max_hz: float | None) -> None:
         #: Rate budget, sets per second; None for no limit. May be changed at any time.
         self.max_hz = max_hz
-        self.received = 0  #: Messages offered.
-        self.shown = 0  #: Sets drawn, as the caller counts them.
+        self.received = 0  #: Number of received messages.
+        self.shown = 0  #: Number of drawn sets; the caller counts them.
         self._budget = RateBudget()
         roles = tuple(visualizer.topics)
         steady = [given.role for given in visualizer.inputs if given.steady and given.role in roles]
@@ -45,16 +45,23 @@ class Slot(Generic[T]):
 
     @property
     def waiting(self) -> int:
-        """Messages that wait for partners and sets that wait for their turn."""
+        """Number of messages that wait for other topics, plus the sets that wait to be drawn."""
         return self._synchronizer.waiting + len(self._ready)
 
     @property
     def dropped(self) -> int:
-        """Messages without partners, and sets that the rate budget or a full queue stopped."""
+        """Number of messages that fit no set, plus the sets that the rate budget or a full queue dropped."""
         return self._synchronizer.unmatched + self._dropped
 
     def offer(self, role: str, stamp_ns: int, item: T, *, now_ns: int) -> None:
-        """Take one message of a role, in any form, with its capture stamp; now is by the budget's clock."""
+        """Process one message of a role.
+
+        Args:
+            role: Input that the message is for.
+            stamp_ns: Capture stamp of the message, ns.
+            item: The message, in any form.
+            now_ns: Present time on the clock of the rate budget, ns.
+        """
         self.received += 1
         for matched in self._synchronizer.offer(role, stamp_ns, item):
             if not self._budget.allows(now_ns, self.max_hz):
@@ -65,13 +72,13 @@ class Slot(Generic[T]):
             self._ready.append(matched)
 
     def interrupt(self) -> None:
-        """Let go of what waits; messages are kept from here, so the next update says that some are lost."""
+        """Drop all sets that wait to be drawn; the next set counts them, and one more, as lost."""
         self._pass_over(len(self._ready))
         self._lost += 1
         self._ready.clear()
 
     def take(self) -> Taken[T] | None:
-        """Remove and return the oldest set, None when none is ready."""
+        """Remove and return the oldest set; None if no set is ready."""
         if not self._ready:
             return None
         matched = self._ready.popleft()
@@ -86,13 +93,16 @@ class Slot(Generic[T]):
 
 
 class RateBudget:
-    """Lets events pass evenly; half a period late is credited to the next one."""
+    """Limit of a rate of events, with even gaps; a delay of up to half a period is credited to the next event."""
 
     def __init__(self) -> None:
         self._due_ns: int | None = None
 
     def allows(self, now_ns: int, max_hz: float | None) -> bool:
-        """Return whether an event passes now; without a rate each does. A clock that jumps back resets the budget."""
+        """Return whether an event passes at a time, ns, given the largest rate, Hz; None for no limit.
+
+        A clock that jumps back resets the budget.
+        """
         if max_hz is None:
             return True
         period_ns = round(NS_PER_S / max_hz)

@@ -11,21 +11,23 @@ from sfglab.view.visualizers.poses import StaticTransforms, Transforms
 if TYPE_CHECKING:
     from sfglab.record import LogReader
 
-_MOST_MESSAGES = 10_000  #: Messages that are read of a topic: a tree shows its frames early.
+#: Number of messages that are read per topic; frames of a tree appear early.
+_MOST_MESSAGES = 10_000
 _INPUTS = Transforms.inputs + StaticTransforms.inputs  #: Inputs whose topics have transforms.
 _USUAL = ("map", "odom")  #: Roots that are preferred among trees of one size (REP 105).
 
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """A TF tree of a log."""
+    """Root of a TF tree of a log, and the time at which the tree is complete."""
 
     root: str = ""  #: Name of the frame without a parent; empty: the log has no transforms.
-    complete_ns: int = 0  #: Time on the log's clock when the last of its frames first appears.
+    #: Time, ns on the log's clock, at which all frames of the tree have appeared.
+    complete_ns: int = 0
 
 
 def largest_tree(log: LogReader) -> Tree:
-    """Return the largest TF tree of a log or bag."""
+    """Return the TF tree with the most frames in the first 10,000 messages per transform topic of a log or bag."""
     parents: dict[str, str] = {}
     first_ns: dict[str, int] = {}
     for topic, info in log.topics.items():
@@ -47,7 +49,7 @@ def largest_tree(log: LogReader) -> Tree:
 
 
 def _root(frame: str, parents: dict[str, str]) -> str:
-    """Return the last frame on the way up; in a loop the first that comes again."""
+    """Return the highest frame above a frame; in a loop, the first frame that repeats."""
     seen = {frame}
     while frame in parents and parents[frame] not in seen:
         frame = parents[frame]

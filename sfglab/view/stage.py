@@ -1,8 +1,7 @@
 """Delivery of messages to the displays of a session, jobs that draw them, and replay of a log.
 
-The clock is the caller's: a log is replayed by its own clock, as fast as the outputs take it, and nothing is
-dropped from a queue. `deliver` and `jobs` belong to one thread. The jobs may be done in another thread, always
-the same one.
+The caller passes the time. A log is replayed with its own clock, as fast as the outputs accept it, and no queue drops
+anything. One thread calls `deliver` and `jobs`. Another thread, always the same one, may run the jobs.
 """
 
 from __future__ import annotations
@@ -22,25 +21,29 @@ if TYPE_CHECKING:
     from sfglab.view.slot import Taken
 
 _STEP_NS = 100_000_000
-_MOST_STEPS = 3000  #: Limit of steps in a silence, which is five minutes.
+_MOST_STEPS = 3000  #: Largest number of steps in a gap between messages: five minutes.
 
 
 class Surface(Canvas, Protocol):
-    """A canvas with its end."""
+    """A canvas that limits the data in flight and can be closed."""
 
     def settle(self, size_bytes: int) -> None:
-        """Take note of an update of this size; wait if too much is on its way. SinkError ends it all."""
+        """Count an update of `size_bytes` bytes, and wait while too many bytes are in flight.
+
+        Raises:
+            SinkError: An output no longer accepts data.
+        """
 
     def close(self) -> None:
-        """Send what is left and let go; again is harmless."""
+        """Send the remaining data and close the outputs; further calls have no effect."""
 
 
 Job = Callable[[Surface], None]
-"""Something to draw; what cannot be drawn is noted at its display. Raises SinkError when it cannot be sent."""
+"""Function that draws an update or ticks; errors are recorded at the display, except a SinkError, which is raised."""
 
 
 def _show(display: Display, taken: Taken[Arrival], surface: Surface) -> None:
-    """Draw one update of a display, which counts as shown when the surface has taken it."""
+    """Draw one update of a display; it counts as shown when the surface has accepted it."""
     arrivals = taken.items.values()
     received_ns = max(arrival.received_ns for arrival in arrivals)
 
@@ -66,7 +69,7 @@ def _tick(due: tuple[Display, ...], now_ns: int, surface: Surface) -> None:
 
 
 def _succeeds(display: Display, draw: Callable[[], None]) -> bool:
-    """Draw; note an error at the display, so that a visualizer that fails keeps no other from being shown."""
+    """Draw, and return whether that succeeded; an error is recorded at the display and does not affect others."""
     try:
         draw()
     except SinkError:
@@ -94,7 +97,7 @@ class Stage:
         self.close = session.listen(self._index)
 
     def deliver(self, arrival: Arrival) -> None:
-        """Put a message into the queues of the displays that want it."""
+        """Put a message into the queues of all displays of its topic."""
         wanted = self._wanted.get(arrival.topic)
         if not wanted:
             return
@@ -104,7 +107,7 @@ class Stage:
                 display.slot.offer(role, stamp_ns, arrival, now_ns=arrival.received_ns)
 
     def jobs(self, now_ns: int) -> Iterator[Job]:
-        """Yield what is due as the received clock goes by, then what waits, each display in turn."""
+        """Yield the jobs at a reception time, ns: first due ticks, then one waiting set of each display in turn."""
         due = tuple(d for d in self._session.displays if d.enabled and self._is_due(d, now_ns))
         if due:
             yield partial(_tick, due, now_ns)
@@ -131,7 +134,7 @@ class Stage:
         return True
 
     def _index(self) -> None:
-        """Note which displays want which topic."""
+        """Update the table of displays by topic."""
         self._wanted = {}
         for display in self._session.displays:
             for role, topic in display.topics.items():
@@ -139,17 +142,21 @@ class Stage:
 
 
 def wanted_topics(session: Session) -> frozenset[str]:
-    """Return the topics of all displays."""
+    """Return the topics to which the displays of a session are bound."""
     return frozenset(topic for display in session.displays for topic in display.topics.values())
 
 
 def replay(arrivals: Iterable[Arrival], session: Session, surface: Surface) -> None:
-    """Draw messages, and what changes with time between; SinkError if the surface ends."""
+    """Draw messages, and between them the ticks of the displays.
+
+    Raises:
+        SinkError: The surface no longer accepts data.
+    """
     last_ns: int | None = None
     with closing(Stage(session)) as stage:
         for arrival in arrivals:
             now_ns = arrival.received_ns
-            if last_ns is not None:  # so that silence is seen when it began
+            if last_ns is not None:  # so that the beginning of a gap is drawn at its time
                 for moment_ns in range(last_ns + _STEP_NS, now_ns, _STEP_NS)[:_MOST_STEPS]:
                     _do(stage, moment_ns, surface)
             last_ns = now_ns

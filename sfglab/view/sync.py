@@ -1,8 +1,8 @@
 """Synchronisation of messages of several topics by exact or approximate time (paper A, section 4.5).
 
-As with ROS 2's message_filters, an item belongs to one set at most, sets come in the order of time, and `depth`
-items of each topic wait at most. Items that are dropped without partners are counted, and so are items that are
-not newer than the one before on their topic. Pure: knows stamps and opaque items.
+As with ROS 2's message_filters, an item belongs to at most one set, sets come in the order of time, and at most
+`depth` items of each topic wait. Items that are dropped without a set are counted, and so are items that are
+not newer than the item before on their topic. The module has no clock, and does not read the items.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 PATIENCE = 5
-"""Items of the first topic without partners before the one item of each steady topic is taken to hold for good."""
+"""Number of items of the first topic without a set, after which single items of steady topics belong to all sets."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Independent:
-    """Every message is a set of its own."""
+    """Policy without synchronisation: each message is a set of its own."""
 
     depth: ClassVar[int] = 1
     slop_ns: ClassVar[int] = 0
@@ -32,9 +32,9 @@ class Independent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exact:
-    """The stamps of a set are equal."""
+    """Policy of equal stamps: the messages of a set have the same stamp."""
 
-    depth: int = 10  #: Items of each topic that wait for their partners.
+    depth: int = 10  #: Largest number of items of each topic that wait.
     slop_ns: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
@@ -43,15 +43,15 @@ class Exact:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Approximate:
-    """The stamps of a set lie within `slop_ns`, and each set is the best for its pivot.
+    """Policy of similar stamps: the stamps of a set differ by at most `slop_ns`.
 
-    The pivot is the latest of the topics' oldest waiting items. Its partners are the nearest items of the other
-    topics, which are known once these have reached its stamp. So a set whose stamps differ is complete with the
-    next item of the topic that is behind, or when a queue is full.
+    Each set has a pivot: the latest of the topics' oldest waiting items. The set consists of the pivot and the nearest
+    items of the other topics, which are known once these topics have reached the pivot's stamp. A set with different
+    stamps is therefore complete with the next item of the topic that is behind, or when a queue is full.
     """
 
     slop_ns: int = 50_000_000  #: Largest difference between two stamps of a set, in nanoseconds.
-    depth: int = 10  #: Items of each topic that wait for their partners.
+    depth: int = 10  #: Largest number of items of each topic that wait.
 
     def __post_init__(self) -> None:
         _check(self)
@@ -67,23 +67,24 @@ def _check(policy: Exact | Approximate) -> None:
 SyncPolicy = Independent | Exact | Approximate
 
 Matched = dict[str, tuple[int, T]]
-"""Items that belong together: stamp (ns) and item by topic, the first topic's first."""
+"""A set of items: stamp (ns) and item by topic, the first topic first."""
 
 
 class Synchronizer(Generic[T]):
-    """Queues of several topics; the first one leads.
+    """Queues of several topics, from which a policy makes sets of items.
 
     Args:
-        policy: Which items belong together. One topic alone needs no policy.
+        policy: Policy that decides which items form a set; without effect for one topic.
         topics: Names of the topics.
-        steady: Topics whose one item may hold for good, as a calibration that is published once; not the first.
-            It holds when `PATIENCE` items of the first topic have found no partner, until there is a second one.
+        steady: Topics with possibly one single item, such as a calibration; not the first topic. After `PATIENCE`
+            items of the first topic without a set, such an item belongs to all sets, until the topic has a second one.
     """
 
     def __init__(
         self, policy: SyncPolicy, topics: tuple[str, ...], *, steady: Sequence[str] = ()
     ) -> None:
-        self.unmatched = 0  #: Items dropped: without partners, or not newer than the one before.
+        #: Number of dropped items: without a set, or not newer than the item before.
+        self.unmatched = 0
         self._policy = Independent() if len(topics) == 1 else policy
         self._leading = topics[0]
         self._all: dict[str, deque[tuple[int, T]]] = {topic: deque() for topic in topics}
@@ -95,11 +96,11 @@ class Synchronizer(Generic[T]):
 
     @property
     def waiting(self) -> int:
-        """How many items wait for their partners."""
+        """Number of items that wait for items of other topics."""
         return sum(map(len, self._queues.values()))
 
     def offer(self, topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
-        """Take one item, and return the sets that it completes, the oldest first."""
+        """Process one item of a topic with its stamp, ns; return the sets that it completes, the oldest first."""
         if isinstance(self._policy, Independent):
             return [{topic: (stamp_ns, item)}]
         if self._steady:
@@ -118,7 +119,7 @@ class Synchronizer(Generic[T]):
         return found
 
     def _follow_steady(self, topic: str, stamped: tuple[int, T]) -> None:
-        """Let the items of the steady topics hold, or end that, as the next item says."""
+        """Decide from the next item whether the single items of steady topics belong to all sets."""
         if topic in self._steady:
             self._steady[topic] = [*self._steady[topic][-1:], stamped]
             if self._held:
@@ -132,7 +133,7 @@ class Synchronizer(Generic[T]):
                 self._change_queues({t: q for t, q in self._all.items() if t not in self._steady})
 
     def _change_queues(self, queues: dict[str, deque[tuple[int, T]]]) -> None:
-        """Need other topics from now on; what waits is given up."""
+        """Require other topics from now on, and drop the waiting items."""
         self.unmatched += self.waiting
         for queue in self._all.values():
             queue.clear()
@@ -141,12 +142,12 @@ class Synchronizer(Generic[T]):
         self._queues = queues
 
     def _matched(self) -> list[Matched[T]]:
-        """Return the sets that are complete."""
+        """Remove and return the complete sets."""
         found = []
         while all(self._queues.values()):
             pivot_ns = max(queue[0][0] for queue in self._queues.values())
             if self._drop_before(pivot_ns - self._policy.slop_ns):
-                continue  # what was dropped made room for a later pivot
+                continue  # after the drop there is a later pivot
             if not self._is_decided(pivot_ns):
                 break
             found.append(self._hand_out(self._best(pivot_ns)))
@@ -159,7 +160,10 @@ class Synchronizer(Generic[T]):
         return is_full or all(queue[-1][0] >= pivot_ns for queue in queues)
 
     def _best(self, pivot_ns: int) -> dict[str, int]:
-        """Return the nearest items to the pivot; where those lie too far apart, the last ones not after it."""
+        """Return the index of each topic's nearest item to the pivot, or of the last item not after it.
+
+        The latter are returned if the nearest items are too far apart.
+        """
         nearest = {topic: _nearest(queue, pivot_ns) for topic, queue in self._queues.items()}
         stamps = [self._queues[topic][index][0] for topic, index in nearest.items()]
         if max(stamps) - min(stamps) <= self._policy.slop_ns:
@@ -167,7 +171,7 @@ class Synchronizer(Generic[T]):
         return {topic: _last_until(queue, pivot_ns) for topic, queue in self._queues.items()}
 
     def _hand_out(self, indexes: dict[str, int]) -> Matched[T]:
-        """Remove one item of each queue and what is older there."""
+        """Remove one item of each queue with all older ones, and return the set."""
         items = dict(self._held)
         for topic, index in indexes.items():
             for _ in range(index):

@@ -1,4 +1,4 @@
-"""A visualizer: a small class that says what it needs and shows what it gets.
+"""Base class of visualizers: small classes that declare their inputs and draw the received messages.
 
     class Range(Visualizer):
         name = "range"
@@ -8,11 +8,12 @@
         def show(self, update, canvas):
             ...
 
-It is found through the entry points of the group ``sfglab.visualizers``. A panel makes a widget of each of its
-parameters; `Parameter.check` is the one place that decides which values are allowed. A name of the schema
-(paper A, section 4.1) lands below its agent, whichever scope it has, so one click hides an agent:
-``/global/go2/camera_front/color/ffmpeg`` is ``/agents/go2/global/camera_front/color/ffmpeg``. Refuses to know
-where messages come from and where what is shown goes; it decides nothing on rates and queues but declares them.
+Visualizers are found through the entry points of the group ``sfglab.visualizers``. A panel makes a widget for each
+parameter; only `Parameter.check` decides which values are allowed. A visualizer declares its rate and its queue, and
+does not depend on the source of the messages or on the output.
+
+A topic of the naming schema (paper A, section 4.1) has an entity below that of its agent, so that one click hides an
+agent: ``/global/go2/camera_front/color/ffmpeg`` is ``/agents/go2/global/camera_front/color/ffmpeg``.
 """
 
 from __future__ import annotations
@@ -36,34 +37,35 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """A topic that a visualizer needs."""
+    """Declaration of a topic that a visualizer reads."""
 
     role: str  #: Name of the input in the visualizer.
     type: str  #: ROS type of its messages.
     _: KW_ONLY
-    pattern: str = "*"  #: Topics that it offers itself for; ``*`` stands for any characters.
-    #: Last segment of the topic beside the first input's that this one is bound to by itself, such as
-    #: ``camera_info``; empty for none.
+    #: Topics that the visualizer is offered for; ``*`` stands for any characters.
+    pattern: str = "*"
+    #: Last segment of the topic that this input gets automatically, such as ``camera_info``; the other segments are
+    #: those of the first input's topic. Empty for no such topic.
     sibling: str = ""
-    optional: bool = False  #: Whether the visualizer also works without.
-    #: Whether one message may hold for good, as a calibration that is published once.
+    optional: bool = False  #: Whether the visualizer also works without this input.
+    #: Whether one message may belong to all updates, such as a calibration that is published once.
     steady: bool = False
     qos: QoSProfile = SENSOR_DATA  #: Requested QoS.
 
     def fits(self, topic: str, type_name: str) -> bool:
-        """Return whether a topic can be this input."""
+        """Return whether a topic with a ROS type can be this input."""
         return type_name == self.type and fnmatchcase(topic, self.pattern)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Update:
-    """Messages that belong together."""
+    """One message for each input of a visualizer, with matching stamps."""
 
-    messages: Mapping[str, Any]  #: Decoded, by role.
-    #: Capture stamp of the first message; without a stamp, the time of its reception.
+    messages: Mapping[str, Any]  #: Decoded messages by role.
+    #: Capture stamp of the first message, ns; without a stamp, the time of its reception.
     stamp_ns: int
-    received_ns: int  #: Time of the last reception, on the clock of this host or of the log.
-    #: Sets of messages passed over since the last update, by a full queue or the rate budget.
+    received_ns: int  #: Time of the last reception, ns, on the clock of this host or of the log.
+    #: Number of sets that a full queue or the rate budget dropped since the last update.
     lost: int = 0
 
     def __getitem__(self, role: str) -> Any:
@@ -71,43 +73,51 @@ class Update:
 
     @property
     def only(self) -> Any:
-        """The message of an input that stands alone."""
+        """The message of the only input."""
         (message,) = self.messages.values()
         return message
 
 
 class NotShownError(SfglabError):
-    """An update that another visualizer shows: it counts neither as shown nor as failed."""
+    """An update that another visualizer shows; it counts neither as shown nor as an error."""
 
 
 class SinkError(SfglabError, OSError):
-    """A place that what is shown cannot be sent to; nothing more is shown there."""
+    """An output that no longer accepts data; nothing more is shown there."""
 
 
 class Canvas(Protocol):
     """Drawing interface of a visualizer."""
 
     def log(self, entity: str, *what: Any, static: bool = False) -> None:
-        """Show Rerun archetypes at an entity, from the present time on, or for all times."""
+        """Draw Rerun archetypes at an entity, from the present time on, or with `static` for all times."""
 
     def place(self, entity: str, frame: str) -> None:
-        """Say in which coordinate frame an entity's geometry is given; an empty name says nothing."""
+        """Set the coordinate frame of an entity's geometry; an empty name has no effect."""
 
     def at(self, *, stamp_ns: int, received_ns: int) -> None:
-        """Set the time of what is shown next."""
+        """Set the capture time and the reception time, ns, of everything drawn next."""
 
 
 class Visualizer(ABC):
-    """Shows its inputs' messages, used by one thread; InvalidValueError for a wrong value or role."""
+    """Base class of visualizers. One thread uses an object of it.
 
-    name: ClassVar[str]  #: Under which it is added; unique among all that are installed.
-    #: The first leads: it gives the entity, and where it matters the time.
+    Args:
+        topics: Topic by role.
+        settings: Values of parameters by name; the others have their defaults.
+
+    Raises:
+        InvalidValueError: A required role is missing, a role or a parameter is unknown, or a value is not allowed.
+    """
+
+    name: ClassVar[str]  #: Name for `Session.add`, unique among all installed visualizers.
+    #: Inputs; the first one determines the entity and the time of an update.
     inputs: ClassVar[tuple[Input, ...]]
     sync: ClassVar[SyncPolicy] = (
         Independent()
     )  #: Policy by which messages of several inputs are matched.
-    max_hz: ClassVar[float | None] = 30.0  #: Its rate budget; None where each message counts.
-    #: Number of updates that may wait; the oldest is dropped when there are more. 1 shows the latest.
+    max_hz: ClassVar[float | None] = 30.0  #: Rate budget, updates per second; None for no limit.
+    #: Largest number of updates that wait; the oldest is dropped when there are more. 1 shows the latest.
     queue: ClassVar[int] = 1
     tick_hz: ClassVar[float] = 0.0  #: Rate of calls of `tick`, Hz; 0 for none.
     parameters: ClassVar[tuple[Parameter, ...]] = ()  #: Parameters, which may change at run time.
@@ -116,7 +126,7 @@ class Visualizer(ABC):
         self, topics: Mapping[str, str], settings: Mapping[str, object] | None = None
     ) -> None:
         self.topics = _checked_topics(type(self), topics)  #: Topic by role.
-        #: Entity that it draws at, made from the first topic.
+        #: Entity that the visualizer draws at, derived from the first topic.
         self.entity = entity_of_topic(next(iter(self.topics.values())))
         #: Value of every parameter; changed by `tune`.
         self.settings: dict[str, Setting] = {
@@ -126,7 +136,11 @@ class Visualizer(ABC):
             self.tune(name, value)
 
     def tune(self, name: str, value: object) -> None:
-        """Change one parameter from the next update on; InvalidValueError for an unknown name or a wrong value."""
+        """Change one parameter from the next update on.
+
+        Raises:
+            InvalidValueError: There is no such parameter, or the value is not allowed.
+        """
         for parameter in self.parameters:
             if parameter.name == name:
                 self.settings[name] = parameter.check(value)
@@ -142,16 +156,20 @@ class Visualizer(ABC):
         """Draw one update.
 
         Raises:
-            NotShownError: The update is another visualizer's.
-            SfglabError: It cannot be drawn. That is counted and told, and the next updates are tried.
+            NotShownError: Another visualizer shows the update.
+            SfglabError: The update cannot be drawn. The error is counted and reported, and the next update is drawn.
         """
 
     def tick(self, now_ns: int, canvas: Canvas) -> None:  # noqa: B027 - most have nothing to do
-        """Draw what changes as time goes by; called `tick_hz` times a second of the received clock."""
+        """Draw what changes with time alone; called at `tick_hz` with the time on the reception clock, ns."""
 
 
 def _checked_topics(kind: type[Visualizer], topics: Mapping[str, str]) -> dict[str, str]:
-    """Return topics in the order of a visualizer's inputs."""
+    """Return topics by role, in the order of a visualizer's inputs.
+
+    Raises:
+        InvalidValueError: A required role is missing, or a role is unknown.
+    """
     found = {given.role: topics[given.role] for given in kind.inputs if given.role in topics}
     needed = {given.role for given in kind.inputs if not given.optional}
     if len(found) < len(topics) or not needed.issubset(found):
@@ -164,15 +182,15 @@ AGENTS = "/agents"  #: The root of all agents.
 
 
 def agent_root(agent: str) -> str:
-    """Return the entity below which everything of an agent stands."""
+    """Return the entity that is above all entities of an agent."""
     return f"{AGENTS}/{agent}"
 
 
 def camera_name(topic: str) -> str:
     """Return the name that the topics of one camera have in common.
 
-    It is ``<name>`` in ``<name>/camera_info``, in ``<name>/ffmpeg`` as the naming schema has it, and in
-    ``<name>/image_raw`` and ``<name>/image_raw/compressed`` as image_transport has it.
+    It is ``<name>`` in ``<name>/camera_info``, in ``<name>/ffmpeg`` (naming schema), and in ``<name>/image_raw`` and
+    ``<name>/image_raw/compressed`` (image_transport).
     """
     name = topic.rpartition("/")[0]
     parent, _, last = name.rpartition("/")
@@ -180,7 +198,7 @@ def camera_name(topic: str) -> str:
 
 
 def entity_of_topic(topic: str) -> str:
-    """Return the entity of a topic."""
+    """Return the entity of a topic in the viewer; for a topic of an agent, an entity below `agent_root`."""
     try:
         agent = parse(topic).agent
     except FqnError:
@@ -196,10 +214,10 @@ Setting = bool | int | float | str  #: Value of a parameter.
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One thing to tune."""
+    """Declaration of a parameter of a visualizer, which can be changed at run time."""
 
-    name: str  #: A Python identifier.
-    default: Setting  #: Its first value, which also says its type.
+    name: str  #: Name, a Python identifier.
+    default: Setting  #: Default value, which also determines the type.
     help: str  #: Sentence on its effect, with its unit.
     _: KW_ONLY
     minimum: float = -math.inf  #: Smallest number.
@@ -207,11 +225,15 @@ class Parameter:
 
     @property
     def kind(self) -> type[Setting]:
-        """`bool`, `int`, `float` or `str`."""
+        """Type of the values: `bool`, `int`, `float` or `str`."""
         return type(self.default)
 
     def check(self, value: object) -> Setting:
-        """Return a value in the parameter's type; InvalidValueError where it is of another or out of range."""
+        """Return a value in the parameter's type.
+
+        Raises:
+            InvalidValueError: The value has another type, or is out of range.
+        """
         hint: Any = self.kind
         if self.kind in (int, float):
             hint = Annotated[self.kind, Bounds(self.minimum, self.maximum)]

@@ -1,6 +1,6 @@
-"""Widgets of a notebook: the library, front-end parts of our own, how a refusal looks, and addresses of pages.
+"""Common parts of a notebook's widgets: ipywidgets, own front-end classes, error messages, and addresses of pages.
 
-Refuses to know what any of them shows. They come with the extra ``view``.
+The widgets come with the extra ``view``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 
 
 def widgets() -> Any:
-    """Return ipywidgets; MissingExtraError where they are not installed."""
+    """Return the package ipywidgets.
+
+    Raises:
+        MissingExtraError: ipywidgets is not installed.
+    """
     try:
         return import_module("ipywidgets")
     except ImportError as error:
@@ -29,11 +33,11 @@ def widgets() -> Any:
 
 
 def front_end(module: Path, traits: Mapping[str, str], css: str = "") -> Any:
-    """Return the class of a widget whose part in the page is an ES module of our own, through anywidget.
+    """Return the class of a widget whose front end is an ES module of sfglab, made with anywidget.
 
     Args:
         module: File of the ES module.
-        traits: Names of the values that Python and page share, with their classes in traitlets, as ``Unicode``.
+        traits: Values that Python and the page share: traitlets classes, such as ``Unicode``, by name.
         css: Style rules for the page.
 
     Raises:
@@ -53,15 +57,16 @@ def front_end(module: Path, traits: Mapping[str, str], css: str = "") -> Any:
 
 
 def button(label: str, action: Callable[[], object], tooltip: str = "") -> Any:
-    """Return a button as wide as its label, and what it does."""
-    layout = {"width": "auto", "flex": "0 0 auto"}  # what stands beside it does not shrink it
+    """Return a button as wide as its label, which calls a function at each click."""
+    # Other widgets of the row do not shrink the button.
+    layout = {"width": "auto", "flex": "0 0 auto"}
     made = widgets().Button(description=label, tooltip=tooltip, layout=layout)
     made.on_click(lambda _: action())
     return made
 
 
 def attempt(action: Callable[[], object], said: Any) -> bool:
-    """Do something, and say in an HTML widget what is refused; return whether nothing was."""
+    """Call a function and return whether it raised no `SfglabError`; the HTML widget `said` shows the error."""
     try:
         action()
     except SfglabError as error:
@@ -80,7 +85,7 @@ LOOPBACK = "127.0.0.1"
 
 
 def address_of_port(port: int) -> str:
-    """Return the address of a page at a port of loopback, below the kernel's notebook server if any."""
+    """Return the URL of a page at a loopback port, behind the kernel's notebook server if there is one."""
     parent = os.environ.get("JPY_PARENT_PID")
     if parent is not None and find_spec("jupyter_server_proxy") is not None:
         from jupyter_server.serverapp import list_running_servers  # takes seconds to import

@@ -1,7 +1,7 @@
-"""The context of every part of the editor's window: viser, its server, the editor, and the queue of jobs.
+"""Objects that all parts of the editor's window share: viser, its server, the editor, and the queue of jobs.
 
-One thread does all jobs in order, so that an editor of one thread serves many browsers. Callbacks of viser's
-event loop leave jobs. Only this module imports viser, so that the others can be imported without it.
+One thread runs all jobs in order, because the editor is for one thread and serves many browsers. Callbacks of viser's
+event loop submit jobs. Only this module imports viser, so that the others can be imported without it.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ _Held = tuple[asyncio.TimerHandle, "Callable[[], object]", bool]
 
 
 class JobQueue:
-    """A queue of jobs and the thread that does them, in an event loop that jobs may use for tasks.
+    """A queue of jobs, and the thread that runs them in an event loop, which jobs may use for tasks.
 
     Args:
-        on_error: Called with the error of each job, on this thread.
+        on_error: Called in this thread with the error of a failed job.
     """
 
     def __init__(self, on_error: Callable[[Exception], None]) -> None:
@@ -47,38 +47,42 @@ class JobQueue:
         self._jobs: deque[_Job] = deque()
         self._held: dict[Hashable, _Held] = {}
         self._closed = False
-        self._lock = threading.Lock()  # what is posted before the end is done
+        self._lock = threading.Lock()  # a function that is posted before the end is still run
         self._thread = threading.Thread(
             target=self._loop.run_forever, name="planner-jobs", daemon=True
         )
         self._thread.start()
 
     def submit(self, job: Callable[[], object], *, key: Hashable = None) -> None:
-        """Leave a job, which is done after all of `later` that settle.
+        """Submit a job; it runs after all waiting jobs of `later` with `settles`.
 
-        It replaces the last waiting job if both have the same key, as positions of a slider do.
+        The job replaces the last waiting job if both have the same key, such as two positions of a slider.
         """
         self._post(partial(self._add, key, job))
 
     def later(
         self, key: Hashable, job: Callable[[], object], *, delay_s: float, settles: bool = True
     ) -> None:
-        """Leave a job that waits until none of its key was left for a while, as while a user types.
+        """Submit a job that runs after a time without another job of its key, for example when a user stops typing.
 
         Args:
-            key: Key of the job, which replaces a waiting one of its key.
+            key: Key of the job, which replaces a waiting job of this key.
             job: The job.
             delay_s: Time without a job of this key, s.
-            settles: Whether `submit`, `call` and `close` do it first.
+            settles: Whether `submit`, `call` and `close` run the job first.
         """
         self._post(partial(self._hold, key, job, delay_s, settles=settles))
 
     def waits(self, key: Hashable) -> bool:
-        """Return whether a job of `later` waits."""
+        """Return whether a job of `later` with this key waits."""
         return key in self._held
 
     def call(self, job: Callable[[], _T]) -> _T:
-        """Do a job from another thread and return its result; SfglabError if the queue is closed."""
+        """Run a job for another thread, and return its result or raise its error.
+
+        Raises:
+            SfglabError: The queue is closed.
+        """
         future: Future[_T] = Future()
 
         def run() -> None:
@@ -92,13 +96,13 @@ class JobQueue:
         return future.result()
 
     def close(self, last: Callable[[], Awaitable[None]]) -> None:
-        """Do the remaining jobs and the last one, and end; further calls have no effect."""
+        """Run the remaining jobs and the job `last`, and end the thread; further calls have no effect."""
         if self._post(partial(self._end, last), closes=True):
             self._thread.join()
             self._loop.close()
 
     def _post(self, step: Callable[[], object], *, closes: bool = False) -> bool:
-        """Take a step on the thread; return whether the queue is open."""
+        """Run a function in the thread; return False if the queue is closed."""
         with self._lock:
             if self._closed:
                 return False
@@ -153,7 +157,7 @@ class JobQueue:
 
 
 class Part(ABC):
-    """A part of the window: it shows the editor's state, and leaves the users' actions in the queue of jobs."""
+    """A part of the window: it shows the editor's state, and submits the users' actions to the queue of jobs."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -162,17 +166,17 @@ class Part(ABC):
 
     @abstractmethod
     def show(self, change: Change) -> None:
-        """Show a change."""
+        """Show the editor's state after a change."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """Objects that all parts share."""
+    """Objects that all parts of the planner's page share."""
 
-    viser: Any  #: The library.
-    server: Any  #: Its server; what is added to it, every browser shows.
-    editor: Editor  #: The scene in work; touched on the jobs's thread only.
-    jobs: JobQueue  #: The thread.
+    viser: Any  #: The library viser.
+    server: Any  #: Server of viser; every browser shows the nodes and widgets that are added to it.
+    editor: Editor  #: Editor of the scene, which only the thread of the jobs uses.
+    jobs: JobQueue  #: Queue of the jobs.
     sender: Sender  #: Sender of trajectories to action servers.
 
     def on(
@@ -182,10 +186,10 @@ class Context:
         read: Callable[[Any], Any] = lambda _: None,
         key: Hashable = None,
     ) -> Callable[[Any], Awaitable[None]]:
-        """Return a coroutine for viser, which awaits those in order, that reads an event and leaves a job."""
+        """Return a callback for viser that reads an event and submits a job; viser awaits callbacks in order."""
 
         async def called(event: Any) -> None:
-            if event.client_id is not None:  # else it is our own assignment
+            if event.client_id is not None:  # an assignment by the program has no client
                 given = read(event)
                 self.jobs.submit(lambda: job(given), key=key)
 
@@ -193,7 +197,11 @@ class Context:
 
 
 def viser() -> Any:
-    """Return viser; MissingExtraError where it is not installed."""
+    """Return the package viser.
+
+    Raises:
+        MissingExtraError: viser is not installed.
+    """
     try:
         return import_module("viser")
     except ImportError as error:

@@ -34,7 +34,7 @@ _Style = dict[str, Any]  # options of viser
 _OBSTACLE: _Style = {"color": (125, 130, 140)}
 _STYLES: dict[ZoneRule, _Style] = {
     ZoneRule.FORBIDDEN: {"color": (214, 60, 60), "opacity": 0.3, "cast_shadow": False},
-    # The far walls only, so that they hide nothing inside.
+    # Only the far walls are drawn, so that they hide nothing inside.
     ZoneRule.INSIDE: {"color": (70, 150, 90), "opacity": 0.2, "side": "back", "cast_shadow": False},
 }
 _CONFLICT: _Style = {"color": (255, 20, 20), "cast_shadow": False}
@@ -63,7 +63,7 @@ Looks = dict[str, Look]  #: Nodes by name.
 
 
 def looks_of_objects(scene: Scene, opened: int | None) -> Looks:
-    """Return the nodes of obstacles, zones and trajectories; the opened one is broader and has times."""
+    """Return the nodes of obstacles, zones and trajectories; the opened trajectory is broader and has times."""
     colours = looks.agent_colours(scene)
     found: Looks = {}
     for thing in scene.walk():
@@ -73,7 +73,8 @@ def looks_of_objects(scene: Scene, opened: int | None) -> Looks:
             found[name] = Look(
                 add=add_body,
                 values=(thing.shape, style),
-                ids=() if "side" in style else (thing.id,),  # a click reaches what is inside
+                # A click passes through to objects inside.
+                ids=() if "side" in style else (thing.id,),
                 pose=scene.world_pose(thing.id),
             )
         elif isinstance(thing, TrajectoryObject) and scene.held_by(thing.id):
@@ -86,7 +87,7 @@ def _trajectory(
     scene: Scene, thing: TrajectoryObject, name: str, colour: Colour, *, is_open: bool
 ) -> Looks:
     path = scene.world_trajectory(thing.id)
-    assert path is not None  # it holds a waypoint
+    assert path is not None  # the trajectory holds a waypoint
     held = scene.held_by(thing.id)
     found = {f"{name}/waypoints": Look(add=add_waypoints, values=(path,), ids=held)}
     if len(held) > 1:
@@ -142,7 +143,7 @@ def _label(text: str, position_m: Iterable[float], anchor: str) -> Look:
 
 
 def add_floor(api: Any) -> None:
-    """Add a grid at height zero."""
+    """Add a grid at height zero to viser's scene `api`."""
     api.add_grid(
         "/floor",
         _FLOOR_M,
@@ -156,7 +157,7 @@ def add_floor(api: Any) -> None:
 
 
 def add_body(api: Any, name: str, shape: Shape, style: _Style) -> Any:
-    """Add a body."""
+    """Add a box, sphere or cylinder to viser's scene, and return its node."""
     if isinstance(shape, Box):
         return api.add_box(name, dimensions=shape.size_m, **style)
     if isinstance(shape, Cylinder):
@@ -165,13 +166,13 @@ def add_body(api: Any, name: str, shape: Shape, style: _Style) -> Any:
 
 
 def add_line(api: Any, name: str, path: Trajectory, colour: Colour, width_px: float) -> Any:
-    """Add the line of a trajectory."""
+    """Add the line of a trajectory to viser's scene, and return its node."""
     points, linear = looks.line_of(path), looks.linear(colour)
     return api.add_line_segments(name, points, linear, thickness=width_px, thickness_units="screen")
 
 
 def add_waypoints(api: Any, name: str, path: Trajectory) -> Any:
-    """Add the axes of all waypoints as one node with instances."""
+    """Add the axes of all waypoints to viser's scene, and return their one node with instances."""
     return api.add_batched_axes(
         name,
         np.array([looks.wxyz(waypoint.pose) for waypoint in path.waypoints]),
@@ -182,10 +183,10 @@ def add_waypoints(api: Any, name: str, path: Trajectory) -> Any:
 
 
 def add_axes(api: Any, name: str, length_m: float) -> Any:
-    """Add the axes of an agent."""
+    """Add the axes of an agent, with a length in metres, to viser's scene, and return their node."""
     return api.add_frame(name, axes_length=length_m, axes_radius=length_m / 30.0)
 
 
 def add_label(api: Any, name: str, anchor: str) -> Any:
-    """Add an empty label."""
+    """Add an empty label to viser's scene, and return its node."""
     return api.add_label(name, "", anchor=anchor)

@@ -1,7 +1,7 @@
 """Fields of the inspector: values of an object or of the scene, and the edits that they make.
 
-They follow from the types of the model, so a new field of the model has its field here at once. The model
-checks each value. This module knows no widgets.
+The fields are derived from the types of the model, so a new field of the model needs no code here. The model
+checks each value. The module does not depend on widgets.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Field:
     edit: Callable[[Editor, Any], object]  #: Edits the scene so that the field has a new value.
     choices: tuple[str, ...] = ()  #: Words to choose from; empty: any value.
     hint: str = ""  #: Explanation.
-    enabled: bool = True  #: Whether it can be changed now.
+    enabled: bool = True  #: Whether the field can be changed now.
 
 
 def fields_of(scene: Scene, id_: int) -> tuple[Field, ...]:
@@ -123,7 +123,7 @@ def _field(
     given: Callable[[Any], Any] = lambda value: value,
     **more: Any,
 ) -> Field:
-    """Return the field of a property; `given` returns the property's value for the field's."""
+    """Return the field of a property; `given` converts the field's value to the property's value."""
 
     def edit(editor: Editor, new: Any) -> object:
         return editor.set_property(thing.id, name, given(new))
@@ -146,7 +146,7 @@ def _parent(scene: Scene, thing: SceneObject) -> Field:
 
 
 def _ids(things: Iterable[SceneObject], first: dict[str, _Id]) -> dict[str, _Id]:
-    """Return the ids of objects by title, after those of other words."""
+    """Return the entries `first`, and after them the ids of objects by title."""
     return first | {title_of(thing): thing.id for thing in things}
 
 
@@ -248,7 +248,7 @@ def _rounded(values: Iterable[float], decimals: int) -> Vec3:
 
 
 def _kept(typed: Vec3, exact: Vec3, decimals: int) -> Vec3:
-    """Return the typed numbers, and the exact ones that were not typed: the field shows them rounded."""
+    """Return the numbers that the user typed, and the exact values for the others, which the field shows rounded."""
     values = zip(typed, _rounded(exact, decimals), exact, strict=True)
     x, y, z = (old if new == shown else new for new, shown, old in values)
     return (x, y, z)

@@ -1,4 +1,4 @@
-"""A scene as numbers and words for a screen: rows, colours, lines, outlines, first camera. Pure, no viser."""
+"""A scene as values for a screen: rows, colours, lines and first camera. The module does not depend on viser."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _AGENTS: tuple[Colour, ...] = (
     (86, 180, 233),
     (150, 60, 60),
 )
-"""Told apart also by people who do not see all colours, after Okabe and Ito."""
+"""Colours of agents, distinct for people with colour blindness (after Okabe and Ito)."""
 _PER_SEGMENT = 24
 _MOST_SAMPLES = 4000
 _NEAR_M = 4.0
@@ -45,26 +45,26 @@ _FROM = np.array([0.2, -1.3, 1.1])
 
 
 def agent_colours(scene: Scene) -> dict[int, Colour]:
-    """Return every agent's colour by id, in order of ids, so that no renaming or sorting changes one."""
+    """Return the colour of each agent by id; the order of ids decides, so that renaming and sorting change none."""
     ids = sorted(agent.id for agent in scene.all_of(AgentObject))
     return {id_: _AGENTS[i % len(_AGENTS)] for i, id_ in enumerate(ids)}
 
 
 def wxyz(pose: Pose) -> Quat:
-    """Return an orientation with its real part first."""
+    """Return a pose's quaternion in viser's order: w, x, y, z."""
     x, y, z, w = pose.quat_xyzw
     return (w, x, y, z)
 
 
 def linear(colour: Colour) -> NDArray[np.uint8]:
-    """Return an sRGB colour as the linear one that viser takes for lines, which otherwise look pale."""
+    """Return an sRGB colour, 0 to 255, as linear RGB, shape (3,), which viser expects for lines (IEC 61966-2-1)."""
     shares = np.asarray(colour, float) / 255.0
     bent = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
     return np.asarray(np.round(255.0 * bent), np.uint8)
 
 
 def line_of(trajectory: Trajectory) -> NDArray[np.float32]:
-    """Return a trajectory as line segments, shape (n, 2, 3)."""
+    """Return a trajectory as line segments, metres, shape (n, 2, 3)."""
     knots = motion_of(trajectory).times_s
     if len(knots) < 2:
         return np.zeros((0, 2, 3), np.float32)
@@ -76,7 +76,7 @@ def line_of(trajectory: Trajectory) -> NDArray[np.float32]:
 
 
 def camera_for(scene: Scene) -> tuple[list[float], list[float]]:
-    """Return position and target of a camera that sees the origins of all objects from above and behind."""
+    """Return position and target, metres, of a camera that sees the origins of all objects obliquely from above."""
     places = [scene.world_pose(thing.id).position_m for thing in scene.walk()]
     points = np.array(places or [(0.0, 0.0, 0.0)])
     low, high = points.min(axis=0), points.max(axis=0)
@@ -85,11 +85,14 @@ def camera_for(scene: Scene) -> tuple[list[float], list[float]]:
     return (middle + away).tolist(), middle.tolist()
 
 
-MOST_ROWS = 300  #: Largest number of rows: a browser shows as many buttons with ease.
+MOST_ROWS = 300  #: Largest number of rows, which a browser still shows without delay.
 
 
 def rows_of(scene: Scene, selection: tuple[int, ...]) -> list[tuple[SceneObject, int]]:
-    """Return up to `MOST_ROWS` objects in order with their depth, waypoints of the opened trajectory alone."""
+    """Return up to `MOST_ROWS` objects in the order of the tree, each with its depth.
+
+    Of the waypoints, only those of the opened trajectory are included.
+    """
     opened = open_trajectory(scene, selection)
     depths = {ROOT: -1}
     rows = []
@@ -101,7 +104,7 @@ def rows_of(scene: Scene, selection: tuple[int, ...]) -> list[tuple[SceneObject,
 
 
 def open_trajectory(scene: Scene, selection: tuple[int, ...]) -> int | None:
-    """Return the trajectory that is selected last, itself or by a waypoint."""
+    """Return the id of the opened trajectory: the last one that is selected, directly or by one of its waypoints."""
     for id_ in reversed(selection):
         thing = scene.objects.get(id_)
         if isinstance(thing, TrajectoryObject):
@@ -112,7 +115,7 @@ def open_trajectory(scene: Scene, selection: tuple[int, ...]) -> int | None:
 
 
 def title_of(thing: SceneObject) -> str:
-    """Return an object's name with its id; a waypoint's time too."""
+    """Return an object's name with its id, and for a waypoint also its time."""
     if isinstance(thing, WaypointObject):
         return f"{thing.time_ns / NS_PER_S:.2f} s {thing.name}".rstrip() + f"  #{thing.id}"
     return f"{thing.name}  #{thing.id}"

@@ -1,7 +1,7 @@
-"""Panels around the viewport: hierarchy, inspector, timeline and warnings. Thin shells.
+"""Panels around the viewport: hierarchy, inspector, timeline and warnings.
 
-Each shows a part of the editor's state in viser's widgets. Decisions are in `sfglab.spatial.scene`, `fields` and
-`looks`.
+Each panel shows a part of the editor's state in viser's widgets. Decisions are in `sfglab.spatial.scene`, `fields`
+and `looks`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _ICONS = {
     "waypoint": "MAP_PIN",
 }
 _INDENT = "\u2003"
-# Rows instead of buttons: flush left, filled only where selected.
+# Buttons look like rows: flush left, and filled only if selected.
 _ROWS_STYLE = """<style>
 div:has(> * > .sfg-rows) > div { padding-bottom: 1px !important; }
 div:has(> * > .sfg-rows) button { height: 1.9em !important; }
@@ -49,7 +49,7 @@ div:has(> * > .sfg-rows) .mantine-Button-inner { justify-content: flex-start; }
 
 
 class Hierarchy(Part):
-    """The tree of objects, as rows."""
+    """The scene's tree of objects, one row each; a click selects an object."""
 
     def __init__(self, context: Context, container: Any) -> None:
         super().__init__(context)
@@ -60,7 +60,7 @@ class Hierarchy(Part):
         self._draw()
 
     def show(self, change: Change) -> None:
-        """Show rows that are new, removed, moved or renamed."""
+        """Update the rows after objects were added, removed, moved, renamed or selected."""
         if change not in {Change.TIME, Change.SAVE}:
             self._draw()
 
@@ -154,7 +154,7 @@ class Inspector(Part):
             self.refresh()
 
     def refresh(self) -> None:
-        """Show the values of the scene, also after a refused one."""
+        """Show the values of the scene again, which also resets a refused value."""
         scene, selection = self._editor.scene, self._editor.selection
         self._id = selection[-1] if selection else ROOT
         thing = scene.objects.get(self._id)
@@ -208,7 +208,7 @@ class Inspector(Part):
         return widget
 
     def _set(self, id_: int, key: str, value: Any) -> None:
-        """Do the edit of a field; its object may be gone, or may no longer have this field."""
+        """Apply a new value of a field, unless its object is gone or no longer has this field."""
         if id_ != ROOT and id_ not in self._editor.scene.objects:
             return
         for field in fields_of(self._editor.scene, id_):
@@ -270,7 +270,7 @@ class Timeline(Part):
 
 
 _MOST = 50
-# Sentences, not captions: they wrap.
+# The texts are sentences, so the buttons wrap their lines.
 _WARNINGS_STYLE = """<style>
 div:has(> * > .sfg-warnings) button { height: auto !important; padding: 0.35em 0.6em; }
 div:has(> * > .sfg-warnings) .mantine-Button-label { white-space: normal; text-align: left; line-height: 1.3; }
@@ -279,7 +279,7 @@ div:has(> * > .sfg-warnings) .mantine-Button-inner { justify-content: flex-start
 
 
 class Warnings(Part):
-    """The conflicts, as buttons."""
+    """List of the plan's conflicts, one button each."""
 
     def __init__(self, context: Context, container: Any) -> None:
         super().__init__(context)
@@ -291,7 +291,7 @@ class Warnings(Part):
             self._head = self._gui.add_markdown("checking …")
 
     def show(self, change: Change) -> None:
-        """Show that the list is that of an older scene."""
+        """Show that the list belongs to an older scene."""
         if change.is_of_scene:
             self._head.content = "checking …"
 
@@ -300,7 +300,7 @@ class Warnings(Part):
         self._head.content = "the check failed"
 
     def found(self, conflicts: tuple[Conflict, ...]) -> None:
-        """Show the conflicts of the scene."""
+        """Show the number of conflicts, and a button for each of the first ones."""
         many = f"{len(conflicts)} conflict" + ("s" if len(conflicts) != 1 else "")
         more = f", the first {_MOST} are listed" if len(conflicts) > _MOST else ""
         self._head.content = f"**{many}**{more}" if conflicts else "no conflicts"

@@ -1,6 +1,6 @@
 """Sending of a trajectory from the inspector to an action server. Paper A, section 4.5.
 
-The node begins with the first goal, so that an editor that sends nothing joins no DDS domain.
+The node starts with the first goal, so that an editor that sends nothing joins no DDS domain.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _CLOSE_S = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sending:
-    """State of a trajectory that was sent, or that can be."""
+    """State of the execution of one trajectory, as sent to an agent's action server."""
 
-    running: bool = False  #: Whether the goal is on its way.
+    running: bool = False  #: Whether a goal was sent and has not ended.
     share: float = 0.0  #: Share of the trajectory's duration that is over, 0 to 1.
     text: str = "not sent"  #: Feedback or result, in words.
 
@@ -53,7 +53,7 @@ class Sender:
         self._cancellations: set[asyncio.Task[None]] = set()
 
     def send(self, id_: int, order: Order, action: str) -> None:
-        """Send an order to an action server; nothing happens while the trajectory is on its way."""
+        """Send an order to an action server; without effect while a goal of the trajectory has not ended."""
         if id_ not in self._goals:
             self._show(id_, Sending(running=True, text=f"waiting for {action}"))
             self._goals[id_] = asyncio.ensure_future(self._carry_out(id_, order, action))

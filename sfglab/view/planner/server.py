@@ -1,7 +1,7 @@
 """The editor in the browser: starts viser, puts the panels around the viewport, and reports changes to them.
 
-All browsers that open its address see and edit the same scene. Conflicts are looked for once the scene has not
-changed for a moment, so that a drag does not wait. `panels` has the edits.
+All browsers that open the editor's address see and edit the same scene. The search for conflicts waits until the
+scene has not changed for a moment, so that it does not delay a drag. `panels` has the edits.
 
 Requests without the server's token, or from another page, are refused: viser checks neither, and any page in a
 browser may open a WebSocket to loopback.
@@ -98,18 +98,22 @@ class Planner(AbstractContextManager["Planner"]):
         return f"http://{LOOPBACK}:{self._server.get_port()}/{self._guard.token}/"
 
     def call(self, job: Callable[[Editor], _T]) -> _T:
-        """Do something with the editor, in order with the browsers' actions; see `JobQueue.call`."""
+        """Call a function with the editor, in order with the browsers' actions, and return its result.
+
+        Raises:
+            SfglabError: The planner is closed.
+        """
         return self._jobs.call(lambda: job(self._context.editor))
 
     def wait(self) -> None:
-        """Wait until it is closed."""
+        """Wait until the planner is closed."""
         # Python runs the handler of Ctrl-C in the main thread. If another thread received the
         # signal, an endless wait would not notice it.
         while not self._closed.wait(_NOTICE_S):
             pass
 
     def close(self) -> None:
-        """Cancel goals, do the remaining jobs and stop serving; further calls have no effect. Saves nothing."""
+        """Cancel goals, run the remaining jobs and stop serving, without saving; further calls have no effect."""
         if self._closed.is_set():
             return
         self._closed.set()
@@ -129,7 +133,7 @@ class Planner(AbstractContextManager["Planner"]):
         return f'<iframe src="{source}" style="{_CELL_STYLE}" title="scene editor"></iframe>'
 
     def _furnish(self) -> None:
-        """Put the panels beside the viewport: hierarchy, conflicts and time left, inspector right."""
+        """Place the panels: hierarchy, conflicts and timeline left of the viewport, inspector right of it."""
         gui, icon, context = self._server.gui, self._context.viser.Icon, self._context
         gui.configure_theme(show_logo=False, show_share_button=False)
         left, below, bottom = gui.add_panel(), gui.add_panel(), gui.add_panel()
@@ -160,7 +164,7 @@ class Planner(AbstractContextManager["Planner"]):
             self._check_later()
 
     def _check_later(self) -> None:
-        """Look for conflicts once the scene has not changed for a moment: a drag goes on meanwhile."""
+        """Search for conflicts once the scene has not changed for a moment, so that a drag is not delayed."""
         self._jobs.later("conflicts", self._check, delay_s=_QUIET_S, settles=False)
 
     def _check(self) -> None:
@@ -193,7 +197,11 @@ def _usual_node() -> Node:
 
 
 def _check_free(port: int) -> None:
-    """Raise SfglabError if a port cannot be served; viser would search for another one."""
+    """Check that a port can be served, because viser would otherwise use another one.
+
+    Raises:
+        SfglabError: The port cannot be served.
+    """
     try:
         with socket.create_server((LOOPBACK, port)):
             pass
@@ -206,7 +214,7 @@ def _check_free(port: int) -> None:
 class Guard:
     """The token of a server, and the host names, without port, that requests may have.
 
-    Without names any is allowed, because the name of a notebook's proxy is unknown here.
+    Without names, requests may have any host name, because the name of a notebook's proxy is unknown here.
     """
 
     def __init__(self, hosts: Collection[str]) -> None:
@@ -222,7 +230,7 @@ class Guard:
 
     @contextmanager
     def serving(self) -> Iterator[None]:
-        """Have the server that is started meanwhile guarded."""
+        """Apply this guard to the server that viser starts within the context."""
         server: Any = import_module("websockets.asyncio.server")
         serve = server.serve
 

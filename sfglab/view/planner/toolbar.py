@@ -34,8 +34,12 @@ _LIFT_M = {"agent": 0.3, "obstacle": 0.5, "zone": 0.5}
 def add(editor: Editor, kind: str, at_m: Vec3) -> int:
     """Add an object of one of `ADDABLE`, select it and return its id.
 
-    It is in the selected group, if any, near a place in the scene's frame. A trajectory begins at the selected
-    agent, if any.
+    The object is put into the selected group, if any. A trajectory begins at the selected agent, if any.
+
+    Args:
+        editor: Editor of the scene.
+        kind: Kind of the object.
+        at_m: Place near which the object is put, x, y, z in the scene's frame, metres.
     """
     scene = editor.scene
     parent = next((i for i in editor.selection if isinstance(scene.get(i), Group)), ROOT)
@@ -72,7 +76,7 @@ def insert_waypoint(editor: Editor) -> None:
 
 
 def remove(editor: Editor) -> None:
-    """Remove the selected objects, and select the trajectories of waypoints."""
+    """Remove the selected objects, and select the trajectories of removed waypoints."""
     removed = [editor.scene.get(id_) for id_ in editor.selection]
     editor.remove()
     held = [thing.parent for thing in removed if isinstance(thing, WaypointObject)]
@@ -85,7 +89,11 @@ def duplicate(editor: Editor) -> None:
 
 
 def reload(editor: Editor) -> None:
-    """Read the scene's file again; SceneError if changes would be lost."""
+    """Read the scene's file again.
+
+    Raises:
+        SceneError: Unsaved changes would be lost, or the file is no scene.
+    """
     if editor.dirty:
         raise SceneError("scene", "unsaved changes", "a saved scene, or undo")
     editor.load()
@@ -111,7 +119,7 @@ def _free_name(scene: Scene, kind: str) -> str:
     return next(name for i in range(1, len(taken) + 2) if (name := f"{kind} {i}") not in taken)
 
 
-# Buttons in pairs, everything else over the whole width.
+# Buttons are in pairs; all other widgets have the whole width.
 _STYLE = """<style>
 div:has(> * > .sfg-tools) { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); }
 div:has(> * > .sfg-tools) > :not(:has(> button)) { grid-column: 1 / -1; }
@@ -129,7 +137,7 @@ _KEYS: dict[str, tuple[str, str | None, Callable[[Editor], object]]] = {
 
 
 class Toolbar(Part):
-    """The buttons of the toolbar."""
+    """Buttons of the planner's toolbar."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)

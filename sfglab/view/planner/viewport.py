@@ -51,7 +51,7 @@ class Gizmo:
             put(self._handle, editor.scene.world_pose(on[0]))
 
     def drop(self, client: int) -> None:
-        """End the drag of a browser, if any, which may have disconnected."""
+        """End the drag of a browser, if any; the browser may have disconnected."""
         if self._client == client:
             self._end_drag()
             self.show()
@@ -103,7 +103,7 @@ class Gizmo:
 
 
 class Layer:
-    """Nodes of viser that are shown together; only those that differ are made again."""
+    """Nodes of viser that are shown together; only changed nodes are created again."""
 
     def __init__(self, context: Context) -> None:
         self.nodes: dict[str, Any] = {}  #: Nodes by name.
@@ -144,7 +144,7 @@ class Layer:
 
 
 class Viewport(Part):
-    """The 3D view."""
+    """3D view of the scene, in which objects can be selected and moved."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -159,7 +159,7 @@ class Viewport(Part):
         self.show(Change.LOAD)
 
     def show(self, change: Change) -> None:
-        """Draw what differs after a change."""
+        """Draw the differences after a change."""
         if change is Change.SAVE:
             return
         editor, scene = self._editor, self._editor.scene
@@ -174,11 +174,11 @@ class Viewport(Part):
             self._ghosts.show(looks_of_ghosts(scene, editor.ghosts()))
 
     def found(self, conflicts: tuple[Conflict, ...]) -> None:
-        """Mark where conflicts are."""
+        """Draw a mark at the place of each conflict."""
         with self._context.server.atomic():
             self._conflicts.show(looks_of_conflicts(conflicts))
 
 
 def put(node: Any, pose: Pose) -> None:
-    """Move a node of viser's scene."""
+    """Move a node of viser's scene to a pose."""
     node.position, node.wxyz = pose.position_m, wxyz(pose)

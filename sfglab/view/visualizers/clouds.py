@@ -1,4 +1,4 @@
-"""Points in space: depth pictures with their camera info, clouds, and laser scans."""
+"""Visualizers of points in space: depth images with their camera info, point clouds, and laser scans."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _COLOR = Input("color", "sensor_msgs/msg/Image", optional=True)
 
 
 class _DepthPoints(Visualizer):
-    """Coloured points of a depth picture, its camera info and, where bound, a picture registered to it."""
+    """Coloured points of a depth image, from its camera info and, if bound, an image registered to it."""
 
     sync: ClassVar[SyncPolicy] = Approximate(slop_ns=20_000_000)
     max_hz = 15.0
@@ -66,7 +66,11 @@ class _DepthPoints(Visualizer):
 
 
 def _check_camera(frame: str, shape: tuple[int, ...], info: Any) -> None:
-    """Refuse the calibration of another camera, or of another size."""
+    """Check that a camera info is for this camera and image size.
+
+    Raises:
+        InvalidValueError: The camera info is for another frame, or for another size.
+    """
     if frame and info.header.frame_id and info.header.frame_id != frame:
         raise InvalidValueError("camera info, frame", info.header.frame_id, repr(frame))
     size = (info.height, info.width)
@@ -77,7 +81,7 @@ def _check_camera(frame: str, shape: tuple[int, ...], info: Any) -> None:
 
 
 class DepthCloud(_DepthPoints):
-    """Points of a raw depth picture."""
+    """Points of a raw depth image (``sensor_msgs/msg/Image``)."""
 
     name = "depth_cloud"
     inputs = (Input("depth", "sensor_msgs/msg/Image", pattern="*depth*"), _INFO, _COLOR)
@@ -89,7 +93,7 @@ class DepthCloud(_DepthPoints):
 
 
 class CompressedDepthCloud(_DepthPoints):
-    """Points of a depth picture in RVL or PNG."""
+    """Points of a compressed depth image (``sensor_msgs/msg/CompressedImage`` in RVL or PNG)."""
 
     name = "compressed_depth_cloud"
     inputs = (Input("depth", COMPRESSED_IMAGE, pattern="*depth*"), _INFO, _COLOR)
@@ -99,7 +103,7 @@ class CompressedDepthCloud(_DepthPoints):
 
 
 class PointCloud(Visualizer):
-    """A ``PointCloud2``, coloured by its ``rgb``, or by one of its fields."""
+    """Points of a ``PointCloud2``, coloured by the field ``rgb`` or by the values of another field."""
 
     name = "point_cloud"
     inputs = (Input("cloud", "sensor_msgs/msg/PointCloud2"),)
@@ -131,14 +135,14 @@ class PointCloud(Visualizer):
 
 
 class LaserScan(Visualizer):
-    """The hits of a laser scanner."""
+    """Points of a ``LaserScan``."""
 
     name = "laser_scan"
     inputs = (Input("scan", "sensor_msgs/msg/LaserScan"),)
     parameters = (_RADIUS,)
 
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw the hits, coloured by their distance."""
+        """Draw the points, coloured by their distance."""
         scan = update.only
         points = geometry.scan_points(scan)
         colors = geometry.colors_by_value(np.hypot(points[:, 0], points[:, 1]))

@@ -1,4 +1,4 @@
-"""The agents of a fleet: what a discoverer reports of them, and how old their heartbeats are (paper A, section 4.2)."""
+"""Visualizers of a fleet: events of an agent's discoverer, and ages of heartbeats (paper A, section 4.2)."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from sfglab.units import NS_PER_S
 from sfglab.view.rerunning import rr
 from sfglab.view.visualizer import Canvas, Input, Update, Visualizer, agent_root
 
-LATE_PERIODS = 1.5  #: A heartbeat is late when it is this many of its own periods old.
-LOST_PERIODS = 3.0  #: An agent is taken for lost when its last heartbeat is this many periods old.
-_MOST_AGENTS = 256  #: Agents that are remembered, so that invented ones do not fill the memory.
+LATE_PERIODS = 1.5  #: Age, in announced periods, from which a heartbeat is late.
+#: Age of the last heartbeat, in announced periods, from which an agent counts as lost.
+LOST_PERIODS = 3.0
+_MOST_AGENTS = 256  #: Largest number of agents, so that made-up names do not fill the memory.
 _LONGEST_PERIOD_S = 86_400.0
 
 LIFE_COLORS = {
@@ -26,7 +27,7 @@ LIFE_COLORS = {
     "late": (230, 159, 0),
     "lost": (213, 94, 0),
 }
-"""States of an agent as its heartbeats tell, in colours that people with colour blindness tell apart."""
+"""Colours of the states of an agent by its heartbeats, distinct for people with colour blindness."""
 
 
 class AgentHeartbeats(Visualizer):
@@ -44,7 +45,12 @@ class AgentHeartbeats(Visualizer):
         self._drawn: dict[str, str] = {}  # state by agent
 
     def show(self, update: Update, canvas: Canvas) -> None:  # noqa: ARG002 - drawn with the next tick
-        """Remember a heartbeat; it is drawn with the next tick."""
+        """Store a heartbeat, which is drawn with the next tick.
+
+        Raises:
+            InvalidValueError: The period is not between 0 and one day, or there are too many agents.
+            FqnError: The agent's name is not valid.
+        """
         heartbeat = update.only
         if not 0 < heartbeat.period_s < _LONGEST_PERIOD_S:
             raise InvalidValueError("period_s", heartbeat.period_s, "seconds above 0, below a day")
@@ -72,7 +78,7 @@ class AgentHeartbeats(Visualizer):
 
 
 def _life(heartbeat: Any, age_s: float) -> str:
-    """Return the state of an agent by its last heartbeat; others may not have discovered a starting one."""
+    """Return the state of an agent by its last heartbeat: starting, alive, late or lost."""
     periods = age_s / heartbeat.period_s
     if periods > LOST_PERIODS:
         return "lost"
@@ -82,7 +88,7 @@ def _life(heartbeat: Any, age_s: float) -> str:
 
 
 class AgentStatus(Visualizer):
-    """Events of a discoverer: a log, whether the agent is there as a band, and its description as text."""
+    """Events of a discoverer: a log of them, the presence of each agent as a band, and its description as text."""
 
     name = "agent_status"
     inputs = (Input("events", DISCOVERY_EVENT, qos=DISCOVERY_QOS),)
@@ -90,7 +96,11 @@ class AgentStatus(Visualizer):
     queue = 1000
 
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw one event."""
+        """Draw one discovery event.
+
+        Raises:
+            InvalidValueError: The kind of the event is unknown.
+        """
         event = update.only
         words = {getattr(event, action.name): action.name.lower() for action in ANNOUNCEMENTS}
         if event.event not in words:

@@ -1,8 +1,8 @@
-"""Visualizers of pictures: raw, compressed still, compressed depth, and video.
+"""Visualizers of images: raw images, compressed still images, compressed depth images, and video.
 
-A picture lies in the image plane of its camera. This is a frame of its own below the camera's optical frame, so
-that `CameraModel` can place it in space. Access units of video are sent to the viewer as they are. A P frame
-cannot be decoded after a gap, so none is dropped for its rate; after a loss a stream waits for a key frame.
+An image is drawn in the image plane of its camera: a separate frame below the camera's optical frame, so that
+`CameraModel` can place the image in space. Access units of video are sent to the viewer unchanged. Because a P frame
+cannot be decoded after a gap, video has no rate limit; after a loss a stream waits for a key frame.
 """
 
 from __future__ import annotations
@@ -49,21 +49,21 @@ _MODELS = {"rgb8": "RGB", "bgr8": "BGR", "8UC3": "BGR", "rgba8": "RGBA", "bgra8"
 
 
 def image_plane(frame: str, topic: str) -> str:
-    """Return the frame of the pictures of one stream; empty for no frame.
+    """Return the frame of the image plane of a stream; empty if the camera has no frame.
 
-    Streams of one camera may share its optical frame and not its intrinsics, so a picture and a camera info
-    belong together by `camera_name`.
+    Streams of one camera may have the same optical frame and different intrinsics. Therefore the frame also contains
+    the `camera_name` of the topic, which an image and its camera info have in common.
     """
     return f"{frame}/image_plane{camera_name(topic)}" if frame else ""
 
 
 class _Picture(Visualizer):
-    """A picture in the image plane of its camera."""
+    """Base class: an image in the image plane of its camera."""
 
     parameters = (_OPACITY, _DEPTH_RANGE)
 
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw one picture."""
+        """Draw one image."""
         picture = self._picture(update.only)
         frame = update.only.header.frame_id
         canvas.place(self.entity, image_plane(frame, self.topics["image"]))
@@ -80,7 +80,7 @@ class _Picture(Visualizer):
 
 
 class Image(_Picture):
-    """Raw pictures, and depth by its encoding."""
+    """Raw images (``sensor_msgs/msg/Image``), also depth images."""
 
     name = "image"
     inputs = (Input("image", "sensor_msgs/msg/Image"),)
@@ -94,7 +94,7 @@ class Image(_Picture):
 
 
 class CompressedImage(_Picture):
-    """Pictures as JPEG or PNG, and depth as RVL or PNG, decoded here; H.264 is `CompressedImageVideo`'s."""
+    """Images as JPEG or PNG, and depth images as RVL or PNG, decoded here; `CompressedImageVideo` shows H.264."""
 
     name = "compressed_image"
     inputs = (Input("image", COMPRESSED_IMAGE),)
@@ -116,7 +116,7 @@ _MEDIA = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
 
 
 class CameraModel(Visualizer):
-    """A camera's pinhole: hangs its pictures in space as a pyramid."""
+    """Pinhole model of a ``CameraInfo``, which places the camera's images in space as a pyramid."""
 
     name = "camera_info"
     inputs = (Input("info", "sensor_msgs/msg/CameraInfo", qos=LATCHED),)
@@ -128,7 +128,7 @@ class CameraModel(Visualizer):
     )
 
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw the camera."""
+        """Draw the camera's pinhole model at its optical frame; the image plane is `distance_m` away."""
         info = update.only
         frame = info.header.frame_id
         pinhole = rr.Pinhole(
@@ -147,10 +147,10 @@ _ANNEX_B = ("h264", "hevc")
 
 
 class _Video(Visualizer):
-    """A stream of access units."""
+    """Base class: a stream of access units."""
 
     max_hz = None
-    queue = 60  # two groups of pictures, as the stream's own QoS: a shorter queue would break every group
+    queue = 60  # two GOPs, as in the stream's own QoS: a shorter queue would break every GOP
     parameters = (_OPACITY,)
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -161,7 +161,11 @@ class _Video(Visualizer):
     def _sample(
         self, update: Update, canvas: Canvas, codec: str, *, is_key: bool, frame: str
     ) -> None:
-        """Pass one access unit on; CodecError if it, or one that it refers to, cannot be shown."""
+        """Send one access unit to the viewer.
+
+        Raises:
+            CodecError: The unit cannot be shown, or refers to a missing one.
+        """
         if codec not in _CODECS:
             raise InvalidValueError("video codec", codec, ", ".join(_CODECS))
         data = bytes(update.only.data)
@@ -190,7 +194,11 @@ class FfmpegVideo(_Video):
         self._has_b_frames = False
 
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Pass one packet on."""
+        """Send one packet to the viewer.
+
+        Raises:
+            CodecError: The packet has another codec, cannot be shown, or refers to a missing packet.
+        """
         message = update.only
         codec = parse_ffmpeg_encoding(message.encoding).codec
         is_key = bool(message.flags & FLAG_KEY)
@@ -203,7 +211,7 @@ class FfmpegVideo(_Video):
 
 
 class FoxgloveVideo(_Video):
-    """Foxglove's message, which carries its own time and frame."""
+    """Video of Foxglove's ``CompressedVideo``, which has its own time and frame."""
 
     name = "compressed_video"
     inputs = (Input("video", COMPRESSED_VIDEO, qos=COMPRESSED_STREAM),)
@@ -219,13 +227,18 @@ class FoxgloveVideo(_Video):
 
 
 class CompressedImageVideo(_Video):
-    """Video in a ``CompressedImage`` whose format names H.264 or H.265."""
+    """Video in messages ``CompressedImage`` with the format H.264 or H.265."""
 
     name = "compressed_image_video"
     inputs = (Input("video", COMPRESSED_IMAGE, qos=COMPRESSED_STREAM),)
 
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Pass one access unit on, if it is one."""
+        """Send one access unit to the viewer.
+
+        Raises:
+            NotShownError: The message is no video.
+            CodecError: The unit cannot be shown, or refers to a missing one.
+        """
         message = update.only
         text = message.format.lower()
         codec = next((c for name, c in _FORMATS.items() if name in text), None)

@@ -1,4 +1,4 @@
-"""Markers: shapes that others ask a viewer to draw, with names, colours and lifetimes.
+"""Visualizers of markers: shapes with names, colours and lifetimes, which nodes publish for a viewer.
 
 Source: visualization_msgs/msg/Marker and https://wiki.ros.org/rviz/DisplayTypes/Marker.
 """
@@ -28,7 +28,7 @@ _CUBE_LIST, _SPHERE_LIST, _POINTS, _TEXT, _TRIANGLES = 6, 7, 8, 9, 11
 
 
 class _Markers(Visualizer):
-    """Draws markers below its entity as ``<namespace>/<id>`` and takes them away again."""
+    """Base class: draws markers at ``<namespace>/<id>`` below its entity, and removes them after their lifetime."""
 
     max_hz = None
     queue = 100
@@ -40,7 +40,7 @@ class _Markers(Visualizer):
         self._shown: dict[str, tuple[int, float]] = {}  # type, and until when (ns)
 
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw or take away each marker; one that cannot be drawn does not keep the others back."""
+        """Draw or remove each marker; an error of one marker does not affect the others."""
         failed = None
         for marker in getattr(update.only, "markers", [update.only]):
             try:
@@ -51,7 +51,7 @@ class _Markers(Visualizer):
             raise failed
 
     def tick(self, now_ns: int, canvas: Canvas) -> None:
-        """Take markers away whose lifetime is over."""
+        """Remove markers whose lifetime is over."""
         over = [entity for entity, (_, until_ns) in self._shown.items() if until_ns <= now_ns]
         for entity in over:
             self._clear(entity, canvas)
@@ -79,7 +79,7 @@ class _Markers(Visualizer):
         shape = draw(marker)
         if entity in self._shown and self._shown[entity][0] != marker.type:
             self._clear(entity, canvas)
-        self._shown.pop(entity, None)  # it is the newest now
+        self._shown.pop(entity, None)  # the entry then moves to the end, as the newest
         while len(self._shown) >= self["most"]:
             self._clear(next(iter(self._shown)), canvas)
         lifetime_ns = ns_from_stamp(marker.lifetime) or math.inf
@@ -93,21 +93,21 @@ class _Markers(Visualizer):
 
 
 class Marker(_Markers):
-    """One marker a message."""
+    """Messages with one marker (``visualization_msgs/msg/Marker``)."""
 
     name = "marker"
     inputs = (Input("marker", "visualization_msgs/msg/Marker", qos=DEFAULT),)
 
 
 class MarkerArray(_Markers):
-    """Several markers a message."""
+    """Messages with several markers (``visualization_msgs/msg/MarkerArray``)."""
 
     name = "marker_array"
     inputs = (Input("markers", "visualization_msgs/msg/MarkerArray", qos=DEFAULT),)
 
 
 def _colors(marker: Any) -> NDArray[np.uint8]:
-    """Return a colour for each point where there are as many, else the marker's own."""
+    """Return one colour per point if the marker has as many, otherwise the marker's own colour; shape (n, 4)."""
     given = marker.colors if len(marker.colors) == len(marker.points) else ()
     rgba = np.array([(c.r, c.g, c.b, c.a) for c in given or (marker.color,)])
     levels: NDArray[np.uint8] = (np.clip(np.nan_to_num(rgba), 0, 1) * 255).round().astype(np.uint8)
@@ -127,7 +127,7 @@ def _scale(marker: Any) -> NDArray[np.float64]:
 
 
 def _arrow(marker: Any) -> Any:
-    """Along x of the pose with length ``scale.x``; or from the first point to the second."""
+    """Return an arrow along x of the pose with the length ``scale.x``, or from the first point to the second."""
     if len(marker.points) >= 2:
         start, end = _points(marker)[:2]
         radius = marker.scale.x / 2
@@ -150,13 +150,13 @@ def _spheres(marker: Any) -> Any:
 
 
 def _cylinder(marker: Any) -> Any:
-    """Along z; a viewer's cylinder is round, so the mean of both diameters is its own."""
+    """Return a cylinder along z; Rerun's cylinder is round, so its diameter is the mean of both diameters."""
     ((x, y, z),), placed = _instances(marker)
     return rr.Cylinders3D(lengths=[z], radii=[(x + y) / 4], **placed)
 
 
 def _instances(marker: Any) -> tuple[NDArray[Any], dict[str, Any]]:
-    """Return sizes, and where and how they are drawn: one at the pose, or of a list one at each point."""
+    """Return the sizes of a marker's bodies, and their poses: one body at the pose, or a list with one per point."""
     pose = pose_of(marker.pose)
     is_list = marker.type in (_CUBE_LIST, _SPHERE_LIST)
     centers = _points(marker) if is_list else np.array([pose.position_m])
@@ -193,7 +193,7 @@ def _text(marker: Any) -> Any:
 
 
 def _triangles(marker: Any) -> Any:
-    """Every three points are a triangle, scaled by the marker's scale before they are moved."""
+    """Return a mesh in which every three points, scaled by the marker's scale, are a triangle."""
     points = _points(marker, _scale(marker))
     if len(points) % 3:
         raise InvalidValueError("triangle list, points", len(points), "a multiple of 3")

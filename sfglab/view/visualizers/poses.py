@@ -1,4 +1,4 @@
-"""Places and motions: transforms, poses, paths and odometry."""
+"""Visualizers of transforms, poses, paths and odometry."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 
 _TF = "tf2_msgs/msg/TFMessage"
 _MOST_FRAMES = 10_000
-"""Limit of frames, so that a sender of ever new ones does not fill the memory."""
+"""Largest number of frames, so that a sender of ever new names does not fill the memory."""
 
 _AXES = [(255, 60, 60), (60, 220, 60), (80, 120, 255)]
 _AXIS_LENGTH = Parameter(
@@ -25,9 +25,12 @@ _WIDTH = Parameter("width_m", 0.01, "radius of a line, m", minimum=0.001, maximu
 
 
 def pose_of(message: Any) -> Pose:
-    """Return the pose of a ``geometry_msgs/msg/Pose`` or ``Transform``; PoseError where a number is not finite.
+    """Return the pose of a ``geometry_msgs/msg/Pose`` or ``Transform``.
 
-    A rotation of all zeros, which a sender leaves that does not care, is none.
+    A quaternion of zeros, which nodes without an orientation send, means no rotation.
+
+    Raises:
+        PoseError: A number is not finite.
     """
     is_pose = hasattr(message, "position")
     p = message.position if is_pose else message.translation
@@ -37,7 +40,7 @@ def pose_of(message: Any) -> Pose:
 
 
 class Transforms(Visualizer):
-    """The moving part of the frame tree; every frame stands at ``/tf/<frame>`` and has its own rate budget."""
+    """Transforms of /tf; each frame has an entity ``/tf/<frame>`` and its own rate budget."""
 
     name = "tf"
     inputs = (Input("tf", _TF, pattern="*/tf", qos=QoSProfile(depth=100)),)
@@ -55,7 +58,7 @@ class Transforms(Visualizer):
         self._axes: dict[str, float] = {}
 
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Place each frame in its parent, at the transform's own time."""
+        """Draw each frame in its parent, at the time of its transform."""
         for transform in update.only.transforms:
             stamp_ns = ns_from_stamp(transform.header.stamp) or update.stamp_ns
             if self._static or self._is_due(transform.child_frame_id, stamp_ns):
@@ -85,7 +88,7 @@ class Transforms(Visualizer):
 
 
 class StaticTransforms(Transforms):
-    """The fixed part of the frame tree."""
+    """Static transforms of /tf_static."""
 
     name = "tf_static"
     inputs = (Input("tf", _TF, pattern="*/tf_static", qos=replace(LATCHED, depth=100)),)
@@ -93,7 +96,7 @@ class StaticTransforms(Transforms):
 
 
 class _Axes(Visualizer):
-    """A pose in the frame of its message's header, as its three axes."""
+    """Base class: a pose in the frame of its message's header, drawn as three axes."""
 
     parameters = (_AXIS_LENGTH, _WIDTH)
 
@@ -114,14 +117,14 @@ class _Axes(Visualizer):
 
 
 class PoseStamped(_Axes):
-    """A ``PoseStamped`` as its axes."""
+    """A ``geometry_msgs/msg/PoseStamped``, drawn as three axes."""
 
     name = "pose"
     inputs = (Input("pose", "geometry_msgs/msg/PoseStamped", qos=DEFAULT),)
 
 
 class Odometry(_Axes):
-    """The pose of a ``nav_msgs/msg/Odometry`` as its axes."""
+    """The pose of a ``nav_msgs/msg/Odometry``, drawn as three axes."""
 
     name = "odometry"
     inputs = (Input("odometry", "nav_msgs/msg/Odometry", qos=DEFAULT),)
@@ -131,7 +134,7 @@ class Odometry(_Axes):
 
 
 class Path(Visualizer):
-    """A ``nav_msgs/msg/Path`` as a line."""
+    """A ``nav_msgs/msg/Path``, drawn as a line."""
 
     name = "path"
     inputs = (Input("path", "nav_msgs/msg/Path", qos=DEFAULT),)
