@@ -1,4 +1,4 @@
-"""Base images that agents' first layer starts from: one table, by accelerator, processor and distribution.
+"""Base images of the first layer of agents' images: one table, by accelerator, processor and distribution.
 
 Sources: tags as their makers publish them on Docker Hub and NVIDIA NGC. ROS 2 binaries exist for one Ubuntu
 release each: Humble for 22.04, Jazzy for 24.04 (REP 2000). NVIDIA's image for JetPack 6 (L4T r36) is Ubuntu
@@ -24,7 +24,7 @@ JETPACK = 6
 
 
 class Distribution(Enum):
-    """A Linux distribution's release, by its code name; the first that fits is taken."""
+    """Release of Ubuntu, by its code name; the first suitable release is used."""
 
     BOOKWORM = "bookworm"
     NOBLE = "noble"
@@ -35,16 +35,16 @@ class Distribution(Enum):
 class BaseImage:
     """Base image of the hardware-dependent layer."""
 
-    image: str  #: The image, with a tag that does not move.
+    image: str  #: Name of the image, with a tag that is never moved to another image.
     distribution: Distribution  #: Distribution in the image.
     packages: tuple[str, ...]  #: Debian packages that the accelerator needs.
     environment: tuple[tuple[str, str], ...]  #: Variables that the accelerator's runtime reads.
-    python: str  #: Version of the Python that sfglab runs on, as in ``3.11``.
-    python_packages: tuple[str, ...]  #: Debian packages that bring it.
+    python: str  #: Version of the Python that runs sfglab, such as ``3.11``.
+    python_packages: tuple[str, ...]  #: Debian packages that contain this Python.
 
     @property
     def interpreter(self) -> str:
-        """Path of the distribution's Python that the virtual environment is made with."""
+        """Path of the Python from which the virtual environment is made."""
         return f"/usr/bin/python{self.python}"
 
 
@@ -102,7 +102,11 @@ _ENVIRONMENT = {Accelerator.JETSON: _NVIDIA, Accelerator.CUDA: _NVIDIA}
 
 
 def base_of(deployment: Deployment) -> BaseImage:
-    """Return what an agent's images start from; `DeployError` if no maker has such an image."""
+    """Return the base image of an agent's images, given its accelerator, processor and ROS 2 distribution.
+
+    Raises:
+        DeployError: There is no such base image.
+    """
     accelerator, architecture = deployment.accelerator, deployment.host.architecture
     images = _IMAGES.get((accelerator, architecture))
     if images is None:

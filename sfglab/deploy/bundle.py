@@ -1,4 +1,4 @@
-"""Bundle of all files of one agent's machine, a release named after them, and its making from a fleet file."""
+"""Bundle of all files of one agent for its target host, and the release, whose name is derived from the files."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ ENVIRONMENT = "release.env"  #: The release that Compose starts; the hooks make 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bundle:
-    """An agent's files."""
+    """All files of one agent's release, to be installed on the agent's host."""
 
-    agent: str  #: The agent.
-    tag: str  #: The release's name, and the tag of its image.
+    agent: str  #: Name of the agent.
+    tag: str  #: Name of the release, and tag of its image.
     image: str  #: The image that the release runs.
     members: dict[str, BundleFile]  #: Files by path within the agent's folder, the manifest last.
 
 
 def render_bundle(deployment: Deployment) -> dict[str, BundleFile]:
-    """Return the files of one agent that are made from a fleet file; those that name the release are missing.
+    """Return the files of one agent that are made from a fleet file, without those that contain the release's name.
 
     Raises:
         DeployError: The agent cannot be deployed as it is described.
@@ -102,7 +102,7 @@ def bundle_of(
 def workspace_members(workspace: Path) -> dict[str, BundleFile]:
     """Return the sources below ``src`` of a colcon workspace, by path within an agent's folder.
 
-    Hidden files and what colcon has built are left out.
+    Hidden files and the results of colcon builds are left out.
 
     Raises:
         DeployError: There is no such folder.
@@ -121,7 +121,11 @@ def workspace_members(workspace: Path) -> dict[str, BundleFile]:
 
 
 def write_bundle(bundle: Bundle, folder: Path) -> None:
-    """Write a bundle into a folder, new or old: all of it, or nothing and an `InvalidValueError`."""
+    """Write all files of a bundle into a new or existing folder, or none.
+
+    Raises:
+        InvalidValueError: A file cannot be written; the folder is unchanged.
+    """
     contents = {Path(path): member.data for path, member in bundle.members.items()}
     modes = {Path(path): member.mode for path, member in bundle.members.items()}
     write_files(contents, folder=folder, modes=modes)
@@ -145,7 +149,7 @@ def unpack(archive: bytes) -> dict[str, BundleFile]:
     """Return a tar archive's files by path.
 
     Raises:
-        DeployError: It is damaged, or a file leads out of its folder or claims more bytes than there are.
+        DeployError: The archive is damaged, or a file leads out of its folder or claims more bytes than there are.
     """
     try:
         with tarfile.open(fileobj=io.BytesIO(archive), mode="r:") as tar:
@@ -177,15 +181,19 @@ Choose = Callable[[HostSpec], "Accelerator | None"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetSource:
-    """A fleet and where it was read."""
+    """A fleet with the file that it was read from."""
 
     fleet: Fleet  #: The fleet.
-    path: Path  #: Its file; workspaces are relative to the folder of the file.
-    text: str  #: Text of the file.
+    path: Path  #: Path of the fleet file; workspaces are relative to its folder.
+    text: str  #: Text of the fleet file.
 
 
 def load_source(path: Path) -> FleetSource:
-    """Read a fleet file; an `InvalidValueError` says why it cannot be read, or is not a fleet."""
+    """Read a fleet file, and keep its text.
+
+    Raises:
+        InvalidValueError: The file cannot be read, or has a mistake.
+    """
     text = read_text(path, "a fleet file in UTF-8")
     return FleetSource(fleet=read_fleet(text, str(path)), path=path, text=text)
 
@@ -198,14 +206,14 @@ def prepare(
     agents: Sequence[str] = (),
     choose: Choose = lambda host: host.accelerator,
 ) -> tuple[tuple[Deployment, Bundle], ...]:
-    """Return deployment and bundle of agents.
+    """Return the deployment and the bundle of each agent.
 
     Args:
-        source: The fleet.
+        source: The fleet and its file.
         release: Release that is deployed.
-        wheel: Content of its wheel.
-        agents: Names of the agents; none: all.
-        choose: Choice of their accelerators.
+        wheel: Content of the release's wheel.
+        agents: Names of the agents; empty for all agents.
+        choose: Function that returns the accelerator of a host.
 
     Raises:
         DeployError: An agent cannot be deployed as it is described, or its machine cannot be reached.

@@ -49,7 +49,7 @@ class State(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """A check of files by a program."""
+    """A check of an agent's files by an external program, such as a linter."""
 
     name: str  #: Name of the check.
     program: str  #: Name of the program, with a subcommand that may be missing.
@@ -59,7 +59,7 @@ class Check:
     #: Whether the program runs once per agent, with its folder in place of ``{}``; otherwise once for all
     #: different files.
     each: bool = False
-    #: Whether the exit status says nothing, so that each line about the files is a fault.
+    #: Whether the exit status has no meaning, so that each printed line about the files is a fault.
     by_output: bool = False
 
 
@@ -119,7 +119,7 @@ CHECKS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """Result of one check."""
+    """Result of one check, with the program's output."""
 
     check: str  #: Name of the check.
     program: str  #: Name of the program.
@@ -172,7 +172,11 @@ def _verdict(check: Check, folder: Path) -> Verdict:
 
 
 def _command(check: Check) -> list[str]:
-    """Return the program with its subcommand; `MissingProgramError` if one of them is not installed."""
+    """Return the path of a check's program, and its subcommand.
+
+    Raises:
+        MissingProgramError: The program or the subcommand is not installed.
+    """
     name, *subcommand = check.program.split()
     command = [find_program(name, check.install), *subcommand]
     if subcommand:
@@ -183,7 +187,7 @@ def _command(check: Check) -> list[str]:
 
 
 def _files_of(check: Check, folder: Path) -> list[str]:
-    """Return the files that a check is about, once per agent or else per name and content."""
+    """Return the files that a check reads: all files of each agent, or each different file once."""
     found: dict[object, str] = {}
     for pattern in check.files:
         for path in sorted(folder.glob(f"*/{pattern}")):

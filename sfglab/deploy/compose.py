@@ -1,7 +1,7 @@
 """Compose project of an agent's two containers (paper A, section 4.4, Fig. 5): agent and router.
 
-Both run the application image without a right that they do not need: no capabilities, a read-only root, no user
-but their own. Only the router stands on the host's network, because DDS finds other agents by multicast.
+Both containers run the application image with minimal rights: no capabilities, a read-only root, and a user of their
+own. Only the router uses the host's network, because DDS discovers other agents with multicast.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _ACCELERATOR_DEVICES: dict[Accelerator, tuple[str, ...]] = {
     Accelerator.VAAPI: ("/dev/dri",),
     Accelerator.ROCM: ("/dev/kfd", "/dev/dri"),
 }
-"""Device nodes. NVIDIA's come with its runtime; those of V4L2 differ by board and stand in the fleet file."""
+"""Device nodes. NVIDIA's come with its runtime; those of V4L2 differ by board and are in the fleet file."""
 
 
 def compose_files(deployment: Deployment) -> dict[str, BundleFile]:
@@ -45,7 +45,7 @@ def _project(deployment: Deployment) -> dict[str, Any]:
 
 
 def _development(deployment: Deployment) -> dict[str, Any]:
-    """Return what development changes: the user's workspace as a folder, a shell, a debugger, a way out."""
+    """Return the overlay for development: the user's workspace as a folder, debuggers, and a route to other hosts."""
     agent: dict[str, Any] = {
         "image": f"{deployment.repository}:development",
         "build": {"context": ".", "target": "development"},
@@ -102,7 +102,7 @@ def _image(deployment: Deployment) -> str:
 
 
 def _environment(deployment: Deployment) -> dict[str, str]:
-    """Return what the agent's own nodes and the user's need to meet in its domain."""
+    """Return the environment with which the agent's nodes and the user's nodes join the agent's domain."""
     values = {
         "SFG_AGENT_NAME": deployment.agent.name,
         "HOME": "/tmp",  # noqa: S108 - a tmpfs of the container's own
@@ -134,7 +134,7 @@ def _hardening() -> dict[str, Any]:
         "tmpfs": ["/tmp:mode=1777,size=256m", "/run:mode=1777,size=64m"],  # noqa: S108 - of the container's own
         "cap_drop": ["ALL"],
         "security_opt": ["no-new-privileges:true"],
-        # Starting at boot is systemd's; after a crash the container comes back by itself.
+        # systemd starts the project at boot; Docker restarts a container after a crash.
         "restart": "on-failure",
         "logging": {"driver": "json-file", "options": {"max-size": "10m", "max-file": "3"}},
     }
@@ -150,7 +150,8 @@ def _hardware(deployment: Deployment) -> dict[str, Any]:
             f"${{SFGLAB_{group}_GID:?{_NEEDS_INITIALIZE}}}" for group in ("VIDEO", "RENDER")
         ]
     if _USB in nodes:
-        wanted["device_cgroup_rules"] = [f"c {_USB_MAJOR}:* rwm"]  # what is plugged in later
+        # The rule also covers devices that are plugged in later.
+        wanted["device_cgroup_rules"] = [f"c {_USB_MAJOR}:* rwm"]
     if accelerator is Accelerator.JETSON:
         wanted["runtime"] = "nvidia"
     if accelerator is Accelerator.CUDA:

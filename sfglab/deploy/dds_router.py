@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 VERSION = "v5.0"
 LOCAL, GLOBAL = "local", "global"
 
-#: Messages per topic: enough for a latched one of 200 agents, without gigabytes of images.
+#: Number of messages kept per topic: enough for a latched topic of 200 agents, without gigabytes of images.
 HISTORY = 200
 
 #: Path of the DDS Router's file in the agent's folder.
@@ -34,7 +34,10 @@ ROUTER_FILE = "router/dds-router.yaml"
 def render_dds_router(fleet: Fleet, agent: str, *, local_interface: str | None = None) -> str:
     """Return the YAML file for one agent's DDS Router; the same fleet gives the same text.
 
-    `local_interface` takes the place of the fleet file's interface to the agent's own domain.
+    Args:
+        fleet: The fleet.
+        agent: Name of the agent.
+        local_interface: Interface of the agent's own domain; None for that of the fleet file.
 
     Raises:
         InvalidValueError: The fleet has no such agent.
@@ -77,7 +80,7 @@ def _header(fleet: Fleet, agent: str) -> list[str]:
 
 
 def _whitelist_of(interface: str | None) -> str | None:
-    """Return the address that limits a router to an interface; it ignores names."""
+    """Return the address that limits a DDS Router to an interface, because a DDS Router ignores interface names."""
     if interface is None or interface == "lo":
         return None if interface is None else "127.0.0.1"
     try:

@@ -1,8 +1,8 @@
-"""Deployment of an agent on its target host: the value that every renderer takes.
+"""Deployment of an agent on its target host: the value from which all files are rendered.
 
 Only the router's container uses the host's network, because DDS needs multicast there. The agent's container has
-a bridge network of its own without a route to other hosts. So data of the agent's domain leaves the target host only
-through the router (paper A, section 4.1), with any settings of its nodes.
+a bridge network of its own without a route to other hosts. Therefore data of the agent's domain leaves the target
+host only through the router (paper A, section 4.1), independently of the settings of the agent's nodes.
 """
 
 from __future__ import annotations
@@ -28,16 +28,17 @@ _CONTAINER_INTERFACE = "eth0"
 
 
 def domain_ports(domain: int) -> tuple[int, int]:
-    """Return the first and last UDP port that a domain's participants have: RTPS 2.5, clause 9.6.2.3.
+    """Return the first and the last UDP port of a domain's participants (RTPS 2.5, clause 9.6.2.3).
 
-    PB is 7400 and DG 250; ports that Linux may give to any other program are left out.
+    The port base PB is 7400 and the domain gain DG is 250. Ports that Linux may assign to any other program are left
+    out.
     """
     first = 7400 + 250 * domain
     return first, min(first + 249, max(first, LAST_EPHEMERAL_FREE_PORT))
 
 
 def bridge_name(agent: str) -> str:
-    """Return a name that Linux takes for an interface and that no other agent's bridge has."""
+    """Return the name of an agent's bridge: allowed for an interface of Linux, and unique among agents."""
     name = f"sfg-{agent}"
     if len(name) <= _LONGEST_INTERFACE:
         return name
@@ -60,23 +61,23 @@ class Release:
 
     version: str  #: Version of sfglab.
     wheel: str  #: File name of sfglab's wheel.
-    wheel_sha256: str  #: Its digest, as hexadecimal digits.
-    #: The pinned lock file's text: names, versions and digests of all that runs beside it.
+    wheel_sha256: str  #: SHA-256 of the wheel, as hexadecimal digits.
+    #: Text of the lock file: names, versions and digests of all packages that sfglab needs.
     lock: str
     fleet_text: str  #: The fleet file, as it was read.
-    revision: str = ""  #: Commit the wheel was built from; empty where it is not known.
+    revision: str = ""  #: Commit that the wheel was built from; empty if it is not known.
     created: str = ""  #: Time of that commit, as in RFC 3339; empty if it is not known.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deployment:
-    """One agent on its machine."""
+    """One agent on its target host."""
 
-    fleet: Fleet  #: The fleet.
+    fleet: Fleet  #: Fleet of the agent.
     agent: AgentSpec  #: The agent.
-    host: HostSpec  #: Its machine.
-    accelerator: Accelerator  #: Accelerator that its images are made for.
-    release: Release  #: Release that runs in them.
+    host: HostSpec  #: Target host of the agent.
+    accelerator: Accelerator  #: Accelerator that the agent's images are made for.
+    release: Release  #: Release in the agent's images.
 
     @property
     def common(self) -> DeploymentSpec:
@@ -96,7 +97,7 @@ class Deployment:
 
     @property
     def router_interface(self) -> str:
-        """Interface of the router to that domain."""
+        """Interface of the router's container to the agent's own domain."""
         return self.bridge or self._local_interface
 
     @property
@@ -105,7 +106,7 @@ class Deployment:
 
     @property
     def folder(self) -> str:
-        """Folder of the agent on its machine, with its releases and what the user keeps."""
+        """Folder of the agent on its host, with the agent's releases and the user's files."""
         return f"{HOME}/{self.agent.name}"
 
     @property
@@ -115,7 +116,7 @@ class Deployment:
 
     @property
     def project(self) -> str:
-        """Name under which Compose keeps the agent's containers."""
+        """Name of the agent's Compose project."""
         return f"sfglab-{self.agent.name}"
 
     @property
@@ -125,7 +126,7 @@ class Deployment:
 
     @property
     def agent_command(self) -> tuple[str, ...]:
-        """Arguments with which sfglab runs the agent beside a router in a container of its own."""
+        """Arguments of sfglab that run the agent without a router, because the router has its own container."""
         agent = ("agent", "up", "--fleet", FLEET_FILE, "--agent", self.agent.name)
         return (*agent, "--interface", self.agent_interface, "--without", "router")
 
@@ -138,10 +139,16 @@ class Deployment:
 def deployment_of(
     fleet: Fleet, agent: str, release: Release, accelerator: Accelerator | None = None
 ) -> Deployment:
-    """Return one agent's deployment; `accelerator` takes the place of the fleet file's.
+    """Return the deployment of one agent.
+
+    Args:
+        fleet: The fleet.
+        agent: Name of the agent.
+        release: Release that is deployed.
+        accelerator: Accelerator of the host; None for that of the fleet file.
 
     Raises:
-        DeployError: The file names no machine for it, or its accelerator is not known.
+        DeployError: The fleet file has no host for the agent, or the accelerator is not known.
         InvalidValueError: The fleet has no such agent.
     """
     spec = fleet.agent(agent)

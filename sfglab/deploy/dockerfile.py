@@ -1,4 +1,4 @@
-"""Files that an agent's images are built from; digests of contents make equal instructions equal images."""
+"""Files from which an agent's images are built; contents have digests, so equal files give equal images."""
 
 from __future__ import annotations
 
@@ -51,7 +51,11 @@ _CYCLONE_BUILD_LOCK = """wheel==0.45.1 \\
 
 
 def image_files(deployment: Deployment) -> dict[str, BundleFile]:
-    """Return what an agent's images are built from, but for the wheel; `DeployError` if it is not pinned."""
+    """Return the files from which an agent's images are built, except sfglab's wheel.
+
+    Raises:
+        DeployError: There is no base image for the agent, or a package has no pinned version.
+    """
     base = base_of(deployment)
     locks = _locks(deployment, base)
     texts = {
@@ -131,7 +135,11 @@ def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) 
 
 
 def _ros(deployment: Deployment) -> dict[str, str]:
-    """Return the source of ROS 2 with the distribution's name; nothing without ROS 2."""
+    """Return the entry of ROS 2's package repository for the distribution; empty without ROS 2.
+
+    Raises:
+        DeployError: The agent has a colcon workspace, and the fleet has no ROS 2 distribution.
+    """
     distribution = deployment.common.ros
     if distribution is not RosDistribution.NONE:
         return {**_ROS, "distribution": distribution.value}
@@ -145,7 +153,7 @@ def _ros(deployment: Deployment) -> dict[str, str]:
 
 
 def _labels(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> dict[str, str]:
-    """Return what an image says of itself (OCI Image Specification, "Annotations")."""
+    """Return the labels of an image (OCI Image Specification, "Annotations")."""
     release = deployment.release
     standard = {
         "title": f"sfglab agent {deployment.agent.name}",

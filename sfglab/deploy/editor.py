@@ -10,7 +10,7 @@ from sfglab.deploy.deployment import FLEET_FILE, USER, Deployment
 from sfglab.deploy.files import BundleFile, text_file
 from sfglab.fleet.fleet_file import RosDistribution
 
-#: Python of the images with sfglab; nodes of a distribution run on that of the system.
+#: Path of the Python that runs sfglab in the images; ROS 2 nodes use the distribution's own Python.
 INTERPRETER = "/opt/venv/bin/python"
 
 #: Environment of the workspace's nodes, for debuggers, which source no shell files.
@@ -25,13 +25,13 @@ def _sourced(ros: RosDistribution, command: str) -> str:
 
 
 def build_command(ros: RosDistribution) -> str:
-    """Return how the workspace is built: with symbols, and compile commands for completion (colcon-cmake)."""
+    """Return the command line that builds the workspace, with debug symbols and compile commands for completion."""
     flags = "-DCMAKE_BUILD_TYPE=Debug -DCMAKE_EXPORT_COMPILE_COMMANDS=ON"
     return _sourced(ros, f"colcon build --symlink-install --cmake-args {flags}")
 
 
 def environment_command(ros: RosDistribution) -> str:
-    """Return how `ENVIRONMENT_FILE` is written."""
+    """Return the command line that writes `ENVIRONMENT_FILE`."""
     overlay = "{ [ ! -f install/setup.bash ] || source install/setup.bash; }"
     return _sourced(
         ros, f"{overlay} && mkdir -p build && printenv | grep -E '{_KEPT}' > {ENVIRONMENT_FILE}"
@@ -52,7 +52,7 @@ FORMATTERS = {
 
 _OTHERS = ("ms-python.python", "ms-vscode.cmake-tools", "redhat.vscode-yaml")
 EXTENSIONS = tuple(sorted({*_OTHERS, *DEBUGGERS.values(), *FORMATTERS.values()}))
-"""All that a workspace needs: the same without ROS, because nodes in C++ need none."""
+"""All extensions of a workspace. They are the same without ROS 2, because C++ programs do not need it."""
 
 _BUILT = ("build", "install", "log")
 
@@ -62,7 +62,7 @@ _PYTHON = {RosDistribution.HUMBLE: "3.10", RosDistribution.JAZZY: "3.12"}
 
 
 def _workspace_settings(ros: RosDistribution) -> dict[str, Any]:
-    """Return ``settings.json``; without a distribution, nothing of it or of colcon is set."""
+    """Return ``settings.json``; without a ROS 2 distribution, it has no settings for ROS 2 and colcon."""
     languages: dict[str, dict[str, Any]] = {
         f"[{name}]": {"editor.defaultFormatter": tool} for name, tool in FORMATTERS.items()
     }
@@ -75,7 +75,7 @@ def _workspace_settings(ros: RosDistribution) -> dict[str, Any]:
             "--compile-commands-dir=${workspaceFolder}/build",
             "--header-insertion=never",
         ],
-        # CMake packages are configured by the build, not by opening a folder.
+        # The build configures CMake packages; opening a folder does not.
         "cmake.configureOnOpen": False,
         "python.analysis.typeCheckingMode": "basic",
         "editor.formatOnSave": True,
@@ -129,7 +129,7 @@ def _colcon_tasks(ros: RosDistribution) -> list[dict[str, Any]]:
 
 
 def _bash(label: str, command: str, kind: str = "") -> dict[str, Any]:
-    """Return a task that runs a command; one of a kind is the default of its kind and runs a compiler."""
+    """Return a task that runs a command in Bash; with a `kind`, it is the default task of its kind and a compiler's."""
     task: dict[str, Any] = {
         "label": label,
         "type": "process",
@@ -157,7 +157,7 @@ _INPUTS = {
 
 
 def _profiles(deployment: Deployment) -> dict[str, Any]:
-    """Return ``launch.json``: to start and to attach, for C++ and for Python, and the agent itself."""
+    """Return ``launch.json``: profiles that start or attach to C++ and Python nodes, and one for the agent itself."""
     ros = deployment.common.ros is not RosDistribution.NONE
     profiles = [*_python(deployment, ros=ros), *_cpp(ros=ros)]
     inputs = []
@@ -235,7 +235,7 @@ def _container(deployment: Deployment) -> dict[str, Any]:
         "runServices": ["agent", "router"],
         "workspaceFolder": "/workspace",
         "shutdownAction": "stopCompose",
-        # A list runs without a shell, so that no character of the folder's name means anything.
+        # A list runs without a shell, so no character of the folder's name has a special meaning.
         "initializeCommand": ["${localWorkspaceFolder}/hooks/initialize.sh", "--development"],
         "remoteUser": USER,
         "customizations": {

@@ -1,4 +1,4 @@
-"""Files of an agent's folder, and the only module that uses Jinja: some files are made from templates."""
+"""Files of an agent's folder, some of them rendered from templates; only this module uses Jinja."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ PROGRAM = 0o755
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BundleFile:
-    """A file of an agent's folder."""
+    """Content and permissions of a file of an agent's folder."""
 
-    data: bytes  #: Its content.
-    mode: int = PLAIN  #: Its permissions.
+    data: bytes  #: Content of the file.
+    mode: int = PLAIN  #: Permissions of the file.
 
     @property
     def text(self) -> str:
-        """Content of a text file."""
+        """Content of the file, decoded as UTF-8."""
         return self.data.decode()
 
 
@@ -30,7 +30,7 @@ def text_file(text: str, mode: int = PLAIN) -> BundleFile:
 
 
 def render(name: str, **values: Any) -> str:
-    """Return a template of the folder ``templates`` with its values; ``value | sh`` quotes for a shell.
+    """Render a template of the folder ``templates`` with values; ``value | sh`` in a template quotes for a shell.
 
     Raises:
         jinja2.UndefinedError: A value is missing.

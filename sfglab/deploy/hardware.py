@@ -1,7 +1,7 @@
-"""Hardware of a machine from its files: its accelerator, by which paper A, section 4.4, chooses a base image.
+"""Detection of a machine's accelerator, from which paper A, section 4.4, derives the base image.
 
-Detection reads files below a root and nothing else, so that it finds the same in a copy of them as on the
-machine. `codecs_found` tries here and now which codecs really open.
+Detection only reads files below a root, so that it gives the same result for a copy of the files as on the
+machine. `codecs_found` tries which codecs work in this process.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class CodecRole(Enum):
-    """Role of a codec."""
+    """Role of a codec: encoder or decoder."""
 
     ENCODER = "encoder"
     DECODER = "decoder"
@@ -38,7 +38,7 @@ class Codec:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CodecFound(Codec):
-    """A codec that was tried."""
+    """A codec with the result of its trial."""
 
     expected: bool  #: Whether the hardware has it.
     works: bool  #: Whether it encoded or decoded in this process.
@@ -47,23 +47,23 @@ class CodecFound(Codec):
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Result of looking for one accelerator."""
+    """Result of the search for one accelerator on a machine."""
 
-    reason: str  #: Reason why it counts as found or not.
-    found: bool = False  #: Whether it is there and can be used.
-    devices: tuple[str, ...] = ()  #: Device nodes that a container needs to use it.
-    codecs: tuple[Codec, ...] = ()  #: H.264 codecs that it has.
+    reason: str  #: Reason why the accelerator counts as found or not.
+    found: bool = False  #: Whether the accelerator is present and usable.
+    devices: tuple[str, ...] = ()  #: Device nodes that a container needs for the accelerator.
+    codecs: tuple[Codec, ...] = ()  #: H.264 codecs of the accelerator.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Machine:
-    """A machine, as its files describe it."""
+    """Hardware and operating system of a machine."""
 
-    root: str  #: Folder that stands for its ``/``.
+    root: str  #: Folder that was examined as the machine's ``/``.
     model: str  #: Model name of the manufacturer.
     operating_system: str  #: Name of the distribution.
     jetpack: int | None  #: Major version of JetPack; None if there is none or it is not known.
-    accelerator: Accelerator  #: Accelerator that its images are made for.
+    accelerator: Accelerator  #: Accelerator that images for the machine are made for.
     #: Evidence for each accelerator, in the order of choice.
     evidence: dict[Accelerator, Evidence]
     devices: tuple[str, ...]  #: Device nodes that a container needs for the accelerator.
@@ -72,7 +72,11 @@ class Machine:
 def detect(root: Path = Path("/")) -> Machine:
     """Return the hardware of a machine, and the accelerator that its images are made for.
 
-    `root` is the folder that stands for the machine's ``/``; a `DeployError` says that there is none.
+    Args:
+        root: Folder that stands for the machine's ``/``.
+
+    Raises:
+        DeployError: There is no such folder.
     """
     files = MachineFiles(root)
     evidence = {accelerator: look_for(files) for accelerator, look_for in TABLE.items()}
@@ -100,7 +104,7 @@ _RELEASE = re.compile(r"#\s*R([0-9]{1,3})\s*\(release\),\s*REVISION:\s*([0-9][0-
 
 
 def look_for_jetson(files: MachineFiles) -> Evidence:
-    """Look for a Jetson whose engines can be reached.
+    """Search for a Jetson with usable video engines.
 
     The device tree (``nvidia,tegra*``) or the release file of L4T names the board. Its engines are reached
     through ``/dev/nvmap`` and ``/dev/nvhost-*`` (L4T, /etc/nvidia-container-runtime/host-files-for-container.d).
@@ -164,9 +168,9 @@ _CUDA_CODECS = (
 
 
 def look_for_cuda(files: MachineFiles) -> Evidence:
-    """Look for a card with NVIDIA's driver.
+    """Search for a graphics card with NVIDIA's driver.
 
-    The driver is there with ``/proc/driver/nvidia/version``, a card with ``/dev/nvidia0``; both are used through
+    The driver has ``/proc/driver/nvidia/version``, and a card ``/dev/nvidia0``; both are used through
     ``/dev/nvidiactl`` (NVIDIA Accelerated Linux Graphics Driver README). WSL 2 has ``/dev/dxg`` for all cards,
     and the libcuda of NVIDIA's driver below /usr/lib/wsl/lib (CUDA on WSL User Guide). A Jetson has the same
     nodes for its display.
@@ -219,10 +223,10 @@ _VAAPI_CODEC = Codec(
 
 
 def look_for_rocm(files: MachineFiles) -> Evidence:
-    """Look for an AMD chip that ROCm supports.
+    """Search for an AMD chip that ROCm supports.
 
-    The kernel also offers ``/dev/kfd`` for chips that AMD's libraries have no code for, such as the gfx1033 of
-    the Steam Deck. A container needs it and the chip's render node (AMD, 'Running ROCm Docker containers').
+    The kernel has ``/dev/kfd`` also for chips that AMD's libraries do not support, such as the gfx1033 of
+    the Steam Deck. A container needs ``/dev/kfd`` and the chip's render node (AMD, 'Running ROCm Docker containers').
     """
     chips = _chips(files)
     good = [name for name in chips if name in ROCM_TARGETS]
@@ -243,7 +247,7 @@ def look_for_rocm(files: MachineFiles) -> Evidence:
 
 
 def _chips(files: MachineFiles) -> dict[str, list[str]]:
-    """Return the render nodes that are there, by chip; processors have version 0."""
+    """Return the existing render nodes by LLVM's name of the chip, without processors, whose version is 0."""
     chips: dict[str, list[str]] = {}
     for name in files.names(_TOPOLOGY, r"[0-9]+"):
         text = files.text(f"{_TOPOLOGY}/{name}/properties") or ""
@@ -261,7 +265,7 @@ def _property(text: str, name: str) -> int:
 
 
 def gfx_name(gfx_target_version: int) -> str:
-    """Return LLVM's name of a chip by the number in a node's properties.
+    """Return LLVM's name of an AMD chip, given the number ``gfx_target_version`` in a node's properties.
 
     The kernel writes ``major * 10000 + minor * 100 + stepping``; LLVM's name has minor and stepping as one
     hexadecimal digit each, as in 90010 for gfx90a (Linux, drivers/gpu/drm/amd/amdkfd/kfd_device.c; LLVM, User
@@ -273,10 +277,10 @@ def gfx_name(gfx_target_version: int) -> str:
 
 
 def look_for_vaapi(files: MachineFiles) -> Evidence:
-    """Look for graphics of Intel or AMD with a render node, whose video engine VAAPI drives.
+    """Search for graphics of Intel or AMD with a render node; VAAPI uses their video engine.
 
-    The vendor is ``/sys/class/drm/renderD*/device/vendor``. Nodes of others, such as virtio or nouveau, do not
-    count: what they offer depends on the host, or is too little.
+    The vendor is in ``/sys/class/drm/renderD*/device/vendor``. Nodes of other vendors, such as virtio or nouveau, do
+    not count, because their codecs depend on the host or are insufficient.
     """
     nodes = {}
     for path in files.paths("/dev/dri", r"renderD[0-9]+"):
@@ -303,10 +307,10 @@ _CODEC = re.compile(r"(?:.*[-_ ])?(?:enc|encode|encoder|dec|decode|decoder)", re
 
 
 def look_for_v4l2(files: MachineFiles) -> Evidence:
-    """Look for a V4L2 device node that is a codec, by its driver's name in /sys/class/video4linux.
+    """Search for a V4L2 device node of a codec, by its driver's name in /sys/class/video4linux.
 
-    A codec of any format counts, because base images differ by driver. It may do nothing for H.264: a Raspberry
-    Pi 5 has an HEVC decoder only (Raspberry Pi 5 Product Brief). Cameras and image processors are no codecs.
+    A codec of any format counts, because base images differ by driver. It may not support H.264: a Raspberry
+    Pi 5 has only an HEVC decoder (Raspberry Pi 5 Product Brief). Cameras and image processors are no codecs.
     """
     names = {}
     for path in files.paths("/dev", r"video[0-9]+"):
@@ -328,7 +332,7 @@ def look_for_v4l2(files: MachineFiles) -> Evidence:
 
 
 def look_for_none(files: MachineFiles) -> Evidence:
-    """Return the processor, which is always there."""
+    """Return the evidence for the processor, which is always present."""
     reason = "the processor is always there"
     if files.has("/.dockerenv") or files.has("/run/.containerenv"):
         reason += "; this is the root of a container, which has only the devices that it was given"

@@ -1,4 +1,4 @@
-"""Files of a machine beside containers: time, firewall, service (paper A, section 4.4, "Lifecycle Hooks")."""
+"""Files of a target host outside containers: time, firewall, service (paper A, section 4.4, "Lifecycle Hooks")."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def plan_time(deployment: Deployment) -> tuple[list[str], bool]:
-    """Return the time servers of a machine in the order of the fleet file, and whether it is one itself.
+    """Return the time servers of a host in the order of the fleet file, and whether the host is a time server.
 
     Raises:
         DeployError: A time server is an agent without an address.
@@ -49,7 +49,7 @@ _ADDRESS = re.compile(r"\d+\.\d+\.\d+\.\d+")
 
 
 def firewall_left_out(deployment: Deployment) -> str:
-    """Return the reason why the ports of the own domain are not closed; empty if they are."""
+    """Return the reason why the firewall does not close the ports of the agent's own domain; empty if it does."""
     interface = deployment.agent.global_interface
     if interface is None:
         return "the fleet file names no global interface"
@@ -61,10 +61,10 @@ def firewall_left_out(deployment: Deployment) -> str:
 
 
 def firewall_rules(deployment: Deployment) -> str:
-    """Return what ``nft -f`` loads; empty if nothing is to be closed.
+    """Return the firewall rules in the form that ``nft -f`` reads; empty if no port is to be closed.
 
     Raises:
-        DeployError: The name of the global interface is none.
+        DeployError: The name of the global interface is not allowed in Linux.
     """
     left_out = firewall_left_out(deployment)
     if left_out and not deployment.bridge:
@@ -107,11 +107,11 @@ _UNSAFE = re.compile(r"[^\w .:()-]+", re.ASCII)
 
 
 def service_unit(deployment: Deployment) -> str:
-    """Return the unit's text."""
+    """Return the text of the agent's systemd unit."""
     return render(
         "agent.service",
         agent=deployment.agent.name,
-        # For people only; systemd gives '%', quotes and backslashes a meaning.
+        # The description is for people only; systemd interprets '%', quotes and backslashes.
         fleet=_UNSAFE.sub(" ", deployment.fleet.name).strip(),
         service=deployment.service,
         folder=deployment.folder,
@@ -139,7 +139,7 @@ def host_files(deployment: Deployment) -> dict[str, BundleFile]:
     """Return the hooks and the unit, by their paths in the agent's folder.
 
     Raises:
-        DeployError: A time server has no address, or an interface a name that Linux does not take.
+        DeployError: A time server has no address, or an interface has a name that is not allowed in Linux.
     """
     scripts = resources.files(__package__) / "scripts"
     files = {}

@@ -1,7 +1,7 @@
 """Files of a machine below a folder that stands for its ``/``.
 
-Files are read without leaving the folder or opening a device. A path that is missing, unreadable,
-looped or no plain file reads as absent, so that detection does not fail on it.
+Reading never leaves the folder, and never opens a device. A path that is missing, unreadable,
+a loop of links, or no plain file counts as absent, so that detection does not fail.
 """
 
 from __future__ import annotations
@@ -22,7 +22,11 @@ _LONGEST = 160
 
 @dataclass(frozen=True, slots=True)
 class MachineFiles:
-    """A machine's files."""
+    """Access to a machine's files, of which the folder `root` holds all, as with chroot(2).
+
+    Raises:
+        DeployError: The folder does not exist.
+    """
 
     root: Path  #: Folder that stands for ``/``.
 
@@ -33,7 +37,7 @@ class MachineFiles:
             )
 
     def resolve(self, path: str) -> Path | None:
-        """Return where a path leads, None for a loop; absolute links start at the root, as in chroot(2)."""
+        """Return the path to which links lead; None for a loop. Absolute links start at the root, as in chroot(2)."""
         rest, here, links = deque(_parts(path)), list[str](), 0
         while rest:
             part = rest.popleft()
@@ -42,7 +46,7 @@ class MachineFiles:
                 continue
             try:
                 target = self.root.joinpath(*here, part).readlink()
-            except OSError:  # not a link, or nothing at all: what comes after tells
+            except OSError:  # the path is no link, or does not exist; later calls detect the latter
                 here.append(part)
                 continue
             links += 1
@@ -54,12 +58,12 @@ class MachineFiles:
         return self.root.joinpath(*here)
 
     def has(self, path: str) -> bool:
-        """Return whether there is anything at a path, and if it is a link, where it leads."""
+        """Return whether a path exists; a link exists if its target does."""
         place = self.resolve(path)
         return place is not None and os.access(place, os.F_OK)
 
     def head(self, path: str) -> bytes | None:
-        """Return the first bytes of a plain file; None for all else, devices above all."""
+        """Return the first bytes of a plain file; None for anything else, such as a device."""
         place = self.resolve(path)
         try:
             if place is None or not stat.S_ISREG(place.stat().st_mode):
@@ -70,7 +74,7 @@ class MachineFiles:
             return None
 
     def text(self, path: str) -> str | None:
-        """Return the text at the beginning of a plain file, with marks for what is no text; None if none."""
+        """Return the text at the beginning of a plain file, with marks for other bytes; None without such a file."""
         head = self.head(path)
         return None if head is None else head.decode(errors="replace")
 
@@ -87,13 +91,13 @@ class MachineFiles:
         )
 
     def paths(self, folder: str, pattern: str) -> list[str]:
-        """Return absolute paths of what matches in a folder and leads somewhere."""
+        """Return the absolute paths of existing names in a folder that match a regular expression as a whole."""
         paths = [f"{folder}/{name}" for name in self.names(folder, pattern)]
         return [path for path in paths if self.has(path)]
 
 
 def plain(text: str) -> str:
-    """Return text fit for one line of a terminal: no control characters, no marks of bad bytes, not long."""
+    """Return a text for one line of a terminal: shortened, without control characters and marks of wrong bytes."""
     shown = "".join(char if char.isprintable() and char != "\ufffd" else " " for char in text)
     line = " ".join(shown.split())
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"

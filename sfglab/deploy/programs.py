@@ -1,4 +1,4 @@
-"""Programs of other projects: where they are, and their output while they run."""
+"""Programs of other projects: search for a program, and its output while it runs."""
 
 from __future__ import annotations
 
@@ -22,10 +22,15 @@ _LAST_LINES = 20
 
 
 def run_streamed(command: Sequence[str], on_line: Callable[[str], None], name: str = "") -> None:
-    """Run a program to its end, and pass on each line of its output. Its children end with it.
+    """Run a program to its end; its child processes end with it.
+
+    Args:
+        command: Program and arguments.
+        on_line: Called with each line of the output.
+        name: Name of the program in errors; by default that of the command.
 
     Raises:
-        DeployError: The program does not start, or fails; with its last lines.
+        DeployError: The program does not start, or fails; the error has the last lines of the output.
     """
     try:
         process = subprocess.Popen(
@@ -70,7 +75,15 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 
 def find_program(name: str, install: str = EXTRA) -> str:
-    """Return the path of a program beside this Python or on ``PATH``, or raise a `MissingProgramError`."""
+    """Return the path of a program, in the folder of this Python or on ``PATH``.
+
+    Args:
+        name: Name of the program.
+        install: Command that installs the program, for errors.
+
+    Raises:
+        MissingProgramError: The program is not installed.
+    """
     beside = shutil.which(name, path=str(Path(sys.executable).parent))
     found = beside or shutil.which(name)
     if found is None:

@@ -54,7 +54,10 @@ MACHINES = {Architecture.AMD64: "x86_64", Architecture.ARM64: "aarch64"}
 def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> str:
     """Return the part of a lock file that an agent's image installs, digests included, sorted by name.
 
-    The lock file is as ``uv pip compile`` writes it; Python's version is as in ``3.11``.
+    Args:
+        lock_text: Lock file in the form of ``uv pip compile``.
+        python: Version of Python, such as ``3.11``.
+        architecture: Processor of the target host.
 
     Raises:
         DeployError: A package of an agent has no pinned version for that Python and processor, or it is
@@ -79,7 +82,10 @@ def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> st
 
 
 def split_lock(lock_text: str, names: Iterable[str]) -> tuple[str, str]:
-    """Return a lock file's entries without and of some packages, by their normal names (PEP 503)."""
+    """Split the entries of a lock file: those of other packages, and those of the named packages.
+
+    The names are normalised as in PEP 503.
+    """
     taken = frozenset(names)
     without, of = "", ""
     for requirement, entry in _entries(lock_text):
@@ -92,7 +98,7 @@ def split_lock(lock_text: str, names: Iterable[str]) -> tuple[str, str]:
 
 @lru_cache(maxsize=16)
 def _entries(lock_text: str) -> tuple[tuple[Requirement, str], ...]:
-    """Return each requirement, and its text with its digests."""
+    """Return each requirement of a lock file, and its text with its digests."""
     from packaging.requirements import Requirement
 
     entries: list[str] = []
@@ -117,7 +123,7 @@ def _applies(requirement: Requirement, environment: dict[str, str]) -> bool:
 
 
 def _closure(environment: dict[str, str]) -> set[str]:
-    """Return the roots and all that they need on the target."""
+    """Return the names of the root packages and of all packages that they need on the target host."""
     from importlib.metadata import PackageNotFoundError, requires
 
     from packaging.requirements import Requirement
@@ -160,7 +166,7 @@ def _environment(python: str, architecture: Architecture) -> dict[str, str]:
     }
 
 
-#: A checkout, or where a wheel is installed: what is released.
+#: Folder of the released project: a checkout, or the folder in which a wheel is installed.
 SOURCE = Path(sfglab.__file__).parents[1]
 
 LOCK_FILE = "install/requirements.lock"
@@ -172,7 +178,15 @@ _BACKEND = "import sys; from hatchling.build import build_wheel; print(build_whe
 
 
 def build_wheel(project: Path, folder: Path) -> Path:
-    """Build a project's wheel by its own backend (PEP 517), without network; `DeployError` if it cannot."""
+    """Build a project's wheel with the project's own backend (PEP 517), without network, and return its path.
+
+    Args:
+        project: Folder of the project.
+        folder: Folder for the wheel.
+
+    Raises:
+        DeployError: The wheel cannot be built.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     try:
         built = subprocess.run(
@@ -196,7 +210,15 @@ def build_wheel(project: Path, folder: Path) -> Path:
 
 
 def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
-    """Return what a project releases for a fleet file, and its wheel; `DeployError` if it cannot be built."""
+    """Return the release of a project for a fleet file, and the content of its wheel.
+
+    Args:
+        project: Folder of the project.
+        fleet_text: Text of the fleet file.
+
+    Raises:
+        DeployError: The wheel cannot be built.
+    """
     with tempfile.TemporaryDirectory(prefix="sfglab-wheel-") as folder:
         source = _buildable(project, Path(folder) / "source")
         lock = source / LOCK_FILE
@@ -222,7 +244,7 @@ def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
 
 
 def _buildable(project: Path, folder: Path) -> Path:
-    """Return a project's folder, or one that is made of an installed wheel and what that carries."""
+    """Return a folder from which a wheel can be built: that of a checkout, or a copy of an installed package."""
     carried = project / "sfglab" / "deploy" / "source"
     if (project / LOCK_FILE).is_file() or not carried.is_dir():
         return project

@@ -1,7 +1,7 @@
-"""Rollout of a bundle to a machine: planned changes, installation, and rollback by a release's name.
+"""Rollout of a bundle to a target host: planned changes, installation, and rollback to a named release.
 
-A machine keeps its latest releases, each in a folder of its own, and a symbolic link names the one that runs.
-Functions that run commands on a machine raise a `DeployError` if it cannot be reached or a command fails there.
+A host keeps its latest releases, each in its own folder, and a symbolic link points to the running release.
+Functions that run commands on a host raise a `DeployError` if the host cannot be reached or a command fails.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Change(Enum):
-    """Change of a file."""
+    """Kind of a change of a file."""
 
     NEW = "new"
     CHANGED = "changed"
@@ -41,18 +41,18 @@ class FileChange:
     """Change of one file."""
 
     path: str  #: Path within the agent's folder.
-    change: Change  #: The change.
-    touched: bool  #: Whether the file was changed on the machine since it was installed.
+    change: Change  #: Kind of the change.
+    touched: bool  #: Whether the file was changed on the host since its installation.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """Changes that applying a bundle would make."""
+    """Changes that the application of a bundle would make."""
 
-    agent: str  #: The agent.
-    before: str  #: The release on the machine; empty: none.
-    after: str  #: The release of the bundle.
-    files: tuple[FileChange, ...]  #: Every file that is or will be there.
+    agent: str  #: Name of the agent.
+    before: str  #: Name of the release on the host; empty: none.
+    after: str  #: Name of the bundle's release.
+    files: tuple[FileChange, ...]  #: All present and future files.
 
     @property
     def changed(self) -> list[FileChange]:
@@ -61,7 +61,7 @@ class Plan:
 
 
 def plan_changes(bundle: Bundle, present: Mapping[str, BundleFile]) -> Plan:
-    """Return what applying a bundle changes on a machine with the files `present`."""
+    """Return the changes that a bundle makes on a host with the files `present`, by path in the agent's folder."""
     before, written = _read_manifest(present.get(MANIFEST))
     files = []
     # Files that no release has written are the user's own.
@@ -101,8 +101,8 @@ class Step:
     """A command that follows the installation of the files."""
 
     what: str  #: Description for people.
-    script: str  #: Script for a shell on the machine.
-    #: Whether it needs the running system; it is skipped on a folder in place of a machine.
+    script: str  #: Script for a shell on the host.
+    #: Whether the step needs the running system; it is skipped for a folder in place of a host.
     on_system: bool = True
 
 
@@ -110,15 +110,15 @@ class Step:
 class Prospect:
     """Planned changes of one agent."""
 
-    agent: str  #: The agent.
-    machine: str  #: Name of its machine.
-    plan: Plan | None  #: The changes; None if the machine could not be reached.
+    agent: str  #: Name of the agent.
+    machine: str  #: Name of the agent's host.
+    plan: Plan | None  #: Planned changes; None if the host could not be reached.
     steps: tuple[Step, ...] = ()  #: Commands that follow.
     problem: str = ""  #: Reason why there is no plan; empty if there is one.
 
 
 def render_prospects(prospects: Sequence[Prospect]) -> str:
-    """Return what would change on each machine as text."""
+    """Return the planned changes of each host as text."""
     changes = [change.value for change in Change]
     rows = [("agent", "machine", "release there", "release new", *changes, "then")]
     unknown = [""] * (1 + len(changes))
@@ -159,7 +159,7 @@ _BUILT = " ".join(f"--exclude=./workspace/{name}" for name in ("build", "install
 
 
 def look(transport: Transport, folder: str) -> dict[str, BundleFile]:
-    """Return the files of the release that a machine runs, by path; nothing if there is none."""
+    """Return the files of the release that runs on a host, by path; empty if there is none."""
     return _files(transport, f"{folder}/{CURRENT}")
 
 
@@ -175,7 +175,7 @@ def _files(transport: Transport, folder: str) -> dict[str, BundleFile]:
 
 
 def steps(deployment: Deployment, bundle: Bundle, plan: Plan) -> tuple[Step, ...]:
-    """Return the commands that follow the files; none if nothing changes."""
+    """Return the commands that follow the installation of the files; none if nothing changes."""
     if not plan.changed:
         return ()
     release, service = shlex.quote(deployment.release_folder), shlex.quote(deployment.service)
@@ -201,14 +201,14 @@ def apply_bundle(
     transport: Transport,
     report: Callable[[str], None],
 ) -> None:
-    """Copy a bundle to its machine and run the steps that follow; without a step, nothing has changed.
+    """Copy a bundle to its host and run the steps that follow; without steps the function does nothing.
 
     Args:
-        bundle: The agent's files.
-        folder: The agent's folder on the machine.
-        following: Steps of `steps`.
-        transport: The machine.
-        report: Receiver of each step and of its output, as text.
+        bundle: Files of the agent.
+        folder: Folder of the agent on the host.
+        following: Steps from the function `steps`.
+        transport: Transport to the host.
+        report: Called with the description of each step, and with its output, as text.
     """
     if not following:
         return
@@ -225,7 +225,7 @@ def apply_bundle(
 
 
 def releases(transport: Transport, folder: str) -> tuple[str, ...]:
-    """Return the releases that a machine keeps, the newest first."""
+    """Return the names of the releases that a host keeps in the agent's folder, the newest first."""
     place = _quoted(transport, f"{folder}/{_RELEASES}")
     script = f"cd {place} 2>/dev/null || exit 0; ls -1dt */ 2>/dev/null || true"
     names = transport.run(script).decode(errors="replace").splitlines()
@@ -236,7 +236,7 @@ def released(transport: Transport, deployment: Deployment, tag: str) -> Bundle:
     """Return an earlier release from a machine.
 
     Raises:
-        DeployError: It is not there, or was changed.
+        DeployError: The host does not have the release, or its files were changed.
     """
     known = releases(transport, deployment.folder)
     if tag not in known:
@@ -263,10 +263,10 @@ def released(transport: Transport, deployment: Deployment, tag: str) -> Bundle:
 
 
 def install(bundle: Bundle, folder: str, transport: Transport) -> None:
-    """Unpack a bundle beside the other releases of an agent, and let the link name it.
+    """Unpack a bundle beside the other releases of an agent, and set the link to it.
 
-    The link changes once all files are there. Files that the user keeps stay outside of it in the agent's
-    folder: a release has links to the folder of the user's hooks and to ``.env``.
+    The link changes once all files are unpacked. The user's files are in the agent's folder, outside of releases: a
+    release has links to the folder of the user's hooks and to ``.env``.
     """
     release = shlex.quote(f"{_RELEASES}/{bundle.tag}")
     lines = [

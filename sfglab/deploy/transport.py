@@ -1,7 +1,7 @@
-"""Transports to a machine, this one or another over SSH, and a copy of what detection reads there.
+"""Transports to a target host, this one or another one over SSH, and a copy of the files that detection reads.
 
-The same shell commands run on both. The machine needs `sh` and `tar`, and over SSH a key without a passphrase
-prompt and a user with `sudo` without password.
+The same shell commands run on both. A host needs `sh` and `tar`; a host over SSH also needs a key without a
+passphrase prompt, and a user with `sudo` without password.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ QUICK_S = 120.0  #: Time limit for a command that only moves files.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transport:
-    """A machine that takes commands: another one over SSH, this one, or a folder in its place."""
+    """Access to a host that runs commands: another host over SSH, this host, or a folder of this host."""
 
     address: str = ""  #: ``[user@]host`` of another machine; empty for this one.
-    folder: Path = Path("/")  #: Folder of this machine in place of its root.
+    folder: Path = Path("/")  #: Folder of this machine that stands for the host's root.
     client: str = "ssh"  #: SSH client.
 
     @property
@@ -43,11 +43,11 @@ class Transport:
 
     @property
     def root(self) -> str:
-        """Folder in place of its root; empty for a machine itself."""
+        """Folder that stands for the host's root; empty for a real root."""
         return "" if self.folder == Path("/") else str(self.folder.absolute())
 
     def command(self, script: str) -> list[str]:
-        """Return the program that runs a script of `sh` there as root."""
+        """Return the command line that runs a script of `sh` on the host as root."""
         if not self.address:
             return ["sh", "-eu", "-c", script]
         options = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_S}")
@@ -55,10 +55,15 @@ class Transport:
         return [self.client, *options, "--", self.address, remote]
 
     def run(self, script: str, *, data: bytes = b"", timeout_s: float = QUICK_S) -> bytes:
-        """Run a script of `sh` there as root, with `data` as its standard input; return what it prints.
+        """Run a script of `sh` on the host as root, and return its standard output.
+
+        Args:
+            script: The script.
+            data: Standard input of the script.
+            timeout_s: Time limit, s.
 
         Raises:
-            DeployError: The machine cannot be reached, or the script failed; with its last line.
+            DeployError: The host cannot be reached, or the script failed; the error has the last line of the output.
         """
         command = self.command(script)
         try:
@@ -77,10 +82,10 @@ class Transport:
         return done.stdout
 
     def stream(self, script: str, on_line: Callable[[str], None]) -> None:
-        """Run a script of `sh` there as root, however long it takes, and pass on each line that it prints.
+        """Run a script of `sh` on the host as root without time limit; call `on_line` with each line of its output.
 
         Raises:
-            DeployError: The machine cannot be reached, or the script failed; with its last lines.
+            DeployError: The host cannot be reached, or the script failed; the error has the last lines of the output.
         """
         run_streamed(self.command(script), on_line, self.name)
 
@@ -159,7 +164,7 @@ def accelerator_of(transport: Transport) -> Accelerator:
 
 
 def copy_facts(transport: Transport, folder: Path) -> None:
-    """Copy the files that detection reads into a folder, device nodes as empty files.
+    """Copy the files that detection reads from a host into a folder; device nodes become empty files.
 
     Raises:
         DeployError: The machine cannot be reached, or names files outside of its root.
