@@ -30,7 +30,7 @@ class TableRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """Options of a run on this machine, which are no part of its configuration."""
+    """Options of a run on this machine; they are not part of the run's configuration."""
 
     #: Whether hosts are separate; None: they are where the machine can do that.
     separate: bool | None = None
@@ -38,7 +38,7 @@ class Options:
     only: frozenset[str] | None = None
 
     def wants(self, name: str) -> bool:
-        """Return whether a sweep or a part is to run, by its table or name."""
+        """Return whether a sweep, given by its table, or a part, given by its name, is to run."""
         return self.only is None or name in self.only
 
 
@@ -55,7 +55,7 @@ def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
 
 @dataclass(slots=True, kw_only=True)
 class Bench(Generic[C]):
-    """Configuration, log and hosts of a run, as its parts use them."""
+    """Context of a run: configuration, log and hosts, which the run's parts use."""
 
     experiment: str  #: Name of the experiment.
     config: C  #: The configuration.
@@ -75,7 +75,7 @@ class Bench(Generic[C]):
 
     @property
     def testbed(self) -> Testbed:
-        """The experiment's hosts."""
+        """The experiment's hosts; the experiment must declare them."""
         assert self.hosts is not None, "the experiment declares hosts"
         return self.hosts
 
@@ -85,7 +85,7 @@ class Bench(Generic[C]):
         Args:
             table: Name of the table. If `row` is missing: the row, whose class only one table has.
             row: An instance of the table's class, or its fields by name.
-            at_ns: Time of the row in the log. None: the current time, or in a part that is not timed the
+            at_ns: Time of the row in the log, ns. None: the current time, or in a part that is not timed the
                 number of rows before it in its table.
 
         Raises:
@@ -106,11 +106,11 @@ class Bench(Generic[C]):
             self.write(table, row)
 
     def metadata(self, name: str, values: Mapping[str, Any]) -> None:
-        """Write a named mapping, once."""
+        """Write a named mapping into the log; a name can be used once."""
         self.log.write_metadata(name, values)
 
     def attach(self, name: str, data: bytes, media_type: str = "application/octet-stream") -> None:
-        """Write a file into the log, once."""
+        """Attach a file to the log; a name can be used once."""
         self.log.attach(name, data, media_type)
 
     def folder(self, name: str) -> Path:

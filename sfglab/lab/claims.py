@@ -106,7 +106,11 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Claim(Shown):
-    """One claim of a paper, as ``data/claims.yaml`` states it."""
+    """One claim of a paper, as ``data/claims.yaml`` states it.
+
+    Raises:
+        InvalidValueError: The lower end of a range is above its upper end.
+    """
 
     id: str  #: Short, stable name. It ends in ``-OURS`` if the claim judges the sfglab variant.
     where: str  #: Paper and section.
@@ -284,11 +288,11 @@ class Entry:
 
 
 class Ledger(list[Entry]):
-    """Judged claims."""
+    """List of judged claims, as a notebook or the ledger page shows it."""
 
     @property
     def source(self) -> str:
-        """Origins of the values in words."""
+        """Origins of all values, each once, joined by "and"."""
         sources = dict.fromkeys(entry.source for entry in self if entry.source)
         return " and ".join(sources)
 
@@ -525,7 +529,7 @@ def _row(entry: Entry) -> tuple[str, ...]:
 
 
 def stated(claim: Claim) -> str:
-    """Return the paper's value as text."""
+    """Return the paper's value as text, or "no number" if the claim has none."""
     return "no number" if claim.paper is None else f"{claim.paper:g}"
 
 

@@ -37,7 +37,7 @@ _NO_VIDEO = "experiments with compressed video do not run"
 
 
 class Level(Enum):
-    """Result of a check."""
+    """Level of a check's result."""
 
     OK = "ok"
     LIMITED = "limited"
@@ -46,11 +46,11 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One result of the doctor."""
+    """Result of one check of this machine by `sfglab doctor`."""
 
     topic: str  #: Subject of the check.
     level: Level  #: Level of the result.
-    said: str  #: Observation.
+    said: str  #: Observation, as a sentence.
     consequence: str  #: Consequence for experiments.
 
 
@@ -242,7 +242,7 @@ def _tame(text: str) -> str:
 
 
 def _words(error: Exception) -> str:
-    """Return what an error says: of a failed program its last line."""
+    """Return the text of an error; for a failed program, the last line of its output."""
     if isinstance(error, subprocess.TimeoutExpired):
         return f"it did not end within {error.timeout:.0f} s"
     if isinstance(error, subprocess.CalledProcessError):

@@ -163,7 +163,7 @@ class Experiment(Generic[C]):
         self.claims: dict[
             str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]
         ] = {}
-        self.drawings: dict[str, _Drawing] = {}  #: Its figures, by name.
+        self.drawings: dict[str, _Drawing] = {}  #: Declared figures, by name.
         self.explorers: dict[str, Callable[..., Any]] = {}
 
     def __repr__(self) -> str:
@@ -451,7 +451,11 @@ class Experiment(Generic[C]):
         return found
 
     def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:
-        """Draw a figure of a run; return it and the values that it shows. `InvalidValueError` if there is none."""
+        """Draw a figure of a run, and return it with its sidecar.
+
+        Raises:
+            InvalidValueError: The experiment has no such figure, or the run does not have it.
+        """
         from matplotlib.figure import Figure
 
         if name not in self.drawings:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Findings:
-    """Our values from one log."""
+    """Our measured values for an experiment's claims, from one log."""
 
     measured: dict[str, Finding]  #: Values by claim.
     origin: str  #: Machine, load while measured, versions and commit, as far as the log has them.

@@ -32,7 +32,7 @@ class IndexPage:
     """A part of the first page, as a notebook shows it."""
 
     html: str
-    text: str  #: The part in words.
+    text: str  #: Content of the part as plain text.
 
     def __repr__(self) -> str:
         return self.text

@@ -19,11 +19,11 @@ _PACKAGE = "rfc3987_syntax"
 
 @contextmanager
 def without_iri_grammars() -> Iterator[None]:
-    """Within this context rfc3987-syntax cannot be imported, as if it were not installed."""
+    """Prevent the import of rfc3987-syntax within a context, as if the package were not installed."""
     if _PACKAGE in sys.modules:
         yield
         return
-    # With None in its place the import of a module fails (Python reference, section 5.3.1).
+    # If `sys.modules` has None for a module, its import fails (Python reference, section 5.3.1).
     sys.modules[_PACKAGE] = None  # type: ignore[assignment]
     try:
         yield

@@ -105,7 +105,7 @@ def compute_ledger(
 
 
 def history(project: Project) -> Ledger:
-    """Return every claim by every log, logs that do not count included, with a row for each."""
+    """Return an entry for every claim and log, also for logs that do not count; without logs, one without value."""
     claims = load_claims(project.claims)
     entries: list[Entry] = []
     for name in _experiments_of(claims):
@@ -195,7 +195,7 @@ def _committed_figures(project: Project) -> dict[str, list[str]]:
 
 
 def entries_of(project: Project, run: Run[Any]) -> Ledger:
-    """Return the claims that a run answers, judged by this run alone, also if it does not count."""
+    """Return the claims that a run answers, judged by this run alone, even if the run does not count."""
     measured = run.once("claims", lambda: experiment(run.experiment).measure(run))
     findings = Findings(measured=measured, origin="")
     return Ledger(_entries(load_claims(project.claims), findings, project.relative(run.log)))

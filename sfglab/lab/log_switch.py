@@ -1,4 +1,4 @@
-"""The switch of a working copy: its cells show the committed logs, your newest runs, or run now."""
+"""Switch of a notebook's working copy: cells show the committed logs or the user's newest runs, or run now."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ class ProcessStat(NamedTuple):
     """Parent and start of one process, from ``/proc/PID/stat`` (proc(5))."""
 
     parent: int  #: Parent process at the time of reading.
-    #: Time from the start of the machine to that of the process; distinguishes processes with the same pid.
+    #: Time from the start of the machine to that of the process, ns; it distinguishes processes with the same pid.
     started_ns: int
 
 

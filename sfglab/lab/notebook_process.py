@@ -92,7 +92,7 @@ def run_notebook(path: str, copy: str, parameters: Mapping[str, Any]) -> str:
 
 
 class _Steps(io.TextIOBase):
-    """Stream that passes a notebook's lines of progress on to standard error."""
+    """Stream that writes a notebook's lines of progress to standard error."""
 
     def write(self, text: str) -> int:
         sys.stderr.writelines(line for line in text.splitlines(keepends=True) if is_line(line))

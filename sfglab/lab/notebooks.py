@@ -92,7 +92,7 @@ class Outcome:
     """Result of running one notebook."""
 
     name: str  #: The notebook's name without suffix.
-    error: str  #: Reason of its failure, one line; empty if it succeeded.
+    error: str  #: Cause of the failure, one line; empty after success.
     notebook: Path  #: Path of the executed copy.
     #: Logs that it shows, by experiment: of this run, or given ones.
     logs: Mapping[str, Path]
@@ -103,7 +103,11 @@ def _say(text: str) -> None:
 
 
 def read_parameters(pairs: Iterable[str]) -> dict[str, Any]:
-    """Read ``name=value`` of a command line, values as YAML, or raise a `NotebookError`."""
+    """Return parameters from texts ``name=value`` of a command line, with values in YAML.
+
+    Raises:
+        NotebookError: A text has another form, or its value is not YAML.
+    """
     import yaml
 
     parameters = {}
@@ -119,7 +123,10 @@ def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
     """Return the notebooks to run, in order; the reports on the others come last.
 
     Names are file names, with or without suffix, beginnings of them, or names of experiments; without any,
-    all notebooks are returned. Raises `NotebookError` if a name matches no notebook, or several.
+    all notebooks are returned.
+
+    Raises:
+        NotebookError: A name matches no notebook, or several.
     """
     every = sorted(p for p in project.notebooks.glob("*.ipynb") if not p.name.startswith("."))
     if not names:
@@ -198,7 +205,11 @@ def _check_fields(path: Path, name: str, fitted: Mapping[str, Any]) -> None:
 
 
 def experiments_of(path: Path) -> tuple[str, ...]:
-    """Return the names of the experiments that a notebook runs, in order; raises as `cells_of`."""
+    """Return the names of the experiments that a notebook runs, in order.
+
+    Raises:
+        NotebookError: The file is no notebook.
+    """
     sources = "\n".join(cell["source"] for cell in cells_of(path))
     return tuple(dict.fromkeys(_EXPERIMENT.findall(sources)))
 
@@ -212,7 +223,11 @@ def notebook_of(project: Project, experiment: str) -> str:
 
 
 def cells_of(path: Path) -> list[dict[str, Any]]:
-    """Return the cells of a notebook; raises as `read_notebook`."""
+    """Return the cells of a notebook, each with its source as one text.
+
+    Raises:
+        NotebookError: The file is no notebook.
+    """
     cells: list[dict[str, Any]] = read_notebook(path)["cells"]
     return cells
 
@@ -275,7 +290,7 @@ def try_experiment(
     """Run the notebook of an experiment, with the executed copy, log and figures in a folder.
 
     Args:
-        name: The experiment.
+        name: Name of the experiment.
         folder: Path of the folder, in ``runs/try``. An interrupted sweep in it continues.
         project: The checkout.
         parameters: Profile and fields of the configuration.

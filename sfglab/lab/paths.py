@@ -24,37 +24,37 @@ class Project:
 
     @property
     def data(self) -> Path:
-        """Small inputs: the claims, fleets, reference logs."""
+        """Folder of small inputs: the claims, fleets, reference logs."""
         return self.root / "data"
 
     @property
     def claims(self) -> Path:
-        """The papers' claims."""
+        """Path of the file with the papers' claims."""
         return self.root / _MARK
 
     @property
     def reference_logs(self) -> Path:
-        """Committed logs, from which figures can be drawn in a fresh clone."""
+        """Folder of the committed logs, from which figures can be drawn in a fresh clone."""
         return self.data / "reference"
 
     @property
     def notebooks(self) -> Path:
-        """The executed notebooks."""
+        """Folder of the executed notebooks."""
         return self.root / "notebooks"
 
     @property
     def figures(self) -> Path:
-        """Generated figures and their sidecars."""
+        """Folder of the generated figures and their sidecars."""
         return self.root / "figures"
 
     @property
     def runs(self) -> Path:
-        """Output of runs: logs and executed notebooks; not under version control."""
+        """Folder of the output of runs: logs and executed notebooks; it is not under version control."""
         return self.root / "runs"
 
     @property
     def tries(self) -> Path:
-        """Folders of runs of ``sfglab try``, one for each."""
+        """Folder of the runs of ``sfglab try``, with one folder for each run."""
         return self.runs / "try"
 
     def relative(self, path: Path) -> str:
@@ -69,7 +69,14 @@ class Project:
 
 
 def find_project() -> Project:
-    """Return the checkout, searched upwards from the working directory, or raise `SfglabError`."""
+    """Return the checkout: the folder in ``SFGLAB_ROOT``, or the nearest one above the working directory.
+
+    If there is none, it is the folder from which this package was installed.
+
+    Raises:
+        InvalidValueError: ``SFGLAB_ROOT`` is no checkout.
+        SfglabError: There is no checkout.
+    """
     named = os.environ.get("SFGLAB_ROOT")
     if named:
         if not (Path(named) / _MARK).is_file():

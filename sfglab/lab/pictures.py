@@ -93,7 +93,7 @@ class Picture:
     settings of an explorer.
     """
 
-    said: str  #: Sentence that describes the plot; it is also the alternative text.
+    said: str  #: Sentence that describes the plot; it is also the plot's alternative text.
     panels: tuple[Panel, ...]  #: Panels, from left to right.
 
     def at(self, panel: str, x: float) -> pd.DataFrame:

@@ -27,7 +27,7 @@ _LINE = re.compile(r"\d+/\d+ steps, \d+ s left$")
 
 @contextmanager
 def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
-    """Show progress; yield the function to call after each step."""
+    """Show the progress of `total` steps of a job `what`; yield the function to call after each step."""
     if _in_jupyterlab():
         with _widget(total, what) as show:
             yield _reporter(total, what, show, _BAR_S)

@@ -22,7 +22,7 @@ TESTED = ("jazzy", "kilted")
 
 
 class RosMissingError(SfglabError):
-    """This machine has no ROS 2."""
+    """This machine lacks ROS 2, or the distributions that are named."""
 
     def __init__(self, names: Iterable[str] = ()) -> None:
         super().__init__(f"needs ROS 2 {' and '.join(names)}".rstrip() + ": make ros")
@@ -56,7 +56,11 @@ def distributions() -> dict[str, Distribution]:
 
 
 def distribution() -> Distribution:
-    """Return the first installed distribution; raises `RosMissingError` if there is none."""
+    """Return the first installed distribution of `distributions`.
+
+    Raises:
+        RosMissingError: No distribution is installed.
+    """
     for found in distributions().values():
         return found
     raise RosMissingError

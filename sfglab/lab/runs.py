@@ -87,11 +87,15 @@ class Run(Generic[C]):
         return fields_html + html_table(tables)
 
     def __getitem__(self, table: str) -> pd.DataFrame:
-        """Return a table without the times of its rows; `KeyError` if the experiment has none of that name."""
+        """Return a table without the times of its rows.
+
+        Raises:
+            KeyError: The experiment has no table with this name.
+        """
         return self.table(table).drop(columns="log_time_ns")
 
     def table(self, name: str) -> pd.DataFrame:
-        """Return a table with the column `log_time_ns`."""
+        """Return a table with the times of its rows in the column `log_time_ns`."""
         return self.once(("table", name), lambda: self._read(name))
 
     def _read(self, name: str) -> pd.DataFrame:
@@ -107,17 +111,17 @@ class Run(Generic[C]):
 
     @property
     def experiment(self) -> str:
-        """The experiment's name."""
+        """Name of the experiment."""
         return str(self._metadata["config"]["experiment"])
 
     @property
     def profile(self) -> str:
-        """The run's profile; empty in a log without completion record."""
+        """Profile of the run; empty in a log without completion record."""
         return str(self.metadata(COMPLETION).get("profile", ""))
 
     @property
     def is_changed(self) -> bool:
-        """Whether it is a variation: fields differ from those of the profile, or it was explored."""
+        """Whether the run is a variation: fields differ from those of the profile, or the run was explored."""
         done = self.metadata(COMPLETION)
         return bool(done.get("changed")) or bool(done.get("explored"))
 
@@ -130,7 +134,11 @@ class Run(Generic[C]):
         return str(self.metadata(part).get("hindrance", ""))
 
     def attachment(self, name: str) -> bytes:
-        """Return an attached file, or raise a `LogError`."""
+        """Return the content of an attached file.
+
+        Raises:
+            LogError: There is no such file.
+        """
         with LogReader(self.log) as reader:
             return reader.attachment(name)
 
@@ -140,7 +148,7 @@ class Run(Generic[C]):
             yield from reader.decoded(topic)
 
     def once(self, key: Any, make: Callable[[], T]) -> T:
-        """Return the value that was made for a key before, or make it."""
+        """Return the value that `make` made for a key before, or make it now."""
         if key not in self._known:
             outer = self.used
             self.used = set()
@@ -189,22 +197,21 @@ def unfinished_of(log: Path) -> Path:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """Use of a log for claims."""
+    """Whether a log counts for the claims of its experiment, and the reason if it does not."""
 
     profile: str  #: Profile of the run; empty if the log does not state it.
-    why_not: str  #: Reason why it counts for no claim; empty if it counts.
+    why_not: str  #: Reason why the log counts for no claim; empty if it counts.
 
     @property
     def counts(self) -> bool:
-        """Whether it counts for its experiment's claims."""
+        """Whether the log counts for its experiment's claims."""
         return not self.why_not
 
 
 def standing(log: Path) -> Standing:
     """Return whether a run's log counts for claims.
 
-    It counts if it is finished, no smoke test and not explored. Further, no field may be changed, and no
-    cell may have failed.
+    A log counts if it is finished, no smoke test and not explored, if no field is changed, and if no cell failed.
     """
     if log.name.endswith(PART_SUFFIX):
         return Standing(profile="", why_not="it is not finished")

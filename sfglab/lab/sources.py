@@ -51,7 +51,7 @@ class SourceError(SfglabError, ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """One frame of a source."""
+    """One frame of a source: a colour image, and a depth image if there is one."""
 
     bgr: NDArray[Any]  #: Colour image, shape (H, W, 3), uint8.
     #: Depth in millimetres, shape (H, W), uint16, 0 where unknown; None if the material has no depth.
@@ -67,7 +67,7 @@ class Source:
         self._frames = frames
 
     def frame(self) -> Frame:
-        """Return the next frame."""
+        """Return the next frame; after the last one, the first frame again."""
         return next(self._frames)
 
     def close(self) -> None:
@@ -78,11 +78,20 @@ class Source:
 def open_source(
     spec: str, *, width: int = 640, height: int = 360, fps: float = 30.0, seed: int = 0
 ) -> Source:
-    """Open a source of frames of a size by its name. The rate determines the speed of motion, the seed its path.
+    """Open a source of frames by its name.
 
     Names are ``photos`` (default material), ``stereo`` (with depth), ``camera:0``, ``bag:PATH#/topic``, or
-    the path of a video file, or of a log or a bag with exactly one topic of images. Raises `SourceError` if
-    the source cannot be read.
+    the path of a video file, or of a log or a bag with exactly one topic of images.
+
+    Args:
+        spec: Name of the source.
+        width: Pixels per row of each frame.
+        height: Rows of each frame.
+        fps: Frames per second; for the included material it determines the speed of the motion.
+        seed: Seed of the motion's path over the included material.
+
+    Raises:
+        SourceError: The source cannot be read.
     """
     size = (width, height)
     if spec in ("photos", "stereo"):

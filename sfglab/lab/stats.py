@@ -31,7 +31,7 @@ _Z = 1.959963984540054  # standard score of a 95 % interval
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """An estimate with its 95 % interval."""
+    """An estimate with its 95 % confidence interval."""
 
     value: float  #: Estimate from all samples.
     low: float  #: Lower end of the interval.
@@ -58,10 +58,17 @@ def bootstrap(
     *,
     unit: str,
 ) -> Estimate:
-    """Estimate a statistic of several groups of samples, shape (n, ...), resampling the rows of each group.
+    """Estimate a statistic of several groups of samples; its interval is that of a bootstrap.
 
-    Resamples for which the statistic is NaN are left out. Raises `InvalidValueError` if a group is empty,
-    or if no resample gave a number.
+    The bootstrap resamples the rows of each group. Resamples for which the statistic is NaN are left out.
+
+    Args:
+        samples: Samples of each group, shape (n, ...).
+        statistic: Function from the groups to a number.
+        unit: Unit of the statistic.
+
+    Raises:
+        InvalidValueError: A group is empty, or no resample gave a number.
     """
     return _bootstrap(samples, lambda drawn: [statistic([group[0] for group in drawn])], unit)
 

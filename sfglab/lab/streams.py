@@ -38,7 +38,7 @@ class StreamProcesses(ProcessGroup):
         raise NotImplementedError
 
     def note(self, name: str, report: Report) -> None:
-        """Process a member's report."""
+        """Store what a process reported; here the sent frames of the camera."""
         if name == "camera" and report["is"] == "sent":
             self.sent += [(n, s, b) for n, s, b in report["frames"]]
 

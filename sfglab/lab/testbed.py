@@ -33,8 +33,10 @@ _turns = itertools.count(os.getpid() * 13)
 def held_domains(count: int = 1) -> Iterator[list[int]]:
     """Hold DDS domains of this host's network. Other programs of this user get other domains at the same time.
 
-    A domain that another user's program uses is skipped, because its first port is taken. Raises
-    `SfglabError` if too few domains are free.
+    A domain that another user's program uses is skipped, because its first port is taken.
+
+    Raises:
+        SfglabError: Too few domains are free.
     """
     with ExitStack() as locks:
         found: list[int] = []
@@ -83,7 +85,7 @@ class CountsBytes(Protocol):
     """Object with an interface whose bytes are counted."""
 
     def interface_bytes(self) -> InterfaceBytes:
-        """Return the traffic of the interface so far."""
+        """Return the bytes that the interface has sent and received so far."""
 
 
 class _Loopback:
@@ -92,7 +94,14 @@ class _Loopback:
 
 
 class Testbed:
-    """Named hosts, a context manager. `separate` None: they are separate if possible. On one host, runs wait."""
+    """Hosts of an experiment, by name, as a context manager.
+
+    Without separate hosts, all names stand for this host, and only one run at a time uses it; other runs wait.
+
+    Args:
+        names: Names of the hosts.
+        separate: Whether the hosts are network namespaces; None: if this machine supports that.
+    """
 
     __test__ = False  # not a test, in spite of its name
 

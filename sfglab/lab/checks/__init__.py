@@ -1,7 +1,7 @@
-"""The registry of checks: a property is written once; tests run a few cases of it, an experiment many.
+"""Registry of checks: a property is written once; tests run a few cases of it, and an experiment many.
 
-Modules of this package have groups of checks: a `Checks` named `checks`, or in `trees` a table. A check
-yields cases, each with a description and whether the property held. Random cases come from a seed.
+The modules of this package have groups of checks: a `Checks` named `checks`, or in `trees` a table. A check
+yields cases, each with a description and whether the property holds. Random cases depend on a seed.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ Case = tuple[str, bool]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckRow:
-    """How often one property was checked and how often it held."""
+    """Result of the check of one property in a number of cases."""
 
-    check: str  #: The property.
+    check: str  #: Statement of the property.
     checked: int  #: Number of cases.
     held: int  #: Number of cases in which it held.
     example: str  #: A case in which it did not hold, otherwise one in which it did.
@@ -58,7 +58,13 @@ def shown_checks(
     statements: Mapping[str, str] | None = None,
     examples: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
-    """Return checks as a notebook shows them; texts of the log are replaced by those that are given."""
+    """Return the table of checks for a notebook.
+
+    Args:
+        table: Checks of a log, with the columns of `CheckRow`.
+        statements: New statements, by the statement of the log that each one replaces.
+        examples: New examples, by the example of the log that each one replaces.
+    """
     texts = {"check": statements or {}, "example": examples or {}, "how": {"exact": "computed"}}
     shown = table.replace(texts)
     return shown.rename(
@@ -85,7 +91,12 @@ def fact_rows(table: pd.DataFrame, sources: Mapping[str, tuple[str, ...]]) -> pd
 
 
 def lowest_share(table: pd.DataFrame, group: str) -> Share:
-    """Return the share of checks that hold; columns are those of `CheckRow`, and one that groups."""
+    """Return the share of cases that hold, in the group where it is lowest.
+
+    Args:
+        table: Checks with the columns of `CheckRow`, and a column with the group.
+        group: Name of the column with the group.
+    """
     sums = table.groupby(group, sort=False)[["held", "checked"]].sum()
     lowest = float((sums["held"] / sums["checked"]).min())
     wrong = table[table["held"] < table["checked"]]
@@ -105,7 +116,7 @@ class Checks:
         self._cases: dict[str, Callable[[int, int], Iterable[Case]]] = {}
 
     def cases(self, name: str) -> Callable[[G], G]:
-        """Add a property with a function that returns its cases."""
+        """Return a decorator that adds a property with a statement; the decorated function returns its cases."""
 
         def declare(function: G) -> G:
             self._cases[name] = lambda *_: function()
@@ -114,9 +125,9 @@ class Checks:
         return declare
 
     def each(self, name: str, of: Callable[[int, int], Iterable[T]]) -> Callable[[F], F]:
-        """Add a property with a function that returns whether it holds for a thing.
+        """Return a decorator that adds a property; the decorated function returns whether it holds for one object.
 
-        `of` returns the things for a number of random ones and a seed.
+        The function `of` returns the objects, given the number of random ones and a seed.
         """
 
         def declare(function: F) -> F:
@@ -131,7 +142,7 @@ class Checks:
         return len(self._cases)
 
     def rows(self, count: int, seed: int) -> Iterator[CheckRow]:
-        """Yield a row for every property: `count` cases where they are drawn."""
+        """Yield a row for each property; properties with random cases get `count` of them from a seed."""
         for name, cases_of in self._cases.items():
             yield check_row(name, cases_of(count, seed))
 

@@ -1,6 +1,6 @@
-"""Rules of a remote agent's life cycle, written apart from the discoverer's table: paper A, section 4.2.
+"""Rules of a remote agent's life cycle, written independently of the discoverer's table: paper A, section 4.2.
 
-They give the outcome of every state and input, and so detect a wrong row of the table and a wrong
+The rules give the outcome of every state and input. They detect a wrong row of the table and a wrong
 transition in a log.
 """
 

@@ -48,7 +48,7 @@ def _random_word(rng: np.random.Generator) -> str:
 
 
 def random_fqns(count: int, *, rng: np.random.Generator) -> Iterator[RosFqn]:
-    """Yield names with random segments; draws that the schema refuses are left out."""
+    """Yield names with random segments; names that the schema refuses are left out."""
     drawn = 0
     while drawn < count:
         builder = RosFqnBuilder().scope(list(Scope)[rng.integers(2)]).agent(_random_word(rng))
@@ -99,7 +99,7 @@ def _is_ros_name(fqn: RosFqn) -> bool:
 
 @checks.each("has a resource that Fig. 2 allows after its last segment", _names)
 def _is_allowed_there(fqn: RosFqn) -> bool:
-    """A custom resource is allowed everywhere."""
+    """Return whether Fig. 2 allows the resource behind the last segment; a custom resource is allowed everywhere."""
     resource = fqn.resource.base if isinstance(fqn.resource, Suffixed) else fqn.resource
     return isinstance(resource, Custom) or fqn.preceding in resource.after
 

@@ -1,4 +1,4 @@
-"""Checks of the routing policy: paper A, section 4.1, Eq. 1 and Table 1; exact, without anything running."""
+"""Checks of the routing policy: paper A, section 4.1, Eq. 1 and Table 1. The checks are computed; no router runs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def in_table_1(dds_name: str) -> bool:
 
 
 def random_dds_names(count: int, *, rng: np.random.Generator) -> Iterator[str]:
-    """Yield names that are made of the parts of Table 1 and of others, in any order."""
+    """Yield DDS names that are random sequences of the parts of Table 1 and of other parts."""
     heads = ("rt", "rq", "rr", "rs", "RT", "")
     parts = (
         "tf",

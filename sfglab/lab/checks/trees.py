@@ -1,7 +1,7 @@
-"""Checks of how motion capture joins a robot's TF tree: paper A, section 4.5, Eq. 4 and Fig. 6.
+"""Checks of methods that join motion capture and a robot's TF tree: paper A, section 4.5, Eq. 4 and Fig. 6.
 
-They are computed for the paper's example and for random robots. A robot's tree is joined in three ways,
-and each tree is linted and looked up. A table at the end has the checks.
+The checks are computed for the paper's example and for random robots. A robot's tree is joined with each of three
+methods; each joined tree is linted, and its frames are looked up. A table at the end of the module has the checks.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 AGENT, WORLD, OBJECT = "agent_x", "map", "agent_x/markers"
 DIRECT = "direct"  #: The transforms of the direct receiver: Fig. 6, left.
-#: The same under the right name: "even if this naming conflict were resolved".
+#: The same transforms with the right name of the frame: "even if this naming conflict were resolved".
 RENAMED = "renamed"
 PROXY = "proxy"  #: The transforms of the bridge: Fig. 6, right.
 WAYS = (DIRECT, RENAMED, PROXY)  #: Ways in which motion capture joins a robot's tree.
@@ -56,7 +56,7 @@ def captures_of(poses: Iterable[Pose]) -> list[Capture]:
 def join_trees(
     robot: Sequence[StampedTransform], mapping: MocapMapping, captures: Sequence[Capture]
 ) -> dict[str, FrameBuffer]:
-    """Return the tree of a robot's own, static frames, joined with captures in each of `WAYS`."""
+    """Return the tree of a robot's own, static frames, joined with captures by each of the methods `WAYS`."""
     trees = {way: FrameBuffer() for way in WAYS}
     for tree in trees.values():
         for transform in robot:
@@ -74,14 +74,14 @@ def join_trees(
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """A robot whose tree motion capture has joined in each way."""
+    """A robot with its TF trees after motion capture was joined with each method."""
 
     name: str  #: Name in examples of checks.
     robot: Sequence[StampedTransform]  #: The robot's own transforms, from the root down.
     via: str  #: Frame of the markers.
-    seen: Pose  #: Their latest pose in the world.
+    seen: Pose  #: Latest pose of the markers in the world.
     last_ns: int  #: Time of that pose, ns.
-    trees: Mapping[str, FrameBuffer]  #: Trees by way.
+    trees: Mapping[str, FrameBuffer]  #: Trees by method.
 
     @property
     def root(self) -> str:
@@ -90,7 +90,7 @@ class Joined:
 
     @property
     def frames(self) -> set[str]:
-        """The robot's own frames."""
+        """Names of the robot's own frames."""
         return {self.root, *(step.child for step in self.robot)}
 
     def found(self, way: str) -> set[str]:
@@ -192,6 +192,9 @@ CHECKS: dict[str, Callable[[Joined], bool]] = {
 
 
 def checked(one: Joined) -> dict[str, bool]:
-    """Return whether each check holds for a robot; with markers at the root, the right name is enough."""
+    """Return whether each check holds for a robot, by the check's name.
+
+    For a robot with markers at the root of its tree, the direct receiver with the right name is sufficient.
+    """
     left_out = (TWO_PARENTS, NOT_REACHED) if one.via == one.root else (AT_THE_ROOT,)
     return {name: holds(one) for name, holds in CHECKS.items() if name not in left_out}

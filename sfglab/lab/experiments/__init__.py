@@ -1,4 +1,4 @@
-"""The experiments, one module or package each, whose `exp` declares it to the kit; `EXPERIMENTS` names them."""
+"""The experiments: one module or package for each, with the declaration `exp`; `EXPERIMENTS` has their names."""
 
 from __future__ import annotations
 
@@ -35,6 +35,6 @@ EXPERIMENTS = (
 
 
 def experiment(name: str) -> Experiment[Any]:
-    """Return an experiment by its name in `EXPERIMENTS`."""
+    """Return the declaration of an experiment, by its name in `EXPERIMENTS`."""
     found: Experiment[Any] = import_module(f"sfglab.lab.experiments.{name}").exp
     return found

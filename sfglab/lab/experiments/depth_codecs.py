@@ -59,19 +59,19 @@ exp = Experiment(
 
 @exp.table("coding")
 class CodingRow(TableRow):
-    """One frame coded by one codec."""
+    """One frame, encoded and decoded with one codec."""
 
     frame: int  #: Number of the frame.
     codec: str  #: One of `CODECS`.
     encode_ms: float  #: CPU time to encode, ms.
     decode_ms: float  #: CPU time to decode, ms.
-    raw_bytes: int  #: Size before.
-    coded_bytes: int  #: Size after.
+    raw_bytes: int  #: Size of the frame before compression, bytes.
+    coded_bytes: int  #: Size of the frame after compression, bytes.
     exact: bool  #: Whether the decoded frame equals the original in every bit.
 
 
 def code(frame: int, depth_mm: NDArray[np.uint16], codec: str, png_level: int) -> CodingRow:
-    """Encode and decode a frame, shape (H, W), with one of `CODECS`."""
+    """Encode and decode a depth frame, shape (H, W), uint16, mm, with one of `CODECS`, and return its row."""
     level = _FASTEST if codec == "png_fast" else png_level
     started_ns = time.thread_time_ns()
     depth_format, data = encode_depth(depth_mm, codec=codec.partition("_")[0], png_level=level)
@@ -95,7 +95,8 @@ def code_frames(bench: Bench[Config]) -> None:
     config = bench.config
     rng = np.random.default_rng(config.seed)
     source = open_source(config.source, seed=config.seed)
-    # Compiled code must not be timed cold. A corner is enough: the whole takes its time at level 9.
+    # The first call of compiled code must not be timed. A corner of the image is sufficient, because level 9 takes
+    # long for a whole image.
     first: Any = source.frame().depth_mm
     for codec in CODECS:
         code(0, np.ascontiguousarray(first[:32, :32]), codec, config.png_level)

@@ -1,6 +1,6 @@
 """The naming schema checked name by name: paper A, section 4.1, Fig. 2.
 
-Exact, not measured: the log holds one row for each property, as `sfglab.lab.checks.naming` states it.
+The properties are computed, not measured: the log has one row for each property of `sfglab.lab.checks.naming`.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class NamePicture(Pressed):
     """A ROS name to type: its segments in Fig. 2, and the rule by which each of its DDS topics is forwarded.
 
     Raises:
-        FqnError: It is no ROS name.
+        FqnError: The text is no ROS name.
         MissingExtraError: The extra ``view`` is not installed.
     """
 
@@ -189,8 +189,9 @@ class NamePicture(Pressed):
             why = str(error)
             names.validate_ros_name(name, names.ResourceKind.TOPIC)
         self.name = name  #: The name that is shown.
-        self.why = why  #: Why the schema does not know it; empty: the schema knows it.
-        self.fqn: RosFqn | None = fqn  #: Its segments; None: the schema does not know it.
+        #: Reason why the name is outside of the schema; empty if it is in the schema.
+        self.why = why
+        self.fqn: RosFqn | None = fqn  #: Segments of the name; None if it is outside of the schema.
 
     def draw(self, figure: Figure) -> None:
         """Draw the segments of the name, and note the rule of each DDS topic."""

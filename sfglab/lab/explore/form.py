@@ -37,7 +37,7 @@ def argument_texts(function: Callable[..., Any]) -> dict[str, str]:
 
 
 class Form:
-    """Widgets for the parameters of a function. `widget` is what a cell shows.
+    """Widgets for the parameters of a function; a cell shows `widget`.
 
     Args:
         function: Its parameters are truth values, ``Literal``, or numbers with `Bounds`. Their units are in

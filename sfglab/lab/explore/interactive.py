@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _log = logging.getLogger(__name__)
-_PAUSE_S = 0.12  #: Time for a newer setting before a simulation refines its picture, s.
-_STILL_S = 60.0  #: Time that a cell waits for the whole picture, s.
+_PAUSE_S = 0.12  #: Time for a newer setting before a simulation refines its plot, s.
+_STILL_S = 60.0  #: Time that a cell waits for the complete plot, s.
 _REST_S = 0.6  #: Time without a change after which a change begins a new setting, s.
 _HINT = (
     "Dotted: the setting at the start. Faint: the previous setting. "
@@ -35,18 +35,18 @@ _HINT = (
 
 
 class Interactive:
-    """What `explore` shows of a function; it has a form and a figure that follows.
+    """An explorer of a function: a form with its parameters, and a figure that follows the form.
 
-    A closed form has one picture for a setting. A simulation has an iterator of pictures: coarse
-    ones first, the whole one last. Its first picture is always shown, so that the figure follows a
-    drag. After it the iterator is dropped as soon as there is a newer setting. None instead of a
-    picture is only a place where that can happen.
+    A closed form returns one plot for a setting. A simulation returns an iterator of plots: coarse plots first, the
+    complete plot last. The first plot is always shown, so that the figure follows a drag. After the first plot, the
+    iterator is dropped as soon as there is a newer setting. The iterator may yield None in place of a plot, to be
+    dropped there.
 
-    Each setting has a thread, which first waits for that of the setting before, and ends at once if
+    Each setting has a thread. It first waits for the thread of the setting before, and ends at once if
     there is a newer setting by then.
 
     Args:
-        function: Returns the picture of a setting, or an iterator of pictures, coarse ones first.
+        function: Function that returns the plot of a setting, or an iterator of plots, coarse ones first.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
@@ -55,11 +55,11 @@ class Interactive:
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function = function
         self.form = Form(function, self._ask)
-        self._setting = self.form.default  #: Setting of the picture that is shown.
+        self._setting = self.form.default  #: Setting of the shown plot.
         computed = function()
         if not isinstance(computed, Picture):
             *_, computed = filter(None, computed)
-        self.picture: Picture = computed  #: The picture that is shown.
+        self.picture: Picture = computed  #: Shown plot.
         self._is_whole = True
         self._changed_at = time.monotonic()
         self._lock = threading.Lock()  # two threads send values to the page
@@ -74,19 +74,19 @@ class Interactive:
         self.widget = widgets().VBox([self.form.widget, row, self._figure, self._printed])
 
     def _repr_mimebundle_(self, **_: object) -> Bundle:
-        """Show form and figure, and a still with its sentence where no kernel runs."""
+        """Return form and figure, and a still image with its sentence for pages without a kernel."""
         self.wait()
         png = still_png(self._figure.spec, self._figure.ghosts | self._figure.rows)
         data, metadata = still_bundle(self.widget, png, self.picture.said)
         return {**data, "text/plain": self.picture.said}, metadata
 
     def wait(self) -> None:
-        """Wait a minute at most, until the whole picture of the newest setting is shown, or refused."""
+        """Wait until the complete plot of the newest setting is shown, or an error; a minute at most."""
         if self._figure.asked:
             self._thread.join(_STILL_S)
 
     def code(self) -> str:
-        """Return the call that repeats the picture that is shown."""
+        """Return the Python call that repeats the shown plot."""
         changes = []
         for name, value in self._setting.items():
             if value != self.form.default[name]:
@@ -100,7 +100,7 @@ class Interactive:
     # Threads.
 
     def _ask(self) -> None:
-        """Have the form's setting computed instead of those that wait."""
+        """Start the computation of the form's setting, which replaces waiting settings."""
         now = time.monotonic()
         rested = now - self._changed_at > _REST_S
         self._changed_at = now
@@ -114,7 +114,7 @@ class Interactive:
         self._thread.start()
 
     def _run(self, request: int, setting: dict[str, Any]) -> None:
-        """Show the pictures of a setting, or why there are none; what is shown is then dimmed."""
+        """Show the plots of a setting, or the error, while the present plot is dimmed."""
         with self._turn:
             self._changed.clear()
             if request != self._figure.asked:
@@ -146,7 +146,7 @@ class Interactive:
         self._show(request, setting, last, "whole")
 
     def _show(self, request: int, setting: dict[str, Any], picture: Picture, state: str) -> None:
-        """Send a picture to the page."""
+        """Send a plot to the page."""
         with self._lock, self._figure.hold_sync():
             self._setting = setting
             self.picture = picture

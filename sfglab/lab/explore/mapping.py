@@ -1,4 +1,4 @@
-"""Interactive picture of a mapped graph: a click moves a node or topic and updates costs and times."""
+"""Interactive diagram of a mapped graph: a click moves a node or topic and updates costs and times."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ Bundle: TypeAlias = tuple[dict[str, Any], dict[str, Any]]
 
 
 def part(name: str, *artists: Artist) -> None:
-    """Name artists, so that a click on them sends the name; the name is in the SVG alone."""
+    """Give artists a name, which a click on them sends; the name is only in the SVG."""
     for artist in artists:
         artist.set_gid(f"press:{name}")
 
@@ -76,7 +76,7 @@ class Pressed:
         """Answer a click on a part; the figure is drawn again afterwards, or an error of sfglab is shown."""
 
     def titles(self) -> dict[str, str]:
-        """Return the tooltip of each part."""
+        """Return the tooltip of each part, by the part's name."""
         return {}
 
     def press(self, name: str) -> None:
@@ -89,13 +89,13 @@ class Pressed:
             self.redraw()
 
     def redraw(self) -> None:
-        """Draw the present state."""
+        """Draw the present state again, with the tooltips of its parts."""
         self._figure.titles = self.titles()
         self._figure.svg = self._svg()
 
     @property
     def said(self) -> str:
-        """Error below the figure, as HTML; empty: none."""
+        """Error that is shown below the figure, as HTML; empty without an error."""
         return str(self._said.value)
 
     def _repr_mimebundle_(self, **_: object) -> Bundle:
@@ -247,7 +247,11 @@ class Automaton(Pressed):
         self.at.max = len(self._moments) - 1
 
     def _fed(self, state: Enum, given: Enum) -> Moment:
-        """Return the moment after an input in a state, or raise an `IllegalInputError`."""
+        """Return the moment after an input in a state.
+
+        Raises:
+            IllegalInputError: The table has no transition for the input in this state.
+        """
         after, _ = step(self._name, self._table, state, given)
         return Moment(after, self._words((state, given)), (state, given))
 

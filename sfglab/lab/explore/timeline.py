@@ -100,7 +100,7 @@ class Timeline(Pressed):
         self.simulate(**self.form.values)
 
     def take(self, name: str) -> None:
-        """Lose a frame, or let it pass."""
+        """Toggle whether the clicked frame is lost, and simulate again."""
         self.lost[name] = not next(frame.lost for frame in self.frames if frame.name == name)
         self._simulate()
 

@@ -1,4 +1,4 @@
-"""Pictures drawn by Vega: in the page through anywidget, and as a still without a browser.
+"""Plots drawn by Vega: in the page through anywidget, and as a still image without a browser.
 
 Altair writes the specification once from a `Picture`; afterwards only values are sent. The script
 of Vega comes from vl-convert-python, which also draws the still. Nothing here computes a value.
@@ -44,7 +44,7 @@ LAST = "last"  #: Name of the outlines of the previous setting.
 
 
 def rows_of(picture: Picture) -> Rows:
-    """Return the rows of a picture by data set: lines, paths, dots and notes of each panel."""
+    """Return the rows of a plot by data set: lines, paths, dots and notes of each panel."""
     rows: Rows = {}
     for place, panel in enumerate(picture.panels):
         rows |= {f"line{place}": [], f"path{place}": [], f"dot{place}": []}
@@ -57,7 +57,7 @@ def rows_of(picture: Picture) -> Rows:
 
 
 def ghosts_of(picture: Picture, name: str) -> Rows:
-    """Return the rows of a picture's lines as faint outlines."""
+    """Return the rows of a plot's lines as faint outlines, in the data set `name`."""
     rows = rows_of(picture)
     return {f"{name}{place}": rows[f"line{place}"] for place in range(len(picture.panels))}
 
@@ -66,7 +66,7 @@ def ghosts_of(picture: Picture, name: str) -> Rows:
 
 
 def specification(picture: Picture) -> dict[str, Any]:
-    """Return the Vega-Lite specification of pictures like this one, without rows."""
+    """Return the Vega-Lite specification of plots with the panels of this one, without rows."""
     with without_iri_grammars():
         import altair as alt
 
@@ -151,7 +151,7 @@ _TRAITS = {
 
 
 def figure_widget(picture: Picture) -> Any:
-    """Return the widget that draws a picture in the page.
+    """Return the widget that draws a plot in the page.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
@@ -181,7 +181,7 @@ def _figure_class() -> Any:
 
 @cache
 def _script_model() -> Any:
-    """Return the model that brings Vega's script into the page, once for all figures of a kernel."""
+    """Return the widget model that loads Vega's script into the page, once for all figures of a kernel."""
     traits = {"key": "Unicode", "packed": "Bytes"}
     widget = front_end(Path(__file__).with_name("vega.js"), traits)
     return widget(key=_script_key(), packed=_packed_script())

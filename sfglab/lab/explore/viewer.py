@@ -47,12 +47,12 @@ _FIRST_S = 30.0  #: Longest time until the first message, s.
 class LogViewer:
     """A log in Rerun's viewer with a slider for its steps, and a plot of the times of messages by topic.
 
-    It shows a run, an MCAP file, or a bag that rosbags reads. Poses are drawn in the frame that is given,
-    otherwise in the root of the log's largest TF tree. The first step is the one where that tree is complete.
+    The log is a run, an MCAP file, or a bag. Poses are drawn in the given frame, or else in the root of the log's
+    largest TF tree. The first step is the time at which that tree is complete.
 
     Raises:
         LogError: There is no such file.
-        InvalidValueError: It holds no message that a visualizer shows.
+        InvalidValueError: The log has no message that a visualizer shows.
         MissingExtraError: The extra ``view`` is not installed.
     """
 
@@ -62,7 +62,7 @@ class LogViewer:
             self._times_ns = _times_by_topic(log)
             tree = largest_tree(log)
         self._frame = frame or tree.root
-        #: The time of each step on the log's clock: those at which the log has messages.
+        #: Time of each step, ns on the log's clock: the times at which the log has messages.
         self.times_ns = np.unique(np.concatenate([*self._times_ns.values()])).tolist()
         complete = bisect_left(self.times_ns, tree.complete_ns)
         is_early = self._frame == tree.root and complete <= len(self.times_ns) // 2
@@ -183,7 +183,7 @@ class LiveView:
         return live
 
     async def close(self) -> None:
-        """End the bridge and the programs; harmless when repeated."""
+        """End the bridge and the programs; further calls have no effect."""
         self.end.disabled = True
         await self._runs.aclose()
 

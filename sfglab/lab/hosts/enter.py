@@ -33,12 +33,20 @@ def _call(name: str, *args: int) -> None:
 
 
 def unshare(flags: int) -> None:
-    """Give the calling thread new namespaces (unshare(2)) by a sum of ``CLONE_NEW*``; `OSError` if refused."""
+    """Give the calling thread new namespaces (unshare(2)); `flags` is a sum of ``CLONE_NEW*``.
+
+    Raises:
+        OSError: The kernel refuses.
+    """
     _call("unshare", flags)
 
 
 def setns(fd: int, flags: int) -> None:
-    """Move the calling thread into a file's namespace, which must be of a kind (setns(2)); else `OSError`."""
+    """Move the calling thread into the namespace of a file descriptor (setns(2)); `flags` is the namespace's kind.
+
+    Raises:
+        OSError: The namespace has another kind, or the kernel refuses.
+    """
     _call("setns", fd, flags)
 
 

@@ -1,7 +1,7 @@
 """A test host: its errors, its address, and its processes, which see only its network and end with it.
 
-A namespace of ours contains only processes that were started inside, and their descendants, daemons
-included. So membership identifies all processes to end. Signals go through pidfds (pidfd_open(2)), whose
+A namespace of a test host contains only processes that were started inside, and their descendants, daemons
+included. Therefore membership identifies all processes to end. Signals go through pidfds (pidfd_open(2)), whose
 membership is checked after opening. A later process with the same pid therefore never receives a signal.
 """
 
@@ -103,7 +103,15 @@ def _signal_all(inodes: Collection[int], number: int, deadline_s: float) -> list
 
 
 def end_members(inodes: Collection[int], *, grace_s: float) -> None:
-    """End all processes in network namespaces: TERM, a grace period in seconds, KILL; else `HostsError`."""
+    """End all processes in network namespaces: with SIGTERM and, after a grace period, with SIGKILL.
+
+    Args:
+        inodes: Inodes of the network namespaces.
+        grace_s: Grace period, s.
+
+    Raises:
+        HostsError: A process is still there.
+    """
     if grace_s > 0:
         _signal_all(inodes, signal.SIGTERM, time.monotonic() + grace_s)
     deadline_s = time.monotonic() + _KILL_TIMEOUT_S
@@ -128,7 +136,11 @@ class InterfaceBytes(NamedTuple):
 
 
 def interface_bytes(table: str, interface: str) -> InterfaceBytes:
-    """Return an interface's counters from ``/proc/net/dev`` (proc(5)); `LookupError` if it is not listed."""
+    """Return the byte counters of an interface from the text of ``/proc/net/dev`` (proc(5)).
+
+    Raises:
+        LookupError: The interface is not listed.
+    """
     for line in table.splitlines():
         name, _, numbers = line.partition(":")
         if name.strip() == interface:
@@ -146,11 +158,11 @@ class Host:
         HostsError: The network is closed or lost. All methods that run or read something raise it.
     """
 
-    interface = INTERFACE  #: Name of its interface to the network.
+    interface = INTERFACE  #: Name of the host's interface to the network.
 
     def __init__(self, name: str, *, address: str, holder: int, how: str) -> None:
-        self.name = name  #: Its name in the network.
-        self.address = address  #: Its IPv4 address.
+        self.name = name  #: Name of the host in the network.
+        self.address = address  #: IPv4 address of the host.
         self._holder = holder
         self._how = how
         # The open descriptor keeps the namespace, and with it the inode, unique.
@@ -190,7 +202,11 @@ class Host:
         return subprocess.run(self.argv(command), timeout=timeout_s, **options)  # noqa: PLW1510 - given above
 
     def interface_bytes(self) -> InterfaceBytes:
-        """Return the traffic of this host's interface so far; reads one small file."""
+        """Return the bytes that this host's interface has sent and received so far; it reads one small file.
+
+        Raises:
+            HostsError: The network is closed or lost.
+        """
         try:
             table = Path(f"/proc/{self._holder}/net/dev").read_text(encoding="ascii")
             return interface_bytes(table, self.interface)

@@ -25,17 +25,20 @@ if TYPE_CHECKING:
 class Capability:
     """Ability of this machine to run test hosts."""
 
-    ok: bool  #: Whether it can.
+    ok: bool  #: Whether the machine can run test hosts.
     #: Way to make namespaces: as root, rootless in a user namespace, or none.
     how: Literal["root", "rootless", "none"]
-    reason: str = ""  #: Reason why it cannot; empty if it can.
+    reason: str = ""  #: Reason why the machine cannot run them; empty if it can.
 
 
 class Network:
-    """A network of test hosts, a context manager; a closed or lost network raises `HostsError`.
+    """A network of test hosts, as a context manager.
 
     At its end, every process inside the hosts ends (TERM, a grace period in seconds, KILL), and then the
     hosts. If the creating process is killed, there is no grace period.
+
+    Raises:
+        HostsError: A method was called, and the network is closed or has lost its hub.
     """
 
     def __init__(self, *, grace_s: float = 2.0) -> None:
@@ -138,7 +141,11 @@ class Network:
         self._on_radio = True
 
     def radio_counters(self) -> RadioCounters:
-        """Return the counters of the radio since its medium was set; raises `HostsError` if there is no radio."""
+        """Return the counters of the radio since its medium was set.
+
+        Raises:
+            HostsError: The network has no radio, is closed, or is lost.
+        """
         if not self._on_radio:
             raise HostsError("this network has no radio: call `set_radio` first")
         return RadioCounters(**self._channel.request("radio_counters"))

@@ -34,6 +34,6 @@ class RadioCounters:
         return self.overrun == 0 and self.late <= 0.01 * self.delivered
 
     def said(self) -> str:
-        """Return a line of text about the relay's speed."""
+        """Return a line of text with the numbers of delivered, late and overrun frames."""
         late = f"{self.late} of them more than {LATE_AFTER_S * 1e3:g} ms late"
         return f"{self.delivered} frames delivered, {late}, {self.overrun} overrun"

@@ -4,7 +4,7 @@ The relay receives every frame that a host sends (packet(7)). The medium determi
 which the relay hands it to its receivers. A frame to a group reaches all other hosts and is sent once; a
 loss is drawn for each receiver.
 
-The medium is a pure state machine of frames at times, in nanoseconds of the caller's clock. Its rules are
+The medium is a state machine of frames at times, in nanoseconds of the caller's clock, without I/O. Its rules are
 the functions of `sfglab.rtps.channel`, which the model of RTPS uses as well. The delay of the relay itself
 is added and counted. It lowers no rate, because a frame's end follows from the end of the previous frame.
 """
@@ -42,10 +42,10 @@ if TYPE_CHECKING:
 
 
 class Sent(NamedTuple):
-    """A frame with its time of arrival."""
+    """A frame that the medium delivers, with its time of arrival."""
 
-    due_ns: int  #: Time of arrival.
-    host: int  #: Host that sent it.
+    due_ns: int  #: Time of arrival, ns.
+    host: int  #: Index of the host that sent the frame.
     frame: Any  #: The frame.
 
 
@@ -86,7 +86,14 @@ class Air:
         self.counters = RadioCounters()
 
     def offer(self, host: int, frame: Any, *, size_bytes: int, now_ns: int) -> None:
-        """Put a frame into a host's queue now; a full queue drops a frame."""
+        """Put a frame into a host's queue at a time, ns; a full queue drops a frame.
+
+        Args:
+            host: Index of the host.
+            frame: The frame, in any form.
+            size_bytes: Size of the frame with its Ethernet header, bytes.
+            now_ns: Present time, ns.
+        """
         self._queue(host, _Waiting(now_ns, size_bytes, frame, host))
         # A frame that finds the medium free is sent at once and takes no place in the queue.
         if self._on_air is None:
@@ -120,7 +127,7 @@ class Air:
         return sorted(arrived, key=attrgetter("due_ns"))
 
     def next_ns(self) -> int | None:
-        """Return the time of the next event; None: none before the next frame is offered."""
+        """Return the time of the next event, ns; None if there is none before the next frame is offered."""
         times = [] if self._on_air is None else [self._free_ns]
         times += [sent.due_ns for sent in self._flight]
         return min(times, default=None)
@@ -221,7 +228,7 @@ class Relay:
         gc.freeze()
 
     def set(self, medium: Medium, *, seed: int) -> None:
-        """Change the medium, and reset the counters."""
+        """Replace the medium, reset the counters, and begin the random numbers of the losses with a seed."""
         self._air.change(medium)
         self._random.seed(seed)
         self._bad.clear()

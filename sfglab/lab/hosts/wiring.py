@@ -40,7 +40,7 @@ _ETHTOOL_STXCSUM = 0x17
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Port:
-    """Connection of a host to the bridge."""
+    """Virtual Ethernet cable between a host's network namespace and the bridge in the hub's namespace."""
 
     number: int  #: Last byte of the host's address.
     outer: str  #: Name of the cable's end at the bridge.
@@ -50,7 +50,7 @@ class Port:
 
     @property
     def address(self) -> str:
-        """Return the host's IPv4 address."""
+        """Return the host's IPv4 address, in dotted form."""
         return f"{_SUBNET}{self.number}"
 
     @property

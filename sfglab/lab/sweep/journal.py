@@ -42,7 +42,7 @@ _NUMERIC = ("llvmlite", "numba", "numpy", "scipy")  # Each can change the last b
 
 
 def text_from_result(result: object) -> str:
-    """Return a row, which is a dataclass or a dict by column, or a tuple of rows as JSON.
+    """Return a task's result as JSON: a row, which is a dataclass or a dict by column, or a tuple of rows.
 
     Raises:
         SweepError: A value has no form in JSON.
@@ -106,7 +106,7 @@ def journals(log: Path, name: str) -> Iterator[Callable[[str], Path]]:
 
 @dataclass(frozen=True, slots=True)
 class Journal:
-    """An open journal."""
+    """An open journal of a sweep: a file of JSON lines with one finished result each."""
 
     path: Path  #: Path of the file.
     file: FileIO  #: The file.

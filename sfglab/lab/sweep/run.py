@@ -102,7 +102,7 @@ def sweep(
 
 
 class Job(NamedTuple):
-    """One run of a task."""
+    """One call of a sweep's task, for one point and one seed."""
 
     number: int  #: Index of the point.
     point: object  #: The point.
@@ -110,7 +110,16 @@ class Job(NamedTuple):
 
 
 def run_job(task: Callable[..., object], code: str, job: Job) -> str:
-    """Run a job on a worker; return its result as JSON. `code` is the `code_digest` of the sweep."""
+    """Run a job on a worker, and return its result as JSON.
+
+    Args:
+        task: Task of the sweep.
+        code: The sweep's `code_digest`.
+        job: Point and seed.
+
+    Raises:
+        SweepError: The task failed, or the worker has another version of the code.
+    """
     if code_digest() != code:
         raise SweepError(
             "sweep: a worker has another version of the code; install the same version"

@@ -20,7 +20,11 @@ _LO = 1
 
 
 def make_bridge(name: str) -> None:
-    """Make a bridge on this machine; NetlinkError if the kernel refuses."""
+    """Make a bridge on this machine.
+
+    Raises:
+        NetlinkError: The kernel refuses.
+    """
     from pyroute2.iproute.linux import IPRoute
 
     with IPRoute() as machine:
@@ -35,7 +39,7 @@ def enter_container(bridge: str) -> None:
 
     Raises:
         NetlinkError: The kernel refuses.
-        OSError: It refuses the namespace.
+        OSError: The kernel refuses the namespace.
     """
     from pyroute2.iproute.linux import IPRoute
 

@@ -32,35 +32,35 @@ SPARE_BYTES = 1 << 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrossingConfig:
-    """Configuration of a process."""
+    """Configuration of a process on either side: its role, its descriptors and the random data."""
 
     role: str  #: Role: ``software``, ``subscriber``, ``publisher``, ``gateway`` or ``reader``.
     #: File descriptors: sockets by the peer's name, ``wake`` to wait, and ``wake_NAME`` to wake.
     links: dict[str, int]
     shared: int  #: File descriptor of the hardware side's memory; -1 on the software side.
-    largest_bytes: int  #: Size of the largest message.
+    largest_bytes: int  #: Size of the largest message, bytes.
     seed: int  #: Seed of the random data.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """One message and its path."""
+    """One message that crosses between software and hardware, and the processes on its path."""
 
     publisher: str  #: Side of the publisher: ``software`` or ``hardware``.
     gateway: bool  #: Whether the topic is a gateway; otherwise it is software-mapped.
-    message_bytes: int  #: Size; a multiple of 8.
+    message_bytes: int  #: Size, bytes; a multiple of 8.
     offset: int  #: Offset of the message in the random data.
     order: tuple[str, ...]  #: Processes to which the topic in software delivers, in this order.
     woken: tuple[str, ...]  #: Processes that the hardware side wakes, in this order.
 
 
 def random_bytes(largest_bytes: int, seed: int) -> bytes:
-    """Return the random data of all messages."""
+    """Return the random data of which every message is a part; the same for the same seed."""
     return np.random.default_rng(seed).bytes(largest_bytes + SPARE_BYTES)
 
 
 def content_of(data: bytes, message: Message) -> memoryview:
-    """Return the content of a message."""
+    """Return the content of a message as a view of the random data."""
     return memoryview(data)[message.offset : message.offset + message.message_bytes]
 
 
@@ -87,7 +87,11 @@ class Process:
         self._received = self._local[:0]
 
     def serve(self) -> None:
-        """Execute orders until the parent ends, which closes standard input."""
+        """Execute orders until the parent ends, which closes standard input.
+
+        Raises:
+            SfglabError: An order is unknown.
+        """
         transfer = getattr(self, f"_be_{self._role}")
         self.report("ready")
         while line := sys.stdin.buffer.readline():
@@ -103,7 +107,7 @@ class Process:
                 raise SfglabError(f"{self._role}: unexpected order {kind!r}")
 
     def report(self, kind: str, **values: Any) -> None:
-        """Write a report to standard output."""
+        """Write a report of a kind, with values by name, to standard output."""
         self._report({"is": kind, **values})
 
     # Each role has one method. A publisher returns the time of its publication, all other roles 0.

@@ -47,14 +47,14 @@ _IMAGES_S = 2.0  #: Duration of the drive whose images the camera publishes, s.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivingNodeConfig:
-    """Configuration of a node."""
+    """Configuration of the process of one node of the driving application."""
 
     node: str  #: Name of the node.
     subscribes: str  #: Topic that it processes; empty: none.
     publishes: str  #: Topic that it publishes.
     readers: int  #: Number of subscribers of that topic.
     address: BusAddress  #: Address on the bus.
-    rate_hz: float  #: Frame rate of the camera.
+    rate_hz: float  #: Frame rate of the camera, Hz.
     live_s: float  #: Duration of the camera's images, s.
     seed: int  #: Seed of the town and of the sampled mappings.
 
@@ -144,7 +144,7 @@ async def _process(
 
 
 async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> None:
-    """Run the node until cancelled."""
+    """Run the configured node of the application until cancelled; reports have its times."""
     cv2.setNumThreads(1)  # as the only executor of a node does
     name = config.node
     stack = Stack(Camera(width=WIDTH, height=HEIGHT))

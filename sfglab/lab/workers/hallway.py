@@ -31,7 +31,7 @@ BEAM, COMMAND = "std_msgs/msg/Float32", "geometry_msgs/msg/Twist"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HallwayConfig:
-    """Configuration of a process."""
+    """Configuration of the process of one robot or of the station."""
 
     role: str  #: Name of a robot, or ``station``.
     address: BusAddress  #: Address on the bus.
@@ -147,7 +147,7 @@ class _Station:
 
 
 async def serve(config: HallwayConfig, report: Reporter, orders: Orders) -> None:
-    """Run the process."""
+    """Run the configured robot or station until cancelled; the module names orders and reports."""
     async with Node(config.role, **config.address.options()) as node:
         shell = (_Station if config.role == STATION else _Robot)(node, config, report)
         for publisher in shell.publishers:

@@ -1,8 +1,8 @@
 """A process of the live run of experiment `mocap`: ``python -m sfglab.lab.workers.mocap CONFIG``.
 
 The ``robot`` publishes its TF tree with odometry that drifts. The ``bridge`` runs the mocap bridge and,
-with the same captures, the direct receiver under both names. The ``listener`` builds the trees and looks
-up the robot's camera. Each way of joining has its own domain, so that each tree is received alone.
+with the same captures, the direct receiver under both names. The ``listener`` builds the trees and performs TF
+lookups of the robot's camera. Each method of joining has its own domain, so that each tree is received alone.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ _SAMPLE_NS = 100 * NS_PER_MS  # time between transforms in the log
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MocapWorkerConfig:
-    """Configuration of the process."""
+    """Configuration of a process in the experiment on motion capture, with its role."""
 
     role: str  #: ``robot``, ``bridge`` or ``listener``.
     ways: dict[str, BusAddress]  #: Domain of each of `WAYS`.
@@ -133,7 +133,7 @@ async def play_robot(nodes: Nodes, start_ns: int, end_ns: int, _seed: int) -> Re
 
 
 async def play_bridge(nodes: Nodes, start_ns: int, end_ns: int, seed: int) -> Report:
-    """Run the bridge and the direct receiver on the same captures."""
+    """Run sfglab's bridge and the direct receivers on the same synthetic captures, a little beyond `end_ns`."""
     sources = []
     for _ in range(2):
         captures = synthetic_captures(
@@ -150,7 +150,7 @@ async def play_bridge(nodes: Nodes, start_ns: int, end_ns: int, seed: int) -> Re
 
 
 async def _receive_directly(nodes: Nodes, source: SyntheticSource) -> None:
-    """Publish what the direct receiver does, under its own and under the right name."""
+    """Publish the transforms of the direct receiver, with the receiver's own frame name and with the right one."""
     direct = nodes[DIRECT].create_publisher(TRANSFORMS, TF, TF_QOS)
     renamed = nodes[RENAMED].create_publisher(TRANSFORMS, TF, TF_QOS)
     async for capture in source.captures():
@@ -232,7 +232,7 @@ ROLES: dict[str, Callable[[Nodes, int, int, int], Awaitable[Report]]] = {
 
 
 async def serve(config: MocapWorkerConfig, report: Reporter, orders: Orders) -> None:
-    """Play the role for each order."""
+    """Open a node per method, and play the configured role from ``start_ns`` to ``end_ns`` of each order."""
     async with AsyncExitStack() as stack:
         nodes = {}
         for way, address in config.ways.items():

@@ -69,7 +69,7 @@ class TopicUse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PeerConfig:
-    """Configuration of a peer."""
+    """Configuration of a peer: its node, its domain and the topics that it reports."""
 
     name: str  #: Name of its node, and of the source in its messages.
     address: BusAddress  #: Address on the bus.
@@ -314,7 +314,7 @@ class _Peer:
 
 
 async def serve(config: PeerConfig, report: Reporter, orders: Orders) -> None:
-    """Run the peer until cancelled."""
+    """Run a node with the configured name and follow orders until cancelled."""
     async with Node(config.name, **config.address.options()) as node:
         await _Peer(node, config, report).serve(orders)
 

@@ -28,7 +28,7 @@ IMAGE = "sensor_msgs/msg/Image"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PictureFlowConfig:
-    """Configuration of the process."""
+    """Configuration of the process that publishes an image and receives Rerun data."""
 
     domain_id: int  #: DDS domain of the camera.
     port: int  #: Port of the sink.
@@ -54,7 +54,7 @@ def image_message(array: NDArray[Any], encoding: str, header: Any) -> Any:
 
 
 async def serve(config: PictureFlowConfig, report: Reporter, _orders: Orders) -> None:
-    """Publish and receive until cancelled."""
+    """Publish an image at a fixed rate, and run a server that receives Rerun data, until cancelled."""
     from sfglab.view.rerunning import rerun
 
     sink = rerun().RecordingStream("sink")

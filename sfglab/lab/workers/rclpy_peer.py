@@ -34,7 +34,7 @@ os.dup2(2, 1)  # output of libraries must not mix with reports
 
 
 def report(kind: str, **values: Any) -> None:
-    """Write a report."""
+    """Write a report of a kind, with values by name, to standard output as one line of JSON."""
     _OUT.write(json.dumps({"is": kind, **values}) + "\n")
 
 
@@ -100,7 +100,7 @@ class Peer:
                 self.executor.spin()
 
     def end(self) -> None:
-        """End in order, because a killed participant leaves its shared memory behind."""
+        """Shut rclpy down in order, because a killed participant leaves its shared memory behind."""
         rclpy.try_shutdown()
         self.thread.join()
         if self.node:
@@ -109,7 +109,7 @@ class Peer:
             os._exit(0)  # the orderly end of a crowd would take as long as its discovery
 
     def obey(self, order: dict[str, Any]) -> None:
-        """Follow one order."""
+        """Call the method that an order names in ``do``, with its other entries; report an error instead of raising."""
         try:
             getattr(self, order.pop("do"))(**order)
         except Exception as error:  # noqa: BLE001 - the sender of the order must learn of every error
@@ -146,7 +146,7 @@ class Peer:
         report("matched")
 
     def hearing(self, name: str) -> Any:
-        """Return a callback that records a flow's samples with the time at which its simulated executor is done."""
+        """Return a callback that records a flow's samples and the times at which its simulated executor is done."""
         flow, received = self.flows[name], self.received.setdefault(name, [])
         executor, then = flow["executor"] or name, flow["then"]
         cost_ns = round(flow["service_s"] * 1e9)
@@ -190,7 +190,14 @@ class Peer:
         return changed
 
     def play(self, start_ns: int, duration_s: float, drain_s: float, result: str) -> None:
-        """Publish on schedule, wait for late samples, and write both into a file."""
+        """Publish the flows on schedule, wait for late samples, and write published and received ones into a file.
+
+        Args:
+            start_ns: Start of the schedule, Unix time, ns.
+            duration_s: Duration of the schedule, s.
+            drain_s: Wait for late samples, s.
+            result: Path of the file.
+        """
         last_ns = start_ns + round(duration_s * 1e9)
         agenda = []
         for name in self.publishers:
@@ -301,7 +308,7 @@ class Peer:
 
 
 def main(kind: type[Peer] = Peer) -> None:
-    """Follow orders until standard input ends."""
+    """Start a peer with the program's arguments, and follow its orders, one line of JSON each, until input ends."""
     peer = kind(*sys.argv[1:])
     report("ready", distribution=os.environ.get("ROS_DISTRO", ""))
     try:

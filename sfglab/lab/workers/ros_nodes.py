@@ -66,7 +66,7 @@ _INFO_TYPE = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosNodesConfig:
-    """Configuration of the process."""
+    """Configuration of the process that runs an agent's ROS nodes."""
 
     namespace: str  #: Namespace of the nodes and of their topics.
     address: BusAddress  #: Address of the nodes on the bus.
@@ -79,11 +79,11 @@ class RosNodesConfig:
 class EndpointPlan:
     """One endpoint of a node."""
 
-    writer: bool  #: Whether it writes.
+    writer: bool  #: Whether the endpoint is a writer.
     topic: str  #: Topic name in DDS.
     type: str  #: Type name in DDS.
     qos: QoSProfile  #: Offered or requested QoS.
-    user_data: bytes = b""  #: Its USER_DATA.
+    user_data: bytes = b""  #: USER_DATA of the endpoint.
 
 
 def endpoints_of(role: str, node: str, topic: str) -> tuple[EndpointPlan, ...]:
@@ -123,7 +123,7 @@ class RosStack:
     The configuration's `domain_id` is that of this stack only, and `external_domain_id` that of all stacks.
 
     Raises:
-        BusError: Cyclone DDS cannot create something.
+        BusError: Cyclone DDS cannot create an entity.
     """
 
     def __init__(
@@ -133,8 +133,8 @@ class RosStack:
         checked(lib.dds_create_domain(config.domain_id, domain_xml(config).encode()), "a domain")
         with qos_object(user_data({"enclave": "/"})) as qos:
             made = lib.dds_create_participant(config.domain_id, qos, None)
-        self.participant = checked(made, "a participant")  #: The C handle of its participant.
-        #: The 12-byte GUID prefix of everything it has.
+        self.participant = checked(made, "a participant")  #: C handle of the node's participant.
+        #: 12-byte GUID prefix of the participant and its endpoints.
         self.prefix = entity_guid(self.participant)[:12]
         gids: dict[bool, list[bytes]] = {True: [], False: []}
         for plan in plans:
@@ -144,7 +144,7 @@ class RosStack:
             elif plan.writer:
                 info_writer = handle
             else:
-                self.info_reader = handle  #: The C handle of its reader of `ros_discovery_info`.
+                self.info_reader = handle  #: C handle of the node's reader of `ros_discovery_info`.
         node = NodeInfo(
             namespace=namespace,
             name=name,

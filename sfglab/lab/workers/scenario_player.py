@@ -55,7 +55,7 @@ _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartsConfig:
-    """Configuration of the process."""
+    """Configuration of the process that plays one host's part of a scenario."""
 
     host: str  #: Name of the host in the flows.
     address: BusAddress  #: Address on the bus.
@@ -208,7 +208,7 @@ class Player:
         self._agenda: list[tuple[int, str, int]] = []
 
     def matched(self) -> bool:
-        """Return whether every endpoint has its peer."""
+        """Return whether every endpoint of this process has at least one matching endpoint."""
         status = MatchedStatus()
         for read_status, handle in self._ends:
             read_status(handle, ct.byref(status))

@@ -1,6 +1,7 @@
 """Subscriber that reads every pixel: ``python -m sfglab.lab.workers.viewer CONFIG``.
 
-The process represents any node that consumes a camera stream. An order to look names the mode. Mode ``standard``
+The process represents any node that consumes a camera stream. The order ``look`` starts a subscription and names the
+mode. Mode ``standard``
 receives and decodes in this process. Mode ``proxy`` takes decoded images from shared memory, and mode ``dds`` over
 DDS. Mode ``raw`` receives images that were never coded. Mode ``network`` receives and discards. With a path, an order
 records the stream instead. A topic in the order replaces the mode's configured one. The viewer reads every pixel of
@@ -62,7 +63,7 @@ class Seen:
     sightings: list[tuple[int, int]] = field(default_factory=list)
 
     def look(self, items: NDArray[Any], stamp_ns: int) -> None:
-        """Read every pixel of an image, whose size is a multiple of 8 bytes."""
+        """Count an image with its capture stamp, ns, and read all its pixels; its size is a multiple of 8 bytes."""
         self.sightings.append((stamp_ns, time.time_ns()))
         self.frames += 1
         np.bitwise_xor.reduce(items.view(np.uint64))
@@ -138,7 +139,7 @@ class _Viewer:
             self._report({"is": "failed", "why": f"{type(error).__name__}: {error}"})
 
     async def _receive(self, node: Node, topic: str, mode: str) -> None:
-        """Hold a subscription until cancelled."""
+        """Receive from a subscription until cancelled."""
         type_ = self._config.remote_type
         qos = COMPRESSED_STREAM
         options: dict[str, Any] = {"threaded": True}
@@ -200,7 +201,7 @@ class _Viewer:
 
 
 async def serve(config: ViewerConfig, report: Reporter, orders: Orders) -> None:
-    """Follow orders until cancelled."""
+    """Run a viewer of images, which follows orders until cancelled."""
     await _Viewer(config, report).run(orders)
 
 

@@ -116,9 +116,9 @@ class TableOneRow(TableRow):
 
     sensor: str  #: Name of the sensor.
     type: str  #: ROS type of the sensor's message.
-    table_bytes: int  #: Size of the message in the paper.
-    object_bytes: int  #: Size of the value as a Python object.
-    cdr_bytes: int  #: Size of the message on the wire.
+    table_bytes: int  #: Size of the message in the paper, bytes.
+    object_bytes: int  #: Size of the value as a Python object, bytes.
+    cdr_bytes: int  #: Size of the message on the wire, bytes.
     change_s: float  #: Mean time between changes of the sensor's value, s.
 
 
@@ -217,7 +217,7 @@ class Passage:
     """A `Passage` is a sensor's readings with the decisions of the caches."""
 
     values: list[Any]  #: Readings in order of time.
-    size_bytes: int  #: Size of one message.
+    size_bytes: int  #: Size of one message, bytes.
     sent: list[bool] = field(default_factory=list)  #: Whether the local cache passed each reading.
     #: Whether cache control passed each reading without a local cache.
     planned: list[bool] = field(default_factory=list)

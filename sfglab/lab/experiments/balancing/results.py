@@ -241,7 +241,7 @@ def rate_means(table: pd.DataFrame, column: str) -> pd.Series[float]:
 
 
 def by_rate(shares: pd.Series[float]) -> str:
-    """Return shares by rate as a text."""
+    """Return shares by rate, in Hz, as a text such as "12% at 50 Hz"."""
     return ", ".join(f"{share:.0%} at {rate} Hz" for rate, share in shares.items())
 
 
@@ -277,7 +277,7 @@ def draw_caches(figure: Figure, run: Run[Config]) -> None:
 
 
 def draw_shares(axes: Axes, shares: pd.DataFrame, names: Sequence[str]) -> None:
-    """Draw shares as one group of bars per row and one bar per rate."""
+    """Draw shares, 0 to 1, in per cent: one group of bars per row with its name, and one bar per rate, Hz."""
     percent = (100 * shares).rename(columns=lambda rate: f"{rate} Hz")
     grouped_bars(axes, percent, _SHADES)
     axes.set_xticks(range(len(names)), names, fontsize=8)

@@ -138,7 +138,7 @@ def settings_of_row(row: Any) -> LapSettings:
 
 
 def course_row(settings: LapSettings, seed: int, lap: LapResult) -> CourseRow:
-    """Return the row of a lap."""
+    """Return the table row of a simulated lap with its settings and seed."""
     rate_hz, depth_used = rate_and_depth(settings)
     return CourseRow(
         method=settings.method,
@@ -171,7 +171,7 @@ def track_row(name: str, robot: str, t_s: float, pose: Sequence[float], manoeuvr
 
 
 def track_rows(name: str, snapshots: Iterable[Snapshot]) -> list[TrackRow]:
-    """Return the rows of the poses of all robots in a lap with a name."""
+    """Return one row per robot and snapshot with the robot's pose; `name` is the name of the lap."""
     rows = []
     for snapshot in snapshots:
         for robot, pose in zip(ROBOTS, snapshot.poses.tolist(), strict=True):

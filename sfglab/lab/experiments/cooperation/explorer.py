@@ -112,7 +112,7 @@ def _drive_on(lap: SimulatedLap, lasting_s: float = 0.0) -> bool:
 
 
 def draw(settings: LapSettings, lap: SimulatedLap, shown_s: float) -> pictures.Picture:
-    """Return the picture of the simulated part of a lap."""
+    """Return the plot of the simulated part of a lap at a time, s."""
     snapshots = lap.snapshots
     place = min(int(shown_s * SCAN_HZ), len(snapshots) - 1)
     shown = snapshots[place]
@@ -170,7 +170,7 @@ def _star(pose: NDArray[np.float64], ranges_m: NDArray[np.float64]) -> NDArray[n
 def wrong_beams(
     measured_m: NDArray[np.float64], believed_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return which ranges at the station differ from the measured ranges by more than `WRONG_M`."""
+    """Return which ranges at the station differ from the measured ones by more than `WRONG_M`; any equal shapes."""
     # A range is infinite without an echo or a value, and two infinite ranges are equal.
     return ~np.isclose(measured_m, believed_m, rtol=0, atol=WRONG_M)
 

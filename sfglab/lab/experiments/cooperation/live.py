@@ -85,7 +85,7 @@ class LiveLap:
         self._manoeuvre = hallway.Manoeuvre.STOP.value
 
     def take(self, name: str, report: Report) -> None:
-        """Take a report of a process."""
+        """Store a report of a process: a stop, a new manoeuvre, or a robot's pose."""
         if report["is"] == "stopped":
             self._stopped_by = report["robot"]
         elif report["is"] == "released":
@@ -105,7 +105,7 @@ class LiveLap:
 
     @property
     def lasted_s(self) -> float:
-        """Duration of the lap, s."""
+        """Time of the latest pose since the start of the lap, s; 0 before the first pose."""
         return max((report["t_s"] for report in self._last.values()), default=0.0)
 
 

@@ -1,7 +1,7 @@
 """Configuration and tables of the experiment on decoding once per device.
 
-A cell is one number of subscribers in one mode. The modes of one number follow each other, so that a
-machine that slows down slows all of them.
+A cell is one number of subscribers in one mode. The modes of one number of subscribers are measured directly after
+each other, so that a machine that slows down affects all modes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _FEW = (1, 4, 7, 10)
 
 
 def _former_stage(codec: str, source: str, few: tuple[int, ...]) -> dict[str, Any]:
-    """Return a stage of the removed field ``stages`` as logs have it."""
+    """Return a stage in the form in which older logs have the removed field ``stages``."""
     counts = {"counts": [*_ALL], "dds_counts": [*few], "network_counts": [*few]}
     return {"codec": codec, "source": source, **counts, "repeats": 2}
 
@@ -123,7 +123,7 @@ exp = Experiment(
 class CellRow(TableRow):
     """One cell: a number of subscribers in one mode, measured once."""
 
-    cell: int  #: Counter from 0.
+    cell: int  #: Number of the cell, from 0.
     mode: str  #: ``standard``, ``dds``, ``proxy`` or ``network``.
     subscribers: int  #: Number of local subscribers.
     repeat: int  #: Number of the repetition.
@@ -133,29 +133,33 @@ class CellRow(TableRow):
 class LoadRow(TableRow):
     """One meter reading in a cell."""
 
-    cell: int  #: Counter of the cell.
-    label: str  #: ``consumer`` or ``edge``.
-    cpu_percent: float  #: CPU of the host's processes, per cent of one core.
-    rx_mbit_s: float  #: Received at the host's interface, Mbit/s.
+    cell: int  #: Number of the cell.
+    label: str  #: Host: ``consumer`` or ``edge``.
+    cpu_percent: float  #: CPU load of the host's processes, per cent of one core.
+    rx_mbit_s: float  #: Data rate received at the host's interface, Mbit/s.
 
 
 @exp.table("view")
 class ViewRow(TableRow):
     """Frames of one subscriber in a cell. The capture stamp identifies a frame."""
 
-    cell: int  #: Counter of the cell.
+    cell: int  #: Number of the cell.
     viewer: int  #: Number of the subscriber.
-    frames: int  #: Pictures, or messages in mode ``network``.
-    unreadable: int  #: Pictures with a stamp that the camera did not send.
-    missed: int  #: Frames that were skipped.
-    disordered: int  #: Pictures that were not newer than the one before.
-    broken: int  #: Messages that could not be decoded.
-    #: Median time from capture stamp to picture in hand, ms; NaN in mode ``network``.
+    frames: int  #: Number of images, or of messages in mode ``network``.
+    unreadable: int  #: Number of images with a stamp that the camera did not send.
+    missed: int  #: Number of skipped frames.
+    disordered: int  #: Number of images that were not newer than the image before.
+    broken: int  #: Number of messages that could not be decoded.
+    #: Median time from the capture stamp to the arrival of the image, ms; NaN in mode ``network``.
     age_ms: float
 
 
 def check_counts(config: Config) -> None:
-    """Raise `InvalidValueError` if lines and the cost model cannot be fitted to the numbers of subscribers."""
+    """Check that lines and the cost model can be fitted to the numbers of subscribers.
+
+    Raises:
+        InvalidValueError: One of the fields with numbers of subscribers has too few numbers.
+    """
     if len(set(config.counts)) < 2:
         raise InvalidValueError("counts", config.counts, "two numbers or more")
     if len(set(config.counts).intersection(config.dds_counts)) < 2:
@@ -165,10 +169,10 @@ def check_counts(config: Config) -> None:
 
 
 def groups_of(config: Config) -> list[tuple[CellRow, ...]]:
-    """Return the cells in the order in which they are measured, those that are compared together.
+    """Return the cells in groups, in the order of measurement; the cells of a group are compared with each other.
 
-    A group has the modes at one number of subscribers in one repetition. The numbers of subscribers are
-    shuffled in each repetition, and the modes in each group.
+    A group has the modes with one number of subscribers in one repetition. The order of the numbers of subscribers is
+    random in each repetition, and so is the order of the modes in each group.
     """
     rng = np.random.default_rng(config.seed)
     numbers = itertools.count()
@@ -189,5 +193,5 @@ def groups_of(config: Config) -> list[tuple[CellRow, ...]]:
 
 
 def decoding_modes(config: Config, count: int) -> list[str]:
-    """Return the modes with pictures that are measured with a number of subscribers."""
+    """Return the modes with decoded images that are measured with a number of subscribers."""
     return ["standard", "proxy", "dds"] if count in config.dds_counts else ["standard", "proxy"]

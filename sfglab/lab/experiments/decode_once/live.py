@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 HOSTS = ("consumer", "edge")
 TOPIC = "/global/edge/camera_front/color/ffmpeg"
 """Topic of the camera's compressed stream."""
-LOCAL_DOMAIN = 7  #: Domain of the decoded pictures on the consumer host.
+LOCAL_DOMAIN = 7  #: DDS domain of the decoded images on the consumer host.
 _VIEWER = "sfglab.lab.workers.viewer"
 
 
@@ -53,7 +53,7 @@ class Processes(StreamProcesses):
     _decoder_pids: tuple[int, ...] = ()
 
     def first_members(self) -> list[Member]:
-        """Return subscribers, decoder and camera."""
+        """Return the processes of the subscribers, the decoder and the camera."""
         local = BusAddress(domain_id=LOCAL_DOMAIN, interface="lo")
         viewer = self.viewer_config(TOPIC, local)
         counts = self._config.counts + self._config.dds_counts + self._config.network_counts
@@ -61,7 +61,7 @@ class Processes(StreamProcesses):
             Member(name=name, host="consumer", module=_VIEWER, config=viewer)
             for name in viewers(max(counts))
         ]
-        # One process serves one cell after the other, as a component container does: none starts
+        # As in a component container, one process serves one cell after the other, so that no process starts
         # during a cell.
         decoder = DecoderConfig(
             remote=self.shared("consumer"),
@@ -76,7 +76,7 @@ class Processes(StreamProcesses):
         return members
 
     async def settle(self) -> None:
-        """Wait until the decoder's process for pictures is ready."""
+        """Wait until the decoder's pipeline process is ready."""
         self._decoder_pids = await self.warm("decoder")
 
     def pids(self, mode: str) -> dict[str, tuple[int, ...]]:
@@ -87,17 +87,17 @@ class Processes(StreamProcesses):
         return {"consumer": tuple(consumer), "edge": (self["camera"].pid,)}
 
     async def look(self, count: int, **order: Any) -> None:
-        """Let subscribers receive in a mode, and wait until each has a frame."""
+        """Order a number of subscribers to receive, in the mode of the order, and wait until each has a frame."""
         names = viewers(count)
         await self.ask("first", names, timeout_s=FIRST_PICTURE_S, do="look", **order)
 
     async def stop(self, count: int) -> list[Report]:
-        """Let subscribers stop, and return their reports."""
+        """Order a number of subscribers to stop, and return their reports."""
         seen = await self.seen(viewers(count))
         return list(seen.values())
 
     async def measure(self, cell: CellRow) -> dict[str, list[Any]]:
-        """Measure a cell.
+        """Measure a cell: its loads, and the frames of its subscribers.
 
         Returns:
             Rows by table.

@@ -71,8 +71,8 @@ def readings(run: Run[Config]) -> pd.DataFrame:
 def cells(run: Run[Config]) -> pd.DataFrame:
     """Return one row per cell with medians of its readings at the consumer host: `cpu`, `paced`, `rx`.
 
-    `paced` is the CPU at one pace of the machine. Each reading is divided by what the camera's work,
-    which is always the same, cost in the same window, relative to its median.
+    The column `paced` is the CPU load at a constant speed of the machine. Each reading is divided by the CPU load of
+    the camera in the same window, relative to the median of that load, because the camera's work is always the same.
     """
     table = readings(run)
     window = table.groupby(["cell", "label"]).cumcount()
@@ -92,7 +92,7 @@ def points(run: Run[Config], mode: str, column: str) -> Floats:
 
 
 def slope_of(values: Floats) -> float:
-    """Return the load per subscriber, the slope of the line through points."""
+    """Return the load per subscriber: the slope of the line through the rows of `points`, shape (cells, 2)."""
     return line_slope(values[:, 0], values[:, 1])
 
 
@@ -105,7 +105,7 @@ def slope(run: Run[Config], mode: str, load: str) -> Estimate:
 
 @derived
 def reduction(run: Run[Config], mode: str) -> Estimate:
-    """Estimate how much less CPU a subscriber takes than in standard."""
+    """Estimate the reduction of the CPU load per subscriber in a mode, relative to standard."""
 
     def less(drawn: Sequence[Floats]) -> float:
         return 100 * (1 - slope_of(drawn[1]) / slope_of(drawn[0]))
@@ -166,23 +166,26 @@ def design(mode: str, count: float) -> tuple[float, float, float]:
 
 
 def fit_terms(rows: Floats) -> Floats:
-    """Return (c_net, c_dec, c_ipc) by least squares; rows are the factors of `design` and the load."""
+    """Return (c_net, c_dec, c_ipc), % of one core, by least squares.
+
+    The rows have shape (cells, 4): the three factors of `design`, and the load, % of one core.
+    """
     solution, *_ = np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)
     return np.asarray(solution)
 
 
 def errors_of(rows: Floats) -> Floats:
-    """Return the residuals of the fit to rows."""
+    """Return the residuals of `fit_terms`, % of one core, shape (cells,): measured minus fitted load."""
     return np.asarray(rows[:, 3] - rows[:, :3] @ fit_terms(rows))
 
 
 def residual_percent(rows: Floats) -> float:
-    """Return the root mean square of the residuals relative to the mean load, per cent."""
+    """Return the root mean square of the residuals of `fit_terms`, relative to the mean load, per cent."""
     return float(100 * np.sqrt(np.mean(errors_of(rows) ** 2)) / np.mean(rows[:, 3]))
 
 
 def cost_cells(run: Run[Config], way: str) -> pd.DataFrame:
-    """Return the cells that Eq. 2 and 3 describe if the decoder passes pictures on in one mode."""
+    """Return the cells that Eq. 2 and 3 describe, with one mode `way` of the decoder."""
     table = cells(run)
     return table[table["mode"].isin(["standard", "network", way])]
 
@@ -194,14 +197,14 @@ def cost_rows(table: pd.DataFrame) -> Floats:
 
 
 def residual_table(run: Run[Config]) -> pd.DataFrame:
-    """Return by how much measured loads are above the fitted ones, in % of these, as means over repetitions."""
+    """Return the mean deviation of the measured loads from the fitted loads over repetitions, % of the fitted loads."""
     wide = cost_model(run).residuals.pivot_table("above", "subscribers", "mode")
     return wide.round(1).rename(columns=NAMES).reset_index()
 
 
 @derived
 def cost_model(run: Run[Config], way: str = PAPERS) -> CostModel:
-    """Fit Eq. 2 and 3 to the cells, without any term that the paper does not have.
+    """Fit Eq. 2 and 3 of paper A to the cells, with the paper's terms only.
 
     Args:
         run: The run.
@@ -240,18 +243,18 @@ def base_cost(run: Run[Config]) -> Finding:
 
 @exp.claim("A-CPU-SFG", how=How.LIVE)
 def reduction_by_dds(run: Run[Config]) -> Finding:
-    """Return how much less CPU a subscriber costs that gets its pictures over DDS."""
+    """Return the CPU load that an additional subscriber saves if it gets decoded images over DDS."""
     return reduction_by(run, PAPERS)
 
 
 @exp.claim("A-CPU-OURS", how=How.LIVE)
 def reduction_by_shared_memory(run: Run[Config]) -> Finding:
-    """Return how much less CPU a subscriber costs that gets its pictures over shared memory."""
+    """Return the CPU load that an additional subscriber saves if it gets decoded images over shared memory."""
     return reduction_by(run, "proxy")
 
 
 def reduction_by(run: Run[Config], way: str) -> Finding:
-    """Return the finding on a mode of the decoder."""
+    """Return the finding on the CPU load that a mode of the decoder saves."""
     costs = []
     for mode, number in (("standard", paper("A-CPU-BASE")), (way, paper("A-CPU-SFG", THROUGH))):
         cost = slope(run, mode, "cpu").value
@@ -268,7 +271,7 @@ def reduction_by(run: Run[Config], way: str) -> Finding:
 
 @exp.claim("A-BW", how=How.LIVE)
 def bandwidth(run: Run[Config]) -> Finding:
-    """Return what the consumer receives through the decoder with the most subscribers, and both slopes."""
+    """Return the data rate that the consumer receives with the decoder and the most subscribers, and both slopes."""
     table = readings(run).query("label == 'consumer' and mode == @PAPERS")
     most = table["subscribers"].max()
     received = table[table["subscribers"] == most]["rx_mbit_s"].to_numpy(dtype=np.float64)
@@ -300,7 +303,7 @@ def fit_residual(run: Run[Config]) -> Finding | None:
 
 
 def beside(percent: float) -> str:
-    """Return a signed percentage in words."""
+    """Return a signed percentage in words: 2.5 is "2.5 % above", -2.5 is "2.5 % below"."""
     return f"{abs(percent):.1f} % {'above' if percent >= 0 else 'below'}"
 
 
@@ -324,7 +327,7 @@ def packets(run: Run[Config]) -> pd.DataFrame:
 
 @exp.claim("A-H264", how=How.LIVE)
 def stream_of_table_two(run: Run[Config]) -> Finding:
-    """Return the stream's bit rate, and its other values in Table 2; of a varying GOP 0."""
+    """Return the stream's bit rate, and its other values of Table 2; a varying GOP counts as 0."""
     table = packets(run)
     duration_s = (table["stamp_ns"].iloc[-1] - table["stamp_ns"].iloc[0]) / NS_PER_S
     fps = (len(table) - 1) / duration_s
@@ -385,7 +388,7 @@ def draw_load(
     loads = consumer.groupby(["mode", "subscribers"])[column].agg(["mean", "std"])
     for mode, label in LABELS.items():
         load = loads.loc[mode]
-        # The decoder's modes receive the same, so that one line is a frame of the other.
+        # Both modes of the decoder receive the same data rate, so one line is drawn as the outline of the other.
         size = 9 if column == "rx_mbit_s" and mode == PAPERS else 4.5
         axes.plot(load["mean"], label=label, markersize=size, **STYLES[mode])
         color = STYLES[mode]["color"]

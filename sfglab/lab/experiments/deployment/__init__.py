@@ -1,6 +1,6 @@
 """Deployment: paper A, section 4.4, Fig. 5.
 
-All files of a fleet are rendered, and programs of other projects confirm or refuse facts about them.
+The experiment renders all files of a fleet. Programs of other projects confirm or refute facts about the files.
 """
 
 from sfglab.lab.experiments.deployment.experiment import exp

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     Pairs = Sequence[tuple[Deployment, Bundle]]
 
 OUTSIDER = "outsider"
-MEETING_S = 120.0  #: Time limit of discovery.
-LOOKING_S = 2.0  #: Time that the onlooker stays in each domain.
+MEETING_S = 120.0  #: Time limit of discovery, s.
+LOOKING_S = 2.0  #: Time for which the observing node stays in each domain, s.
 _GRACE_S = 10.0
 _SFGLAB = (sys.executable, "-c", "from sfglab.cli import main; main()")
 _HEARTBEAT = "rt/global/agent_heartbeat"
@@ -41,7 +41,9 @@ _GLOBAL = re.compile(r"r[tqr]/(global/.*|tf|tf_static)")
 
 
 async def ask_containers(pairs: Pairs, folder: Path) -> dict[str, str]:
-    """Run agents as their Compose projects say, and look at all domains from outside; return the faults.
+    """Run the commands of agents' Compose projects, observe all domains from another host, and return the faults.
+
+    The result has one fault per fact; it is empty if the fact holds.
 
     Raises:
         ProcessFailedError: An agent's container ended.
@@ -102,7 +104,7 @@ async def _undiscovered(agent: LineProcess, wanted: set[str]) -> set[str]:
 
 
 async def _look(outside: Host, pairs: Pairs) -> dict[int, set[str]]:
-    """Return the DDS topics of all endpoints that are seen from outside, by domain."""
+    """Return the DDS topics of all endpoints that another host discovers, by domain."""
     domains = {deployment.agent.domain for deployment, _ in pairs}
     domains.add(pairs[0][0].fleet.global_domain)
     members = []

@@ -1,7 +1,7 @@
 """Configuration, tables and the part of the experiment on deployment.
 
-Each fact of `facts.FACTS` gets one row: a program of another project confirmed it, refused it, or was not
-there. Functions that ask a program return the fault by fact, which is empty if the program confirms it.
+Each fact of `facts.FACTS` gets one row: a program of another project confirmed the fact, refuted it, or was not
+installed. The functions `ask_...` run a program and return its fault per fact, empty if the program confirms the fact.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ exp = Experiment(
 
 @exp.table("fact")
 class FactRow(TableRow):
-    """One fact of the list, and what became of it."""
+    """One fact of `facts.FACTS` with its outcome."""
 
     end: str  #: Part of the claim.
     fact: str  #: The statement.
@@ -95,7 +95,7 @@ class LayerRow(TableRow):
 
 @exp.part("fleet", total=4)
 async def deploy(bench: Bench[Config]) -> None:
-    """Render the files of a fleet, and ask a program about each fact."""
+    """Render the files of a fleet, and check each fact with a program of another project."""
     config = bench.config
     source = load_source(find_project().data / config.fleet_file)
     release, wheel = make_release(SOURCE, source.text)
@@ -116,7 +116,12 @@ async def deploy(bench: Bench[Config]) -> None:
 
 
 def fact_rows(faults: Mapping[str, str]) -> Iterator[FactRow]:
-    """Yield a row for each fact, given the fault that its program named; empty: none, missing: not asked."""
+    """Yield a row for each fact.
+
+    Args:
+        faults: Fault that a program reported, by fact; empty for a confirmed fact. Facts that no program checked are
+            missing.
+    """
     for fact in FACTS:
         outcome = Outcome.MISSING
         if fact.name in faults:
@@ -148,14 +153,14 @@ def layer_rows(pairs: Pairs) -> Iterator[LayerRow]:
 
 
 def ask_checkers(pairs: Pairs) -> dict[str, str]:
-    """Ask the programs of `sfglab deploy check` that are installed about all files."""
+    """Check all files with the installed programs of `sfglab deploy check`, and return the fault by fact."""
     verdicts = check_bundles(bundle for _, bundle in pairs)
     asked = [verdict for verdict in verdicts if verdict.state is not State.NOT_RUN]
     return {accepted(verdict.check): verdict.detail for verdict in asked}
 
 
 def ask_codecs() -> dict[str, str]:
-    """Ask FFmpeg to open the codecs of the accelerator that detection finds, if there is one."""
+    """Let FFmpeg open the codecs of the detected accelerator, if there is one, and return the fault by fact."""
     machine = detect()
     if machine.accelerator is Accelerator.NONE:
         return {}
@@ -167,7 +172,7 @@ def ask_codecs() -> dict[str, str]:
 
 
 def ask_hooks(pairs: Pairs, folder: Path) -> dict[str, str]:
-    """Let Bash run the hooks of each agent on a folder in place of its machine."""
+    """Let Bash run the hooks of each agent on a folder in place of its host, and return the fault by fact."""
     faults = []
     for deployment, bundle in pairs:
         root = folder / bundle.agent

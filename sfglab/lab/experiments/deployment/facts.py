@@ -1,4 +1,4 @@
-"""Facts about a deployment, written before a run, and the program that confirms or refuses each."""
+"""Facts about a deployment, written before a run, and the program that confirms or refutes each."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from enum import Enum
 
 
 class Outcome(Enum):
-    """Result of asking a program about a fact."""
+    """Result of the check of a fact by a program."""
 
     CONFIRMED = "confirmed"
     REFUSED = "refused"
-    MISSING = "missing"  #: The program was not there.
+    MISSING = "missing"  #: The program was not installed.
 
 
 def accepted(check: str) -> str:

@@ -28,10 +28,10 @@ _CONTAINER = "trial"
 
 
 def ask_image(deployment: Deployment, wheel: bytes, folder: Path) -> dict[str, str]:
-    """Build an agent's image for this machine, and let it name its user and version.
+    """Build an agent's image for this machine, run it, and compare the user and version that it prints.
 
     Returns:
-        The fault by fact; nothing if a program, its rights or a Debian is missing.
+        The fault by fact; empty if a program, its rights or a Debian is missing.
     """
     if os.geteuid() != 0 or not all(map(shutil.which, PROGRAMS)):
         return {}

@@ -47,7 +47,7 @@ def _how(run: Run[Config]) -> How:
 
 @exp.claim("A-DEPLOY", how=_how)
 def share_confirmed(run: Run[Config]) -> Finding:
-    """Return the share of the facts that were asked about and confirmed, in the part where it is lowest.
+    """Return the share of confirmed facts among the checked facts, in the part of the claim where it is lowest.
 
     A part of the claim counts as measured if no program was missing for any of its facts.
     """

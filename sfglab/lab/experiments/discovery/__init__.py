@@ -1,8 +1,8 @@
 """Fleet discovery: paper A, sections 4.1, 4.2 and 5.3, Fig. 9.
 
-Fleets of 2 to 6 agents are started by one signal. *Standard*: all nodes share one DDS domain. *Launched*
-and *routed*: each agent has its own domain behind a router. Measured are the time until an agent knows
-its peers, and the bytes that it receives until then. Fleets of up to 25 agents are also simulated.
+One start order starts fleets of 2 to 6 agents. In mode *standard* all nodes share one DDS domain. In the modes
+*launched* and *routed* each agent has its own domain behind a router. The experiment measures the time until an agent
+has discovered its peers, and the bytes that it receives until then. It also simulates fleets of up to 25 agents.
 """
 
 from sfglab.lab.experiments.discovery import live, simulated  # they declare parts

@@ -59,7 +59,7 @@ _FEW = tuple(
 def _former_ros2(
     repeats: int, sizes: Mapping[int, int], composed: Sequence[int], starts: int
 ) -> list[dict[str, Any]]:
-    """Return the removed field ``ros2`` as logs have it; `sizes` are nodes of a role by agents."""
+    """Return the removed field ``ros2`` in the form of older logs; `sizes` has nodes per role, by number of agents."""
     fleets = []
     for agents, nodes in sizes.items():
         for mode, count in (("standard ROS 2", repeats), (STANDARD, repeats), (ROUTED, 1)):
@@ -73,7 +73,7 @@ def _former_ros2(
 
 
 def paced(repeats: int, sizes: tuple[int, ...]) -> tuple[Stage, ...]:
-    """Return fleets started agent after agent; the largest also at two thirds of the pace."""
+    """Return fleets whose agents start one after the other; the largest fleet also starts at two thirds of the pace."""
     largest = sizes[-1:]
     return (
         Stage(mode=LAUNCHED, agents=sizes, repeats=repeats, pace_s=2.5),
@@ -127,10 +127,10 @@ def host_names(count: int) -> list[str]:
 
 
 def cells_of(stages: tuple[Stage, ...], seed: int) -> list[Cell]:
-    """Return the cells of stages in the order in which they are run.
+    """Return the cells of stages in the order of the run.
 
-    Fleets of one size with the same nodes follow each other in random order, so that a machine that
-    slows down slows all modes. Sizes are also shuffled.
+    Fleets of one size with the same nodes start directly after each other, in random order, so that a machine that
+    slows down affects all modes. The order of the sizes is also random.
     """
     groups: dict[tuple[int, int, int], list[Cell]] = {}
     for stage in stages:
@@ -217,7 +217,7 @@ exp = Experiment(
 class FleetRow(Cell, TableRow):
     """A live fleet that was started once."""
 
-    cell: int  #: Counter from 0.
+    cell: int  #: Number of the cell, from 0.
     window_s: float  #: Time from the first start order to the last reading of the meters, s.
     cpu_s: float  #: CPU time of all processes of the fleet in that window, s.
 
@@ -226,12 +226,13 @@ class FleetRow(Cell, TableRow):
 class HostRow(TableRow):
     """An agent of a live fleet."""
 
-    cell: int  #: Counter of the cell.
+    cell: int  #: Number of the cell.
     host: int  #: Number of the agent, from 0.
-    resolved_s: float  #: Time from the last start order until it had discovered its peers, s.
-    #: Whether it was given up; `resolved_s` is then the time that was waited.
+    #: Time from the last start order until the agent had discovered its peers, s.
+    resolved_s: float
+    #: Whether the wait for the agent was given up; `resolved_s` is then the duration of the wait.
     censored: bool
-    #: Bytes received at its interface from the first start order until it reported that.
+    #: Bytes received at the agent's interface from the first start order until it had discovered its peers.
     own_bytes: float
 
 
@@ -245,6 +246,6 @@ class SimulatedRow(Fleet, TableRow):
 
     seed: int  #: Seed of the run.
     host: int  #: Number of the agent, from 0.
-    resolved_s: float  #: Time from the start until it had discovered its peers, simulated s.
+    resolved_s: float  #: Time from the start until the agent had discovered its peers, simulated s.
     #: Number of endpoints in the global domain when the last agent was complete.
     endpoints: int

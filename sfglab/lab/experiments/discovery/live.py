@@ -1,8 +1,7 @@
-"""Live fleets: their processes, the signal that starts them, and what is measured.
+"""Live fleets: their processes, the start orders, and the measurements.
 
-All agents share this machine's cores. Started at a pace, the work of one start is done before the next.
-Time is counted from the last start order, and bytes from the first. Fleets are live on separate hosts
-only.
+All agents share this machine's cores. If agents start at a pace, the work of one start ends before the next start.
+Times begin with the last start order, and bytes with the first. Fleets run live only on separate hosts.
 """
 
 from __future__ import annotations
@@ -62,13 +61,13 @@ async def start_fleets(bench: Bench[Config]) -> None:
         bench.write_all("host", hosts)
         cpu_s = (load.cpu_percent or 0.0) / 100 * load.window_s
         row = FleetRow(cell=number, **asdict(cell), window_s=load.window_s, cpu_s=cpu_s)
-        # Last, so that a cell that is in the log is complete.
+        # The fleet's row is written last, so that a cell in this table is complete.
         bench.write(row)
         bench.advance(f"{cell.mode} {cell.agents}")
 
 
 class LiveFleet(ProcessGroup):
-    """The processes of a fleet, named by host and module, loaded and idle when it is entered.
+    """The processes of a fleet, named by host and module. After entering they are loaded and idle.
 
     Processes of a launched fleet do not exist before the start order. The test bed has at least as
     many hosts as there are agents.
@@ -92,7 +91,7 @@ class LiveFleet(ProcessGroup):
 
     @property
     def start_order(self) -> dict[str, Any]:
-        """The order that starts its processes."""
+        """Order that starts the processes of an agent."""
         return {
             "do": "start",
             "fleet": self.hosts,
@@ -101,7 +100,7 @@ class LiveFleet(ProcessGroup):
         }
 
     async def measure(self, timeout_s: float, *, cell: int = 0) -> tuple[list[HostRow], MeterRow]:
-        """Start the fleet, and measure until it is complete, or given up some seconds after the last order.
+        """Start the fleet, and measure until it is complete, or for `timeout_s` seconds after the last start order.
 
         Returns:
             One row per agent with the counter of the cell, and the CPU of all processes.
@@ -131,11 +130,11 @@ class LiveFleet(ProcessGroup):
         return rows, used
 
     def received_bytes(self, host: str) -> int:
-        """Return what the interface of a host has received so far, bytes."""
+        """Return the number of bytes that the interface of a host has received so far."""
         return self._testbed.meter(host).interface_bytes().rx_bytes
 
     async def order_starts(self) -> int:
-        """Order the agents' starts at the cell's pace; return the time of the last order, ns since the epoch."""
+        """Send the start orders at the cell's pace; return the time of the last order, ns since the epoch."""
         starts = []
         begin_s = time.monotonic()
         for number, host in enumerate(self.hosts):
@@ -163,7 +162,7 @@ class LiveFleet(ProcessGroup):
             await end_tasks(failure, complete)
 
     def _take(self, name: str, report: Report) -> None:
-        """Take the reports of nodes that know all others, and of discoverers that announce a peer."""
+        """Process the reports of nodes that have discovered all others, and of discoverers that announce a peer."""
         host, _, _ = name.partition(", ")
         # Nodes behind a router have no peers to discover.
         knows_all = report["is"] == "resolved" and not self._is_routed
@@ -218,7 +217,7 @@ class LiveFleet(ProcessGroup):
         discovery = DiscoverySettings(agent=host, use_published_descriptions=publishes)
         configs = {
             ROUTER: RouterConfig(agent=host, local=local, remote=remote),
-            # Accelerators are not searched for: the result does not cross the router.
+            # Accelerators are not searched for.
             STATUS: StatusConfig(address=local, settings=status, detect=False),
             DISCOVERER: DiscoveryConfig(address=local, settings=discovery),
         }

@@ -1,8 +1,8 @@
 """Discovery times and received bytes of agents, the claims A-DISC-*, and Fig. 9 of paper A.
 
-Claims are judged on fleets that are small enough for this machine's cores. Agents with routers start one
+The claims use fleets that are small enough for this machine's cores. Agents with routers start one
 after another. Standard fleets have few nodes, and their bytes are extrapolated to the paper's number of
-nodes. An agent that was given up counts with the time that was waited.
+nodes. An agent that did not discover its peers in time counts with the duration of the wait.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ NAMES = {STANDARD: "plain ROS 2", LAUNCHED: "paper's method", ROUTED: "sfglab va
 SHORT = {LAUNCHED: "paper", ROUTED: "sfglab"}  #: Shorter names for titles.
 TIME, BYTES = "resolved_s", "own_bytes"
 STANDARD_MB = "MB at 6 agents, standard"  #: Key of the paper's bytes of the standard fleet.
-RECEIVED_MB = "MB received by standard"  #: Key of ours.
+RECEIVED_MB = "MB received by standard"  #: Key of the bytes of sfglab's standard fleet.
 
 
 # --- Fleets -----------------------------------------------------------------------------------
@@ -76,29 +76,28 @@ def main_fleets(run: Run[Config]) -> pd.DataFrame:
 
 
 def samples(rows: pd.DataFrame, column: str) -> Floats:
-    """Return a column of agents of fleets of one size as it is resampled, shape (n, ...).
+    """Return a column of the agents of fleets of one size in the form for the bootstrap, shape (n, ...).
 
-    Rows are whole fleets, because the agents of a fleet are not independent. The interval of a single
-    fleet is one of its agents.
+    One row is one fleet, because the agents of a fleet are not independent. For a single fleet, one row is one agent.
     """
     table = rows.pivot_table(column, "cell", "host").to_numpy(dtype=np.float64)
     return table if len(table) > 1 else table.T
 
 
 def at_pace(run: Run[Config], mode: str, agents: int) -> pd.DataFrame:
-    """Return the agents of main fleets of one size that were started at a pace."""
+    """Return the rows of main fleets of one mode and size whose agents were started one by one (``pace_s`` > 0)."""
     table = main_fleets(run)
     return table[(table["mode"] == mode) & (table["agents"] == agents) & (table["pace_s"] > 0)]
 
 
 def by_pace(run: Run[Config], mode: str, agents: int, column: str) -> list[Floats]:
-    """Return the samples of main fleets of one size that were started at a pace, the fastest pace first."""
+    """Return `samples` of the rows of `at_pace` for each pace, the fastest pace first."""
     paces = at_pace(run, mode, agents).groupby("pace_s")
     return [samples(rows, column) for _, rows in paces]
 
 
 def by_nodes(run: Run[Config]) -> list[Few]:
-    """Return what agents of standard fleets with fewer nodes received, by their number of nodes."""
+    """Return the bytes received by agents of standard fleets with fewer nodes, by number of nodes."""
     few = agents_of(run).query(
         "mode == @STANDARD and agents == @PAPERS_LARGEST and nodes < nodes.max()"
     )
@@ -167,7 +166,14 @@ def extrapolated(wanted: int, less: Few, more: Few) -> float:
 
 
 def fewer_bytes(less: Few, more: Few, wanted: int, routed: Floats) -> Estimate:
-    """Estimate how much less routed agents receive than standard ones with a number of nodes."""
+    """Estimate how much less routed agents receive than standard agents with a number of nodes, orders of magnitude.
+
+    Args:
+        less: Smaller number of nodes, and the bytes that standard agents with it received.
+        more: Larger number of nodes, likewise.
+        wanted: Number of nodes for which the bytes are extrapolated.
+        routed: Samples of the bytes that routed agents received, as `samples` returns them.
+    """
 
     def orders(groups: Sequence[Floats]) -> float:
         standard = extrapolated(wanted, (less[0], groups[0]), (more[0], groups[1]))
@@ -178,7 +184,7 @@ def fewer_bytes(less: Few, more: Few, wanted: int, routed: Floats) -> Estimate:
 
 
 def median(groups: Sequence[Floats]) -> float:
-    """Return the median of the only group of samples."""
+    """Return the median of the only group of samples; a statistic for `bootstrap`."""
     return float(np.median(groups[0]))
 
 
@@ -212,7 +218,11 @@ def time_of(run: Run[Config], mode: str) -> Finding | None:
 
 
 def bytes_of(run: Run[Config], mode: str) -> Finding | None:
-    """Return how much less an agent receives than in the standard fleet; None without such fleets."""
+    """Return by how many orders of magnitude an agent receives fewer bytes than in the standard fleet.
+
+    Returns:
+        None if the run lacks fleets of the paper's size or of two numbers of nodes.
+    """
     routed = by_pace(run, mode, PAPERS_LARGEST, BYTES)
     few = by_nodes(run)
     if not routed or len(few) < 2:
@@ -245,7 +255,7 @@ def launched_time(run: Run[Config]) -> Finding | None:
 
 @exp.claim("A-DISC-BYTES", how=How.LIVE)
 def launched_bytes(run: Run[Config]) -> Finding | None:
-    """Return how much less agents receive with the paper's method."""
+    """Return how much less agents receive with the paper's method than in the standard fleet."""
     return bytes_of(run, LAUNCHED)
 
 
@@ -257,7 +267,7 @@ def routed_time(run: Run[Config]) -> Finding | None:
 
 @exp.claim("A-DISC-BYTES-OURS", how=How.LIVE)
 def routed_bytes(run: Run[Config]) -> Finding | None:
-    """Return how much less agents receive with the sfglab variant."""
+    """Return how much less agents receive with the sfglab variant than in the standard fleet."""
     return bytes_of(run, ROUTED)
 
 

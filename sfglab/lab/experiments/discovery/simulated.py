@@ -1,8 +1,8 @@
 """Fleets in the simulated world, with sfglab's router, status provider and discoverer on each agent.
 
-The nodes of an agent are left out, because nothing of them crosses its router. Each agent has a computer
-of its own, and each of its processes has a core. The costs of processes are calibrated to live fleets.
-The simulated world tells when agents know each other and how many endpoints there are; it counts no bytes.
+The simulation leaves out the nodes of an agent, because their discovery does not pass the router. Each agent has its
+own computer, and each of its processes has a core. The costs of processes are calibrated to live fleets.
+The simulation gives the times at which agents discover each other, and the number of endpoints; it counts no bytes.
 """
 
 from __future__ import annotations
@@ -63,7 +63,11 @@ def simulate_fleet(fleet: Fleet, seed: int) -> tuple[dict[str, Any], ...]:
 
 
 async def run_fleet(fleet: Fleet, world: World) -> tuple[dict[str, Any], ...]:
-    """Run a fleet of agents behind routers, and return one row per agent."""
+    """Run a fleet of agents behind routers in a simulated world, and return one row per agent.
+
+    Raises:
+        SfglabError: The fleet was not complete in time.
+    """
     agents = [f"agent{number:04d}" for number in range(fleet.agents)]
     peers: dict[str, set[str]] = {agent: set() for agent in agents}
     resolved_s: dict[str, float] = {}
@@ -104,7 +108,7 @@ async def run_fleet(fleet: Fleet, world: World) -> tuple[dict[str, Any], ...]:
 def components(
     world: World, agent: str, on_event: Callable[[Order], None], *, publishes: bool
 ) -> list[Callable[[], Coroutine[Any, Any, None]]]:
-    """Return what runs on one agent: router, status provider and discoverer."""
+    """Return the coroutine functions of one agent: router, status provider and discoverer."""
     inside = partial(world.node, host=agent, domain_id=_LOCAL_DOMAIN, reach="host")
     near = inside("router", process="router")
     far = world.node("router", process="router", host=agent)

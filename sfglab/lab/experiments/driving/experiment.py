@@ -61,8 +61,8 @@ class Config(Profiled):
     laps: int = 20  #: Number of towns.
     lap: DrivePoint = DrivePoint(limit_s=150.0)  #: Drive in each town.
     chain: DrivePoint = DrivePoint(limit_s=150.0)  #: Drive whose frames time the chain.
-    live_s: float = 10.0  #: Duration of the live part; 0 skips it.
-    live_hz: float = 15.0  #: Frame rate of the live part.
+    live_s: float = 10.0  #: Duration of the live part, s; 0 skips it.
+    live_hz: float = 15.0  #: Frame rate of the live part, Hz.
     seed: int = 0  #: Seed of the first town.
 
 
@@ -106,10 +106,10 @@ class DrivingLapRow(TableRow):
     seed: int  #: Seed of the town.
     passed: bool  #: Whether the lap met all rules of the judge.
     lap_s: float  #: Duration of the lap on the town's clock.
-    lane_m: float  #: Length of the lane.
+    lane_m: float  #: Length of the lane, m.
     red_lights_obeyed: int  #: Number of red lights that the car stopped at.
-    largest_lateral_m: float  #: Largest distance from the lane's middle.
-    odometry_error_m: float  #: Distance between the odometry's position and the car at the end.
+    largest_lateral_m: float  #: Largest distance from the lane's middle, m.
+    odometry_error_m: float  #: Distance between the odometry's position and the car at the end, m.
 
 
 @exp.sweep(
@@ -134,14 +134,14 @@ def drive_lap(point: DrivePoint, seed: int) -> DrivingLapRow:
 class DrivingChainRow(TableRow):
     """A `DrivingChainRow` is one frame: execution times in software, and the model's transfer times of topic A."""
 
-    compensation_ns: int  #: Execution time of compensation.
-    gaussian_blur_ns: int  #: Execution time of Gaussian blur.
-    lane_planner_ns: int  #: Execution time of the lane planner.
-    polyfit_ns: int  #: Execution time of polyfit.
-    lane_control_ns: int  #: Execution time of lane control.
-    #: Time from compensation to blur through main memory; the order of deliveries is random.
+    compensation_ns: int  #: Execution time of compensation, ns.
+    gaussian_blur_ns: int  #: Execution time of Gaussian blur, ns.
+    lane_planner_ns: int  #: Execution time of the lane planner, ns.
+    polyfit_ns: int  #: Execution time of polyfit, ns.
+    lane_control_ns: int  #: Execution time of lane control, ns.
+    #: Time from compensation to blur through main memory, s; the order of deliveries is random.
     smt_s: float
-    gateway_s: float  #: Time from compensation to blur through a gateway.
+    gateway_s: float  #: Time from compensation to blur through a gateway, s.
 
 
 @exp.sweep("chain", over=lambda c: [c.chain], seeds=lambda c: [c.seed], workers=Workers(count=1))
@@ -172,7 +172,7 @@ class DrivingNodeRow(TableRow):
     """A `DrivingNodeRow` is one node of the chain in the graph."""
 
     node: str  #: Name of the node.
-    hardware_s: float  #: Assumed execution time in hardware; NaN for a node in software.
+    hardware_s: float  #: Assumed execution time in hardware, s; NaN for a node in software.
 
 
 @exp.table("transfer")
@@ -181,7 +181,7 @@ class DrivingTransferRow(TableRow):
 
     topic: str  #: Name of the topic.
     forwarding: str  #: Forwarding of the memory model; only older logs have ``cut-through``.
-    mean_s: float  #: Transfer time.
+    mean_s: float  #: Transfer time, s.
 
 
 @exp.part("model", timed=False)
@@ -199,9 +199,9 @@ def write_model(bench: Bench[Config]) -> None:
 class DrivingTrackRow(TableRow):
     """A `DrivingTrackRow` is one moment of the logged lap."""
 
-    t_s: float  #: Time since the start of the lap.
-    x_m: float  #: True position of the car, east.
-    y_m: float  #: True position of the car, north.
+    t_s: float  #: Time since the start of the lap, s.
+    x_m: float  #: True position of the car, east, m.
+    y_m: float  #: True position of the car, north, m.
     speed_mps: float  #: True speed.
 
 

@@ -184,7 +184,7 @@ def steadier_chain(run: Run[Config]) -> Finding:
 
 
 def orders_less(times: Sequence[Floats] | Floats) -> float:
-    """Return the orders of magnitude by which the second standard deviation is smaller than the first."""
+    """Return the orders of magnitude by which the standard deviation of the second times is below that of the first."""
     software, gateway = times
     return float(np.log10(software.std(ddof=1) / gateway.std(ddof=1)))
 

@@ -104,7 +104,7 @@ def draw_stages(figure: Figure, run: Run[Config]) -> None:
 
 
 def press_core() -> Automaton:
-    """Return the core as a picture whose transitions answer clicks; the table decides what an input does.
+    """Return a clickable diagram of the core; a click on a transition applies its input to the transition table.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.

@@ -1,7 +1,7 @@
 """Latency: paper A, section 5.4, Fig. 10.
 
-The age of a picture when a subscriber holds it, and the time from the order to subscribe to the first
-picture. Compared are standard ROS 2, the paper's decoder behind two routers, and sfglab's variant.
+The experiment measures the age of an image when a subscriber receives it, and the time from the order to subscribe to
+the first image. It compares plain ROS 2, the paper's decoder behind two routers, and the sfglab variant.
 """
 
 from sfglab.lab.experiments.latency import live  # noqa: F401 - declares its part

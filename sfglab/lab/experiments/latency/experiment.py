@@ -1,6 +1,6 @@
 """Configuration and tables of the experiment on latency, and the order of its subscriptions.
 
-A group is one repetition: a subscription on each path, all at one phase of the group of pictures (GOP).
+A group is one repetition: one subscription on each path, all at the same phase of the group of pictures (GOP).
 """
 
 from __future__ import annotations
@@ -80,26 +80,26 @@ exp = Experiment(
 class LookRow(TableRow):
     """One subscription, from the order to subscribe to the order to stop."""
 
-    look: int  #: Counter from 0.
+    look: int  #: Number of the subscription, from 0.
     repeat: int  #: Number of the repetition.
     path: str  #: One of `PATHS`.
     ordered_ns: int  #: Time at which the viewer received the order to subscribe (Unix time), ns.
-    first_ns: int  #: Time at which it held its first picture (Unix time), ns.
-    pictures: int  #: Pictures that it received.
-    unreadable: int  #: Pictures with a stamp that the camera did not send.
-    missed: int  #: Numbers that were skipped.
-    disordered: int  #: Pictures that were not newer than the one before.
-    broken: int  #: Messages that could not be decoded.
-    replay_packets: int  #: Packets that the GOP caches sent for this subscription.
+    first_ns: int  #: Time at which the viewer received its first image (Unix time), ns.
+    pictures: int  #: Number of images that the viewer received.
+    unreadable: int  #: Number of images with a stamp that the camera did not send.
+    missed: int  #: Number of skipped frames.
+    disordered: int  #: Number of images that were not newer than the image before.
+    broken: int  #: Number of messages that could not be decoded.
+    replay_packets: int  #: Number of packets that the GOP caches sent for this subscription.
 
 
 @exp.table("sight")
 class SightRow(TableRow):
-    """A picture that the viewer held."""
+    """An image that the viewer received."""
 
-    look: int  #: Counter of the subscription.
-    number: int  #: Number of the frame, see `ShotRow`.
-    seen_ns: int  #: Time at which the viewer held it (Unix time), ns.
+    look: int  #: Number of the subscription.
+    number: int  #: Number of the frame, as in `ShotRow`.
+    seen_ns: int  #: Time at which the viewer received the image (Unix time), ns.
 
 
 @exp.table("camera")
@@ -123,14 +123,14 @@ class Group:
 
     repeat: int  #: Number of the repetition.
     phase: float  #: Time of the orders to subscribe, as a share of the GOP.
-    first: int  #: Counter of the first subscription.
+    first: int  #: Number of the first subscription.
     paths: tuple[str, ...]  #: Paths, in the order of the subscriptions.
 
 
 def groups_of(config: Config) -> list[Group]:
-    """Return all repetitions, with random phases and orders of paths.
+    """Return all repetitions, with random phases and random orders of the paths.
 
-    Each phase is drawn from another one of equal shares of the GOP (stratified sampling). The path
+    The phases are a stratified sample: the GOP is divided into equal shares, and each share has one phase. The path
     ``on_demand``, whose subscriptions take longest, is part of every second repetition.
     """
     rng = np.random.default_rng(config.seed)

@@ -1,16 +1,16 @@
-"""The live part: a camera on the edge host, routers, decoders and one viewer on both.
+"""Live part: a camera on the edge host, routers on both hosts, decoders and one viewer on the consumer host.
 
-The camera encodes each frame once and publishes it on four topics, which belong to the paths:
+The camera encodes each frame once and publishes it on four topics, which belong to these paths:
 
 standard   camera - global domain - viewer, which decodes. There is no router and no decoder.
 decoder    camera - global domain - decoder - shared memory - viewer. It has a GOP cache and a standby process.
 agent      camera - edge's domain - router - global domain - router - consumer's domain - decoder - shared
-           memory - viewer. It has a GOP cache and a standby process: sfglab's variant.
-container  As agent, but as in the paper: the decoder is loaded on demand into a running process, its component
-           container. It does not ask the GOP cache, and publishes pictures over DDS.
-on_demand  As container, but the decoder is loaded into a process that is started for it.
+           memory - viewer. It has a GOP cache and a standby process: the sfglab variant.
+container  Like agent, but as in the paper: the decoder is loaded on demand into a running process, its component
+           container. It does not use the GOP cache, and publishes images over DDS.
+on_demand  Like container, but the decoder is loaded into a process that is started for it.
 
-As in the paper the edge agent is already discovered: the viewer runs, and its nodes are in their domains.
+As in the paper, the edge agent has been discovered before: the viewer runs, and its nodes are in their domains.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ TOPICS = {
 ROUTERS = {"router": ("edge", "outward"), "router 2": ("consumer", "inward")}
 """Host of each router, and the direction of the camera's topics.
 
-In the other direction a path is always open: the GOP cache subscribes to a topic that may cross.
+In the other direction a path is always open, because the GOP cache subscribes to a topic that routers forward.
 """
 DOMAINS = {"edge": 41, "consumer": 42}
 
@@ -80,7 +80,7 @@ class Processes(StreamProcesses):
         super().__init__(config, testbed)
 
     def first_members(self) -> list[Member]:
-        """Return camera, GOP caches, routers, viewer and decoders."""
+        """Return the processes of camera, GOP caches, routers, viewer and decoders."""
         own = self._own
         places = [(own("edge"), TOPICS[path]) for path in ("agent", *PAPER_PATHS)]
         members = [self.camera((self.shared("edge"), TOPICS["standard"]), *places)]
@@ -129,7 +129,7 @@ class Processes(StreamProcesses):
             await self.stop(path)
 
     def note(self, name: str, report: Report) -> None:
-        """Take frames, replays and open paths from a report."""
+        """Process a report about frames, replays or open paths."""
         super().note(name, report)
         if report["is"] == "replayed":
             self.replayed += report["packets"]
@@ -139,7 +139,7 @@ class Processes(StreamProcesses):
             self._open_paths[name] = ways.count(direction)
 
     async def wait_for_phase(self, phase: float) -> None:
-        """Wait until a share of a GOP has passed.
+        """Wait until a share of a GOP, 0 to 1, has passed since a key frame.
 
         The camera has an absolute schedule, so the time of all key frames follows from any frame.
         """
@@ -150,10 +150,10 @@ class Processes(StreamProcesses):
         await asyncio.sleep((phase - now) % 1.0 * GOP_S)
 
     async def subscribe(self, path: str) -> Report:
-        """Let the viewer subscribe, and return its report of the first picture.
+        """Order the viewer to subscribe on a path, and return its report of the first image.
 
         Raises:
-            ProcessFailedError: It received none in time, or a process failed.
+            ProcessFailedError: The viewer received no image in time, or a process failed.
         """
         image, _ = routes_of_topic(TOPICS[path])
         topic = image.source_topic if path == "standard" else image.local_topic
@@ -162,7 +162,7 @@ class Processes(StreamProcesses):
         return first["viewer"]
 
     async def stop(self, path: str) -> Report:
-        """Let the viewer stop, wait until nothing of a path is open, and return the viewer's report."""
+        """Order the viewer to stop, wait until the routers and decoders have closed the path, and return its report."""
         seen = await self.seen(["viewer"])
         if path != "standard":
             await self.released(path)
@@ -206,7 +206,7 @@ class Processes(StreamProcesses):
 
 @exp.part("looks", total=lambda config: config.repeats)
 async def measure_groups(bench: Bench[Config]) -> None:
-    """Measure all repetitions, one after the other on the same processes."""
+    """Measure all repetitions one after the other with the same processes."""
     config = bench.config
     encoders = set()
 

@@ -1,6 +1,6 @@
-"""Ages of pictures and times to the first picture by path, claims and figure.
+"""Ages of images and times to the first image by path, claims and figure.
 
-A picture is identified by its capture stamp, which is also in the camera's own table of frames.
+The capture stamp identifies an image; the stamp is also in the camera's own table of frames.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ BAR_COLORS = {
 
 @derived
 def sights(run: Run[Config]) -> pd.DataFrame:
-    """Return the pictures of the steady state, with their age ``glass_ms``, ms."""
+    """Return the images of the steady state, with their age ``glass_ms``, ms."""
     seen = run["sight"]
     steady = seen[seen.groupby("look").cumcount() >= run.config.skipped]
     steady = steady.merge(run["look"][["look", "repeat", "path"]], on="look")
@@ -63,43 +63,43 @@ def sights(run: Run[Config]) -> pd.DataFrame:
 
 
 def look_medians(run: Run[Config]) -> pd.DataFrame:
-    """Return the median age of each subscription's pictures, ms, by repetition and path."""
+    """Return the median age of each subscription's images, ms, by repetition and path."""
     return sights(run).pivot_table("glass_ms", "repeat", "path", aggfunc="median")
 
 
 def firsts(run: Run[Config]) -> pd.DataFrame:
-    """Return the time to the first picture, ms, by repetition and path; NaN: not subscribed."""
+    """Return the time to the first image, ms, by repetition and path; NaN without a subscription."""
     table = run["look"]
     table = table.assign(first_ms=(table["first_ns"] - table["ordered_ns"]) / NS_PER_MS)
     return table.pivot_table("first_ms", "repeat", "path")
 
 
 def unmeasured(run: Run[Config]) -> list[str]:
-    """Return the names of the paths without samples; with one, claims and figure are not complete."""
+    """Return the names of the paths without samples; if there are any, claims and figure are incomplete."""
     missing = {*STEADY_PATHS}.difference(look_medians(run)) | {*NAMES}.difference(firsts(run))
     return [name for path, name in NAMES.items() if path in missing]
 
 
 def added(run: Run[Config], path: str, *, to: str = STANDARD) -> Estimate:
-    """Estimate what a path adds to another one: the median of the differences in repetitions."""
+    """Estimate the age, ms, that a path adds to that of another path: the median of the differences in repetitions."""
     medians = look_medians(run)
     return median_of((medians[path] - medians[to]).dropna().to_numpy(), unit="ms added")
 
 
 def first_mean(run: Run[Config], path: str) -> float:
-    """Return the mean time to the first picture on a path, ms."""
+    """Return the mean time to the first image on a path, ms."""
     return float(firsts(run)[path].mean())
 
 
 def loading(run: Run[Config], path: str) -> Estimate:
-    """Estimate what a path adds to the mean time of standard, within repetitions."""
+    """Estimate the time, ms, that a path adds to the mean time to the first image of standard, within repetitions."""
     times = firsts(run)
     more = (times[path] - times[STANDARD]).dropna().to_numpy()
     return bootstrap([more], lambda drawn: float(np.mean(drawn[0])), unit="ms")
 
 
 def first_ratio(run: Run[Config], path: str) -> Estimate:
-    """Estimate the ratio of a path's mean time to the first picture to that of standard.
+    """Estimate the ratio of a path's mean time to the first image to that of standard.
 
     Paths of one repetition subscribe at one phase of the GOP, so repetitions are resampled.
     """
@@ -108,7 +108,7 @@ def first_ratio(run: Run[Config], path: str) -> Estimate:
 
 
 def checks(run: Run[Config]) -> pd.DataFrame:
-    """Return sums of the viewer's counts of pictures, and the number of subscriptions, by path."""
+    """Return sums of the viewer's counts of images, and the number of subscriptions, by path."""
     by_path = run["look"].groupby("path", sort=False)
     counts = ["pictures", "unreadable", "missed", "disordered", "broken", "replay_packets"]
     return by_path[counts].sum().assign(looks=by_path.size()).reset_index()
@@ -119,7 +119,7 @@ def checks(run: Run[Config]) -> pd.DataFrame:
 
 @exp.claim("A-G2G", how=How.LIVE)
 def glass_to_glass(run: Run[Config]) -> Finding | None:
-    """Return what routers, decoder and DDS add to the age of a picture, as in the paper."""
+    """Return the age that routers, decoder and DDS add to an image, as in the paper."""
     if unmeasured(run):
         return None
     by_dds = added(run, PAPERS, to=OURS)
@@ -129,7 +129,7 @@ def glass_to_glass(run: Run[Config]) -> Finding | None:
 
 @exp.claim("A-G2G-OURS", how=How.LIVE)
 def glass_to_glass_ours(run: Run[Config]) -> Finding | None:
-    """Return what routers, decoder and shared memory add to the age of a picture."""
+    """Return the age that routers, decoder and shared memory add to an image."""
     if unmeasured(run):
         return None
     return Finding(estimate=added(run, OURS))
@@ -137,7 +137,7 @@ def glass_to_glass_ours(run: Run[Config]) -> Finding | None:
 
 @exp.claim("A-FIRST", how=How.LIVE)
 def first_picture(run: Run[Config]) -> Finding | None:
-    """Return the time to the first picture in a component container, relative to standard."""
+    """Return the time to the first image with a component container, relative to standard."""
     if unmeasured(run):
         return None
     in_paper_ms = paper("A-FIRST", FIRST_ENDS[PAPERS]) - paper("A-FIRST", FIRST_ENDS[STANDARD])
@@ -152,7 +152,7 @@ def first_picture(run: Run[Config]) -> Finding | None:
 
 @exp.claim("A-FIRST-OURS", how=How.LIVE)
 def first_picture_ours(run: Run[Config]) -> Finding | None:
-    """Return the time to the first picture with standby process and GOP replay, relative to standard."""
+    """Return the time to the first image with standby process and GOP replay, relative to standard."""
     if unmeasured(run):
         return None
     return Finding(estimate=first_ratio(run, OURS))

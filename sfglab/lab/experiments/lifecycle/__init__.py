@@ -1,8 +1,7 @@
 """Heartbeats and the life cycle of remote agents: paper A, section 4.2, Fig. 3.
 
-Status providers send heartbeats at the paper's periods. Then a discoverer is led through the
-transitions of its table by a real process, which is stopped, killed and started again, and by agents
-that do not run.
+Status providers send heartbeats at the paper's periods. Then a real process, which is stopped, killed and started
+again, and simulated agents lead a discoverer through the transitions of its table.
 """
 
 from sfglab.lab.experiments.lifecycle import live  # noqa: F401 - declares its parts

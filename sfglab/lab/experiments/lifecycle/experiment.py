@@ -63,9 +63,9 @@ class BeatRow(TableRow):
     """A heartbeat as a listener on another host received it."""
 
     listener: str  #: ``first``, or ``late`` for the one that joined in the steady state.
-    agent: str  #: Agent that sent it.
-    incarnation: int  #: Start of the agent.
-    phase: int  #: 0 start-up, 1 steady state.
+    agent: str  #: Agent that sent the heartbeat.
+    incarnation: int  #: Start time of the agent (incarnation), ns.
+    phase: int  #: Phase: 0 for the startup, 1 for the steady state.
     period_s: float  #: Announced time until the next heartbeat, s.
     sent_ns: int  #: Time of publication, ns since the epoch.
     received_ns: int  #: Time of receipt, ns since the epoch.
@@ -96,7 +96,7 @@ class AnswerRow(TableRow):
     agent: str  #: Agent that was called.
     service: str  #: Name of the service.
     answered: bool  #: Whether an answer came.
-    incarnation: int  #: Start of the agent that the answer describes.
+    incarnation: int  #: Start time of the agent (incarnation) in the answer, ns.
     took_s: float  #: Time from the call to the answer, discovery of the service included, s.
 
 
@@ -105,16 +105,16 @@ class MoveRow(TableRow):
     """A transition that a discoverer took."""
 
     agent: str  #: Remote agent.
-    before: str  #: State before.
-    given: str  #: Input.
-    after: str  #: State after.
+    before: str  #: State before the transition.
+    given: str  #: Input of the transition.
+    after: str  #: State after the transition.
     actions: str  #: Actions, joined by ``;``.
     t_ns: int  #: Time, ns since the epoch.
 
 
 @exp.table("query")
 class QueryRow(TableRow):
-    """A query that arrived at an agent that does not run."""
+    """A query that arrived at a simulated agent."""
 
     agent: str  #: Agent that was queried.
     t_ns: int  #: Time of arrival, ns since the epoch.

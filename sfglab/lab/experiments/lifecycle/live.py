@@ -1,7 +1,7 @@
-"""Live parts: heartbeats are timed, and a discoverer is led through the transitions of its table.
+"""Live parts: the times of heartbeats, and a discoverer that is led through the transitions of its table.
 
-A made-up agent follows a script. Each step waits for the transition that it causes. All scripts are
-played again with new agents if a transition is missing because a script was too slow.
+A simulated agent follows a script. Each step waits for the transition that it causes. If a transition is missing
+because a script was too slow, all scripts run again with new agents.
 """
 
 from __future__ import annotations
@@ -70,14 +70,14 @@ WALKER_PERIOD_S = 0.5  #: Period of the walker's heartbeats, s.
 ATTEMPTS = 3
 STEP_S = 60.0  #: Longest time of a step.
 CALL_S = 10.0  #: Time limit of a call of a metadata service, s.
-LONG_S = 30.0  #: Announced period of a made-up agent whose silence must not be noticed, s.
+LONG_S = 30.0  #: Announced period of a simulated agent whose silence must not be detected, s.
 _PEER = "sfglab.lab.workers.peer"
 _IDLE = "sfglab.lab.workers.idle"
 _ROUTER = "sfglab.fleet.router.node"
 
 
 class Stage(ProcessGroup):
-    """Processes whose reports go into the log."""
+    """Processes of the live run; their reports are written into the log."""
 
     def __init__(self, bench: Bench[Config]) -> None:
         super().__init__(wrap_command=bench.testbed.argv, on_report=self._take)
@@ -94,7 +94,7 @@ class Stage(ProcessGroup):
         return BusAddress(domain_id=domain_id, interface=self.bench.testbed.interface(host))
 
     def listener(self, name: str, *topics: str) -> Member:
-        """Return a listener to heartbeats and topics of discovery events, loaded until it is to listen."""
+        """Return a subscriber to heartbeats and topics of discovery events; it is loaded, and waits for `listen`."""
         types = {heartbeat_topic(): AGENT_HEARTBEAT, **dict.fromkeys(topics, DISCOVERY_EVENT)}
         config = PeerConfig(name=f"listener_{name}", address=self.address(STATION), reports=types)
         return Member(
@@ -102,14 +102,14 @@ class Stage(ProcessGroup):
         )
 
     async def listen(self, name: str) -> None:
-        """Let a listener join the domain."""
+        """Order a subscriber of `listener` to join the domain."""
         joined = await self.ask("ready", [name], timeout_s=STEP_S, do="start")
         self.bench.write(JoinRow(listener=name, t_ns=joined[name]["t_ns"]))
 
     async def until(
         self, what: str, fact: Callable[[], bool], *, timeout_s: float = STEP_S
     ) -> None:
-        """Return when a fact about the reports holds.
+        """Wait until a fact about the reports holds; `what` describes the fact in errors.
 
         Raises:
             ProcessFailedError: The fact does not hold in time.
@@ -137,7 +137,7 @@ class Stage(ProcessGroup):
         self._changed.set()
 
     def _record(self, listener: str, report: Report) -> None:
-        """Record a message of a listener; those of ``first`` go into the log as they are."""
+        """Record a message of a subscriber; messages of ``first`` are written into the log unchanged."""
         topic, cdr = report["topic"], base64.b64decode(report["cdr"])
         type_ = AGENT_HEARTBEAT if topic == heartbeat_topic() else DISCOVERY_EVENT
         times = {"log_time_ns": report["received_ns"], "publish_time_ns": report["sent_ns"]}
@@ -163,7 +163,7 @@ def status_provider(agent: str, schedule: Schedule, address: BusAddress) -> Memb
 
 @exp.part("heartbeats", total=2)
 async def time_heartbeats(bench: Bench[Config]) -> None:
-    """Let agents send heartbeats; listen from the start, and once more from the steady state on."""
+    """Start agents that send heartbeats; subscribe before the start, and again in the steady state."""
     config = bench.config
     agents = [f"robot{number + 1}" for number in range(config.agents)]
     async with Stage(bench) as stage:
@@ -181,7 +181,7 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
         await stage.start(*providers)
         bench.advance("start-up")
         await steady_beats(stage, 2)
-        # Between two heartbeats, so that the first one that a late joiner receives is an old one.
+        # The late joiner subscribes between two heartbeats, so that the first heartbeat that it receives is an old one.
         await asyncio.sleep(0.3 * config.schedule.steady_period_s)
         await stage.listen("late")
         await call_services(stage, agents)
@@ -190,7 +190,7 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
 
 
 async def steady_beats(stage: Stage, count: int) -> None:
-    """Return when each agent has sent a number of heartbeats in the steady state."""
+    """Wait until each agent has sent a number of heartbeats in the steady state."""
     schedule = stage.bench.config.schedule
     agents = stage.bench.config.agents
 
@@ -202,7 +202,7 @@ async def steady_beats(stage: Stage, count: int) -> None:
 
 
 async def call_services(stage: Stage, agents: Sequence[str]) -> None:
-    """Call the agents' metadata services, and write down the publishers of heartbeats."""
+    """Call the agents' metadata services, and write the answers and the publishers of heartbeats into the log."""
     services = [metadata_service(agent) for agent in agents]
     stage["first"].order(do="call", names=services, timeout_s=CALL_S)
     called = await stage.expect("called", ["first"], timeout_s=STEP_S)
@@ -218,7 +218,7 @@ async def call_services(stage: Stage, agents: Sequence[str]) -> None:
 
 @exp.part("transitions")
 async def lead_discoverer(bench: Bench[Config]) -> None:
-    """Lead a discoverer through its table, with a real status provider and with made-up agents."""
+    """Lead a discoverer through its table with a real status provider and with simulated agents."""
     async with Stage(bench) as stage:
         settings = DiscoverySettings(
             agent=STATION,
@@ -250,7 +250,7 @@ async def lead_discoverer(bench: Bench[Config]) -> None:
 
 
 class Agent:
-    """A remote agent, followed through its transitions; a made-up one is also told what to do."""
+    """A remote agent with the transitions that the discoverer took for it; a simulated agent also gets orders."""
 
     def __init__(self, name: str, stage: Stage) -> None:
         self.name = name  #: Name of the agent.
@@ -273,7 +273,7 @@ class Agent:
         self._read += 1
 
     def mode(self, mode: str) -> None:
-        """Set how it answers from now on."""
+        """Set the way in which the agent's service answers from now on."""
         self._stage[MADE_UP].order(do="mode", agent=self.name, mode=mode)
 
     def beat(self, given: Input = Input.HEARD, *, period_s: float = LONG_S) -> None:
@@ -295,12 +295,12 @@ class Agent:
             await self.sees(given)
 
     async def falls_silent(self) -> None:
-        """Send the last heartbeat, and wait until the agent is missed."""
+        """Send the last heartbeat, and wait until the discoverer announces the loss of the agent."""
         self.beat(period_s=MIN_PERIOD_S)
         await self.sees(Input.SILENT)
 
     async def is_announced(self, announced: Announced) -> None:
-        """Bring the agent to a row of the table: what local consumers were told about it."""
+        """Bring the agent into a row of the table: the last announcement about it to local consumers."""
         if announced is Announced.NOTHING:
             return
         await self.is_queried(Announced.NOTHING, "answer")
@@ -309,13 +309,13 @@ class Agent:
             await self.falls_silent()
 
     async def is_queried(self, announced: Announced, mode: str) -> None:
-        """Let the discoverer query the agent, which answers in a mode."""
+        """Make the discoverer query the agent, whose service answers in a mode."""
         self.mode(mode)
         await self.beats(Input.HEARD if announced is Announced.NOTHING else Input.CHANGED)
 
 
 async def whole_row(puppet: Agent, announced: Announced) -> None:
-    """Visit the three states of a row."""
+    """Script: visit the three states of a row of the table."""
     await puppet.is_queried(announced, "mute")
     await puppet.beats(Input.HEARD, Input.CHANGED, Input.RESTARTED)
     await puppet.sees(Input.FAILED)
@@ -329,26 +329,26 @@ async def whole_row(puppet: Agent, announced: Announced) -> None:
 
 
 async def same_start_answers(puppet: Agent, announced: Announced) -> None:
-    """Answer a query at once."""
+    """Script: answer a query at once."""
     await puppet.is_queried(announced, "answer")
     await puppet.sees(Input.ANSWERED)
 
 
 async def silent_when_queried(puppet: Agent, announced: Announced) -> None:
-    """Fall silent during a query."""
+    """Script: stop sending heartbeats during a query."""
     await puppet.is_queried(announced, "mute")
     await puppet.falls_silent()
 
 
 async def silent_after_failure(puppet: Agent, announced: Announced) -> None:
-    """Fall silent after an answer that came too late."""
+    """Script: stop sending heartbeats after an answer that came too late."""
     await puppet.is_queried(announced, "late")
     await puppet.sees(Input.FAILED)
     await puppet.falls_silent()
 
 
 async def comes_and_goes(puppet: Agent, _: Announced) -> None:
-    """Restart, fall silent and return, and at last stay away."""
+    """Script: restart, stop sending heartbeats and return, and at last stay away."""
     await puppet.beats(Input.HEARD, Input.RESTARTED)
     await puppet.sees(Input.ANSWERED_ANEW)
     await puppet.falls_silent()
@@ -371,7 +371,7 @@ FULL_TABLE = (State.BACKING_OFF, Input.EXPIRED)
 
 
 async def play_scripts(stage: Stage) -> None:
-    """Play all scripts at once, and again while a transition is missing."""
+    """Run all scripts at the same time, and again while a transition is missing, at most `ATTEMPTS` times."""
 
     async def play(puppet: Agent, script: Any, announced: Announced) -> None:
         await puppet.is_announced(announced)
@@ -416,7 +416,11 @@ async def walk(stage: Stage) -> None:
 
 
 async def overfill(stage: Stage) -> None:
-    """Let agents that refuse to answer come until one of them loses its place in the table."""
+    """Add agents that refuse to answer until one of them loses its place in the table.
+
+    Raises:
+        ProcessFailedError: No agent lost its place in time.
+    """
     for number in range(2 * PLACES):
         if FULL_TABLE in stage.taken:
             return

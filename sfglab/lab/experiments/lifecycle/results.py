@@ -1,6 +1,6 @@
 """Checks of heartbeats, transitions that were taken, the claims A-HEARTBEAT and A-DFA, and the figure.
 
-Everything is computed from the log, and from rules that are written apart from the discoverer's table.
+All values are computed from the log, and from rules that are written independently of the discoverer's table.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ AT_ONCE_S = 1.0
 
 @derived
 def intervals(run: Run[Config]) -> pd.DataFrame:
-    """Return the time from each heartbeat to the next, as the listener on another host received them.
+    """Return the time from each heartbeat to the next one, as a subscriber on another host received them.
 
     Returns:
         One row per heartbeat except each agent's last: ``agent``, ``phase``, the announced
@@ -108,7 +108,7 @@ def check_periods(run: Run[Config], agent: str) -> list[Check]:
 
 
 def check_receipt(run: Run[Config], agent: str) -> list[Check]:
-    """Check the order of the phases, what a late joiner receives, and the answer of the service."""
+    """Check the order of the phases, the heartbeats that a late joiner receives, and the answer of the service."""
     schedule = run.config.schedule
     beats = run["beat"].sort_values("sent_ns")
     beats = beats[beats["agent"] == agent]
@@ -170,7 +170,7 @@ def paper_heartbeats(run: Run[Config]) -> Finding | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transitions:
-    """The transitions of the table, and how often each was taken."""
+    """The transitions of the table, and the number of times that each was taken."""
 
     taken: dict[tuple[State, Input], int]  #: Number by state and input.
     #: Moves that break a rule, or do not begin in the state in which the agent was.

@@ -1,6 +1,6 @@
 """Drawing of the life cycle of a remote agent, Fig. 3 of paper A, from the discoverer's table.
 
-States form a grid: rows are what local consumers were told, columns the state of the query.
+The states form a grid: a row is the last announcement to local consumers, a column the state of the query.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def draw_run(axes: Axes, taken: Mapping[Transition, int]) -> None:
 
 
 def draw_to_press(figure: Figure) -> Parts:
-    """Draw the table, and return the artists of its parts."""
+    """Draw the transition table without counts, and return the artists of its clickable parts."""
     figure.set_layout_engine("none")  # it would draw everything twice
     return _Table(figure.add_axes((0, 0, 1, 1)), None).draw(KEY_OF_MOMENT)
 

@@ -97,22 +97,22 @@ class MocapEdgeRow(Edge):
 
 @exp.table("look")
 class LookUpRow(TableRow):
-    """One live look-up of the robot's camera in the world, in the tree of the bridge."""
+    """One live TF lookup of the robot's camera in the world, in the tree of the bridge."""
 
-    at_s: float  #: Time of the look-up, and for which it asks, since the start, s.
-    wait_ms: float  #: Time until the transforms for that time were known; NaN: they never were.
-    error_mm: float  #: Distance of the found from the true position.
-    error_mrad: float  #: Angle between the found and the true orientation.
-    latest_mm: float  #: Distance of the latest known from the true position.
+    at_s: float  #: Time of the lookup, and time stamp that is looked up, since the start, s.
+    wait_ms: float  #: Wait until the transforms for that time were known, ms; NaN: they never were.
+    error_mm: float  #: Distance between the found and the true position, mm.
+    error_mrad: float  #: Angle between the found and the true orientation, mrad.
+    latest_mm: float  #: Distance between the latest known and the true position, mm.
 
 
 @exp.table("try")
 class TryRow(TableRow):
-    """Outcomes of live look-ups of the robot's camera in the world."""
+    """Outcomes of live TF lookups of the robot's camera in the world."""
 
     way: str  #: ``direct``, ``renamed`` or ``proxy``.
     outcome: str  #: ``found``, or the name of the error.
-    count: int  #: Number of look-ups.
+    count: int  #: Number of lookups with this outcome.
 
 
 @exp.part("trees")
@@ -160,7 +160,7 @@ def members(testbed: Testbed, seed: int) -> Iterator[Member]:
 
 
 def live_rows(listener: Report) -> Iterator[Any]:
-    """Yield the rows of what the listener reports."""
+    """Yield the rows of the listener's report."""
     for look in listener["looks"]:
         yield LookUpRow(**look)
     for way, outcomes in listener["tries"].items():

@@ -1,4 +1,4 @@
-"""Checks of TF trees and of live look-ups, the claim A-VICON, and the figures."""
+"""Checks of TF trees and of live TF lookups, the claim A-VICON, and the figures."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ FORMER = "faulty"  #: Name of the live run in older logs, which have further one
 
 @derived
 def live(run: Run[Config], table: str) -> pd.DataFrame:
-    """Return a table of the live run."""
+    """Return the rows of a table that belong to the live run."""
     rows = run[table]
     return rows[rows["round"] == FORMER] if "round" in rows else rows
 
 
 @derived
 def tree_of(run: Run[Config], where: str, way: str) -> tuple[Edge, ...]:
-    """Return the edges of one tree."""
+    """Return the edges of the TF tree of one method (`way`) in Fig. 6 or in the live run (`where`)."""
     table = run["edge"].replace({"where": {FORMER: LIVE}})
     chosen = table[(table["where"] == where) & (table["way"] == way)]
     known = [field.name for field in fields(Edge) if field.name in chosen]
@@ -68,7 +68,7 @@ def tree_of(run: Run[Config], where: str, way: str) -> tuple[Edge, ...]:
 
 
 def findings_of(run: Run[Config], where: str, way: str) -> tuple[FrameFinding, ...]:
-    """Return the errors of one tree."""
+    """Return the errors of the TF tree of one method (`way`) in Fig. 6 or in the live run (`where`)."""
     return lint_frames(tree_of(run, where, way), agents=[AGENT], root=WORLD)
 
 
@@ -83,7 +83,7 @@ def checks(run: Run[Config]) -> pd.DataFrame:
 
 
 def check_table(run: Run[Config]) -> pd.DataFrame:
-    """Return the checks of a run for readers."""
+    """Return the table of a run's checks, as the notebook shows it."""
     return shown_checks(checks(run)[["check", "how", "checked", "held"]], STATEMENTS)
 
 

@@ -1,6 +1,6 @@
 """Planning: paper A, section 4.5, Fig. 7.
 
-Facts of trajectories, edits and scene files are tried on random cases, and the agents of a scene carry out
+The experiment tries facts about trajectories, edits and scene files on random cases. The agents of a scene execute
 their trajectories as goals of an action.
 """
 

@@ -1,6 +1,6 @@
-"""The scene editor in a cell: its page where a kernel runs, else a picture of the scene with a sentence.
+"""The scene editor in a cell of a notebook: its page while a kernel runs, otherwise an image of the scene.
 
-What is edited is a copy below ``runs/``: the scenes of the repository stay as they are.
+The editor works on a copy below ``runs/``, so the scenes of the repository do not change.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class SceneCell:
     """A scene of the data folder from above, in its editor; *Save* writes a copy below ``runs/``.
 
     Raises:
-        SceneError: The file is no scene.
+        SceneError: The file is no scene file.
         MissingExtraError: The extra ``view`` is not installed.
     """
 
@@ -33,7 +33,7 @@ class SceneCell:
         project = find_project()
         file = project.runs / name
         file.parent.mkdir(parents=True, exist_ok=True)
-        #: The editor, served: its `call` edits from Python, its `close` ends it.
+        #: Server of the editor: `call` edits from Python, `close` ends the server.
         self.planner = Planner(Editor(load_scene(project.data / name), file=file))
         self.widget = widgets().HTML(self.planner._repr_html_())  #: Widget of the cell.
 

@@ -74,7 +74,7 @@ exp.table("check")(CheckRow)
 class PlanningGoalRow(TableRow):
     """A trajectory of the scene that was sent as a goal."""
 
-    case: str  #: Reason of the goal.
+    case: str  #: Kind of the goal; earlier logs have further kinds than `OWN_GOAL`.
     agent: str  #: Name of the agent.
     outcome: str  #: Outcome of the goal.
     feedbacks: int  #: Number of feedback messages.
@@ -83,7 +83,7 @@ class PlanningGoalRow(TableRow):
 
 @exp.part("facts", total=len(FACTS), timed=False)
 def try_facts(bench: Bench[Config]) -> None:
-    """Try each fact on random cases, from a generator of its own."""
+    """Try each fact on random cases; each fact has its own random generator."""
     for number, (name, problem_of) in enumerate(FACTS.items()):
         rng = np.random.default_rng([bench.config.seed, number])
         for _ in range(bench.config.cases):
@@ -132,12 +132,12 @@ async def _carried_out(planner: Node, order: Order) -> PlanningGoalRow:
 
 
 def pose_topic(agent: str) -> str:
-    """Return the topic of an agent's poses."""
+    """Return the global topic of an agent's poses."""
     return f"/global/{agent}/pose"
 
 
 def _record(bench: Bench[Config], order: Order, message: Any) -> None:
-    """Write a pose of an agent, from the scene's time 0 on, which is the log's time 0."""
+    """Write a pose of an agent, if it is not before the scene's time 0, which is the log's time 0."""
     time_ns = ns_from_stamp(message.header.stamp) - order.start_ns
     if time_ns >= 0:
         bench.log.write(pose_topic(order.agent), message, log_time_ns=time_ns)

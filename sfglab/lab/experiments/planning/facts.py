@@ -31,12 +31,12 @@ _EITHER_WAY_RAD = 3.1
 
 
 def random_pose(rng: np.random.Generator) -> Pose:
-    """Return a pose within some metres of the origin, with any orientation."""
+    """Return a random pose: each coordinate within 5 m of the origin, with any orientation."""
     return Pose.at(rng.uniform(-_REACH_M, _REACH_M, 3), rng.normal(size=4))
 
 
 def _misaligned(rng: np.random.Generator, align: Align) -> str:
-    """Align the middle one of three waypoints; return how far it is from the direction of its segment."""
+    """Align the middle one of three waypoints; return its deviation from the segment's direction; empty if none."""
     positions = rng.uniform(-_REACH_M, _REACH_M, (3, 3))
     arrives, leaves = np.diff(positions, axis=0)
     segment = arrives if align is Align.PREVIOUS else leaves
@@ -62,7 +62,10 @@ def _polyline_is_linear(rng: np.random.Generator) -> str:
 
 
 def _spline_is_the_pyramid(rng: np.random.Generator) -> str:
-    """Compare with times that grow as the knots do: the spline is then a cubic in time."""
+    """Compare the spline with Barry and Goldman's pyramid, for times that grow like the knots.
+
+    For such times the spline is a cubic in time.
+    """
     points = rng.uniform(-_REACH_M, _REACH_M, (4, 3))
     distances_m = np.linalg.norm(np.diff(points, axis=0), axis=1)
     knots = np.cumsum([0.0, *np.sqrt(distances_m)])

@@ -1,4 +1,4 @@
-"""The claim A-PLAN, and figures of the scene and of both interpolations."""
+"""Values of the claim A-PLAN, and figures of the scene and of both interpolations."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Interoperability with real ROS 2: what works, and how far our stand-ins are from it.
+"""Interoperability with rclpy on Fast DDS: tested features, and the differences of the surrogate nodes from it.
 
-The experiment has no notebook. ``make ros2`` runs its parts one by one and records them: the feature table in
-``ros2.mcap``, and the baseline of an experiment ``x``, which compares rclpy with ``x``'s stand-in, in
-``x_ros2.mcap``.
+The experiment has no notebook. ``make ros2`` runs its parts one by one and records them. The file ``ros2.mcap`` has
+the feature table. The file ``x_ros2.mcap`` has the baseline of an experiment ``x``: the comparison of rclpy nodes with
+the surrogate nodes of ``x``.
 """
 
 from sfglab.lab.experiments.ros2 import live  # noqa: F401 - declares its parts

@@ -9,20 +9,20 @@ from sfglab.lab.experiment import Experiment, Profiled
 from sfglab.lab.ros2 import TESTED
 
 REAL, STAND_IN = "standard ROS 2", "stand-in"
-"""Kinds of a baseline: nodes of rclpy, and the nodes of sfglab that stand for them."""
+"""Kinds of nodes in a baseline: nodes of rclpy, and the surrogate nodes of sfglab."""
 TABLE = "ros2"
 """Table of the baselines."""
 BASELINES = ("discovery", "decode_once", "latency")
-"""Baselines, by the experiment that has the stand-in."""
+"""Baselines, by the experiment that has the surrogate nodes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raw:
-    """Measurements of subscribers of raw images."""
+    """Numbers and durations of the measurements with subscribers of raw images."""
 
     counts: tuple[int, ...] = (1,)  #: Numbers of subscribers.
     repeats: int  #: Number of repetitions.
-    look_s: float  #: Duration of a measurement, s.
+    look_s: float  #: Duration of one measurement, s.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,15 +99,15 @@ class FeatureRow(TableRow):
     test: str  #: Name of the test.
     outcome: str  #: ``passed``, ``failed`` or ``skipped``.
     condition: str = ""  #: Condition under which the feature works.
-    cannot: str = ""  #: Reason why it cannot work; the test shows that it does not.
+    cannot: str = ""  #: Reason why the feature cannot work; the test shows that it does not.
     duration_s: float = 0.0  #: Duration of the test, s.
 
 
 @exp.table(TABLE)
 class BesideRow(TableRow):
-    """One value of real ROS 2 or of its stand-in; earlier logs have further kinds."""
+    """One value of rclpy or of its surrogate nodes; earlier logs have further kinds."""
 
-    setting: str  #: Setting of the measurement, the same for all kinds.
+    setting: str  #: Setting of the measurement, the same for all kinds of nodes.
     quantity: str  #: Quantity with its unit.
     kind: str  #: `REAL` or `STAND_IN`.
     repeat: int  #: Number of the repetition.

@@ -1,4 +1,4 @@
-"""Parts: the tests in ``tests/ros2``, and nodes of rclpy beside those of sfglab that stand for them.
+"""Parts: the tests in ``tests/ros2``, and nodes of rclpy in comparison with the surrogate nodes of sfglab.
 
 Fleets of agents start as in the experiment on discovery. A camera of rclpy on the edge host sends raw images, and
 subscribers on the consumer host read every pixel.
@@ -119,10 +119,10 @@ def separate_hosts(bench: Bench[Config], *names: str) -> Testbed:
 
 
 def peer_on(host: str, name: str, *arguments: str) -> RosMember:
-    """Return a node of rclpy, of the first distribution that is installed.
+    """Return a process with a node of rclpy on a host, of the first installed distribution.
 
     Raises:
-        RosMissingError: There is none.
+        RosMissingError: No distribution is installed.
     """
     return RosMember(name=name, host=host, config=arguments)
 
@@ -216,14 +216,14 @@ def steps(raw: Raw) -> int:
 
 @exp.part("decode_once", total=lambda config: steps(config.decode_once))
 async def measure_decode_once(bench: Bench[Config]) -> None:
-    """Measure CPU and received pictures by number of subscribers."""
+    """Measure CPU load and received images by number of subscribers."""
     quantities = ("CPU of a subscriber (% of a core)", "pictures received (%)")
     await measure_raw(bench, bench.config.decode_once, quantities)
 
 
 @exp.part("latency", total=lambda config: steps(config.latency))
 async def measure_latency(bench: Bench[Config]) -> None:
-    """Measure the age of pictures and the time to the first one."""
+    """Measure the age of images and the time to the first image."""
     quantities = ("capture to picture in hand (ms)", "first picture (ms)", "pictures received (%)")
     await measure_raw(bench, bench.config.latency, quantities)
 
@@ -251,11 +251,11 @@ def cells_of(config: Config) -> list[Cell]:
 
 @exp.part("discovery", total=lambda config: len(cells_of(config)))
 async def measure_discovery(bench: Bench[Config]) -> None:
-    """Measure how long agents need to know each other, and what they receive until then."""
+    """Measure the discovery time of agents, and the bytes that they receive until then."""
     config = bench.config
     cells = cells_of(config)
     testbed = separate_hosts(bench, *host_names(max(cell.agents for cell in cells)))
-    distribution()  # so that a missing ROS 2 is noticed at once
+    distribution()  # raises at once if ROS 2 is missing
     for cell in cells:
         kind = RosFleet if cell.mode == REAL else LiveFleet
         standard = replace(cell, mode=STANDARD)

@@ -1,4 +1,4 @@
-"""The feature table, and the baselines of real ROS 2 beside their stand-ins."""
+"""The feature table, and the baselines of rclpy in comparison with the surrogate nodes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ELSEWHERE = (
 
 
 def verdict(rows: pd.DataFrame) -> str:
-    """Return what the tests of a feature with one distribution say together."""
+    """Return the common result of all tests of a feature with one distribution, in words."""
     if rows.empty or (rows["outcome"] == "skipped").all():
         return UNTESTED
     if (rows["outcome"] == "failed").any():
@@ -53,7 +53,7 @@ def compatibility(tests: pd.DataFrame) -> pd.DataFrame:
 
 
 def feature_table(tests: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Return the table of outcomes, those of the committed log if None, and what no test covers."""
+    """Return the table of outcomes, with a row for what no test covers; without `tests`, that of the committed log."""
     if tests is None:
         tests = exp.load(find_project().reference_logs / "ros2.mcap")["test"]
     untested = pd.DataFrame({"feature": ELSEWHERE} | dict.fromkeys(TESTED, UNTESTED))
@@ -64,13 +64,13 @@ def feature_table(tests: pd.DataFrame | None = None) -> pd.DataFrame:
 
 
 def baseline(name: str) -> pd.DataFrame:
-    """Return the rows of a baseline from its committed log, which is also that of an earlier version."""
+    """Return the rows of a baseline from its committed log, which an earlier version may have recorded."""
     with LogReader(find_project().reference_logs / f"{name}_{TABLE}.mcap") as reader:
         return reader.table(TABLE)
 
 
 def compared(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return medians of real ROS 2 and of its stand-in, and their ratio, by quantity and setting."""
+    """Return the medians of rclpy and of its surrogate nodes, and their ratio, by quantity and setting."""
     by = ["quantity", "setting"]
     medians = rows.groupby([*by, "kind", "repeat"], sort=False)["value"].median().reset_index()
     pairs = medians[medians["kind"].isin([REAL, STAND_IN])]

@@ -1,7 +1,8 @@
 """Traffic routing by the naming schema: paper A, section 4.1, Eq. 1 and Table 1.
 
-Agents behind routers and two parties in the global domain use the same names: those of Table 1, local ones and
-near misses. The log holds who heard what of whom; beside that the policy is checked exactly.
+Agents behind routers and two parties in the global domain use the same names: those of Table 1, local names and
+near misses. The log has the number of messages that each party received from each other party, by name. The policy is
+also checked by computation.
 """
 
 from sfglab.lab.experiments.routing import live

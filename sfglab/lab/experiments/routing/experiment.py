@@ -1,6 +1,6 @@
 """Configuration, tables and the policy's checks of routing.
 
-Every party publishes and subscribes all names: a router that asked only who wants them would let all cross.
+Every party publishes and subscribes to all names, so that a router that only checks the demand would forward all.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ OTHERS = ("ground_1", "ground_2")  #: Parties in the global domain.
 
 
 def domains_of(agents: int) -> dict[str, int]:
-    """Return the domains of all parties: agents have their own, the others are in the global one."""
+    """Return the DDS domain of each party: agents have their own domains, the others are in the global domain."""
     own = {f"agent_{number}": number for number in range(1, agents + 1)}
     return own | dict.fromkeys(OTHERS, GLOBAL_DOMAIN)
 
@@ -78,8 +78,8 @@ exp.table("policy")(CheckRow)
 class PartyRow(TableRow):
     """A process that uses every topic and service, in both roles."""
 
-    party: str  #: Its name, which is also that of its host.
-    domain: int  #: Its DDS domain; 0 is the global one.
+    party: str  #: Name of the party and of its host.
+    domain: int  #: DDS domain of the party; 0 is the global domain.
 
 
 @exp.table("heard")
@@ -89,18 +89,19 @@ class HeardRow(TableRow):
     name: str  #: ROS name.
     source: str  #: Party that publishes.
     hearer: str  #: Party that subscribes.
-    sent: int  #: Messages that the source published.
-    received: int  #: Messages that arrived.
+    sent: int  #: Number of messages that the source published.
+    received: int  #: Number of messages that arrived.
 
 
 @exp.table("endpoint")
 class EndpointRow(TableRow):
     """An endpoint that a party in the global domain discovered there, and that no party there owns."""
 
-    seen_by: str  #: The party that discovered it.
-    dds_topic: str  #: Its DDS topic.
+    seen_by: str  #: Party that discovered the endpoint.
+    dds_topic: str  #: DDS topic of the endpoint.
     kind: str  #: ``publisher`` or ``subscription``.
-    router: str  #: Pair of domains that its router serves; empty if it belongs to no router.
+    #: Pair of domains of the endpoint's router; empty if the endpoint belongs to no router.
+    router: str
 
 
 @exp.table("call")
@@ -110,12 +111,12 @@ class CallRow(TableRow):
     name: str  #: ROS name.
     caller: str  #: Party that calls.
     server: str  #: Party that serves.
-    answered: bool  #: Whether an answer of that server came.
+    answered: bool  #: Whether a response of that server arrived.
 
 
 @exp.part("policy", timed=False)
 def check_policy(bench: Bench[Config]) -> None:
-    """Check the policy by itself."""
+    """Check the routing policy alone, without routers."""
     bench.write_all("policy", policy_checks.rows(bench.config.random_names, bench.config.seed))
 
 

@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 
 STRING = "std_msgs/msg/String"
 DEEP = "/global/deeper/than/the/schema/goes/x"
-"""Crosses by ``rt/global/*``, whose ``*`` stands for slashes too."""
+"""Topic that the rule ``rt/global/*`` forwards, because ``*`` also stands for slashes."""
 ANSWER_S = 90.0  #: Longest time until a report comes.
 PATIENCE_S = 15.0  #: Longest wait for messages that may cross, s.
-POLL_S = 0.5  #: Time between two looks at what was heard.
+POLL_S = 0.5  #: Time between two checks of the received messages, s.
 _ROUTER = "sfglab.fleet.router.node"
 _PEER = "sfglab.lab.workers.peer"
 
@@ -52,7 +52,7 @@ class Topic:
     name: str  #: ROS name.
     publishers: Sequence[str]  #: Parties that publish it.
     type: str = STRING  #: ROS type.
-    latched: bool = False  #: Published once, transient local.
+    latched: bool = False  #: Whether one message is published, with TRANSIENT_LOCAL durability.
 
 
 def topics(parties: Sequence[str]) -> Iterator[Topic]:
@@ -66,7 +66,7 @@ def topics(parties: Sequence[str]) -> Iterator[Topic]:
 
 
 def service_names(party: str) -> tuple[str, str, str]:
-    """Return the services that a party serves: one that crosses, a local one, and a near miss."""
+    """Return the services of a party: one that routers forward, a local one, and a near miss of the former."""
     crossing = name_of(Scope.GLOBAL, party, Resource.GET_METADATA)
     local = name_of(Scope.LOCAL, party, Resource.GET_METADATA)
     return crossing, local, f"/globally/{party}/{Resource.GET_METADATA.value}"
@@ -122,15 +122,16 @@ class Fleet(ProcessGroup):
                 yield topic, source, hearer
 
     async def ask_all(self, answer: str, **order: Any) -> dict[str, Report]:
-        """Give all parties the same order and return their reports by party."""
+        """Send all parties the same order, and return their reports of the kind `answer` by party."""
         for party in self.domains:
             self[party].order(**order)  # an order to call has a field that is called names
         return await self.expect(answer, self.domains, timeout_s=ANSWER_S)
 
     async def talk(self, seconds: float) -> dict[str, int]:
-        """Let all publish, and return the number of messages that each has sent per topic.
+        """Let all parties publish, and return the number of messages that each has sent per topic.
 
-        All go on beyond the seconds, within a limit, until each message that may cross was heard.
+        After `seconds`, the parties continue within a limit until messages have arrived on all topics that routers
+        forward.
         """
         self.order(self.domains, do="talk")
         await asyncio.sleep(seconds)
@@ -149,7 +150,7 @@ class Fleet(ProcessGroup):
 
 
 def messages_heard(told: dict[str, Report]) -> dict[tuple[str, str, str], int]:
-    """Return how many messages parties report to have heard, by hearer, ROS name and source."""
+    """Return the number of messages that the parties report, by receiver, ROS name and source."""
     found = {}
     for hearer, report in told.items():
         for entry in report["heard"]:
@@ -159,7 +160,7 @@ def messages_heard(told: dict[str, Report]) -> dict[tuple[str, str, str], int]:
 
 @exp.part("fleet", total=3)
 async def observe(bench: Bench[Config]) -> None:
-    """Let all parties publish, subscribe, call services, and report what they heard."""
+    """Let all parties publish, subscribe and call services, and write the received messages into the log."""
     config = bench.config
     async with Fleet(config, bench.testbed) as fleet:
         for party, domain in fleet.domains.items():

@@ -95,9 +95,9 @@ _EXAMPLES = {str(way): f"rule for the {way.value} direction only" for way in Dir
 def passages(run: Run[Config]) -> pd.DataFrame:
     """Return one row per DDS topic, source and hearer.
 
-    A call is a request from the caller to the server, and a reply back. ``call`` says whether the row is of
-    a call, ``owner`` is the party whose name is in that of a service, otherwise the source. ``allowed``
-    says whether Table 1 names the DDS topic, and ``across`` whether the domains of both parties differ.
+    A call is a request from the caller to the server, and a reply back. The column ``call`` tells whether the row
+    belongs to a call. The column ``owner`` has the party in the name of a service, otherwise the source. The column
+    ``allowed`` tells whether Table 1 names the DDS topic, and ``across`` whether the domains of both parties differ.
     """
     heard = run["heard"]
     heard = heard.assign(dds_topic=heard["name"].map(dds_topic), owner=heard["source"], call="")
@@ -127,7 +127,7 @@ def passages(run: Run[Config]) -> pd.DataFrame:
 
 @derived
 def checks(run: Run[Config]) -> pd.DataFrame:
-    """Return every kind of check: how it was made, and what `CheckRow` says of it."""
+    """Return all checks: ``how``, exact or live, and the fields of `CheckRow`."""
     live = pd.DataFrame([{"how": How.LIVE.value, **asdict(row)} for row in _live(run)])
     exact = run["policy"].assign(how=How.EXACT.value)
     columns = ["check", "how", "checked", "held", "example"]
@@ -169,7 +169,7 @@ def _check(name: str, rows: pd.DataFrame, holds: pd.Series[bool]) -> CheckRow:
 
 
 def _rules_check(run: Run[Config]) -> CheckRow:
-    """Check that every row of Table 1 was seen to be open at every agent, both ways."""
+    """Check that at every agent messages of every row of Table 1 passed in both directions."""
     crossed = passages(run)
     crossed = crossed[crossed["across"] & (crossed["received"] > 0)]
     parties = run["party"]
@@ -193,7 +193,7 @@ def share_that_holds(run: Run[Config]) -> Finding:
 
 @derived
 def reached(run: Run[Config], source: str) -> pd.DataFrame:
-    """Return what the messages, requests and replies of one party reached.
+    """Return the domains that the messages, requests and replies of one party reached.
 
     Returns:
         One row per DDS topic and domain: ``name`` with ``<agent>`` for the party, ``domain``, and
@@ -242,7 +242,7 @@ def draw_border(figure: Figure, run: Run[Config]) -> None:
 
 
 def _order(name: str) -> tuple[bool, int, str]:
-    """Order names by the row of Table 1 that they fall under, those of none last."""
+    """Return a key that sorts names by their row of Table 1; names without a row come last."""
     rows = [i for i, rule in enumerate(TABLE_1) if rule.matches(name)]
     return not rows, rows[0] if rows else 0, name
 

@@ -39,7 +39,8 @@ class Config(Profiled):
 
     #: Numbers of hardware subscribers for the simulated hardware.
     rtl_subscribers: tuple[int, ...] = SUBSCRIBERS
-    live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes between processes, multiples of 8.
+    #: Message sizes between processes, bytes, multiples of 8.
+    live_bytes: tuple[int, ...] = MESSAGE_BYTES
     #: Numbers of subscribing processes on the hardware side.
     live_subscribers: tuple[int, ...] = SUBSCRIBERS
     live_rounds: int = 40  #: Number of live repetitions; 0 for a run without the live part.
@@ -105,7 +106,7 @@ class TransferRow(TableRow):
     #: hardware.
     model: str
     panel: str  #: Sides of publisher and subscriber.
-    message_bytes: int  #: Size of the message.
+    message_bytes: int  #: Size of the message, bytes.
     subscribers: int  #: Number of hardware subscribers.
     smt_s: float  #: Transfer time over a software-mapped topic, s.
     gateway_s: float  #: Transfer time through a gateway, s.
@@ -128,7 +129,7 @@ class CrossingRow(TableRow):
     repeat: int  #: Number of the repetition.
     publisher: str  #: Side of the publisher: ``software`` or ``hardware``.
     transport: str  #: Path of the message: ``smt`` or ``gateway``.
-    message_bytes: int  #: Size of the message.
+    message_bytes: int  #: Size of the message, bytes.
     subscribers: int  #: Number of subscribing processes on the hardware side.
     #: Time from the publication until the last subscriber on the hardware side has read the message, ns.
     hardware_ns: int

@@ -45,12 +45,12 @@ class Cell:
     """A `Cell` is one bar of Fig. 6 and 7, measured over both transports."""
 
     publisher: str  #: Side of the publisher: ``software`` or ``hardware``.
-    message_bytes: int  #: Size of the message.
+    message_bytes: int  #: Size of the message, bytes.
     subscribers: int  #: Number of subscribing processes on the hardware side.
 
 
 def cells_of(config: Config) -> list[Cell]:
-    """Return all cells of a configuration."""
+    """Return the cells of a configuration: each side, number of subscribers and message size."""
     bars = product(("hardware", "software"), config.live_subscribers, config.live_bytes)
     return [
         Cell(publisher=side, message_bytes=size, subscribers=count) for side, count, size in bars
@@ -64,7 +64,7 @@ class Crossing(ProcessGroup):
 
     Args:
         readers: Largest number of subscribers on the hardware side.
-        largest_bytes: Size of the largest message.
+        largest_bytes: Size of the largest message, bytes.
         seed: Seed of the contents.
     """
 

@@ -42,7 +42,10 @@ _MS_PER_NS = 1e-6
 
 @derived
 def bars(run: Run[Config], model: str = MODEL) -> pd.DataFrame:
-    """Return the bars of the memory model, or of simulated hardware, with the gateway's speed-up."""
+    """Return the bars of the memory model, or of simulated hardware, with three more columns.
+
+    ``ratio`` is the gateway's speed-up; ``smt_ms`` and ``gateway_ms`` are the times, ms.
+    """
     table = run["bar"]
     chosen = table[table["model"] == model]
     return chosen.assign(

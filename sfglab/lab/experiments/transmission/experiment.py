@@ -32,14 +32,14 @@ class Config(Profiled):
 
     seeds: int = 6  #: Number of seeds of each cell.
     duration_s: float = 60.0  #: Duration of a simulated cell, seconds.
-    rates_hz: tuple[Rate, ...] = RATES_HZ  #: Values of Rmax.
+    rates_hz: tuple[Rate, ...] = RATES_HZ  #: Values of Rmax, Hz.
     depths: tuple[Depth, ...] = DEPTHS  #: Values of DEPTH in addition to the depth of Eq. 6.
     methods: tuple[MethodName, ...] = get_args(MethodName)  #: Names of methods.
     loss: float = between(Medium().loss, 0.0, 0.3)  #: Share of frames that the channel loses.
     #: DDS implementation whose timing the model has; the paper used Fast DDS.
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"
     live_s: float = 8.0  #: Duration of a live cell, seconds; 0: no live cells.
-    live_rates_hz: tuple[int, ...] = (100, 200)  #: Values of Rmax of live cells.
+    live_rates_hz: tuple[int, ...] = (100, 200)  #: Values of Rmax of live cells, Hz.
     #: Values of DEPTH of live cells; optimised methods also have the depth of Eq. 6.
     live_depths: tuple[str, ...] = ("1", "10", "1000")
     live_methods: tuple[MethodName, ...] = ("none", "OPT+LC")  #: Methods of live cells.
@@ -93,7 +93,7 @@ exp = Experiment(
 def cell_of(
     config: Config, rate_max_hz: int, depth: str, method: str, duration_s: float
 ) -> GridCell:
-    """Return a cell over the channel of a run."""
+    """Return a cell of the grid with the frame loss and vendor of the configuration."""
     return GridCell(
         rate_max_hz=rate_max_hz,
         depth=depth,
@@ -124,11 +124,11 @@ class TransmissionRow(TableRow):
     depth: str  #: DEPTH as in the grid.
     method: str  #: Name of the method.
     seed: int  #: Seed of the run.
-    rate_hz: float  #: Publishing rate of each topic.
+    rate_hz: float  #: Publishing rate of each topic, Hz.
     history_depth: int  #: Depth of each history, samples.
     published: int  #: Number of "Hello"s that were published.
     arrived: int  #: Number of "Hello"s that reached the actuation node.
-    #: Median time from publication to actuation of the "Hello"s that arrived; NaN if none arrived.
+    #: Median time from publication to actuation of the "Hello"s that arrived, ms; NaN if none arrived.
     latency_p50_ms: float
     data: int  #: Number of DATA frames, retransmissions included.
     heartbeats: int  #: Number of HEARTBEAT frames.

@@ -95,14 +95,14 @@ class LiveRow(TableRow):
     duration_s: float  #: Duration of the cell, seconds.
     loss_live: float  #: Share of the samples that never arrived.
     loss_model: float  #: Share of the samples that never arrived in the model, median over seeds.
-    p50_live_ms: float  #: Median latency of the samples that arrived.
-    #: Median latency of the samples that arrived in the model, median over seeds.
+    p50_live_ms: float  #: Median latency of the samples that arrived, ms.
+    #: Median latency of the samples that arrived in the model, median over seeds, ms.
     p50_model_ms: float
     kept_up: bool  #: Whether relay and processes kept their schedules.
 
 
 def live_cells(config: Config) -> list[GridCell]:
-    """Return the cells that run live."""
+    """Return the grid's cells that also run live between hosts; empty if `live_s` is 0."""
     if not config.live_s:
         return []
     cells = []
@@ -155,7 +155,7 @@ class Cell:
     kind: str  #: ``saturated``, ``lossy`` or ``calm``; or `GRID`.
     rate_hz: float  #: Publishing rate, Hz; Rmax for a cell of the grid.
     depth: int  #: Depth of the writer's history, samples.
-    size_bytes: int = 0  #: Size of a sample in CDR.
+    size_bytes: int = 0  #: Size of a sample in CDR, bytes.
     loss: float = Medium().loss  #: Share of frames that the channel loses.
     overhead_us: int = 0  #: Airtime of a frame in addition to its bits, microseconds.
     queue_frames: int = 0  #: Number of frames that a host's queue holds.
@@ -202,8 +202,8 @@ class ValidationRow(Cell):
     repeat: int  #: Number of the repetition.
     loss_live: float  #: Share of the samples that never arrived.
     loss_model: float  #: Share of the samples that never arrived in the model, median over seeds.
-    p50_live_ms: float  #: Median latency of the samples that arrived.
-    #: Median latency of the samples that arrived in the model, median over seeds.
+    p50_live_ms: float  #: Median latency of the samples that arrived, ms.
+    #: Median latency of the samples that arrived in the model, median over seeds, ms.
     p50_model_ms: float
     kept_up: bool  #: Whether relay and processes kept their schedules.
 

@@ -306,7 +306,7 @@ def _place(depth: str) -> int:
 
 
 def codes(run: Run[Config]) -> str:
-    """Return the note of the grid's figures."""
+    """Return the note below the grid's figures, which explains conditions and abbreviations."""
     seeds = run["cell"]["seed"].nunique()
     return (
         f"simulated, {100 * run.config.loss:g} % frame loss, {PRESETS[run.config.vendor].name}; medians over "
@@ -503,7 +503,7 @@ def draw_validation(figure: Figure, run: Run[Config]) -> None:
 
 
 def draw_band(axes: Axes, equal: Floats, low: Floats, high: Floats) -> None:
-    """Draw the line of equal values and the range of values that agree."""
+    """Draw the line of equal values and the band of values that agree; all arrays have shape (n,)."""
     axes.plot(equal, equal, color="black", linewidth=0.8)
     axes.fill_between(equal, low, high, color="black", alpha=0.1)
 
@@ -560,7 +560,7 @@ def hello_over_depth(
 
 
 def _picture(simulated: list[GridCell], rows: list[dict[str, Any]]) -> pictures.Picture:
-    """Return the picture of simulated cells: a line over DEPTH for each method."""
+    """Return the plot of simulated cells: a line over DEPTH for each method."""
     table = pd.DataFrame(rows).assign(method=[LABELS[cell.method] for cell in simulated])
     table["loss"] = 100 * (1 - table["arrived"] / table["published"])
     table["utilisation"] = 100 * table["air_share"]

@@ -1,7 +1,7 @@
 """The bridge to the Rerun viewer: paper A, section 4.5.
 
-Facts about visualizers, from plug-ins to the points of a synchronised pair, and the delay that the bridge adds to
-a picture, beside Rerun's own call.
+The experiment checks facts about visualizers, from plug-ins to the points of a synchronised pair of messages. It also
+measures the delay that the bridge adds to an image, relative to a direct call of Rerun.
 """
 
 from sfglab.lab.experiments.visualisation.experiment import exp

@@ -30,8 +30,8 @@ from sfglab.view.rerunning import rerun
 if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
 
-PICTURE = "picture.jpg"  #: Attachment: the first picture.
-CLOUD = "cloud.npz"  #: Attachment: its points.
+PICTURE = "picture.jpg"  #: Name of the attachment with the first image.
+CLOUD = "cloud.npz"  #: Name of the attachment with the points of the first image.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,16 +74,16 @@ exp.table("cloud")(VisualisationCloudRow)
 
 @exp.table("time")
 class VisualisationTimeRow(TableRow):
-    """How long one picture took."""
+    """Time that one image took."""
 
     #: ``bridge``: from its arrival on the bus until the sink has it. ``bare``: from the call of Rerun.
     arm: str
-    taken_ms: float  #: Time until the sink had it, ms.
+    taken_ms: float  #: Time until the sink had received the image, ms.
 
 
 @exp.part("points")
 def show_points(bench: Bench[Config]) -> None:
-    """Show depth as points, and keep the first picture and its points for the figure."""
+    """Show depth images as points, and attach the first image and its points to the log for the figure."""
     rerun()
     moments = list(scene_moments(bench.config.clouds, bench.config.seed))
     shown = shown_points(moments)
@@ -108,7 +108,7 @@ def show_plugin(bench: Bench[Config]) -> None:
 
 @exp.part("while it runs", total=2)
 async def watch_bridge(bench: Bench[Config]) -> None:
-    """Change a display while a camera sends, and time pictures on their way to a sink."""
+    """Change a display while a camera publishes, and measure the time of images to a sink."""
     port = free_port()
     (domain_id,) = bench.stack.enter_context(held_domains())
     async with ProcessGroup([camera_and_sink(domain_id, port)]):

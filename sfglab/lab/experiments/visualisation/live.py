@@ -1,8 +1,8 @@
-"""The bridge while a camera sends: displays that change, and the time until a sink has a picture.
+"""The bridge while a camera publishes: changes of displays, and the time until a sink has received an image.
 
-The camera sends pictures of 640 x 360 (691 kB) 30 times a second over DDS. The sink is a server in the camera's
-process, not in the bridge's, as a viewer is; it has a picture when a flush after it returns. The baseline is
-Rerun's own call to the same sink.
+The camera publishes images of 640 x 360 (691 kB) at 30 Hz over DDS. The sink is a server in the camera's
+process, because a viewer is also outside of the bridge's process. The sink has received an image when a flush after
+the image returns. The baseline is a direct call of Rerun with the same sink.
 """
 
 from __future__ import annotations
@@ -36,34 +36,34 @@ _READY_S = 15.0
 
 
 def camera_and_sink(domain_id: int, port: int) -> Member:
-    """Return the process that publishes pictures in a domain, and receives at a port what is drawn of them."""
+    """Return the process that publishes images in a domain, and is the sink of the drawn images at a port."""
     config = PictureFlowConfig(domain_id=domain_id, port=port)
     return Member(name="camera", module="sfglab.lab.workers.picture_flow", config=config)
 
 
 class MemoryCanvas:
-    """A canvas that keeps what is drawn on it."""
+    """A canvas that stores the drawn archetypes."""
 
     def __init__(self) -> None:
         self.drawn: list[tuple[int, Any]] = []  #: Time stamp (ns) and archetype.
         self._stamp_ns = 0
 
     def at(self, *, stamp_ns: int, received_ns: int) -> None:  # noqa: ARG002 - a canvas's signature
-        """Set the time."""
+        """Set the time of everything drawn next."""
         self._stamp_ns = stamp_ns
 
     def log(self, entity: str, *what: Any, static: bool = False) -> None:  # noqa: ARG002 - likewise
-        """Keep it."""
+        """Store the archetypes with their time."""
         self.drawn += [(self._stamp_ns, each) for each in what]
 
     def place(self, entity: str, frame: str) -> None:
-        """Nothing is placed."""
+        """Do nothing, because no coordinate frame is needed."""
 
     def settle(self, size_bytes: int) -> None:
-        """Nothing is on its way."""
+        """Do nothing, because no data is in flight."""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing, because nothing is open."""
 
 
 async def _until(holds: Callable[[], bool]) -> bool:
@@ -75,12 +75,12 @@ async def _until(holds: Callable[[], bool]) -> bool:
 
 
 async def try_changes(domain_id: int) -> dict[str, dict[str, bool]]:
-    """Return what holds of a display that changes while the camera sends, by fact."""
+    """Change a display while the camera publishes, and return whether each fact holds, by part and fact."""
     session = Session()
     canvas = MemoryCanvas()
 
     async def is_drawn(opacity: float) -> bool:
-        """Wait for a new picture with this opacity."""
+        """Wait for a new image with this opacity, and return whether it was drawn."""
         canvas.drawn.clear()
         return await _until(lambda: opacity in map(_opacity, canvas.drawn))
 
@@ -91,7 +91,7 @@ async def try_changes(domain_id: int) -> dict[str, dict[str, bool]]:
     ):
 
         async def is_requested(*wanted: Reliability) -> bool:
-            """Wait until the observer sees these subscriptions on the camera's topic, and no others."""
+            """Wait until the observer discovers exactly these subscriptions of the camera's topic."""
 
             def is_seen() -> bool:
                 seen = observer.graph.subscriptions(CAMERA_TOPIC)
@@ -120,12 +120,12 @@ async def try_changes(domain_id: int) -> dict[str, dict[str, bool]]:
 
 
 def _opacity(drawn: tuple[int, Any]) -> float:
-    """Return the opacity of a picture that was drawn."""
+    """Return the opacity of a drawn image."""
     return float(drawn[1].opacity.as_arrow_array()[0].as_py())
 
 
 class _TimedCanvas(RerunCanvas):
-    """A canvas that waits for the sink after each picture, and notes how long it took since its arrival."""
+    """A canvas that waits for the sink after each image, and records the time since the image's arrival."""
 
     def __init__(self, recording: Any, to: list[str]) -> None:
         super().__init__(recording, to)
@@ -144,13 +144,13 @@ class _TimedCanvas(RerunCanvas):
 async def time_pictures(
     port: int, domain_id: int, *, rounds: int, pictures: int
 ) -> dict[str, list[float]]:
-    """Return the times of pictures by arm, ms; arms take turns, so that other load on the machine affects both.
+    """Return the times of images by arm, ms; the arms alternate, so that other load on the machine affects both.
 
     Args:
         port: Port of the sink.
         domain_id: Domain of the camera.
         rounds: Number of rounds.
-        pictures: Pictures of an arm in one round.
+        pictures: Number of images of an arm in one round.
     """
     recording = new_recording("delay")
     address = f"rerun+http://127.0.0.1:{port}/proxy"
@@ -165,7 +165,7 @@ async def time_pictures(
 
 
 def _bare(recording: Any, pictures: int) -> list[float]:
-    """Return the times of Rerun's own call, ms."""
+    """Return the times of images with a direct call of Rerun, ms."""
     array = picture()
     taken_ms = []
     next_s = time.monotonic()
@@ -181,7 +181,7 @@ def _bare(recording: Any, pictures: int) -> list[float]:
 
 
 async def _through_bridge(canvas: _TimedCanvas, domain_id: int, pictures: int) -> list[float]:
-    """Return the times of pictures from the camera, ms."""
+    """Return the times of images from the camera through the bridge, ms."""
     session = Session()
     display = session.add("image", CAMERA_TOPIC)
     session.limit(display.id, None)

@@ -49,7 +49,7 @@ broken = {_NAME}:Broken
 
 
 def try_package(folder: Path) -> dict[str, bool]:
-    """Install the package into an empty folder; return what holds of its visualizers."""
+    """Install the package into an empty folder, and return whether each fact about its visualizers holds."""
     (folder / f"{_NAME}.py").write_text(_MODULE, encoding="utf-8")
     info = folder / f"{_NAME}-1.0.dist-info"
     info.mkdir()

@@ -1,4 +1,4 @@
-"""Depth, camera info and picture of one time as points: those that the view draws, and in closed form."""
+"""Points of a depth image with its camera info and colour image: as the view draws them, and in closed form."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 POINTS = "a synchronised pair back-projected as in closed form"
 TOLERANCE_M = 1e-5  #: Limit of the distance of a point from its closed form, m.
 
-START_NS = 1_700_000_000_000_000_000  #: Time of the first picture.
+START_NS = 1_700_000_000_000_000_000  #: Time of the first image, ns.
 PERIOD_NS = 100_000_000
-SIZE = (640, 360)  #: Width and height of a picture.
+SIZE = (640, 360)  #: Width and height of an image, pixels.
 CAMERA = "go2/camera_front_color"  #: Optical frame of the camera.
 
 _DEPTH = "/local/go2/camera_front/aligned_depth"
@@ -46,34 +46,35 @@ NO_POINTS: Points = (np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """A picture and its depth at one time."""
+    """A colour image and a depth image of one time."""
 
-    number: int  #: Counter from 0.
-    rgb: NDArray[np.uint8]  #: Picture, shape (H, W, 3).
-    depth_mm: NDArray[np.uint16]  #: Depth registered to it, shape (H, W); 0 where unknown.
+    number: int  #: Number of the moment, from 0.
+    rgb: NDArray[np.uint8]  #: Colour image, shape (H, W, 3), RGB.
+    #: Depth registered to the colour image, shape (H, W), mm; 0 where unknown.
+    depth_mm: NDArray[np.uint16]
 
     @property
     def stamp_ns(self) -> int:
-        """Time of the capture."""
+        """Time of the capture, ns."""
         return START_NS + self.number * PERIOD_NS
 
     def header(self, frame: str) -> Any:
-        """Return a header of this moment."""
+        """Return a message header with the time of this moment and a frame."""
         return header_msg(frame, self.stamp_ns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisualisationCloudRow(TableRow):
-    """The points of one depth image, beside their closed form."""
+    """The drawn points of one depth image, compared with their closed form."""
 
-    points: int  #: Number of points that are drawn.
+    points: int  #: Number of drawn points.
     #: Largest distance between a point and its closed form, m; infinite if points are missing or have other
     #: colours.
     largest_error_m: float
 
 
 def scene_moments(count: int, seed: int) -> Iterator[Moment]:
-    """Yield pictures with measured depth of a camera that wanders over a scene (scikit-image's stereo pair)."""
+    """Yield images with depth of a camera that moves over a scene (scikit-image's stereo pair)."""
     with closing(open_source("stereo", width=SIZE[0], height=SIZE[1], seed=seed)) as source:
         for number in range(count):
             frame = source.frame()
@@ -92,7 +93,7 @@ def camera_info(header: Any, size: tuple[int, int]) -> Any:
 
 
 def shown_points(moments: Sequence[Moment]) -> dict[int, Points]:
-    """Show depth, camera info and picture of one stamp as points; return them by their stamp."""
+    """Show the depth images as points, and return the drawn points by stamp, ns."""
     session = Session()
     canvas = MemoryCanvas()
     topics = {"depth": f"{_DEPTH}/image_raw", "info": f"{_DEPTH}/camera_info", "color": _PICTURE}
@@ -124,9 +125,9 @@ def back_projected(moment: Moment, info: Any, *, step: int, max_m: float) -> Poi
     """Return the points of a depth image: depth times the inverse intrinsics times the pixel.
 
     Args:
-        moment: Depth and picture.
+        moment: Depth image and colour image of one time.
         info: Its ``CameraInfo``.
-        step: Every how many-th row and column is taken.
+        step: Step between the rows and columns that are used.
         max_m: Largest depth, m.
     """
     inverse = np.linalg.inv(np.asarray(info.k, dtype=np.float64).reshape(3, 3))

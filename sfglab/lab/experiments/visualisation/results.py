@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ADDED_MS = 5.0
-"""Bound of the delay that the bridge adds to a picture of 640 x 360, ms, at the median and at 99 % (ours)."""
+"""Largest accepted delay that the bridge adds to an image of 640 x 360, ms, at the median and at the 99th percentile.
+The paper states none."""
 JUDGED = {"median": "median", "99 %": "99th percentile"}
 """Columns of `latency_table` that are compared with the bound, and their names in texts."""
 DELAY = f"the bridge adds less than {ADDED_MS:g} ms to the median and to the 99th percentile"
@@ -41,7 +42,7 @@ FACTS = {
         "depth, camera info and picture of one time become the points of an independent back-projection",
     ),
 }
-"""The facts, each with the checks that stand for it in logs before 0.1.0; the delay is computed from its times."""
+"""The facts, each with its checks in logs before 0.1.0; the delay is computed from the times of the images."""
 STATEMENTS = {
     PLUGIN: "Visualizers of another package work, and one that fails disturbs no other.",
     DISPLAY: "A visualizer is added and removed while the bridge runs.",
@@ -54,13 +55,13 @@ STATEMENTS = {
 
 
 def taken_ms(run: Run[Config], arm: str) -> NDArray[np.float64]:
-    """Return how long the pictures of an arm took, ms."""
+    """Return the times that the images of an arm took, ms, shape (n,)."""
     times = run["time"]
     return times.loc[times["arm"] == arm, "taken_ms"].to_numpy(float)
 
 
 def latency_table(run: Run[Config]) -> pd.DataFrame:
-    """Return how long pictures took, by arm: median and percentiles, in milliseconds."""
+    """Return the times of images by arm: median and percentiles, ms."""
     table = run["time"].groupby("arm")["taken_ms"].describe(percentiles=[0.05, 0.5, 0.95, 0.99])
     names = {"count": "images", "5%": "5 %", "50%": "median", "95%": "95 %", "99%": "99 %"}
     return table[[*names]].rename(columns=names).astype({"images": int})
@@ -68,7 +69,7 @@ def latency_table(run: Run[Config]) -> pd.DataFrame:
 
 @derived
 def added_ms(run: Run[Config]) -> Estimate:
-    """Estimate what the bridge adds: its median beyond that of Rerun's own call, in the same run."""
+    """Estimate the delay that the bridge adds, ms: the difference of its median and that of a direct call of Rerun."""
     arms = [taken_ms(run, "bridge"), taken_ms(run, "bare")]
     return bootstrap(
         arms, lambda groups: float(np.median(groups[0]) - np.median(groups[1])), unit="ms"
@@ -76,14 +77,14 @@ def added_ms(run: Run[Config]) -> Estimate:
 
 
 def beyond_rerun_ms(run: Run[Config]) -> dict[str, float]:
-    """Return how much longer the bridge takes than Rerun's own call, in the columns `JUDGED`, ms."""
+    """Return how much longer the bridge takes than a direct call of Rerun, in the columns `JUDGED`, ms."""
     taken = latency_table(run).to_dict("index")
     return {name: taken["bridge"][name] - taken["bare"][name] for name in JUDGED}
 
 
 @derived
 def facts(run: Run[Config]) -> pd.DataFrame:
-    """Return the facts: those noted while it ran, and the delay of the bridge."""
+    """Return the facts: those of the live part, and the delay of the bridge."""
     within = {}
     for name, ms in beyond_rerun_ms(run).items():
         within[f"{JUDGED[name]}: {ms:.1f} ms"] = ms < ADDED_MS
