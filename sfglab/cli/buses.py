@@ -28,9 +28,12 @@ Place = tuple[int | None, str | None]  #: A domain and an interface.
 
 
 def on_node(place: Place, body: Callable[[Node], Coroutine[Any, Any, T]], name: str = "") -> T:
-    """Run something on a node and return its result.
+    """Run a coroutine function on a node, and return its result.
 
-    A node without a name gets one that ROS 2's tools hide.
+    Args:
+        place: DDS domain and network interface of the node; None for the defaults.
+        body: Function that is given the node.
+        name: Name of the node; without a name, the node gets one that ROS 2's tools hide.
     """
     domain, interface = place
 
@@ -51,7 +54,7 @@ def until_interrupted(
     *,
     duration_s: float | None = None,
 ) -> None:
-    """Do as `on_node` until the body ends, at most for `duration_s`, or until Ctrl-C."""
+    """Run a coroutine function on a node as `on_node` does, until it ends, after `duration_s` seconds, or on Ctrl-C."""
 
     async def limited(node: Node) -> None:
         limit = asyncio.timeout(duration_s)
@@ -67,14 +70,18 @@ def until_interrupted(
 
 
 def look(place: Place, spin_s: float | None) -> View:
-    """Return the topics and nodes of a domain."""
+    """Return the topics and nodes of a domain after `spin_s` seconds; with None once the graph no longer changes."""
     from sfglab.bus.listing import settled
 
     return on_node(place, lambda node: settled(node, spin_s))
 
 
 def observed_domain(file: Path | None, domain: int | None) -> int | None:
-    """Return the domain that a command observes; None if it reads a file."""
+    """Return the domain that a command observes; None if it reads a file.
+
+    Raises:
+        SfglabError: Both a file and a domain are given.
+    """
     if file is not None and domain is not None:
         raise SfglabError("a file and --domain exclude each other: give one of them")
     if file is not None or domain is not None:
@@ -100,7 +107,7 @@ def print_json(values: Any) -> None:
 
 
 def write_text(text: str, path: Path | None, folder: Path | None = None) -> None:
-    """Write a text into a file as `write` does, without a path to the terminal."""
+    """Write a text into a file as `write` does; if the path is None, print it."""
     if path is None:
         typer.echo(text, nl=False)
     else:
@@ -120,7 +127,15 @@ def write(
 
 
 def unused(why: str, *names: str) -> None:
-    """Refuse options, by the names of their parameters, that have no effect on this call."""
+    """Refuse options that have no effect in this call of the command.
+
+    Args:
+        why: Reason why they have no effect.
+        names: Names of the parameters; only those that the user gave are refused.
+
+    Raises:
+        SfglabError: The user gave one of the options.
+    """
     # typer brings its own click or uses the installed one.
     package = typer.Context.__mro__[1].__module__.removesuffix(".core")
     context = import_module(f"{package}.globals").get_current_context()
