@@ -1,8 +1,8 @@
 """sfglab: how multi-robot ROS 2 systems move data, implemented and re-measured.
 
-Three papers, one principle: a message crosses each boundary once. The subpackages are named after what
-they do; ``DESIGN.md`` says which section of which paper lives where. Importing this root is cheap: heavy
-libraries are imported by the modules that use them.
+The three papers share one principle: a message crosses each boundary once. The subpackages are named after their
+function; ``DESIGN.md`` lists the subpackage of each section of the papers. The import of this root is fast, because
+heavy libraries are imported by the modules that use them.
 """
 
 __all__ = ["__version__"]

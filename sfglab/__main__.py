@@ -1,4 +1,4 @@
-"""``python -m sfglab`` and the command: Ctrl-C is one line, also while libraries are still imported."""
+"""Entry point of ``python -m sfglab`` and of the command: Ctrl-C prints one line, even during the imports."""
 
 import sys
 

@@ -36,7 +36,7 @@ LINE_LIMIT_BYTES = 1 << 22  #: Largest order or report, bytes.
 
 
 def run(main: Coroutine[Any, Any, C]) -> C:
-    """Run a process's main coroutine, on uvloop: a wake-up costs half as much there."""
+    """Run the main coroutine of a process on uvloop, where a wake-up takes half the CPU time, and return its result."""
     import uvloop
 
     return uvloop.run(main)
@@ -76,13 +76,17 @@ def argument_of(config: Any) -> str:
 
 
 def config_from_argument(config_class: type[C], argument: str) -> C:
-    """Return the configuration in an argument; raise a `SfglabError` if it has no form in the class."""
+    """Return the configuration in the argument of a process, the inverse of `argument_of`.
+
+    Raises:
+        SfglabError: The argument is not JSON, or does not fit the class.
+    """
     config: C = from_json(config_class, json.loads(argument))
     return config
 
 
 def on_stop(call: Callable[[], object]) -> None:
-    """Let the running loop call a function on Ctrl-C, on SIGTERM, and when the terminal is gone."""
+    """Let the running loop call a function on SIGINT (Ctrl-C), SIGTERM and SIGHUP (closed terminal)."""
     numbers = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # started with nohup
         numbers.append(signal.SIGHUP)
@@ -134,7 +138,12 @@ def steady_ns() -> int:
 
 
 async def next_before(items: asyncio.Queue[T], times_ns: Iterable[int | None]) -> T | None:
-    """Return the next item of a queue; None if the earliest of these times of the loop's clock passes before."""
+    """Return the next item of a queue; None if the earliest of the given times passes first.
+
+    Args:
+        items: The queue.
+        times_ns: Times of the loop's clock (`steady_ns`), ns; None for no time limit.
+    """
     due_ns = min((time_ns for time_ns in times_ns if time_ns is not None), default=None)
     try:
         async with asyncio.timeout_at(None if due_ns is None else due_ns / 1e9):
@@ -144,7 +153,7 @@ async def next_before(items: asyncio.Queue[T], times_ns: Iterable[int | None]) -
 
 
 async def is_set_before(event: asyncio.Event, time_s: float | None) -> bool:
-    """Wait for an event until a time of the loop's clock, None for no limit; return whether it is set."""
+    """Wait for an event until a time of the loop's clock, s; None for no limit. Return whether the event is set."""
     try:
         async with asyncio.timeout_at(time_s):
             await event.wait()
@@ -158,7 +167,7 @@ async def _until_told(body: Awaitable[None], orders: Orders) -> None:
     hearing = asyncio.create_task(_hear(orders))
 
     def end() -> None:
-        signal.alarm(END_LIMIT_S)  # unhandled, it ends the process also while threads wait
+        signal.alarm(END_LIMIT_S)  # the unhandled signal ends the process even while threads wait
         serving.cancel()
 
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, end)
@@ -190,7 +199,7 @@ def claim_standard_output() -> Reporter:
     """Reserve standard output for reports; return the function that writes one. Prints go to standard error."""
     out = os.dup(1)
     os.dup2(2, 1)
-    # Unbuffered, so that what is printed is not lost with a process that is ended.
+    # Unbuffered, so that printed text is not lost when the process is killed.
     sys.stdout = io.TextIOWrapper(io.FileIO(1, "w", closefd=False), write_through=True)
 
     def report(values: Report) -> None:

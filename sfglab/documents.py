@@ -2,7 +2,7 @@
 
 `Document.read` reads values by the fields of a dataclass: keys, types, bounds (`sfglab.fields.between`)
 and defaults are declared there and nowhere else; pydantic checks them (`sfglab.validation`). `OR_NULL`,
-`ReadAs`, `Matching`, `ByName` and `ShortFor` stand beside a type, in ``Annotated``.
+`ReadAs`, `Matching`, `ByName` and `ShortFor` are written beside a type, in ``Annotated``.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """The place of a value in a file.
+    """Place of a value in a file.
 
     `Document.read` fills in the field ``place`` of a dataclass; the file has no key of this name.
     """
@@ -72,10 +72,16 @@ class DocumentError(InvalidValueError):
 
 
 class Document:
-    """A YAML file's plain values and the line of each; its name is for messages.
+    """The plain values of a YAML file, and the line of each value.
 
-    With `one_line` no text has a line break or another control character. A `DocumentError` says where it is
-    not YAML, a key stands twice or is not text, or there is an alias, with which a file could contain itself.
+    Args:
+        text: Text of the file.
+        file: Name of the file in errors.
+        one_line: Whether texts with a line break or another control character are refused.
+
+    Raises:
+        DocumentError: The text is not YAML; a key is duplicate or is not text; or there is an alias, with which a
+            file could contain itself.
     """
 
     def __init__(self, text: str, file: str, *, one_line: bool = False) -> None:
@@ -104,7 +110,16 @@ class Document:
     def of_file(
         cls, path: Path | str, what: str = "a readable text file", *, one_line: bool = False
     ) -> Document:
-        """Read a file; `what` says in a `DocumentError` what it should be."""
+        """Read a file.
+
+        Args:
+            path: Path of the file.
+            what: Description of the expected file in errors.
+            one_line: As for the class.
+
+        Raises:
+            DocumentError: The file cannot be read, or as for the class.
+        """
         try:
             text = read_text(Path(path), what)
         except InvalidValueError as error:
@@ -112,14 +127,18 @@ class Document:
         return cls(text, str(path), one_line=one_line)
 
     def place(self, path: KeyPath) -> Place:
-        """Return where a value stands; of what is missing, where its nearest holder does."""
+        """Return the place of a value; for a missing value, the place of the nearest mapping or list that exists."""
         known = path
         while known not in self._lines:
             known = known[:-1]
         return Place(file=self.file, key=key_text(path), line=self._lines[known])
 
     def read(self, hint: type[T]) -> T:
-        """Return the values as a type, or raise a `DocumentError`."""
+        """Return the values as an object of a type, such as a dataclass.
+
+        Raises:
+            DocumentError: A key is unknown or missing, or a value is not allowed.
+        """
         try:
             made: T = read(hint, self.value, source=Source.FILE)
         except InvalidValueError as error:
@@ -128,7 +147,7 @@ class Document:
         return made
 
     def refusal(self, path: KeyPath, given: object, allowed: str) -> DocumentError:
-        """Return the error for what stands at a path."""
+        """Return the error for the value at a path, with the given value and the allowed values in words."""
         if isinstance(given, str) and _EXPONENT.fullmatch(given):
             allowed += (
                 "; YAML reads this as text, and as a number with a point and a sign, as in 1.0e-9"
@@ -136,7 +155,7 @@ class Document:
         return DocumentError(self.place(path), given, allowed)
 
     def _locate(self, made: Any, path: KeyPath) -> None:
-        """Fill in the places of what was made of the values at a path."""
+        """Set the field ``place`` of all dataclasses in an object that was made from the values at a path."""
         inner: dict[Any, Any] = {}
         if isinstance(made, dict):
             inner = made
@@ -155,7 +174,7 @@ class Document:
             self._locate(one, (*path, key))
 
     def _read(self, node: Any, path: KeyPath) -> Any:
-        """Return the plain values of a node, whose lines are noted."""
+        """Return the plain values of a node, and store their lines."""
         self._lines.setdefault(path, node.start_mark.line + 1)
         if node.tag == _ALIAS:
             raise self.refusal(path, "an alias", "every value written out where it belongs")
@@ -164,7 +183,7 @@ class Document:
         if node.id == "sequence":
             return [self._read(item, (*path, i)) for i, item in enumerate(node.value)]
         self._check_line(node.value, path, "a text")
-        # A number by base 60 takes quadratic time.
+        # The conversion of a number in base 60 takes quadratic time.
         if node.tag != _TEXT and len(node.value) > _LONGEST_PLAIN:
             allowed = f"at most {_LONGEST_PLAIN} characters, or quoted"
             raise self.refusal(path, node.value, allowed)
@@ -200,7 +219,7 @@ def _loader_class() -> type[yaml.SafeLoader]:
     import yaml
 
     class Loader(yaml.SafeLoader):
-        """Gives each alias a node of its own, with its own line, instead of what it repeats."""
+        """Loader that gives each alias a node of its own, with the alias's line, instead of the repeated node."""
 
         def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
             if not self.check_event(yaml.AliasEvent):
@@ -211,11 +230,11 @@ def _loader_class() -> type[yaml.SafeLoader]:
     return Loader
 
 
-# Rules that a field's type cannot express stand beside it: ``Annotated[str, Matching(...)]``.
+# Rules that a field's type cannot express are written beside the type: ``Annotated[str, Matching(...)]``.
 
 
 class OrNull:
-    """Accepts null, which becomes None."""
+    """Rule: the file may have null, which becomes None."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic_core.core_schema import none_schema, union_schema
@@ -227,16 +246,17 @@ OR_NULL = OrNull()
 
 
 def named(key: str) -> dict[str, Any]:
-    """Return metadata that read a field from a key of another name."""
+    """Return metadata for a dataclass field whose key in the file has another name."""
     return {"alias": key}
 
 
 @dataclass(frozen=True, slots=True)
 class ReadAs:
-    """The file holds a value of another type, from which a function makes the value."""
+    """Rule: the file has a value of another type, from which a function makes the field's value."""
 
-    form: Any  #: The type in the file.
-    make: Callable[[Any], Any]  #: Makes the value; an `InvalidValueError` is refused there.
+    form: Any  #: Type of the value in the file.
+    #: Function that makes the value; its `InvalidValueError` gets the place in the file.
+    make: Callable[[Any], Any]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic_core.core_schema import no_info_after_validator_function
@@ -246,10 +266,10 @@ class ReadAs:
 
 @dataclass(frozen=True, slots=True)
 class Matching:
-    """A text matches a pattern."""
+    """Rule: the whole text matches a regular expression."""
 
-    pattern: re.Pattern[str]  #: The pattern of the whole text.
-    allowed: str  #: The same in words.
+    pattern: re.Pattern[str]  #: Regular expression.
+    allowed: str  #: Description of the allowed texts for errors.
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic_core.core_schema import no_info_after_validator_function
@@ -267,12 +287,12 @@ class Matching:
 
 @dataclass(frozen=True, slots=True)
 class ByName:
-    """A mapping stands for dataclasses, which stand nowhere else, and its keys for one of their fields.
+    """Rule: the file has a mapping from one field of some dataclasses to their other fields.
 
-    The annotated type is a mapping, or a tuple of the dataclasses.
+    The annotated type is a mapping, or a tuple of the dataclasses. These are used in no other place of a file.
     """
 
-    field: str  #: Name of the field.
+    field: str  #: Name of the field whose values are the keys.
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic_core import core_schema
@@ -288,7 +308,7 @@ class ByName:
         )
 
     def _named(self, given: Any) -> Any:
-        """Return the members with their names; what is no mapping is refused later."""
+        """Return the members with their names; pydantic refuses a value that is no mapping later."""
         if not isinstance(given, dict):
             return given
         members = {}
@@ -313,9 +333,9 @@ class ByName:
 
 @dataclass(frozen=True, slots=True)
 class ShortFor:
-    """A text may stand for a mapping with one key."""
+    """Rule: the file may have a text in place of a mapping with one key."""
 
-    key: str  #: The key.
+    key: str  #: Key that the text is the value of.
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic_core.core_schema import no_info_before_validator_function

@@ -12,7 +12,11 @@ VARIABLE = "ROS_DOMAIN_ID"
 
 
 def usual_domain_id() -> int:
-    """Return the default domain: ROS_DOMAIN_ID, or 0 without it; `InvalidValueError` if it is no domain."""
+    """Return the default DDS domain: the value of ROS_DOMAIN_ID, or 0 if it is not set.
+
+    Raises:
+        InvalidValueError: The value is no domain, 0 to 232.
+    """
     given = os.environ.get(VARIABLE) or "0"
     if not (given.isascii() and given.isdecimal() and len(given) < 9 and int(given) <= MAX_DOMAIN):
         raise InvalidValueError(VARIABLE, given, f"whole numbers from 0 to {MAX_DOMAIN}")

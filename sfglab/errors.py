@@ -51,7 +51,7 @@ def _said(given: object) -> str:
 
 
 def why(error: Exception) -> str:
-    """Return the reason of an error of a file, without its number and the name of the file."""
+    """Return the cause of an error about a file as a phrase, without error number and file name."""
     if isinstance(error, UnicodeDecodeError):
         return f"byte {error.start} is no {error.encoding.upper()}"
     reason = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)

@@ -33,12 +33,12 @@ _CONTAINERS: dict[Any, Callable[[list[Any]], Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """The range of a field's values, both ends included unless left out."""
+    """Range of a number, both ends included unless `without` excludes them."""
 
     low: float  #: Lowest value.
     high: float = math.inf  #: Highest value.
-    log: bool = False  #: Whether steps are ratios, so that a slider has a logarithmic scale.
-    without: tuple[float, ...] = ()  #: Ends that are left out.
+    log: bool = False  #: Whether a slider has a logarithmic scale.
+    without: tuple[float, ...] = ()  #: Excluded ends.
 
     def __contains__(self, value: float) -> bool:
         return self.low <= value <= self.high and value not in self.without
@@ -54,7 +54,7 @@ class Bounds:
 
     @property
     def limits(self) -> dict[str, float]:
-        """The finite ends by pydantic's keywords."""
+        """Finite ends of the range, by pydantic's keywords."""
         low = "gt" if self.low in self.without else "ge"
         high = "lt" if self.high in self.without else "le"
         ends = {low: self.low, high: self.high}
@@ -68,7 +68,10 @@ class Bounds:
 def bounds(
     low: float = 0, high: float = math.inf, *, without: tuple[float, ...] = ()
 ) -> dict[str, Any]:
-    """Return metadata, as in ``field(metadata=bounds(1, 9))``; arguments as of `Bounds`."""
+    """Return metadata that bounds a field of a dataclass, as in ``field(metadata=bounds(1, 9))``.
+
+    The arguments are those of `Bounds`.
+    """
     allowed = Bounds(low, high, without=without)
     return {BOUNDS: allowed, **allowed.limits}
 
@@ -76,7 +79,7 @@ def bounds(
 def between(
     default: T, low: float = 0, high: float = math.inf, *, without: tuple[float, ...] = ()
 ) -> T:
-    """Bound a field of a dataclass, whose default this is; further arguments as of `Bounds`."""
+    """Return a field of a dataclass with a default and a range; the further arguments are those of `Bounds`."""
     return dataclasses.field(default=default, metadata=bounds(low, high, without=without))
 
 
@@ -96,9 +99,14 @@ def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
 
 
 def check_bounds(value: Any, about: str = "") -> None:
-    """Check the bounded numbers of a dataclass, or raise an `InvalidValueError`; None is allowed.
+    """Check that the numbers of a dataclass are in their ranges; None is allowed.
 
-    The error names the field, with `about` before it.
+    Args:
+        value: Object of the dataclass.
+        about: Text before the name of the field in errors.
+
+    Raises:
+        InvalidValueError: A number is out of its range.
     """
     for field in dataclasses.fields(value):
         allowed = field.metadata.get(BOUNDS)
@@ -110,7 +118,7 @@ def check_bounds(value: Any, about: str = "") -> None:
 def field_docs(row_class: type[Any]) -> dict[str, str]:
     """Return the documentation of a dataclass's fields, inherited ones included.
 
-    It is read from the source files when it is asked for; without these it is empty.
+    The documentation is read from the source files at the first call for a module; without source files it is empty.
     """
     docs: dict[str, str] = {}
     for base in reversed(row_class.__mro__):
@@ -149,13 +157,13 @@ def _class_docs(node: ast.ClassDef, lines: list[str]) -> dict[str, str]:
 
 @cache
 def types_of(cls: type[Any]) -> dict[str, Any]:
-    """Return the types of a dataclass's fields by name, which must be importable at run time."""
+    """Return the types of a dataclass's fields by the field's name; the types must be importable at run time."""
     hints = get_type_hints(cls)
     return {field.name: hints[field.name] for field in dataclasses.fields(cls) if field.init}
 
 
 def choices_of(hint: Any) -> dict[str, Any]:
-    """Return the values that an enumeration or a ``Literal`` allows by their texts; none of other types."""
+    """Return the values of an enumeration or a ``Literal`` by their texts; empty for other types."""
     if get_origin(hint) is Literal:
         return {choice: choice for choice in get_args(hint)}
     return {str(member.value): member for member in hint} if _is_enum(hint) else {}
@@ -179,13 +187,13 @@ def to_json(value: Any) -> Any:
 
 
 def from_json(hint: Any, value: Any) -> Any:
-    """Return a value of JSON as a type. It is the result of `to_json`, or already a value of the type.
+    """Return the value of a type that `to_json` converted to JSON; a value of the type is returned unchanged.
 
     Unknown keys of a dataclass are left out, and missing fields have their defaults, so that configurations of
     other versions stay readable. The types of fields must be importable at run time.
 
     Raises:
-        InvalidValueError: The value has no form in that type.
+        InvalidValueError: The value does not fit the type.
     """
     origin = get_origin(hint)
     arguments = get_args(hint)

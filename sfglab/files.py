@@ -19,7 +19,15 @@ _MOST_BYTES = 1 << 26  # of a text; a device may have no end
 
 
 def read_text(path: Path, allowed: str = "a readable text file") -> str:
-    """Return the UTF-8 text of a file, at most 64 MiB; `allowed` describes the expected file in errors."""
+    """Return the text of a UTF-8 file.
+
+    Args:
+        path: Path of the file.
+        allowed: Description of the expected file in errors.
+
+    Raises:
+        InvalidValueError: The file cannot be read, is larger than 64 MiB, or is not UTF-8.
+    """
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
@@ -36,15 +44,18 @@ def write_files(
     folder: Path | None = None,
     modes: Mapping[Path, int] | None = None,
 ) -> None:
-    """Write all files or none. At any moment each path holds its old or its new file.
+    """Write all files or none. At any moment each path has its old or its new file.
 
-    Temporary files beside them get the contents first, and then the names and permissions of the old files.
-    Symbolic links stay links. A path that is no file, such as ``/dev/stdout``, is written directly.
+    The contents are first written to temporary files beside the paths. These then get the names and permissions of the
+    old files. Symbolic links stay links. A path that is no file, such as ``/dev/stdout``, is written directly.
 
     Args:
         files: Contents by path.
         folder: Folder of the files, to which paths are relative. Missing folders are made.
         modes: Permissions, by path.
+
+    Raises:
+        InvalidValueError: A file cannot be written; no file has changed.
     """
     staged: list[tuple[Path, Path]] = []
     with ExitStack() as undo:
@@ -109,7 +120,11 @@ def _sync_folder(folder: Path) -> None:
 
 
 def own_folder() -> Path:
-    """Return a folder that belongs to this user only: in the home, otherwise beside temporary files."""
+    """Return a folder that belongs to this user only: in the home folder, or else in the folder of temporary files.
+
+    Raises:
+        InvalidValueError: There is no home folder, and other users have access to the folder that replaces it.
+    """
     with suppress(OSError, RuntimeError):
         folder = Path.home() / ".cache" / "sfglab"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -10,7 +10,15 @@ if TYPE_CHECKING:
 
 
 def loader(package: str, modules: Mapping[str, str]) -> Callable[[str], object]:
-    """Return a package's ``__getattr__``, which loads each public name from its module."""
+    """Return the function ``__getattr__`` of a package, which loads each public name from its module.
+
+    Args:
+        package: Name of the package.
+        modules: Module of each public name.
+
+    Raises:
+        AttributeError: The returned function was given a name that is not public.
+    """
 
     def load(name: str) -> object:
         if name not in modules:

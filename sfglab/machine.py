@@ -1,4 +1,4 @@
-"""State machines that are tables, the life of a process that is restarted after crashes, and back-off."""
+"""State machines as transition tables, the life cycle of a process that is restarted after crashes, and back-off."""
 
 from __future__ import annotations
 
@@ -22,7 +22,17 @@ class IllegalInputError(SfglabError, RuntimeError):
 
 
 def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
-    """Return the entry of an input in a state; other inputs raise an `IllegalInputError` with the name."""
+    """Return the table's entry for an input in a state.
+
+    Args:
+        name: Name of the state machine in errors.
+        table: Entries by state and input.
+        state: Present state.
+        given: The input.
+
+    Raises:
+        IllegalInputError: The table has no entry for this input in this state.
+    """
     if (state, given) not in table:
         allowed = [known.name for origin, known in table if origin is state]
         names = ", ".join(sorted(allowed)) or "none"
@@ -33,7 +43,11 @@ def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
 def transitions(
     states: type[S], inputs: type[I], actions: type[A], text: str
 ) -> dict[tuple[S, I], tuple[S, tuple[A, ...]]]:
-    """Return a table from a text. Each line names a state, an input, the next state, and the actions in order."""
+    """Return a transition table from a text.
+
+    Each line names a state, an input, the next state, and the actions in order. The result has the next state and the
+    actions by state and input.
+    """
     table = {}
     for line in filter(None, map(str.split, text.splitlines())):
         state, given, after, *names = line
@@ -46,15 +60,15 @@ def transitions(
 class BackOff:
     """Waits between attempts: they double up to a limit, and start over after a successful attempt."""
 
-    first_ns: int  #: First wait.
-    limit_ns: int  #: Longest wait.
-    #: Time after which an attempt counts as successful: the next wait is the first one again.
+    first_ns: int  #: First wait, ns.
+    limit_ns: int  #: Longest wait, ns.
+    #: Duration from which an attempt counts as successful, ns: the next wait is then the first one again.
     stable_ns: int
     failures: int = 0  #: Number of failed attempts.
     _doublings: int = 0
 
     def next_ns(self, lasted_ns: int) -> int:
-        """Count the failure of an attempt that served for a time; return the wait before the next attempt."""
+        """Count the failure of an attempt that lasted for a time, ns; return the wait before the next attempt, ns."""
         self.failures += 1
         if lasted_ns >= self.stable_ns:
             self._doublings = 0
@@ -67,23 +81,23 @@ class BackOff:
 class ProcessTiming:
     """Time limits of a process that is restarted after crashes, ns."""
 
-    #: Time limit for the start. A process that does not serve by then is replaced.
+    #: Time limit for the start, ns. A process that does not serve by then is replaced.
     start_ns: int = 30_000_000_000
-    #: Time limit for the end. A process that still runs by then is killed.
+    #: Time limit for the end, ns. A process that still runs by then is killed.
     stop_ns: int = 5_000_000_000
-    #: Wait before the first restart after a crash; the wait doubles with each further crash.
+    #: Wait before the first restart after a crash, ns; the wait doubles with each further crash.
     backoff_ns: int = 200_000_000
-    backoff_max_ns: int = 10_000_000_000  #: Longest wait before a restart.
-    #: Time of service after which the next crash counts as the first one.
+    backoff_max_ns: int = 10_000_000_000  #: Longest wait before a restart, ns.
+    #: Time of service after which the next crash counts as the first one, ns.
     stable_ns: int = 10_000_000_000
 
 
 class ProcessLife(Generic[S, I, A]):
-    """Life of a process that is restarted after crashes, with longer and longer waits.
+    """Life cycle of a process that is restarted after crashes, with increasing waits.
 
-    Its state moves along a table of `transitions` with at most one action; inputs that are not listed are
-    illegal. An action arms the timer or, without an entry in `waits_ns`, disarms it. A move without an action
-    leaves the timer as it is.
+    The state follows a table of `transitions` with at most one action per transition; inputs that are not listed are
+    illegal. An action arms the timer or, without an entry in `waits_ns`, disarms it. A transition without an action
+    does not change the timer.
     """
 
     READY: I  #: Input for the report that the process serves.
@@ -108,7 +122,7 @@ class ProcessLife(Generic[S, I, A]):
             timing: Waits between restarts.
         """
         self.state = start  #: Present state.
-        #: Time at which the timer is due; None: it is not armed.
+        #: Time at which the timer is due, ns; None: it is not armed.
         self.deadline_ns: int | None = None
         self.was_ready = False  #: Whether the process has ever served.
         self._name = name
@@ -129,11 +143,11 @@ class ProcessLife(Generic[S, I, A]):
         return (self.state, given) in self._table
 
     def due(self, now_ns: int) -> bool:
-        """Return whether the timer has run out. The caller then feeds the input for this event."""
+        """Return whether the timer has run out at a time, ns. The caller then feeds the input for this event."""
         return self.deadline_ns is not None and now_ns >= self.deadline_ns
 
     def feed(self, given: I, *, now_ns: int) -> A | None:
-        """Take an input at a time of the caller's clock, and return the action for the caller.
+        """Process an input at a time of the caller's clock, ns, and return the action for the caller.
 
         Raises:
             IllegalInputError: The input is illegal in the present state.

@@ -45,7 +45,7 @@ class ProcessFailedError(SfglabError, RuntimeError):
 class LineProcess:
     """A process with piped standard input, for orders, and standard output, for reports.
 
-    Its last report, ``{"is": "ended", "status": ...}``, is added here. The status is the exit status, or the
+    This class adds the last report, ``{"is": "ended", "status": ...}``. The status is the exit status, or the
     negative number of the signal that ended the process.
     """
 
@@ -61,7 +61,7 @@ class LineProcess:
         self.name = name  #: Name in messages.
         #: Function that is called with every report at once, also with those that `expect` returns.
         self.on_report = on_report
-        self.readiness: Report = {}  #: Its report when it was ready, in a group.
+        self.readiness: Report = {}  #: Report that the process is ready; set by a `ProcessGroup`.
         self._process = process
         self._over: Report | None = None
         self._backlog: asyncio.Queue[Report] = asyncio.Queue()
@@ -83,11 +83,11 @@ class LineProcess:
             name: Name in messages.
             argv: Program and arguments.
             on_report: Called with every report.
-            limit_bytes: Maximum size of a report.
+            limit_bytes: Maximum size of a report, bytes.
             options: Such as `pass_fds`. Standard error is that of this process by default.
 
         Raises:
-            OSError: The operating system cannot start it.
+            OSError: The operating system cannot start the process.
         """
         pipe = asyncio.subprocess.PIPE
         process = await asyncio.create_subprocess_exec(
@@ -97,12 +97,12 @@ class LineProcess:
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """Process id."""
         return self._process.pid
 
     @property
     def status(self) -> int | None:
-        """Its exit status, below zero the signal that ended it; None while it runs."""
+        """Exit status, or the negative number of the signal that ended the process; None while it runs."""
         return self._process.returncode
 
     @property
@@ -112,16 +112,20 @@ class LineProcess:
         return self._process.stdin.transport.get_write_buffer_size()
 
     def order(self, **values: Any) -> None:
-        """Send an order. Nothing happens if the process has ended."""
+        """Send an order with these values; without effect if the process has ended."""
         assert self._process.stdin is not None
         if self.status is None and not self._process.stdin.is_closing():
             self._process.stdin.write(json.dumps(to_json(values)).encode() + b"\n")
 
     async def expect(self, kind: str, *, timeout_s: float | None) -> Report:
-        """Return the next report of a kind; those before it have been given to `on_report` and are dropped.
+        """Return the next report of a kind; earlier reports are dropped after `on_report` has received them.
 
-        The kind ``ended`` waits for the end, None waits indefinitely. Raises `ProcessFailedError` if it fails, ends, or
-        is late.
+        Args:
+            kind: Kind of the report; ``ended`` waits for the end of the process.
+            timeout_s: Time limit, s; None for no limit.
+
+        Raises:
+            ProcessFailedError: The process fails, ends, or does not report in time.
         """
         try:
             async with asyncio.timeout(timeout_s):
@@ -134,25 +138,29 @@ class LineProcess:
         return report
 
     async def wait(self) -> int:
-        """Wait for its end and return its exit status."""
+        """Wait for the end of the process, and return its exit status."""
         return await self._process.wait()
 
     def check(self) -> None:
-        """Check that it still runs, or raise a `ProcessFailedError`."""
+        """Check that the process still runs.
+
+        Raises:
+            ProcessFailedError: The process has ended.
+        """
         if self._over is not None:
             self._raise_if_over(self._over)
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal. Nothing happens if the process has ended."""
+        """Send a signal; without effect if the process has ended."""
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(number)
 
     def kill(self) -> None:
-        """Kill it. Nothing happens if it has ended."""
+        """Kill the process; without effect if it has ended."""
         self.signal(signal.SIGKILL)
 
     async def close(self, *, grace_s: float = 5.0) -> None:
-        """Close its standard input and wait for its end; kill it after `grace_s`."""
+        """Close the standard input of the process and wait for its end; kill it after `grace_s` seconds."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:
@@ -194,7 +202,11 @@ class LineProcess:
             yield {"is": "failed", "why": str(error)}
 
     def _report_of(self, line: bytes) -> Report:
-        """Return the report that a line holds, or raise a `ValueError`."""
+        """Return the report in a line.
+
+        Raises:
+            ValueError: The line is no report.
+        """
         try:
             report = json.loads(line)
         except ValueError:
@@ -214,17 +226,17 @@ class LineProcess:
 # --- Unresponsive processes ----------------------------------------------------------------------------------
 
 CHECK_PERIOD_S = 1.0  #: Period of the checks of a watched process, seconds.
-#: Time without a beat after which a process is unresponsive, s in which it could have reported one.
+#: Time without a beat after which a process is unresponsive, s; only time in which it could have reported counts.
 HANG_S = 10.0
 _STOPPED_COUNTS = 4.0  # a stopped process cannot be busy, so it is detected sooner
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 class Watchdog:
-    """Detects an unresponsive process: it was stopped, or its watchdog beats no longer arrive.
+    """Watchdog that detects an unresponsive process: it was stopped, or its watchdog beats no longer arrive.
 
-    Only the time counts in which the process could have reported a beat: while it ran, or slept although a beat
-    was due. Neither a process that waits for a CPU nor one whose beats were read late counts as unresponsive.
+    Only the time in which the process could have reported a beat counts: while it ran, or slept although a beat
+    was due. A process that waits for a CPU, or whose beats were read late, does not count as unresponsive.
     """
 
     def __init__(self) -> None:
@@ -233,7 +245,7 @@ class Watchdog:
         self._cpu_s = 0.0
 
     def beat(self) -> None:
-        """Record a watchdog beat."""
+        """Record that the process has reported a watchdog beat."""
         self._beats, self._missed_s = True, 0.0
 
     def check(self, pid: int) -> str:
@@ -267,11 +279,12 @@ class Member:
 
     name: str  #: Name in the group and in messages.
     module: str  #: Module, run as ``python -m MODULE CONFIG``.
-    config: Any = None  #: Its argument: a dataclass or a text; None: no argument.
-    host: str = ""  #: Host that it runs on.
-    ready: str = "ready"  #: Kind of its report that it serves.
-    through: str = ""  #: Module that is run with module and configuration as its arguments instead.
-    pass_fds: tuple[int, ...] = ()  #: File descriptors that it inherits.
+    config: Any = None  #: Argument of the module: a dataclass or a text; None: no argument.
+    host: str = ""  #: Host that the process runs on.
+    ready: str = "ready"  #: Kind of the report with which the process announces that it serves.
+    #: Launcher: module that is run instead, with module and configuration as its arguments.
+    through: str = ""
+    pass_fds: tuple[int, ...] = ()  #: File descriptors that the process inherits.
 
     @property
     def command(self) -> tuple[str, ...]:
@@ -375,12 +388,16 @@ class ProcessGroup:
         return await self.expect(kind, chosen, timeout_s=timeout_s)
 
     def check(self) -> None:
-        """Check that all members still run."""
+        """Check that all members still run.
+
+        Raises:
+            ProcessFailedError: A member has ended.
+        """
         for process in self._processes.values():
             process.check()
 
     async def close(self) -> None:
-        """End all members. A second call does nothing."""
+        """End all members; further calls have no effect."""
         await self._end(list(self))
 
     async def _end(self, names: Sequence[str]) -> None:

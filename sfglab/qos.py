@@ -39,9 +39,13 @@ class Liveliness(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QoSProfile(Shown):
-    """QoS of one endpoint; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h)."""
+    """QoS of one endpoint; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h).
 
-    reliability: Reliability = Reliability.RELIABLE  #: Whether lost samples are repaired.
+    Raises:
+        InvalidValueError: The depth is below 1, or a time is not positive.
+    """
+
+    reliability: Reliability = Reliability.RELIABLE  #: Whether lost samples are retransmitted.
     #: Whether late joiners receive the writer's history.
     durability: Durability = Durability.VOLATILE
     #: Whether the history is bounded by `depth` (KEEP_LAST) or not (KEEP_ALL).

@@ -1,7 +1,7 @@
 """JSON Schema of the files that people write, so that an editor completes and checks them.
 
-It is made of the same description of a type as the validator of `sfglab.validation`, so an editor
-accepts what `sfglab.documents.Document.read` accepts. Only the reader checks conditions between keys.
+The schema is made from the same description of a type as the validator of `sfglab.validation`, so an editor
+accepts all files that `sfglab.documents.Document.read` accepts. Only the reader checks conditions between keys.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Schema = dict[str, Any]
 
 
 def schema_of(hint: Any) -> Schema:
-    """Return the JSON Schema (2020-12) of a file whose values are of a type."""
+    """Return the JSON Schema (2020-12) of a file with the values of a type, such as a dataclass."""
     return {"$schema": DIALECT, **_generator()().generate(core_of(hint, Source.FILE))}
 
 
@@ -27,7 +27,7 @@ def _generator() -> type[Any]:
     from pydantic.json_schema import GenerateJsonSchema
 
     class Generator(GenerateJsonSchema):
-        """Says what a class and its fields are, from their documentation."""
+        """Generator that uses the documentation of classes and fields as descriptions."""
 
         def field_title_should_be_set(self, schema: Any) -> bool:  # noqa: ARG002
             return False
@@ -38,7 +38,7 @@ def _generator() -> type[Any]:
             about = (cls.__doc__ or "").partition("\n\n")[0]
             made["description"] = " ".join(about.split())
             made["additionalProperties"] = False
-            del made["title"]  # a name of ours
+            del made["title"]  # a Python name has no meaning in a file
             for name, text in _docs(cls).items():
                 if name in made["properties"]:
                     made["properties"][name]["description"] = text
@@ -47,7 +47,7 @@ def _generator() -> type[Any]:
         def default_schema(self, schema: Any) -> Schema:
             made = super().default_schema(schema)
             if made.get("default") is None or isinstance(made["default"], dict):
-                made.pop("default", None)  # says nothing
+                made.pop("default", None)  # such a default gives no information
             return made
 
         def tuple_schema(self, schema: Any) -> Schema:

@@ -15,7 +15,7 @@ WIDTH = 110  #: Largest width of the line below the header, in characters.
 
 
 def columns(rows: Iterable[Sequence[str]], *, right: Container[int] = ()) -> list[str]:
-    """Return rows as lines of aligned columns; columns whose positions are in `right` are flush right."""
+    """Return rows of texts as lines of aligned columns; columns whose positions are in `right` are flush right."""
     rows = list(rows)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
@@ -58,7 +58,7 @@ def html_table(
 
 
 class Shown:
-    """A dataclass that a notebook shows as a table of fields, values and meanings."""
+    """Base class of dataclasses that a notebook shows as a table of fields, values and meanings."""
 
     __slots__ = ()
 

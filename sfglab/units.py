@@ -1,4 +1,4 @@
-"""Factors between units: the one place of each."""
+"""Factors between units, each defined only here."""
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000

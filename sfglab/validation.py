@@ -1,8 +1,8 @@
-"""Reading of given values as typed fields by pydantic; each mistake becomes one of our errors.
+"""Conversion of given values to types with pydantic; each mistake becomes an error of sfglab.
 
-Types and bounds stand in dataclasses (`sfglab.fields`). Pydantic is imported when something is read, since
-it takes 0.1 s. How strictly it is read depends on the `Source`: people's keys must be known, numbers, truth
-values and texts must be of their own kind, and "3" is no number; logs may be of another version.
+Types and bounds are declared in dataclasses (`sfglab.fields`). Pydantic is imported at the first conversion, because
+the import takes 0.1 s. The `Source` decides how strict the conversion is. Values of people must have known keys, and
+numbers, truth values and texts are not converted into each other: "3" is no number. Logs may be of another version.
 """
 
 from __future__ import annotations
@@ -24,11 +24,13 @@ if TYPE_CHECKING:
 
 
 class Source(Enum):
-    """The origin of values, which decides how strictly they are read."""
+    """Origin of values, which decides how strictly they are checked."""
 
-    FILE = "file"  #: A person, in a file: no text is empty, and null stands for nothing left out.
-    VALUES = "values"  #: A person, in a program, a command or a form.
-    LOG = "log"  #: Some version of sfglab: unknown keys and bounds do not count.
+    #: File of a person: empty texts are refused, and null does not stand for a missing value.
+    FILE = "file"
+    VALUES = "values"  #: Program, command or form of a person.
+    #: Log of any version of sfglab: unknown keys are ignored, and bounds are not checked.
+    LOG = "log"
 
 
 Core = dict[str, Any]  #: Pydantic's description of a type.
@@ -42,7 +44,7 @@ _RULES: dict[Source, dict[str, Core]] = {
     Source.VALUES: _STRICT,
     Source.LOG: {},
 }
-"""Additions to descriptions, by their ``type``."""
+"""Additions to core schemas, by their ``type``."""
 _LIMITS = ("ge", "gt", "le", "lt")
 _MAPPING = "a mapping of keys to values"
 _LIST = "a list"
@@ -63,29 +65,30 @@ _WORDS = {
     "dict_type": _MAPPING,
     "dataclass_type": _MAPPING,
     "model_attributes_type": _MAPPING,
-    "is_instance_of": "no such key",  # a `sfglab.documents.Place`, which is filled in
+    # The type is a `sfglab.documents.Place`, which files do not have.
+    "is_instance_of": "no such key",
 }
 """Allowed values by the type of pydantic's error, where pydantic's own words name types of Python."""
 
 
 def suggestion(word: object, known: Iterable[str], meant: str = "mean") -> str:
-    """Return ``; did you mean 'x'?`` for the closest known word, or nothing when none is close."""
+    """Return the text ``; did you mean 'x'?`` for the closest known word; empty if no word is close."""
     close = get_close_matches(str(word), list(known), n=1, cutoff=0.6)
     return f"; did you {meant} {close[0]!r}?" if close else ""
 
 
 def read(hint: Any, value: Any, about: str = "", source: Source = Source.VALUES) -> Any:
-    """Return a value as a type.
+    """Return a value converted to a type.
 
     Args:
         hint: The type.
-        value: Plain values, or typed ones.
-        about: Words before the key in an error; without them the place of the error is the path of keys.
+        value: The value, in plain types or already of the type.
+        about: Text before the key in an error; without it the error's place is the path of keys.
         source: Origin of the value.
 
     Raises:
-        InvalidValueError: The first of the deepest mistakes: alternatives are refused together, and the one
-            that was meant is refused deeper inside.
+        InvalidValueError: The value does not fit the type. Of several mistakes the error has the first of the most
+            deeply nested ones: if alternatives of a type are refused, the intended one is refused more deeply inside.
     """
     from pydantic import ValidationError
 
@@ -108,7 +111,7 @@ def _validator(hint: Any, source: Source) -> SchemaValidator:
 
 @cache
 def core_of(hint: Any, source: Source) -> Core:
-    """Return pydantic's description of a type for values of a source."""
+    """Return pydantic's core schema of a type for values of a source."""
     from pydantic import TypeAdapter
 
     core: Core = _ruled(TypeAdapter(hint).core_schema, source)
@@ -116,7 +119,7 @@ def core_of(hint: Any, source: Source) -> Core:
 
 
 def _ruled(core: Any, source: Source) -> Any:
-    """Return a description, or a part of one, with the rules of a source."""
+    """Return a core schema, or a part of one, with the rules of a source."""
     if isinstance(core, list):
         return [_ruled(one, source) for one in core]
     if not isinstance(core, dict):
@@ -137,7 +140,7 @@ def _ruled(core: Any, source: Source) -> Any:
 
 
 def _with_range(core: Core) -> Core:
-    """Return the description of a number whose mistakes name its whole range."""
+    """Return the core schema of a number with errors that name its whole range."""
     from pydantic_core.core_schema import custom_error_schema
 
     word = "a whole number" if core["type"] == "int" else "a number"
@@ -152,7 +155,7 @@ def _with_range(core: Core) -> Core:
 
 
 def _with_length(core: Core) -> Core:
-    """Return the description of a tuple with a check of its length before."""
+    """Return the core schema of a tuple that first checks its length."""
     from pydantic_core.core_schema import no_info_before_validator_function
 
     length = len(core["items_schema"])
@@ -166,7 +169,7 @@ def _with_length(core: Core) -> Core:
 
 
 def _with_known_keys(core: Core) -> Core:
-    """Return the description of a dataclass's fields with a check of the keys before."""
+    """Return the core schema of a dataclass's fields that first checks the keys."""
     from pydantic_core.core_schema import no_info_before_validator_function
 
     known = set()
@@ -199,7 +202,7 @@ def _needed(key: str, unknown: Iterable[str]) -> str:
 
 
 def _mistake(mistakes: list[ErrorDetails], value: Any) -> tuple[KeyPath, object, str]:
-    """Return path and value of the first of the deepest mistakes, and what is allowed there."""
+    """Return path, given value and allowed values of the first of the most deeply nested mistakes."""
     paths = [_path(mistake, value) for mistake in mistakes]
     path = max(paths, key=len)
     found = [mistake for mistake, place in zip(mistakes, paths, strict=True) if place == path]
@@ -218,7 +221,7 @@ def _mistake(mistakes: list[ErrorDetails], value: Any) -> tuple[KeyPath, object,
 
 
 def _words(mistake: ErrorDetails) -> str:
-    """Return what is allowed in place of a mistake."""
+    """Return the allowed values for a mistake, in words."""
     tags: str | None = mistake.get("ctx", {}).get("expected_tags")
     own = mistake["msg"].partition(" should ")[2].removeprefix("be ").removeprefix("have ")
     return _WORDS.get(mistake["type"]) or tags or own or mistake["msg"]
@@ -246,7 +249,7 @@ def _path(mistake: ErrorDetails, value: Any) -> KeyPath:
 
 
 def value_at(value: Any, path: KeyPath) -> Any:
-    """Return what stands at a path in plain values; None where nothing does."""
+    """Return the value at a path in plain values; None if there is none."""
     for part in path:
         try:
             value = value[part]
@@ -256,9 +259,14 @@ def value_at(value: Any, path: KeyPath) -> Any:
 
 
 def lost_values(given: Any, read: Any, above: str = "") -> dict[str, Any]:
-    """Return what a log holds by keys that the value which was read from it does not have.
+    """Return the values of a log that are missing in the object that was read from them, by key.
 
-    The name of a key has the keys and places above it, such as ``fleets.0.kinds``.
+    The name of a key contains the keys and list positions above it, such as ``fleets.0.kinds``.
+
+    Args:
+        given: Plain values of the log.
+        read: Object that was read from them.
+        above: Keys above the values.
     """
     if isinstance(given, list) and isinstance(read, list):
         given, read = dict(enumerate(given)), dict(enumerate(read))
