@@ -7,15 +7,16 @@ import time
 from contextlib import ExitStack
 from dataclasses import replace
 from random import Random
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfglab.lab.hosts import HostsError, Network
+from sfglab.lab.hosts import HostsError, Network, radio_relay
 from sfglab.lab.hosts.radio import RadioCounters
-from sfglab.lab.hosts.radio_relay import Air
+from sfglab.lab.hosts.radio_relay import Air, Relay
 from sfglab.qos import QoSProfile, Reliability
 from sfglab.rtps import Flow, Medium, Scenario, run
 
@@ -245,6 +246,38 @@ def test_a_radio_that_did_not_keep_up_says_so():
     kept_up = [RadioCounters(delivered=1000, **counts).kept_up for counts in counted]
     assert kept_up == [True, False, False]
     assert "11 of them more than 2 ms late" in RadioCounters(delivered=9, late=11).said()
+
+
+class Cable:
+    """A host's cable with these frames of the host; a full one takes no frame."""
+
+    def __init__(self, frames=(), *, full=False):
+        self._frames = list(frames)
+        self._full = full
+
+    def recvmsg(self, *_):
+        if not self._frames:
+            raise BlockingIOError
+        return self._frames.pop(), [(0, 0, bytes(16))], 0, None
+
+    def send(self, _frame):
+        if self._full:
+            raise BlockingIOError
+
+    def getsockopt(self, *_):
+        return bytes(8)
+
+
+def test_a_frame_that_a_host_does_not_take_is_an_overrun_and_not_delivered(monkeypatch):
+    cables = {"sender": Cable([b"\xff" * 60]), "full": Cable(full=True), "ready": Cable()}
+    monkeypatch.setattr(radio_relay, "_open", cables.get)
+    monkeypatch.setattr(radio_relay.gc, "freeze", lambda: None)
+    monkeypatch.setattr(radio_relay.ctypes, "CDLL", lambda _: SimpleNamespace(prctl=max))
+    ports = {name: SimpleNamespace(outer=name, mac="02:00") for name in cables}
+    relay = Relay(ports, QUIET)
+    relay.relay(cables.values())
+    counters = relay.counters()
+    assert (counters.frames, counters.overrun, counters.delivered) == (1, 1, 1)
 
 
 # --- The radio, live ------------------------------------------------------------------------------------------

@@ -267,7 +267,8 @@ class Relay:
                     self.sockets[receiver].send(frame)
                 except OSError:  # the host's queue is full, or the host is being removed
                     counters.overrun += 1
-                counters.note(due_ns, time.time_ns())
+                else:
+                    counters.note(due_ns, time.time_ns())
 
     def _lost(self, host: int, receiver: int | None = None) -> bool:
         """Return whether a frame is lost on its way to a receiver or, for None, to the access point."""
