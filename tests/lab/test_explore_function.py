@@ -131,6 +131,31 @@ def test_a_simulation_shows_coarse_pictures_and_leaves_settings_that_are_passed_
     assert explorer.picture == line(slope=5, points=4)
 
 
+def test_a_cell_that_runs_again_ends_the_simulation_of_its_former_explorer():
+    computed, is_coarse, may_go_on = [], threading.Event(), threading.Event()
+
+    def simulate(*, slope: Annotated[int, Bounds(1, 9)] = 1):
+        yield line(slope=slope)
+        for points in range(4, 7):
+            computed.append((slope, points))
+            if slope == 2:
+                is_coarse.set()
+                may_go_on.wait(WAIT_S)
+            yield line(slope=slope, points=points)
+
+    former = explore(simulate)
+    former.form.controls["slope"].value = 2
+    assert is_coarse.wait(WAIT_S)
+    computed.clear()
+    again = explore(simulate)
+    may_go_on.set()
+    former.wait()
+    assert computed == [(1, 4), (1, 5), (1, 6)], "nothing more of slope 2"
+    former.form.controls["slope"].value = 3
+    former.wait()
+    assert (former.picture, again.picture) == (line(slope=3, points=6), line(points=6, slope=1))
+
+
 def simulated(*, slope: Annotated[float, Bounds(1, 9)] = 2.0):
     yield line(points=2)
     yield line(slope=slope)

@@ -11,7 +11,7 @@ import logging
 import threading
 import time
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.experiment import Experiment
@@ -43,7 +43,8 @@ class Interactive:
     dropped there.
 
     Each setting has a thread. It first waits for the thread of the setting before, and ends at once if
-    there is a newer setting by then.
+    there is a newer setting by then. A new explorer of a function, as when its cell runs again, ends
+    the computation of the former one.
 
     Args:
         function: Function that returns the plot of a setting, or an iterator of plots, coarse ones first.
@@ -52,7 +53,13 @@ class Interactive:
         MissingExtraError: The extra ``view`` is not installed.
     """
 
+    _newest: ClassVar[dict[str, Interactive]] = {}  # by the function's name
+
     def __init__(self, function: Callable[..., Any]) -> None:
+        name = f"{function.__module__}.{function.__qualname__}"
+        former = self._newest.pop(name, None)
+        if former is not None:
+            former.stop()
         self._function = function
         self.form = Form(function, self._ask)
         self._setting = self.form.default  #: Setting of the shown plot.
@@ -72,6 +79,7 @@ class Interactive:
         reset = button("Reset", self.form.reset, "Every parameter as at the start")
         row = widgets().HBox([reset, widgets().HTML(_HINT)])
         self.widget = widgets().VBox([self.form.widget, row, self._figure, self._printed])
+        self._newest[name] = self
 
     def _repr_mimebundle_(self, **_: object) -> Bundle:
         """Return form and figure, and a still image with its sentence for pages without a kernel."""
@@ -84,6 +92,12 @@ class Interactive:
         """Wait until the complete plot of the newest setting is shown, or an error; a minute at most."""
         if self._figure.asked:
             self._thread.join(_STILL_S)
+
+    def stop(self) -> None:
+        """End the computation of a setting, if there is one; the next setting is computed again."""
+        if self._thread.is_alive():
+            self._figure.asked += 1
+            self._changed.set()
 
     def code(self) -> str:
         """Return the Python call that repeats the shown plot."""
