@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from sfglab.documents import ByName, Document, Matching, named
+from sfglab.errors import InvalidValueError
 from sfglab.fields import between, bounds, check_bounds
 from sfglab.names.grammar import ROS_NAME
 from sfglab.qos import Durability, Reliability
@@ -138,12 +139,22 @@ class TopicKeys(_Shared):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicFile(_Shared):
-    """A `TopicFile` has topics with the link that all topics share."""
+    """A `TopicFile` has topics with the link that all topics share.
 
-    #: Link that all topics share; the plan ignores its fields `shared` and `access_point`.
-    medium: Medium = field(default_factory=Medium)
+    Raises:
+        InvalidValueError: The medium is not shared, or has an access point.
+    """
+
+    medium: Medium = field(default_factory=Medium)  #: Link that all topics share.
     #: Timing of the DDS implementation, with the times that the file replaces.
     vendor: Vendor = FAST_DDS
+
+    def __post_init__(self) -> None:
+        medium = self.medium
+        if not medium.shared or medium.access_point:
+            given = f"shared={medium.shared}, access_point={medium.access_point}"
+            allowed = "a shared medium without an access point"
+            raise InvalidValueError("topics: medium", given, allowed)
 
     def limited_to(self, rate_max_hz: float | None) -> TopicFile:
         """Return the file with all rates limited to a rate; a higher minimal rate is lowered to the limit."""

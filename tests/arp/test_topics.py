@@ -8,6 +8,7 @@ import pytest
 from sfglab.arp.robots import ROBOTS, SENSORS
 from sfglab.arp.topics import Topic, load_topics, read_topics
 from sfglab.documents import Document, DocumentError
+from sfglab.errors import InvalidValueError
 from sfglab.rtps import FAST_DDS, Medium
 
 DATA = Path(__file__).parents[2] / "data" / "qos"
@@ -78,3 +79,9 @@ MISTAKES = [  # beside what `test_documents.py` has for every file
 def test_each_mistake_is_named_by_file_topic_and_key(text, message):
     with pytest.raises(DocumentError, match=message):
         read(text)
+
+
+@pytest.mark.parametrize("medium", [Medium(shared=False), Medium(access_point=True)])
+def test_a_medium_that_no_plan_is_for_is_refused(medium):
+    with pytest.raises(InvalidValueError, match="allowed: a shared medium without an access point"):
+        replace(read(ONE), medium=medium)
