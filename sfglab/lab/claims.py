@@ -154,6 +154,14 @@ class Finding:
     #: Whether the claim's criterion judges the value, instead of its `band`.
     by_criterion: bool = False
     how: How = How.LIVE  #: Origin of the value; `Experiment.measure` fills it in.
+    also: How | None = None  #: Origin of other checks that the value covers, filled in like `how`.
+
+    @property
+    def origins(self) -> str:
+        """Words for the origins of the value."""
+        if self.also in (None, self.how):
+            return self.how.shown
+        return f"{self.how.shown} and {self.also.shown}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -273,6 +281,7 @@ class Entry:
             "high": estimate.get("high"),
             "unit": claim.unit,
             "how": found.get("how"),
+            "also": found.get("also"),
             "verdict": self.verdict.value,
             "reason": self.reason,
             "ends": found.get("ends", {}),
@@ -485,7 +494,7 @@ def render_in_full(entries: Iterable[Entry]) -> str:
 def _paragraph(entry: Entry) -> list[str]:
     claim = entry.claim
     measured = entry.measured
-    how = f", {measured.how.shown}" if measured else ""
+    how = f", {measured.origins}" if measured else ""
     interval = f" ({entry.interval})" if entry.interval else ""
     lines = [
         f"{claim.id}: {entry.verdict.value}{how}",
@@ -523,7 +532,7 @@ def _row(entry: Entry) -> tuple[str, ...]:
         entry.value,
         entry.interval,
         entry.unit,
-        entry.measured.how.shown if entry.measured else "",
+        entry.measured.origins if entry.measured else "",
         entry.verdict.value,
     )
 

@@ -161,7 +161,8 @@ class Experiment(Generic[C]):
         self._parts: list[_Part] = []
         #: Functions that answer its claims, with the way in which each is measured, by id.
         self.claims: dict[
-            str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]
+            str,
+            tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How], How | None],
         ] = {}
         self.drawings: dict[str, _Drawing] = {}  #: Declared figures, by name.
         self.explorers: dict[str, Callable[..., Any]] = {}
@@ -237,14 +238,17 @@ class Experiment(Generic[C]):
 
         return declare
 
-    def claim(self, claim: str, *, how: How | Callable[[Run[C]], How]) -> Callable[[F], F]:
+    def claim(
+        self, claim: str, *, how: How | Callable[[Run[C]], How], also: How | None = None
+    ) -> Callable[[F], F]:
         """Declare the claim that a function of a run answers, and how it is measured.
 
+        `also` is the origin of other checks that the value covers, if they are not measured alike.
         The function returns None if the run cannot answer the claim.
         """
 
         def declare(function: F) -> F:
-            self.claims[claim] = function, how
+            self.claims[claim] = function, how, also
             return function
 
         return declare
@@ -444,10 +448,11 @@ class Experiment(Generic[C]):
     def measure(self, run: Run[C]) -> dict[str, Finding]:
         """Return our values for the claims that a run answers, by claim."""
         found = {}
-        for name, (answer, how) in self.claims.items():
+        for name, (answer, how, also) in self.claims.items():
             finding = answer(run)
             if finding is not None:
-                found[name] = replace(finding, how=how if isinstance(how, How) else how(run))
+                origin = how if isinstance(how, How) else how(run)
+                found[name] = replace(finding, how=origin, also=also)
         return found
 
     def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:

@@ -236,8 +236,8 @@ def citation(project: Project, entry: Entry) -> str:
     if entry.measured and entry.log and log.is_file():
         machine, *_, commit = entry.origin.split("; ")
         digest = file_sha256(log)[:_HASH_LETTERS]
-        how = entry.measured.how.shown
+        origins = entry.measured.origins.capitalize()
         sentences.append(
-            f"{how.capitalize()} on {machine}; log {entry.log}, SHA-256 {digest}..., {commit}"
+            f"{origins} on {machine}; log {entry.log}, SHA-256 {digest}..., {commit}"
         )
     return ". ".join(sentences) + "."

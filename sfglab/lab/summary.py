@@ -199,7 +199,7 @@ def _draw_points(axes: Axes, table: pd.DataFrame, labels: Mapping[str, dict[str,
 
 def _number(entry: Entry) -> str:
     """Return the value with its interval, the paper's value, and how the value was obtained."""
-    how = entry.measured.how.shown if entry.measured else "not measured"
+    how = entry.measured.origins if entry.measured else "not measured"
     kind = f", {entry.interval}" if entry.interval else ""
     unit = fill(entry.unit, 30)
     return f"{entry.value} (paper: {stated(entry.claim)})\n{unit}\n{how}{kind}"

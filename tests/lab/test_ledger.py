@@ -13,7 +13,7 @@ import pytest
 from reference import keep_findings
 
 from sfglab.errors import SfglabError
-from sfglab.lab.claims import Verdict
+from sfglab.lab.claims import Verdict, render
 from sfglab.lab.experiments.naming import exp
 from sfglab.lab.findings import kept_findings
 from sfglab.lab.ledger import (
@@ -138,6 +138,16 @@ def test_a_citation_has_value_interval_runs_verdict_log_commit_and_paper():
         "SFG-ROS",
     )
     assert [part for part in parts if part not in said] == []
+
+
+def test_a_value_that_covers_computed_checks_as_well_is_not_shown_as_live_alone():
+    whole = Project(root=Path(__file__).parents[2])
+    names = ["A-NET-RULES", "A-VICON", "A-PLAN", "A-DEPLOY", "A-FQN", "A-HEARTBEAT"]
+    ledger = compute_ledger(whole, committed=True, only=names)
+    shown = {entry.claim.id: entry.measured.origins for entry in ledger}
+    expected = dict.fromkeys(names[:4], "live and computed")
+    assert shown == expected | {"A-FQN": "computed", "A-HEARTBEAT": "live"}
+    assert render(ledger).count("live and computed") == 4
 
 
 @pytest.fixture

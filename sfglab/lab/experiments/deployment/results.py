@@ -45,7 +45,7 @@ def _how(run: Run[Config]) -> How:
     return How.EXACT if facts.loc[DISCOVERY, "outcome"] == _MISSING else How.LIVE
 
 
-@exp.claim("A-DEPLOY", how=_how)
+@exp.claim("A-DEPLOY", how=_how, also=How.EXACT)
 def share_confirmed(run: Run[Config]) -> Finding:
     """Return the share of confirmed facts among the checked facts, in the part of the claim where it is lowest.
 
