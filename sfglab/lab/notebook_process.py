@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import psutil
+from jupyter_client.manager import AsyncKernelManager
 from traitlets.config import Config
 
 from sfglab.component import claim_standard_output
@@ -81,7 +82,10 @@ def run_notebook(path: str, copy: str, parameters: Mapping[str, Any]) -> str:
                 config=Config({"KernelManager": sockets}),
                 allow_errors=True,
                 on_notebook_start=_lower_kernel,
+                kernel_manager_class=_Kernel,
                 on_cell_start=skipper.skip,
+                on_cell_execute=_Kernel.begin,
+                on_cell_executed=_Kernel.end,
                 on_cell_error=skipper.note,
             )
     except papermill.PapermillExecutionError as error:
@@ -89,6 +93,30 @@ def run_notebook(path: str, copy: str, parameters: Mapping[str, Any]) -> str:
     except RuntimeError as error:  # the kernel died
         return str(error)
     return ""
+
+
+class _Kernel(AsyncKernelManager):
+    """Kernel whose shutdown interrupts a running cell only.
+
+    An idle kernel ignores the signal, but a kernel that has just sent a reply may still print an
+    error about it.
+    """
+
+    _is_busy = False  # whether a cell runs
+
+    @classmethod
+    def begin(cls, **_: Any) -> None:
+        """Record that a cell runs."""
+        cls._is_busy = True
+
+    @classmethod
+    def end(cls, **_: Any) -> None:
+        """Record that no cell runs."""
+        cls._is_busy = False
+
+    async def _async_interrupt_kernel(self) -> None:
+        if self._is_busy:
+            await super()._async_interrupt_kernel()
 
 
 class _Steps(io.TextIOBase):

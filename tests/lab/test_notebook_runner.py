@@ -200,6 +200,24 @@ def test_a_failed_notebook_does_not_stop_the_others_and_is_not_replaced(
     assert [cells[at][-1].outputs != [] for at in (2, 3)] == [False, True]
 
 
+LINGERS = """import time
+kernel = get_ipython().kernel
+reply = kernel.shell_handlers["kernel_info_request"]
+async def reply_and_linger(*given):
+    await reply(*given)
+    time.sleep(1)
+kernel.shell_handlers["kernel_info_request"] = reply_and_linger"""
+
+
+@pytest.mark.slow
+def test_the_end_of_a_notebook_does_not_interrupt_its_kernel(project, capfd):
+    write(project, "01_a", "x: int = 1", LINGERS)
+    found = notebooks.find_notebooks(project)
+    [outcome] = notebooks.run_notebooks(found, project=project, parameters={})
+    assert outcome.error == ""
+    assert "KeyboardInterrupt" not in capfd.readouterr().err
+
+
 @pytest.mark.slow
 def test_ctrl_c_ends_both_processes_and_their_kernels(project, two_cores, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
