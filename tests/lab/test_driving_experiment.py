@@ -1,12 +1,18 @@
 """The driving experiment: rows are what the laps were, and claims come from the log."""
 
+import cv2
 import pandas as pd
 import pytest
 from made_logs import ran
 
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments.driving import exp, part_table
-from sfglab.lab.experiments.driving.experiment import IMAGE_TOPIC, DrivePoint
+from sfglab.lab.experiments.driving.experiment import (
+    IMAGE_TOPIC,
+    DrivePoint,
+    drive_lap,
+    time_chain,
+)
 from sfglab.lab.experiments.driving.results import (
     ASSUMED,
     MEASURED,
@@ -34,6 +40,17 @@ def test_a_row_is_its_lap(run):
     lap = run_lap(1, timeout_s=1.5)
     assert (row["seed"], row["passed"]) == (1, False)
     assert row["odometry_error_m"] == lap.odometry_error_m
+
+
+@pytest.mark.parametrize("part", [drive_lap, time_chain])
+def test_a_lap_leaves_the_number_of_threads_of_opencv_as_it_was(part):
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    try:
+        part(DrivePoint(limit_s=0.2), 1)
+        assert cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(before)
 
 
 def test_the_chain_is_the_sum_of_its_nodes_and_topics_in_order(run):

@@ -10,6 +10,7 @@ scheduler, also the nodes that are hardware in the paper.
 from __future__ import annotations
 
 import math
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,8 @@ from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from sfglab.lab.bench import Bench
 
 IMAGE_TOPIC = "/image/compressed"
@@ -99,6 +102,17 @@ exp = Experiment(
 )
 
 
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Compute with OpenCV in one thread."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
+
 @exp.table("lap")
 class DrivingLapRow(TableRow):
     """A `DrivingLapRow` is one lap."""
@@ -117,8 +131,8 @@ class DrivingLapRow(TableRow):
 )
 def drive_lap(point: DrivePoint, seed: int) -> DrivingLapRow:
     """Drive one lap in the town of a seed."""
-    cv2.setNumThreads(1)  # the sweep has one process per core
-    lap = run_lap(seed, timeout_s=point.limit_s)
+    with _one_thread():  # the sweep has one process per core
+        lap = run_lap(seed, timeout_s=point.limit_s)
     return DrivingLapRow(
         seed=seed,
         passed=lap.verdict.passed,
@@ -151,8 +165,8 @@ def time_chain(point: DrivePoint, seed: int) -> tuple[dict[Any, Any], ...]:
     The seed selects the town and the orders in which topic A is delivered.
     """
     stack = Stack(Camera(width=WIDTH, height=HEIGHT))
-    cv2.setNumThreads(1)  # a node has one executor, which has one thread
-    run_lap(seed, stack=stack, timeout_s=point.limit_s)
+    with _one_thread():  # as the only executor of a node does
+        run_lap(seed, stack=stack, timeout_s=point.limit_s)
     chain = load_chain()
     times_ns = {f"{node}_ns": stack.times_ns[node] for node in CHAIN}
     frames = len(stack.times_ns[CHAIN[0]])
