@@ -37,9 +37,20 @@ def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
             cell.execution_count = count
             for output in cell.outputs:
                 _normalise_output(output, project, count)
-            cell.outputs = [output for output in cell.outputs if output.get("text") != ""]
+            cell.outputs = _joined([output for output in cell.outputs if output.get("text") != ""])
     notebook.cells = cells
     return notebook
+
+
+def _joined(outputs: list[NotebookNode]) -> list[NotebookNode]:
+    """Return outputs with successive texts of a stream as one text, however the kernel divided them."""
+    joined: list[NotebookNode] = []
+    for output in outputs:
+        if joined and output.get("name") and output.get("name") == joined[-1].get("name"):
+            joined[-1].text += output.text
+        else:
+            joined.append(output)
+    return joined
 
 
 def _normalise_output(output: NotebookNode, project: Project, count: int) -> None:

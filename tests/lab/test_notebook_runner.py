@@ -324,7 +324,9 @@ def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
     cell = new_code_cell("x", metadata=traces, execution_count=17)
     cell.outputs = [
         new_output("stream", name="stdout", text="naming: checks, b: 1/2 steps, 3 s left\n"),
-        new_output("stream", name="stdout", text=f"{root}/figures/a.svg"),
+        new_output("stream", name="stdout", text=f"{root}/figures/a.svg\n"),
+        new_output("stream", name="stdout", text="a line that came later\n"),
+        new_output("stream", name="stderr", text="a warning\n"),
         new_output("execute_result", data={"text/plain": f"'{root}/x'"}, execution_count=17),
         new_output("display_data", data={"text/html": '<a href="../../../book/a.md">'}),
     ]
@@ -332,8 +334,9 @@ def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
     made = new_notebook(cells=[injected, cell], metadata={"papermill": {"start": "now"}})
     [normal] = normalise(made, project).cells
     assert (normal.execution_count, normal.metadata) == (1, {})
-    path, result, page = normal.outputs
-    assert (path.text, result.data["text/plain"]) == ("figures/a.svg", "'x'")
+    lines, warning, result, page = normal.outputs
+    assert lines.text == "figures/a.svg\na line that came later\n"
+    assert (warning.text, result.data["text/plain"]) == ("a warning\n", "'x'")
     assert page.data["text/html"] == '<a href="../book/a.md">', "from the folder of notebooks"
 
 
