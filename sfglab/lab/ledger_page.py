@@ -158,7 +158,10 @@ def _line(project: Project, ledger: Ledger, entry: Entry, top: str) -> str:
             f"{_CELL}; overflow-wrap: anywhere",  # a path in a text may be long
             f"<details><summary>{escape(claim.says)}</summary>{'<br>'.join(lines)}</details>",
         ),
-        (f"{_CELL}; min-width: 9em", f"{interval_plot(entry)}<br>{'<br>'.join(map(escape, values))}"),
+        (
+            f"{_CELL}; min-width: 9em",
+            f"{interval_plot(entry)}<br>{'<br>'.join(map(escape, values))}",
+        ),
     )
     row = "".join(f'<td style="{style}">{cell}</td>' for style, cell in cells)
     return f'<tr data-paper="{paper_of(entry)}" data-verdict="{entry.verdict.value}">{row}</tr>'
@@ -237,7 +240,5 @@ def citation(project: Project, entry: Entry) -> str:
         machine, *_, commit = entry.origin.split("; ")
         digest = file_sha256(log)[:_HASH_LETTERS]
         origins = entry.measured.origins.capitalize()
-        sentences.append(
-            f"{origins} on {machine}; log {entry.log}, SHA-256 {digest}..., {commit}"
-        )
+        sentences.append(f"{origins} on {machine}; log {entry.log}, SHA-256 {digest}..., {commit}")
     return ". ".join(sentences) + "."
