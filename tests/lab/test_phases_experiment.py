@@ -133,7 +133,7 @@ def test_a_verdict_is_the_criterion_s(claim, where, column, value, agrees):
     expected = Verdict.REPRODUCED if agrees else Verdict.DEVIATES
     assert entry_for(CLAIMS[claim], found).verdict is expected
     said = (
-        "of laps at 1.00% loss"
+        "of laps at 1 % loss"
         if claim == "B-COOP"
         else "and a small depth is worse than a deep one in"
     )

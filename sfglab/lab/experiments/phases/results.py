@@ -298,7 +298,8 @@ def obstacles(laps: pd.DataFrame) -> str:
 def by_loss(laps: pd.DataFrame) -> str:
     """Return the share of laps that are ``done`` for each frame loss, as a text."""
     means = laps.groupby("loss")["done"].mean()
-    return ", ".join(f"{share:.0%} of laps at {loss:.2%} loss" for loss, share in means.items())
+    texts = [f"{100 * share:.0f} % of laps at {100 * loss:.2g} % loss" for loss, share in means.items()]
+    return ", ".join(texts)
 
 
 # --- Map --------------------------------------------------------------------------------------
