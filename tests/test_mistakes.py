@@ -122,7 +122,7 @@ WRONG_ARGUMENTS = [
     "fleet router x.yaml",
     "schema none.such",
     "topic hz /a --window lots",
-    "qos --seconds lots",
+    "qos --duration lots",
     "log play a --rate lots",
     "topic hz /a --duration -1",
     "reproduce --seed -1",
@@ -150,10 +150,10 @@ def test_a_wrong_argument(command, attempt, tmp_path, monkeypatch):
         f"view {LOG} --to OUT.rrd --domain 3 --interface lo": "--domain and --interface: no effect with a log",
         f"map {GRAPH} --figure OUT.gif": ".png, .svg or .pdf",
         f"map {DATA}/graphs/driving.yaml --build-cfg OUT/build.cfg": "a file that can be written",
-        f"qos {QOS} --pareto --out OUT": "--out: no effect with --pareto",
+        f"qos {QOS} --pareto --output OUT": "--output: no effect with --pareto",
         f"qos {QOS} --method paper --latency-weight 2": "--latency-weight: no effect with --method paper",
         f"plan {SCENE} --new --no-browser --port 0": "--new: given",
-        f"frames lint {LOG} --listen 3": "--listen: no effect with a log",
+        f"frames lint {LOG} --duration 3": "--duration: no effect with a log",
         "router --domain 7 --agent torq": "torq",
         f"map {GRAPH} --lut 5": "no effect without --optimise-placement",
         f"map {DATA}/graphs/driving.yaml --optimise-placement --gateway-rule paper": "no effect with --optimise-placement",
@@ -185,9 +185,9 @@ def test_options_that_nothing_looks_at_and_what_one_command_refuses(
 
 WRITERS = [
     f"fleet router {FLEET} --agent go2 -o OUT/a.yaml",
-    f"qos {QOS} --out OUT/q",
-    f"map {GRAPH} --out OUT/g.yaml --figure OUT/g.png",
-    "schema fleet --out OUT/s.json",
+    f"qos {QOS} --output OUT/q",
+    f"map {GRAPH} --output OUT/g.yaml --figure OUT/g.png",
+    "schema fleet --output OUT/s.json",
     "interfaces OUT",
     f"deploy render {DATA}/fleets/esslingen.yaml -o OUT/r",
     f"view {LOG} --to OUT/v.rrd",
@@ -225,7 +225,7 @@ def test_a_disk_that_is_full_or_read_only(command, more, tmp_path):
 @pytest.mark.live
 @pytest.mark.parametrize("delay_s", [0.1, 2.0])
 @pytest.mark.parametrize(
-    "command", ["claims", f"qos {QOS} --pareto", "frames lint --domain 99 --listen 60"]
+    "command", ["claims", f"qos {QOS} --pareto", "frames lint --domain 99 --duration 60"]
 )
 def test_ctrl_c_is_one_line(command, delay_s, tmp_path):
     """From when Python has begun with the package, which it tells: what its own start prints is not ours."""

@@ -51,6 +51,10 @@ def test_a_former_name_has_no_other_use():
         (f"map {GRAPH} --rule=size", f"map {GRAPH} --gateway-rule size", "--rule"),
         ("mocap run x --trees --help", "mocap run x --publish-tf --help", "--trees"),
         (f"map {GRAPH} --place", f"map {GRAPH} --optimise-placement", "--place"),
+        ("frames lint --listen 9 --help", "frames lint --duration 9 --help", "--listen"),
+        ("map --seconds 9 --help", "map --duration 9 --help", "--seconds"),
+        ("schema fleet --out x --help", "schema fleet --output x --help", "--out"),
+        ("view --frame map --help", "view --root-frame map --help", "--frame"),
     ],
 )
 def test_a_former_name_of_an_option_does_the_same_with_a_warning(former, todays, warned):

@@ -122,7 +122,7 @@ def wrongs(value: Any) -> list[Any]:
 def test_the_command_prints_and_writes_what_an_editor_reads(tmp_path):
     assert list(get_args(_Name)) == list(FORMATS)
     out = tmp_path / "fleet.json"
-    assert called("schema", "fleet", "--out", str(out)) == f"{out}\n"
+    assert called("schema", "fleet", "--output", str(out)) == f"{out}\n"
     assert out.read_text() == called("schema", "fleet")
     assert json.loads(out.read_text()) == FORMATS["fleet"].schema()
     assert "'fleet', 'qos'" in called("schema", "flet", status=2)

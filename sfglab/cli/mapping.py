@@ -13,7 +13,7 @@ import typer
 from typer import Argument, Option
 
 from sfglab.cli.buses import say, unused, write
-from sfglab.cli.options import Interface, Json, RecordedDomain, Seconds
+from sfglab.cli.options import Interface, Json, ObservedTime, RecordedDomain
 from sfglab.cli.traffic import opened, print_left_out
 from sfglab.errors import InvalidValueError, MissingExtraError
 from sfglab.tables import columns
@@ -54,7 +54,10 @@ def map_graph(
     figure: Annotated[
         Path | None, Option(help="Draw the mapping into this file: .png, .svg or .pdf.")
     ] = None,
-    out: Annotated[Path | None, Option(help="Write the mapped graph into this YAML file.")] = None,
+    output: Annotated[
+        Path | None,
+        Option("--output", "-o", help="Write the mapped graph into this YAML file."),
+    ] = None,
     build_cfg: Annotated[
         Path | None,
         Option(help="Write the nodes and topics in hardware into this file, for ReconROS."),
@@ -64,7 +67,7 @@ def map_graph(
         Option(help="Write the gateways of the mapping into this folder as Verilog (Yosys)."),
     ] = None,
     domain: RecordedDomain = None,
-    seconds: Seconds = 5.0,
+    duration: ObservedTime = 5.0,
     interface: Interface = None,
     as_json: Json = False,
 ) -> None:
@@ -75,9 +78,9 @@ def map_graph(
     Examples:
       sfglab map data/graphs/figure_8.yaml
       sfglab map data/graphs/driving.yaml --gateway-rule size --figure driving.png
-      sfglab map bag/ --out graph.yaml   # set in graph.yaml which nodes are in hardware.
-      sfglab map --domain 7 --out graph.yaml   # the graph of running nodes.
-      sfglab map data/graphs/driving.yaml --optimise-placement --lut 40000 --out placed.yaml
+      sfglab map bag/ --output graph.yaml   # set in graph.yaml which nodes are in hardware.
+      sfglab map --domain 7 --output graph.yaml   # the graph of running nodes.
+      sfglab map data/graphs/driving.yaml --optimise-placement --lut 40000 --output placed.yaml
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
     from sfglab.soc import build_cfg as build_text
@@ -85,7 +88,7 @@ def map_graph(
 
     if figure is not None and figure.suffix not in {".png", ".svg", ".pdf"}:
         raise InvalidValueError("--figure", figure, "a .png, .svg or .pdf file")
-    with opened(file, (domain, interface), seconds) as source:
+    with opened(file, (domain, interface), duration) as source:
         graph = _graph_of(source)
     load = ""
     if optimise_placement:
@@ -101,8 +104,8 @@ def map_graph(
     files: dict[Path, str | bytes] = {}
     if figure is not None:
         files[figure] = _drawing(mapping, figure)
-    if out is not None:
-        files[out] = graph_text(found)
+    if output is not None:
+        files[output] = graph_text(found)
     if build_cfg is not None:
         files[build_cfg] = build_text(found, name=found.name or build_cfg.stem)
     modules = {} if verilog is None else _verilog(found)

@@ -12,7 +12,7 @@ import typer
 from typer import Argument, Option
 
 from sfglab.cli.buses import observed_domain, on_node, say, until_interrupted, unused
-from sfglab.cli.options import Domain, Duration, Interface, Json, RecordedDomain, Seconds
+from sfglab.cli.options import Domain, Duration, Interface, Json, ObservedTime, RecordedDomain
 from sfglab.errors import InvalidValueError, SfglabError
 
 if TYPE_CHECKING:
@@ -183,11 +183,12 @@ def frames_lint(
     log: Annotated[Path | None, Argument(help="Log or bag. [default: a domain]")] = None,
     domain: RecordedDomain = None,
     interface: Interface = None,
-    listen: Seconds = 5.0,
-    agents: Annotated[
-        str, Option(help="Agents whose prefixes are allowed, e.g. go2,agent_x. [default: any]")
-    ] = "",
-    root: Annotated[
+    duration: ObservedTime = 5.0,
+    agent: Annotated[
+        list[str] | None,
+        Option(help="Agent whose frame prefix is allowed (repeatable). [default: any]"),
+    ] = None,
+    root_frame: Annotated[
         str | None, Option(help="Required single root, e.g. map. [default: any]")
     ] = None,
     as_json: Json = False,
@@ -197,8 +198,8 @@ def frames_lint(
     Transforms that tf2 ignores are findings as well. The exit status is 1 if there are findings or no frames.
 
     Examples:
-      sfglab frames lint run.mcap --root map --agents go2,agent_x
-      sfglab frames lint --domain 0 --listen 10
+      sfglab frames lint run.mcap --root-frame map --agent go2 --agent agent_x
+      sfglab frames lint --domain 0 --duration 10
     """
     from sfglab.record import LogReader
     from sfglab.spatial.frames.buffer import FrameBuffer
@@ -210,20 +211,20 @@ def frames_lint(
 
     async def observe(node: Node) -> tuple[TransformIntake, Mapping[str, Sequence[str]]]:
         async with FramesListener(node, buffer) as listener:
-            await asyncio.sleep(listen)
+            await asyncio.sleep(duration)
             return listener, node.graph.topics()
 
     if log is None:
         intake, types = on_node((observed, interface), observe, "frames_lint")
     else:
-        unused("with a log, because only a domain is observed", "interface", "listen")
+        unused("with a log, because only a domain is observed", "interface", "duration")
         with LogReader(log) as reader:
             intake = fill_from_log(reader, buffer)
             types = {topic: (info.type_name,) for topic, info in reader.topics.items()}
     findings = lint_frames(
         buffer.edges,
-        agents=agents.split(",") if agents else (),
-        root=root,
+        agents=agent or (),
+        root=root_frame,
         refused=intake.refused,
         namespaced=namespaced_topics(types),
     )

@@ -20,7 +20,9 @@ RecordedDomain = Annotated[
     int | None,
     domain_option(help="DDS domain to observe instead of a file. [default: ROS_DOMAIN_ID]"),
 ]
-Seconds = Annotated[float, Option(min=0.1, help="Time to observe the domain, s.")]
+ObservedTime = Annotated[
+    float, Option("--duration", min=0.1, help="Time to observe the domain, s.")
+]
 Interface = Annotated[
     str | None, Option(help="Network interface for DDS; lo keeps traffic on this host.")
 ]
@@ -35,7 +37,8 @@ OutputFile = Annotated[
     Path | None, Option("--output", "-o", help="File to write. [default: the terminal]")
 ]
 OutputFolder = Annotated[
-    Path | None, Option("--out", help="Folder to write the file into. [default: the terminal]")
+    Path | None,
+    Option("--output", "-o", help="Folder to write the file into. [default: the terminal]"),
 ]
 Agents = Annotated[
     list[str] | None, Option("--agent", help="Agent (repeatable). [default: all agents]")

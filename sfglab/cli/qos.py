@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from sfglab.cli.buses import print_json, unused, write_text
-from sfglab.cli.options import Interface, Json, OutputFolder, RecordedDomain, Seconds
+from sfglab.cli.options import Interface, Json, ObservedTime, OutputFolder, RecordedDomain
 from sfglab.cli.traffic import opened, print_left_out
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import to_json
@@ -52,7 +52,7 @@ def qos(
             "or the topics of a log or domain as a file for this command.",
         ),
     ] = "table",
-    out: OutputFolder = None,
+    output: OutputFolder = None,
     rate_max: Annotated[
         float | None,
         Option(min=0.001, help="Highest rate of any topic, Hz. [default: the file's]"),
@@ -77,7 +77,7 @@ def qos(
         bool, Option("--pareto", help="Print the Pareto front, one line per latency weight.")
     ] = False,
     domain: RecordedDomain = None,
-    seconds: Seconds = 5.0,
+    duration: ObservedTime = 5.0,
     interface: Interface = None,
     as_json: Json = False,
 ) -> None:
@@ -91,10 +91,10 @@ def qos(
       sfglab qos data/qos/paper_b.yaml --method paper --rate-max 500
       sfglab qos data/qos/paper_b.yaml --rmw fastrtps-async
       sfglab qos data/qos/paper_b.yaml --pareto   # latency and freshness.
-      sfglab qos data/qos/paper_b.yaml --format fastdds --out config
-      sfglab qos data/qos/warehouse.yaml --format cyclone --out config
-      sfglab qos bag/ --format topics --out config   # set the link in topics.yaml.
-      sfglab qos --domain 7 --seconds 20 --format topics --out config
+      sfglab qos data/qos/paper_b.yaml --format fastdds --output config
+      sfglab qos data/qos/warehouse.yaml --format cyclone --output config
+      sfglab qos bag/ --format topics --output config   # set the link in topics.yaml.
+      sfglab qos --domain 7 --duration 20 --format topics --output config
     """
     from sfglab.arp import plan_as_printed, plan_file
     from sfglab.arp.exports import EXPORTS
@@ -102,7 +102,7 @@ def qos(
     from sfglab.rtps import PRESETS
 
     source = file or Path("the domain")
-    with opened(file, (domain, interface), seconds) as found:
+    with opened(file, (domain, interface), duration) as found:
         given = _topics_of(found)
     if not given.topics:
         raise SfglabError(f"{source}: no topic goes from one host to another")
@@ -117,12 +117,12 @@ def qos(
         unused(why, "method", "pareto", "latency_weight", "as_json")
         if isinstance(found, Path):
             raise SfglabError(f"--format topics: given {file}, allowed: a log, a bag or a domain")
-        write_text(topics_text(given.topics, source.name), out and Path("topics.yaml"), out)
+        write_text(topics_text(given.topics, source.name), output and Path("topics.yaml"), output)
         return
     _warn_of_validity(given)
     if pareto:
         reason = "with --pareto, which prints all latency weights"
-        unused(reason, "method", "format_", "out", "latency_weight", "as_json")
+        unused(reason, "method", "format_", "output", "latency_weight", "as_json")
         typer.echo(_front_text(given))
         return
     export = EXPORTS.get(format_)
@@ -141,7 +141,7 @@ def qos(
     else:
         plan = plan_file(given, latency_price_hz=latency_weight)
     if as_json:
-        unused("with --json", "format_", "out")
+        unused("with --json", "format_", "output")
         values = to_json(plan)
         for part, found in zip(plan.topics, values["topics"], strict=True):
             found["deadline_ns"] = part.deadline_ns
@@ -149,7 +149,7 @@ def qos(
         return
     text = export.text(plan) if export else _plan_text(plan)
     name = export.file if export else "qos.txt"
-    write_text(text, out and Path(name), out)
+    write_text(text, output and Path(name), output)
 
 
 def _topics_of(found: LogReader | Path) -> TopicFile:

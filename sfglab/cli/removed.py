@@ -36,6 +36,10 @@ RENAMED = {
     "--rule": "--gateway-rule",
     "--place": "--optimise-placement",
     "--trees": "--publish-tf",
+    "--seconds": "--duration",
+    "--listen": "--duration",
+    "--out": "--output",
+    "--frame": "--root-frame",
 }
 # Options of one command each. The former fast_dds of --vendor is none of the values of --rmw.
 _REMOVED = {

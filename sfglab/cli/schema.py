@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated, Literal
 
-from typer import Argument, Option
+from typer import Argument
 
 from sfglab.cli.buses import write_text
+from sfglab.cli.options import OutputFile
 
 _Name = Literal["fleet", "qos", "graph", "scene", "mocap", "claims"]
 
 
 def schema(
     name: Annotated[_Name, Argument(help="File format.")],
-    out: Annotated[Path | None, Option(help="File to write. [default: the terminal]")] = None,
+    output: OutputFile = None,
 ) -> None:
     """Print the JSON Schema of a file format, for completion and checks in editors.
 
     Example of use, where the first line of the YAML file names its schema for the editor:
-      sfglab schema fleet --out fleet.json
+      sfglab schema fleet --output fleet.json
       # yaml-language-server: $schema=fleet.json
     """
     from sfglab.lab.formats import FORMATS
 
-    write_text(json.dumps(FORMATS[name].schema(), indent=2) + "\n", out)
+    write_text(json.dumps(FORMATS[name].schema(), indent=2) + "\n", output)

@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def opened(file: Path | None, place: Place, seconds: float) -> Iterator[LogReader | Path]:
+def opened(file: Path | None, place: Place, duration_s: float) -> Iterator[LogReader | Path]:
     """Open a log or bag, or without a file a recording of a domain; a path of any other file stays one."""
     from sfglab.record import LogReader
     from sfglab.record.bags import is_log
 
     domain = observed_domain(file, place[0])
     if file is not None:
-        unused("with a file, because only a domain is observed", "seconds", "interface")
+        unused("with a file, because only a domain is observed", "duration", "interface")
     with TemporaryDirectory(prefix="sfglab-") as folder:
         if file is None:
             file = Path(folder) / "domain.mcap"
-            typer.echo(f"listening to domain {domain} for {seconds:g} s", err=True)
-            _record(file, (domain, place[1]), seconds)
+            typer.echo(f"listening to domain {domain} for {duration_s:g} s", err=True)
+            _record(file, (domain, place[1]), duration_s)
         if is_log(file):
             with LogReader(file) as log:
                 yield log
@@ -39,7 +39,7 @@ def opened(file: Path | None, place: Place, seconds: float) -> Iterator[LogReade
             yield file
 
 
-def _record(path: Path, place: Place, seconds: float) -> None:
+def _record(path: Path, place: Place, duration_s: float) -> None:
     """Record a domain, without hidden topics and those that every node has."""
     from sfglab.bus.listing import is_hidden
     from sfglab.bus.recording import Recorder
@@ -51,7 +51,7 @@ def _record(path: Path, place: Place, seconds: float) -> None:
     async def record(node: Node) -> None:
         recorder = Recorder(node, lambda: LogWriter(path), wanted=is_wanted, on_log=lambda _: None)
         with suppress(TimeoutError):
-            async with asyncio.timeout(seconds):
+            async with asyncio.timeout(duration_s):
                 await recorder.run()
 
     on_node(place, record)

@@ -42,7 +42,7 @@ def view(
         ),
     ] = None,
     fleet: Fleet = None,
-    frame: Annotated[
+    root_frame: Annotated[
         str,
         Option(
             help="Root frame of the 3D view. [default: map with --fleet, otherwise the root of "
@@ -75,7 +75,7 @@ def view(
     options = ViewOptions(
         to=tuple(to or _default_output()),
         fleet=fleet,
-        frame=frame,
+        frame=root_frame,
         topics=tuple(topic or ()),
     )
     if log is not None:

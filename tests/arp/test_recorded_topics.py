@@ -45,7 +45,7 @@ def test_a_bag_of_ros_2_gives_rate_size_and_how_often_the_value_changes(tmp_path
     assert (topic.rate_max_hz, topic.change_s) == (20, 0.25)
     assert topic.size_bytes == len(reading(0))
     assert left_out == {"/once": "it has too few messages to tell a rate"}
-    called("qos", str(bag_path), "--format", "topics", "--out", str(tmp_path))
+    called("qos", str(bag_path), "--format", "topics", "--output", str(tmp_path))
     assert load_topics(tmp_path / "topics.yaml").topics == (topic,)
 
 
@@ -96,8 +96,8 @@ def test_what_runs_is_recorded_for_a_plan_and_for_a_mapping(domain_id, tmp_path)
     speaks = ("pub", "-r", "20", name, kind, "{data: hello}")
     with program(*topic, *speaks, *at), program(*topic, "echo", name, kind, *at) as hearer:
         hearer.stdout.readline()  # it hears
-        called("qos", *at, "--seconds", "4", "--format", "topics", "--out", str(tmp_path))
-        called("map", *at, "--seconds", "4", "--out", str(tmp_path / "graph.yaml"))
+        called("qos", *at, "--duration", "4", "--format", "topics", "--output", str(tmp_path))
+        called("map", *at, "--duration", "4", "--output", str(tmp_path / "graph.yaml"))
     (found,) = load_topics(tmp_path / "topics.yaml").topics
     assert (found.name, found.source, found.target) == (name, "go2", "station")
     assert found.rate_max_hz == pytest.approx(20, rel=0.3)

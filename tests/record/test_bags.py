@@ -86,7 +86,7 @@ def test_a_bag_is_a_log(bag):
 
 def test_commands_take_bags(bag, tmp_path):
     for target in (bag, *bag.glob("*.db3"), *bag.glob("*.mcap")):
-        linted = called("frames", "lint", str(target), "--root", "map", "--agents", "go2")
+        linted = called("frames", "lint", str(target), "--root-frame", "map", "--agent", "go2")
         assert "3 frames" in linted
         assert f"/thing      {OWN}" in called("log", "info", str(target))
         called("map", str(target), "--out", str(tmp_path / "graph.yaml"))

@@ -61,7 +61,7 @@ def test_small_messages_get_no_gateway_by_size_and_unknown_ones_no_time(size, ru
 
 def test_nodes_are_placed_within_the_areas_that_are_given(tmp_path):
     out = tmp_path / "placed.yaml"
-    text = call(DRIVING, "--optimise-placement", "--lut", "40000", "--out", str(out))
+    text = call(DRIVING, "--optimise-placement", "--lut", "40000", "--output", str(out))
     assert "no mapping takes less" in text
     assert 0 < int(re.search(r"area: (\d+) of 40000 LUT", text)[1]) <= 40000
     placed = load_graph(out).hardware_nodes
@@ -71,7 +71,7 @@ def test_nodes_are_placed_within_the_areas_that_are_given(tmp_path):
 
 def test_what_is_written_is_mapped_the_same_way_again_and_for_reconros_in_its_words(tmp_path):
     out, build_cfg = tmp_path / "mapped.yaml", tmp_path / "build.cfg"
-    first = call(FIGURE_8, "--out", str(out))
+    first = call(FIGURE_8, "--output", str(out))
     assert load_graph(out).mapped_to(TopicMapping.GATEWAY) == ("A", "C", "E")
     assert f"{call(str(out))}{out}\n" == first
     call(DRIVING, "--build-cfg", str(build_cfg))

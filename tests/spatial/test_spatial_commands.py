@@ -31,7 +31,7 @@ def logged(path, *transforms):
 def test_a_sound_tree_passes_the_lint_and_a_broken_one_is_told_and_fails(tmp_path):
     good = logged(tmp_path / "good.mcap", ("map", "go2/base"), ("go2/base", "go2/markers"))
     bad = logged(tmp_path / "bad.mcap", ("map", "go2_markers"), ("go2/base", "go2/markers"))
-    options = ("--root", "map", "--agents", "go2")
+    options = ("--root-frame", "map", "--agent", "go2")
     assert called("frames", "lint", good, *options) == "3 frames, 0 findings\n"
     printed = called("frames", "lint", bad, *options, status=1)
     assert "second-root" in printed
