@@ -91,7 +91,9 @@ class Document:
         self._one_line = one_line
         self._lines: dict[KeyPath, int] = {(): 1}
         if len(text) > _MOST_CHARACTERS:
-            raise self.refusal((), f"{len(text)} characters", f"at most {_MOST_CHARACTERS}")
+            raise self.refusal(
+                (), f"{len(text)} characters", f"at most {_MOST_CHARACTERS} characters"
+            )
         try:
             self._loader = _loader_class()(text)
             node = self._loader.get_single_node()
@@ -104,7 +106,10 @@ class Document:
             mark = getattr(error, "problem_mark", None)
             place = Place(file=file, line=mark.line + 1 if mark else 0)
             problem = getattr(error, "problem", None) or str(error)
-            raise DocumentError(place, problem, "YAML") from error
+            given = ValueError(f"not valid YAML: {problem}")
+            raise DocumentError(
+                place, given, "complete brackets and quotes, spaces as indentation"
+            ) from error
 
     @classmethod
     def of_file(
@@ -177,7 +182,7 @@ class Document:
         """Return the plain values of a node, and store their lines."""
         self._lines.setdefault(path, node.start_mark.line + 1)
         if node.tag == _ALIAS:
-            raise self.refusal(path, "an alias", "every value written out where it belongs")
+            raise self.refusal(path, "an alias", "a value that is written out here")
         if node.id == "mapping":
             return self._read_mapping(node, path)
         if node.id == "sequence":
@@ -197,7 +202,7 @@ class Document:
         made: dict[str, Any] = {}
         for key_node, value in node.value:
             if key_node.id != "scalar" or key_node.tag == _ALIAS:
-                raise self.refusal(path, "an alias, a list or a mapping", "a key that is text")
+                raise self.refusal(path, "an alias, a list or a mapping as a key", "text as a key")
             key = key_node.value
             inner = (*path, key)
             self._lines[inner] = key_node.start_mark.line + 1
@@ -318,7 +323,7 @@ class ByName:
             members[name] = values
             if isinstance(values, dict):
                 if self.field in values:
-                    allowed = f"no such key: the mapping's own, {name!r}, says it"
+                    allowed = f"no key {self.field!r} here, because {name!r} above gives it"
                     raise InvalidValueError((name, self.field), self.field, allowed)
                 members[name] = {**values, self.field: name}
         return members

@@ -19,5 +19,5 @@ def usual_domain_id() -> int:
     """
     given = os.environ.get(VARIABLE) or "0"
     if not (given.isascii() and given.isdecimal() and len(given) < 9 and int(given) <= MAX_DOMAIN):
-        raise InvalidValueError(VARIABLE, given, f"whole numbers from 0 to {MAX_DOMAIN}")
+        raise InvalidValueError(VARIABLE, given, f"a whole number from 0 to {MAX_DOMAIN}")
     return int(given)

@@ -30,7 +30,7 @@ class InvalidValueError(SfglabError, ValueError):
 
     def __str__(self) -> str:
         place = key_text(self.place) if isinstance(self.place, tuple) else self.place
-        return f"{place}: {_said(self.given)}, allowed: {self.allowed}"
+        return f"{place}: {_said(self.given)}: {self.allowed}"
 
 
 def key_text(path: KeyPath) -> str:
@@ -45,15 +45,15 @@ def key_text(path: KeyPath) -> str:
 
 
 def _said(given: object) -> str:
-    if isinstance(given, OSError | UnicodeDecodeError):
-        return why(given)
-    return "nothing is given" if given is None else f"given {_shown(given)}"
+    if isinstance(given, Exception):
+        return f"{why(given)}, needed"
+    return "nothing is given, needed" if given is None else f"given {_shown(given)}, allowed"
 
 
 def why(error: Exception) -> str:
     """Return the cause of an error about a file as a phrase, without error number and file name."""
     if isinstance(error, UnicodeDecodeError):
-        return f"byte {error.start} is no {error.encoding.upper()}"
+        return f"byte {error.start} is not {error.encoding.upper()}"
     reason = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
     return reason[:1].lower() + reason[1:]
 
@@ -75,5 +75,5 @@ class MissingExtraError(SfglabError, ImportError):
         self.library = library  #: Import name of the missing library.
         self.extra = extra  #: Extra of sfglab that installs the library.
         super().__init__(
-            f"{purpose} needs {library!r}, which is not installed: pip install '.[{extra}]' in a checkout"
+            f"{purpose} needs {library!r}, which is not installed; run pip install '.[{extra}]' in a checkout"
         )

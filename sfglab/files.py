@@ -133,6 +133,6 @@ def own_folder() -> Path:
     folder = Path(gettempdir()) / f"sfglab-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     if folder.lstat().st_uid != os.getuid() or folder.lstat().st_mode & 0o77:
-        given = f"{folder}, open to others"
-        raise InvalidValueError("folder for locks", given, "a folder of this user's alone")
+        given = f"{folder}, which other users can open"
+        raise InvalidValueError("folder for locks", given, "a folder that only this user can open")
     return folder

@@ -36,7 +36,7 @@ def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
     if (state, given) not in table:
         allowed = [known.name for origin, known in table if origin is state]
         names = ", ".join(sorted(allowed)) or "none"
-        raise IllegalInputError(f"{name} in {state.name}: given {given.name}, allowed are {names}")
+        raise IllegalInputError(f"{name} in {state.name}: given {given.name}, allowed: {names}")
     return table[state, given]
 
 

@@ -133,7 +133,7 @@ class LineProcess:
                     self._raise_if_over(report)
         except TimeoutError:
             raise ProcessFailedError(
-                f"{self.name}: no {kind!r} within {timeout_s or 0:g} s"
+                f"{self.name}: it did not report {kind!r} within {timeout_s or 0:g} s"
             ) from None
         return report
 

@@ -62,11 +62,13 @@ class QoSProfile(Shown):
 
     def __post_init__(self) -> None:
         if self.depth < 1:
-            raise InvalidValueError("QoS depth", self.depth, "whole numbers from 1")
+            raise InvalidValueError("QoS depth", self.depth, "a whole number from 1")
         for name in _TIMES:
             value = getattr(self, name)
             if value is not None and value <= 0:
-                raise InvalidValueError(f"QoS {name}", value, "positive nanoseconds or None")
+                raise InvalidValueError(
+                    f"QoS {name}", value, "a positive number of nanoseconds, or None"
+                )
 
     def __repr__(self) -> str:
         parts = [self.reliability.value, self.durability.value, self.history.value]

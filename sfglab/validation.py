@@ -190,7 +190,7 @@ def _with_known_keys(core: Core) -> Core:
                 if key not in given:
                     raise InvalidValueError((key,), None, _needed(key, unknown))
             for key in unknown:
-                allowed = ", ".join(sorted(known)) + suggestion(key, known)
+                allowed = f"the keys {', '.join(sorted(known))}{suggestion(key, known)}"
                 raise InvalidValueError((key,), key, allowed)
         return given
 
@@ -198,7 +198,7 @@ def _with_known_keys(core: Core) -> Core:
 
 
 def _needed(key: str, unknown: Iterable[str]) -> str:
-    return f"{key!r} is needed here{suggestion(key, unknown, 'mean it by')}"
+    return f"the key {key!r}{suggestion(key, unknown, 'misspell it as')}"
 
 
 def _mistake(mistakes: list[ErrorDetails], value: Any) -> tuple[KeyPath, object, str]:

@@ -68,7 +68,7 @@ def pytest_configure() -> None:
     settings.load_profile("any machine")
     if unknown := REQUIRED - set(NEEDS):
         given, allowed = ", ".join(sorted(unknown)), ", ".join(NEEDS)
-        raise pytest.UsageError(f"SFGLAB_REQUIRE: given {given}, allowed are {allowed}")
+        raise pytest.UsageError(f"SFGLAB_REQUIRE: given {given}, allowed: {allowed}")
 
 
 @pytest.hookimpl(trylast=True)

@@ -29,12 +29,12 @@ def read(hint, text: str):
     [
         ("a: 1\na: 2", "f.yaml:2: a: given 'a', allowed: each key once in its mapping"),
         ("a: 2001-99-99", "f.yaml:1: a: given '2001-99-99', allowed: a value that YAML can read"),
-        ("a: \x07", "f.yaml: given 'unacceptable character"),
-        ("a: &x [1]\nb: *x", "f.yaml:2: b: given 'an alias', allowed: every value written out"),
+        ("a: \x07", "f.yaml: not valid YAML: unacceptable character"),
+        ("a: &x [1]\nb: *x", "f.yaml:2: b: given 'an alias', allowed: a value that is written out"),
         ("a: &x\n- *x", "f.yaml:2: a[0]: given 'an alias'"),
-        ("a: &x b\nc:\n  *x : 1", "f.yaml:2: c: given 'an alias, a list or a mapping'"),
-        ("a:\n  ? [b, c]\n  : 1", "f.yaml:1: a: given 'an alias, a list or a mapping'"),
-        ("a: {", "allowed: YAML"),
+        ("a: &x b\nc:\n  *x : 1", "f.yaml:2: c: given 'an alias, a list or a mapping as a key'"),
+        ("a:\n  ? [b, c]\n  : 1", "f.yaml:1: a: given 'an alias, a list or a mapping as a key'"),
+        ("a: {", "not valid YAML"),
         ("1: a", "f.yaml:1: 1: given '1', allowed: a key that is text (quote it)"),
     ],
 )
@@ -46,7 +46,7 @@ def test_what_is_no_yaml_or_could_mislead_is_refused_with_its_place(text, said):
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
     """tests/test_mistakes.py has files that are no text."""
-    with pytest.raises(documents.DocumentError, match=r"none\.yaml: .*, allowed: a fleet file$"):
+    with pytest.raises(documents.DocumentError, match=r"none\.yaml: .*, needed: a fleet file$"):
         documents.Document.of_file(tmp_path / "none.yaml", "a fleet file")
 
 
@@ -141,8 +141,8 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("# from:\ndoors: 1", "from: nothing is given, allowed: 'from' is needed here"),
-        ("# from:\nform: a", "allowed: 'from' is needed here; did you mean it by 'form'?"),
+        ("# from:\ndoors: 1", "from: nothing is given, needed: the key 'from'"),
+        ("# from:\nform: a", "needed: the key 'from'; did you misspell it as 'form'?"),
         ("from: A", "f.yaml:2: from: given 'A', allowed: small letters"),
         ("doors: 6", "doors: given 6, allowed: a whole number from 1 to 5"),
         ("doors: 3", "f.yaml:2: doors: given 3, allowed: up to the seats, 2"),
@@ -154,10 +154,10 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
         ("at_m: [1, 2, 3]", "at_m: given [1, 2, 3], allowed: 2 values"),
         ("engine: {fuel: sum}", "engine.fuel: given 'sum', allowed: sun or wind; did you mean"),
         ("tags: [1]", "tags[0]: given 1, allowed: a text (quote it)"),
-        ("place: {}", "place: given 'place', allowed: at_m, axles"),
+        ("place: {}", "place: given 'place', allowed: the keys at_m, axles"),
         ("maybe: x", "maybe: given 'x', allowed: a number or nothing"),
         ("wheels: [a, {name: b, size_m: 0}]", "wheels[1].size_m: given 0, allowed: a finite"),
-        ("axles: {a: {name: b}}", "axles.a.name: given 'name', allowed: no such key"),
+        ("axles: {a: {name: b}}", "axles.a.name: given 'name', allowed: no key 'name' here"),
         ("axles: {'': {}}", "f.yaml:3: axles: given '', allowed: names that are not empty"),
         ("door: 2", "; did you mean 'doors'?"),
     ],

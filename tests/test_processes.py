@@ -57,7 +57,8 @@ async def test_a_group_asks_its_members_hears_every_report_and_ends_them(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("begins", "message"), [("broken", "b: broken as told"), ("late", "no 'ready' within 1 s")]
+    ("begins", "message"),
+    [("broken", "b: broken as told"), ("late", "not report 'ready' within 1 s")],
 )
 async def test_a_failed_start_is_named_and_leaves_nobody(begins, message):
     group = ProcessGroup(wrap_command=on_host, start_s=1.0 if begins == "late" else S)
@@ -82,7 +83,7 @@ async def test_members_can_be_killed_and_added_midway():
         ("fail", "a: failed as told"),
         ("exit", "a: it ended with status 7"),
         ("babble", "a killed by a signal; a: given .*, which is no report"),
-        ("nothing", "a: no 'counted' within 1 s"),
+        ("nothing", "a: it did not report 'counted' within 1 s"),
     ],
 )
 async def test_who_fails_is_named_with_the_reason(do, message):

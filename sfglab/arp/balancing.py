@@ -148,5 +148,5 @@ def solve_problem(problem: Any, about: str, **settings: Any) -> None:
     except SolverError as error:
         ended = f"without an answer ({error})"
     if problem.status != "optimal":
-        advice = "values that differ by less from each other may have a solution"
+        advice = "use rates and sizes that differ less from each other"
         raise SfglabError(f"{about}: solver CLARABEL ended {ended}; {advice}")

@@ -112,7 +112,7 @@ class _Planner:
         names = [self._given.topics[i].name for i in largest]
         raise SfglabError(
             f"QoS plan has no solution: the minimal rates take {needed:.3g} of the channel's time, "
-            f"allowed is {allowed:.3g}. These topics take most: {', '.join(names)}. Multiply all minimal rates by "
+            f"allowed: {allowed:.3g}. These topics take most: {', '.join(names)}. Multiply all minimal rates by "
             f"{allowed / needed:.2g}, send fewer topics, or use a faster link"
         )
 

@@ -191,7 +191,7 @@ def read_topics(document: Document) -> TopicFile:
     """
     file = document.read(TopicKeys)
     if not file.topics:
-        raise document.refusal(("topics",), document.value["topics"], "one topic at least")
+        raise document.refusal(("topics",), document.value["topics"], "at least one topic")
     hosts = sorted({host for t in file.topics for host in (t.source, *t.targets)})
     agents = file.agents or tuple(sorted({t.source for t in file.topics}))
     wrong = not set(agents) <= set(hosts) or len(set(agents)) < len(agents)

@@ -70,6 +70,6 @@ def not_cdr_error(topic: str, type_: str, *, size_bytes: int, reason: str) -> In
 def discovery_timeout_error(what: str, timeout_s: float) -> BusTimeoutError:
     """Return the error for an expected peer that did not appear in time."""
     return BusTimeoutError(
-        f"{what} within {timeout_s} s did not happen; check that both sides use the same domain id, "
+        f"{what} did not appear within {timeout_s} s; check that both sides use the same domain id, "
         "network interface, topic, type and compatible QoS"
     )

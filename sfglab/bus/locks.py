@@ -23,7 +23,9 @@ class LockedError(BusError, RuntimeError):
 
     def __init__(self, name: str, pid: int | None) -> None:
         self.pid = pid
-        super().__init__(f"lock {name}: process {pid} has it, allowed is one")
+        super().__init__(
+            f"lock {name}: process {pid or 'unknown'} holds it; end that process first"
+        )
 
 
 @contextmanager

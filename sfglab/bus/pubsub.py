@@ -50,7 +50,7 @@ def checked_type(message: Any, *, type_: str, where: str) -> None:
     given = getattr(message, "__msgtype__", None)
     if given != type_:
         raise InvalidMessageError(
-            f"{where!r}: given a {given or type(message).__name__}, allowed is a {type_}"
+            f"{where!r}: given a {given or type(message).__name__}, allowed: {type_}"
         )
 
 
@@ -65,7 +65,7 @@ class TopicEnd:
 
     async def _wait_for(self, end: Endpoint, count: int, peers: str, timeout_s: float) -> None:
         if not await self._changed.wait_until(lambda: end.matched >= count, timeout_s):
-            what = f"topic {self.topic_name!r}: {count} matching {peers}(s), found {end.matched},"
+            what = f"topic {self.topic_name!r}: {count} matching {peers}(s), of which {end.matched} were found,"
             raise discovery_timeout_error(what, timeout_s)
 
 
@@ -118,7 +118,7 @@ class Publisher(TopicEnd):
             self._writer, "loan", None
         )
         if lend is None:
-            said = "only a live publisher with transport='shm' lends memory"
+            said = "only a live publisher lends memory; create it with transport='shm'"
             raise TypeError(f"topic {self.topic_name!r}: {said}")
         return lend(size_bytes)
 
@@ -253,7 +253,10 @@ class Subscription(TopicEnd):
             async with asyncio.timeout(timeout_s):
                 return await self._inbox.get(self._what)
         except TimeoutError as error:
-            said = f"no message within {timeout_s} s; {self._reader.matched} matching publisher(s) known"
+            said = (
+                f"no message within {timeout_s} s from {self._reader.matched} matching publisher(s)"
+            )
+            said += "; check that its name, type and QoS match and that it is published"
             raise BusTimeoutError(f"topic {self.topic_name!r}: {said}") from error
 
 

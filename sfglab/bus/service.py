@@ -192,9 +192,9 @@ class Client(_ServiceEnd):
         checked_type(request, type_=self._request_type, where=name)
         start_s = self._backend.loop.time()
         if not await self._changed.wait_until(self.service_is_ready, timeout_s):
-            reason = "no server was found"
+            reason = "no server was found; check its name, type and domain id"
             if self._servers():
-                reason = "only one of rmw_fastrtps was found: transport='ros' reaches it"
+                reason = "only a server of rmw_fastrtps was found; use transport='ros'"
             raise BusTimeoutError(f"{said} ({reason})")
         remaining_s = timeout_s and timeout_s - (self._backend.loop.time() - start_s)
         try:
@@ -202,12 +202,14 @@ class Client(_ServiceEnd):
                 frame = await self._exchange(serialize(request))
         except TimeoutError as error:
             reason = (
-                "the server did not respond" if self.service_is_ready() else "the server has gone"
+                "the server did not respond; wait longer or check its log"
+                if self.service_is_ready()
+                else "the server disappeared; call it again"
             )
             raise BusTimeoutError(f"{said} ({reason})") from error
         if max_bytes is not None and len(frame.cdr) > max_bytes:
             raise InvalidValueError(
-                f"response of {name!r}", f"{len(frame.cdr)} bytes", f"{max_bytes}"
+                f"response of {name!r}", f"{len(frame.cdr)} bytes", f"up to {max_bytes} bytes"
             )
         return deserialize(frame.cdr, self._response)
 

@@ -140,16 +140,28 @@ def _sentence(error: Any) -> tuple[str, int]:
     if isinstance(error, ModuleNotFoundError):
         name = error.name or "sfglab"
         if not name.startswith("sfglab"):
-            return f"{name} is not installed: install sfglab, or on a robot sfglab-robot[depth]", 1
+            return f"{name} is not installed; install sfglab, or on a robot sfglab-robot[depth]", 1
     # typer brings its own click or uses the installed one, so the class of its errors is not known.
     if not hasattr(error, "format_message"):
         return "", 1
     if type(error).__name__ == "NoArgsIsHelpError":
         error.show()
         sys.exit(error.exit_code)
+    return _usage_sentence(error), error.exit_code
+
+
+def _usage_sentence(error: Any) -> str:
+    """Return an error in the arguments of a command as a sentence that names the command's help."""
     sentence = " ".join(error.format_message().split()).replace("Value error, ", "")
-    path = error.ctx.command_path.partition(" ")[2] if error.ctx else ""
-    return f"{path}: {sentence}" if path else sentence, error.exit_code
+    if "Input should be" in sentence:
+        given = error.__cause__.errors()[0]["input"]
+        sentence = sentence.replace("Input should be", f"given {given!r}, allowed:")
+        sentence = sentence.partition(", unable to parse")[0]
+    command = error.ctx.command_path if error.ctx else "sfglab"
+    if not sentence.endswith("?"):
+        sentence = f"{sentence.removesuffix('.')}; see {command} --help"
+    path = command.partition(" ")[2]
+    return f"{path}: {sentence}" if path else sentence
 
 
 def _print_version(value: bool) -> None:

@@ -83,11 +83,11 @@ def observed_domain(file: Path | None, domain: int | None) -> int | None:
         SfglabError: Both a file and a domain are given.
     """
     if file is not None and domain is not None:
-        raise SfglabError("a file and --domain exclude each other: give one of them")
+        raise SfglabError("a file and --domain exclude each other; give one of them")
     if file is not None or domain is not None:
         return domain
     if not os.environ.get(VARIABLE):
-        raise SfglabError(f"nothing to read: give a file, --domain or {VARIABLE}")
+        raise SfglabError(f"nothing to read; give a file, --domain or {VARIABLE}")
     return usual_domain_id()
 
 

@@ -118,9 +118,11 @@ def try_experiment(
     """
     from sfglab.lab import notebooks
     from sfglab.lab.experiments import EXPERIMENTS
+    from sfglab.validation import suggestion
 
     if name not in EXPERIMENTS:
-        raise InvalidValueError("EXPERIMENT", name, ", ".join(EXPERIMENTS))
+        allowed = ", ".join(EXPERIMENTS) + suggestion(name, EXPERIMENTS)
+        raise InvalidValueError("EXPERIMENT", name, allowed)
     project = find_project()
     parameters = _parameters(profile, fields or ())
     folder = _new_folder(project, name, folder_name)
@@ -150,9 +152,9 @@ def _new_folder(project: Project, experiment: str, name: str) -> Path:
     name = name or next(new for new in numbered if not (project.tries / new).exists())
     folder = project.tries / name
     if folder.parent != project.tries or name.startswith("."):
-        raise InvalidValueError("--name", name, "the name of one folder")
+        raise InvalidValueError("--name", name, "the name of a folder, without / and leading dot")
     if any(folder.glob("*.mcap")):
-        raise InvalidValueError("--name", name, "a name that no finished try has")
+        raise InvalidValueError("--name", name, "another name, because this one has a finished try")
     return folder
 
 

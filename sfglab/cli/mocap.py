@@ -82,7 +82,7 @@ def mocap_run(
     topics = _topics(topic or [], mapping)
     if [bool(vicon), bool(topic), synthetic].count(True) != 1 or (log and not topic):
         raise SfglabError(
-            "mocap run needs one of --vicon, --topic, --log with --topic, --synthetic"
+            "source: give exactly one of --vicon, --topic, --log with --topic, --synthetic"
         )
 
     async def serve(node: Node) -> None:

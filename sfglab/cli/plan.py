@@ -62,7 +62,9 @@ def plan(
     if new and scene.exists():
         raise InvalidValueError("--new", str(scene), "a file that does not exist yet")
     if not new and not scene.exists():
-        raise InvalidValueError("scene", str(scene), "a scene file; --new begins one")
+        raise InvalidValueError(
+            "scene", str(scene), "an existing scene file, or --new to begin one"
+        )
     if not scene.parent.is_dir():
         raise InvalidValueError("scene", str(scene), "a file in an existing folder")
     editor = Editor.open(scene)
@@ -119,7 +121,9 @@ def _setup(agent: str, scene: Path | None) -> AgentSetup:
     loaded = load_scene(scene)
     named = {found.name: found for found in loaded.all_of(AgentObject)}
     if agent not in named:
-        raise InvalidValueError(f"--agent, {scene}", agent, ", ".join(named) or "no agent")
+        raise InvalidValueError(
+            f"--agent, {scene}", agent, ", ".join(named) or "none, because the scene has no agent"
+        )
     return AgentSetup.of_scene(loaded, named[agent])
 
 
@@ -151,7 +155,7 @@ def run_scene(
 
     orders = scene_orders(load_scene(file), agents=tuple(agent or ()))
     if not orders:
-        raise SfglabError(f"{file}: no agent has a trajectory")
+        raise SfglabError(f"{file}: no agent has a trajectory; add one with sfglab plan")
     place = (domain, interface)
     raise typer.Exit(on_node(place, lambda node: _send_all(node, orders, delay), "planner"))
 

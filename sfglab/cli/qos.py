@@ -105,7 +105,9 @@ def qos(
     with opened(file, (domain, interface), duration) as found:
         given = _topics_of(found)
     if not given.topics:
-        raise SfglabError(f"{source}: no topic goes from one host to another")
+        raise SfglabError(
+            f"{source}: no topic goes from one host to another; record nodes of several hosts"
+        )
     lowered = [topic.name for topic in given.topics if topic.rate_min_hz > (rate_max or math.inf)]
     _warn("--rate-max is below the file's rate_min_hz", lowered)
     given = given.limited_to(rate_max)
@@ -116,7 +118,7 @@ def qos(
         why = "with --format topics, which plans nothing"
         unused(why, "method", "pareto", "latency_weight", "as_json")
         if isinstance(found, Path):
-            raise SfglabError(f"--format topics: given {file}, allowed: a log, a bag or a domain")
+            raise SfglabError(f"--format topics: given {file}, allowed: a log, a bag or --domain")
         write_text(topics_text(given.topics, source.name), output and Path("topics.yaml"), output)
         return
     _warn_of_validity(given)

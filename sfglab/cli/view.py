@@ -90,7 +90,7 @@ def _default_output() -> tuple[str]:
     if any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
         return ("viewer",)
     raise SfglabError(
-        "there is no display for a viewer: give --to FILE.rrd, and open the file with rerun on "
+        "there is no display for a viewer; give --to FILE.rrd, and open the file with rerun on "
         "another host"
     )
 

@@ -122,7 +122,7 @@ def compressed_image_fields(image_bgr: NDArray[np.uint8]) -> CompressedImageFiel
     from sfglab.codecs.still import encode_jpeg
 
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
-        allowed = "allowed is uint8 of shape (height, width, 3)"
+        allowed = "allowed: uint8 of shape (height, width, 3)"
         raise CodecError(f"colour image: given {kind_of(image_bgr)}, {allowed}")
     return CompressedImageFields(format="bgr8; jpeg compressed bgr8", data=encode_jpeg(image_bgr))
 
@@ -188,11 +188,11 @@ def image_decoder(
         COMPRESSED_VIDEO: _read_compressed_image,
     }
     if type_name not in readers:
-        reason = f"no images in it; allowed are {', '.join(readers)}"
+        reason = f"this type holds no images; allowed: {', '.join(readers)}"
         raise CodecUnavailableError(type_name, reason=reason)
     hint = VIDEO_CODECS.get(codec_hint or "", codec_hint or "")
     if hint and hint not in _HINTS:
-        reason = f"not a known codec; allowed are {', '.join(_HINTS)}"
+        reason = f"not a known codec; allowed: {', '.join(_HINTS)}"
         raise CodecUnavailableError(hint, reason=reason)
     if hint in _MODULES:
         importlib.import_module(f"sfglab.codecs.{_MODULES[hint]}")
@@ -213,7 +213,7 @@ class _Content:
 def _read_ffmpeg_packet(message: Any) -> _Content:
     encoding = parse_ffmpeg_encoding(message.encoding)
     if "16" in encoding.ros_encoding or "32" in encoding.ros_encoding:
-        reason = "video of more than 8 bits is not decoded, because BGR would drop the rest"
+        reason = "video of more than 8 bits cannot be decoded to BGR; publish 8 bits per channel"
         raise CodecUnavailableError(message.encoding, reason=reason)
     return _Content(codec=encoding.codec, data=bytes(message.data), pts=int(message.pts))
 
@@ -267,7 +267,7 @@ class ImageDecoder:
         elif codec in _HINTS:
             array, encoding = _decode_still(content, self._most_pixels)
         else:
-            reason = f"a message names it, but known are {', '.join(_HINTS)}; if it is one of them, hint it"
+            reason = f"unknown; allowed: {', '.join(_HINTS)}; name the right one as codec_hint"
             raise CodecUnavailableError(content.codec, reason=reason)
         return (DecodedImage(array=array, encoding=encoding, is_key=True, intact=True),)
 

@@ -42,7 +42,7 @@ class DepthFormat:
 
     def __post_init__(self) -> None:
         if self.codec not in ("png", "rvl"):
-            allowed = "allowed are 'png' or 'rvl'"
+            allowed = "allowed: 'png', 'rvl'"
             raise CodecError(f"codec of compressedDepth: given {self.codec!r}, {allowed}")
 
     def __str__(self) -> str:
@@ -61,7 +61,7 @@ def parse_depth_format(text: str) -> DepthFormat:
     words = transport.lower().split()
     if len(words) not in (1, 2) or words[0] != "compresseddepth":
         allowed = "'<encoding>; compressedDepth' followed by 'png' or 'rvl'"
-        raise CodecError(f"depth format: given {text!r}, allowed is {allowed}")
+        raise CodecError(f"depth format: given {text!r}, allowed: {allowed}")
     codec = words[1] if len(words) == 2 else "png"
     return DepthFormat(encoding=encoding.strip(), codec=codec)
 
@@ -80,7 +80,7 @@ def encode_depth(
         CodecError: The image has another shape or type, or the codec is another one.
     """
     if depth_mm.ndim != 2 or depth_mm.dtype != np.uint16 or not depth_mm.size:
-        allowed = "allowed is uint16 of two dimensions, not empty"
+        allowed = "allowed: uint16 of two dimensions, not empty"
         raise CodecError(f"depth image: given {kind_of(depth_mm)}, {allowed}")
     depth_format = DepthFormat(encoding="16UC1", codec=codec)
     # The plugin leaves A and B unset here and ignores them; a viewer may take anything but 0 as quantised.
@@ -114,7 +114,7 @@ def decode_depth(
     if not quantised:
         return pixels, depth_format.encoding or "16UC1"
     if not (0 < quant_a < math.inf and math.isfinite(quant_b)):
-        allowed = "allowed are a positive A and a finite B"
+        allowed = "allowed: a positive A and a finite B"
         reason = f"quantised with A = {quant_a}, B = {quant_b}; {allowed}"
         raise BitstreamError("compressedDepth", reason=reason, size_bytes=len(data))
     return _metres(pixels, quant_a, quant_b), depth_format.encoding or "32FC1"

@@ -54,5 +54,5 @@ def check_size(
         BitstreamError: A side is below 1, or the image has more than `most_pixels`.
     """
     if width < 1 or height < 1 or width * height > most_pixels:
-        reason = f"claims {width} x {height} pixels; allowed are sides from 1 and at most {most_pixels} pixels"
+        reason = f"claims {width} x {height} pixels; allowed: sides from 1 and at most {most_pixels} pixels"
         raise BitstreamError(codec, reason=reason, size_bytes=size_bytes)

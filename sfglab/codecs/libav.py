@@ -63,12 +63,12 @@ class H264Settings:
         is_even = self.width % 2 == self.height % 2 == 0
         is_small = min(self.width, self.height) > 0 and self.width * self.height <= MAX_PIXELS
         if not is_even or not is_small:
-            allowed = f"allowed are even sides and at most {MAX_PIXELS} pixels"
+            allowed = f"allowed: even sides and at most {MAX_PIXELS} pixels"
             raise CodecError(f"H.264 size: given {self.width} x {self.height}, {allowed}")
         for name in ("fps", "bitrate_bps", "gop"):
             value = getattr(self, name)
             if not 0 < value < math.inf:
-                raise CodecError(f"H.264 {name}: given {value}, allowed are positive numbers")
+                raise CodecError(f"H.264 {name}: given {value}, allowed: positive numbers")
 
 
 TABLE_2 = H264Settings(width=640, height=360, fps=30, bitrate_bps=4_000_000, gop=30)
@@ -134,7 +134,7 @@ class VideoEncoder:
         try:
             self._context = self._opened()
         except (av.FFmpegError, ValueError) as error:
-            reason = f"H.264 encoder {name!r} refuses {settings}: {why(error)}"
+            reason = f"H.264 encoder {name!r} refuses {settings} ({why(error)}); sfglab doctor lists others"
             raise CodecError(reason) from error
 
     def encode(
@@ -148,7 +148,7 @@ class VideoEncoder:
             CodecError: The image does not fit the settings, or the encoder delays the packet or fails.
         """
         if image_bgr.shape != self._shape or image_bgr.dtype != np.uint8:
-            allowed = f"allowed is uint8 of shape {self._shape}"
+            allowed = f"allowed: uint8 of shape {self._shape}"
             raise CodecError(f"H.264 encoder: given {kind_of(image_bgr)}, {allowed}")
         frame = self._planes(np.ascontiguousarray(image_bgr))
         frame.pts, frame.time_base = self._next_pts, self._context.time_base
@@ -299,7 +299,7 @@ class VideoDecoder:
             # Wrappers of hardware decoders do not all take the generic options; that is no reason to refuse them.
             context.open(strict=False)
         except (av.FFmpegError, ValueError) as error:
-            reason = f"decoder {self.decoder_name!r} cannot be opened: {why(error)}"
+            reason = f"decoder {self.decoder_name!r} cannot be opened ({why(error)}); sfglab doctor lists others"
             raise CodecError(reason) from error
         return context
 

@@ -113,7 +113,7 @@ def base_of(deployment: Deployment) -> BaseImage:
         allowed = ", ".join(known.value for given, known in _IMAGES if given is accelerator)
         raise DeployError(
             f"{deployment.host.place}.architecture: given {architecture.value!r} with accelerator "
-            f"{accelerator.value!r}, allowed with it: {allowed}"
+            f"{accelerator.value!r}, allowed with this accelerator: {allowed}"
         )
     distribution = _distribution(deployment, tuple(images))
     python, python_packages = _PYTHON[distribution]
@@ -141,5 +141,5 @@ def _distribution(deployment: Deployment, offered: tuple[Distribution, ...]) -> 
     allowed = ", ".join(member.value for member in known)
     raise DeployError(
         f"{deployment.host.place}: given accelerator {deployment.accelerator.value!r} in a fleet with ROS 2 "
-        f"{ros.value!r} (Ubuntu {wanted.value}), allowed at deployment.ros with it: {allowed}"
+        f"{ros.value!r} (Ubuntu {wanted.value}), allowed at deployment.ros with this accelerator: {allowed}"
     )

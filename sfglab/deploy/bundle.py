@@ -109,7 +109,7 @@ def workspace_members(workspace: Path) -> dict[str, BundleFile]:
     """
     sources = workspace / "src"
     if not sources.is_dir():
-        raise DeployError(f"{workspace}: given no folder src, allowed: a colcon workspace")
+        raise DeployError(f"{workspace}: there is no folder src in it; give a colcon workspace")
     members = {}
     for path in sorted(path for path in sources.rglob("*") if path.is_file()):
         inside = path.relative_to(workspace)
@@ -157,7 +157,9 @@ def unpack(archive: bytes) -> dict[str, BundleFile]:
             _check(infos, len(archive))
             return {path: _read(tar, info) for path, info in infos.items()}
     except (*_DAMAGED, tarfile.TarError, struct.error) as error:
-        raise DeployError(f"archive: {error}") from error
+        raise DeployError(
+            f"archive: it cannot be read ({error}); apply the fleet file again"
+        ) from error
 
 
 def _check(infos: Mapping[str, tarfile.TarInfo], size_bytes: int) -> None:
@@ -165,8 +167,7 @@ def _check(infos: Mapping[str, tarfile.TarInfo], size_bytes: int) -> None:
         size_bytes -= max(info.size, 0)
         if size_bytes < 0 or path.startswith("/") or ".." in path.split("/"):
             raise DeployError(
-                f"given {path!r} of {info.size} bytes, allowed: no more than the archive holds, "
-                "below its folder"
+                f"entry {path!r} of {info.size} bytes is larger than the archive or outside its folder"
             )
 
 

@@ -46,7 +46,7 @@ def render_dds_router(fleet: Fleet, agent: str, *, local_interface: str | None =
     spec, policy = fleet.agent(agent), fleet.policy
     if not policy.rules:
         raise DeployError(
-            "policy.rules: given no rule, allowed: at least one, because a DDS Router with an empty allowlist "
+            "policy.rules: nothing is given, needed: a rule, because a DDS Router with an empty allowlist "
             "forwards all topics"
         )
     lines = [f"# {line}" for line in _header(fleet, agent)]
@@ -145,7 +145,7 @@ def _routes(policy: Policy) -> list[str]:
             for rule in policy.rules
         )
         raise DeployError(
-            f"rules of different directions or none ({given}): allowed are rules of the same direction, "
+            f"policy.rules: given {given}, allowed: rules of the same direction, "
             "because a DDS Router's allowlist is open both ways and its routes are for all topics or for one "
             "of a known type"
         )

@@ -154,13 +154,13 @@ def deployment_of(
     spec = fleet.agent(agent)
     if spec.host is None:
         raise DeployError(
-            f"{spec.place}: host: nothing is given, allowed: the machine that {agent} runs on"
+            f"{spec.place}: host: nothing is given, needed: the machine that {agent} runs on"
         )
     accelerator = accelerator or spec.host.accelerator
     if accelerator is None:
         known = ", ".join(member.value for member in Accelerator)
         raise DeployError(
-            f"{spec.host.place}.accelerator: given 'auto', which is found out on the machine itself; "
+            f"{spec.host.place}.accelerator: given 'auto', which only the machine itself can detect; "
             f"allowed when rendering elsewhere: {known}"
         )
     return Deployment(

@@ -79,8 +79,8 @@ def _locks(deployment: Deployment, base: BaseImage) -> dict[str, str]:
         rest, source = split_lock(lock, ("cyclonedds",))
         if f"=={_CYCLONE['version']} " not in source:
             raise DeployError(
-                f"requirements.lock: cyclonedds: given {source.split()[0]!r}, allowed on arm64, where it is "
-                f"built from source: {_CYCLONE['version']}"
+                f"requirements.lock: cyclonedds: given {source.split()[0]!r}, allowed on arm64: version "
+                f"{_CYCLONE['version']}, which is built from source there"
             )
         _, setuptools = split_lock(release.lock, ("setuptools",))
         locks["image/requirements.lock"] = rest

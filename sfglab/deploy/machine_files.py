@@ -32,9 +32,7 @@ class MachineFiles:
 
     def __post_init__(self) -> None:
         if not os.access(f"{self.root}/.", os.F_OK):
-            raise DeployError(
-                f"{self.root}: given as a machine's root, allowed: a folder that exists"
-            )
+            raise DeployError(f"root: given {str(self.root)!r}, allowed: an existing folder")
 
     def resolve(self, path: str) -> Path | None:
         """Return the path to which links lead; None for a loop. Absolute links start at the root, as in chroot(2)."""

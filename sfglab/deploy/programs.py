@@ -43,7 +43,9 @@ def run_streamed(command: Sequence[str], on_line: Callable[[str], None], name: s
             start_new_session=True,
         )
     except OSError as error:
-        raise DeployError(f"{command[0]} does not start: {error}") from error
+        raise DeployError(
+            f"{command[0]} cannot be started ({error.strerror}); check its installation"
+        ) from error
     assert process.stdout is not None
     last: deque[str] = deque(maxlen=_LAST_LINES)
     try:

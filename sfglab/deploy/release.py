@@ -75,8 +75,8 @@ def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> st
     missing = sorted(needed - pinned.keys())
     if missing:
         raise DeployError(
-            f"requirements.lock: given nothing for Python {python} on {architecture.value} of: "
-            f"{', '.join(missing)}; allowed: one pinned version of each (`make lock`)"
+            f"requirements.lock: there is no version for Python {python} on {architecture.value} of "
+            f"{', '.join(missing)}; run `make lock`"
         )
     return "".join(pinned[name] for name in sorted(needed))
 
@@ -199,11 +199,13 @@ def build_wheel(project: Path, folder: Path) -> Path:
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise DeployError(f"{project}: wheel: {error}") from error
+        raise DeployError(
+            f"{project}: the wheel cannot be built ({error}); run `make robot` to see the cause"
+        ) from error
     if built.returncode != 0:
         last = built.stderr.strip().splitlines()[-1:]
         raise DeployError(
-            f"{project}: wheel: hatchling failed: {' '.join(last)}; allowed: sfglab's folder, with "
+            f"{project}: the wheel cannot be built ({' '.join(last)}); use a checkout of sfglab, with "
             "hatchling installed"
         )
     return folder / built.stdout.strip().splitlines()[-1]

@@ -240,7 +240,7 @@ def released(transport: Transport, deployment: Deployment, tag: str) -> Bundle:
     """
     known = releases(transport, deployment.folder)
     if tag not in known:
-        allowed = ", ".join(known) or "none, nothing has been applied there"
+        allowed = ", ".join(known) or "none, because nothing has been applied there"
         raise DeployError(
             f"{transport.name}: release of {deployment.agent.name}: given {tag!r}, allowed: {allowed}"
         )

@@ -71,13 +71,17 @@ class Transport:
                 command, input=data, capture_output=True, timeout=timeout_s, check=False
             )
         except FileNotFoundError as error:
-            raise DeployError(f"{self.name}: {command[0]} is not installed here") from error
+            raise DeployError(
+                f"{self.name}: {command[0]} is not installed on this computer; install it"
+            ) from error
         except subprocess.TimeoutExpired as error:
-            raise DeployError(f"{self.name}: no answer within {timeout_s:.0f} s") from error
+            raise DeployError(
+                f"{self.name}: no answer within {timeout_s:.0f} s; check that the host is on and reachable"
+            ) from error
         if done.returncode:
             lines = done.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
             raise DeployError(
-                f"{self.name}: {command[0]} ended with status {done.returncode}: {lines[-1]}"
+                f"{self.name}: {command[0]} ended with status {done.returncode} ({lines[-1]}); correct the cause and run the command again"
             )
         return done.stdout
 
@@ -157,8 +161,8 @@ def accelerator_of(transport: Transport) -> Accelerator:
         machine = detect(transport.folder)
     if machine.accelerator is Accelerator.JETSON and machine.jetpack != JETPACK:
         raise DeployError(
-            f"{transport.name}: given JetPack {machine.jetpack or 'unknown'}, allowed: {JETPACK}, as in "
-            "the images' base"
+            f"{transport.name}: given JetPack {machine.jetpack or 'unknown'}, allowed: {JETPACK}, the "
+            "version of the base images"
         )
     return machine.accelerator
 

@@ -462,7 +462,7 @@ def _policy(document: Document, file: FleetFile) -> tuple[Policy, tuple[Place, .
     if isinstance(file.policy, str):
         return Policy(rules=TABLE_1), ()
     if not file.policy:
-        allowed = "'table-1' or at least one rule: nothing would ever cross"
+        allowed = "'table-1' or at least one rule, because no topic is forwarded without a rule"
         raise document.refusal(("policy",), [], allowed)
     rules = tuple(
         replace(rule, directions=rule.directions or frozenset(Direction)) for rule in file.policy

@@ -134,7 +134,7 @@ class Claim(Shown):
     def __post_init__(self) -> None:
         for name, (low, high) in {"band": self.band, **self.ends}.items():
             if low > high:
-                raise InvalidValueError(name, [low, high], "[low, high]")
+                raise InvalidValueError(name, [low, high], "[low, high] with low <= high")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -195,7 +195,9 @@ def _ros() -> _Verdict:
 
     found = list(distributions().values())
     if not found:
-        raise SfglabError("no ROS 2 installation was found; run make ros, or source one")
+        raise SfglabError(
+            "no ROS 2 installation was found; run make ros, or source the setup file of one"
+        )
     services = (
         "routers forward services of rmw_fastrtps"
         if ros_python()

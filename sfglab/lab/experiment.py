@@ -354,7 +354,7 @@ class Experiment(Generic[C]):
         config = self.config(profile, **changes)
         path = path or new_log(find_project(), self.name, profile)
         if path.exists():
-            raise LogError(path)
+            raise LogError(f"log {path}: there is a file already; choose another path")
         path.parent.mkdir(parents=True, exist_ok=True)
         given = asdict(config)  # type: ignore[call-overload]
         usual = asdict(self.config(profile))  # type: ignore[call-overload]

@@ -85,7 +85,7 @@ async def run(
     """
     if not isinstance(settings or {}, Mapping):
         raise InvalidValueError(
-            "settings", settings, "fields of the configuration and their values"
+            "settings", settings, "a mapping of fields to values, such as {'frames': 10}"
         )
     fields = {**changes, **(settings or {})}
     path = fields.pop("path", None)
@@ -104,7 +104,9 @@ def _load(exp: Experiment[C], log: str) -> Run[C]:
     if log in (REFERENCE, NEWEST):
         found = ledger.find_log(project, exp.name, committed=log == REFERENCE)
         if found is None:
-            raise InvalidValueError("log", log, "a path, or empty to run; there is no such log")
+            raise InvalidValueError(
+                "log", log, f"a path, or '' to run the experiment, because there is no {log} log"
+            )
         path = found
     with LogReader(path) as reader:
         made_by = (

@@ -114,7 +114,9 @@ def read_parameters(pairs: Iterable[str]) -> dict[str, Any]:
     for pair in pairs:
         name, equals, value = pair.partition("=")
         if not equals or not name.isidentifier():
-            raise NotebookError(f"parameter: given {pair!r}, needed is name=value")
+            raise NotebookError(
+                f"parameter: given {pair!r}, allowed: FIELD=VALUE, such as frames=10"
+            )
         parameters[name] = yaml.safe_load(value)
     return parameters
 
@@ -146,9 +148,9 @@ def _one_notebook(name: str, every: Sequence[Path], project: Project) -> Path:
     if not fitting and wanted in COMMANDS:
         raise NotebookError(f"{wanted} has no notebook: {COMMANDS[wanted]} runs and records it")
     if len(fitting) != 1:
-        fault = "fits several notebooks" if fitting else "is no notebook"
+        fault = "fits several notebooks" if fitting else "is no notebook and no experiment"
         there = ", ".join(path.stem for path in every)
-        raise NotebookError(f"{name!r} {fault}; there are {there}")
+        raise NotebookError(f"notebook: given {name!r}, which {fault}; allowed: {there}")
     return fitting[0]
 
 
@@ -185,7 +187,7 @@ def _declared(path: Path) -> set[str]:
     tagged = [cell for cell in cells_of(path) if "parameters" in cell["metadata"].get("tags", ())]
     if len(tagged) != 1:
         raise NotebookError(
-            f"{path.name}: {len(tagged)} cells are tagged 'parameters', needed is exactly one"
+            f"{path.name}: {len(tagged)} cells have the tag 'parameters', allowed: exactly one"
         )
     return set(_PARAMETER.findall(tagged[0]["source"]))
 
@@ -195,7 +197,9 @@ def _check_fields(path: Path, name: str, fitted: Mapping[str, Any]) -> None:
     exp = experiment(name)
     settings = fitted.get(settings_name(name, fitted), {})
     if not isinstance(settings, dict):
-        raise NotebookError(f"{path.name}: settings: given {settings!r}, needed are fields")
+        raise NotebookError(
+            f"{path.name}: settings: given {settings!r}, allowed: a mapping of fields to values"
+        )
     own = {field.name for field in fields(exp.config_class)} - {"profile"}
     given = {parameter: value for parameter, value in fitted.items() if parameter in own}
     try:
@@ -325,7 +329,9 @@ def _reference_logs(path: Path, project: Project, only: Collection[str]) -> dict
     for name in experiments.difference(only):
         log = project.reference_logs / f"{name}.mcap"
         if not log.is_file():
-            raise NotebookError(f"{path.name}: {name}: there is no log {project.relative(log)}")
+            raise NotebookError(
+                f"{path.name}: {name}: there is no log {project.relative(log)}; restore it with git"
+            )
         logs[f"log_{name}"] = project.relative(log)
     return logs
 

@@ -25,7 +25,9 @@ class RosMissingError(SfglabError):
     """This machine lacks ROS 2, or the distributions that are named."""
 
     def __init__(self, names: Iterable[str] = ()) -> None:
-        super().__init__(f"needs ROS 2 {' and '.join(names)}".rstrip() + ": make ros")
+        super().__init__(
+            f"needs ROS 2 {' and '.join(names)}".rstrip() + "; install it with make ros"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -107,7 +107,7 @@ def open_source(
     step = rate_hz / fps if rate_hz else 1.0
     first = next(images, None)
     if first is None:
-        raise SourceError(f"source {spec!r}: it opened, but holds no picture")
+        raise SourceError(f"source {spec!r}: it holds no image; give another source")
     looped = _looped(lambda: images_of(spec)[1], first, images, size, step)
     return Source(looped, said=_said(spec, first.shape, size, rate_hz, fps))
 
@@ -242,10 +242,10 @@ def _video_images(spec: str) -> tuple[float, Images]:
     is_camera = spec.startswith("camera:")
     index = spec.removeprefix("camera:")
     if is_camera and not index.isdigit():
-        raise SourceError(f"source {spec!r}: a camera is named camera:0, camera:1, ...")
+        raise SourceError(f"source {spec!r}: allowed for a camera: camera:0, camera:1, ...")
     if not is_camera and not Path(spec).is_file():
         raise SourceError(
-            f"source {spec!r}: no such file; allowed are photos, stereo, camera:N, bag:PATH#/topic "
+            f"source {spec!r}: no such file; allowed: photos, stereo, camera:N, bag:PATH#/topic "
             "or the path of a video file"
         )
     import cv2
@@ -256,7 +256,9 @@ def _video_images(spec: str) -> tuple[float, Images]:
     capture = cv2.VideoCapture(int(index) if is_camera else spec)
     if not capture.isOpened():
         capture.release()
-        raise SourceError(f"source {spec!r}: it cannot be opened as video")
+        raise SourceError(
+            f"source {spec!r}: it cannot be opened as video; give a connected camera or a video file"
+        )
 
     def images() -> Images:
         try:
@@ -280,13 +282,14 @@ def _bag_images(spec: str) -> tuple[float, Images]:
         seen = [name for name, info in log.topics.items() if info.type_name in _PICTURES]
         if not topic and len(seen) != 1:
             there = (
-                ", ".join(f"bag:{path}#{name}" for name in seen) or "none: no topic has pictures"
+                ", ".join(f"bag:{path}#{name}" for name in seen)
+                or "none, because no topic has images"
             )
-            raise SourceError(f"source {spec!r}: say which topic; there are {there}")
+            raise SourceError(f"source {spec!r}: name one topic with images; allowed: {there}")
         topic = topic or seen[0]
         if topic not in log.topics:
-            known = ", ".join(sorted(log.topics))
-            raise SourceError(f"source {spec!r}: no topic {topic!r}; the log holds {known}")
+            known = ", ".join(sorted(seen)) or "none, because no topic has images"
+            raise SourceError(f"source {spec!r}: there is no topic {topic!r}; allowed: {known}")
         type_name = log.topics[topic].type_name
         rate_hz, _ = rate_and_size(log.first(topic))
 
@@ -325,8 +328,6 @@ def _bgr_of_image(message: Any, spec: str) -> Image:
 
     if message.encoding not in _ORDERS:
         known = ", ".join(_ORDERS)
-        raise SourceError(
-            f"source {spec!r}: given encoding {message.encoding!r}, allowed are {known}"
-        )
+        raise SourceError(f"source {spec!r}: given encoding {message.encoding!r}, allowed: {known}")
     channels = pixels(message).reshape(message.height, message.width, -1)
     return np.ascontiguousarray(channels[..., _ORDERS[message.encoding]])

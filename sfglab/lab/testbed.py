@@ -49,7 +49,9 @@ def held_domains(count: int = 1) -> Iterator[list[int]]:
                 break
         else:
             allowed = f"DDS domains {FIRST_DOMAIN} to {FIRST_DOMAIN + DOMAINS - 1}"
-            raise SfglabError(f"{allowed}: asked for {count}, free are {len(found)}")
+            raise SfglabError(
+                f"{allowed}: {count} are needed and {len(found)} are free; end other runs on this host"
+            )
         yield found
 
 

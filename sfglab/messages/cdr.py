@@ -68,13 +68,13 @@ def _misfit(message: Any) -> str:
             for index, part in enumerate(value):
                 alone = [part] * (type_.length or 1)
                 if not _is_writable(default_message(name, **{field: alone})):
-                    return f"{field}[{index}]: given {_shown(part)}, allowed is {type_.base}"
+                    return f"{field}[{index}]: given {_shown(part)}, allowed: {type_.base}"
         allowed = type_.base
         if type_.is_list:
             size = type_.length or ""
             kind = "a contiguous NumPy array" if type_.is_number else "a list"
             allowed = f"{type_.base}[{size}] as {kind}"
-        return f"{field}: given {_shown(value)}, allowed is {allowed}"
+        return f"{field}: given {_shown(value)}, allowed: {allowed}"
     return ""
 
 
@@ -166,7 +166,7 @@ def serialize_into(message: Any, buffer: Buffer) -> int:
     view = memoryview(buffer).cast("B")
     if view.nbytes < size:
         raise CdrError(
-            type_name(type(message)), f"given a buffer of {view.nbytes} bytes, needed are {size}"
+            type_name(type(message)), f"given a buffer of {view.nbytes} bytes, needed: {size}"
         )
     np.frombuffer(view, np.uint8, size).fill(0)  # old content must not remain in alignment gaps
     _write(message, view[:size])
@@ -272,7 +272,9 @@ def register_definition(name: str, text: str) -> None:
     """
     if is_known(name):
         if not is_known_as(name, text):
-            raise MessageError(f"{name} is already registered with other fields")
+            raise MessageError(
+                f"{name} is already registered with other fields; choose another name"
+            )
         return
     parsed = parse_definition(name, text)
     add_types({other: fields for other, fields in parsed.items() if not is_known(other)})

@@ -30,7 +30,7 @@ def row_type(row_class: type[Any]) -> type[Any]:
         MessageError: A field is of another type, or another row class has the name.
     """
     if not dataclasses.is_dataclass(row_class):
-        raise MessageError(f"{row_class.__name__}: given this class, allowed are dataclasses")
+        raise MessageError(f"{row_class.__name__}: given this class, allowed: dataclasses")
     key: Any = row_class
     return _registered(key)
 
@@ -42,9 +42,7 @@ def _registered(row_class: Any) -> type[Any]:
     lines = []
     for field, hint in typing.get_type_hints(row_class).items():
         if hint not in _TYPES:
-            allowed = (
-                "allowed are int, float, bool and str; use NaN or an empty text instead of None"
-            )
+            allowed = "allowed: int, float, bool and str; use NaN or an empty text instead of None"
             raise MessageError(f"{name}.{field}: given {hint}, {allowed}")
         comment = f"  # {docs[field]}" if field in docs else ""
         lines.append(f"{_TYPES[hint]} {field}{comment}\n")

@@ -54,7 +54,7 @@ def unframe_service(data: bytes) -> ServiceFrame:
     end = start + _FRAME[1].size
     if len(data) < end or data[0] != 0 or data[1] not in _FRAME:
         raise MessageError(
-            f"service frame: given {len(data)} bytes, allowed are CDR bytes with a header of 16: "
+            f"service frame: given {len(data)} bytes, allowed: CDR bytes with a header of 16: "
             "does the peer run rmw_cyclonedds?"
         )
     client_guid, sequence = _FRAME[data[1]].unpack_from(data, start)

@@ -66,9 +66,11 @@ class UnknownTypeError(SfglabError, LookupError):
         self.name = name  #: Unknown name.
         #: Names of similar types, the most similar first.
         self.near = difflib.get_close_matches(str(name), known, n=3, cutoff=0.7)
-        own = "names look like std_msgs/msg/String; types of your own: register_interfaces, --interfaces"
+        own = (
+            "give a name such as std_msgs/msg/String, or register types of your own (--interfaces)"
+        )
         hint = f"did you mean {', '.join(self.near)}?" if self.near else own
-        super().__init__(f"message type {name!r} is unknown: {hint}")
+        super().__init__(f"message type {name!r} is unknown; {hint}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +98,7 @@ def parse_definition(name: str, text: str) -> Typesdict:
     text = text.replace("\r\n", "\n")
     lines = sum(not line.lstrip().startswith("#") for line in text.splitlines() if line.strip())
     if lines > _MOST_LINES or len(text) > _MOST_CHARACTERS:
-        allowed = f"allowed are {_MOST_LINES} and {_MOST_CHARACTERS}"
+        allowed = f"allowed: up to {_MOST_LINES} lines and {_MOST_CHARACTERS} characters"
         raise MessageError(
             f"{name}: given {lines} lines of definition, {len(text)} characters, {allowed}"
         )
@@ -125,7 +127,7 @@ def interface_texts(name: str, text: str) -> dict[str, str]:
     kinds = _PARTS[kind]
     parts = _RULE_OF_PARTS.split(text)
     if len(parts) != len(kinds):
-        allowed = f"allowed are {len(kinds)} with lines of `---` between"
+        allowed = f"allowed: {len(kinds)}, separated by lines of `---`"
         raise MessageError(f"{name}: given {len(parts)} part(s), {allowed}")
     texts = {}
     for part_name, part in zip(kinds, parts, strict=True):
@@ -226,7 +228,7 @@ def register_interfaces(path: Path) -> tuple[str, ...]:
     parts = _texts_below(path)
     if not parts:
         raise MessageError(
-            f"{path}: given no .msg, .srv or .action file, allowed are those of a package"
+            f"{path}: no .msg, .srv or .action file is there; give such a file or the folder of a package"
         )
     if path.is_dir():
         _leave_out_wstring(parts)
@@ -256,7 +258,7 @@ def _leave_out_wstring(parts: dict[Path, dict[str, str]]) -> None:
     left_out: set[str] = set()
     while wide := [file for file in parts if any(_is_wide(used, left_out) for used in uses[file])]:
         for file in wide:
-            _log.warning("%s: given wstring, allowed is string; the type is left out", file)
+            _log.warning("%s: given wstring, allowed: string; the type is left out", file)
             left_out |= parts.pop(file).keys()
 
 
@@ -334,14 +336,14 @@ def check_new(store: Typestore, parsed: Typesdict) -> None:
     for name, definition_ in parsed.items():
         if name in store.fielddefs and not _agree(store.fielddefs[name], definition_):
             raise MessageError(
-                f"{name} is already registered with other fields: choose another name"
+                f"{name} is already registered with other fields; choose another name"
             )
         for field, inner in _used(definition_):
             if inner.endswith(_WSTRING):
-                raise MessageError(f"{name}.{field}: given wstring, allowed is string")
+                raise MessageError(f"{name}.{field}: given wstring, allowed: string")
             if inner not in parsed and inner not in store.fielddefs:
                 raise MessageError(
-                    f"{name}.{field}: there is no type {inner}: register its package first"
+                    f"{name}.{field}: there is no type {inner}; register its package first"
                 )
     values: dict[str, int] = {}
     for name in parsed:
@@ -361,14 +363,14 @@ def _check_work(name: str, known: Mapping[str, Any], values: dict[str, int]) -> 
         count = 1
         for field, type_ in _fields(known[name]).items():
             if type_.is_array and not type_.length:
-                allowed = "allowed is 1 and more"
+                allowed = "allowed: 1 or more"
                 raise MessageError(f"{name}.{field}: given an array of no elements, {allowed}")
             each = _check_work(type_.base, known, values) if type_.is_message else 1
             is_unrolled = type_.is_array and not type_.is_number
             count += each * (type_.length if is_unrolled else 1)
         if count > _MOST_VALUES:
             raise MessageError(
-                f"{name}: given itself inside, or {count} values, allowed are {_MOST_VALUES}"
+                f"{name}: given itself inside, or {count} values, allowed: up to {_MOST_VALUES} values"
             )
         values[name] = count
     return values[name]

@@ -72,10 +72,10 @@ def value_at(values: Any, way: str, place: str) -> Any:
         try:
             found = found[name or int(index)] if name or index else found
         except (KeyError, IndexError, TypeError) as error:
-            there = found if isinstance(found, dict) else ["nothing"]
+            there = found if isinstance(found, dict) else ["none"]
             if isinstance(found, list) and found:
                 there = [f"[0] to [{len(found) - 1}]"]
-            allowed = f"a way to a value; there is {', '.join(there)}"
+            allowed = f"an existing field: {', '.join(there)}"
             raise InvalidValueError(place, way, allowed) from error
     return found
 

@@ -31,7 +31,7 @@ def dds_type_name(name: str) -> str:
         TypeNameError: The name has another form.
     """
     if not (match := _ROS.fullmatch(name)):
-        raise TypeNameError(f"type name: given {name!r}, allowed is the form 'package/msg/Name'")
+        raise TypeNameError(f"type name: given {name!r}, allowed: the form 'package/msg/Name'")
     return "{package}::{kind}::dds_::{name}_".format_map(match.groupdict())
 
 
@@ -48,6 +48,6 @@ def ros_type_name(name: str) -> str:
     """
     if not (match := _DDS.fullmatch(name)):
         raise TypeNameError(
-            f"type name: given {name!r}, allowed is the form 'package::msg::dds_::Name_'"
+            f"type name: given {name!r}, allowed: the form 'package::msg::dds_::Name_'"
         )
     return "{package}/{kind}/{name}".format_map(match.groupdict())

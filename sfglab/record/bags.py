@@ -110,7 +110,7 @@ def open_log(path: Path, stack: ExitStack) -> tuple[list[McapFile | SqliteFile],
 def _opened_parts(path: Path, bag: _Bag, stack: ExitStack) -> list[McapFile | SqliteFile]:
     """Open the files of a folder that can be read."""
     files = []
-    problems = [LogError(f"log {path}: given a folder without .mcap or .db3 files")]
+    problems = [LogError(f"log {path}: the folder has no .mcap or .db3 file; give a bag's folder")]
     # Some recorders write the folder's name before the file's.
     names = [PurePath(name).name for name in bag.relative_file_paths]
     for name in dict.fromkeys(names):
@@ -148,13 +148,15 @@ def _is_part(file: Path) -> bool:
 
 def _opened(path: Path, stack: ExitStack) -> McapFile | SqliteFile:
     if not os.path.isfile(path):  # noqa: PTH113  # Path.is_file raises an error for long names
-        raise LogError(f"log {path}: no such file")
+        raise LogError(
+            f"log {path}: no such file; give an MCAP file, a bag's folder or its .db3 file"
+        )
     plain = path
     if path.suffix == _COMPRESSED:
         plain = Path(stack.enter_context(tempfile.TemporaryDirectory())) / path.stem
         _decompress_file(path, plain)
     if plain.suffix == ".bag":
-        said = "a bag of ROS 1: convert it with rosbags-convert --src FILE.bag --dst FOLDER"
+        said = "this is a bag of ROS 1; convert it with rosbags-convert --src FILE.bag --dst FOLDER"
         raise LogError(f"log {path}: {said}")
     if plain.suffix == ".db3":
         return SqliteFile(plain, path, stack)

@@ -248,7 +248,7 @@ class McapFile:
     def _read_index(self) -> _Index:
         self._stream.seek(0)
         if self._stream.read(len(_MAGIC)) != _MAGIC:
-            said = "not an MCAP file, nor a bag (a folder or a .db3 file)"
+            said = "this is no log; give an MCAP file, a bag's folder or its .db3 file"
             raise LogError(f"log {self.path}: {said}")
         index = _Index()
         index.add_section(self._stream, self._size, self._summary_start())
@@ -325,7 +325,7 @@ def _decompressed(chunk: records.Chunk) -> bytes:
         # Without a largest length, lz4 allocates what the frame's header says.
         data = LZ4FrameDecompressor().decompress(data, max_length=size)
     elif chunk.compression:
-        raise McapError(f"a chunk is compressed by {chunk.compression!r}; allowed are zstd and lz4")
+        raise McapError(f"a chunk is compressed by {chunk.compression!r}; allowed: zstd and lz4")
     if len(data) != chunk.uncompressed_size:
         raise McapError(f"a chunk claims {chunk.uncompressed_size} bytes; {len(data)} were read")
     if chunk.uncompressed_crc not in {0, zlib.crc32(data)}:

@@ -168,7 +168,7 @@ class LogReader(AbstractContextManager["LogReader"]):
             LogError: There is no record with this name, or it is damaged.
         """
         if name not in self._metadata:
-            raise _missing("metadata", name, self._metadata)
+            raise _missing(self.path, "metadata", name, self._metadata)
         return values_from_strings(self._metadata[name].strings(name))
 
     def attachment(self, name: str) -> bytes:
@@ -178,7 +178,7 @@ class LogReader(AbstractContextManager["LogReader"]):
             LogError: There is no such file, or it is damaged.
         """
         if name not in self._attachments:
-            raise _missing("attachment", name, self._attachments)
+            raise _missing(self.path, "attachment", name, self._attachments)
         return self._attachments[name].attachment(name)
 
     def messages(
@@ -195,7 +195,7 @@ class LogReader(AbstractContextManager["LogReader"]):
             LogError: There is no such topic; or, during the iteration, a chunk is damaged or the log was closed.
         """
         if topic is not None and topic not in self._channels:
-            raise _missing("topic", topic, self._channels)
+            raise _missing(self.path, "topic", topic, self._channels)
         topics = self._channels if topic is None else [topic]
         channels = [channel for name in topics for channel in self._channels[name]]
         # SQLite does not accept other types of integers, such as NumPy's.
@@ -246,7 +246,7 @@ class LogReader(AbstractContextManager["LogReader"]):
         import pandas as pd
 
         if name not in self.tables:
-            raise _missing("table", name, self.tables)
+            raise _missing(self.path, "table", name, self.tables)
         rows = []
         for entry in self.decoded(f"{TABLE_PREFIX}{name}"):
             row = {TIME_COLUMN: entry.log_time_ns, **vars(entry.message)}
@@ -287,7 +287,7 @@ class LogReader(AbstractContextManager["LogReader"]):
             if is_known(name):
                 return decoder(name)
         said = f"given messages {channel.encoding!r}, definition {channel.definition_encoding!r}"
-        allowed = "allowed are 'cdr' and 'ros2msg', or types known here and by --interfaces"
+        allowed = "allowed: 'cdr' and 'ros2msg', or types known here and by --interfaces"
         raise LogError(f"log {self.path}: topic {channel.topic}: {said}; {allowed}")
 
 
@@ -296,6 +296,7 @@ def _first(texts: Iterable[str]) -> str:
     return next(filter(None, texts), "")
 
 
-def _missing(kind: str, name: str, present: Collection[str]) -> LogError:
+def _missing(path: Path, kind: str, name: str, present: Collection[str]) -> LogError:
     near = difflib.get_close_matches(name, present, n=5, cutoff=0)
-    return LogError(f"log: no {kind} {name!r}; there is {', '.join(near) or 'none at all'}")
+    there = f"the nearest are {', '.join(near)}" if near else "it has none"
+    return LogError(f"log {path}: there is no {kind} {name!r}; {there}")

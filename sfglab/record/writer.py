@@ -119,7 +119,7 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         for stamp_ns in (log_time_ns, publish_time_ns):
             if stamp_ns not in _TIMES:
                 raise LogError(
-                    f"log, topic {topic}: given the time {stamp_ns} ns, allowed is 0 to 2^64 - 1"
+                    f"log, topic {topic}: given the time {stamp_ns} ns, allowed: 0 to 2^64 - 1"
                 )
         with self._writing():
             channel = self._channel(topic, type_name, qos)
@@ -152,7 +152,7 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         """
         if hasattr(row, TIME_COLUMN):
             raise LogError(
-                f"table {table}: {type(row).__name__} has a field {TIME_COLUMN}: rename it"
+                f"table {table}: {type(row).__name__} has a field {TIME_COLUMN}; rename it"
             )
         message = row_message(row)
         name = type_name(row_type(type(row)))
@@ -203,7 +203,9 @@ class LogWriter(AbstractContextManager["LogWriter"]):
             self._channels[topic] = (type_name, number)
         known, number = self._channels[topic]
         if known != type_name:
-            raise LogError(f"log, topic {topic}: given {type_name}, allowed is {known} as before")
+            raise LogError(
+                f"log, topic {topic}: given {type_name}, allowed: {known}, as in its earlier messages"
+            )
         return number
 
     def _end_old_chunk(self, log_time_ns: int) -> None:

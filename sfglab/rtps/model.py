@@ -97,7 +97,7 @@ class Scenario:
     def __post_init__(self) -> None:
         names = [flow.name for flow in self.flows]
         if not names or len(set(names)) != len(names):
-            raise InvalidValueError("flows", names, "different names, one at least")
+            raise InvalidValueError("flows", names, "at least one flow, with different names")
         check_bounds(self)
         check_chains(self.flows)
 

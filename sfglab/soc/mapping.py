@@ -165,7 +165,9 @@ def message_bytes(topic: Topic) -> int:
     """
     if topic.size_bytes is None:
         key = ("topics", topic.name, "size_bytes")
-        raise InvalidValueError(key, None, "the size of a message, to know its time")
+        raise InvalidValueError(
+            key, None, "the size of a message in bytes, to compute its transfer time"
+        )
     return max(topic.size_bytes, 1)
 
 
@@ -220,7 +222,9 @@ def link(graph: Graph, before: str, after: str) -> Edge:
         is_known = topic.size_bytes is not None
         if before in topic.publishers and after in topic.subscribers and is_known:
             return Edge(topic=topic.name, node=after, kind=EdgeKind.SUBSCRIBE)
-    raise InvalidValueError("chain", f"{before}, {after}", "nodes that a topic with a size joins")
+    raise InvalidValueError(
+        "chain", f"{before}, {after}", "two nodes connected by a topic with size_bytes"
+    )
 
 
 def activation_s(node: Node) -> float:

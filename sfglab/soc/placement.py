@@ -85,8 +85,8 @@ class Load:
         """
         if self.lut > platform.lut or self.bram > platform.bram:
             raise SfglabError(
-                f"mapping: takes {self.lut} LUT and {self.bram:g} BRAM, "
-                f"{platform.name} has {platform.lut} and {platform.bram:g}"
+                f"mapping: it needs {self.lut} LUT and {self.bram:g} BRAM, allowed: up to "
+                f"{platform.lut} and {platform.bram:g} on {platform.name}"
             )
 
 
@@ -134,7 +134,7 @@ def carriage_load(topic: Topic, mapping: TopicMapping) -> float:
         time_s += STORED.endpoint_s
     if topic.rate_hz is None:
         key = ("topics", topic.name, "rate_hz")
-        raise InvalidValueError(key, None, "messages per second, to know their cost")
+        raise InvalidValueError(key, None, "the rate in Hz, to compute the cost")
     return topic.rate_hz * time_s
 
 
@@ -192,7 +192,9 @@ def place_nodes(
         except (cp.error.SolverError, ValueError) as error:
             raise SfglabError(f"node mapping: HiGHS failed: {error}") from error
     if problem.status == cp.INFEASIBLE:
-        raise SfglabError(f"node mapping: nodes fixed in hardware do not fit {platform.name}")
+        raise SfglabError(
+            f"node mapping: the nodes fixed in hardware do not fit {platform.name}; fix fewer of them"
+        )
     sides = {}
     for node, there in zip(graph.nodes, hardware.value > 0.5, strict=True):
         sides[node.name] = Placement.HARDWARE if there else Placement.SOFTWARE
@@ -213,7 +215,9 @@ def check_fixed(graph: Graph, fixed: Mapping[str, Placement]) -> None:
     """
     for name, placement in fixed.items():
         if graph.node(name).hardware is None and placement is Placement.HARDWARE:
-            raise SfglabError(f"node {name!r}: fixed in hardware, where it has no implementation")
+            raise SfglabError(
+                f"node {name!r}: fixed in hardware, where it has no implementation; fix it in software"
+            )
 
 
 def _programme(

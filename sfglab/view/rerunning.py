@@ -112,7 +112,7 @@ class RerunCanvas:
             self.recording.flush(timeout_sec=_TAKE_LIMIT_S)
         except (RuntimeError, ValueError, OSError) as error:
             raise SinkError(
-                f"{' and '.join(self._to)} does not take what is shown: {error}"
+                f"{' and '.join(self._to)} does not accept data any more: {error}"
             ) from error
         self._pending_bytes, self._flushed_ns = 0, self._now_ns
 
@@ -154,7 +154,7 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab") -> RerunCanvas:
         SinkError: An output cannot be opened.
     """
     if not to:
-        raise InvalidValueError("to", to, "at least one place")
+        raise InvalidValueError("--to", to, "at least one of FILE.rrd, viewer")
     recording = new_recording(title)
     try:
         recording.set_sinks(*(_sink(place, recording) for place in to))
@@ -183,12 +183,14 @@ def _sink(place: str, recording: Any) -> Any:
     if place.endswith(".rrd"):
         path = Path(place)
         if not path.parent.is_dir():
-            raise SinkError(f"{path} cannot be opened: there is no directory {path.parent}")
+            raise SinkError(
+                f"{path} cannot be opened, because there is no folder {path.parent}; create it first"
+            )
         return rr.FileSink(path)
     if place == "viewer":
         recording.spawn(connect=False, memory_limit=_MEMORY)
         return rr.GrpcSink()
-    raise InvalidValueError("to", place, _PLACES)
+    raise InvalidValueError("--to", place, _PLACES)
 
 
 def _discard(to: Sequence[str], *, emptied: bool = False) -> None:

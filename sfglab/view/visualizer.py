@@ -146,7 +146,7 @@ class Visualizer(ABC):
                 self.settings[name] = parameter.check(value)
                 return
         known = ", ".join(self.settings) or "none"
-        raise InvalidValueError(name, value, f"a parameter: {known}")
+        raise InvalidValueError(name, value, f"the parameters {known}")
 
     def __getitem__(self, name: str) -> Any:
         return self.settings[name]

@@ -44,7 +44,7 @@ def line(text: str) -> str:
 
 
 MISTAKES = [  # beside what `test_documents.py` has for every file
-    ("topics: {}", r"topics: given \{\}, allowed: one topic at least"),
+    ("topics: {}", r"topics: given \{\}, allowed: at least one topic"),
     (
         "topics: {a: {from: r, to: s, size_bytes: 8}}",
         r"topics\.a: given 'a', allowed: a full topic name",

@@ -172,7 +172,9 @@ async def test_a_server_that_goes_aborts_its_goals_and_ends_the_waiting_of_its_c
         await steps.begun.wait()
         server.close()
         server.close()
-        with pytest.raises(bus.BusError, match=f"has gone with goal {handle.goal_id.hex()}"):
+        with pytest.raises(
+            bus.BusError, match=f"disappeared before goal {handle.goal_id.hex()} ended"
+        ):
             await handle.result()
         with pytest.raises(bus.BusTimeoutError, match="action '/agent/count': a server"):
             await client.send_goal(goal(1), timeout_s=0.01)

@@ -129,7 +129,7 @@ def test_a_domain_that_must_be_secured_is_not_joined(monkeypatch, environment, s
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"interface": "eth77"}, r"no network interface 'eth77' here; there are .*lo"),
+        ({"interface": "eth77"}, r"no network interface 'eth77' here; allowed: .*lo"),
         *(({"domain_id": number}, "0 to 232") for number in (-1, 233)),
         ({"external_domain_id": 233}, "0 to 232"),
         ({"multicast": "maybe"}, "Cyclone DDS cannot start"),

@@ -89,8 +89,8 @@ def test_the_same_seed_gives_the_same_events_in_every_process():
 @pytest.mark.parametrize(
     ("period_s", "error", "said"),
     [
-        (None, DeadlockError, r"nothing is scheduled.*Inbox\._wait.*somebody in Event\.wait"),
-        (1.0, TimeLimitError, r"not done after 60 s of virtual time; waiting are .*Event\.wait"),
+        (None, DeadlockError, r"no event is scheduled.*Inbox\._wait.*somebody in Event\.wait"),
+        (1.0, TimeLimitError, r"not end within 60 s of virtual time; waiting tasks: .*Event\.wait"),
     ],
 )
 def test_a_world_that_comes_to_a_halt_or_to_its_limit_ends_and_says_who_waits(

@@ -122,7 +122,7 @@ def test_faulty_payloads_are_refused_with_the_reason(encoding, codec, data, faul
 
 def test_a_format_of_another_codec_is_refused_before_the_payload_is_read():
     data = bytes(12) + struct.pack("<II", 5, 1) + WORD
-    with pytest.raises(CodecError, match="given 'med', allowed are 'png' or 'rvl'"):
+    with pytest.raises(CodecError, match="given 'med', allowed: 'png', 'rvl'"):
         decode_depth(data, DepthFormat(encoding="16UC1", codec="med"))
 
 

@@ -195,7 +195,7 @@ def test_impossible_settings_are_refused_by_name(change, name):
     "image", [np.zeros((360, 640), "u1"), np.zeros((360, 640, 3), "f4"), np.zeros((2, 2, 3), "u1")]
 )
 def test_pictures_that_do_not_fit_are_refused(image):
-    with pytest.raises(CodecError, match="allowed is uint8 of shape"):
+    with pytest.raises(CodecError, match="allowed: uint8 of shape"):
         H264Encoder(TABLE_2).encode(image)
 
 

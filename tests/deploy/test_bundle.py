@@ -12,7 +12,7 @@ from sfglab.fleet.fleet_file import Accelerator
 
 
 def test_an_agent_without_a_host_or_an_accelerator_is_refused():
-    with pytest.raises(DeployError, match="host: nothing is given, allowed: the machine that go2"):
+    with pytest.raises(DeployError, match="host: nothing is given, needed: the machine that go2"):
         deployed(agent={"host": None})
     fleet = fleet_with(host={"accelerator": None})
     with pytest.raises(DeployError, match=r"accelerator: given 'auto'.*jetson, cuda, rocm"):
@@ -22,7 +22,7 @@ def test_an_agent_without_a_host_or_an_accelerator_is_refused():
 
 
 def test_a_workspace_is_packed_without_hidden_and_built_files(tmp_path):
-    with pytest.raises(DeployError, match="given no folder src, allowed: a colcon workspace"):
+    with pytest.raises(DeployError, match="there is no folder src in it; give a colcon"):
         workspace_members(tmp_path)
     for path in ("src/p/package.xml", "src/p/.git/x", "src/p/run.sh", "build/made"):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)

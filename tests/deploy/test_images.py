@@ -57,9 +57,9 @@ def test_every_machine_has_an_image_with_a_fixed_tag_and_the_ubuntu_of_its_ros()
 @pytest.mark.parametrize(
     ("machine", "words"),
     [
-        ("jetson arm64 jazzy", "allowed at deployment.ros with it: none, humble"),
-        ("cuda arm64 none", "allowed with it: amd64"),
-        ("jetson amd64 none", "architecture: given 'amd64'.*allowed with it: arm64"),
+        ("jetson arm64 jazzy", "allowed at deployment.ros with this accelerator: none, humble"),
+        ("cuda arm64 none", "allowed with this accelerator: amd64"),
+        ("jetson amd64 none", "architecture: given 'amd64'.*allowed with this accelerator: arm64"),
     ],
 )
 def test_what_no_maker_offers_is_refused(machine, words):

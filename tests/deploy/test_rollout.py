@@ -69,7 +69,7 @@ def test_a_bundle_survives_its_archive_equal_ones_are_equal_bytes_and_change_not
 @pytest.mark.parametrize("path", ["../b", "/b", ".//b", "a/../../b"])
 def test_an_archive_that_leads_out_of_its_folder_is_refused(path):
     archive = pack(Bundle(agent="a", tag="t", image="i", members={path: BundleFile(data=b"x")}))
-    with pytest.raises(DeployError, match="allowed: no more than the archive holds"):
+    with pytest.raises(DeployError, match="larger than the archive or outside its folder"):
         unpack(archive)
 
 
@@ -152,7 +152,7 @@ def test_over_ssh_scripts_and_data_arrive_as_they_are(ssh, tmp_path):
 
 
 def test_a_script_that_fails_is_one_sentence_and_a_long_one_prints_while_it_runs(ssh):
-    with pytest.raises(DeployError, match=r"^sfg@go2.local: .*ended with status 3: second$"):
+    with pytest.raises(DeployError, match=r"^sfg@go2.local: .*ended with status 3 \(second\)"):
         ssh.run("echo first >&2; echo second >&2; exit 3")
     with pytest.raises(DeployError, match="ended with status 1"):
         ssh.run("false; echo never reached")

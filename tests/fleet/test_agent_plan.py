@@ -50,7 +50,11 @@ def arguments(config):
         ("global", 7, "global"),
         ("go2", 233, "domain: given 233, allowed: 0 to 232"),
         ("go2", 0, "given 0, allowed: two different"),
-        ("go2", None, "its own domain: nothing is given, allowed: 1 to 232 or a"),
+        (
+            "go2",
+            None,
+            "its own domain: nothing is given, needed: --domain or ROS_DOMAIN_ID, from 1 to 232, or a",
+        ),
     ],
 )
 def test_what_could_not_be_run_is_refused_before_anything_is_started(agent, domain, words):
@@ -61,7 +65,8 @@ def test_what_could_not_be_run_is_refused_before_anything_is_started(agent, doma
 def test_components_can_be_left_out():
     assert list(arguments(plans.without(CONFIG, ["decoder"]))) == ["router", "status", "discoverer"]
     with pytest.raises(
-        InvalidValueError, match="agent go2, component: given 'decodre', allowed: router, "
+        InvalidValueError,
+        match="agent go2, component to leave out: given 'decodre', allowed: router, ",
     ):
         plans.without(CONFIG, ["decodre"])
 

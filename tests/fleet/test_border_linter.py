@@ -199,7 +199,7 @@ def test_the_text_shows_everything_and_a_file_that_is_no_fleet_gives_one_line(tm
     path.write_text("fleet: x\nagnets: {}\n")
     text, code = lint_file(path)
     assert (code, text.count("\n")) == (2, 1)
-    assert "did you mean it by 'agnets'?" in text
+    assert "did you misspell it as 'agnets'?" in text
 
 
 def fleet_of(count, inner="", processes=20):

@@ -94,10 +94,10 @@ def test_a_stream_is_known_by_its_name_or_description_and_only_numbered_packets_
 @pytest.mark.parametrize(
     ("topic", "why"),
     [
-        ("/local/go2/camera_front/color/ffmpeg", "global scope"),
-        ("/global/go2/get_metadata", "agent and a component"),
+        ("/local/go2/camera_front/color/ffmpeg", "allowed: a global name"),
+        ("/global/go2/get_metadata", "with agent and component"),
         ("camera", "absolute name"),
-        ("/global/go2/imu/imu", "known are the resources"),
+        ("/global/go2/imu/imu", "allowed as its last part"),
     ],
 )
 def test_what_is_no_remote_image_stream_is_refused_with_the_reason(topic, why):

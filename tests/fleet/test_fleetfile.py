@@ -83,7 +83,12 @@ def test_rules_of_ones_own_become_a_policy():
             1,
             "did you mean 'table-1'?",
         ),
-        (("fleet: pair\n", "policy: []\nfleet: pair\n"), "policy", 1, "nothing would ever cross"),
+        (
+            ("fleet: pair\n", "policy: []\nfleet: pair\n"),
+            "policy",
+            1,
+            "no topic is forwarded without a rule",
+        ),
         (
             ("fleet: pair\n", "fleet: pair\ndescriptions: asked\n"),
             "descriptions",

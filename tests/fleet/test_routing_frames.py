@@ -65,6 +65,6 @@ def test_clashes_are_left_out_and_said_once_for_each_frame(caplog):
             assert gate.outward(tf(("earth", "map"))) is None
     (said,) = [r.message for r in caplog.records]
     assert said == (
-        "outward transform: given the child frame 'map', allowed are frames without prefix and those below "
+        "outward transform: given the child frame 'map', allowed: frames without prefix and those below "
         "'go2/', but no shared ones (earth, map, world); it is dropped, and further ones of it silently"
     )

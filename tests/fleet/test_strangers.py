@@ -49,7 +49,7 @@ def several(*streams):
         (
             "camera_info_topic",
             "/global/spot/camera_front/color/camera_info",
-            "another agent's name",
+            "the name is of another agent or of none",
         ),
         ("topic", "/local/go2/camera_front/color/ffmpeg", "global scope"),
         ("topic", "/" + "x" * 60_000, "topic"),
@@ -271,7 +271,7 @@ def test_a_frame_of_others_that_could_mean_one_of_the_agents_stays_outside(pair,
         ]
     first, second = [record.message for record in caplog.records]
     assert ("evil's router" in first, len(first) < 1000) == (True, True)
-    assert "given the parent frame 'parent0' of 'evil/other', allowed are" in second
+    assert "given the parent frame 'parent0' of 'evil/other', allowed: " in second
 
 
 def test_a_frame_that_two_move_is_the_firsts_until_that_one_has_gone_and_both_are_named(caplog):

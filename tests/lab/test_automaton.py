@@ -34,7 +34,7 @@ def test_every_press_does_what_the_table_says_in_the_present_state_or_is_refused
             after, _ = table.get((state, given), (state, ()))
             assert machine.moment.state is after
             refused = (state, given) not in table
-            assert ("allowed are" in machine.said) is refused
+            assert ("allowed: " in machine.said) is refused
             assert machine.moment.taken == (None if refused else (state, given))
 
 

@@ -54,10 +54,10 @@ PRESSED = [
     ("c", SAYS % "light: given 'c'"),
     ("UNKNOWN/HEARD", SAYS % "1: HEARD in UNKNOWN leads to QUERYING: QUERY"),
     ("LOST", SAYS % "put into LOST"),
-    ("REJOINING/SILENT", SAYS % "agent in LOST: given SILENT, allowed are CHANGED"),
+    ("REJOINING/SILENT", SAYS % "agent in LOST: given SILENT, allowed: CHANGED"),
     ("a/DATA/2", TITLE % "a/DATA/2" + "?.endsWith('lost; press to let it pass')"),
     ("START/LOCATED", SAYS % "1: LOCATED in START leads to REQUEST"),
-    ("CLAIM/GRANTED", SAYS % "gateway core in REQUEST: given GRANTED, allowed are SENT"),
+    ("CLAIM/GRANTED", SAYS % "gateway core in REQUEST: given GRANTED, allowed: SENT"),
     ("topic:/A", SAYS % "/A is mapped to gateway"),
     ("node:camera", SAYS % "fixed in hardware, where it has no implementation"),
 ]

@@ -82,7 +82,7 @@ def test_fields_of_experiments_travel_as_settings(project, sources, given, fitte
         (DEPTH, {"speed": 1}, "depth_codecs: speed: given 'speed', allowed: .*frames"),
         (DEPTH, {"profile": "fast"}, "profile: given 'fast', allowed: smoke, quick, paper"),
         (SEVERAL, {"samples": 10}, "declares no parameter samples; its parameters are"),
-        (SEVERAL, {"settings_naming": 3}, "settings: given 3, needed are fields"),
+        (SEVERAL, {"settings_naming": 3}, "settings: given 3, allowed: a mapping of fields"),
         (
             SEVERAL,
             {"settings_naming": {"samples": "few"}},
@@ -104,7 +104,7 @@ def test_what_no_parameter_or_field_can_hold_is_said_before_anything_runs(
     ("arguments", "sentence"),
     [
         (("quick", "nowhere.mcap"), "no such file"),
-        (("quick", "", [1]), "settings: given .*, allowed: fields"),
+        (("quick", "", [1]), "settings: given .*, allowed: a mapping of fields"),
         (("quick", "a.mcap"), "log: given .*a.mcap', allowed: a log of the experiment naming"),
     ],
 )
@@ -121,7 +121,7 @@ def test_a_notebook_refuses_its_parameters_in_one_sentence(
 @pytest.mark.parametrize("tagged", [0, 2])
 def test_a_notebook_needs_exactly_one_parameters_cell(project, tagged):
     write(project, "01_a", "x: int = 1", "y: int = 2", tagged=tagged)
-    with pytest.raises(notebooks.NotebookError, match=f"{tagged} cells are tagged"):
+    with pytest.raises(notebooks.NotebookError, match=f"{tagged} cells have the tag"):
         notebooks.fit_parameters(project.notebooks / "01_a.ipynb", {})
 
 
@@ -307,14 +307,16 @@ def test_notebooks_are_found_by_name_beginning_or_topic(project):
         assert [p.stem for p in notebooks.find_notebooks(project, [given])] == ["01_naming"]
     with pytest.raises(notebooks.NotebookError, match="fits several"):
         notebooks.find_notebooks(project, ["0"])
-    with pytest.raises(notebooks.NotebookError, match="is no notebook; there are 01_naming"):
+    with pytest.raises(
+        notebooks.NotebookError, match="is no notebook and no experiment; allowed: 01_naming"
+    ):
         notebooks.find_notebooks(project, ["nothing"])
 
 
 def test_parameters_are_read_as_yaml():
     read = notebooks.read_parameters(["seed=3", "source=drive.mp4", "ok=true"])
     assert read == {"seed": 3, "source": "drive.mp4", "ok": True}
-    with pytest.raises(notebooks.NotebookError, match="needed is name=value"):
+    with pytest.raises(notebooks.NotebookError, match="allowed: FIELD=VALUE"):
         notebooks.read_parameters(["seed"])
 
 

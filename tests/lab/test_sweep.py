@@ -98,9 +98,7 @@ def nothing_is_left():
 def test_numpy_scalars_become_pythons_and_other_values_are_refused():
     for level in (np.float64(0.1), np.float32(0.1), np.int64(3), np.bool_(True)):
         assert json.loads(text_from_result({"level": level})) == {"level": level.item()}
-    with pytest.raises(
-        SweepError, match=r"given \{1\} in a row, allowed are bool, int, float, str"
-    ):
+    with pytest.raises(SweepError, match=r"given \{1\} in a row, allowed: bool, int, float, str"):
         text_from_result(OtherRow(level={1}))
 
 
@@ -141,7 +139,7 @@ def test_local_workers_listen_nowhere_and_are_gone_afterwards():
 def test_an_address_where_nobody_answers_is_named(swept, monkeypatch):
     monkeypatch.setattr("sfglab.lab.sweep.run._CONNECT_S", 0.5)
     monkeypatch.setenv("SFGLAB_SCHEDULER", "tcp://127.0.0.1:9")
-    with pytest.raises(SweepError, match=r"tcp://127\.0\.0\.1:9', where none answers"):
+    with pytest.raises(SweepError, match=r"tcp://127\.0\.0\.1:9', where no scheduler responds"):
         swept(quick, POINTS, SEEDS)
 
 

@@ -81,7 +81,7 @@ def test_a_try_has_notebook_log_figures_and_summary_in_a_folder_of_its_own(check
         assert f": runs/try/few/{file}" in done.stdout
     assert (folder / "summary.txt").read_text() in done.stdout
     assert sorted(path.name for path in (checkout / "runs").iterdir()) == ["cache", "try"]
-    with pytest.raises(SfglabError, match="--name: given 'few', allowed: a name that no finished"):
+    with pytest.raises(SfglabError, match="--name: given 'few', allowed: another name, because"):
         called(*words)
 
 
@@ -119,12 +119,12 @@ def test_the_claims_of_the_notebooks_that_ran_are_printed_and_no_others(
         ("nonesuch", "EXPERIMENT: given 'nonesuch', allowed: naming, .*, ros2$"),
         ("naming sample=1", "naming: sample: given 'sample', allowed: .*; did you mean 'samples'"),
         ("naming samples=few", "samples: given 'few', allowed: a whole number"),
-        ("naming samples", "parameter: given 'samples', needed is name=value"),
+        ("naming samples", "parameter: given 'samples', allowed: FIELD=VALUE"),
         ("naming log=a.mcap", "naming: log: given 'log', allowed: "),
         ("naming path=a.mcap", "naming: path: given 'path', allowed: "),
         ("naming profile=fast", "profile: given 'fast', allowed: smoke, quick, paper"),
-        ("naming --name ../few", "--name: given '../few', allowed: the name of one folder"),
-        ("naming --name .", "--name: given '.', allowed: the name of one folder"),
+        ("naming --name ../few", "--name: given '../few', allowed: the name of a folder, without"),
+        ("naming --name .", "--name: given '.', allowed: the name of a folder, without"),
     ],
 )
 def test_a_try_refuses_what_it_cannot_use_in_one_sentence(checkout, words, sentence):

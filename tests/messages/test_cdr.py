@@ -120,22 +120,22 @@ def test_arrays_are_read_only_views_of_any_buffer(container):
 @pytest.mark.parametrize(
     ("name", "field", "value", "complaint"),
     [
-        (IMAGE, "data", b"abc", r"data: given b'abc', allowed is uint8\[\] as a contiguous NumPy"),
+        (IMAGE, "data", b"abc", r"data: given b'abc', allowed: uint8\[\] as a contiguous NumPy"),
         (IMAGE, "data", [1, 2], r"data: given \[1, 2\]"),
         (IMAGE, "data", np.zeros(3, np.int32), r"data: given an array of int32 and shape \(3,\)"),
         (IMAGE, "data", np.zeros((2, 3), np.uint8), r"an array of uint8 and shape \(2, 3\)"),
-        (IMAGE, "height", -1, "height: given -1, allowed is uint32"),
-        (IMAGE, "height", 1.5, "height: given 1.5, allowed is uint32"),
-        (IMAGE, "encoding", None, "encoding: given None, allowed is string"),
-        (IMAGE, "header", None, "header: given None, allowed is std_msgs/msg/Header"),
-        (NUMBERS, "data", np.zeros(8)[::2], "allowed is .* a contiguous NumPy array"),
-        ("sensor_msgs/msg/JointState", "name", ["a", 3], r"name\[1\]: given 3, allowed is string"),
+        (IMAGE, "height", -1, "height: given -1, allowed: uint32"),
+        (IMAGE, "height", 1.5, "height: given 1.5, allowed: uint32"),
+        (IMAGE, "encoding", None, "encoding: given None, allowed: string"),
+        (IMAGE, "header", None, "header: given None, allowed: std_msgs/msg/Header"),
+        (NUMBERS, "data", np.zeros(8)[::2], "allowed: .* a contiguous NumPy array"),
+        ("sensor_msgs/msg/JointState", "name", ["a", 3], r"name\[1\]: given 3, allowed: string"),
         (TF, "w", "one", r"transforms\[1\].transform.rotation.w: given 'one'"),
         (
             "sensor_msgs/msg/Imu",
             "angular_velocity_covariance",
             np.zeros(8),
-            r"allowed is float64\[9\]",
+            r"allowed: float64\[9\]",
         ),
         ("std_msgs/msg/Float32", "data", 1e300, "float"),
     ],
@@ -159,7 +159,7 @@ def test_what_is_no_message_is_refused_and_a_buffer_too_small_is_left_alone():
     with pytest.raises(messages.UnknownTypeError):
         serialize({"data": "x"})
     buffer = bytearray(b"\xff" * 10)
-    with pytest.raises(CdrError, match="given a buffer of 10 bytes, needed are"):
+    with pytest.raises(CdrError, match="given a buffer of 10 bytes, needed: "):
         messages.serialize_into(image(np.zeros(3, np.uint8)), buffer)
     assert buffer == b"\xff" * 10
 

@@ -48,10 +48,10 @@ def workspace(tmp_path):
 
 def test_a_folder_of_packages_is_registered_without_what_we_do_not_have(workspace, caplog):
     with pytest.raises(
-        MessageError, match=r"no type user_msgs_b/msg/Finger: register its package first"
+        MessageError, match=r"no type user_msgs_b/msg/Finger; register its package first"
     ):
         register_interfaces(workspace / "a" / "msg" / "Grip.msg")
-    with pytest.raises(MessageError, match=r"Wide.text: given wstring, allowed is string"):
+    with pytest.raises(MessageError, match=r"Wide.text: given wstring, allowed: string"):
         register_interfaces(workspace / "a" / "msg" / "Wide.msg")
     with caplog.at_level(logging.WARNING):
         names = register_interfaces(workspace)
@@ -97,7 +97,7 @@ def test_types_given_to_a_command_are_known_to_it_and_to_the_processes_it_starts
 def test_commands_that_meet_types_of_users_say_what_is_wrong_with_them(tmp_path, command):
     with pytest.raises(SfglabError) as refused:
         called(*command, "--interfaces", str(tmp_path))
-    said = "given no .msg, .srv or .action file, allowed are those of a package"
+    said = "no .msg, .srv or .action file is there; give such a file or the folder of a package"
     assert str(refused.value) == f"{tmp_path}: {said}"
 
 

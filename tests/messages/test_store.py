@@ -60,7 +60,7 @@ def test_a_type_is_known_by_one_spelling_and_a_service_is_its_two_halves():
     ) as error:
         message_type("std_msgs/String")
     assert error.value.near[0] == "std_msgs/msg/String"
-    with pytest.raises(LookupError, match="names look like"):
+    with pytest.raises(LookupError, match="give a name such as"):
         type_name("complete_nonsense")
     with pytest.raises(messages.UnknownTypeError, match="int"):
         type_name(int)

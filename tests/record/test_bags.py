@@ -97,12 +97,12 @@ def test_commands_take_bags(bag, tmp_path):
 
 
 WRONG = {
-    "a.mcap": (b"", "not an MCAP file"),
-    "b.mcap": (b"SQLite format 3\0" * 10, "not an MCAP file"),
+    "a.mcap": (b"", "this is no log; give an MCAP file"),
+    "b.mcap": (b"SQLite format 3\0" * 10, "this is no log; give an MCAP file"),
     "a.db3": (b"SQLite format 3\0" * 10, "damaged or not readable"),
-    "a.bag": (b"#ROSBAG V2.0\n", "a bag of ROS 1: convert it with rosbags-convert"),
-    "folder/note.txt": (b"", "given a folder without .mcap or .db3 files"),
-    "damaged/a.mcap": (b"nothing", "not an MCAP file"),
+    "a.bag": (b"#ROSBAG V2.0\n", "this is a bag of ROS 1; convert it with rosbags-convert"),
+    "folder/note.txt": (b"", "the folder has no .mcap or .db3 file"),
+    "damaged/a.mcap": (b"nothing", "this is no log; give an MCAP file"),
 }
 
 

@@ -112,9 +112,9 @@ def test_what_is_not_there_is_named_with_what_is(path):
         log.write("/text", text("x"), log_time_ns=1)
     with LogReader(path) as log:
         for read, name, complaint in (
-            (log.metadata, "run", "no metadata 'run'; there is config"),
-            (log.attachment, "a", "no attachment 'a'; there is none at all"),
-            (log.messages, "/txt", "no topic '/txt'; there is /text"),
+            (log.metadata, "run", "there is no metadata 'run'; the nearest are config"),
+            (log.attachment, "a", "there is no attachment 'a'; it has none"),
+            (log.messages, "/txt", "there is no topic '/txt'; the nearest are /text"),
             (log.table, "meter", "no table 'meter'"),
         ):
             with pytest.raises(LogError, match=complaint):
@@ -150,7 +150,7 @@ def test_a_topic_keeps_its_type(path):
     with LogWriter(path) as log:
         log.write("/text", text("x"), log_time_ns=1)
         with pytest.raises(
-            LogError, match="given std_msgs/msg/Empty, allowed is std_msgs/msg/String"
+            LogError, match="given std_msgs/msg/Empty, allowed: std_msgs/msg/String"
         ):
             log.write("/text", default_message("std_msgs/msg/Empty"), log_time_ns=1)
         with pytest.raises(UnknownTypeError):
@@ -170,8 +170,8 @@ def test_input_that_a_log_cannot_hold_is_refused_before_it_spoils_the_file(path)
         with pytest.raises(LogError, match="given the time -1 ns"):
             log.write("/text", text("x"), log_time_ns=-1)
         for error, complaint, row in (
-            (LogError, "ClashRow has a field log_time_ns: rename it", ClashRow(1)),
-            (MessageError, "allowed are dataclasses", {"a": 1}),
+            (LogError, "ClashRow has a field log_time_ns; rename it", ClashRow(1)),
+            (MessageError, "allowed: dataclasses", {"a": 1}),
         ):
             with pytest.raises(error, match=complaint):
                 log.write_row("meter", row, log_time_ns=1)

@@ -47,7 +47,7 @@ MISTAKES = {
     ("record", "-o", "{tmp}/bag.mcap"): "--all",
     ("record", "-a", "-o", "{tmp}/bag"): "ends in .mcap",
     ("record", "-a", "-o", "{given}"): "a new file",
-    ("record", "-a", "-o", "/proc/bag.mcap"): "allowed: a writable file",
+    ("record", "-a", "-o", "/proc/bag.mcap"): "needed: a writable file",
     ("record", "-e", "(", "-o", "{tmp}/bag.mcap"): "regular expression",
     ("play", "{tmp}/typo"): "no such file",
 }

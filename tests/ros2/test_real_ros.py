@@ -121,7 +121,7 @@ async def test_types_are_those_of_the_distribution(peer, distribution):
 async def test_a_package_of_a_user_s_own_is_registered_and_is_what_rclpy_has(peer, distribution):
     """rosidl's own package for tests: bounds, defaults, constants, arrays, and types of each other."""
     share = distributions()[distribution].python.parents[1] / "share" / "test_msgs"
-    with pytest.raises(MessageError, match=r"given wstring, allowed is string"):
+    with pytest.raises(MessageError, match=r"given wstring, allowed: string"):
         register_interfaces(share / "msg" / "WStrings.msg")
     names = [name for name in register_interfaces(share) if "/msg/" in name]
     assert len(names) == 12

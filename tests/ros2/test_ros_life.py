@@ -83,7 +83,7 @@ asyncio.run(main())
 @ENVIRONMENT
 def test_a_domain_that_is_none_is_refused(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
-    said = "ROS_DOMAIN_ID: given 'seven', allowed: whole numbers from 0 to 232"
+    said = "ROS_DOMAIN_ID: given 'seven', allowed: a whole number from 0 to 232"
     with pytest.raises(InvalidValueError, match=said):
         Node("us")
 

@@ -72,7 +72,7 @@ def test_names_that_become_one_are_told_apart():
 @pytest.mark.parametrize(
     ("graph", "said"),
     [
-        (chain(HW, SW), r"topics\.ab\.type: nothing is given, allowed: a ROS message"),
+        (chain(HW, SW), r"topics\.ab\.type: nothing is given, needed: a ROS message"),
         (in_hardware("my node"), "nodes: given 'my node', allowed: names without"),
         (
             in_hardware("n", topics=(Topic(name="a, b", publishers=("n",), type=IMAGE),)),

@@ -48,11 +48,11 @@ MISTAKES = [
     ),
     (
         "nodes: {a: {}}\ntopics: {t: {subscribers: [a]}}",
-        "g.yaml:2: topics.t.publishers: nothing is given, allowed: 'publishers' is needed here",
+        "g.yaml:2: topics.t.publishers: nothing is given, needed: the key 'publishers'",
     ),
     (
         "nodes: {a: {}}\ntopics: {t: {publishers: []}}",
-        "topics.t.publishers: nothing is given, allowed: at least one node that publishes the topic",
+        "topics.t.publishers: nothing is given, needed: at least one node that publishes the topic",
     ),
     (
         "nodes: {a: {}}\ntopics: {t: {publishers: [a, a]}}",
@@ -63,7 +63,7 @@ MISTAKES = [
         "nodes: {a: {}}\ntopics: {t: {publishers: [a], mapping: hardware}}",
         "topics.t.mapping: given 'hardware', allowed: software or gateway, as 'a' is placed in software",
     ),
-    ("topics: {}", "g.yaml:1: nodes: nothing is given, allowed: 'nodes' is needed here"),
+    ("topics: {}", "g.yaml:1: nodes: nothing is given, needed: the key 'nodes'"),
     (
         f"nodes: { {name: {} for name in string.ascii_lowercase[:13]} }\ntopics: {{t: {{publishers: [z]}}}}",
         "given 'z', allowed: one of a, b, c, d, e, f, g, h, i, j, k, l, ...",

@@ -89,10 +89,10 @@ SOURCE = f"mocap run {EXAMPLE} --domain 1"
 @pytest.mark.parametrize(
     ("command", "says"),
     [
-        (SOURCE, "needs one of --vicon"),
-        (f"{SOURCE} --vicon h --synthetic", "needs one of --vicon"),
+        (SOURCE, "exactly one of --vicon"),
+        (f"{SOURCE} --vicon h --synthetic", "exactly one of --vicon"),
         (f"{SOURCE} --topic a=/x", "'a=/x', allowed: agent_x/markers=/topic, Go2 Body"),
-        ("frames lint", "nothing to read: give a file"),
+        ("frames lint", "nothing to read; give a file"),
         (f"follow run {HALL} --agent spot", "given 'spot', allowed: .* go2, drone"),
         (f"follow serve --agent spot --scene {HALL}", "'spot', allowed: go2, drone"),
     ],

@@ -125,7 +125,7 @@ class ActionClient:
         response = await self._send.call(request, timeout_s)
         if not response.accepted:
             self._callbacks.pop(goal_id, None)
-            why = "the server rejected the goal, for reasons of its own"
+            why = "the server rejected the goal; its log has the reason"
             raise GoalRejectedError(f"action {self.action_name!r}: {why}")
         return ClientGoalHandle(self, goal_id)
 
@@ -151,7 +151,7 @@ class ActionClient:
         if status is GoalStatus.UNKNOWN:
             raise BusError(
                 f"action {self.action_name!r}: goal {goal_id.hex()} is unknown to the server; "
-                "it keeps the results of a number of goals only"
+                "it keeps only the newest results, so request a result soon after its goal"
             )
         return GoalResult(status=status, result=response.result)
 
@@ -176,8 +176,10 @@ class ActionClient:
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             if not tasks[0].done():
-                goal = f"goal {goal_id.hex()} unfinished here"
-                raise BusError(f"action {self.action_name!r}: the server has gone with {goal}")
+                goal = f"goal {goal_id.hex()} ended"
+                raise BusError(
+                    f"action {self.action_name!r}: the server disappeared before {goal}; send it again"
+                )
             return tasks[0].result()
         finally:
             await end_tasks(*tasks)

@@ -106,10 +106,12 @@ class DomainConfig:
     def __post_init__(self) -> None:
         for domain_id in (self.domain_id, self.wire_id):
             if not 0 <= domain_id <= MAX_DOMAIN:
-                why = "allowed ids are 0 to 232: the UDP ports of higher ones do not exist"
+                why = "allowed ids are 0 to 232, because higher ids have no UDP ports"
                 raise DomainError(domain_id, why)
         if not self.lease_s >= 0.1:
-            raise DomainError(self.domain_id, f"lease_s={self.lease_s}; allowed are 0.1 s and more")
+            raise DomainError(
+                self.domain_id, f"lease_s: given {self.lease_s}, allowed: at least 0.1"
+            )
 
 
 def check_interface(config: DomainConfig) -> None:
@@ -120,9 +122,7 @@ def check_interface(config: DomainConfig) -> None:
     """
     here = sorted(name for _, name in socket.if_nameindex())
     if config.interface is not None and config.interface not in here:
-        why = (
-            f"there is no network interface {config.interface!r} here; there are {', '.join(here)}"
-        )
+        why = f"there is no network interface {config.interface!r} here; allowed: {', '.join(here)}"
         raise DomainError(config.domain_id, why)
 
 
@@ -204,7 +204,8 @@ def without_interfaces(uri: str, domain_id: int) -> str:
             kept.append(root.toxml())
     except (OSError, ExpatError) as error:
         raise DomainError(
-            domain_id, f"CYCLONEDDS_URI cannot be read: given {uri!r}: {error}"
+            domain_id,
+            f"CYCLONEDDS_URI: given {uri!r}, which cannot be read ({error}); correct or unset it",
         ) from error
     return ",".join(kept)
 
@@ -267,7 +268,7 @@ def _create(config: DomainConfig) -> int:
         "Enforce",
     ]:
         # The wheels of Cyclone DDS have no DDS Security. ROS 2's own nodes do not start without it, either.
-        why = "ROS_SECURITY_STRATEGY=Enforce is set, and sfglab's nodes cannot obey"
+        why = "ROS_SECURITY_STRATEGY=Enforce is set, but sfglab has no DDS Security; unset it"
         raise DomainError(config.domain_id, why)
     handle: int = library().dds_create_domain(config.domain_id, domain_xml(config).encode())
     if handle < 0:
@@ -438,7 +439,8 @@ class DdsParticipant:
             handle: int = library().dds_create_participant(self.config.domain_id, qos, None)
         if handle < 0:
             raise DomainError(
-                self.config.domain_id, f"no participant can be created: {error_text(handle)}"
+                self.config.domain_id,
+                f"no participant can be created ({error_text(handle)}); end other nodes or choose another id",
             )
         return handle
 

@@ -180,7 +180,9 @@ class DdsWriter:
         if code < 0:
             reason = clib.error_text(code)
             if code == clib.RETCODE_TIMEOUT:
-                reason += ": a KEEP_ALL writer waits for acknowledgements of slow reliable readers"
+                reason += (
+                    ": slow reliable readers have not acknowledged; publish later or with KEEP_LAST"
+                )
                 raise WriterBlockedError(self._topic, code=code, reason=reason)
             raise PublishError(self._topic, code=code, reason=reason)
 

@@ -87,7 +87,7 @@ def report_sample(key: str, call: Any, message: Any) -> None:
     """
     cdr = serialize_message(message)
     if len(cdr) > _MAX_MESSAGE_BYTES:
-        raise ValueError(f"{key}: given {len(cdr)} bytes, allowed are {_MAX_MESSAGE_BYTES}")
+        raise ValueError(f"{key}: given {len(cdr)} bytes, allowed: {_MAX_MESSAGE_BYTES}")
     report("sample", key=key, call=call, cdr=cdr.hex())
 
 

@@ -122,7 +122,7 @@ class RosHalf:
         Raises:
             TypeError: Always.
         """
-        raise TypeError(f"{self.key}: given {message!r}, allowed are frames")
+        raise TypeError(f"{self.key}: given {message!r}, allowed: frames")
 
     def close(self) -> None:
         """Close the endpoint; the last one of a server or client closes that as well."""

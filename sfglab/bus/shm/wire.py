@@ -55,7 +55,7 @@ class ProtocolError(BusError, ValueError):
 
     def __init__(self, datagram: bytes, expected: str) -> None:
         super().__init__(
-            f"shared memory: given {datagram.hex() or 'nothing'}, expected is {expected}"
+            f"shared memory: given {datagram.hex() or 'nothing'}, expected: {expected}"
         )
 
 

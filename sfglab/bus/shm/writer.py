@@ -136,9 +136,7 @@ class ShmWriter:
     def _acquire(self, size: int) -> int:
         while (slot := self._pool.acquire(size)) is None:
             if not self._fanout.shed():
-                reason = (
-                    f"subscribers hold all of the {self._pool.arena_bytes} bytes of shared memory"
-                )
+                reason = f"subscribers hold all {self._pool.arena_bytes} bytes of shared memory and must release messages"
                 raise PublishError(self._topic, code=_ENOSPC, reason=reason)
         offset, added = slot
         if added:

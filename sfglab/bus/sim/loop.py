@@ -30,7 +30,7 @@ class DeadlockError(BusError, RuntimeError):
     """All tasks wait and nothing is scheduled, so the simulation can never continue."""
 
     def __init__(self, time_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
-        said = f"nothing is scheduled and nobody is done; waiting are {_places(tasks)}"
+        said = f"no event is scheduled, so no task can continue; waiting tasks: {_places(tasks)}"
         super().__init__(f"virtual time {time_s:g} s: {said}")
 
 
@@ -38,7 +38,7 @@ class TimeLimitError(BusError, TimeoutError):
     """The simulation did not end before its limit of virtual time."""
 
     def __init__(self, limit_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
-        said = f"not done after {limit_s:g} s of virtual time; waiting are {_places(tasks)}"
+        said = f"the simulation did not end within {limit_s:g} s of virtual time; waiting tasks: {_places(tasks)}"
         super().__init__(said)
 
 
@@ -130,7 +130,9 @@ class VirtualLoop(asyncio.BaseEventLoop):
             BusError: Always.
         """
         what = "a thread (run_in_executor, to_thread)"
-        raise BusError(f"{what} does not exist in a simulated world: it would not be reproducible")
+        raise BusError(
+            f"{what} is not available in a simulated world, which must be reproducible; call the function itself"
+        )
 
     def _write_to_self(self) -> None:
         """Do nothing, because the loop never sleeps."""

@@ -71,7 +71,7 @@ def without(config: AgentConfig, components: Iterable[str]) -> AgentConfig:
     """
     dropped = frozenset(components)
     for name in sorted(dropped - set(COMPONENTS)):
-        where = f"agent {config.router.agent}, component"
+        where = f"agent {config.router.agent}, component to leave out"
         raise InvalidValueError(where, name, ", ".join(COMPONENTS))
     return replace(
         config, components=tuple(name for name in config.components if name not in dropped)
@@ -140,7 +140,7 @@ def config_of(
     if fleet is None:
         domain_id, interface = local
         if domain_id is None:
-            allowed = f"1 to {MAX_DOMAIN} or a fleet file"
+            allowed = f"--domain or ROS_DOMAIN_ID, from 1 to {MAX_DOMAIN}, or a fleet file"
             raise InvalidValueError(f"agent {agent}: its own domain", None, allowed)
         router = RouterConfig(
             agent=agent,

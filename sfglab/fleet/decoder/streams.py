@@ -93,7 +93,7 @@ def routes_of_topic(topic: str) -> tuple[Route, Route]:
     if kind is None:
         allowed = ", ".join(sorted(resource.value for resource in KINDS))
         raise StreamError(
-            topic, f"its type does not follow from its name; known are the resources {allowed}"
+            topic, f"its type does not follow from its name; allowed as its last part: {allowed}"
         )
     decoded = _decoded(fqn, topic, kind)
     return decoded, _camera_info(decoded, str(replace(fqn, resource=Resource.CAMERA_INFO)))
@@ -116,7 +116,8 @@ def routes_of_agent(metadata: Any) -> tuple[tuple[Route, ...], tuple[SfglabError
 def _take(route: Route, routes: dict[str, Route]) -> None:
     if routes.setdefault(route.local_topic, route) != route:
         raise StreamError(
-            route.source_topic, f"another stream is already decoded to {route.local_topic}"
+            route.source_topic,
+            f"another stream is already decoded to {route.local_topic}; leave one out",
         )
 
 
@@ -167,7 +168,7 @@ def _remote_stream(topic: str) -> RosFqn:
         raise StreamError(topic, str(error)) from error
     if not fqn.is_global or fqn.component is None:
         raise StreamError(
-            topic, "needed is a name in the global scope with an agent and a component"
+            topic, "allowed: a global name with agent and component, as in /global/go2/lidar/points"
         )
     return fqn
 

@@ -154,7 +154,7 @@ def validated_metadata(metadata: Any) -> tuple[Any, tuple[DescriptionError, ...]
 def _check_sensor(sensor: Any, known: Mapping[str, Any]) -> None:
     is_short = max(len(sensor.name), len(sensor.model)) <= MAX_TEXT
     if sensor.name in known or len(known) >= MAX_ENTRIES or not is_short:
-        allowed = f"allowed are {MAX_ENTRIES} whose names differ, of {MAX_TEXT} characters"
+        allowed = f"allowed: up to {MAX_ENTRIES} sensors with different names of up to {MAX_TEXT} characters"
         raise DescriptionError(f"sensor {sensor.name[:MAX_TEXT]!r}", allowed)
 
 
@@ -163,7 +163,7 @@ def _check_stream(agent: str, stream: Any, topics: Sequence[str]) -> None:
     StreamDescription.of(stream).check(agent)
     is_known = stream.topic in topics or stream.decoded_topic in topics
     if is_known or len(topics) >= 2 * MAX_STREAMS:
-        allowed = f"allowed are {MAX_STREAMS}, whose topics differ"
+        allowed = f"allowed: up to {MAX_STREAMS} streams with different topics"
         raise DescriptionError(f"stream {stream.topic!r}", allowed)
 
 
@@ -171,6 +171,6 @@ def _valid_lines(name: str, lines: Sequence[str], errors: list[DescriptionError]
     valid = [line for line in lines if len(line) <= MAX_TEXT and line.isprintable()]
     valid = valid[:MAX_ENTRIES]
     if len(valid) < len(lines):
-        allowed = f"allowed are {MAX_ENTRIES} lines of {MAX_TEXT} characters"
+        allowed = f"allowed: up to {MAX_ENTRIES} lines of up to {MAX_TEXT} characters"
         errors.append(DescriptionError(name, f"{allowed}, {len(lines) - len(valid)} are not"))
     return valid

@@ -200,7 +200,7 @@ def _names(transform: Any) -> tuple[str, str]:
 
 
 def _refusal(direction: Direction, given: str, allowed: str) -> str:
-    return f"{direction.value} transform: given {given}, allowed are {allowed}"
+    return f"{direction.value} transform: given {given}, allowed: {allowed}"
 
 
 def _child(frame: str) -> str:

@@ -48,10 +48,10 @@ class RouterRunningError(SfglabError, RuntimeError):
     def __init__(self, domain_id: int, pid: int | None) -> None:
         self.domain_id = domain_id  #: DDS domain of the agent.
         self.pid = pid  #: Process id of the other router; None if it cannot be seen from here.
-        who = "a process out of sight" if pid is None else f"process {pid}"
+        other = "another process" if pid is None else f"process {pid}"
         super().__init__(
-            f"router of domain {domain_id}: {who} on this host is one already, and two would forward "
-            "every sample twice; end the other first"
+            f"router of domain {domain_id}: {other} on this host is already the router of this domain, "
+            "and two would forward every sample twice; end the other first"
         )
 
 

@@ -71,7 +71,7 @@ class StreamDescription:
         )
         for is_allowed, given, allowed in parts:
             if not is_allowed:
-                raise DescriptionError(place, f"given the {given}, allowed are {allowed}")
+                raise DescriptionError(place, f"given the {given}, allowed: {allowed}")
 
     def to_message(self) -> Any:
         """Return the stream as a ``sfglab_interfaces/msg/StreamInfo``."""
@@ -115,7 +115,7 @@ class AgentDescription:
         """
         names = [sensor.name for sensor in self.sensors]
         if len(set(names)) < len(names):
-            raise DescriptionError("sensors", f"given {names}, allowed are names that differ")
+            raise DescriptionError("sensors", f"given {names}, allowed: different names")
         for stream in (stream for sensor in self.sensors for stream in sensor.streams):
             stream.check(agent)
 
@@ -147,9 +147,9 @@ def _check_topic(topic: str, agent: str) -> None:
         fqn = parse(topic)
     except FqnError as error:
         raise DescriptionError(place, str(error)[:MAX_TEXT]) from error
-    allowed = f"allowed are names of agent {agent!r} in the global scope: others stay inside"
+    allowed = f"allowed: names of agent {agent!r} in the global scope"
     if fqn.agent != agent:
-        raise DescriptionError(place, f"it bears another agent's name or none; {allowed}")
+        raise DescriptionError(place, f"the name is of another agent or of none; {allowed}")
     if fqn.scope is not Scope.GLOBAL:
         raise DescriptionError(place, allowed)
 
@@ -161,7 +161,7 @@ def _check_local(place: str, topic: str, agent: str) -> None:
     except FqnError as error:
         raise DescriptionError(place, str(error)[:MAX_TEXT]) from error
     if not topic.startswith(f"/{Scope.LOCAL.value}/{agent}/"):
-        allowed = f"allowed are names of agent {agent!r} in the local scope"
+        allowed = f"allowed: names of agent {agent!r} in the local scope"
         raise DescriptionError(place, f"given the decoded topic {_short(topic)}; {allowed}")
 
 

@@ -199,6 +199,6 @@ def explore(what: Experiment[Any] | Callable[..., Any]) -> Interactive:
     if not isinstance(what, Experiment):
         return Interactive(what)
     if not what.explorers:
-        raise InvalidValueError("experiment", what.name, "one with an explorer")
+        raise InvalidValueError("experiment", what.name, "an experiment that declares an explorer")
     [function] = what.explorers.values()
     return Interactive(function)

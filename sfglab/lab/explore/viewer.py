@@ -132,7 +132,7 @@ def _times_by_topic(log: LogReader) -> dict[str, list[int]]:
     for arrival in arrivals_of(log, wanted):
         times_ns[arrival.topic].append(arrival.received_ns)
     if not times_ns:
-        raise InvalidValueError("log", log.path, "one with messages that a visualizer shows")
+        raise InvalidValueError("log", log.path, "a log with messages that a visualizer shows")
     return dict(sorted(times_ns.items(), reverse=True))
 
 

@@ -72,7 +72,7 @@ class Channel:
         try:
             data = self._control.recv(MAX_BYTES)
         except TimeoutError:
-            raise HostsError(f"{_NAME} gave no answer for {_LIMIT_S:.0f} s") from None
+            raise HostsError(f"{_NAME} did not respond for {_LIMIT_S:.0f} s") from None
         except OSError:
             data = b""
         if not data:

@@ -56,9 +56,7 @@ def _plain(value: object) -> object:
         return value.item()
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value)}
-    raise SweepError(
-        f"result: given {value!r} in a row, allowed are bool, int, float, str and None"
-    )
+    raise SweepError(f"result: given {value!r} in a row, allowed: bool, int, float, str and None")
 
 
 def identity_of(task: Callable[..., object], points: Sequence[object]) -> dict[str, str]:

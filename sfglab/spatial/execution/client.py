@@ -125,7 +125,7 @@ def scene_orders(
     known = [name for name in names if names.count(name) == 1]
     for name in agents or names:
         if name not in known:
-            own = ", ".join(known) or "there is none"
+            own = ", ".join(known) or "none"
             allowed = f"an agent with a trajectory and a name of its own: {own}"
             raise InvalidValueError("agent", name, allowed)
     return tuple(orders[names.index(name)] for name in agents or names)

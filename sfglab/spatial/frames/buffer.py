@@ -266,7 +266,7 @@ class FrameBuffer:
         if up[-1] is not down[-1]:
             raise NotConnectedError(
                 f"frames {target!r} and {source!r} are not connected: the root of the first is "
-                f"{up[-1].name!r}, that of the other {down[-1].name!r}"
+                f"{up[-1].name!r}, that of the other {down[-1].name!r}; publish a transform between them"
             )
         while up and down and up[-1] is down[-1]:
             del up[-1], down[-1]

@@ -153,7 +153,7 @@ def _names(frames: Sequence[str], agents: frozenset[str]) -> Iterator[FrameFindi
     for frame in frames:
         if agents and not _is_allowed(frame, agents):
             hint = suggestion(frame, allowed)
-            yield FrameFinding("name", (frame,), f"given {frame!r}, allowed are {names}{hint}")
+            yield FrameFinding("name", (frame,), f"given {frame!r}, allowed: {names}{hint}")
 
 
 def _is_allowed(frame: str, agents: frozenset[str]) -> bool:

@@ -113,7 +113,7 @@ class LogSource:
             info = self._reader.topics.get(topic)
             if info is not None and info.type_name not in {POSE, TRANSFORM}:
                 raise MocapError(
-                    f"{topic}: given the type {info.type_name}, allowed are {POSE} and {TRANSFORM}"
+                    f"{topic}: given the type {info.type_name}, allowed: {POSE} and {TRANSFORM}"
                 )
         streams = [self._stream(id_, topic) for id_, topic in self._topics.items()]
         return merge(*streams, key=lambda capture: capture.receipt_ns)
@@ -145,7 +145,7 @@ class ViconSource:
             self._library: Any = importlib.import_module(_MODULE)
         except ImportError as error:
             raise MocapError(
-                f"the Vicon source needs {_MODULE!r}, which is not installed: pip install pyvicon-datastream"
+                f"the Vicon source needs {_MODULE!r}, which is not installed; run pip install pyvicon-datastream"
             ) from error
         self._host, self._clock = host, clock
 
@@ -180,7 +180,7 @@ class ViconSource:
     def _check(self, what: str, result: Any) -> None:
         if result != self._library.Result.Success:
             raise MocapError(
-                f"Vicon Tracker at {self._host}: asked to {what}, it answered {result.name}"
+                f"Vicon Tracker at {self._host}: it cannot {what} ({result.name}); check the address and Tracker"
             )
 
     def _capture(self, client: Any) -> Capture | None:

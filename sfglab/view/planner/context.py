@@ -92,7 +92,7 @@ class JobQueue:
                 future.set_exception(error)
 
         if not self._post(partial(self._add, None, run)):
-            raise SfglabError("the scene editor is closed: no edit is taken any more")
+            raise SfglabError("the scene editor is closed; open it again to edit")
         return future.result()
 
     def close(self, last: Callable[[], Awaitable[None]]) -> None:
