@@ -74,9 +74,9 @@ def one_of(known: Iterable[str], name: str, what: str) -> str:
     if name in there:
         return name
     near = difflib.get_close_matches(name, there, n=5, cutoff=0.5) or there[:5]
-    allowed = f"an existing {what}, such as {', '.join(near)}"
+    allowed = f"an existing name, such as {', '.join(near)}"
     if not near:
-        allowed = f"an existing {what}; none was found, so check the domain and the interface"
+        allowed = "an existing name; none was found, so check the domain and the interface"
     raise InvalidValueError(what, name, allowed)
 
 

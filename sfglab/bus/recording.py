@@ -21,7 +21,7 @@ from sfglab.component import end_tasks
 from sfglab.messages import MessageError, UnknownTypeError, register_definition, type_name
 from sfglab.names import FqnError
 from sfglab.qos import Durability, History, QoSProfile
-from sfglab.record import LogReader, LogWriter
+from sfglab.record import LogError, LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
 from sfglab.units import NS_PER_S
 
@@ -207,9 +207,12 @@ class Player:
             do = partial(asyncio.get_running_loop().run_in_executor, thread)
             reader = await do(LogReader, self._path)
             try:
-                for topic in reader.topics:
-                    if self._wanted(topic):
-                        self._open(topic, reader)
+                chosen = list(filter(self._wanted, reader.topics))
+                if reader.topics and not chosen:
+                    there = ", ".join(reader.topics)
+                    raise LogError(f"log {self._path}: no topic is selected; it has {there}")
+                for topic in chosen:
+                    self._open(topic, reader)
                 await self._matched()
                 await self._play(reader, do)
                 for publisher in self._publishers.values():

@@ -52,7 +52,13 @@ app = typer.Typer(
     help="""Run components for multi-robot ROS 2 systems, and the experiments of three papers.
 
 Paper A: communication between robots. Paper B: QoS of topics on a wireless link. Paper C: topics
-between software and hardware (FPGA).""",
+between software and hardware (FPGA). The exit status is 0 on success, 2 for arguments that cannot
+be parsed, and 1 for other errors.
+
+Examples:
+  sfglab doctor
+  sfglab reproduce --profile smoke
+  sfglab agent up --domain 7""",
     no_args_is_help=True,
     context_settings={
         "help_option_names": ["-h", "--help"],

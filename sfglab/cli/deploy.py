@@ -19,7 +19,11 @@ if TYPE_CHECKING:
     from sfglab.deploy.rollout import Prospect
 
 app = typer.Typer(
-    help="Deploy a fleet: detect hardware, plan changes, render, check and apply files."
+    help="""Deploy a fleet: detect hardware, plan changes, render, check and apply files.
+
+Examples:
+  sfglab deploy plan data/fleets/esslingen.yaml
+  sfglab deploy apply data/fleets/esslingen.yaml"""
 )
 _Root = Annotated[
     Path | None,
@@ -27,7 +31,7 @@ _Root = Annotated[
 ]
 _Accelerator = Annotated[
     Literal["auto", "jetson", "cuda", "rocm", "vaapi", "v4l2", "none"] | None,
-    Option(help="Override the fleet file's accelerator; auto detects it."),
+    Option(help="Accelerator of the hosts; auto detects it. [default: the fleet file's]"),
 ]
 
 
@@ -105,7 +109,7 @@ def check(
     agent: Agents = None,
     accelerator: _Accelerator = None,
     require: Annotated[
-        bool, Option("--require", help="Fail if a program for a check is not installed.")
+        bool, Option("--require", help="Also fail if a program for a check is not installed.")
     ] = False,
     as_json: Json = False,
 ) -> None:

@@ -46,7 +46,9 @@ def doctor(as_json: Json = False) -> None:
 def reproduce(
     notebooks: Annotated[
         list[str] | None,
-        Argument(help="Names of notebooks or experiments. [default: all notebooks]"),
+        Argument(
+            metavar="NOTEBOOK", help="Name of a notebook or experiment. [default: all notebooks]"
+        ),
     ] = None,
     profile: _Profile = "quick",
     seed: Annotated[int, Option(min=0, help="Seed of all random numbers.")] = 0,
@@ -96,7 +98,9 @@ def try_experiment(
     ],
     fields: Annotated[
         list[str] | None,
-        Argument(metavar="FIELD=VALUE", help="Fields of its settings, and their values."),
+        Argument(
+            metavar="FIELD=VALUE", help="Field of its settings with its value, e.g. frames=10."
+        ),
     ] = None,
     profile: _Profile = "quick",
     folder_name: Annotated[
@@ -209,7 +213,9 @@ def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
 
 
 def lab(
-    options: Annotated[list[str] | None, Argument(help="Options of JupyterLab, after --.")] = None,
+    options: Annotated[
+        list[str] | None, Argument(metavar="OPTION", help="Option of JupyterLab, after --.")
+    ] = None,
 ) -> None:
     """Open working copies of the notebooks in JupyterLab.
 

@@ -21,10 +21,16 @@ if TYPE_CHECKING:
     from sfglab.fleet.agent.plan import AgentConfig
 
 fleet_app = typer.Typer(
-    help="Check a fleet file, and write the configuration of a DDS Router from it."
+    help="""Check a fleet file, and write the configuration of a DDS Router from it.
+
+Example:
+  sfglab fleet lint data/fleets/lab.yaml"""
 )
 agent_app = typer.Typer(
-    help="Run the components of an agent: a robot or computer with a DDS domain of its own."
+    help="""Run the components of an agent: a robot or computer with a DDS domain of its own.
+
+Example:
+  sfglab agent up --domain 7"""
 )
 _OwnDomain = Annotated[
     int | None,
@@ -38,7 +44,10 @@ _GlobalDomain = Annotated[
         help="DDS domain that all agents share. [default: the fleet file's, otherwise 0]"
     ),
 ]
-_GlobalInterface = Annotated[str | None, Option(help="Network interface to the other agents.")]
+_GlobalInterface = Annotated[
+    str | None,
+    Option(help="Network interface to the other agents. [default: automatic, or the fleet file's]"),
+]
 _Agent = Annotated[
     str | None, Option(help="Name of the agent. [default: SFG_AGENT_NAME, otherwise the host name]")
 ]
@@ -177,7 +186,9 @@ def _agent_config(
 def decoder(
     streams: Annotated[
         list[str] | None,
-        Argument(help="Remote streams, e.g. /global/go2/camera_front/color/ffmpeg."),
+        Argument(
+            metavar="STREAM", help="Remote stream, e.g. /global/go2/camera_front/color/ffmpeg."
+        ),
     ] = None,
     domain: Domain = 0,
     interface: Interface = None,
@@ -189,8 +200,8 @@ def decoder(
 ) -> None:
     """Decode remote video streams once for all subscribers on this device.
 
-    A stream is decoded while it has a subscriber. Without STREAMS, those that remote agents announce
-    on /local/<agent>/agent_discovery_event are offered.
+    A stream is decoded while it has a subscriber. Without STREAM, all streams are offered that
+    remote agents announce on /local/<agent>/agent_discovery_event.
 
     Examples:
       sfglab decoder --domain 7 /global/go2/camera_front/color/ffmpeg
@@ -219,7 +230,9 @@ def decoder(
 
 
 def camera(
-    topic: Annotated[str, Argument(help="Topic, e.g. /global/go2/camera_front/color/ffmpeg.")],
+    topic: Annotated[
+        str, Argument(metavar="TOPIC", help="Topic, e.g. /global/go2/camera_front/color/ffmpeg.")
+    ],
     source: Annotated[
         str,
         Option(

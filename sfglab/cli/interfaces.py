@@ -38,7 +38,9 @@ Interfaces = Annotated[
 
 
 def interfaces(
-    folder: Annotated[Path, Argument(help="Source folder of the workspace, e.g. ~/ros2_ws/src.")],
+    folder: Annotated[
+        Path, Argument(metavar="FOLDER", help="Source folder of the workspace, e.g. ~/ros2_ws/src.")
+    ],
 ) -> None:
     """Write our message types into a ROS 2 workspace, as the package sfglab_interfaces.
 

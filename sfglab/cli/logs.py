@@ -30,8 +30,9 @@ app = typer.Typer(
 
 Without a command: list the logs of experiments, and whether each counts for the claims.
 
-Example:
-  sfglab log""",
+Examples:
+  sfglab log
+  sfglab log info data/reference/mocap.mcap""",
 )
 _Path = Annotated[
     Path, Argument(metavar="LOG", help="MCAP file, rosbag2 folder or the folder's .db3 file.")
@@ -173,7 +174,8 @@ def _wanted(
 @app.command()
 def record(
     topics: Annotated[
-        list[str] | None, Argument(help="Topics, e.g. /chatter, unless -a or -e is given.")
+        list[str] | None,
+        Argument(metavar="TOPIC", help="Topic, e.g. /chatter, unless -a or -e is given."),
     ] = None,
     every: Annotated[
         bool, Option("--all", "-a", help="Record all topics but hidden ones.")
@@ -238,7 +240,10 @@ def play(
         float, Option("--rate", "-r", min=0.001, help="Speed relative to the recording.")
     ] = 1.0,
     topics: Annotated[
-        list[str] | None, Option("--topics", help="Only this topic (repeatable).")
+        list[str] | None,
+        Option(
+            "--topics", help="Topic to play (repeatable). [default: all topics but hidden ones]"
+        ),
     ] = None,
     regex: _Regex = None,
     exclude: _Exclude = None,

@@ -27,7 +27,8 @@ def map_graph(
     file: Annotated[
         Path | None,
         Argument(
-            help="Graph, e.g. data/graphs/figure_8.yaml, or a log or bag. [default: a domain]"
+            metavar="FILE",
+            help="Graph, e.g. data/graphs/figure_8.yaml, or a log or bag. [default: a domain]",
         ),
     ] = None,
     gateway_rule: Annotated[

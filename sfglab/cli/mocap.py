@@ -24,14 +24,28 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.mapping import MocapMapping
     from sfglab.spatial.mocap.tracking import MocapSource
 
-mocap_app = typer.Typer(help="Publish poses from motion capture as TF.")
-frames_app = typer.Typer(help="Check TF trees.")
+mocap_app = typer.Typer(
+    help="""Publish poses from motion capture as TF.
+
+Example:
+  sfglab mocap run data/mocap/two_agents.yaml --synthetic --publish-tf --domain 7"""
+)
+frames_app = typer.Typer(
+    help="""Check TF trees.
+
+Example:
+  sfglab frames lint data/reference/mocap.mcap"""
+)
 
 
 @mocap_app.command("run")
 def mocap_run(
     file: Annotated[
-        Path, Argument(help="Mapping of objects to TF frames, e.g. data/mocap/two_agents.yaml.")
+        Path,
+        Argument(
+            metavar="MAPPING",
+            help="Mapping of objects to TF frames, e.g. data/mocap/two_agents.yaml.",
+        ),
     ],
     domain: Domain = 0,
     interface: Interface = None,
@@ -180,7 +194,9 @@ def _object_line(status: ObjectStatus) -> str:
 
 @frames_app.command("lint")
 def frames_lint(
-    log: Annotated[Path | None, Argument(help="Log or bag. [default: a domain]")] = None,
+    log: Annotated[
+        Path | None, Argument(metavar="LOG", help="Log or bag. [default: a domain]")
+    ] = None,
     domain: RecordedDomain = None,
     interface: Interface = None,
     duration: ObservedTime = 5.0,

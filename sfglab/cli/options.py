@@ -24,7 +24,8 @@ ObservedTime = Annotated[
     float, Option("--duration", min=0.1, help="Time to observe the domain, s.")
 ]
 Interface = Annotated[
-    str | None, Option(help="Network interface for DDS; lo keeps traffic on this host.")
+    str | None,
+    Option(help="Network interface for DDS; lo keeps traffic on this host. [default: automatic]"),
 ]
 SpinTime = Annotated[
     float | None,
@@ -43,6 +44,10 @@ OutputFolder = Annotated[
 Agents = Annotated[
     list[str] | None, Option("--agent", help="Agent (repeatable). [default: all agents]")
 ]
-SceneFile = Annotated[Path, Argument(help="Scene file, e.g. data/scenes/hall.yaml.")]
-FleetFile = Annotated[Path, Argument(help="Fleet file, e.g. data/fleets/esslingen.yaml.")]
+SceneFile = Annotated[
+    Path, Argument(metavar="SCENE", help="Scene file, e.g. data/scenes/hall.yaml.")
+]
+FleetFile = Annotated[
+    Path, Argument(metavar="FLEET", help="Fleet file, e.g. data/fleets/esslingen.yaml.")
+]
 Fleet = Annotated[Path | None, Option("--fleet", help="Fleet file, e.g. data/fleets/lab.yaml.")]

@@ -27,7 +27,13 @@ if TYPE_CHECKING:
     from sfglab.spatial.execution.orders import Order
     from sfglab.spatial.execution.server import AgentSetup
 
-app = typer.Typer(help="Simulate an agent that follows trajectories, and send agents along them.")
+app = typer.Typer(
+    help="""Simulate an agent that follows trajectories, and send agents along them.
+
+Examples:
+  sfglab follow serve --agent go2 --domain 7
+  sfglab follow run data/scenes/hall.yaml --agent go2 --domain 7"""
+)
 
 
 def plan(
@@ -200,7 +206,8 @@ def _execution(node: Node, agent: str, position: int) -> Execution:
 
     from sfglab.spatial.execution.client import Execution
 
-    bar = tqdm(total=100, desc=agent, position=position, unit="%", file=sys.stderr)
+    # The delay keeps the bar away until the agent moves.
+    bar = tqdm(total=100, desc=agent, position=position, unit="%", file=sys.stderr, delay=0.01)
 
     def show(feedback: Any) -> None:
         bar.set_postfix_str(f"{feedback.error_m:.2f} m off")

@@ -35,7 +35,8 @@ def qos(
     file: Annotated[
         Path | None,
         Argument(
-            help="File of topics, e.g. data/qos/paper_b.yaml, or a log or bag. [default: a domain]"
+            metavar="FILE",
+            help="File of topics, e.g. data/qos/paper_b.yaml, or a log or bag. [default: a domain]",
         ),
     ] = None,
     method: Annotated[

@@ -14,7 +14,7 @@ _Name = Literal["fleet", "qos", "graph", "scene", "mocap", "claims"]
 
 
 def schema(
-    name: Annotated[_Name, Argument(help="File format.")],
+    name: Annotated[_Name, Argument(metavar="FORMAT", help="File format.")],
     output: OutputFile = None,
 ) -> None:
     """Print the JSON Schema of a file format, for completion and checks in editors.

@@ -22,10 +22,20 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from sfglab.bus import EndpointInfo, Node, Subscription
 
-app = typer.Typer(help="List, print, measure and publish topics, like ros2 topic.")
-node_app = typer.Typer(help="List the nodes of a domain, like ros2 node.")
+app = typer.Typer(
+    help="""List, print, measure and publish topics, like ros2 topic.
 
-_Topic = Annotated[str, Argument(help="Name of the topic, e.g. /chatter.")]
+Example:
+  sfglab topic list --domain 7"""
+)
+node_app = typer.Typer(
+    help="""List the nodes of a domain, like ros2 node.
+
+Example:
+  sfglab node list --domain 7"""
+)
+
+_Topic = Annotated[str, Argument(metavar="TOPIC", help="Name of the topic, e.g. /chatter.")]
 _TOPIC_S = 5.0  #: Time to discover a topic's first publisher, s.
 _OTHERS_S = 0.3  #: Time to discover further publishers of the topic, s.
 _LINGER_S = 0.1  #: Time to run after the last published message, s.
@@ -40,7 +50,7 @@ def list_nodes(
     interface: Interface = None,
     spin_time: SpinTime = None,
 ) -> None:
-    """List the nodes of a domain, without those whose names begin with _.
+    """List the nodes of a domain, without hidden ones, whose names begin with _.
 
     Examples:
       sfglab node list
@@ -61,7 +71,7 @@ def list_topics(
     interface: Interface = None,
     spin_time: SpinTime = None,
 ) -> None:
-    """List the topics of a domain, without those that have a name part that begins with _.
+    """List the topics of a domain, without hidden ones, which have a part that begins with _.
 
     Examples:
       sfglab topic list
@@ -183,13 +193,17 @@ def pub(
     values: Annotated[
         str,
         Argument(
-            help="Fields as YAML, e.g. '{data: hello}'; now (a stamp) and auto (a header) give the time."
+            metavar="VALUES",
+            help="Fields as YAML, e.g. '{data: hello}'. For a stamp, now is the current time; for a header, "
+            "auto sets it. [default: the fields' defaults]",
         ),
     ] = "",
-    rate: Annotated[float, Option("--rate", "-r", min=0.001, help="Rate, Hz.")] = 1.0,
+    rate: Annotated[
+        float, Option("--rate", "-r", min=0.001, help="Rate of the messages, Hz.")
+    ] = 1.0,
     once: Annotated[
         bool,
-        Option("--once", "-1", help="Publish one message, to the first subscription, and end."),
+        Option("--once", "-1", help="Publish one message once a subscription matches, and end."),
     ] = False,
     durability: Annotated[
         Durability, Option("--qos-durability", help="Offered durability.")

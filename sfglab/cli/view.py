@@ -33,7 +33,7 @@ _REMOVED = {
 def view(
     log: Annotated[
         Path | None,
-        Argument(help="MCAP file or rosbag2 folder. [default: a domain, live]"),
+        Argument(metavar="LOG", help="MCAP file or rosbag2 folder. [default: a domain, live]"),
     ] = None,
     to: Annotated[
         list[str] | None,
@@ -50,7 +50,8 @@ def view(
         ),
     ] = "",
     topic: Annotated[
-        list[str] | None, Option(help="Only topics that begin with this text (repeatable).")
+        list[str] | None,
+        Option(help="Beginning of the topics to show (repeatable). [default: all topics]"),
     ] = None,
     domain: Domain = 0,
     interface: Interface = None,

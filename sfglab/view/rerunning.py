@@ -162,7 +162,10 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab") -> RerunCanvas:
         raise
     except (RuntimeError, ValueError, OSError) as error:
         _discard(to, emptied=True)
-        raise SinkError(f"{' and '.join(to)} cannot be opened: {error}") from error
+        cause = str(error).partition("\n")[0].removesuffix(".")
+        raise SinkError(
+            f"{' and '.join(to)} cannot be opened ({cause}); give --to FILE.rrd instead"
+        ) from error
     return RerunCanvas(recording, to)
 
 

@@ -229,9 +229,9 @@ def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
 
     Returns:
         One row per condition: the columns of `PLACE` except Rmax; ``lowest`` (OPT+LC is lowest at
-        three Rmax or more), ``small`` (a small depth is worse than a deep one at 500 or 1000 Hz),
-        ``finite`` (without a method some depth has a finite median there), and ``agrees`` (``lowest``
-        and ``small`` hold).
+        three Rmax or more), ``small`` (a small depth is worse than a deep one at 500 or 1000 Hz), and
+        ``agrees`` (both hold). The column ``finite`` says whether some depth without a method has a
+        finite median at 500 or 1000 Hz.
     """
     fast = table[table["rate_max_hz"].isin(FAST_HZ)]
     lowest = table.groupby(_CONDITION, sort=False)[f"{of}_lowest"].mean() >= MOST_RATES
@@ -298,7 +298,9 @@ def obstacles(laps: pd.DataFrame) -> str:
 def by_loss(laps: pd.DataFrame) -> str:
     """Return the share of laps that are ``done`` for each frame loss, as a text."""
     means = laps.groupby("loss")["done"].mean()
-    texts = [f"{100 * share:.0f} % of laps at {100 * loss:.2g} % loss" for loss, share in means.items()]
+    texts = [
+        f"{100 * share:.0f} % of laps at {100 * loss:.2g} % loss" for loss, share in means.items()
+    ]
     return ", ".join(texts)
 
 
