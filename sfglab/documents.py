@@ -106,7 +106,7 @@ class Document:
             mark = getattr(error, "problem_mark", None)
             place = Place(file=file, line=mark.line + 1 if mark else 0)
             problem = getattr(error, "problem", None) or str(error)
-            given = ValueError(f"not valid YAML: {problem}")
+            given = ValueError(f"not valid YAML ({problem})")
             raise DocumentError(
                 place, given, "complete brackets and quotes, spaces as indentation"
             ) from error

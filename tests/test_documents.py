@@ -29,7 +29,7 @@ def read(hint, text: str):
     [
         ("a: 1\na: 2", "f.yaml:2: a: given 'a', allowed: each key once in its mapping"),
         ("a: 2001-99-99", "f.yaml:1: a: given '2001-99-99', allowed: a value that YAML can read"),
-        ("a: \x07", "f.yaml: not valid YAML: unacceptable character"),
+        ("a: \x07", "f.yaml: not valid YAML (unacceptable character"),
         ("a: &x [1]\nb: *x", "f.yaml:2: b: given 'an alias', allowed: a value that is written out"),
         ("a: &x\n- *x", "f.yaml:2: a[0]: given 'an alias'"),
         ("a: &x b\nc:\n  *x : 1", "f.yaml:2: c: given 'an alias, a list or a mapping as a key'"),

@@ -42,7 +42,7 @@ class Timer:
         self, period_s: float, callback: Callable[[], Awaitable[None] | None], calls: CallbackRunner
     ) -> None:
         if not period_s > 0:
-            raise InvalidValueError("timer period", period_s, "positive seconds")
+            raise InvalidValueError("timer period", period_s, "a positive number of seconds")
         self._loop = asyncio.get_running_loop()
         self._period_s = period_s
         self._callback = callback

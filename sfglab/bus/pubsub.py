@@ -65,7 +65,7 @@ class TopicEnd:
 
     async def _wait_for(self, end: Endpoint, count: int, peers: str, timeout_s: float) -> None:
         if not await self._changed.wait_until(lambda: end.matched >= count, timeout_s):
-            what = f"topic {self.topic_name!r}: {count} matching {peers}(s), of which {end.matched} were found,"
+            what = f"topic {self.topic_name!r}: {count} matching {peers}(s) ({end.matched} found)"
             raise discovery_timeout_error(what, timeout_s)
 
 

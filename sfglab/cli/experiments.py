@@ -121,12 +121,9 @@ def try_experiment(
       sfglab try decode_once source=drive.mp4   # or a log, a bag or a camera: camera:0
     """
     from sfglab.lab import notebooks
-    from sfglab.lab.experiments import EXPERIMENTS
-    from sfglab.validation import suggestion
+    from sfglab.lab.experiments import experiment
 
-    if name not in EXPERIMENTS:
-        allowed = ", ".join(EXPERIMENTS) + suggestion(name, EXPERIMENTS)
-        raise InvalidValueError("EXPERIMENT", name, allowed)
+    experiment(name)  # This refuses an unknown name.
     project = find_project()
     parameters = _parameters(profile, fields or ())
     folder = _new_folder(project, name, folder_name)

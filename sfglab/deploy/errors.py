@@ -16,4 +16,4 @@ class MissingProgramError(DeployError):
     """A check could not be run, because its program is not installed; `install` is the command that installs it."""
 
     def __init__(self, program: str, install: str = EXTRA) -> None:
-        super().__init__(f"{program} is not installed; install it with {install}")
+        super().__init__(f"{program} is not installed; to mend this: {install}")

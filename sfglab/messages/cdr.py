@@ -46,7 +46,7 @@ class CdrError(MessageError):
         self.size_bytes = size_bytes  #: Length of the bytes; None for an error of serialisation.
         self.reason = reason  #: Cause, as a phrase.
         what = (
-            "cannot serialise" if size_bytes is None else f"not in these {size_bytes} bytes of CDR"
+            "cannot serialise" if size_bytes is None else f"cannot read {size_bytes} bytes of CDR"
         )
         super().__init__(f"{type_name}: {what}: {reason}")
 

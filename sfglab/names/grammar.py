@@ -101,7 +101,7 @@ def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
     if root and (not ROS_NAME.fullmatch(root) or "__" in root or len(root) > longest):
         raise FqnError("namespace", namespace, f"'/' or {_NAME_RULE}; at most {longest} characters")
     if not _TOKEN.fullmatch(node_name) or "__" in node_name or len(node_name) > _DDS_MAX_LENGTH:
-        rule = f"ASCII letters, digits and single underscores, no leading digit, at most {_DDS_MAX_LENGTH}"
+        rule = f"ASCII letters, digits and single underscores, no leading digit, at most {_DDS_MAX_LENGTH} characters"
         raise FqnError("node", node_name, rule)
     if name.startswith("/"):
         return validate_ros_name(name)

@@ -230,12 +230,14 @@ def _checked(position: Iterable[float], quat: Iterable[float], place: str) -> tu
         px, py, pz = map(float, position)
         x, y, z, w = map(float, quat)
     except (TypeError, ValueError) as error:
-        raise PoseError(place, [position, quat], "3 and 4 numbers") from error
+        raise PoseError(
+            place, [position, quat], "3 numbers as position, 4 as quaternion"
+        ) from error
     if not math.isfinite(px + py + pz):
         raise PoseError(f"{place}, position", [px, py, pz], "3 finite numbers")
     norm = math.hypot(x, y, z, w)
     if not _SHORTEST <= norm < math.inf:
-        allowed = f"a finite length of at least {_SHORTEST:g}, 1 as a rule"
+        allowed = f"a finite length of at least {_SHORTEST:g}, usually 1"
         raise PoseError(f"{place}, quaternion", [x, y, z, w], allowed)
     if abs(norm * norm - 1.0) > _UNIT:
         x, y, z, w = x / norm, y / norm, z / norm, w / norm

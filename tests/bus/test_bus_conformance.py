@@ -159,11 +159,9 @@ async def test_waits_in_vain_say_for_what(here):
     publisher, subscription = await connected(here, here)
     with pytest.raises(bus.BusTimeoutError, match=r"'/t'.*0\.01 s from 1 matching"):
         await subscription.take(0.01)
-    with pytest.raises(
-        bus.BusTimeoutError, match=r"3 matching subscription.*of which 1 were found"
-    ):
+    with pytest.raises(bus.BusTimeoutError, match=r"3 matching subscription.*1 found"):
         await publisher.wait_for_subscriptions(3, 0.01)
-    with pytest.raises(bus.BusTimeoutError, match=r"2 matching publisher.*of which 1 were found"):
+    with pytest.raises(bus.BusTimeoutError, match=r"2 matching publisher.*1 found"):
         await subscription.wait_for_publishers(2, 0.01)
     client = here.create_client(SERVICE, "/s")
     with pytest.raises(bus.BusTimeoutError, match="service '/s': a server"):

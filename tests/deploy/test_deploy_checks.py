@@ -87,11 +87,11 @@ def test_a_program_or_plug_in_that_is_missing_is_named_with_the_way_to_install_i
 ):
     verdict = result(monkeypatch, "Dockerfiles", BUNDLE)
     assert verdict.state is State.NOT_RUN
-    assert verdict.detail == "hadolint is not installed: pip install '.[deploy]'"
+    assert verdict.detail == "hadolint is not installed; to mend this: pip install '.[deploy]'"
     shell_program(programs / "docker", 'echo "unknown command: $*" >&2; exit 1')
     verdict = result(monkeypatch, "Compose projects", BUNDLE)
     assert verdict.state is State.NOT_RUN
-    assert "docker compose is not installed: install Docker with" in verdict.detail
+    assert "docker compose is not installed; to mend this: install Docker with" in verdict.detail
 
 
 def test_compose_reads_each_project_with_the_variables_of_the_hooks(monkeypatch, programs):

@@ -39,7 +39,7 @@ def root(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("separate", "why"),
     [
-        pytest.param(None, "needs ROS 2: make ros", marks=pytest.mark.netns),
+        pytest.param(None, "needs ROS 2; install it with make ros", marks=pytest.mark.netns),
         (
             False,
             "needs network namespaces: real ROS 2 would discover other nodes of this network",
@@ -70,7 +70,7 @@ def test_a_smoke_run_measures_both_sides(tmp_path, part):
 
 
 def test_what_is_there_is_found_and_named(root, monkeypatch):
-    with pytest.raises(RosMissingError, match=r"^needs ROS 2: make ros$"):
+    with pytest.raises(RosMissingError, match=r"^needs ROS 2; install it with make ros$"):
         distribution()
     for name in ("jazzy", "kilted"):
         (root / f".venv-{name}").mkdir()

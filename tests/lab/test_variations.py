@@ -116,7 +116,7 @@ def test_the_claims_of_the_notebooks_that_ran_are_printed_and_no_others(
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("nonesuch", "EXPERIMENT: given 'nonesuch', allowed: naming, .*, ros2$"),
+        ("nonesuch", "experiment: given 'nonesuch', allowed: naming, .*, ros2$"),
         ("naming sample=1", "naming: sample: given 'sample', allowed: .*; did you mean 'samples'"),
         ("naming samples=few", "samples: given 'few', allowed: a whole number"),
         ("naming samples", "parameter: given 'samples', allowed: FIELD=VALUE"),

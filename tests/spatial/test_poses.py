@@ -63,9 +63,9 @@ NONE = (0, 0, 0, 1)
     ("position", "quat", "says"),
     [
         ((0, 0, math.nan), NONE, r"^here, position: given \[0.0, 0.0, nan\], .*: 3 finite"),
-        ((0, 0), NONE, "^here: .* 3 and 4 numbers"),
-        ("abc", NONE, "^here: .* 3 and 4 numbers"),
-        (3.0, NONE, "^here: .* 3 and 4 numbers"),
+        ((0, 0), NONE, "^here: .* 3 numbers as position"),
+        ("abc", NONE, "^here: .* 3 numbers as position"),
+        (3.0, NONE, "^here: .* 3 numbers as position"),
         ((0, 0, 0), [0] * 4, "^here, quaternion: .* length of at least 1e-06"),
         ((0, 0, 0), [1e308] * 4, "^here, quaternion: .* finite length"),
     ],

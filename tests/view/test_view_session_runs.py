@@ -131,7 +131,7 @@ def test_what_a_plugin_or_a_message_breaks_is_noted_at_its_display_and_hurts_no_
     first, second = session.add(Word, "/words"), session.add(Word, "/others")
     garbled = Arrival("/words", STRING, 1, b"\0\1\0\0garbage")
     replay([said("crash"), garbled, said("fine"), said("too", "/others")], session, paper)
-    assert "not in these 11 bytes of CDR" in first.last_error
+    assert "cannot read 11 bytes of CDR" in first.last_error
     assert (first.errors, second.errors, words(paper)) == (2, 0, ["fine", "too"])
 
 
@@ -147,8 +147,8 @@ def test_a_type_that_only_the_log_knows_is_read_by_the_logs_definition(pytestcon
     [
         (["a.mcap"], InvalidValueError, "to: given 'a.mcap', allowed: FILE.rrd, viewer"),
         (["serve:x"], InvalidValueError, "to: given 'serve:x'"),
-        (["gone/a.rrd"], SinkError, "there is no directory"),
-        ([], InvalidValueError, "at least one place"),
+        (["gone/a.rrd"], SinkError, "there is no folder gone; create it"),
+        ([], InvalidValueError, "at least one of FILE.rrd, viewer"),
     ],
 )
 def test_a_place_that_is_none_is_one_clear_sentence(tmp_path, monkeypatch, to, error, told):
@@ -161,7 +161,7 @@ def test_without_rerun_there_is_one_sentence_and_importing_the_view_loads_nothin
     monkeypatch,
 ):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    told = r"the view needs 'rerun', .*: pip install '.\[view\]' in a checkout"
+    told = r"the view needs 'rerun', .*; run pip install '.\[view\]' in a checkout"
     with pytest.raises(MissingExtraError, match=told):
         open_canvas(["a.rrd"])
     monkeypatch.setattr(cell, "find_spec", lambda _: None)
@@ -208,7 +208,7 @@ def test_a_canvas_waits_for_its_sinks_by_bytes_and_by_time_and_says_when_they_ar
         canvas.settle(0)
     assert recording.flush.call_count == 15
     recording.flush.side_effect = ValueError("no connection")
-    with pytest.raises(SinkError, match="the viewer does not take what is shown: no connection"):
+    with pytest.raises(SinkError, match="the viewer does not accept data any more: no connection"):
         canvas.close()
     canvas.close()
     recording.disconnect.assert_called_once_with()
