@@ -51,7 +51,9 @@ def damage_named(path: Path) -> Iterator[None]:
     try:
         yield
     except DAMAGE as error:
-        raise LogError(f"log {path}: damaged or not readable: {error}") from error
+        raise LogError(
+            f"log {path}: damaged or not readable ({error}); use another copy or record it again"
+        ) from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

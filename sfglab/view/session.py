@@ -67,9 +67,9 @@ def _add_kind(entry: EntryPoint, kinds: dict[str, type[Visualizer]]) -> None:
     if not (isinstance(kind, type) and issubclass(kind, Visualizer)):
         raise TypeError(f"{kind!r} is no class derived from Visualizer")
     if not kind.inputs:
-        raise ValueError("it has no inputs")
+        raise ValueError("it has no inputs; give it at least one")
     if kind.name in kinds:
-        raise ValueError(f"the name {kind.name!r} is taken by {kinds[kind.name]!r}")
+        raise ValueError(f"the name {kind.name!r} is taken by {kinds[kind.name]!r}; choose another")
     kinds[kind.name] = kind
 
 

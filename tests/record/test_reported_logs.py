@@ -150,7 +150,7 @@ def test_a_file_that_was_cut_off_is_damaged_or_missing_leaves_the_others(folder,
     (folder / "rec_1.mcap").write_bytes(b"nothing")
     write_metadata(folder, ["rec_0.mcap", "rec_1.mcap", "rec_2.mcap"], THREE)
     assert texts(folder) == ["1", "2"]
-    assert "rec_1.mcap: not an MCAP file" in caplog.text
+    assert "rec_1.mcap: this is no log" in caplog.text
     assert "rec_2.mcap: no such file" in caplog.text
     assert "metadata.yaml names 3 messages, the files hold 2" in caplog.text
     with LogReader(folder) as log:

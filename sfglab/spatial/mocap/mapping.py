@@ -119,7 +119,7 @@ def place_via_proxy(
     world = seen.parent
     frame = mapped.frame or root_below(buffer, mapped.via, world)
     if frame == world:
-        why = f"{mapped.via!r} is directly below the world, as only a robot's root should be"
+        why = f"{mapped.via!r} is directly below the world; give a frame inside the robot's tree as via"
         raise PlacingError(frame, why)
     parent = buffer.parent_of(frame) if frame in buffer else None
     if parent not in {None, world}:
