@@ -318,13 +318,12 @@ def commands() -> Iterator[tuple[str, Any]]:
 
 def commands_page() -> str:
     """Return the page of the command line."""
-    parts = [
-        "# Command line\n\nAn error is one sentence on standard error. The exit status is 0 on success, 2 for "
-        "arguments that cannot be parsed, and 1 for other errors."
-    ]
-    return (
-        "\n\n".join([*parts, *(_command(words, command) for words, command in commands())]) + "\n"
+    about = (
+        "An error is one sentence on standard error. The exit status is 0 on success, 2 for arguments that cannot be "
+        "parsed, and 1 for other errors."
     )
+    parts = [_command(words, command) for words, command in commands()]
+    return "\n\n".join(["# Command line", about, *parts]) + "\n"
 
 
 def _command(words: str, command: Any) -> str:

@@ -297,10 +297,8 @@ def obstacles(laps: pd.DataFrame) -> str:
 
 def by_loss(laps: pd.DataFrame) -> str:
     """Return the share of laps that are ``done`` for each frame loss, as a text."""
-    means = laps.groupby("loss")["done"].mean()
-    texts = [
-        f"{100 * share:.0f} % of laps at {100 * loss:.2g} % loss" for loss, share in means.items()
-    ]
+    means = lines_of(laps.groupby("loss", as_index=False)["done"].mean())
+    texts = [f"{100 * row.done:.0f} % of laps at {100 * row.loss:.2g} % loss" for row in means]
     return ", ".join(texts)
 
 
