@@ -297,7 +297,7 @@ def obstacles(laps: pd.DataFrame) -> str:
 
 def by_loss(laps: pd.DataFrame) -> str:
     """Return the share of laps that are ``done`` for each frame loss, as a text."""
-    means = lines_of(laps.groupby("loss", as_index=False)["done"].mean())
+    means = lines_of(laps.groupby("loss")["done"].mean().reset_index())
     texts = [f"{100 * row.done:.0f} % of laps at {100 * row.loss:.2g} % loss" for row in means]
     return ", ".join(texts)
 
