@@ -160,7 +160,7 @@ async def test_a_log_is_named_by_a_word(project, monkeypatch):
     monkeypatch.setenv("SFGLAB_ROOT", str(project.root))
     project.reference_logs.mkdir(parents=True)
     (project.data / "claims.yaml").write_text("[]")
-    with pytest.raises(ExperimentError, match="there is no such log"):
+    with pytest.raises(ExperimentError, match="there is no reference log"):
         await notebook.run(naming.exp, "quick", "reference")
     committed = project.reference_logs / "naming.mcap"
     shutil.copy(reference(naming.exp).log, committed)
