@@ -18,12 +18,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """An axis. Its limits are fixed, so that plots of different settings can be compared."""
+    """An axis. Its limits are fixed, so that plots of different settings can be compared.
+
+    A linear axis without an upper limit ends at the highest value of the plot and its outlines.
+    """
 
     quantity: str  #: Name of the quantity.
     unit: str  #: Unit of the quantity; empty: none.
     low: float  #: Lowest value that is shown.
-    high: float  #: Highest value that is shown.
+    high: float  #: Highest value that is shown; infinite: no upper limit.
     _: KW_ONLY
     log: bool = False  #: Whether the axis is logarithmic.
     ticks: tuple[float, ...] = ()  #: Values with a label; empty: Vega chooses them.
@@ -97,7 +100,7 @@ class Picture:
     panels: tuple[Panel, ...]  #: Panels, from left to right.
 
     def at(self, panel: str, x: float) -> pd.DataFrame:
-        """Return the values of a panel at a position, one row per series.
+        """Return the values of a panel at a position, one row per series; a path has none.
 
         Raises:
             InvalidValueError: There is no such panel, or no series has a value at that position.
@@ -105,7 +108,8 @@ class Picture:
         import pandas as pd
 
         table = pd.DataFrame(self.values())
-        chosen = table[(table["panel"] == panel) & (table["x"] == x)]
+        is_value = table["kind"] != "path"
+        chosen = table[is_value & (table["panel"] == panel) & (table["x"] == x)]
         if chosen.empty:
             titles = ", ".join(one.title for one in self.panels)
             raise InvalidValueError("panel and position", (panel, x), f"a value of {titles}")

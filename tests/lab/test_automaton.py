@@ -104,10 +104,10 @@ def test_a_text_that_is_no_name_is_refused_and_the_last_name_stays():
     assert picture.name == "/global/go2/get_metadata"
 
 
-@pytest.mark.parametrize("vendor", ["fast_dds", "cyclone_dds"])
-def test_every_frame_of_the_engine_and_every_samples_number_is_drawn(vendor):
+@pytest.mark.parametrize("preset", ["fast_dds", "cyclone_dds"])
+def test_every_frame_of_the_engine_and_every_samples_number_is_drawn(preset):
     line = Timeline()
-    for name, value in {"vendor": vendor, "depth": 50, "loss": 0.3, "samples": 40}.items():
+    for name, value in {"preset": preset, "depth": 50, "loss_percent": 30, "samples": 40}.items():
         line.form.controls[name].value = value
     for press in ("a/DATA/7", "a/ACKNACK/1", "a/DATA/7", "a/HEARTBEAT/1"):
         if press in {frame.name for frame in line.frames}:
@@ -129,7 +129,7 @@ def test_every_frame_of_the_engine_and_every_samples_number_is_drawn(vendor):
 def test_a_frame_that_the_seed_loses_is_made_to_pass_and_the_rest_of_the_losses_stay():
     line = Timeline()
     line.lost.clear()
-    line.form.controls["loss"].value = 0.3
+    line.form.controls["loss_percent"].value = 30
     line.form.controls["samples"].value = 40
     lost = [frame.name for frame in line.frames if frame.lost]
     line.press(lost[0])

@@ -61,7 +61,7 @@ def test_the_explorer_has_the_messages_and_outdated_values_of_a_cache_on_a_lossy
             sent += 1
             known = known if rng.random() < loss else value
         outdated += known != value
-    picture = cache_curves(rate_hz=rate_hz, loss=loss, silence_s=silence_s)
+    picture = cache_curves(rate_hz=rate_hz, loss_percent=100 * loss, silence_s=silence_s)
     messages, shares = (picture.at(panel.title, lidar.change_s)["y"] for panel in picture.panels)
     assert sent / 1000 == pytest.approx(messages.iloc[-1], rel=0.03)
     # A lidar's value can return to an older one.

@@ -24,8 +24,14 @@ def measure(
     count: Annotated[int, Bounds(1, 9)] = 3,
     method: Literal["none", "LC"] = "none",
     live: bool = False,
+    loss_percent: Annotated[float, Bounds(0, 50)] = 1.0,
 ):
-    """A setting with a parameter of every kind."""
+    """A setting with a parameter of every kind.
+
+    Args:
+        rate_hz: Rate of messages [Hz].
+        loss_percent: Frames that are lost [%].
+    """
 
 
 SET = {
@@ -35,6 +41,7 @@ SET = {
     "count": (4, 4),
     "method": ("LC", "LC"),
     "live": (True, True),
+    "loss_percent": (2.0, 2.0),
 }
 
 
@@ -48,6 +55,16 @@ def test_a_widget_sets_its_parameter_in_its_type(name):
     assert asked == [form.values] == [form.default | {name: held}]
     form.reset()
     assert form.values == form.default
+
+
+def test_a_unit_is_written_once_behind_its_control():
+    rows = {
+        row.children[0].description: row.children[1] for row in Form(measure, list).widget.children
+    }
+    assert rows["rate"].value.split("<small")[0] == "Hz "
+    assert "Rate of messages.<" in rows["rate"].value
+    assert rows["loss"].value.startswith("% <small")
+    assert rows["loss"].value.count("%") == 1
 
 
 def test_an_experiment_without_an_explorer_is_refused():

@@ -206,6 +206,45 @@ def test_a_drawn_figure_follows_a_drag_with_the_values_of_python(run, browser):
     browser.wait_for(FITS, ANSWER_S)
 
 
+LAPPED = """from sfglab.lab.experiments import cooperation
+from sfglab.lab.explore import explore
+explore(cooperation.exp)"""
+SIZES = """(() => {
+  const all = (name) => [...document.querySelectorAll(`.sfglab-explore ${name}`)];
+  const size = (of) => [+of.getAttribute('width'), +of.getAttribute('height')];
+  const explorer = document.querySelector('.sfglab-explore').getBoundingClientRect();
+  const cell = document.querySelector('.jp-OutputArea-output');
+  return {
+    clips: [...new Set(all('clipPath rect').map(size).map(String))],
+    frames: [...new Set(all('path.background').map((path) => path.getAttribute('d')))],
+    tracks: all('.noUi-base').map((track) => track.clientWidth),
+    text: Math.max(...all('.sfglab-vega text').map((t) => t.getBoundingClientRect().right)) - explorer.right,
+    width: explorer.width, scrolls: cell.scrollWidth > cell.clientWidth,
+  }; })()"""
+
+
+def test_an_explorer_is_whole_and_to_scale_at_every_width(run, browser):
+    def at(width):
+        screen = {"width": width, "height": 1400, "deviceScaleFactor": 1, "mobile": False}
+        browser.call("Emulation.setDeviceMetricsOverride", **screen)
+        time.sleep(2)  # the page, the cell and then the figure take their width
+        return browser.evaluate(SIZES)
+
+    run(LAPPED)
+    browser.wait_for(f"{DOTS}.length === 6", ANSWER_S)
+    browser.evaluate("jupyterapp.shell.collapseLeft()")
+    for width in (1280, 1920, 390):
+        sizes = at(width)
+        [clip] = sizes["clips"]
+        side, height = clip.split(",")
+        assert side == height, "a hallway is to scale"
+        assert f"M0,0h{side}v{side}h-{side}Z" in sizes["frames"], "lines end where the panel does"
+        assert min(sizes["tracks"]) > 100
+        assert sizes["text"] <= 0
+        assert sizes["width"] <= 1100
+        assert not sizes["scrolls"]
+
+
 SIMULATED = """import time
 from typing import Annotated
 from sfglab.fields import Bounds

@@ -15,12 +15,22 @@ from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from sfglab.fields import Bounds
 
 _STEPS = 200
-_UNIT = re.compile(r"\[([^\]]+)\]")
+_UNIT = re.compile(r" ?\[([^\]]+)\]")
+_STYLE = """<style>
+.sfglab-explore { container-type: inline-size; max-width: 1100px }
+.sfglab-explore select { font-family: inherit }
+.sfglab-explore .widget-html-content { line-height: 1.4; align-self: center }
+@container (max-width: 600px) {
+  .sfglab-explore .widget-hbox, .sfglab-explore .widget-inline-hbox { flex-wrap: wrap; height: auto }
+  .sfglab-explore .widget-hbox > :not(button) { width: calc(100% - 4px) !important }
+  .sfglab-explore .widget-inline-hbox > .widget-label { width: 100% !important; text-align: left }
+}
+</style>"""
 _ARGUMENT = re.compile(r"^ {4}(\w+): (.+(?:\n {8}.+)*)", re.MULTILINE)
 
 
@@ -34,6 +44,13 @@ def argument_texts(function: Callable[..., Any]) -> dict[str, str]:
     """Return the texts of a function's parameters, from the section ``Args`` of its documentation."""
     section = (inspect.getdoc(function) or "").partition("Args:\n")[2].partition("\n\n")[0]
     return {name: " ".join(text.split()) for name, text in _ARGUMENT.findall(section)}
+
+
+def explorer_box(children: Sequence[Any]) -> Any:
+    """Return widgets below each other, as wide as people read; a narrow page has them without a row."""
+    kit = widgets()
+    box = kit.VBox([kit.HTML(_STYLE, layout={"display": "none"}), *children])
+    return box.add_class("sfglab-explore")
 
 
 class Form:
@@ -68,14 +85,15 @@ class Form:
         control = _control(hint, self.default[name])
         found = _UNIT.search(text)
         unit = found[1] if found else ""
-        suffix = f"_{unit.lower().replace('µ', 'u')}"
+        suffix = f"_{unit.lower().replace('µ', 'u').replace('%', 'percent')}"
         control.description = name.removesuffix(suffix).replace("_", " ")
         control.tooltip = text
         control.style.description_width = "9em"
         control.layout.width = "26em"
         control.observe(lambda change: self._set(name, hint, change["new"]), "value")
         self.controls[name] = control
-        about = widgets().HTML(f'{escape(unit)} <small style="opacity:0.7">{escape(text)}</small>')
+        words = escape(_UNIT.sub("", text))
+        about = widgets().HTML(f'{escape(unit)} <small style="opacity:0.7">{words}</small>')
         return widgets().HBox([control, about])
 
     def _set(self, name: str, hint: Any, given: Any) -> None:

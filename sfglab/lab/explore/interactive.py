@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.experiment import Experiment
-from sfglab.lab.explore.form import Form
+from sfglab.lab.explore.form import Form, explorer_box
 from sfglab.lab.explore.press import Bundle, still_bundle
 from sfglab.lab.explore.vega import LAST, figure_widget, ghosts_of, rows_of, still_png
 from sfglab.lab.pictures import Picture
@@ -78,7 +78,7 @@ class Interactive:
         self._printed = widgets().HTML()
         reset = button("Reset", self.form.reset, "Every parameter as at the start")
         row = widgets().HBox([reset, widgets().HTML(_HINT)])
-        self.widget = widgets().VBox([self.form.widget, row, self._figure, self._printed])
+        self.widget = explorer_box([self.form.widget, row, self._figure, self._printed])
         self._newest[name] = self
 
     def _repr_mimebundle_(self, **_: object) -> Bundle:

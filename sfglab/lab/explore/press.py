@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from sfglab.lab.explore.form import explorer_box
 from sfglab.lab.figures import COLORS, caption_of, drawn, few_colors, house_style, png_of
 from sfglab.machine import step
 from sfglab.view.widgets import attempt, front_end, widgets
@@ -66,7 +67,7 @@ class Pressed:
         self._figure = _svg_widget()(alt=caption_of(type(self)))
         self._figure.on_msg(lambda _widget, name, _buffers: self.press(name))
         self.redraw()
-        self.widget = widgets().VBox([*above, self._figure, self._said])
+        self.widget = explorer_box([*above, self._figure, self._said])
 
     def draw(self, figure: Figure) -> None:
         """Draw the present state into an empty figure, and name its parts with `part`."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Rate = Annotated[float, Bounds(1, 200, log=True)]
 Depth = Annotated[int, Bounds(1, 50)]
-Loss = Annotated[float, Bounds(0, 0.5)]
+LossPercent = Annotated[float, Bounds(0, 50)]
 Samples = Annotated[int, Bounds(1, 40)]
 Seed = Annotated[int, Bounds(0, 20)]
 
@@ -67,20 +67,20 @@ class Timeline(Pressed):
     def simulate(  # noqa: PLR0913  # one control for each
         self,
         *,
-        vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds",
+        preset: Literal["fast_dds", "cyclone_dds"] = "fast_dds",
         rate_hz: Rate = 20.0,
         depth: Depth = 8,
-        loss: Loss = 0.0,
+        loss_percent: LossPercent = 0.0,
         samples: Samples = 16,
         seed: Seed = 0,
     ) -> None:
         """Simulate one writer, one reader, and the wireless channel between them.
 
         Args:
-            vendor: Middleware whose timing is simulated.
+            preset: Middleware whose timing is simulated.
             rate_hz: Rate of the samples [Hz].
             depth: Depth of each history, samples.
-            loss: Share of frames that the channel loses beside the clicked ones.
+            loss_percent: Frames that the channel loses beside the clicked ones [%].
             samples: Number of published samples.
             seed: Seed of the losses.
         """
@@ -88,8 +88,8 @@ class Timeline(Pressed):
         flow = Flow(name=_FLOW, source="robot", target="station", rate_hz=rate_hz, qos=qos)
         scenario = Scenario(
             flows=(flow,),
-            medium=Medium(loss=loss),
-            vendor=PRESETS[vendor],
+            medium=Medium(loss=loss_percent / 100),
+            vendor=PRESETS[preset],
             duration_s=(samples - 0.5) / rate_hz,
             drain_s=4.0,  # for a periodic heartbeat of Fast DDS and its retransmissions
         )

@@ -2,6 +2,10 @@
 const PATIENCE_MS = 150; // until a figure without an answer is shown as stale
 const REST_MS = 200; // without a change, until points answer the mouse again
 const LEAST_WIDTH = 140; // of a panel, px
+const MOST_WIDTH = 320;
+const ROW = 90; // between two rows of panels: an axis, and a title with its note, px
+const SYMBOL = 28; // width of a legend's symbol with its space, px
+const LETTER = 6;
 
 async function unpack(packed) {
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -24,12 +28,34 @@ async function render({ model, el, host, signal }) {
   const [status, box] = ["p", "div"].map((name) => el.appendChild(document.createElement(name)));
   el.classList.add("sfglab-vega");
   status.setAttribute("role", "status");
-  const panels = model.get("spec").hconcat.length;
-  const patch = (vega) => ({
-    ...vega,
-    layout: { ...vega.layout, columns: { signal: "columns" }, padding: { row: 20, column: 8 } },
-    signals: [...(vega.signals ?? []), { name: "columns", value: panels }],
+  const { hconcat, spacing } = model.get("spec");
+  const panels = hconcat.length;
+  const { domain } = hconcat[0].layer[0].encoding.color.scale;
+  const entry = SYMBOL + LETTER * Math.max(...domain.map((name) => name.length));
+  const layoutOf = (total) => { // square panels, so that a map is to scale
+    let columns = Math.min(panels, Math.max(1, Math.floor(total / (spacing + LEAST_WIDTH))));
+    while (panels % columns) columns -= 1;
+    const width = Math.max(80, Math.min(MOST_WIDTH, Math.floor((total - 8) / columns - spacing)));
+    return { columns, childWidth: width, height: width, entries: Math.max(1, Math.floor(total / entry)) };
+  };
+  const sized = (mark) => ({ // Vega keeps a group's size, and what it clips, if the size is no signal
+    ...mark,
+    marks: mark.marks?.map(sized),
+    encode: mark.type === "group" ? { ...mark.encode, update: { ...mark.encode.update,
+      width: { signal: "childWidth" }, height: { signal: "height" } } } : mark.encode,
   });
+  let shownWidth = el.clientWidth; // 0 in a hidden tab
+  const patch = (vega) => {
+    const signals = Object.entries(layoutOf(shownWidth)).map(([name, value]) => ({ name, value }));
+    const { height, ...others } = vega;
+    return {
+      ...others,
+      signals,
+      layout: { ...vega.layout, columns: { signal: "columns" }, padding: { row: ROW, column: spacing } },
+      legends: vega.legends.map((legend) => ({ ...legend, columns: { signal: "entries" } })),
+      marks: vega.marks.map(sized),
+    };
+  };
   let result;
   try {
     const embed = await embedOf(await host.getModel(model.get("library")));
@@ -41,11 +67,7 @@ async function render({ model, el, host, signal }) {
     return;
   }
   const { view, finalize } = result;
-  const widths = Object.keys(view.getState().signals).filter((name) => /^(childWidth|concat_\d+_width)$/.test(name));
-  const margin = box.querySelector("svg").viewBox.baseVal.width / panels - view.signal(widths[0]);
-
   const shown = {}; // rows by data set, as JSON; those that are equal are not drawn again
-  let shownWidth = 0;
   const show = (sets) => {
     for (const [name, rows] of Object.entries(sets)) {
       const text = JSON.stringify(rows);
@@ -54,13 +76,9 @@ async function render({ model, el, host, signal }) {
     }
   };
   const fit = () => {
-    const fitting = Math.max(1, Math.floor(el.clientWidth / (margin + LEAST_WIDTH)));
-    let columns = Math.min(panels, fitting);
-    while (panels % columns) columns -= 1;
-    const width = Math.max(80, Math.floor(el.clientWidth / columns - margin - 2));
-    for (const name of widths) view.signal(name, width);
-    view.signal("columns", columns).resize();
     shownWidth = el.clientWidth;
+    for (const [name, value] of Object.entries(layoutOf(shownWidth))) view.signal(name, value);
+    view.resize();
   };
   const showHover = () => { // invisible points under the mouse; too slow for a drag
     const lines = Object.entries(model.get("rows")).filter(([name]) => name.startsWith("line"));

@@ -7,6 +7,7 @@ of Vega comes from vl-convert-python, which also draws the still. Nothing here c
 from __future__ import annotations
 
 import gzip
+import math
 import os
 from contextlib import suppress
 from functools import cache
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     Rows = dict[str, list[dict[str, Any]]]
 
 _PANEL_SIZE = 200  # width and height of a panel in the still; the page sets the width
+_MARGIN = 64  # between two panels, for an axis: a long title or note does not move them
 _STILL_SCALE = 1.5
 _GHOST = {"opacity": 0.45, "aria": False, "clip": True}
 _DARK_COLORS = {
@@ -86,7 +88,7 @@ def specification(picture: Picture) -> dict[str, Any]:
         ("labelColor", "titleColor", "domainColor", "tickColor", "gridColor"), ink
     )
     chart = (
-        alt.hconcat(*charts, background="transparent", spacing=8)
+        alt.hconcat(*charts, background="transparent", spacing=_MARGIN, bounds="flush")
         .configure_view(stroke=None)
         .configure_axis(**lines, gridOpacity=0.15, titleFontWeight="normal")
         .configure_legend(labelColor=ink)
@@ -132,7 +134,10 @@ def _panel_chart(place: int, panel: Panel, color: Any) -> Any:
 def _channel(channel: Any, axis: Axis) -> Any:
     """Return a channel of positions with the limits and ticks of an axis."""
     kind = "log" if axis.log else "linear"
-    scale = channel.scale(type=kind, domain=[axis.low, axis.high], nice=False)
+    if math.isinf(axis.high):
+        scale = channel.scale(domainMin=axis.low, nice=True)
+    else:
+        scale = channel.scale(type=kind, domain=[axis.low, axis.high], nice=False)
     ticks = {"values": list(axis.ticks)} if axis.ticks else {}
     return scale.axis(format="~s" if axis.si else ".6~g", **ticks).title(axis.label)
 
@@ -220,7 +225,7 @@ def _css() -> str:
 
 
 _STYLE = """
-.sfglab-vega { position: relative; color: var(--jp-content-font-color1, currentColor) }
+.sfglab-vega { position: relative; overflow-x: clip; color: var(--jp-content-font-color1, currentColor) }
 .sfglab-vega svg { display: block; overflow: visible }
 .sfglab-vega.stale svg { opacity: 0.5 }
 .sfglab-vega [role="status"] { min-height: 1.4em }

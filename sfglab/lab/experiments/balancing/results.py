@@ -341,7 +341,7 @@ def behind_cache(
     return messages_hz, outdated
 
 
-Loss = Annotated[float, Bounds(0, 0.9)]
+LossPercent = Annotated[float, Bounds(0, 90)]
 Silence = Annotated[float, Bounds(0.05, 60, log=True)]
 CACHE_COLORS = {
     "no cache": METHOD_COLORS["none"],
@@ -362,23 +362,23 @@ _OUTDATED = pictures.Axis("readings with an outdated value", "%", 0, 100, si=Tru
 
 @exp.explorer
 def cache_curves(
-    *, rate_hz: Rate = 100, loss: Loss = 0.2, silence_s: Silence = 1.0
+    *, rate_hz: Rate = 100, loss_percent: LossPercent = 20.0, silence_s: Silence = 1.0
 ) -> pictures.Picture:
     """Return the rate of messages with and without a local cache, and how often a value is outdated.
 
     Args:
         rate_hz: Rate at which the sensor is read [Hz].
-        loss: Share of messages that are lost; BEST_EFFORT, so that none is sent again.
+        loss_percent: Messages that are lost; BEST_EFFORT, so that none is sent again [%].
         silence_s: Maximum silence, after which the cache sends an equal value [s].
     """
     messages = pd.DataFrame(index=_CHANGES_S)
     outdated = pd.DataFrame(index=_CHANGES_S)
     for name, silent_s in zip(CACHE_COLORS, (0.0, math.inf, silence_s), strict=True):
-        messages[name], shares = behind_cache(rate_hz, _CHANGES_S, silent_s, loss)
+        messages[name], shares = behind_cache(rate_hz, _CHANGES_S, silent_s, loss_percent / 100)
         outdated[name] = 100 * shares
     said = (
         f"Messages and outdated values of a sensor read at {rate_hz} Hz, over the mean time between "
-        f"changes; {100 * loss:.0f} % of the messages are lost. Dots: the sensors of Table 1."
+        f"changes; {loss_percent:g} % of the messages are lost. Dots: the sensors of Table 1."
     )
     panels = (
         curves("messages sent", _MESSAGES, messages),

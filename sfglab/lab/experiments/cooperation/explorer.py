@@ -74,9 +74,9 @@ def hallway_lap(  # noqa: PLR0913  # one control for each
     Args:
         method: Balanced QoS (OPT), local cache (LC), cache control (CC), or combinations.
         rate_max_hz: Maximum rate of a topic, Rmax [Hz]. With OPT, Eq. 6 gives a lower rate.
-        depth: Depth of the histories (DEPTH). With OPT, Eq. 6 gives the depth.
+        depth: Depth of the histories (DEPTH). No effect with OPT: Eq. 6 gives the depth.
         loss_percent: Frames that the wireless channel loses [%].
-        preset: Middleware whose timing the protocol has.
+        preset: Middleware whose timing is simulated.
         seed: Seed of physics and channel.
         shown_s: Time that is shown [s].
     """
@@ -191,7 +191,7 @@ def _wrong_panel(snapshots: list[Snapshot], place: int) -> pictures.Panel:
     drawn = pictures.lines(lasting_s[::_EVERY], _COLORS)
     dots = pictures.lines(lasting_s[place : place + 1], _COLORS, "dot")
     return pictures.Panel(
-        title="a beam is wrong at the station",
+        title="wrong at the station",
         x=_TIME,
         y=_WRONG_FOR,
         series=(*drawn, *dots),

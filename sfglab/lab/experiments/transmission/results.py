@@ -32,7 +32,7 @@ from sfglab.lab.experiments.transmission.live import (
     SENSORS,
     Cell,
 )
-from sfglab.lab.figures import METHOD_COLORS, note, series
+from sfglab.lab.figures import COLORS, METHOD_COLORS, note, series
 from sfglab.lab.live_flows import MODES
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import Run, derived, lines_of
@@ -511,7 +511,7 @@ def draw_band(axes: Axes, equal: Floats, low: Floats, high: Floats) -> None:
 # --- Explorer ---------------------------------------------------------------------------------
 
 ExploredRate = Annotated[int, Bounds(20, 1000, log=True)]
-Loss = Annotated[float, Bounds(0.0, 0.3)]
+LossPercent = Annotated[float, Bounds(0, 30)]
 
 #: Simulated time of a coarse picture and of a whole picture, seconds.
 COARSE_S, WHOLE_S = 1.0, 20.0
@@ -524,6 +524,7 @@ _QUANTITIES = {
     "loss": pictures.Axis("packet loss", "%", 0, 100),
     "utilisation": pictures.Axis("channel utilisation", "%", 0, 100),
 }
+_OPTIMUM = "DEPTH by Eq. 6"
 _LINE_COLORS = {label: METHOD_COLORS[method] for method, label in LABELS.items()}
 
 
@@ -531,23 +532,23 @@ _LINE_COLORS = {label: METHOD_COLORS[method] for method, label in LABELS.items()
 def hello_over_depth(
     *,
     rate_max_hz: ExploredRate = 100,
-    loss: Loss = 0.01,
-    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds",
+    loss_percent: LossPercent = 1.0,
+    preset: Literal["fast_dds", "cyclone_dds"] = "fast_dds",
 ) -> Iterator[pictures.Picture | None]:
     """Yield latency and loss of "Hello" and the channel utilisation over DEPTH, coarse, then whole.
 
     Args:
         rate_max_hz: Publishing rate of methods without balanced QoS, Rmax [Hz].
-        loss: Share of frames that the channel loses.
-        vendor: Timing of the middleware.
+        loss_percent: Frames that the wireless channel loses [%].
+        preset: Middleware whose timing is simulated.
     """
     for duration_s in (COARSE_S, WHOLE_S):
         config = Config(
             rates_hz=(rate_max_hz,),
             methods=("none", "LC", "OPT", "OPT+LC"),
             duration_s=duration_s,
-            loss=loss,
-            vendor=vendor,
+            loss=loss_percent / 100,
+            vendor=preset,
         )
         simulated = grid(config)
         rows = []
@@ -564,13 +565,20 @@ def _picture(simulated: list[GridCell], rows: list[dict[str, Any]]) -> pictures.
     table = pd.DataFrame(rows).assign(method=[LABELS[cell.method] for cell in simulated])
     table["loss"] = 100 * (1 - table["arrived"] / table["published"])
     table["utilisation"] = 100 * table["air_share"]
+    cell = simulated[-1]
+    _, optimum = rate_and_depth(cell)
     panels = []
     for column, axis in _QUANTITIES.items():
         values = table.pivot_table(column, "history_depth", "method")
         drawn = pictures.lines(values.reindex(columns=[*_LINE_COLORS]), _LINE_COLORS)
-        panels.append(pictures.Panel(title=axis.quantity, x=_DEPTH, y=axis, series=drawn))
-    cell = simulated[-1]
-    _, optimum = rate_and_depth(cell)
+        mark = pictures.Series(
+            name=_OPTIMUM,
+            color=COLORS["network"],
+            kind="path",
+            x=[optimum, optimum],
+            y=[axis.low, axis.high],
+        )
+        panels.append(pictures.Panel(title=axis.quantity, x=_DEPTH, y=axis, series=(*drawn, mark)))
     said = (
         f'"Hello" at Rmax {cell.rate_max_hz} Hz with {cell.loss:.1%} of the frames lost, '
         f"{PRESETS[cell.vendor].name}, simulated for {cell.duration_s:g} s. "
