@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -412,8 +413,8 @@ COUNTS = list(range(1, 11))
 _PIXELS = 640 * 360  #: Size of a picture in the reference run.
 _FPS = 30.0  #: Frame rate of the reference run, 1/s.
 _COUNT = pictures.Axis("local subscribers", "", 0.5, 10.5, ticks=tuple(COUNTS))
-_CPU = pictures.Axis("CPU", "% of one core", 0.1, 5000, log=True, ticks=(0.1, 1, 10, 100, 1000))
-_NET = pictures.Axis("received", "Mbit/s", 0.1, 5000, log=True, ticks=(0.1, 1, 10, 100, 1000))
+_CPU = pictures.Axis("CPU", "% of one core", 0, math.inf)
+_NET = pictures.Axis("received", "Mbit/s", 0, math.inf)
 
 
 @cache
@@ -464,18 +465,13 @@ def decoding_costs(
         f"at {rate_hz:g} Hz and a {decoder} decoder. Of one core: {text}."
     )
     panels = (
-        curves(
-            "CPU by Eq. 2 and 3",
-            _CPU,
-            cpu,
-            f"{subscribers} subscribers: {', '.join(costs.values())} % (order of the legend)",
-        ),
-        curves("network", _NET, net, "decode once: equal over DDS and shared memory"),
+        curves("CPU by Eq. 2 and 3", _CPU, cpu),
+        curves("network", _NET, net, "decode once: both lines are equal"),
     )
     return pictures.Picture(said=said, panels=panels)
 
 
-def curves(title: str, axis: pictures.Axis, table: pd.DataFrame, text: str) -> pictures.Panel:
+def curves(title: str, axis: pictures.Axis, table: pd.DataFrame, text: str = "") -> pictures.Panel:
     """Return a panel with a curve for each mode, and dots at the last number of subscribers."""
     drawn: list[pictures.Series] = []
     for mode, label in LABELS.items():
