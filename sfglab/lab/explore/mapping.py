@@ -38,6 +38,10 @@ _NOTE: dict[str, Any] = {
     "zorder": 5,
     "bbox": {"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8},
 }
+_CAPTION = (
+    "ms: time until the subscriber has a message of the topic's size ({}). "
+    "Transfers to or from hardware: per message, mean over the publishers."
+)
 _NOTE_SIZE = (0.7, 0.3)  # width and height of a note, inches
 _OTHER = {Placement.SOFTWARE: Placement.HARDWARE, Placement.HARDWARE: Placement.SOFTWARE}
 
@@ -191,7 +195,7 @@ class PressedMapping(Pressed):
             places.append(place)
             color = CROSSING if edge in crossing else FRAME
             ax.text(*place, text, color=color, **_NOTE)
-        figure.suptitle(self._cost(), fontsize="medium")
+        figure.suptitle(f"{self._cost()}\n{self._caption()}".strip(), fontsize="medium")
         draw_legend(figure)
 
     def _carriages(self) -> Iterator[tuple[Box, str]]:
@@ -216,6 +220,11 @@ class PressedMapping(Pressed):
             if edge in along:
                 texts[edge] += f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f} ms"
         return texts
+
+    def _caption(self) -> str:
+        sizes = {topic.size_bytes for topic in self.graph.topics if topic.size_bytes is not None}
+        ends = dict.fromkeys(f"{end(sizes):,} B" for end in (min, max)) if sizes else ["unknown"]
+        return _CAPTION.format(" to ".join(ends))
 
     def _cost(self) -> str:
         titles = []
