@@ -39,7 +39,7 @@ _NOTE: dict[str, Any] = {
     "bbox": {"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8},
 }
 _CAPTION = (
-    "ms: time until the subscriber has a message of the topic's size ({}). "
+    "ms: time until the subscriber has a message of the topic's size ({}).\n"
     "Transfers to or from hardware: per message, mean over the publishers."
 )
 _NOTE_SIZE = (0.7, 0.3)  # width and height of a note, inches
