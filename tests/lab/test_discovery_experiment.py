@@ -11,7 +11,6 @@ import pytest
 from made_logs import CLAIMS, made_run
 
 from sfglab.bus.address import BusAddress
-from sfglab.bus.sim import run_simulated
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.bench import Options
 from sfglab.lab.claims import How, Verdict, judge
@@ -229,10 +228,5 @@ def test_every_routed_agent_finds_all_others_over_endpoints_by_formula(mode, age
     rows = world.simulate_fleet(fleet, 0)
     assert [row["host"] for row in rows] == list(range(agents))
     assert all(0.03 < row["resolved_s"] < 5 for row in rows)
+    assert {row["endpoints"] for row in rows} == {results.endpoints(mode, agents, 20)}
     assert world.simulate_fleet(fleet, 0) == rows
-
-    async def announced(simulated):
-        await world.run_fleet(fleet, simulated)
-        return simulated.announced()
-
-    assert run_simulated(announced, seed=0) == results.endpoints(mode, agents, 20)

@@ -247,3 +247,5 @@ class SimulatedRow(Fleet, TableRow):
     seed: int  #: Seed of the run.
     host: int  #: Number of the agent, from 0.
     resolved_s: float  #: Time from the start until the agent had discovered its peers, simulated s.
+    #: Number of endpoints in the global domain when the last agent was complete.
+    endpoints: int

@@ -2,7 +2,7 @@
 
 The simulation leaves out the nodes of an agent, because their discovery does not pass the router. Each agent has its
 own computer, and each of its processes has a core. The costs of processes are calibrated to live fleets.
-The simulation gives the times at which agents discover each other; it counts no bytes.
+The simulation gives the times at which agents discover each other, and the number of endpoints; it counts no bytes.
 """
 
 from __future__ import annotations
@@ -98,9 +98,10 @@ async def run_fleet(fleet: Fleet, world: World) -> tuple[dict[str, Any], ...]:
                 f"{len(resolved_s)} of {fleet.agents} simulated agents had discovered all others "
                 f"within {LIMIT_S:g} s; simulate smaller fleets"
             ) from None
+        endpoints = world.announced()
     rows = []
     for host, agent in enumerate(agents):
-        rows.append({"host": host, "resolved_s": resolved_s[agent]})
+        rows.append({"host": host, "resolved_s": resolved_s[agent], "endpoints": endpoints})
     return tuple(rows)
 
 
