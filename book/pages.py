@@ -500,6 +500,7 @@ def ledger_page() -> str:
     """Return the page of all claims, with interval plots and citations to copy."""
     project = find_project()
     page = page_html(project, compute_ledger(project, committed=True))
+    page = re.sub(r'(href="\.\./notebooks/\w+)\.ipynb', r"\1.html", page)
     about = (
         "This page compares each claim of the papers with the value of sfglab. `sfglab claims --reference` prints "
         "the same values, and `sfglab claims` also uses your own runs. Click a statement to see its acceptance "

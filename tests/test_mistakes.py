@@ -62,6 +62,7 @@ def attempt(monkeypatch, capfd):
 
     def run(*arguments):
         capfd.readouterr()
+        monkeypatch.delenv("CI", raising=False)  # the Rerun SDK warns there of a viewer's start
         monkeypatch.setattr(sys, "argv", ["sfglab", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             cli.main()

@@ -86,7 +86,7 @@ def block(whole):
                 _accepted(e),
                 e.value,
                 e.unit,
-                f"{whole.direction(e)}: {reason}",
+                f"{e.direction}: {reason}",
             )
             lines.append(_row(*cells))
     return "\n".join(lines) + "\n"

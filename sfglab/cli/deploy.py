@@ -115,9 +115,9 @@ def check(
 ) -> None:
     """Check a fleet file and the files that render writes, with programs of other projects.
 
-    check-jsonschema reads Compose and dev container files, hadolint Dockerfiles, shellcheck scripts, Docker
-    Compose its projects and systemd-analyze service units. Programs that are not installed are named. The
-    exit status is 1 if a check fails, and with --require also if one was not run.
+    Programs: check-jsonschema (Compose and dev container files), hadolint (Dockerfiles), shellcheck (scripts),
+    Docker Compose (projects), systemd-analyze (units). Programs that are not installed are named. The exit
+    status is 1 if a check fails, and with --require also if one was not run.
 
     Examples:
       sfglab deploy check data/fleets/esslingen.yaml

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _Profile = Annotated[
     Literal["smoke", "quick", "paper"],
     Option(
-        help="Size of runs: smoke takes minutes for all notebooks, quick up to 45 minutes, paper hours."
+        help="Size of runs. All notebooks take minutes with smoke, 20 to 45 minutes with quick, and hours with paper."
     ),
 ]
 
@@ -59,8 +59,8 @@ def reproduce(
 ) -> None:
     """Run the notebooks of experiments, and print the verdicts on the claims of the papers.
 
-    Logs, figures and executed notebooks go into the folder runs. For the name of an
-    experiment, only this experiment of its notebook runs. The notebook reads the others from committed logs.
+    Logs, figures and executed notebooks go into the folder runs. If NOTEBOOK is the name of an
+    experiment, only this experiment runs. Its notebook reads the others from committed logs.
     Runs with --profile smoke count for no claim, and replace no file of another run. Their own
     claims are printed below those of the ledger.
 

@@ -46,7 +46,9 @@ _GlobalDomain = Annotated[
 ]
 _GlobalInterface = Annotated[
     str | None,
-    Option(help="Network interface to the other agents. [default: automatic, or the fleet file's]"),
+    Option(
+        help="Network interface to the other agents. [default: the fleet file's if one is given, otherwise automatic]"
+    ),
 ]
 _Agent = Annotated[
     str | None, Option(help="Name of the agent. [default: SFG_AGENT_NAME, otherwise the host name]")

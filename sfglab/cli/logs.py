@@ -278,6 +278,7 @@ def play(
         try:
             await player.run()
         finally:
-            typer.echo(f"played {_counted(player.counts)}")
+            if player.counts:
+                typer.echo(f"played {_counted(player.counts)}")
 
     until_interrupted((domain, interface), run)

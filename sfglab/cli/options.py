@@ -25,7 +25,9 @@ ObservedTime = Annotated[
 ]
 Interface = Annotated[
     str | None,
-    Option(help="Network interface for DDS; lo keeps traffic on this host. [default: automatic]"),
+    Option(
+        help="Network interface for DDS; lo keeps traffic on this host. [default: the fleet file's if one is given, otherwise automatic]"
+    ),
 ]
 SpinTime = Annotated[
     float | None,

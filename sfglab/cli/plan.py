@@ -52,7 +52,7 @@ def plan(
 ) -> None:
     """Edit the trajectories of several robots in a 3D scene, in the browser (paper A, section 4.5).
 
-    All browsers that open the address edit the same scene. The inspector of a trajectory sends it to
+    All browsers that open the address edit the same scene. The panel of a trajectory sends it to
     an action server and cancels it. Ctrl-C ends without saving, and cancels trajectories on their way.
 
     Examples:

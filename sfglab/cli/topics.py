@@ -50,7 +50,7 @@ def list_nodes(
     interface: Interface = None,
     spin_time: SpinTime = None,
 ) -> None:
-    """List the nodes of a domain, without hidden ones, whose names begin with _.
+    """List the nodes of a domain. Nodes whose names begin with _ are hidden.
 
     Examples:
       sfglab node list
@@ -71,7 +71,7 @@ def list_topics(
     interface: Interface = None,
     spin_time: SpinTime = None,
 ) -> None:
-    """List the topics of a domain, without hidden ones, which have a part that begins with _.
+    """List the topics of a domain. Topics with a part that begins with _ are hidden.
 
     Examples:
       sfglab topic list

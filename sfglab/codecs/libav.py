@@ -299,7 +299,7 @@ class VideoDecoder:
             # Wrappers of hardware decoders do not all take the generic options; that is no reason to refuse them.
             context.open(strict=False)
         except (av.FFmpegError, ValueError) as error:
-            reason = f"decoder {self.decoder_name!r} cannot be opened ({why(error)}); sfglab doctor lists others"
+            reason = f"decoder {self.decoder_name!r} cannot be opened ({why(error)}); available_decoders() lists others"
             raise CodecError(reason) from error
         return context
 

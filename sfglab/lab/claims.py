@@ -36,7 +36,7 @@ COLUMNS: tuple[str, ...] = (
 )
 """Names of the columns of a ledger."""
 _HTML_COLUMNS = ("claim", "statement", "paper", "accepted", *COLUMNS[2:])
-_OURS = "-OURS"
+VARIANT = "-OURS"  #: End of the id of a claim that judges a sfglab variant.
 _LESS = "% less "
 _MORE = "% more "
 _START_TIME = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)\d\d-")
@@ -177,6 +177,9 @@ class Entry:
     figures: tuple[str, ...] = ()  #: Names of the committed figures of the experiment.
     #: The claim by each of several runs at different times.
     runs: tuple[Entry, ...] = ()
+    #: Side of the range on which the sfglab variant of this claim is better, which the claim on the
+    #: paper's method does not say; None if there is no variant.
+    variant_better: str | None = None
     own: Entry | None = None  #: The claim by one run alone, in the ledger of that run.
     own_reason: str = ""  #: Reason why this run differs from the ledger; empty: it does not.
 
@@ -197,6 +200,24 @@ class Entry:
         if len({run.verdict for run in self.runs}) > 1:
             reasons += [f"{run.log}: {run.value}, {run.verdict.value}" for run in self.runs]
         return "; ".join(filter(None, reasons))
+
+    @property
+    def direction(self) -> str:
+        """Whether a deviation means a smaller cost or a larger gain than the paper's.
+
+        It is ``favourable``, ``unfavourable``, ``mixed`` if values deviate to both sides, or empty if the
+        claim does not deviate.
+        """
+        measured = self.measured
+        if measured is None or self.verdict is not Verdict.DEVIATES:
+            return ""
+        better = self.claim.better or self.variant_better
+        values = [(measured.estimate.value, self.claim.band)]
+        values += [(measured.ends[n], self.claim.ends[n]) for n in _outside(self.claim, measured)]
+        sides = {value > high for value, (low, high) in values if not low <= value <= high}
+        if len(sides) > 1:
+            return "mixed"
+        return "favourable" if better and sides == {better == "above"} else "unfavourable"
 
     @property
     def failing_ends(self) -> list[str]:
@@ -253,11 +274,11 @@ class Entry:
 
     @property
     def interval(self) -> str:
-        """Kind of the interval: of one run, envelope of several runs, or none."""
+        """Kind of the value and its interval: median of several runs, one run, or no interval."""
         shown = self.shown
         if shown is None or shown.low == shown.high:
             return ""
-        return f"envelope of {len(self.runs)} runs" if self.runs else "95 % interval"
+        return f"median of {len(self.runs)} runs" if self.runs else "95 % interval"
 
     def __repr__(self) -> str:
         return f"<{self.claim.id}, {self.verdict.value}: {_comparison(self)}>"
@@ -325,31 +346,6 @@ class Ledger(list[Entry]):
         lines = "<br>".join(escape(note) for note in notes)
         return f"{html_table(rows, repr(self)[1:-1])}<p>{lines}</p>"
 
-    def direction(self, entry: Entry) -> str:
-        """Return whether a deviation means a smaller cost or a larger gain than the paper's.
-
-        A claim on the paper's own method does not say which side is better; the claim on its sfglab
-        variant does.
-
-        Returns:
-            ``favourable``, ``unfavourable``, ``mixed`` if values deviate to both sides, or an empty
-            text if the claim does not deviate.
-        """
-        measured = entry.measured
-        if measured is None or entry.verdict is not Verdict.DEVIATES:
-            return ""
-        claim = entry.claim
-        family = [claim, *(each.claim for each in self if each.claim.id == f"{claim.id}{_OURS}")]
-        better = next((each.better for each in family if each.better), None)
-        values = [(measured.estimate.value, claim.band)]
-        values += [(measured.ends[name], claim.ends[name]) for name in _outside(claim, measured)]
-        sides = {value > high for value, (low, high) in values if not low <= value <= high}
-        if better is None or not sides:
-            return "unfavourable"
-        if len(sides) > 1:
-            return "mixed"
-        return "favourable" if sides == {better == "above"} else "unfavourable"
-
     def legend(self) -> list[str]:
         """Return the meanings of the verdicts and intervals of these entries, one line each."""
         shown = [*self, *(entry.own for entry in self if entry.own)]
@@ -357,8 +353,8 @@ class Ledger(list[Entry]):
         lines = [f"{each.value}: {_MEANINGS[each]}" for each in Verdict if each in verdicts]
         if any(entry.runs and entry.interval for entry in self):
             lines.append(
-                "Several runs: the median of the runs' values, and as envelope the lowest lower and the "
-                "highest upper limit of their 95 % intervals."
+                "Median of several runs: the bracket reaches from the lowest lower to the highest upper limit of the "
+                "runs' 95 % intervals."
             )
         return lines
 
@@ -415,7 +411,7 @@ def _compare(claim: Claim, estimate: Estimate) -> Verdict:
         low = -math.inf
     if not low <= estimate.value <= high:
         return Verdict.DEVIATES
-    return Verdict.AS_GOOD if claim.id.endswith(_OURS) else Verdict.REPRODUCED
+    return Verdict.AS_GOOD if claim.id.endswith(VARIANT) else Verdict.REPRODUCED
 
 
 def _outside(claim: Claim, measured: Finding) -> list[str]:

@@ -452,7 +452,7 @@ class Experiment(Generic[C]):
             finding = answer(run)
             if finding is not None:
                 origin = how if isinstance(how, How) else how(run)
-                found[name] = replace(finding, how=origin, also=also)
+                found[name] = replace(finding, how=origin, also=also or finding.also)
         return found
 
     def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:

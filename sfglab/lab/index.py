@@ -82,7 +82,7 @@ def make_result(project: Project, ledger: Ledger, says: str, figure: str) -> Ind
     parts = (
         f"<p>{escape(sentence)}</p>",
         _thumbnail(png, exp.caption(figure), _RESULT_PX),
-        f"<p>{runs}{'<br>'.join(_judged(ledger, entry) for entry in entries)}<br>",
+        f"<p>{runs}{'<br>'.join(_judged(entry) for entry in entries)}<br>",
         f'Go deeper: <a href="{notebook}.ipynb">{notebook}</a></p>',
         f"<details><summary>Cite this</summary>{cited_html(project, entries)}</details>",
     )
@@ -100,9 +100,9 @@ def _formatted(entry: Entry, form: str) -> str:
     return value.replace("%", " %")
 
 
-def _judged(ledger: Ledger, entry: Entry) -> str:
+def _judged(entry: Entry) -> str:
     """Return HTML of a claim's verdict, with its direction, the paper's number and the accepted values."""
-    facts = [ledger.direction(entry), f"paper: {stated(entry.claim)}"]
+    facts = [entry.direction, f"paper: {stated(entry.claim)}"]
     facts.append(f"accepted: {accepted(entry.claim)}")
     return f"{verdicts_html([entry])} ({escape('; '.join(filter(None, facts)))})"
 

@@ -15,6 +15,7 @@ from sfglab.errors import SfglabError
 from sfglab.fields import from_json
 from sfglab.lab.claims import (
     COMMITTED_LOGS,
+    VARIANT,
     Claim,
     Entry,
     Ledger,
@@ -83,6 +84,7 @@ def compute_ledger(
         only: Ids of the claims; None: all.
     """
     claims = load_claims(project.claims)
+    better = {claim.id: claim.better for claim in claims}
     if only is not None:
         claims = [claim for claim in claims if claim.id in only]
     answers: dict[str, list[Entry]] = {claim.id: [] for claim in claims}
@@ -100,7 +102,8 @@ def compute_ledger(
     for claim in claims:
         entry = _judging(answers[claim.id] or [entry_for(claim, None)])
         drawn = figures.get(entry.claim.experiment or "", [])
-        ledger.append(replace(entry, figures=tuple(drawn)))
+        variant = better.get(claim.id + VARIANT)
+        ledger.append(replace(entry, figures=tuple(drawn), variant_better=variant))
     return ledger
 
 

@@ -117,7 +117,7 @@ def page_html(project: Project, ledger: Ledger, top: str = "..") -> str:
         if of_paper:
             name = f'<th colspan="{len(columns)}" style="{_CELL}">Paper {letter}: {title}</th>'
             lines += f'<tr data-paper="{letter}">{name}</tr>'
-        lines += "".join(_line(project, ledger, entry, top) for entry in of_paper)
+        lines += "".join(_line(project, entry, top) for entry in of_paper)
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
     meanings = "<br>".join(map(escape, ledger.legend()))
     summary = f"{len(ledger)} claims, {repr(ledger).strip('<>')}."
@@ -129,7 +129,7 @@ def verdict_html(entry: Entry) -> str:
     return f'<b style="color: {COLORS[entry.verdict]}">{entry.verdict.value}</b>'
 
 
-def _line(project: Project, ledger: Ledger, entry: Entry, top: str) -> str:
+def _line(project: Project, entry: Entry, top: str) -> str:
     claim = entry.claim
     details = {
         "paper": f"{claim.where}; {stated(claim)}",
@@ -153,7 +153,7 @@ def _line(project: Project, ledger: Ledger, entry: Entry, top: str) -> str:
         numbers = f"paper: {stated(claim)}; {numbers}"
     values = [numbers, entry.unit, *entry.failing_ends]
     cells = (
-        (_CELL, f"{claim.id}<br>{verdict_html(entry)}<br>{ledger.direction(entry)}"),
+        (_CELL, f"{claim.id}<br>{verdict_html(entry)}<br>{entry.direction}"),
         (
             f"{_CELL}; overflow-wrap: anywhere",  # a path in a text may be long
             f"<details><summary>{escape(claim.says)}</summary>{'<br>'.join(lines)}</details>",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """An axis. Its limits are fixed, so that plots of different settings can be compared.
+    """An axis. Finite limits are fixed, so that plots of different settings can be compared.
 
     A linear axis without an upper limit ends at the highest value of the plot and its outlines.
     """

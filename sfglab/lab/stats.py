@@ -90,9 +90,7 @@ def _bootstrap(
     draws = np.array(found)
     draws = draws[np.isfinite(draws)]
     if draws.size == 0:
-        raise InvalidValueError(
-            "bootstrap", samples, "samples for which the statistic is not undefined"
-        )
+        raise InvalidValueError("bootstrap", samples, "samples for which the statistic is finite")
     low, high = np.percentile(draws, INTERVAL)
     value = statistics([group[None] for group in samples])[0]
     return Estimate(value=float(value), low=float(low), high=float(high), unit=unit)

@@ -157,7 +157,7 @@ def _read_resource(text: str, kind: ResourceKind | None) -> ResourceSegment:
         return Custom(text, kind=kind or ResourceKind.TOPIC)
     own = _base(resource).kind
     if kind not in (None, own):
-        raise FqnError("resource", text, f"as a {own.value}, which this standard resource is")
+        raise FqnError("resource", text, f"this standard resource as a {own.value} only")
     return resource
 
 

@@ -217,7 +217,9 @@ def _fly(world: Any, now: int, transmitter: int, frame: Any) -> None:
     """Let a frame arrive after the medium's latency."""
     sender, capacity = world.transmitter[transmitter], world.flight.shape[1]
     if sender.in_flight == capacity:
-        raise IndexError("more frames in flight than the state has room for")
+        raise IndexError(
+            "medium: more frames in flight than the state has room for; raise its capacity"
+        )
     place = (sender.flight_head + sender.in_flight) % capacity
     copy_frame(world.flight[transmitter, place], frame)
     sender.in_flight += 1

@@ -111,7 +111,7 @@ Measured without losses (2.14 and 3.2): a heartbeat travels with sample 807 of 6
 
 FAST_DDS_SYNC = replace(
     FAST_DDS,
-    name="Fast DDS, synchronous",
+    name="Fast DDS 2.4 to 3.2, synchronous",
     # StatefulWriter.cpp: a heartbeat also travels with a sample if the samples since the last heartbeat could have
     # filled the socket's buffer.
     piggyback_bytes=_SHOWN_BYTES,
@@ -130,7 +130,7 @@ FAST_DDS_SYNC = replace(
 
 FAST_DDS_ASYNC = replace(
     FAST_DDS_SYNC,
-    name="Fast DDS, asynchronous",
+    name="Fast DDS 2.4 to 3.2, asynchronous",
     # After a thousand samples of a process every sample brings a heartbeat (measured: 558 heartbeats for the first 900
     # samples, 900 for the next 900).
     asynchronous=True,

@@ -33,8 +33,8 @@ def test_a_plan_is_for_the_files_link_and_timing():
 @pytest.mark.parametrize(
     ("rmw", "named", "depth", "format_", "said"),
     [
-        ("fastrtps-async", "Fast DDS, asynchronous", 6, "fastdds", "MODE=ASYNCHRONOUS"),
-        ("fastrtps-sync", "Fast DDS, synchronous", 4, "fastdds", "MODE=SYNCHRONOUS"),
+        ("fastrtps-async", "Fast DDS 2.4 to 3.2, asynchronous", 6, "fastdds", "MODE=ASYNCHRONOUS"),
+        ("fastrtps-sync", "Fast DDS 2.4 to 3.2, synchronous", 4, "fastdds", "MODE=SYNCHRONOUS"),
         ("cyclone", "Cyclone DDS", 16, "cyclone", "<CycloneDDS"),
     ],
 )

@@ -197,5 +197,5 @@ def test_without_a_home_the_lock_is_in_a_folder_that_nobody_else_can_write_to(
         assert folder.stat().st_mode & 0o77 == 0
         assert len(list(folder.iterdir())) == 1
     folder.chmod(0o777)
-    with pytest.raises(InvalidValueError, match=r"folder for locks: given .*open to others"):
+    with pytest.raises(InvalidValueError, match=r"folder for locks: given .*other users can open"):
         domain_lock(230).__enter__()

@@ -68,7 +68,9 @@ def test_a_unit_is_written_once_behind_its_control():
 
 
 def test_an_experiment_without_an_explorer_is_refused():
-    with pytest.raises(InvalidValueError, match="'gateways', allowed: one with an explorer"):
+    with pytest.raises(
+        InvalidValueError, match="'gateways', allowed: an experiment that declares an explorer"
+    ):
         explore(gateways.exp)
 
 

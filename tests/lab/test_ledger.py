@@ -122,6 +122,17 @@ def test_the_page_is_filtered_by_paper_and_verdict(project):
     assert not chosen_of(ledger, "B", "deviates")
 
 
+def test_a_filtered_page_says_as_the_whole_one_which_deviations_are_favourable():
+    whole = Project(root=PACKAGE.parent)
+    ledger = compute_ledger(whole, committed=True)
+    of_ledger = {entry.claim.id: entry.direction for entry in ledger}
+    deviating = chosen_of(ledger, verdict="deviates")
+    assert {of_ledger[entry.claim.id] for entry in deviating} >= {"favourable", "unfavourable"}
+    alone = compute_ledger(whole, committed=True, only=[entry.claim.id for entry in deviating])
+    assert [entry.direction for entry in alone] == [entry.direction for entry in deviating]
+    assert "deviates</b><br>favourable" in page_html(whole, deviating)
+
+
 def test_a_citation_has_value_interval_runs_verdict_log_commit_and_paper():
     whole = Project(root=PACKAGE.parent)
     [entry] = compute_ledger(whole, committed=True, only=["A-CPU-OURS"])

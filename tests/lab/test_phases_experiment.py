@@ -45,7 +45,7 @@ def test_a_click_prints_the_cells_and_a_command_that_simulates_the_condition_aga
     pressed = press_map(run, place.preset)
     assert "OPT+LC: laps completed" in pressed.titles()[str(place.Index)]
     pressed.press(str(place.Index))
-    assert "OPT+LC" in pressed.widget.children[0].value
+    assert "OPT+LC" in pressed.widget.children[1].value
     assert pressed.said == ""
 
 
@@ -135,7 +135,7 @@ def test_a_verdict_is_the_criterion_s(claim, where, column, value, agrees):
     said = (
         "of laps at 1 % loss"
         if claim == "B-COOP"
-        else "and a small depth is worse than a deep one in"
+        else "of 27 conditions (compared with no method, CC and OPT+CC), and a small depth is worse than a deep one in"
     )
     assert said in found.reason
 

@@ -81,7 +81,7 @@ def test_a_bag_with_raw_images_is_read(tmp_path):
         ("nothing.mp4", "no such file; allowed: photos"),
         ("camera:99", "cannot be opened"),
         ("bag:run.mcap", "no such file"),
-        ("text.mp4", "cannot be opened as video|holds no picture"),
+        ("text.mp4", "cannot be opened as video|holds no image"),
         ("bag:bag.mcap#/camera", "allowed: none, because no topic has images"),
         ("bag:bag.mcap#/hello", "no images"),
     ],

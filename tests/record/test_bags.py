@@ -89,7 +89,7 @@ def test_commands_take_bags(bag, tmp_path):
         linted = called("frames", "lint", str(target), "--root-frame", "map", "--agent", "go2")
         assert "3 frames" in linted
         assert f"/thing      {OWN}" in called("log", "info", str(target))
-        called("map", str(target), "--out", str(tmp_path / "graph.yaml"))
+        called("map", str(target), "--output", str(tmp_path / "graph.yaml"))
         drawn = yaml.safe_load((tmp_path / "graph.yaml").read_text())["topics"]
         assert (drawn["/range"]["type"], drawn["/range"]["rate_hz"]) == (RANGE, 1)
         seen = called("view", str(target), "--to", str(tmp_path / "seen.rrd"))

@@ -168,7 +168,8 @@ def _remote_stream(topic: str) -> RosFqn:
         raise StreamError(topic, str(error)) from error
     if not fqn.is_global or fqn.component is None:
         raise StreamError(
-            topic, "allowed: a global name with agent and component, as in /global/go2/lidar/points"
+            topic,
+            "allowed: a global name with agent and component, as in /global/go2/camera_front/color/ffmpeg",
         )
     return fqn
 

@@ -176,13 +176,14 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> None:
             label = rounded(table[values].median())
             axes.annotate(label, (place, top), (0, 4), textcoords="offset points", ha="center")
         axes.set(title=title, ylabel=quantity, yscale=scale)
-        axes.set_ylim((1, 2000) if scale == "log" else (0, 1.15 * table.to_numpy().max()))
+        low, high = table.to_numpy().min(), table.to_numpy().max()
+        axes.set_ylim((0.7 * low, 3 * high) if scale == "log" else (0, 1.15 * high))
     encoding, decoding = (
         ratio(run, column, "png_fast").value for column in ("encode_ms", "decode_ms")
     )
     figure.suptitle(
         f"RVL encodes depth images {encoding:.1f} times and decodes them {decoding:.1f} times as fast as the "
-        "fastest PNG"
+        "PNG of level 1"
     )
     text = "boxes: quartiles and median (number); whiskers: up to 1.5 x IQR"
     note(figure, f"lossless, {len(codings(run, 'exact'))} frames of 640 x 360; {text}")

@@ -96,7 +96,9 @@ class Interactive:
     def stop(self) -> None:
         """End the computation of a setting, if there is one; the next setting is computed again."""
         if self._thread.is_alive():
-            self._figure.asked += 1
+            with self._lock:
+                self._figure.asked += 1
+                self._figure.answer = {"of": self._figure.asked, "is": "whole"}
             self._changed.set()
 
     def code(self) -> str:

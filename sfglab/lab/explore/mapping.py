@@ -40,7 +40,7 @@ _NOTE: dict[str, Any] = {
 }
 _CAPTION = (
     "ms: time until the subscriber has a message of the topic's size ({}).\n"
-    "Transfers to or from hardware: per message, mean over the publishers."
+    "Transfers across the boundary: per message, as the mean over the topic's publishers."
 )
 _NOTE_SIZE = (0.7, 0.3)  # width and height of a note, inches
 _OTHER = {Placement.SOFTWARE: Placement.HARDWARE, Placement.HARDWARE: Placement.SOFTWARE}

@@ -2,7 +2,7 @@
 
 The process imports the component ``MODULE``, the bus and the message types that a fleet exchanges. It
 reports ``{"is": "idle"}``, and continues as ``python -m MODULE CONFIG`` when one line arrives. A start
-signal then starts components as fast as compiled ones, without the start of Python. The process uses no
+signal then costs no time to load Python and its modules, as with compiled components. The process uses no
 network before that.
 """
 

@@ -185,7 +185,9 @@ def run_bench(bench: Any, limit: int, result: Callable[[Any], T]) -> T:
     simulator.add_testbench(watch)
     simulator.run()
     if not found:
-        raise SfglabError(f"{type(bench).__name__}: not done after {limit} cycles")
+        raise SfglabError(
+            f"{type(bench).__name__}: no result after {limit} cycles; raise the limit"
+        )
     return found[0]
 
 

@@ -296,9 +296,9 @@ def fit_residual(run: Run[Config]) -> Finding | None:
     return Finding(
         estimate=fit.residual,
         details={"c_net": str(fit.net), "c_dec": str(fit.dec), "c_ipc over DDS": str(fit.ipc)},
-        reason=f"the F test for lack of fit has {fit.lack}. The measured loads are "
-        f"{beside(off.iloc[0])} the fitted loads with the fewest subscribers and {beside(off.iloc[-1])} them with "
-        f"the most. The equations explain {100 * fit.explained:.1f} % of the variance",
+        reason=f"the measured loads are {beside(off.iloc[0])} the fitted loads with the fewest subscribers and "
+        f"{beside(off.iloc[-1])} them with the most. The equations explain {100 * fit.explained:.1f} % of the "
+        "variance, but the F test finds a lack of fit",
         ends={"p of the F test for lack of fit": fit.lack.p},
     )
 

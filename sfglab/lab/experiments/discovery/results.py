@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     Few = tuple[int, Floats]  # number of nodes per agent, and received bytes
 
 PAPERS_LARGEST = 6  #: Number of agents that the claims are about.
-SLOWER = "at two thirds of the pace"
+SLOWER = "if agents start at two thirds of the rate"
 NAMES = {STANDARD: "plain ROS 2", LAUNCHED: "paper's method", ROUTED: "sfglab variant"}
 """Name for readers by live mode."""
 SHORT = {LAUNCHED: "paper", ROUTED: "sfglab"}  #: Shorter names for titles.
@@ -321,7 +321,9 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     findings = {mode: time_of(run, mode) for mode in SHORT}
     took = [f"{one.estimate.value:.2g} s ({NAMES[m]})" for m, one in findings.items() if one]
     time_axes.set_title(
-        f"Six agents discover each other in\n{' and '.join(took)}" if took else "Discovery time",
+        f"{PAPERS_LARGEST} agents discover each other in\n{' and '.join(took)}"
+        if took
+        else "Discovery time",
         fontsize=10,
     )
     title = "Received bytes"

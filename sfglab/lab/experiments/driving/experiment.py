@@ -146,7 +146,7 @@ def drive_lap(point: DrivePoint, seed: int) -> DrivingLapRow:
 
 @exp.table("chain")
 class DrivingChainRow(TableRow):
-    """A `DrivingChainRow` is one frame: execution times in software, and the model's transfer times of topic A."""
+    """A `DrivingChainRow` has the times of one frame: execution in software, and the model's transfers of topic A."""
 
     compensation_ns: int  #: Execution time of compensation, ns.
     gaussian_blur_ns: int  #: Execution time of Gaussian blur, ns.

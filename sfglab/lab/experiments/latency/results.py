@@ -190,7 +190,8 @@ def draw_latency(figure: Figure, run: Run[Config]) -> None:
     )
     note(
         figure,
-        "dots: repetitions; error bars: 95 % intervals of the medians;\ndashed: paper A, 5.4",
+        "dots: left repetitions, right subscriptions; error bars (left): 95 % intervals of the medians;\n"
+        "dashed: paper A, 5.4",
         run,
     )
 

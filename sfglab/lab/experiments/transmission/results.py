@@ -336,10 +336,10 @@ def draw_loss(figure: Figure, run: Run[Config]) -> None:
     """Draw Fig. 11: loss of "Hello" over DEPTH, one panel per Rmax."""
     table = cells(run, "loss")
     percent = table.assign(**(100 * table[["median", "min", "max"]]))
-    draw_grid(figure, percent, "packet loss (%)", scale="linear")
+    draw_grid(figure, percent, "lost messages (%)", scale="linear")
     wins = order(run, "loss")["wins"]
     figure.suptitle(
-        "OPT+LC at the DEPTH of Eq. 6 (opt) loses the fewest messages\n"
+        "No method loses fewer messages than OPT+LC at the DEPTH of Eq. 6 (opt),\n"
         f"at {wins.sum()} of {len(wins)} Rmax (paper: at each)"
     )
     note(figure, codes(run))
@@ -483,9 +483,9 @@ def draw_validation(figure: Figure, run: Run[Config]) -> None:
         equal = np.array([0.4, 4e4])
         draw_band(latency, equal, equal / (1 + LATENCY_WITHIN), equal / (1 - LATENCY_WITHIN))
         loss.set_title(PRESETS[preset].name, fontsize=9)
-        loss.set_xlabel("packet loss, model (%)")
+        loss.set_xlabel("lost messages, model (%)")
         latency.set(xlabel="median latency, model (ms)", xscale="log", yscale="log")
-    panels[0, 0].set_ylabel("packet loss, live (%)")
+    panels[0, 0].set_ylabel("lost messages, live (%)")
     panels[1, 0].set_ylabel("median latency, live (ms)")
     panels[0, 0].legend(fontsize=8)
     names = {"topics": "topics", GRID: "grid cells"}
@@ -521,7 +521,7 @@ _QUANTITIES = {
     "latency_p50_ms": pictures.Axis(
         "median latency", "ms", 0.3, 1e5, log=True, ticks=(1, 100, 1e4)
     ),
-    "loss": pictures.Axis("packet loss", "%", 0, 100),
+    "loss": pictures.Axis("lost messages", "%", 0, 100),
     "utilisation": pictures.Axis("channel utilisation", "%", 0, 100),
 }
 _OPTIMUM = "DEPTH by Eq. 6"

@@ -48,7 +48,7 @@ STATEMENTS = {
     DISPLAY: "A visualizer is added and removed while the bridge runs.",
     PARAMETER: "A parameter is changed at run time.",
     QOS: "A QoS profile is changed at run time.",
-    POINTS: "A synchronised depth image and camera info become the points of the closed form.",
+    POINTS: "A synchronised depth image and camera info become the points of the pinhole equation.",
     DELAY: f"The bridge adds less than {ADDED_MS:g} ms to the median and to the 99th percentile.",
 }
 """Sentence that each fact states."""
@@ -141,7 +141,9 @@ def draw_points(figure: Figure, run: Run[Config]) -> None:
     cloud = np.load(io.BytesIO(run.attachment(CLOUD)))
     # As the camera sees them from a step to the side: x right, z forward, y down (REP 103).
     x, y, z = cloud["points"].T
-    axes: Any = figure.add_subplot(grid[1], projection="3d", title=f"Its {len(x):,} points")
+    axes: Any = figure.add_subplot(
+        grid[1], projection="3d", title=f"{len(x):,} points of the image"
+    )
     axes.scatter(x, z, -y, c=cloud["colors"] / 255.0, s=1.2, linewidths=0, rasterized=True)
     axes.set_box_aspect([np.ptp(x), np.ptp(z), np.ptp(y)], zoom=1.25)
     axes.view_init(elev=18, azim=-68)
@@ -149,7 +151,7 @@ def draw_points(figure: Figure, run: Run[Config]) -> None:
     axes.locator_params(nbins=4)
     errors_m = run["cloud"]["largest_error_m"]
     figure.suptitle(
-        f"3D points agree with the closed form within {1e6 * errors_m.max():.1f} µm (depth resolution: 1 mm)"
+        f"3D points differ from the pinhole equation by at most {1e6 * errors_m.max():.1f} µm (depth resolution: 1 mm)"
     )
     note(
         figure,
