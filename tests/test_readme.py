@@ -31,7 +31,10 @@ RESULTS = {  # what a reader takes home, its figure, and the claims about it by 
         "sfglab variant: descriptions published, processes kept ready": "A-DISC-BYTES-OURS",
     },
     "[Time to the first image of a late-joining subscriber, compared with plain ROS 2]"
-    "(figures/latency.png)": {"paper's": "A-FIRST", "sfglab variant: GOP cache": "A-FIRST-OURS"},
+    "(figures/latency.png)": {
+        "paper's": "A-FIRST",
+        "sfglab variant: cache of the current group of pictures (GOP)": "A-FIRST-OURS",
+    },
     "[Conditions in which local cache and balanced QoS lose the fewest messages]"
     "(figures/phases.png)": {"paper's, simulated": "B-LOSS"},
     "[Edges between software and hardware after mapping with gateways]"
