@@ -237,10 +237,12 @@ def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
     """Return where the criterion of B-LAT (``latency``) or B-LOSS (``loss``) holds.
 
     Returns:
-        One row per condition: the columns of `PLACE` except Rmax; ``lowest`` (OPT+LC is lowest at
-        three quarters of the Rmax or more), ``small`` (a small depth is worse than a deep one at 500 or 1000 Hz), and
-        ``agrees`` (both hold). The column ``finite`` says whether some depth without a method has a
-        finite median at 500 or 1000 Hz.
+        One row per condition, with the columns of `PLACE` except Rmax and these columns:
+
+        - ``lowest``: OPT+LC is lowest at three quarters of the Rmax or more.
+        - ``small``: a small depth is worse than a deep one at 500 or 1000 Hz.
+        - ``finite``: some depth without a method has a finite median at 500 or 1000 Hz.
+        - ``agrees``: ``lowest`` and ``small`` hold.
     """
     fast = table[table["rate_max_hz"].isin(FAST_HZ)]
     lowest = table.groupby(_CONDITION, sort=False)[f"{of}_lowest"].mean() >= MOST_RATES
