@@ -47,7 +47,7 @@ _RULES: dict[Source, dict[str, Core]] = {
 """Additions to core schemas, by their ``type``."""
 _LIMITS = ("ge", "gt", "le", "lt")
 _MAPPING = "a mapping of keys to values"
-_LIST = "a list"
+_LIST = "a list, such as [1, 7]"
 _WORDS = {
     "int_type": "a whole number",
     "float_type": "a number",

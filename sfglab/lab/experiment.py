@@ -320,6 +320,8 @@ class Experiment(Generic[C]):
         names = [f.name for f in fields(self.config_class)]  # type: ignore[arg-type]
         own = {"profile": profile} if "profile" in names else {}
         values = {**own, **self._profiles[profile], **changes}
+        if isinstance(values.get("seed"), int) and values["seed"] < 0:
+            raise InvalidValueError(f"{self.name}: seed", values["seed"], "at least 0")
         config: C = read(self.config_class, values, f"{self.name}: ")
         return config
 

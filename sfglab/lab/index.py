@@ -50,7 +50,6 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
         title = cells_of(path)[0]["source"].splitlines()[0].removeprefix("# ")
         experiments = map(experiment, experiments_of(path))
         rows += [(exp.where, _row(project, path, title, exp, ledger)) for exp in experiments]
-    rows.sort()
     html = f"<p>Verdicts are from {escape(ledger.source)}.</p>" if ledger.source else ""
     for paper, title in PAPERS.items():
         lines = "".join(row for where, row in rows if where.startswith(paper))

@@ -123,7 +123,7 @@ def test_the_cost_model_is_judged_at_one_pace_by_its_residual_and_by_its_lack_of
     entry = judged("A-COST", run)
     assert entry.measured.estimate.value < 10
     assert entry.verdict is verdict, entry.reason
-    assert ("lack of fit has F(" in entry.reason) == (verdict is Verdict.DEVIATES)
+    assert ("finds a lack of fit" in entry.reason) == (verdict is Verdict.DEVIATES)
 
 
 @pytest.mark.parametrize(

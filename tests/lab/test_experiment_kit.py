@@ -209,6 +209,7 @@ def test_profiles_and_changes_are_checked():
         ("long", {}, "profile: given 'long', allowed: smoke, quick, paper"),
         ("smoke", {"sede": 1}, "kit: sede: given 'sede', allowed: .*did you mean 'seed'"),
         ("smoke", {"loss": 0.4}, "kit: loss: given 0.4, allowed: a number from 0 to 0.3"),
+        ("smoke", {"seed": -1}, "kit: seed: given -1, allowed: at least 0"),
     ]:
         with pytest.raises(InvalidValueError, match=message):
             exp.config(profile, **changes)

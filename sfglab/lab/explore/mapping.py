@@ -132,6 +132,9 @@ class PressedMapping(Pressed):
         """Yield the load with each node on the other side and each gateway replaced, all else as it is."""
         sides = {node.name: node.placement for node in self.graph.nodes}
         least_s = assess(self.graph).total_s
+        if not any(node.hardware for node in self.graph.nodes):
+            yield "No node states a hardware implementation, so no node can be placed in hardware."
+            return
         yield f"Least load: {_MS * least_s:.2f} ms per second. With one change, other nodes as they are:"
         for node in self.graph.nodes:
             if node.hardware is None:

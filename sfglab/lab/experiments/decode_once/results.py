@@ -365,9 +365,13 @@ def draw_colour(figure: Figure, run: Run[Config]) -> None:
     saved = []
     for mode in HANDED_ON:
         less = reduction(run, mode)
-        saved.append(f"{less.value:.0f} % [{less.low:.0f}, {less.high:.0f}] less {WAYS[mode]}")
+        if less.value >= 0:
+            change = f"{less.value:.0f} % [{less.low:.0f}, {less.high:.0f}] less"
+        else:
+            change = f"{-less.value:.0f} % [{-less.high:.0f}, {-less.low:.0f}] more"
+        saved.append(f"{change} {WAYS[mode]}")
     figure.suptitle(
-        f"An additional subscriber needs less CPU if the stream is decoded once:\n{', '.join(saved)}",
+        f"CPU of an additional subscriber if the stream is decoded once:\n{', '.join(saved)}",
         fontsize="medium",
     )
     note(figure, "dashed: paper; bands: standard deviation", run)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     Few = tuple[int, Floats]  # number of nodes per agent, and received bytes
 
 PAPERS_LARGEST = 6  #: Number of agents that the claims are about.
-SLOWER = "if agents start at two thirds of the rate"
+SLOWER = "at two thirds of the pace"
 NAMES = {STANDARD: "plain ROS 2", LAUNCHED: "paper's method", ROUTED: "sfglab variant"}
 """Name for readers by live mode."""
 SHORT = {LAUNCHED: "paper", ROUTED: "sfglab"}  #: Shorter names for titles.
