@@ -53,5 +53,5 @@ def test_a_wrong_word_and_a_bench_that_is_not_done_are_errors(monkeypatch):
         with pytest.raises(SfglabError, match="memory, word 1: 0x2, must be 0x3"):
             rtl.simulated_cycles(WRITE, 1, 512)
     monkeypatch.setattr(rtl.cycles, "cycle_limit", lambda *_: 50)
-    with pytest.raises(SfglabError, match="GatewayBench: not done after 50 cycles"):
+    with pytest.raises(SfglabError, match="GatewayBench: no result after 50 cycles"):
         rtl.simulated_cycles(OUT, 1, 512)
