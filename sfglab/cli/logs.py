@@ -266,7 +266,7 @@ def play(
     Examples:
       sfglab log play bag/ --domain 7
       sfglab log play run.mcap --rate 2 --topics /tf --topics /tf_static
-      sfglab log play data/reference/mocap.mcap --topics /tf --duration 2 --domain 7
+      sfglab log play data/reference/cooperation.mcap --topics /tf --duration 2 --domain 7
     """
     from sfglab.bus.recording import Player, Playing
 
@@ -278,7 +278,6 @@ def play(
         try:
             await player.run()
         finally:
-            if player.counts:
-                typer.echo(f"played {_counted(player.counts)}")
+            typer.echo(f"played {_counted(player.counts)}")
 
     until_interrupted((domain, interface), run)
