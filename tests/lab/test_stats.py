@@ -43,7 +43,7 @@ def test_an_interval_is_repeated_and_groups_are_resampled_apart():
 def test_empty_groups_and_undefined_statistics_are_refused():
     with pytest.raises(InvalidValueError, match="no samples"):
         bootstrap([np.array([])], lambda g: float(g[0].mean()), unit="x")
-    with pytest.raises(InvalidValueError, match="undefined"):
+    with pytest.raises(InvalidValueError, match="statistic is finite"):
         bootstrap([np.ones(3)], lambda _: float("nan"), unit="x")
 
 
