@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfglab.messages import decoder, decoder_from_definition
 from sfglab.messages.store import is_known, is_known_as
-from sfglab.qos import QoSProfile
 from sfglab.record.bags import open_log
 from sfglab.record.mcap_file import McapFile
 from sfglab.record.metadata import profile_from_bag, values_from_strings
@@ -33,12 +32,10 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
+    from sfglab.qos import QoSProfile
     from sfglab.record.parts import Channel
 
 _LOG = logging.getLogger(__name__)
-# More than the profiles of 150 publishers, each of 3 brackets and at most 400 characters.
-_MOST_QOS_CHARACTERS = 60_000
-_MOST_QOS_BRACKETS = 450
 #: Number of messages of a topic that its rate and size are taken from.
 _SAMPLE = 200
 _AFTER_ALL_NS = 2**64  # MCAP's times are smaller
@@ -124,22 +121,7 @@ class LogReader(AbstractContextManager["LogReader"]):
         Raises:
             KeyError: There is no such topic in this log.
         """
-        text = self.topics[topic].offered_qos
-        brackets = text.count("[") + text.count("{")
-        # The time to read nested brackets grows with the square of their number.
-        if len(text) > _MOST_QOS_CHARACTERS or brackets > _MOST_QOS_BRACKETS:
-            _LOG.warning(
-                "log %s: %s: its QoS profiles have %d characters and %d brackets, "
-                "allowed: at most %d and %d; ROS 2's default profile is used",
-                self.path,
-                topic,
-                len(text),
-                brackets,
-                _MOST_QOS_CHARACTERS,
-                _MOST_QOS_BRACKETS,
-            )
-            return QoSProfile()
-        return profile_from_bag(text)
+        return profile_from_bag(self.topics[topic].offered_qos)
 
     def first(self, topic: str) -> list[LogMessage]:
         """Return a topic's first messages, at most 200, from which its rate and size can be computed.

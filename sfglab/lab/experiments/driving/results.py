@@ -179,8 +179,8 @@ def steadier_chain(run: Run[Config]) -> Finding:
             "orders of magnitude, live across processes": across.value,
             "share of pictures that arrive, live": float(run["live"]["chain_s"].notna().mean()),
         },
-        reason=f"the model gives {estimate.value:.3g} orders, because its hardware nodes take constant time. Across "
-        "live processes the deviation does not fall, because the delay of the Linux scheduler remains",
+        reason="the model assumes constant times of hardware nodes; between live processes the delay of the Linux "
+        "scheduler remains",
     )
 
 
