@@ -159,7 +159,7 @@ def test_no_file_is_big_and_none_holds_a_path_of_a_machine():
             continue
         assert path.stat().st_size < 2_000_000, path
         assert not re.search(rb"/(?:home|root|work)/[a-z]", path.read_bytes()), path
-    assert of_logs < 6_000_000
+    assert of_logs < 5_000_000
 
 
 def test_classes_of_rows_have_names_of_their_own():

@@ -45,8 +45,8 @@ def test_a_run_has_a_row_for_each_fact_and_names_missing_programs(tmp_path):
 def test_a_fact_that_is_refused_shows_and_a_part_counts_if_all_its_facts_were_asked():
     assert exp.measure(reference(exp))["A-DEPLOY"].ends == {}, "the log leaves all parts open"
     run = reference(exp)
-    table = run.table("check")
-    table.loc[table["check"] == "shellcheck", "held"] = 0
+    table = run.table("fact")
+    table.loc[table["program"] == "shellcheck", "outcome"] = Outcome.REFUSED.value
     measured = exp.measure(run)["A-DEPLOY"]
     assert (measured.estimate.value, measured.how.value) == (0.5, "live")
     assert "shell scripts are accepted: shellcheck" in measured.reason

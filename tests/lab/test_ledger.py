@@ -141,7 +141,7 @@ def test_a_citation_has_value_interval_runs_verdict_log_commit_and_paper():
     parts = (
         entry.value,
         entry.unit,
-        "median of 4 runs",
+        "median of 3 runs",
         "accepted: at least 65",
         "better",
         digest,
