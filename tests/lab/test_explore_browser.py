@@ -184,6 +184,7 @@ def test_a_drawn_figure_follows_a_drag_with_the_values_of_python(run, browser):
     assert all(
         words == words_of(transfer_curves(message_bytes=size_of(words))) for _, words in frames
     )
+    assert shown[-1][1] == moves[-1][1]
     # From an input to the frame with its values. Alone on two cores: 10 updates/s and 100 ms; here other
     # tests may run beside it.
     delays = [at - max(t for t, size in moves if size == value and t <= at) for at, value in shown]
