@@ -20,6 +20,7 @@ from sfglab.messages.services import (
     ServiceFrame,
     action_type,
     frame_service,
+    service_hash,
     unframe_service,
 )
 from sfglab.messages.store import (
@@ -64,6 +65,7 @@ __all__ = [
     "serialize",
     "serialize_into",
     "serialized_size",
+    "service_hash",
     "service_type",
     "stamp_from_ns",
     "type_hash",

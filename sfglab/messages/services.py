@@ -7,6 +7,7 @@ call a service of the other.
 from __future__ import annotations
 
 import struct
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ from sfglab.messages.store import (
     message_type,
     names_before,
     service_type,
+    type_store,
 )
 
 _ENCAPSULATION_BYTES = 4
@@ -59,6 +61,45 @@ def unframe_service(data: bytes) -> ServiceFrame:
         )
     client_guid, sequence = _FRAME[data[1]].unpack_from(data, start)
     return ServiceFrame(client_guid, sequence, data[:start] + data[end:])
+
+
+_EVENT_INFO = "service_msgs/msg/ServiceEventInfo"  # since Iron
+
+
+def service_hash(name: str) -> str:
+    """Return a service's hash in the form that ROS 2 uses since Iron: of its request, response and event (REP 2016).
+
+    Raises:
+        UnknownTypeError: There is no such service.
+    """
+    from rosbags.interfaces import Nodetype
+
+    service_type(name)
+    event, request, response = (
+        (Nodetype.NAME, f"{name}_{part}") for part in ("Event", "Request", "Response")
+    )
+    fields: dict[str, list[tuple[str, Any]]] = {
+        _EVENT_INFO: [
+            ("event_type", (Nodetype.BASE, ("uint8", 0))),
+            ("stamp", (Nodetype.NAME, "builtin_interfaces/msg/Time")),
+            ("client_gid", (Nodetype.ARRAY, ((Nodetype.BASE, ("char", 0)), 16))),
+            ("sequence_number", (Nodetype.BASE, ("int64", 0))),
+        ],
+        event[1]: [
+            ("info", (Nodetype.NAME, _EVENT_INFO)),
+            ("request", (Nodetype.SEQUENCE, (request, 1))),
+            ("response", (Nodetype.SEQUENCE, (response, 1))),
+        ],
+        name: [
+            ("request_message", request),
+            ("response_message", response),
+            ("event_message", event),
+        ],
+    }
+    store = copy(type_store())
+    added: dict[str, Any] = {type_: ([], of) for type_, of in fields.items()}
+    store.fielddefs = {**store.fielddefs, **added}
+    return store.hash_rihs01(name)
 
 
 _MARK = "_FeedbackMessage"

@@ -9,10 +9,12 @@ from rosbags.typesys import get_types_from_msg
 from sfglab import messages
 from sfglab.messages import (
     MessageError,
+    UnknownTypeError,
     dds_type_name,
     default_message,
     message_type,
     ros_type_name,
+    service_hash,
     type_hash,
     type_name,
 )
@@ -38,6 +40,13 @@ HASHES = {
 @pytest.mark.parametrize(("name", "fields"), COPIED.items())
 def test_types_of_other_packages_have_their_fields_in_wire_order(name, fields):
     assert [field for field, _ in type_store().fielddefs[name][1]] == fields.split()
+
+
+def test_services_have_the_hashes_of_ros_2():
+    hash_ = "abe9e4bb6b41b40e6789712c00ec8871923e089af3f667a79992a428cff2da0a"
+    assert service_hash("std_srvs/srv/SetBool") == f"RIHS01_{hash_}"
+    with pytest.raises(UnknownTypeError):
+        service_hash("std_srvs/srv/None")
 
 
 @pytest.mark.parametrize(("name", "hash_"), HASHES.items())
