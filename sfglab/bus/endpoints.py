@@ -67,6 +67,17 @@ class Reader(Endpoint, Protocol):
         """Number of samples that the transport knows to be lost."""
 
 
+class GraphEntry(Protocol):
+    """Presence of a shared-memory endpoint in the graph."""
+
+    @property
+    def gid(self) -> bytes:
+        """16-byte GUID of the endpoint."""
+
+    def close(self) -> None:
+        """Remove the endpoint from the graph."""
+
+
 class SampleQueue:
     """First-in-first-out queue of `depth` samples, or of `limit_bytes` for KEEP_ALL; it drops the oldest.
 

@@ -42,10 +42,12 @@ class Graph:
 
     def endpoints(self) -> tuple[EndpointInfo, ...]:
         """Return all known endpoints, ordered by GID."""
-        return tuple(self._endpoints[gid] for gid in sorted(self._endpoints))
+        self._ask()
+        return self._known()
 
     def topics(self) -> dict[str, tuple[str, ...]]:
         """Return the types of every topic, both sorted; more than one type is a conflict."""
+        self._ask()
         return types_by_topic(self._endpoints.values())
 
     def nodes(self) -> tuple[NodeInfo, ...]:
@@ -66,10 +68,8 @@ class Graph:
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` for every known endpoint and every change; return a function that stops this."""
-        for endpoint in self.endpoints():
-            listener(EndpointAdded(endpoint=endpoint))
-        self._listeners.append(listener)
-        return lambda: self._listeners.remove(listener) if listener in self._listeners else None
+        self._ask()
+        return self._follow(listener)
 
     def watch(self, dds_topic: str, kind: EndpointKind, listener: Listener) -> Callable[[], None]:
         """Call `listener` as `listen` does, but only for endpoints of one kind on one DDS topic."""
@@ -78,7 +78,8 @@ class Graph:
             if event.endpoint.dds_topic == dds_topic and event.endpoint.kind is kind:
                 listener(event)
 
-        return self.listen(heard)
+        self._ask(dds_topic, kind)
+        return self._follow(heard)
 
     def apply(self, changes: Iterable[tuple[bytes, EndpointInfo | None]]) -> None:
         """Apply discovered changes; None means that the endpoint or participant has left."""
@@ -102,6 +103,18 @@ class Graph:
         self._owners |= owners
         self.apply([(gid, self._endpoints[gid]) for gid in owners if gid in self._endpoints])
 
+    def _ask(self, dds_topic: str = "", kind: EndpointKind | None = None) -> None:
+        """Discover endpoints of one kind on one DDS topic, or all; by default all are discovered unasked."""
+
+    def _known(self) -> tuple[EndpointInfo, ...]:
+        return tuple(self._endpoints[gid] for gid in sorted(self._endpoints))
+
+    def _follow(self, listener: Listener) -> Callable[[], None]:
+        for endpoint in self._known():
+            listener(EndpointAdded(endpoint=endpoint))
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener) if listener in self._listeners else None
+
     def _forget_nodes(self, participant: bytes) -> None:
         for node in self._nodes.pop(participant, ()):
             for gid in (*node.readers, *node.writers):
@@ -116,7 +129,8 @@ class Graph:
             listener(event)
 
     def _select(self, topic: str, kind: EndpointKind) -> tuple[EndpointInfo, ...]:
-        return tuple(e for e in self.endpoints() if e.topic == topic and e.kind is kind)
+        self._ask(f"rt{topic}" if topic.startswith("/") else topic, kind)
+        return tuple(e for e in self._known() if e.topic == topic and e.kind is kind)
 
 
 def types_by_topic(endpoints: Iterable[EndpointInfo]) -> dict[str, tuple[str, ...]]:

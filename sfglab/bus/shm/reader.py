@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus.api import EndpointEvent, EndpointInfo, RawEndpoint
-    from sfglab.bus.dds.endpoints import ShmAnnouncement
-    from sfglab.bus.endpoints import Inbox, SampleQueue
+    from sfglab.bus.endpoints import GraphEntry, Inbox, SampleQueue
     from sfglab.bus.graph import Graph
     from sfglab.bus.loop import LoopBridge, WatchThread
 
@@ -145,7 +144,7 @@ class ShmReader:
         watcher: LoopBridge | WatchThread,
         endpoint: RawEndpoint,
         *,
-        announce: Callable[[], ShmAnnouncement],
+        announce: Callable[[], GraphEntry],
         inbox: Inbox,
         notify: Callable[[], None],
     ) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sfglab.bus.api import RawEndpoint
-    from sfglab.bus.dds.endpoints import ShmAnnouncement
+    from sfglab.bus.endpoints import GraphEntry
     from sfglab.bus.loop import LoopBridge
 
 _log = logging.getLogger(__name__)
@@ -53,7 +53,7 @@ class ShmWriter:
         endpoint: RawEndpoint,
         *,
         address: str,
-        announce: Callable[[], ShmAnnouncement],
+        announce: Callable[[], GraphEntry],
         notify: Callable[[], None],
     ) -> None:
         self._bridge = bridge

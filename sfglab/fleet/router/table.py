@@ -16,6 +16,7 @@ from sfglab.bus.api import (
     EndpointRemoved,
     RawEndpoint,
     entries,
+    ros_topic,
     user_data,
 )
 from sfglab.bus.errors import BusError
@@ -79,9 +80,11 @@ class CounterpartWatcher:
     def _forget(self, topic: _Topic) -> None:
         del self._here[topic]
         self._ends.pop(topic)()
-        for endpoint in self._graph.endpoints():
-            if (endpoint.dds_topic, endpoint.kind) == topic:
-                self._on_event(EndpointRemoved(endpoint=endpoint))
+        dds_topic, kind = topic
+        is_publisher = kind is EndpointKind.PUBLISHER
+        known = self._graph.publishers if is_publisher else self._graph.subscriptions
+        for endpoint in known(ros_topic(dds_topic)):
+            self._on_event(EndpointRemoved(endpoint=endpoint))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
