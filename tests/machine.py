@@ -36,10 +36,16 @@ def _lack_of_ros() -> str:
     return str(RosMissingError(missing)) if missing else ""
 
 
+def _lack_of_zenoh() -> str:
+    missing = [name for name in ("zenoh", "xxhash") if find_spec(name) is None]
+    return f"needs Zenoh: {', '.join(missing)} not installed" if missing else ""
+
+
 NEEDS = {
     "netns": cache(_lack_of_namespaces),
     "browser": cache(_lack_of_a_browser),
     "ros": cache(_lack_of_ros),
+    "zenoh": cache(_lack_of_zenoh),
 }
 
 

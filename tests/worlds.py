@@ -5,6 +5,7 @@ its nodes, and with `sim` in a simulated one.
 """
 
 import asyncio
+import socket
 from contextlib import AsyncExitStack
 from functools import partial
 from inspect import iscoroutinefunction
@@ -64,6 +65,37 @@ def live(domain_id):
     from sfglab.bus import Node
 
     return World("live", partial(Node, domain_id=domain_id, interface="lo"))
+
+
+@pytest.fixture
+def free_port():
+    """A TCP port that nothing on this host listens at."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return free.getsockname()[1]
+
+
+@pytest.fixture
+def hub(free_port):
+    """Configuration of nodes over Zenoh, which meet at a router in this process."""
+    import zenoh
+
+    from sfglab.bus.zenoh.session import ZenohConfig
+
+    place = (f"tcp/127.0.0.1:{free_port}",)
+    router = ZenohConfig(mode="router", connect=(), listen=place)
+    settings = zenoh.Config.from_json5(router.json("a"))
+    settings.insert_json5("scouting/delay", "0")
+    with zenoh.open(settings):
+        yield ZenohConfig(connect=place)
+
+
+@pytest.fixture
+def over_zenoh(hub):
+    """Nodes over Zenoh, each with a session of its own, in real time."""
+    from sfglab.bus import Node
+    from sfglab.bus.zenoh.backend import ZenohBackend
+
+    return World("zenoh", partial(Node, join=partial(ZenohBackend, hub)))
 
 
 @pytest.fixture(params=[pytest.param("live", marks=pytest.mark.live), "simulated-apart"])

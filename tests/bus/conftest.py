@@ -107,10 +107,18 @@ def child(domain_id):
 
 
 @pytest.fixture(
-    params=[pytest.param("live", marks=pytest.mark.live), "simulated", "simulated-apart", "toy"]
+    params=[
+        pytest.param("live", marks=pytest.mark.live),
+        pytest.param("zenoh", marks=pytest.mark.zenoh),
+        "simulated",
+        "simulated-apart",
+        "toy",
+    ]
 )
 def world(request):
     """Nodes of one backend; simulated ones on one host or each on its own."""
     if request.param == "live":
         return request.getfixturevalue("live")
+    if request.param == "zenoh":
+        return request.getfixturevalue("over_zenoh")
     return World(request.param, ToyDomain().node)

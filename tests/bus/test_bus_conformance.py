@@ -115,6 +115,7 @@ async def test_a_late_joiner_hears_the_history_first_if_it_wants_that_and_its_pu
     publisher = here.create_publisher(STRING, "/t", kept)
     for number in range(5):
         publisher.publish(text(number))
+    assert await publisher.wait_for_all_acked()
     wanted = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=10)
     late, volatile = (there.create_subscription(STRING, "/t", qos=qos) for qos in (wanted, DEFAULT))
     await publisher.wait_for_subscriptions(2)
@@ -371,11 +372,18 @@ async def test_the_two_transports_do_not_meet(here):
 # --- Components need no change for another backend, and a router stands between any two.
 
 
-@pytest.fixture(params=["toy", "other toy", pytest.param("live", marks=pytest.mark.live)])
+@pytest.fixture(
+    params=[
+        "toy",
+        "other toy",
+        pytest.param("live", marks=pytest.mark.live),
+        pytest.param("over_zenoh", marks=pytest.mark.zenoh),
+    ]
+)
 def network(request):
-    """Make nodes of the network: of the agent's backend, of another kind, or of DDS."""
-    if request.param == "live":
-        return request.getfixturevalue("live").node
+    """Make nodes of the network: of the agent's backend, of another kind, of DDS, or over Zenoh."""
+    if "toy" not in request.param:
+        return request.getfixturevalue(request.param).node
     kind = OtherToyBackend if request.param == "other toy" else ToyBackend
     return partial(ToyDomain().node, kind=kind)
 

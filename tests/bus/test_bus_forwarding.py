@@ -190,17 +190,25 @@ def domains(domain_ids):
     return between(*(partial(bus.Node, domain_id=n, interface="lo") for n in domain_ids))
 
 
+ZENOH = [pytest.mark.live, pytest.mark.zenoh]
+
+
 @pytest.fixture(
-    params=["toys", *(pytest.param(n, marks=pytest.mark.live) for n in ("in", "out", "domains"))]
+    params=[
+        "toys",
+        *(pytest.param(n, marks=pytest.mark.live) for n in ("in", "out", "domains")),
+        *(pytest.param(n, marks=ZENOH) for n in ("zenoh in", "zenoh out")),
+    ]
 )
 def four(request):
-    """Between toys, from a toy or to a toy, and between two domains of DDS."""
+    """Between toys, from a toy or to a toy, between two domains of DDS, and between DDS and Zenoh."""
     if request.param == "toys":
         return toys()
     if request.param == "domains":
         return request.getfixturevalue("domains")
-    makers = ToyDomain().node, request.getfixturevalue("live").node
-    return between(*makers[:: -1 if request.param == "in" else 1])
+    other = request.getfixturevalue("over_zenoh") if "zenoh" in request.param else ToyDomain()
+    makers = other.node, request.getfixturevalue("live").node
+    return between(*makers[:: -1 if request.param.endswith("in") else 1])
 
 
 @pytest.mark.parametrize("qos", [QoSProfile(depth=200), DEEP, LATCHED], ids=["last", "all", "kept"])

@@ -1,0 +1,165 @@
+"""Zenoh session of a node and the threads that use it, because opening, declaring and sending may wait."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import secrets
+import threading
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, Literal
+
+from sfglab.bus.errors import BusError, DomainError
+from sfglab.bus.loop import JOIN_S, call_logged
+from sfglab.domains import MAX_DOMAIN
+from sfglab.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_log = logging.getLogger("sfglab.bus")
+_LONGEST_PAUSE_S = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ZenohConfig:
+    """Configuration of a node's Zenoh session."""
+
+    domain_id: int = 0  #: ROS domain, 0 to 232; the first part of every key.
+    #: Mode of the session. A client receives only what it subscribes to, through a router. Peers connect to each
+    #: other and receive all declarations of each other.
+    mode: Literal["client", "peer", "router"] = "client"
+    #: Endpoints of routers or peers; a client uses the first that responds.
+    connect: tuple[str, ...] = ("tcp/localhost:7447",)
+    listen: tuple[str, ...] = ()  #: Endpoints at which a peer or router accepts connections.
+    #: Whether peers learn of each other from the router or peer that they are connected to.
+    gossip: bool = True
+    #: Lease, s: after this silence the other side closes a connection. Samples of a shorter outage arrive late,
+    #: those of a longer one are lost.
+    lease_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.domain_id <= MAX_DOMAIN:
+            raise DomainError(self.domain_id, "allowed ids are 0 to 232, as in DDS")
+
+    def json(self, session: str) -> str:
+        """Return Zenoh's configuration of the session with this id.
+
+        Multicast would let other robots join unasked. Shared memory fails from a few hundred sessions on, because
+        it locks memory. Caches of latched topics need time stamps.
+        """
+        settings = {
+            "id": session,
+            "mode": self.mode,
+            "connect": {"endpoints": self.connect},
+            "listen": {"endpoints": self.listen},
+            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": self.gossip}},
+            "timestamping": {"enabled": True},
+            "transport": {
+                "link": {"tx": {"lease": round(self.lease_s * 1e3)}},
+                "shared_memory": {"enabled": False},
+            },
+        }
+        return json.dumps(settings)
+
+
+class OrderThread:
+    """Thread that calls functions one after the other, and logs their failures."""
+
+    def __init__(self, name: str) -> None:
+        self._orders: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def order(self, function: Callable[[], None]) -> None:
+        """Call a function after those that were ordered before."""
+        self._orders.put(function)
+
+    def stop(self) -> None:
+        """End the thread after the ordered functions, and return when it has ended, after 5 s at most."""
+        self._orders.put(None)
+        self._thread.join(JOIN_S)
+
+    def _run(self) -> None:
+        while (function := self._orders.get()) is not None:
+            call_logged(function)
+
+
+class Session:
+    """Zenoh session that a thread opens, again and again until a router responds.
+
+    Raises:
+        MissingExtraError: Zenoh is not installed.
+        BusError: Zenoh refuses the configuration, or the process was forked from one with sessions.
+    """
+
+    _process: int | None = None  # the process that opened the first session
+
+    def __init__(self, config: ZenohConfig, name: str) -> None:
+        for library in ("zenoh", "xxhash"):
+            if find_spec(library) is None:
+                raise MissingExtraError(library, extra="zenoh", purpose="a node over Zenoh")
+        Session._process = Session._process or os.getpid()
+        if Session._process != os.getpid():
+            raise BusError("a forked process cannot open a Zenoh session; start it with spawn")
+        #: Id, hexadecimal digits; the first is not 0, because Zenoh leaves out zeros there.
+        self.id = format(secrets.randbits(127) | 1 << 127, "x")
+        self.is_open = False  #: Whether the session was opened.
+        self._place = ", ".join(config.connect)
+        self._settings = _checked(config.json(self.id))
+        self._name = f"sfglab zenoh {name}"
+        self._zenoh: Any = None
+        self._closing = threading.Event()
+        self._orders = OrderThread(self._name)
+        self._orders.order(self._open)
+
+    def order(self, function: Callable[[Any], None]) -> None:
+        """Call a function with the open Zenoh session in its thread, after those that were ordered before."""
+        self._orders.order(lambda: function(self._zenoh) if self.is_open else None)
+
+    @cached_property
+    def sender(self) -> OrderThread:
+        """Thread for samples that wait for slow receivers; it starts at the first use."""
+        return OrderThread(f"{self._name} sender")
+
+    @cached_property
+    def caller(self) -> OrderThread:
+        """Thread for requests and replies, which samples do not delay; it starts at the first use."""
+        return OrderThread(f"{self._name} caller")
+
+    def close(self) -> None:
+        """Close the session with everything declared in it."""
+        self._closing.set()
+        for thread in ("sender", "caller"):
+            if thread in self.__dict__:
+                self.__dict__[thread].stop()
+        self.order(lambda session: session.close())
+        self._orders.stop()
+
+    def _open(self) -> None:
+        import zenoh
+
+        pause_s = 1.0
+        while not self.is_open and not self._closing.is_set():
+            try:
+                self._zenoh = zenoh.open(self._settings)
+                self.is_open = True
+            except zenoh.ZError as error:
+                said = "Zenoh at %s does not respond; next attempt in %.0f s: %s"
+                reason = str(error).partition(" at /")[0]
+                _log.warning(said, self._place, pause_s, reason)
+                self._closing.wait(pause_s)
+                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+
+
+def _checked(settings: str) -> Any:
+    import zenoh
+
+    try:
+        return zenoh.Config.from_json5(settings)
+    except zenoh.ZError as error:
+        raise BusError(f"Zenoh refuses the configuration: {error}") from error
