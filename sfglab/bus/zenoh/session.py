@@ -10,6 +10,7 @@ import threading
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
+from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -41,6 +42,9 @@ class ZenohConfig:
     #: Lease, s: after this silence the other side closes a connection. Samples of a shorter outage arrive late,
     #: those of a longer one are lost.
     lease_s: float = 10.0
+    #: Path of the certificate, NAME.pem, for QUIC and TLS; NAME.key and ca.pem are beside it. The other side needs
+    #: a certificate of the same authority. Empty for none.
+    certificate: str = ""
 
     def __post_init__(self) -> None:
         if not 0 <= self.domain_id <= MAX_DOMAIN:
@@ -60,11 +64,22 @@ class ZenohConfig:
             "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": self.gossip}},
             "timestamping": {"enabled": True},
             "transport": {
-                "link": {"tx": {"lease": round(self.lease_s * 1e3)}},
+                "link": {"tx": {"lease": round(self.lease_s * 1e3)}, "tls": self._tls()},
                 "shared_memory": {"enabled": False},
             },
         }
         return json.dumps(settings)
+
+    def _tls(self) -> dict[str, object]:
+        if not self.certificate:
+            return {}
+        own = Path(self.certificate)
+        ends = [(end, own) for end in ("connect_certificate", "listen_certificate")]
+        ends += [
+            (end, own.with_suffix(".key")) for end in ("connect_private_key", "listen_private_key")
+        ]
+        ends.append(("root_ca_certificate", own.with_name("ca.pem")))
+        return {"enable_mtls": True, **{end: str(path) for end, path in ends}}
 
 
 class OrderThread:
@@ -109,7 +124,7 @@ class Session:
         #: Id, hexadecimal digits; the first is not 0, because Zenoh leaves out zeros there.
         self.id = format(secrets.randbits(127) | 1 << 127, "x")
         self.is_open = False  #: Whether the session was opened.
-        self._place = ", ".join(config.connect)
+        self._place = ", ".join(config.listen or config.connect)
         self._settings = _checked(config.json(self.id))
         self._name = f"sfglab zenoh {name}"
         self._zenoh: Any = None

@@ -1,0 +1,125 @@
+"""Addresses of nodes over Zenoh, as values that travel between processes.
+
+The module does not load Zenoh, so that configurations load fast.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from sfglab.bus.zenoh.session import ZenohConfig
+
+PORT = 7447  #: Port of a hub or peer if none is given, as in Zenoh.
+MAX_HUBS = 2
+#: A peer receives all declarations of all others.
+MAX_PEERS = 20
+_PLACE = re.compile(
+    r"(?:(?P<link>\w+)/)?(?P<host>\[[0-9a-fA-F:.%\w]+\]|[\w.-]+)?(?::(?P<port>\d{1,5}))?", re.ASCII
+)
+_ALL_INTERFACES = "[::]"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ZenohAddress:
+    """Address of a node over Zenoh, a client of hubs or a peer; `options` returns the keyword arguments of `Node`.
+
+    Places have the form HOST[:PORT]. In front, ``tls/`` selects TLS over TCP in place of QUIC where there are
+    certificates.
+
+    Raises:
+        InvalidValueError: A place is none, or there are neither hubs nor peers, both of them, or too many.
+    """
+
+    domain_id: int = 0  #: ROS domain, 0 to 232; the first part of every key.
+    #: Places of one or two hubs. The node is a client of the first that responds.
+    hubs: tuple[str, ...] = ()
+    peers: tuple[
+        str, ...
+    ] = ()  #: Places of other peers, each of which makes the further ones known.
+    listen: str = (
+        ""  #: Place at which a peer accepts connections; empty for port 7447 of all interfaces.
+    )
+    certificates: str = (
+        ""  #: Folder with ``ca.pem``, ``NAME.pem`` and ``NAME.key``; empty without encryption.
+    )
+    name: str = ""  #: Name of the certificate, that of the agent.
+
+    def __post_init__(self) -> None:
+        is_peer = bool(self.peers or self.listen)
+        if is_peer == bool(self.hubs) or len(self.hubs) > MAX_HUBS or len(self.peers) > MAX_PEERS:
+            allowed = f"one or {MAX_HUBS} hubs, or up to {MAX_PEERS} peers and a place to listen at"
+            given = ", ".join(filter(None, (*self.hubs, *self.peers, self.listen)))
+            raise InvalidValueError("Zenoh, hubs and peers", given or None, allowed)
+        self.config()
+
+    def config(self) -> ZenohConfig:
+        """Return the configuration of the node's session."""
+        from sfglab.bus.zenoh.session import ZenohConfig
+
+        secure = bool(self.certificates)
+        listen = () if self.hubs else (endpoint(self.listen, secure=secure),)
+        return ZenohConfig(
+            domain_id=self.domain_id,
+            mode="client" if self.hubs else "peer",
+            connect=tuple(endpoint(place, secure=secure) for place in self.hubs + self.peers),
+            listen=listen,
+            certificate=certificate(self.certificates, self.name),
+        )
+
+    def options(self) -> dict[str, Any]:
+        """Return the address as keyword arguments of a node.
+
+        Raises:
+            InvalidValueError: A file of the certificates is missing.
+        """
+        from sfglab.bus.zenoh.backend import ZenohBackend
+
+        config = self.config()
+        check_certificate(config.certificate)
+        return {"join": partial(ZenohBackend, config)}
+
+
+def endpoint(place: str, *, secure: bool) -> str:
+    """Return Zenoh's endpoint of a place, [LINK/][HOST][:PORT]; without HOST that of all interfaces.
+
+    Without certificates the link is TCP. With certificates it is QUIC, or TLS if the place begins with ``tls/``.
+
+    Raises:
+        InvalidValueError: The text is no place, or the link is not allowed.
+    """
+    links = ("quic", "tls") if secure else ("tcp",)
+    found = _PLACE.fullmatch(place)
+    if found is None or int(found["port"] or PORT) > 0xFFFF:
+        raise InvalidValueError("Zenoh, place", place, "HOST, HOST:PORT or :PORT")
+    link = found["link"] or links[0]
+    if link not in links:
+        needed = "with certificates" if secure else "without certificates"
+        allowed = f"{' and '.join(links)} {needed}"
+        if link == "udp":
+            allowed += ", because UDP loses samples"
+        raise InvalidValueError(f"Zenoh, link of {place!r}", link, allowed)
+    return f"{link}/{found['host'] or _ALL_INTERFACES}:{found['port'] or PORT}"
+
+
+def certificate(folder: str, name: str) -> str:
+    """Return the path of a certificate in a folder of certificates; empty without a folder."""
+    return str(Path(folder) / f"{name}.pem") if folder else ""
+
+
+def check_certificate(path: str) -> None:
+    """Check that a certificate, unless its path is empty, its key and its authority are there.
+
+    Raises:
+        InvalidValueError: A file is missing.
+    """
+    own = Path(path)
+    for file in (own, own.with_suffix(".key"), own.with_name("ca.pem")) if path else ():
+        if not file.is_file():
+            raise InvalidValueError("certificates", str(file), "files that exist")

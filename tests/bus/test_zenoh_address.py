@@ -1,0 +1,107 @@
+"""Addresses over Zenoh: places become endpoints, and what cannot work is refused before anything starts."""
+
+import json
+import re
+
+import pytest
+
+from sfglab.bus.zenoh.address import ZenohAddress, endpoint
+from sfglab.bus.zenoh.session import ZenohConfig
+from sfglab.component import argument_of, config_from_argument
+from sfglab.errors import InvalidValueError
+from sfglab.fleet.hub import HubConfig
+
+
+@pytest.mark.parametrize(
+    ("place", "secure", "expected"),
+    [
+        ("hub.local", False, "tcp/hub.local:7447"),
+        ("10.0.0.1:7000", False, "tcp/10.0.0.1:7000"),
+        ("[fe80::1%wlan0]:7000", False, "tcp/[fe80::1%wlan0]:7000"),
+        (":7000", False, "tcp/[::]:7000"),
+        ("", False, "tcp/[::]:7447"),
+        ("tcp/hub", False, "tcp/hub:7447"),
+        ("hub", True, "quic/hub:7447"),
+        ("tls/hub:1", True, "tls/hub:1"),
+    ],
+)
+def test_a_place_becomes_an_endpoint_of_tcp_or_with_certificates_of_quic(place, secure, expected):
+    assert endpoint(place, secure=secure) == expected
+
+
+@pytest.mark.parametrize(
+    ("place", "secure", "words"),
+    [
+        (
+            "udp/hub",
+            False,
+            "link of 'udp/hub': given 'udp', allowed: tcp without certificates, because UDP loses",
+        ),
+        ("udp/hub", True, "allowed: quic and tls with certificates, because UDP loses samples"),
+        ("quic/hub", False, "given 'quic', allowed: tcp without certificates"),
+        ("tcp/hub", True, "given 'tcp', allowed: quic and tls with certificates"),
+        ("hub:70000", False, "place: given 'hub:70000', allowed: HOST, HOST:PORT or :PORT"),
+        ("a b", False, "given 'a b', allowed: HOST"),
+        ("hub#iface=x", False, "given 'hub#iface=x', allowed: HOST"),
+    ],
+)
+def test_links_that_lose_samples_or_hide_nothing_are_refused(place, secure, words):
+    with pytest.raises(InvalidValueError, match=re.escape(words)):
+        endpoint(place, secure=secure)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({}, "hubs and peers: nothing is given, needed: one or 2 hubs, or up to 20 peers"),
+        ({"hubs": ("a", "b", "c")}, "given 'a, b, c', allowed: one or 2 hubs"),
+        ({"hubs": ("a",), "listen": ":1"}, "given 'a, :1', allowed: one or 2 hubs"),
+        ({"peers": tuple("abcdefghijklmnopqrstu")}, "or up to 20 peers"),
+        ({"hubs": ("udp/a",)}, "UDP loses samples"),
+        ({"hubs": ("a",), "domain_id": 233}, "233"),
+    ],
+)
+def test_an_address_has_hubs_or_peers(given, words):
+    with pytest.raises(ValueError, match=re.escape(words)):
+        ZenohAddress(**given)
+
+
+def test_agents_are_clients_of_hubs_or_peers_that_listen_and_hubs_are_routers():
+    hubs = ZenohAddress(domain_id=3, hubs=("a", "b:1")).config()
+    assert hubs == ZenohConfig(domain_id=3, connect=("tcp/a:7447", "tcp/b:1"))
+    peers = ZenohAddress(peers=("a",)).config()
+    assert peers == ZenohConfig(mode="peer", connect=("tcp/a:7447",), listen=("tcp/[::]:7447",))
+    hub = HubConfig(listen=":9", hubs=("a",)).config()
+    assert hub == ZenohConfig(mode="router", connect=("tcp/a:7447",), listen=("tcp/[::]:9",))
+
+
+def test_an_address_travels_to_a_process():
+    given = ZenohAddress(hubs=("a",), certificates="/etc/c", name="go2")
+    assert config_from_argument(ZenohAddress, argument_of(given)) == given
+
+
+def test_links_between_robots_have_no_shared_memory_no_multicast_and_a_lease_of_10_s():
+    settings = json.loads(ZenohAddress(hubs=("a",)).config().json("1"))
+    assert settings["transport"]["shared_memory"] == {"enabled": False}
+    assert settings["scouting"]["multicast"] == {"enabled": False}
+    assert settings["transport"]["link"] == {"tx": {"lease": 10_000}, "tls": {}}
+
+
+def test_certificates_are_those_of_the_agent_or_the_hub_and_both_sides_show_one(tmp_path):
+    address = ZenohAddress(hubs=("a",), certificates=str(tmp_path), name="go2")
+    tls = json.loads(address.config().json("1"))["transport"]["link"]["tls"]
+    key, own = str(tmp_path / "go2.key"), str(tmp_path / "go2.pem")
+    assert tls == {
+        "enable_mtls": True,
+        "root_ca_certificate": str(tmp_path / "ca.pem"),
+        **dict.fromkeys(("connect_certificate", "listen_certificate"), own),
+        **dict.fromkeys(("connect_private_key", "listen_private_key"), key),
+    }
+    for name in ("go2.pem", "go2.key", "ca.pem"):
+        with pytest.raises(InvalidValueError, match=f"{name}', allowed: files that exist"):
+            address.options()
+        (tmp_path / name).touch()
+    assert address.options()["join"].args == (address.config(),)
+    hub = HubConfig(certificates=str(tmp_path)).config()
+    assert hub.listen == ("quic/[::]:7447", "tls/[::]:7447")
+    assert hub.certificate == str(tmp_path / "hub.pem")
